@@ -1,0 +1,50 @@
+# Needs Python 3.11 or later, pip and make. Another interpreter: make PYTHON=python3.12 test
+PYTHON ?= python3
+VENV := .venv
+RUN := $(VENV)/bin/python -m
+INSTALLED := $(VENV)/.installed
+SAMPLE := studies/sample/grains_05.csv.gz
+OUT := demo-output
+
+.PHONY: demo test lint types format clean
+
+demo: $(INSTALLED)
+	$(VENV)/bin/grainloops snapshot $(SAMPLE) --out $(OUT)/snapshot --force
+	$(VENV)/bin/grainloops diamond --table 1 --out $(OUT)/diamond-table1 --force
+	$(VENV)/bin/grainloops diamond --table 2 --out $(OUT)/diamond-table2 --force
+	@echo
+	@echo "The figures are in:"
+	@find $(CURDIR)/$(OUT) -name '*.png' | sort | sed 's/^/  /'
+
+test: $(INSTALLED)
+	$(RUN) pytest
+
+lint: $(INSTALLED)
+	$(RUN) ruff check .
+	$(RUN) ruff format --check .
+
+types: $(INSTALLED)
+	$(RUN) mypy
+
+format: $(INSTALLED)
+	$(RUN) ruff format .
+	$(RUN) ruff check --fix .
+
+clean:
+	rm -rf $(VENV) $(OUT) build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find loops patterns stability studies tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Built afresh whenever the requirements change; an install that fails leaves no stamp.
+# Some systems split ensurepip from Python: their own pip then fills the environment.
+$(INSTALLED): pyproject.toml constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) not found: install Python 3.11 or later, or name yours: make PYTHON=/path/to/python3"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "$(PYTHON) is $$($(PYTHON) --version 2>&1), expected 3.11 or later. Name another: make PYTHON=python3.12"; exit 1; }
+	@if $(PYTHON) -c 'import ensurepip, venv' 2>/dev/null; then \
+		$(PYTHON) -m venv --clear $(VENV); \
+	elif $(PYTHON) -c 'import pip, venv' 2>/dev/null; then \
+		$(PYTHON) -m venv --clear --without-pip $(VENV) && $(PYTHON) -m pip --python $(VENV)/bin/python install --quiet pip; \
+	else \
+		echo "$(PYTHON) can make no virtual environment: venv, or both ensurepip and pip, are missing. On Debian and Ubuntu: apt install python3-venv"; exit 1; \
+	fi
+	$(RUN) pip install --quiet -c constraints.txt -e '.[test,lint]'
+	@touch $@

@@ -1,0 +1,205 @@
+"""The grain-level tangent of any contact graph: cycle, cycle with chords, packing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from loops.contact_state import contact_state
+from loops.contact_tangent import (
+    ContactTangent,
+    contact_regime,
+    contact_tangent,
+    translational_blocks,
+)
+from loops.errors import InputError
+from loops.graph import GrainGraph
+from loops.laws.protocol import ContactLaw
+
+Floats = NDArray[np.float64]
+
+
+def assemble_tangent(
+    graph: GrainGraph,
+    law: ContactLaw,
+    *,
+    spins: bool = False,
+    regime: ArrayLike | None = None,
+) -> Floats:
+    """Dense grain-level tangent `K`: external force rates `F' = K v` that move the grains by `v`.
+
+    Freedoms in the order `x_0, y_0, x_1, y_1, ...`, then the spins `w_0, w_1, ...`
+    (counter-clockwise positive) if wanted; the forces in the same order, moments last. Each
+    contact adds its block, with dead forces and moments in the current state; `K` is left
+    nonsymmetric (Nicot et al. 2016, equation 20, for any graph).
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grains and contacts, batch axes `...` allowed.
+    law : ContactLaw
+        Contact law.
+    spins : bool
+        Whether the spins are freedoms; otherwise they are blocked.
+    regime : (..., C) array of Regime, optional
+        Regime of each contact; read from the state by the law if left out.
+
+    Returns
+    -------
+    (..., 2 G, 2 G) or (..., 3 G, 3 G) array
+        The tangent (force per length; moments per angle in the last block).
+
+    See Also
+    --------
+    assemble_sparse_tangent : the same as a sparse matrix, for packings.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, LinearFrictional, assemble_tangent
+    >>> pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
+    >>> assemble_tangent(pair, LinearFrictional(kn=1.0, kt=0.5)).tolist()[0]
+    [1.0, 0.0, -1.0, 0.0]
+    """
+    element = _elements(graph, law, spins, regime)
+    return assemble_elements(element, graph.contacts, graph.grain_count)
+
+
+def assemble_sparse_tangent(
+    graph: GrainGraph,
+    law: ContactLaw,
+    *,
+    spins: bool = False,
+    regime: ArrayLike | None = None,
+) -> sparse.csr_array:
+    """Grain-level tangent of a packing as a sparse matrix; see `assemble_tangent`.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grains and contacts of one state (no batch axes).
+    law : ContactLaw
+        Contact law.
+    spins : bool
+        Whether the spins are freedoms; otherwise they are blocked.
+    regime : (C,) array of Regime, optional
+        Regime of each contact; read from the state by the law if left out.
+
+    Returns
+    -------
+    scipy.sparse.csr_array
+        (2 G, 2 G) or (3 G, 3 G) tangent.
+
+    Raises
+    ------
+    InputError
+        If the graph carries batch axes.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, LinearFrictional, assemble_sparse_tangent
+    >>> pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
+    >>> assemble_sparse_tangent(pair, LinearFrictional(kn=1.0, kt=0.5)).shape
+    (4, 4)
+    """
+    element = _elements(graph, law, spins, regime)
+    if element.ndim > 3:
+        raise InputError(
+            "graph", f"batch axes {element.shape[:-3]}", "one state", "Assemble them one by one."
+        )
+    freedoms = _freedoms(graph.contacts, graph.grain_count, spins)
+    rows, columns = _places(freedoms)
+    values = element.ravel()
+    size = (3 if spins else 2) * graph.grain_count
+    return sparse.coo_array((values, (rows, columns)), shape=(size, size)).tocsr()
+
+
+def assemble_elements(element: Floats, contacts: NDArray[np.int64], grains: int) -> Floats:
+    """Dense tangent from the element matrices of the contacts.
+
+    Parameters
+    ----------
+    element : (..., C, 4, 4) or (..., C, 6, 6) array
+        Element matrices in the order x_i, y_i, x_j, y_j and, with spins, w_i, w_j.
+    contacts : (C, 2) array of int
+        Grains i and j of each contact.
+    grains : int
+        Number of grains G.
+
+    Returns
+    -------
+    (..., 2 G, 2 G) or (..., 3 G, 3 G) array
+        Their sum in the freedoms of the grains, see `assemble_tangent`.
+    """
+    spins = element.shape[-1] == 6
+    size = (3 if spins else 2) * grains
+    rows, columns = _places(_freedoms(contacts, grains, spins))
+    batch = element.shape[:-3]
+    values = element.reshape(*batch, -1)
+    tangent = np.zeros((*batch, size, size))
+    # One contact after the other: entries of one contact have distinct places unless it joins a
+    # grain with its own image, whose entries cancel; `add.at` keeps that case right.
+    step = element.shape[-1] ** 2
+    for c in range(len(contacts)):
+        part = slice(c * step, (c + 1) * step)
+        place: Any = (..., rows[part], columns[part])
+        np.add.at(tangent, place, values[..., part])
+    return tangent
+
+
+def translational_elements(k: Floats) -> Floats:
+    """Element matrices from translational blocks: external force `-f` on grain j, `f` on i.
+
+    Parameters
+    ----------
+    k : (..., C, 2, 2) array
+        Tangent blocks, `f' = -k d'`.
+
+    Returns
+    -------
+    (..., C, 4, 4) array
+        In the order x_i, y_i, x_j, y_j.
+    """
+    return np.concatenate(
+        [np.concatenate([k, -k], axis=-1), np.concatenate([-k, k], axis=-1)], axis=-2
+    )
+
+
+def _elements(graph: GrainGraph, law: ContactLaw, spins: bool, regime: ArrayLike | None) -> Floats:
+    state = contact_state(graph)
+    regimes = contact_regime(state, law, regime)
+    if spins:
+        return _elements_with_spins(contact_tangent(state, law, regimes))
+    return translational_elements(translational_blocks(state, law, regimes))
+
+
+def _freedoms(contacts: NDArray[np.int64], grains: int, spins: bool) -> NDArray[np.int64]:
+    """(C, 4) or (C, 6) freedoms of each contact's two grains."""
+    i, j = contacts.T
+    freedoms = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1], axis=1)
+    if spins:
+        return np.column_stack([freedoms, 2 * grains + i, 2 * grains + j])
+    return freedoms
+
+
+def _places(freedoms: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the element matrices' entries, flattened."""
+    size = freedoms.shape[1]
+    rows = np.repeat(freedoms, size, axis=1).ravel()
+    columns = np.tile(freedoms, (1, size)).ravel()
+    return rows, columns
+
+
+def _elements_with_spins(tangent: ContactTangent) -> Floats:
+    """(..., C, 6, 6) in the order x_i, y_i, x_j, y_j, w_i, w_j."""
+    force = np.stack([tangent.q_i, tangent.q_j], axis=-1)
+    moment = np.stack([tangent.p_i, tangent.p_j], axis=-2)
+    shape = np.broadcast_shapes(tangent.k.shape[:-2], tangent.c.shape[:-2])
+    element = np.zeros((*shape, 6, 6))
+    element[..., :4, :4] = translational_elements(tangent.k)
+    element[..., :4, 4:] = np.concatenate([force, -force], axis=-2)
+    element[..., 4:, :4] = np.concatenate([-moment, moment], axis=-1)
+    element[..., 4:, 4:] = tangent.c
+    return element

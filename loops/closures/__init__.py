@@ -1,0 +1,15 @@
+"""Closures: how the surrounding medium drives a loop, one per file, and the spin rules."""
+
+from loops.closures.affine import affine_tangent
+from loops.closures.macro_tangent import Closure, MacroTangent, Spins
+from loops.closures.macroscopic import macroscopic_tangent
+from loops.closures.traction import traction_tangent
+
+__all__ = [
+    "Closure",
+    "MacroTangent",
+    "Spins",
+    "affine_tangent",
+    "macroscopic_tangent",
+    "traction_tangent",
+]

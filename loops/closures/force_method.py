@@ -1,0 +1,74 @@
+"""The traction closure of a plain ring by its one redundant force, O(n) per loop."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.geometry import outward, polygon_centroid
+
+Floats = NDArray[np.float64]
+
+
+def force_method(compliance: Floats, x0: Floats, volume: Floats) -> tuple[Floats, Floats]:
+    """Traction tangent of a ring with spins blocked, from 2x2 inverses alone.
+
+    Equilibrium leaves one unknown vector per loop, `f_c = f^ - P m_c` with
+    `m_c = R (x0_c + x0_{c+1})/2`; closure of the ring gives the compliance
+
+        C = (1/V0) [sum k^-1_ik m_j m_l - (sum k^-1 m_j)(sum k^-1)^-1(sum k^-1 m_l)]
+
+    and `A = C^-1` (theory note, section 4).
+
+    Parameters
+    ----------
+    compliance : (..., n, 2, 2) array
+        Inverse tangent blocks of the contacts c = (c, c+1), in order (length per force).
+    x0 : (..., n, 2) array
+        Reference centres (length).
+    volume : (...) array
+        Reference area V0 (length squared).
+
+    Returns
+    -------
+    matrix : (..., 4, 4) array
+        `A` in the order (11, 12, 21, 22); not finite if a block or C is singular.
+    condition : (...) array
+        Amplification of rounding errors. The terms of C exceed C by
+        `|A| (1/V0) sum |k^-1| |m|^2` where the closure prevents the motion of soft contacts; the
+        error grows with its square at worst.
+    """
+    centred = x0 - polygon_centroid(x0)[..., None, :]
+    m = outward(x0, 0.5 * (centred + np.roll(centred, -1, axis=-2)))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # single[i, a, j] = sum k^-1_ia m_j, and the ring's own compliance, sum k^-1.
+        single = np.einsum("...cik,...cj->...ikj", compliance, m, optimize=True)
+        closure = _inverse_2x2(compliance.sum(axis=-3))
+        pair = m[..., :, None] * m[..., None, :]
+        double = np.einsum("...cik,...cjl->...ijkl", compliance, pair, optimize=True)
+        left = np.einsum("...iaj,...ab->...ijb", single, closure)
+        right = np.einsum("...ijb,...bkl->...ijkl", left, single)
+        c = (double - right).reshape(*compliance.shape[:-3], 4, 4) / volume[..., None, None]
+        matrix = _inverse(c)
+        terms = np.linalg.norm(compliance, axis=(-2, -1)) * (m * m).sum(axis=-1)
+        excess = np.linalg.norm(matrix, axis=(-2, -1)) * terms.sum(axis=-1) / volume
+    return matrix, np.where(np.isfinite(excess), excess * excess, np.inf)
+
+
+def _inverse_2x2(a: Floats) -> Floats:
+    adjugate = np.stack(
+        [
+            np.stack([a[..., 1, 1], -a[..., 0, 1]], axis=-1),
+            np.stack([-a[..., 1, 0], a[..., 0, 0]], axis=-1),
+        ],
+        axis=-2,
+    )
+    det = a[..., 0, 0] * a[..., 1, 1] - a[..., 0, 1] * a[..., 1, 0]
+    return adjugate / det[..., None, None]
+
+
+def _inverse(c: Floats) -> Floats:
+    """Inverse of each matrix of a batch; nan where one is singular or not finite."""
+    usable = np.isfinite(c).all(axis=(-2, -1)) & (np.linalg.det(np.nan_to_num(c)) != 0)
+    safe = np.where(usable[..., None, None], c, np.eye(4))
+    return np.where(usable[..., None, None], np.linalg.inv(safe), np.nan)

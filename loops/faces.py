@@ -1,0 +1,307 @@
+"""The loops of a plane or periodic contact graph: faces as cycles of half-edges.
+
+Every contact is two half-edges, one each way. A half-edge is followed, at the grain where it
+ends, by the next one clockwise from its own way back; the cycles of this permutation are the
+faces, each on the left of its half-edges (theory note, section 8).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.errors import InputError
+from loops.graph import GrainGraph, branch_vectors
+from loops.half_edges import cycles, next_half_edge
+from loops.pruning import component_labels, prune_dangling, winding_ranks
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+BLOCK = 2**16  # half-edges measured at a time
+
+
+class FaceKind(IntEnum):
+    """What a half-edge cycle bounds."""
+
+    LOOP = 0
+    OUTER = 1
+    WINDING = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Every half-edge cycle of the pruned contact graph.
+
+    Face f holds the half-edges `offsets[f]` to `offsets[f + 1]`, in order, itself on their left:
+    counter-clockwise around a loop. It starts at its smallest half-edge (first by contact number,
+    then i to j before j to i), and faces are numbered by that half-edge.
+
+    Attributes
+    ----------
+    offsets : (F + 1,) array of int
+        Where each face starts in the arrays of half-edges; the last entry is H.
+    grains : (H,) array of int
+        Grain at the start of each half-edge.
+    contacts : (H,) array of int
+        Contact of each half-edge, as numbered in the graph.
+    forward : (H,) array of bool
+        Whether the half-edge runs from i to j of its contact.
+    area : (F,) array
+        Signed area of the polygon through the centres, unrolled through periodic images (length
+        squared). It is no area for a face that winds around the cell.
+    kind : (F,) array of int8
+        `FaceKind`. LOOP: bounded, positive area. OUTER: the outside of a cluster, negative area.
+        WINDING: the images along the cycle do not add up to zero.
+    component : (F,) array of int
+        Connected component of the pruned graph, numbered by its smallest grain.
+    """
+
+    offsets: Integers
+    grains: Integers
+    contacts: Integers
+    forward: NDArray[np.bool_]
+    area: Floats
+    kind: NDArray[np.int8]
+    component: Integers
+
+    @property
+    def order(self) -> Integers:
+        """(F,) array: number of half-edges of each face."""
+        return np.diff(self.offsets)
+
+    @property
+    def loops(self) -> Integers:
+        """(L,) array: faces that are loops."""
+        return np.flatnonzero(self.kind == FaceKind.LOOP)
+
+
+def find_faces(graph: GrainGraph) -> Faces:
+    """Find the loops of a contact graph, and the other faces with them.
+
+    Dangling grains are pruned first. A loop may pass a grain twice (a pinch) or a contact twice,
+    once each way (a bridge). A cluster that lies inside a loop without touching it leaves the
+    loop as it is. Crossing branches are not looked for: `find_crossings` does that, and without
+    it the faces of a graph that is not planar mean nothing.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state, in the plane or in a periodic cell.
+
+    Returns
+    -------
+    Faces
+        All half-edge cycles; `faces.loops` are the loops.
+
+    Raises
+    ------
+    InputError
+        If the graph has batch axes, or two branches leave a grain in exactly the same direction.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
+    >>> faces = find_faces(square)
+    >>> faces.order.tolist(), faces.area.tolist(), faces.loops.tolist()
+    ([3, 4, 3], [0.5, -1.0, 0.5], [0, 2])
+    """
+    require_one_state(graph)
+    kept_grains, kept_contacts = prune_dangling(graph)
+    kept = np.flatnonzero(kept_contacts)
+    branches = branch_vectors(graph)
+    following = next_half_edge(graph.grain_count, graph.contacts[kept], kept, branches[kept])
+    offsets, edge = cycles(following)
+    grains = graph.contacts[kept].ravel()[edge]
+    contacts, sign = kept[edge >> 1], 1 - 2 * (edge & 1)
+    area, winding = _measure(graph, branches, grains, contacts, sign, offsets)
+    label = component_labels(graph.grain_count, graph.contacts[kept], kept_grains)[1]
+    return Faces(
+        offsets=offsets,
+        grains=grains,
+        contacts=contacts,
+        forward=sign > 0,
+        area=area,
+        kind=_kind(area, winding),
+        component=label[grains[offsets[:-1]]],
+    )
+
+
+class LoopGroup(NamedTuple):
+    """All loops of one order: `grains`, `contacts`, `forward` are (L, n), `face` is (L,)."""
+
+    grains: Integers
+    contacts: Integers
+    forward: NDArray[np.bool_]
+    face: Integers
+
+
+def faces_by_order(faces: Faces) -> dict[int, LoopGroup]:
+    """Sort the loops by their number of sides, each group one batch.
+
+    Parameters
+    ----------
+    faces : Faces
+        Faces of a contact graph.
+
+    Returns
+    -------
+    dict of int to LoopGroup
+        Order n, ascending, to the loops of that order. Contact k of a loop joins its grains k and
+        k + 1, from i to j where `forward`.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces, faces_by_order
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
+    >>> {n: group.grains.tolist() for n, group in faces_by_order(find_faces(square)).items()}
+    {3: [[0, 1, 2], [2, 3, 0]]}
+    """
+    order, loops = faces.order, faces.loops
+    groups = {}
+    for n in np.unique(order[loops]).tolist():
+        face = loops[order[loops] == n]
+        at = faces.offsets[face][:, None] + np.arange(n)
+        groups[n] = LoopGroup(faces.grains[at], faces.contacts[at], faces.forward[at], face)
+    return groups
+
+
+@dataclass(frozen=True, eq=False)
+class EulerCheck:
+    """Euler's formula of every component of the pruned contact graph.
+
+    Attributes
+    ----------
+    components, vertices, edges, faces : int
+        Totals; every half-edge cycle counts as a face.
+    characteristic : (components,) array of int
+        `V - E + F` of each component.
+    expected : (components,) array of int
+        2, or 0 for a component that winds around the cell in two directions.
+    ok : bool
+        Whether the two agree.
+    """
+
+    components: int
+    vertices: int
+    edges: int
+    faces: int
+    characteristic: Integers
+    expected: Integers
+
+    @property
+    def ok(self) -> bool:
+        """Whether every component has the characteristic expected of it."""
+        return bool(np.array_equal(self.characteristic, self.expected))
+
+
+def euler_check(graph: GrainGraph, faces: Faces) -> EulerCheck:
+    """Check the faces by Euler's formula, component by component.
+
+    `V - E + F = 2` in the plane, outer cycle included, and for a strip around a periodic cell,
+    whose two borders both count; 0 for a component that winds both ways (theory note, section 8).
+    How a component winds is read from a spanning forest, not from its faces. Some crossings show
+    here, others do not: see `find_crossings`.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The contact graph.
+    faces : Faces
+        Its faces.
+
+    Returns
+    -------
+    EulerCheck
+        Totals, characteristics and the verdict `ok`.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, euler_check, find_faces
+    >>> triangle = GrainGraph(x=[[0, 0], [1, 0], [0, 1]], radii=[0.5] * 3,
+    ...                       contacts=[[0, 1], [1, 2], [2, 0]])
+    >>> check = euler_check(triangle, find_faces(triangle))
+    >>> check.vertices, check.edges, check.faces, check.characteristic.tolist(), check.ok
+    (3, 3, 2, [2], True)
+    """
+    kept_grains, kept_contacts = prune_dangling(graph)
+    contacts = graph.contacts[kept_contacts]
+    count, label = component_labels(graph.grain_count, contacts, kept_grains)
+    vertices = np.bincount(label[kept_grains], minlength=count)
+    edges = np.bincount(label[contacts[:, 0]], minlength=count)
+    expected = np.full(count, 2)
+    if graph.images is not None:
+        ranks = winding_ranks(contacts, graph.images[kept_contacts], label, count)
+        expected[ranks == 2] = 0
+    return EulerCheck(
+        components=count,
+        vertices=int(vertices.sum()),
+        edges=len(contacts),
+        faces=len(faces.area),
+        characteristic=vertices - edges + np.bincount(faces.component, minlength=count),
+        expected=expected,
+    )
+
+
+def require_one_state(graph: GrainGraph) -> None:
+    """Raise `InputError` if the graph carries batch axes.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The graph to look at.
+
+    Raises
+    ------
+    InputError
+        Naming the batch axes.
+    """
+    if graph.batch_shape:
+        raise InputError(
+            "batch axes of the graph",
+            f"{graph.batch_shape}",
+            "one state",
+            "Take the states one by one: each has its own faces.",
+        )
+
+
+def _measure(
+    graph: GrainGraph, branches: Floats, grains: Integers, contacts: Integers, sign: Integers, offsets: Integers
+) -> tuple[Floats, Integers]:
+    """Signed area of each face and the sum of images along it."""
+    faces = len(offsets) - 1
+    area, winding = np.zeros(faces), np.zeros((faces, 2), dtype=np.int64)
+    # In blocks that stay in the cache: three times as fast as in one go, in half the memory.
+    cuts = np.searchsorted(offsets, np.arange(0, offsets[-1], BLOCK))
+    for start, stop in pairwise(np.unique(np.append(cuts, faces)).tolist()):
+        block = slice(offsets[start], offsets[stop])
+        begin = offsets[start:stop] - offsets[start]
+        first = np.repeat(begin, np.diff(offsets[start : stop + 1]))
+        # Corners relative to the first one of their face: no cancellation far from the origin.
+        x = graph.x[grains[block]]
+        x -= x[first]
+        turn = sign[block, None]
+        if graph.images is not None and graph.cell is not None:
+            image = graph.images[contacts[block]] * turn
+            passed = np.cumsum(image, axis=0) - image
+            x += (passed - passed[first]) @ graph.cell.T
+            winding[start:stop] = np.add.reduceat(image, begin)
+        d = branches[contacts[block]] * turn
+        cross = x[:, 0] * d[:, 1] - x[:, 1] * d[:, 0]
+        area[start:stop] = 0.5 * np.add.reduceat(cross, begin)
+    return area, winding
+
+
+def _kind(area: Floats, winding: Integers) -> NDArray[np.int8]:
+    kind = np.where(area > 0, FaceKind.LOOP, FaceKind.OUTER)
+    kind[winding.any(axis=1)] = FaceKind.WINDING
+    return kind.astype(np.int8)

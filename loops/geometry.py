@@ -1,0 +1,241 @@
+"""Geometry of the polygon that a loop's centres form."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.errors import InputError
+from loops.graph import GrainGraph
+
+Floats = NDArray[np.float64]
+
+
+def polygon_area(x: Floats) -> Floats:
+    """Signed area of polygons, positive if counter-clockwise.
+
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order (length).
+
+    Returns
+    -------
+    (...) array
+        Area (length squared).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import polygon_area
+    >>> float(polygon_area(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])))
+    1.0
+    """
+    # Corners relative to the first one: no cancellation far from the origin.
+    r = x - x[..., :1, :]
+    return 0.5 * np.sum(_cross(r, np.roll(r, -1, axis=-2)), axis=-1)
+
+
+def polygon_perimeter(x: Floats) -> Floats:
+    """Perimeter of polygons.
+
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order (length).
+
+    Returns
+    -------
+    (...) array
+        Perimeter (length).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import polygon_perimeter
+    >>> float(polygon_perimeter(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])))
+    4.0
+    """
+    edges = np.roll(x, -1, axis=-2) - x
+    return np.hypot(edges[..., 0], edges[..., 1]).sum(axis=-1)
+
+
+def polygon_centroid(x: Floats) -> Floats:
+    """Centroid of the area of polygons.
+
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order (length).
+
+    Returns
+    -------
+    (..., 2) array
+        Centroid (length); not finite if the area is zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import polygon_centroid
+    >>> polygon_centroid(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])).tolist()
+    [0.5, 0.5]
+    """
+    first = x[..., 0, :]
+    r = x - x[..., :1, :]
+    following = np.roll(r, -1, axis=-2)
+    weight = _cross(r, following)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moment = np.einsum("...n,...nk->...k", weight, r + following)
+        return first + moment / (3 * weight.sum(axis=-1))[..., None]
+
+
+def polygon_shape(x: Floats) -> tuple[Floats, Floats]:
+    """Elongation and orientation of polygons, from the second moment of their area.
+
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order (length).
+
+    Returns
+    -------
+    elongation : (...) array
+        Ratio of the long to the short principal axis of the equivalent ellipse, at least 1.
+    orientation : (...) array
+        Angle of the long axis to axis 1, in radians in (-pi/2, pi/2].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import polygon_shape
+    >>> elongation, orientation = polygon_shape(np.array([[0.0, 0], [3, 0], [3, 1], [0, 1]]))
+    >>> round(float(elongation), 12), float(orientation)
+    (3.0, 0.0)
+    """
+    r = x - polygon_centroid(x)[..., None, :]
+    s = np.roll(r, -1, axis=-2)
+    weight = _cross(r, s)
+    # Integral of r (x) r over the triangle (0, r, s).
+    pair = (
+        np.einsum("...n,...ni,...nj->...ij", weight, r, r)
+        + np.einsum("...n,...ni,...nj->...ij", weight, s, s)
+        + 0.5 * np.einsum("...n,...ni,...nj->...ij", weight, r, s)
+        + 0.5 * np.einsum("...n,...ni,...nj->...ij", weight, s, r)
+    ) / 12.0
+    mean = 0.5 * (pair[..., 0, 0] + pair[..., 1, 1])
+    half, off = 0.5 * (pair[..., 0, 0] - pair[..., 1, 1]), pair[..., 0, 1]
+    # A clockwise polygon has a negative moment: the ratio below does not see the sign.
+    radius = np.hypot(half, off)
+    sign = np.sign(mean)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        elongation = np.sqrt((np.abs(mean) + radius) / (np.abs(mean) - radius))
+    return elongation, 0.5 * np.arctan2(sign * off, sign * half)
+
+
+def boundary_vectors(x: Floats) -> Floats:
+    """Boundary vectors `B_i`: half the sum of the outward edge vectors that meet at corner i.
+
+    `B_i = R (x_{i+1} - x_{i-1})/2`, where R turns an edge into its outward normal. A uniform
+    stress `P` (compression positive) loads corner i by `-P B_i`, and the displacement gradient of
+    the polygon is `(1/V0) sum u_i (x) B_i` (theory note, section 4).
+
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order, either way round (length).
+
+    Returns
+    -------
+    (..., n, 2) array
+        Boundary vectors (length); they sum to zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import boundary_vectors
+    >>> boundary_vectors(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])).tolist()
+    [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]
+    """
+    return outward(x, 0.5 * (np.roll(x, -1, axis=-2) - np.roll(x, 1, axis=-2)))
+
+
+def outward(x: Floats, edges: Floats) -> Floats:
+    """Turn edge vectors of a polygon by 90 degrees, outward.
+
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order (length); their signed area tells the side.
+    edges : (..., n, 2) array
+        Vectors to turn.
+
+    Returns
+    -------
+    (..., n, 2) array
+        Turned vectors.
+    """
+    side = np.where(polygon_area(x) < 0, -1.0, 1.0)[..., None, None]
+    return side * np.stack([edges[..., 1], -edges[..., 0]], axis=-1)
+
+
+def reference_volume(graph: GrainGraph) -> Floats:
+    """Reference volume `V0` (an area): of the cell if periodic, else of the loop's polygon.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        A loop, or a periodic packing; batch axes `...` allowed.
+
+    Returns
+    -------
+    (...) array
+        Area in the reference configuration (length squared).
+
+    Raises
+    ------
+    InputError
+        If the graph is neither, or its area is zero.
+    """
+    if graph.cell0 is not None:
+        volume = np.abs(np.linalg.det(graph.cell0))
+    else:
+        require_loop(graph)
+        volume = np.abs(polygon_area(graph.x0))
+    if not np.all(volume > 0):
+        raise InputError(
+            "reference volume", str(np.min(volume)), "a positive area", "Give `volume` explicitly."
+        )
+    return volume
+
+
+def require_loop(graph: GrainGraph) -> None:
+    """Raise `InputError` unless contacts 0..n-1 are the ring 0-1-2-...-0; chords may follow.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The graph to look at.
+
+    Raises
+    ------
+    InputError
+        Naming the first contact that is out of place.
+    """
+    n = graph.grain_count
+    ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
+    contacts = graph.contacts[:n]
+    if n >= 3 and len(contacts) == n and np.array_equal(contacts, ring):
+        return
+    wrong = np.flatnonzero((contacts != ring[: len(contacts)]).any(axis=1))
+    c = int(wrong[0]) if len(wrong) else len(contacts)
+    received = f"grains {contacts[c].tolist()}" if c < len(contacts) else "nothing"
+    raise InputError(
+        f"contact {c} of a loop of {n} grains",
+        received,
+        f"grains [{c % n}, {(c + 1) % n}]: at least 3 grains in order, chords after the ring",
+        "Renumber the loop, or give the volume and use the affine closure for a packing.",
+    )
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

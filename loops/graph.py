@@ -1,0 +1,229 @@
+"""The grain graph: grains, their contacts and the forces between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops.errors import InputError
+from loops.validation import check_branches, check_graph
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def _frozen(values: ArrayLike, dtype: type) -> NDArray[Any]:
+    """A read-only array; copied only if the caller could still write to it."""
+    array: NDArray[Any] = np.asarray(values, dtype=dtype)
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class GrainGraph:
+    """Grains in the plane and the contacts between them, one state or a batch of states.
+
+    Topology (`contacts`, `images`) is shared; everything else may carry leading batch axes
+    `...`, which broadcast against each other. Arrays are read-only; `replace` gives a changed
+    graph.
+
+    Parameters
+    ----------
+    x : (..., G, 2) array
+        Centres of the grains (length).
+    radii : (..., G) array
+        Radii of the grains (length, positive).
+    contacts : (C, 2) array of int
+        Contact `c = (i, j)`. Its branch vector is `d = x_j + cell @ image_c - x_i`.
+    normal_force : (..., C) array, optional
+        Normal force `N` (force, positive in compression). Zero if left out.
+    shear_force : (..., C) array, optional
+        Shear force `T` (force) along `t`, the normal turned by 90 degrees counter-clockwise.
+        Grain i acts on grain j with `f = N n + T t`. Zero if left out.
+    x0 : (..., G, 2) array, optional
+        Reference centres (length). The current ones if left out.
+    images : (C, 2) array of int, optional
+        Periodic image of grain j, in units of the cell vectors.
+    cell : (..., 2, 2) array, optional
+        Periodic cell, its columns are the cell vectors (length).
+    cell0 : (..., 2, 2) array, optional
+        Reference cell. The current one if left out.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, a value is not finite, a radius is not positive, a contact names an
+        unknown grain, joins a grain to itself, stands there twice or joins coincident centres.
+        The message names the grain or the contact.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph
+    >>> pair = GrainGraph(x=[[0, 0], [0.9, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
+    >>> pair.grain_count, pair.contact_count, pair.batch_shape
+    (2, 1, ())
+    """
+
+    x: Floats
+    radii: Floats
+    contacts: Integers
+    normal_force: Floats = None  # type: ignore[assignment]
+    shear_force: Floats = None  # type: ignore[assignment]
+    x0: Floats = None  # type: ignore[assignment]
+    images: Integers | None = None
+    cell: Floats | None = None
+    cell0: Floats | None = None
+
+    def __post_init__(self) -> None:
+        contacts = np.asarray(self.contacts)
+        if contacts.size == 0:
+            contacts = contacts.reshape(0, 2)
+        no_force = np.zeros(len(contacts))
+        values = {
+            "x": _frozen(self.x, float),
+            "radii": _frozen(self.radii, float),
+            "contacts": _frozen(_as_integers("contacts", contacts), np.int64),
+            "normal_force": _frozen(_or(self.normal_force, no_force), float),
+            "shear_force": _frozen(_or(self.shear_force, no_force), float),
+        }
+        values["x0"] = values["x"] if self.x0 is None else _frozen(self.x0, float)
+        if self.cell is not None:
+            images = _or(self.images, np.zeros((len(contacts), 2), dtype=np.int64))
+            values["cell"] = _frozen(self.cell, float)
+            values["cell0"] = values["cell"] if self.cell0 is None else _frozen(self.cell0, float)
+            values["images"] = _frozen(_as_integers("images", np.asarray(images)), np.int64)
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+        check_graph(self)
+        check_branches("centres", self.contacts, branch_vectors(self))
+        if self.x0 is not self.x or self.cell0 is not self.cell:
+            check_branches("reference centres", self.contacts, reference_branch_vectors(self))
+
+    @property
+    def grain_count(self) -> int:
+        """Number of grains G."""
+        return self.x.shape[-2]
+
+    @property
+    def contact_count(self) -> int:
+        """Number of contacts C."""
+        return self.contacts.shape[0]
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Shape of the leading batch axes, `()` for one state."""
+        return np.broadcast_shapes(
+            self.x.shape[:-2],
+            self.x0.shape[:-2],
+            self.radii.shape[:-1],
+            self.normal_force.shape[:-1],
+            self.shear_force.shape[:-1],
+            () if self.cell is None else self.cell.shape[:-2],
+        )
+
+    def replace(self, **changes: Any) -> GrainGraph:
+        """Return a graph with some fields changed, validated again.
+
+        Examples
+        --------
+        >>> from loops import GrainGraph
+        >>> pair = GrainGraph(x=[[0, 0], [0.9, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
+        >>> pair.replace(normal_force=[0.1]).normal_force.tolist()
+        [0.1]
+        """
+        return replace(self, **changes)
+
+
+def _or(value: Any, default: Any) -> Any:
+    return default if value is None else value
+
+
+def _as_integers(name: str, values: NDArray[Any]) -> NDArray[Any]:
+    if values.size and not np.issubdtype(values.dtype, np.integer):
+        raise InputError(name, f"dtype {values.dtype}", "integers", "Convert the array first.")
+    return values
+
+
+def branch_vectors(graph: GrainGraph) -> Floats:
+    """Branch vectors of the contacts, `d = x_j + cell @ image - x_i`.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grain graph, batch axes `...` allowed.
+
+    Returns
+    -------
+    (..., C, 2) array
+        From the centre of grain i to (the image of) the centre of grain j (length).
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, branch_vectors
+    >>> cell = [[2.0, 0.0], [0.0, 2.0]]
+    >>> row = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5, 0.5], contacts=[[0, 1], [1, 0]],
+    ...                  images=[[0, 0], [1, 0]], cell=cell)
+    >>> branch_vectors(row).tolist()
+    [[1.0, 0.0], [1.0, 0.0]]
+    """
+    return _branches(graph, graph.x, graph.cell)
+
+
+def reference_branch_vectors(graph: GrainGraph) -> Floats:
+    """Branch vectors of the contacts in the reference configuration.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grain graph, batch axes `...` allowed.
+
+    Returns
+    -------
+    (..., C, 2) array
+        Reference branch vectors `d0` (length).
+    """
+    return _branches(graph, graph.x0, graph.cell0)
+
+
+def _branches(graph: GrainGraph, x: Floats, cell: Floats | None) -> Floats:
+    i, j = graph.contacts.T
+    d = x[..., j, :] - x[..., i, :]
+    if cell is not None and graph.images is not None:
+        d = d + graph.images @ np.swapaxes(cell, -1, -2)
+    return d
+
+
+def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
+    """Length, normal and tangent of every branch.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grain graph, batch axes `...` allowed.
+
+    Returns
+    -------
+    l : (..., C) array
+        Branch length.
+    n : (..., C, 2) array
+        Unit normal from grain i to grain j.
+    t : (..., C, 2) array
+        Unit tangent, `n` turned by 90 degrees counter-clockwise.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, contact_frame
+    >>> pair = GrainGraph(x=[[0, 0], [0.9, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
+    >>> [value.tolist() for value in contact_frame(pair)]
+    [[0.9], [[1.0, 0.0]], [[-0.0, 1.0]]]
+    """
+    d = branch_vectors(graph)
+    length = np.hypot(d[..., 0], d[..., 1])
+    n = d / length[..., None]
+    t = np.stack([-n[..., 1], n[..., 0]], axis=-1)
+    return length, n, t

@@ -1,0 +1,189 @@
+"""Checks of a grain graph that name the offending grain or contact."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.errors import InputError
+
+if TYPE_CHECKING:
+    from loops.graph import GrainGraph
+
+
+def check_graph(graph: GrainGraph) -> None:
+    """Raise `InputError` at the first fault of a grain graph.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The graph under construction.
+
+    Raises
+    ------
+    InputError
+        See `GrainGraph`.
+    """
+    _check_shapes(graph)
+    _check_grains(graph)
+    _check_contacts(graph)
+
+
+def _check_shapes(graph: GrainGraph) -> None:
+    _shape("x", graph.x, "(..., G, 2)", graph.x.ndim >= 2 and graph.x.shape[-1] == 2)
+    grains = graph.x.shape[-2]
+    contacts = graph.contacts
+    _shape("contacts", contacts, "(C, 2)", contacts.ndim == 2 and contacts.shape[1] == 2)
+    count = len(contacts)
+    _shape("radii", graph.radii, f"(..., {grains})", graph.radii.shape[-1:] == (grains,))
+    _shape("x0", graph.x0, f"(..., {grains}, 2)", graph.x0.shape[-2:] == (grains, 2))
+    for name in ("normal_force", "shear_force"):
+        value = getattr(graph, name)
+        _shape(name, value, f"(..., {count})", value.shape[-1:] == (count,))
+    if graph.cell is not None and graph.cell0 is not None and graph.images is not None:
+        _shape("images", graph.images, f"({count}, 2)", graph.images.shape == (count, 2))
+        _shape("cell", graph.cell, "(..., 2, 2)", graph.cell.shape[-2:] == (2, 2))
+        _shape("cell0", graph.cell0, "(..., 2, 2)", graph.cell0.shape[-2:] == (2, 2))
+    elif graph.images is not None and np.any(graph.images):
+        raise InputError(
+            "images", "periodic images without a cell", "a cell", "Give the cell vectors."
+        )
+    try:
+        _ = graph.batch_shape
+    except ValueError as error:
+        raise InputError(
+            "batch axes", str(error), "axes that broadcast", "Align the leading axes."
+        ) from None
+
+
+def _shape(name: str, value: NDArray[Any], expected: str, ok: bool) -> None:
+    if not ok:
+        raise InputError(
+            name, f"shape {value.shape}", f"shape {expected}", "Reshape or complete the array."
+        )
+
+
+def _check_grains(graph: GrainGraph) -> None:
+    for name, value in (("position", graph.x), ("reference position", graph.x0)):
+        _finite(name, "grain", np.asarray(np.isfinite(value).all(axis=-1)), value, axes=2)
+    radii = graph.radii
+    _finite("radius", "grain", np.isfinite(radii), radii, axes=1)
+    if not (radii > 0).all():
+        index = _first(radii <= 0)
+        raise InputError(
+            f"radius of grain {index[-1]}", f"{radii[index]}", "a positive length", "Correct it."
+        )
+
+
+def _finite(
+    what: str, item: str, ok: NDArray[np.bool_], value: NDArray[np.float64], axes: int
+) -> None:
+    if ok.all():
+        return
+    index = _first(~ok)
+    received = value[index[: value.ndim - axes + 1]]
+    raise InputError(
+        f"{what} of {item} {index[-1]}", str(received), "finite numbers", "Correct or drop it."
+    )
+
+
+def _check_contacts(graph: GrainGraph) -> None:
+    contacts, grains = graph.contacts, graph.grain_count
+    if len(contacts) == 0:
+        return
+    if contacts.min() < 0 or contacts.max() >= grains:
+        c = _first(np.asarray(((contacts < 0) | (contacts >= grains)).any(axis=1)))[0]
+        raise InputError(
+            f"contact {c}",
+            f"grains {contacts[c].tolist()}",
+            f"grains 0 to {grains - 1}",
+            "Add the grain or drop the contact.",
+        )
+    for name in ("normal_force", "shear_force"):
+        value = getattr(graph, name)
+        _finite(name.replace("_", " "), "contact", np.isfinite(value), value, axes=1)
+    _check_self_contacts(graph)
+    _check_duplicates(graph)
+
+
+def _check_self_contacts(graph: GrainGraph) -> None:
+    own = graph.contacts[:, 0] == graph.contacts[:, 1]
+    if graph.images is not None:
+        own &= ~graph.images.any(axis=1)
+    if own.any():
+        c = _first(own)[0]
+        raise InputError(
+            f"contact {c}",
+            f"grain {graph.contacts[c, 0]} with itself",
+            "two grains, or a grain and its periodic image",
+            "Drop the contact.",
+        )
+
+
+def _check_duplicates(graph: GrainGraph) -> None:
+    """Compare contacts as unordered pairs, the image taken from the lower grain's side."""
+    i, j = graph.contacts.T
+    low, high = np.minimum(i, j), np.maximum(i, j)
+    key = low * graph.grain_count + high
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    if graph.images is not None and len(same):
+        # Only pairs of grains that occur more than once need their images compared.
+        rows = np.unique(np.concatenate([order[same], order[same + 1]]))
+        images = np.where((i[rows] > j[rows])[:, None], -graph.images[rows], graph.images[rows])
+        own = i[rows] == j[rows]
+        flip = own & ((images[:, 0] < 0) | ((images[:, 0] == 0) & (images[:, 1] < 0)))
+        images[flip] *= -1
+        table = np.column_stack([key[rows], images])
+        _, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
+        second = np.flatnonzero(first[inverse.ravel()] != np.arange(len(rows)))
+        if len(second) == 0:
+            return
+        c, d = rows[first[inverse.ravel()[second[0]]]], rows[second[0]]
+    elif len(same):
+        c, d = order[same[0]], order[same[0] + 1]
+    else:
+        return
+    raise InputError(
+        f"contact {d}",
+        f"grains {graph.contacts[d].tolist()}, the same as contact {c}",
+        "each contact once",
+        "Drop one of the two.",
+    )
+
+
+def check_branches(what: str, contacts: NDArray[np.int64], branches: NDArray[np.float64]) -> None:
+    """Raise `InputError` if a contact joins two grains with the same centre.
+
+    Parameters
+    ----------
+    what : str
+        Which centres these are, for the message.
+    contacts : (C, 2) array of int
+        Contacts.
+    branches : (..., C, 2) array
+        Their branch vectors (length).
+
+    Raises
+    ------
+    InputError
+        Naming the contact and its two grains.
+    """
+    distinct = np.asarray(branches.any(axis=-1))
+    if distinct.all():
+        return
+    c = _first(~distinct)[-1]
+    i, j = contacts[c].tolist()
+    raise InputError(
+        f"contact {c}",
+        f"coincident {what} of grains {i} and {j}",
+        "distinct centres",
+        "Move or drop one of the grains.",
+    )
+
+
+def _first(mask: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Index of the first true entry."""
+    return tuple(int(k) for k in np.unravel_index(np.argmax(mask), mask.shape))

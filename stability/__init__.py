@@ -1,0 +1,54 @@
+"""What a tangent tells: spectra, second-order work, cones, the unstable fraction, verdicts.
+
+Every function takes plain arrays with leading batch axes: a macroscopic tangent `A (..., 4, 4)` in
+the component order (11, 12, 21, 22), or an operator `K (..., m, m)` already restricted.
+"""
+
+from stability.cones import PlaneCone, plane_cone
+from stability.second_order_work import (
+    PolarDiagram,
+    alpha_e,
+    normalised_second_order_work,
+    polar_diagram,
+    second_order_work,
+)
+from stability.spectra import (
+    RTOL,
+    bromwich_margin,
+    flutter_pairs,
+    operator_norm,
+    spectrum,
+    symmetric_modes,
+    symmetric_part,
+    symmetric_spectrum,
+)
+from stability.subspaces import COMPONENTS, restrict, rotate_tangent, subspace_basis
+from stability.unstable_fraction import imhof_fraction, unstable_fraction
+from stability.verdict import Verdict, judge, statuses
+
+__all__ = [
+    "COMPONENTS",
+    "RTOL",
+    "PlaneCone",
+    "PolarDiagram",
+    "Verdict",
+    "alpha_e",
+    "bromwich_margin",
+    "flutter_pairs",
+    "imhof_fraction",
+    "judge",
+    "normalised_second_order_work",
+    "operator_norm",
+    "plane_cone",
+    "polar_diagram",
+    "restrict",
+    "rotate_tangent",
+    "second_order_work",
+    "spectrum",
+    "statuses",
+    "subspace_basis",
+    "symmetric_modes",
+    "symmetric_part",
+    "symmetric_spectrum",
+    "unstable_fraction",
+]

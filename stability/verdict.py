@@ -1,0 +1,172 @@
+"""The verdict on one tangent: an object that says how sure it is and along which direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops.errors import InputError
+from stability.spectra import RTOL, flutter_pairs, operator_norm, spectrum, symmetric_modes
+from stability.subspaces import as_operator, restrict
+
+Status = Literal["stable", "unstable", "undetermined"]
+Mode = Literal["none", "divergence", "flutter"]
+_Array = TypeVar("_Array", bound=np.ndarray[Any, Any])
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What a tangent tells about stability on a named subspace.
+
+    `status` speaks of second-order work (44): stable if W2 > 0 in every direction. `divergence` and
+    `flutter` speak of the spectrum of K, the loss under dead loads. Bromwich's inequality keeps a
+    stable operator from divergence; it does not keep it from flutter.
+
+    Attributes
+    ----------
+    status : {'stable', 'unstable', 'undetermined'}
+        Undetermined within the tolerance, or when the operator is not finite.
+    margin : float
+        lambda_min(Ks)/|K|, dimensionless, |K| the Frobenius norm; 0 for the zero operator.
+    tolerance : float
+        Half-width of the undetermined band of `margin`.
+    witness : ndarray, shape (m,)
+        Unit direction of lambda_min(Ks) in the components of the subspace.
+    subspace : str
+        'diagonal', 'symmetric', 'full', or 'given' for an operator judged as it came.
+    divergence : bool
+        K is singular within the tolerance, or has a negative real eigenvalue.
+    flutter : bool
+        K has a complex pair beyond the tolerance (see `flutter_pairs`).
+    eigenvalues : ndarray of complex, shape (m,)
+        Of K.
+    symmetric_eigenvalues : ndarray, shape (m,)
+        Of Ks, ascending.
+    """
+
+    status: Status
+    margin: float
+    tolerance: float
+    witness: NDArray[np.float64]
+    subspace: str
+    divergence: bool
+    flutter: bool
+    eigenvalues: NDArray[np.complex128]
+    symmetric_eigenvalues: NDArray[np.float64]
+
+    @property
+    def mode(self) -> Mode:
+        """Loss shown by the spectrum of K; divergence is named first when both are there."""
+        if self.divergence:
+            return "divergence"
+        return "flutter" if self.flutter else "none"
+
+    def __str__(self) -> str:
+        direction = ", ".join(f"{component:.3g}" for component in self.witness)
+        losses = [name for name in ("divergence", "flutter") if getattr(self, name)]
+        return (
+            f"{self.status} ({self.subspace}): lambda_min/|K| = {self.margin:.4g} "
+            f"(tolerance {self.tolerance:.1g}) along ({direction}); "
+            f"spectrum of K: {' and '.join(losses) or 'no loss'}"
+        )
+
+
+def judge(K: ArrayLike, subspace: str | None = None, rtol: float = RTOL) -> Verdict:
+    """Judge one operator.
+
+    Definiteness comes from the eigenvalues of Ks on the whole subspace: pairs of directions would
+    not do. The entries are taken as known to rtol |K|, so lambda_min within that is undetermined.
+
+    Parameters
+    ----------
+    K : array_like, shape (m, m), or (4, 4) with a subspace
+        The operator as it stands, or the macroscopic tangent A to be restricted.
+    subspace : {'diagonal', 'symmetric', 'full'}, optional
+        Where to restrict a macroscopic tangent; None judges K as it is.
+    rtol : float
+        Tolerance relative to the Frobenius norm.
+
+    Returns
+    -------
+    Verdict
+        Undetermined, with NaN for its numbers, for an operator that is not finite.
+
+    Raises
+    ------
+    InputError
+        If K is a batch, is not square, or the subspace does not fit it.
+
+    Examples
+    --------
+    The isotropically compressed diamond at 45 degrees has the eigenvalues 1 and kappa - E/(1 - E).
+
+    >>> verdict = judge([[0.45, 0.55], [0.55, 0.45]])
+    >>> verdict.status, verdict.mode, round(verdict.margin, 6)
+    ('unstable', 'divergence', -0.099504)
+    >>> print(judge([[3.0, 0.0], [0.0, 4.0]]))
+    stable (given): lambda_min/|K| = 0.6 (tolerance 1e-12) along (1, 0); spectrum of K: no loss
+    """
+    operator = as_operator(K) if subspace is None else restrict(K, subspace)
+    if operator.ndim != 2:
+        raise InputError(
+            "operator",
+            f"a batch of shape {operator.shape}",
+            "one operator",
+            "Use statuses for batches.",
+        )
+    values, vectors = symmetric_modes(operator)
+    eigenvalues = spectrum(operator)
+    norm = float(operator_norm(operator))
+    status = cast(Status, statuses(values[0], norm, rtol).item())
+    pairs = flutter_pairs(operator, rtol)
+    # A stable Ks excludes divergence exactly; say so in spite of round-off at the tolerance.
+    singular = (eigenvalues.real <= rtol * norm) & ~pairs
+    return Verdict(
+        status=status,
+        margin=float(values[0]) / norm if norm != 0.0 else 0.0,
+        tolerance=rtol,
+        witness=_read_only(vectors[:, 0]),
+        subspace=subspace or "given",
+        divergence=bool(singular.any()) and status != "stable",
+        flutter=bool(pairs.any()),
+        eigenvalues=_read_only(eigenvalues),
+        symmetric_eigenvalues=_read_only(values),
+    )
+
+
+def statuses(lambda_min: ArrayLike, norm: ArrayLike, rtol: float = RTOL) -> NDArray[np.str_]:
+    """Status of many operators at once, by the rule of `judge`.
+
+    Parameters
+    ----------
+    lambda_min : array_like, shape (...)
+        Smallest eigenvalue of each Ks.
+    norm : array_like, shape (...)
+        Frobenius norm of each K, in the same unit.
+    rtol : float
+        Half-width of the undetermined band, relative to the norm.
+
+    Returns
+    -------
+    ndarray of str, shape (...)
+        'stable', 'unstable', or 'undetermined' (in the band, or not finite).
+
+    Examples
+    --------
+    >>> statuses([0.2, -0.2, 1e-14, float("nan")], 1.0).tolist()
+    ['stable', 'unstable', 'undetermined', 'undetermined']
+    """
+    smallest, size = np.asarray(lambda_min, np.float64), np.asarray(norm, np.float64)
+    known = np.isfinite(smallest) & np.isfinite(size)
+    band = rtol * np.where(known, size, 0.0)
+    decided = [known & (smallest > band), known & (smallest < -band)]
+    return np.select(decided, ["stable", "unstable"], "undetermined")
+
+
+def _read_only(array: _Array) -> _Array:
+    array = array.copy()
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,291 @@
+import numpy as np
+import pytest
+
+from loops import (
+    GrainGraph,
+    InputError,
+    LinearFrictional,
+    Regime,
+    affine_tangent,
+    assemble_tangent,
+    macroscopic_tangent,
+    nominal_stress,
+    reference_branch_vectors,
+    traction_tangent,
+)
+from patterns import regular_polygon
+from tests.oracles.finite_motion import external_forces
+from tests.oracles.rings import random_rings, ring, slide
+from tests.oracles.traction_mpmath import as_array, traction_tangent_50
+
+LAW = LinearFrictional(kn=1.3, kt=0.5, mu=0.5)
+SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
+
+
+def relative(a, b):
+    return np.linalg.norm(a - b, axis=(-2, -1)) / np.linalg.norm(b, axis=(-2, -1))
+
+
+@pytest.mark.parametrize("order", range(3, 13))
+def test_force_method_equals_the_saddle_system(order):
+    """100 irregular loops of each order, elastic: below 1e-12."""
+    graph = random_rings(np.random.default_rng(order), 100, order)
+    force = traction_tangent(graph, LAW, method="force")
+    saddle = traction_tangent(graph, LAW, method="saddle")
+    assert force.trusted.all()
+    assert saddle.trusted.all()
+    assert relative(force.matrix, saddle.matrix).max() < 1e-12
+    # The two conditions bound the difference; rounding cannot be less than one unit.
+    bound = np.finfo(float).eps * (force.condition + saddle.condition)
+    assert (relative(force.matrix, saddle.matrix) < bound).all()
+
+
+@pytest.mark.parametrize("overlap", [1e-1, 1e-3, 1e-5, 1e-8, 1e-10])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
+def test_traction_against_fifty_digits(overlap, share):
+    """Elastic to wholly sliding, soft to stiff: the stated condition bounds the error."""
+    rng = np.random.default_rng(11)
+    graph, regime = slide(rng, random_rings(rng, 4, 5, overlap=overlap), share)
+    found = traction_tangent(graph, LAW, regime=regime)
+    assert found.trusted.all()
+    for b in range(4):
+        exact = as_array(
+            traction_tangent_50(
+                graph.x[b],
+                graph.x0[b],
+                graph.normal_force[b],
+                graph.shear_force[b],
+                1.3,
+                0.5,
+                0.5,
+                regime[b],
+            )
+        )
+        error = relative(found.matrix[b], exact)
+        assert error < np.finfo(float).eps * found.condition[b]
+        if not (regime[b] == Regime.SLIDING).all():
+            assert error < 1e-13
+
+
+def test_traction_moves_grains_in_equilibrium():
+    """Forces of the law after a small relaxed step: uniform stress, error of second order."""
+    rng = np.random.default_rng(12)
+    batch = random_rings(rng, 1, 6, overlap=0.1)
+    graph = GrainGraph(
+        x=batch.x[0],
+        radii=batch.radii[0],
+        contacts=batch.contacts,
+        normal_force=batch.normal_force[0],
+        shear_force=batch.shear_force[0],
+    )
+    gradient = rng.normal(size=(2, 2))
+    matrix = traction_tangent(graph, LAW).matrix
+    stress_rate = (matrix @ gradient.ravel()).reshape(2, 2)
+    # Grain velocities that balance -P' B, by least squares on the grain-level tangent.
+    from loops import boundary_vectors
+
+    k = assemble_tangent(graph, LAW)
+    load = -(boundary_vectors(graph.x) @ stress_rate.T).ravel()
+    v = np.linalg.lstsq(k, load, rcond=1e-12)[0].reshape(6, 2)
+    area = nominal_volume(graph)
+    np.testing.assert_allclose(-(v.T @ boundary_vectors(graph.x)) / area, gradient, atol=1e-12)
+    still = external_forces(graph, 1.3, 0.5, 0.5, [1] * 6, v, np.zeros(6), 0.0)[:12]
+    errors = []
+    for step in 2.0 ** -np.arange(10, 14):
+        moved = external_forces(graph, 1.3, 0.5, 0.5, [1] * 6, v, np.zeros(6), step)[:12]
+        errors.append(np.linalg.norm(moved - still - step * load))
+    np.testing.assert_allclose(np.diff(np.log2(errors)), -2.0, atol=0.02)
+
+
+def nominal_volume(graph):
+    x = graph.x0
+    return 0.5 * np.sum(x[:, 0] * np.roll(x[:, 1], -1) - x[:, 1] * np.roll(x[:, 0], -1))
+
+
+def test_affine_tangent_is_the_slope_of_the_nominal_stress():
+    """Move every centre by -H x0 and take the stress by the exactly integrated law."""
+    rng = np.random.default_rng(13)
+    graph = random_rings(rng, 1, 6, overlap=0.1)
+    graph = GrainGraph(
+        x=graph.x[0],
+        radii=graph.radii[0],
+        contacts=graph.contacts,
+        normal_force=graph.normal_force[0],
+        shear_force=graph.shear_force[0],
+    )
+    gradient = rng.normal(size=(2, 2))
+    v = -graph.x0 @ gradient.T
+    for spins, w in (("blocked", 0.0), ("affine", 0.5 * (gradient[0, 1] - gradient[1, 0]))):
+        rate = affine_tangent(graph, LAW, spins=spins).matrix @ gradient.ravel()
+        errors = []
+        for step in 2.0 ** -np.arange(8, 12):
+            # sum f (x) d0 = -sum F (x) x0 with external forces F.
+            out = [
+                external_forces(graph, 1.3, 0.5, 0.5, [1] * 6, v, np.full(6, w), s)[:12]
+                for s in (step, -step)
+            ]
+            change = (out[0] - out[1]).reshape(6, 2) / (2 * step)
+            stress = -(change.T @ graph.x0).ravel() / nominal_volume(graph)
+            errors.append(np.linalg.norm(stress - rate))
+        np.testing.assert_allclose(np.diff(np.log2(errors)), -2.0, atol=0.02)
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_batch_equals_one_by_one(closure):
+    rng = np.random.default_rng(14)
+    graph, regime = slide(rng, random_rings(rng, 6, 5), 0.3)
+    law = LinearFrictional(kn=rng.uniform(1, 2, (6, 5)), kt=rng.uniform(0.2, 1, (6, 5)), mu=0.5)
+    for spins in ("blocked", "affine", "free"):
+        together = macroscopic_tangent(graph, law, closure, spins=spins, regime=regime)
+        for b in range(6):
+            alone = GrainGraph(
+                x=graph.x[b],
+                radii=graph.radii[b],
+                contacts=graph.contacts,
+                normal_force=graph.normal_force[b],
+                shear_force=graph.shear_force[b],
+            )
+            one = LinearFrictional(kn=law.kn[b], kt=law.kt[b], mu=0.5)
+            single = macroscopic_tangent(alone, one, closure, spins=spins, regime=regime[b])
+            np.testing.assert_allclose(single.matrix, together.matrix[b], rtol=1e-9, atol=1e-11)
+
+
+def test_blocked_and_affine_spins_agree_in_the_symmetric_subspace():
+    """On the current configuration a symmetric H holds no rotation (theory note, section 6)."""
+    graph = random_rings(np.random.default_rng(15), 20, 6)
+    blocked = affine_tangent(graph, LAW, spins="blocked").matrix
+    affine = affine_tangent(graph, LAW, spins="affine").matrix
+    np.testing.assert_allclose(affine @ SYMMETRIC.T, blocked @ SYMMETRIC.T, atol=1e-13)
+    assert np.abs(affine - blocked).max() > 0.1
+
+
+def test_affine_spins_are_objective():
+    """A rigid turn of a loop, spins included, only turns its forces: P' = W P."""
+    graph = regular_polygon(5, strain=0.2)
+    turn = -np.array([[0.0, -1.0], [1.0, 0.0]])
+    # Along F' = W F the displacement gradient rate is H' = -W F, F = 0.8 identity.
+    h_rate = (0.8 * turn).ravel()
+    p = nominal_stress(graph)
+    expected = -turn @ p
+    rate = affine_tangent(graph, LAW, spins="affine").matrix @ h_rate
+    np.testing.assert_allclose(rate.reshape(2, 2), expected, atol=1e-14)
+    relaxed = traction_tangent(graph, LAW, spins="affine").matrix @ h_rate
+    np.testing.assert_allclose(relaxed.reshape(2, 2), expected, atol=1e-13)
+
+
+def test_affine_is_never_softer_than_traction():
+    """For T = 0 and spins blocked both are symmetric; the affine field is one trial field."""
+    rng = np.random.default_rng(16)
+    for order in (3, 4, 5, 8):
+        graph = random_rings(rng, 30, order, overlap=0.01, mu=0.0)
+        difference = affine_tangent(graph, LAW).matrix - traction_tangent(graph, LAW).matrix
+        np.testing.assert_allclose(difference, np.swapaxes(difference, -1, -2), atol=1e-12)
+        assert np.linalg.eigvalsh(difference).min() > -1e-12
+
+
+def test_free_spins_relax_the_moments():
+    """The spins found leave no moment rate: checked through the assembled tangent."""
+    graph = regular_polygon(5, strain=0.1)
+    k = assemble_tangent(graph, LAW, spins=True)
+    d0 = reference_branch_vectors(graph)
+    matrix = affine_tangent(graph, LAW, spins="free").matrix
+    for component in range(4):
+        gradient = np.eye(4)[component].reshape(2, 2)
+        v = (-graph.x0 @ gradient.T).ravel()
+        w = np.linalg.solve(k[10:, 10:], -k[10:, :10] @ v)
+        f = k[:10, :10] @ v + k[:10, 10:] @ w
+        stress = -(f.reshape(5, 2).T @ graph.x0).ravel() / nominal_volume(graph)
+        np.testing.assert_allclose(stress, matrix[:, component], atol=1e-13)
+    assert d0.shape == (5, 2)
+
+
+@pytest.mark.parametrize("order", [4, 6, 12])
+def test_gear_mode_is_passed_through(order):
+    """Even loops: one null vector more, and the answer stays trusted."""
+    graph = regular_polygon(order, strain=0.1)
+    free = affine_tangent(graph, LAW, spins="free")
+    assert free.trusted
+    assert np.isfinite(free.matrix).all()
+
+
+def test_rolling_mechanisms_keep_the_answer_where_the_stress_is_unique():
+    """Unloaded n-gon, free spins: n - 3 mechanisms; its traction tangent is singular but known."""
+    for order in (4, 5, 6):
+        tangent = traction_tangent(regular_polygon(order), LAW, spins="free")
+        assert tangent.trusted
+        assert np.linalg.matrix_rank(tangent.matrix, tol=1e-10) < 4
+
+
+def test_chord_stiffens_the_diamond():
+    """Two triangles: the fifth contact, out of the ring, is taken by the saddle system."""
+    diamond = regular_polygon(4, strain=0.3)
+    braced = diamond.replace(
+        contacts=np.vstack([diamond.contacts, [[1, 3]]]),
+        normal_force=np.append(diamond.normal_force, 0.01),
+        shear_force=np.zeros(5),
+    )
+    plain, stiff = traction_tangent(diamond, LAW).matrix, traction_tangent(braced, LAW).matrix
+    # The chord lies along axis 2 and adds its block there: kn l0^2 / V0 = 1.3 * 2 / 1.
+    np.testing.assert_allclose((stiff - plain)[3, 3], 1.3 * 2.0, atol=1e-12)
+    with pytest.raises(InputError, match="method 'force'"):
+        traction_tangent(braced, LAW, method="force")
+
+
+def test_singular_contact_goes_to_the_saddle_system():
+    """kt = 0 and N = 0 leave k_c singular: no force method, yet a trusted answer or none."""
+    triangle = regular_polygon(3)
+    tangent = traction_tangent(triangle, LinearFrictional(kn=1.0, kt=0.0))
+    assert tangent.trusted
+    # A frictionless triangle is a truss: exactly the affine one.
+    exact = affine_tangent(triangle, LinearFrictional(kn=1.0, kt=0.0)).matrix
+    np.testing.assert_allclose(tangent.matrix, exact, atol=1e-13)
+    with pytest.raises(InputError, match="force"):
+        traction_tangent(triangle, LAW, spins="free", method="force")
+
+
+def test_answer_that_is_not_unique_is_not_given():
+    """An open ring with one contact left carries no closed answer to a traction."""
+    graph = regular_polygon(3)
+    regime = [Regime.OPEN, Regime.ELASTIC, Regime.ELASTIC]
+    tangent = traction_tangent(graph, LAW, regime=regime)
+    if not tangent.trusted:
+        assert np.isnan(tangent.matrix).all()
+    else:
+        assert tangent.residual < 1e-8
+
+
+def test_a_mirrored_loop_gives_the_mirrored_operator():
+    rng = np.random.default_rng(17)
+    graph = random_rings(rng, 5, 6)
+    mirrored = graph.replace(
+        x=graph.x * [1, -1], x0=graph.x0 * [1, -1], shear_force=-graph.shear_force
+    )
+    mirror = np.diag([1.0, -1.0, -1.0, 1.0])
+    for closure in ("affine", "traction"):
+        a = macroscopic_tangent(graph, LAW, closure).matrix
+        b = macroscopic_tangent(mirrored, LAW, closure).matrix
+        np.testing.assert_allclose(b, mirror @ a @ mirror, atol=1e-13)
+
+
+def test_two_hundred_grains():
+    graph = regular_polygon(200, strain=0.1)
+    force = traction_tangent(graph, LAW, method="force")
+    saddle = traction_tangent(graph, LAW, method="saddle")
+    assert force.trusted
+    assert saddle.trusted
+    assert relative(force.matrix, saddle.matrix) < 1e-10
+
+
+def test_unknown_choices_are_refused():
+    graph = regular_polygon(3)
+    with pytest.raises(InputError, match=r"closure.*'uniform'"):
+        macroscopic_tangent(graph, LAW, "uniform")
+    with pytest.raises(InputError, match=r"spins.*'rolling'"):
+        affine_tangent(graph, LAW, spins="rolling")
+    with pytest.raises(InputError, match=r"method.*'magic'"):
+        traction_tangent(graph, LAW, method="magic")
+    packing = GrainGraph(x=[[0, 0], [1, 0]], radii=[1, 1], contacts=[[0, 1]])
+    with pytest.raises(InputError, match="loop of 2 grains"):
+        affine_tangent(packing, LAW)
+    assert affine_tangent(packing, LAW, volume=2.0).trusted
+    assert ring(3).shape == (3, 2)
