@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin/python -m
 INSTALLED := $(VENV)/.installed
-SAMPLE := studies/sample/grains_05.csv.gz
+SAMPLE := patterns/snapshots/sample/grains_biaxial.csv.gz
 OUT := demo-output
 
 .PHONY: demo test lint types format clean

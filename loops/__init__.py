@@ -9,8 +9,10 @@ from loops.closures import (
 )
 from loops.contact_state import ContactState, contact_state
 from loops.contact_tangent import contact_tangent, translational_blocks
+from loops.crossings import find_crossings
 from loops.errors import InputError
 from loops.exchange import from_networkx, to_networkx
+from loops.faces import Faces, FaceKind, euler_check, faces_by_order, find_faces
 from loops.geometry import (
     boundary_vectors,
     polygon_area,
@@ -26,14 +28,20 @@ from loops.graph import (
     reference_branch_vectors,
 )
 from loops.laws import ContactLaw, LinearFrictional, Regime
+from loops.loop_batches import LoopBatch, loop_batches
+from loops.outline import outline_area
+from loops.pruning import prune_dangling
 from loops.stress import contact_forces, love_weber_stress, nominal_stress
 
 __all__ = [
     "ContactLaw",
     "ContactState",
+    "FaceKind",
+    "Faces",
     "GrainGraph",
     "InputError",
     "LinearFrictional",
+    "LoopBatch",
     "MacroTangent",
     "Regime",
     "affine_tangent",
@@ -45,14 +53,21 @@ __all__ = [
     "contact_frame",
     "contact_state",
     "contact_tangent",
+    "euler_check",
+    "faces_by_order",
+    "find_crossings",
+    "find_faces",
     "from_networkx",
+    "loop_batches",
     "love_weber_stress",
     "macroscopic_tangent",
     "nominal_stress",
+    "outline_area",
     "polygon_area",
     "polygon_centroid",
     "polygon_perimeter",
     "polygon_shape",
+    "prune_dangling",
     "reference_branch_vectors",
     "reference_volume",
     "to_networkx",

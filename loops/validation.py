@@ -123,35 +123,64 @@ def _check_self_contacts(graph: GrainGraph) -> None:
 
 
 def _check_duplicates(graph: GrainGraph) -> None:
-    """Compare contacts as unordered pairs, the image taken from the lower grain's side."""
-    i, j = graph.contacts.T
-    low, high = np.minimum(i, j), np.maximum(i, j)
-    key = low * graph.grain_count + high
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
-    if graph.images is not None and len(same):
-        # Only pairs of grains that occur more than once need their images compared.
-        rows = np.unique(np.concatenate([order[same], order[same + 1]]))
-        images = np.where((i[rows] > j[rows])[:, None], -graph.images[rows], graph.images[rows])
-        own = i[rows] == j[rows]
-        flip = own & ((images[:, 0] < 0) | ((images[:, 0] == 0) & (images[:, 1] < 0)))
-        images[flip] *= -1
-        table = np.column_stack([key[rows], images])
-        _, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
-        second = np.flatnonzero(first[inverse.ravel()] != np.arange(len(rows)))
-        if len(second) == 0:
-            return
-        c, d = rows[first[inverse.ravel()[second[0]]]], rows[second[0]]
-    elif len(same):
-        c, d = order[same[0]], order[same[0] + 1]
-    else:
+    found = find_duplicate(graph.contacts, graph.images, graph.grain_count)
+    if found is None:
         return
+    c, d = found
     raise InputError(
         f"contact {d}",
         f"grains {graph.contacts[d].tolist()}, the same as contact {c}",
         "each contact once",
         "Drop one of the two.",
     )
+
+
+def find_duplicate(
+    contacts: NDArray[np.int64], images: NDArray[np.int64] | None, grain_count: int
+) -> tuple[int, int] | None:
+    """Find two contacts that join the same two grains through the same image.
+
+    Parameters
+    ----------
+    contacts : (C, 2) array of int
+        Contacts, in either direction.
+    images : (C, 2) array of int or None
+        Periodic images of the second grains.
+    grain_count : int
+        Number of grains.
+
+    Returns
+    -------
+    (int, int) or None
+        The earlier and the later one, or None if there are none.
+    """
+    i, j = contacts.T
+    key = np.minimum(i, j) * grain_count + np.maximum(i, j)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    if len(same) == 0:
+        return None
+    # Only pairs of grains that occur more than once need their images compared.
+    rows = np.unique(np.concatenate([order[same], order[same + 1]]))
+    table = key[rows, None]
+    if images is not None:
+        table = np.column_stack([table, _images_from_lower_grain(contacts[rows], images[rows])])
+    _, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    earlier = first[inverse.ravel()]
+    later = np.flatnonzero(earlier != np.arange(len(rows)))
+    if len(later) == 0:
+        return None
+    return int(rows[earlier[later[0]]]), int(rows[later[0]])
+
+
+def _images_from_lower_grain(
+    contacts: NDArray[np.int64], images: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Images as seen from the lower grain; of a grain's own images, one of the two signs."""
+    i, j = contacts.T
+    backwards = (images[:, 0] < 0) | ((images[:, 0] == 0) & (images[:, 1] < 0))
+    flip = (i > j) | ((i == j) & backwards)
+    return np.where(flip[:, None], -images, images)
 
 
 def check_branches(what: str, contacts: NDArray[np.int64], branches: NDArray[np.float64]) -> None:

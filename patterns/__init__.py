@@ -1,5 +1,14 @@
 """Where grain graphs come from: the diamond, polygons, DEM snapshots, synthetic networks."""
 
 from patterns.polygons import regular_polygon
+from patterns.snapshots import Snapshot, read_snapshot, sample_cell, sample_path
+from patterns.synthetic import synthetic_network
 
-__all__ = ["regular_polygon"]
+__all__ = [
+    "Snapshot",
+    "read_snapshot",
+    "regular_polygon",
+    "sample_cell",
+    "sample_path",
+    "synthetic_network",
+]

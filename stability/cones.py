@@ -46,8 +46,9 @@ def plane_cone(K: ArrayLike, rtol: float = RTOL) -> PlaneCone:
 
     W2 along (cos theta, sin theta) is q = m + R cos 2(theta - theta0) (theory note, section 6), so
     the cone lies about theta0 + pi/2 with opening 2 atan sqrt(-lambda_min/lambda_max). The smaller
-    eigenvalue comes from det Ks/lambda_max with an error-free determinant: opening and edges keep
-    full relative accuracy as the cone closes and for eigenvalues of very different size.
+    eigenvalue comes from det Ks/lambda_max with an error-free determinant: the opening keeps full
+    relative accuracy as the cone closes, axis and edges are right to 1e-15, however different the
+    eigenvalues in size.
 
     Parameters
     ----------

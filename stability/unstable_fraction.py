@@ -84,7 +84,8 @@ def imhof_fraction(eigenvalues: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     ndarray, shape (...)
-        Absolute error about 1e-15; NaN where an eigenvalue is not finite; 0 for the zero form.
+        Absolute error below 1e-15 for m up to 4, below 1e-14 for ten coinciding eigenvalues; NaN
+        where an eigenvalue is not finite; 0 for the zero form.
 
     Raises
     ------

@@ -1,0 +1,148 @@
+"""Branches that cross: where a contact graph is not planar."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.branch_bins import ROUND_OFF, Branches, Pieces, cell_branches, close_branches
+from loops.faces import require_one_state
+from loops.graph import GrainGraph
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+BLOCK = 2**15  # pieces of branches compared at a time
+
+
+def find_crossings(graph: GrainGraph, max_pairs: int = 1000) -> Integers:
+    """Pairs of contacts whose branches meet elsewhere than in a common grain.
+
+    They cross, touch (the centre of a grain lies on a branch it has no part in) or overlap along
+    a line; touching is judged to round-off. Dangling contacts are looked at as well. Euler's
+    formula misses some crossings, such as a loop in the shape of an eight or two components that
+    cross; this is the geometric test. Time and memory grow with the number of contacts, whatever
+    the sizes of the grains.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state, in the plane or in a periodic cell of any shape.
+    max_pairs : int
+        The search stops once it has found this many pairs; which ones is not said.
+
+    Returns
+    -------
+    (M, 2) array of int
+        Pairs of contacts, the smaller number first, in ascending order; `(c, c)` if a branch
+        overlaps its own periodic image.
+
+    Raises
+    ------
+    InputError
+        If the graph has batch axes.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_crossings
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]])
+    >>> find_crossings(square).tolist()
+    [[4, 5]]
+    """
+    require_one_state(graph)
+    found = np.zeros((0, 2), dtype=np.int64)
+    if graph.contact_count == 0:
+        return found
+    branches = cell_branches(graph)
+    for pieces in close_branches(branches):
+        for pairs in _meeting_pairs(branches, pieces):
+            found = np.unique(np.concatenate([found, pairs]), axis=0)
+            if len(found) >= max_pairs:
+                return found[:max_pairs]
+    return found
+
+
+def _meeting_pairs(branches: Branches, pieces: Pieces) -> Iterator[Integers]:
+    """Pairs of contacts that meet in a bin, in blocks of whole bins."""
+    starts = np.concatenate([[0], np.cumsum(pieces.bin_sizes())])
+    cuts = np.searchsorted(starts, np.arange(0, starts[-1], BLOCK))
+    for low, high in pairwise(np.unique(np.append(starts[cuts], starts[-1])).tolist()):
+        block = pieces.take(slice(low, high))
+        segments = _segments(branches, block)
+        for apart in range(1, high - low):
+            first = np.flatnonzero(block.bin[apart:] == block.bin[:-apart])
+            if first.size == 0:
+                break
+            first = first[_meet(segments, first, first + apart)]
+            if first.size:
+                pairs = np.column_stack([block.contact[first], block.contact[first + apart]])
+                yield np.sort(pairs, axis=1)
+
+
+class _Segments(NamedTuple):
+    """Branches as they pass their bin, axis or end first."""
+
+    start: Floats  # (2, P)
+    vector: Floats  # (2, P)
+    grain: Integers  # (2, P)
+    cell: Integers  # (2, P)
+
+
+def _segments(branches: Branches, pieces: Pieces) -> _Segments:
+    start = branches.start[pieces.contact] - pieces.shift
+    vector = branches.vector[pieces.contact]
+    grain, cell = branches.ends(pieces)
+    return _Segments(*map(np.ascontiguousarray, (start.T, vector.T, grain, cell)))
+
+
+def _meet(segments: _Segments, one: Integers, other: Integers) -> Mask:
+    """Which pairs of branches have a point in common that is no common grain."""
+    a, b = segments.vector[:, one], segments.vector[:, other]
+    apart = segments.start[:, other] - segments.start[:, one]
+    turn = _cross(a, b)
+    # Each branch's ends lie on either side of the other's line, or on it.
+    meets = _straddle(_cross(a, apart), turn, a) & _straddle(_cross(apart, b), -turn, b)
+    close = np.flatnonzero(meets)
+    a, b, apart, turn = a[:, close], b[:, close], apart[:, close], turn[close]
+    low = np.maximum(np.minimum(a, 0), apart + np.minimum(b, 0))
+    high = np.minimum(np.maximum(a, 0), apart + np.maximum(b, 0))
+    beside = (low[0] <= high[0] + ROUND_OFF) & (low[1] <= high[1] + ROUND_OFF)
+    parallel = np.abs(turn) <= ROUND_OFF * (_size(a) + _size(b))
+    along = a[0] * b[0] + a[1] * b[1]
+    shared, overlap = _at_common_grains(segments, one[close], other[close], along)
+    meets[close] = np.where(shared, parallel & overlap, beside)
+    return meets
+
+
+def _straddle(side: Floats, change: Floats, line: Floats) -> Mask:
+    tolerance = ROUND_OFF * _size(line)
+    other = side + change
+    return (np.minimum(side, other) <= tolerance) & (np.maximum(side, other) >= -tolerance)
+
+
+def _at_common_grains(
+    segments: _Segments, one: Integers, other: Integers, along: Floats
+) -> tuple[Mask, Mask]:
+    """Whether two branches share a grain, and whether they leave one into the same half-plane."""
+    shared = np.zeros(len(one), dtype=bool)
+    same_way = np.zeros(len(one), dtype=bool)
+    for p, q in ((0, 0), (1, 1), (0, 1), (1, 0)):
+        here = segments.grain[p, one] == segments.grain[q, other]
+        here &= segments.cell[p, one] == segments.cell[q, other]
+        shared |= here
+        same_way |= here & ((along > 0) if p == q else (along < 0))
+    return shared, same_way
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def _size(a: Floats) -> Floats:
+    return np.abs(a[0]) + np.abs(a[1])

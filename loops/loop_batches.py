@@ -1,0 +1,80 @@
+"""The loops of a packing as batches: all loops of one order are one graph with a batch axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.faces import Faces, faces_by_order
+from loops.graph import GrainGraph, branch_vectors
+
+Integers = NDArray[np.int64]
+
+
+class LoopBatch(NamedTuple):
+    """Loops of one order n, cut out of a packing.
+
+    Attributes
+    ----------
+    graph : GrainGraph
+        The loops, batch axis (L,): grains 0..n-1 counter-clockwise, contact c joins c and c+1.
+        Loops that cross a periodic border are unrolled.
+    grains, contacts : (L, n) array of int
+        Grains and contacts of each loop as numbered in the packing.
+    face : (L,) array of int
+        Face of each loop in `Faces`.
+    """
+
+    graph: GrainGraph
+    grains: Integers
+    contacts: Integers
+    face: Integers
+
+
+def loop_batches(graph: GrainGraph, faces: Faces, size: int = 2**16) -> Iterator[LoopBatch]:
+    """Cut the loops out of a packing, order by order.
+
+    Forces keep their values: `N` and `T` of a contact do not depend on its direction. The
+    reference is the current configuration.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The packing, one state.
+    faces : Faces
+        Its faces, from `find_faces`.
+    size : int
+        At most so many loops in a batch, to bound the memory of what is computed on it.
+
+    Yields
+    ------
+    LoopBatch
+        Loops of one order, in ascending order n.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces, loop_batches
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
+    >>> [batch.grains.tolist() for batch in loop_batches(square, find_faces(square))]
+    [[[0, 1, 2], [2, 3, 0]]]
+    """
+    branches = branch_vectors(graph)
+    for order, group in sorted(faces_by_order(faces).items()):
+        ring = np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
+        for start in range(0, len(group.face), size):
+            part = slice(start, start + size)
+            grains, contacts = group.grains[part], group.contacts[part]
+            edges = np.where(group.forward[part, :, None], 1.0, -1.0) * branches[contacts]
+            x = graph.x[grains[:, :1]] + np.cumsum(edges, axis=1) - edges
+            batch = GrainGraph(
+                x=x,
+                radii=graph.radii[grains],
+                contacts=ring,
+                normal_force=graph.normal_force[contacts],
+                shear_force=graph.shear_force[contacts],
+            )
+            yield LoopBatch(batch, grains, contacts, group.face[part])
