@@ -12,7 +12,7 @@ from loops.contact_tangent import contact_tangent, translational_blocks
 from loops.crossings import find_crossings
 from loops.errors import InputError
 from loops.exchange import from_networkx, to_networkx
-from loops.faces import Faces, FaceKind, euler_check, faces_by_order, find_faces
+from loops.faces import FaceKind, Faces, euler_check, faces_by_order, find_faces
 from loops.geometry import (
     boundary_vectors,
     polygon_area,

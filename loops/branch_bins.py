@@ -20,7 +20,7 @@ Mask = NDArray[np.bool_]
 
 CROWD = 16  # branches in a bin beyond which it is halved
 SPLITS = 12  # times a bin may be halved
-PIECES = 8  # pieces per contact that the grid may cut the branches into, on average
+PIECES = 4  # pieces per contact that the grid may cut the branches into, on average
 BLOCK = 2**16  # branches cut at a time
 ROUND_OFF = 8 * np.finfo(float).eps  # of coordinates of order one
 
@@ -207,21 +207,21 @@ def _halve(branches: Branches, pieces: Pieces) -> Pieces:
     row, column = np.divmod(pieces.bin, pieces.counts[0])
     start = (branches.start[pieces.contact] - pieces.shift) * counts
     vector = branches.vector[pieces.contact] * counts
+    half = 0.5 + 1e-9 + ROUND_OFF * max(counts)
     kept, number = [], []
-    for corner in ([0, 0], [1, 0], [0, 1], [1, 1]):
-        quarter = 2 * np.column_stack([column, row]) + corner
-        passes = np.flatnonzero(_passes(start - quarter - 0.5, vector))
+    for right, up in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        quarter = np.column_stack([2 * column + right, 2 * row + up])
+        passes = np.flatnonzero(_passes(start - quarter - 0.5, vector, half))
         kept.append(passes)
         number.append(_numbered(quarter[passes], counts))
     which = np.concatenate(kept)
     return _sorted(counts, np.concatenate(number), pieces.contact[which], pieces.shift[which])
 
 
-def _passes(start: Floats, vector: Floats) -> Mask:
-    """Whether a segment meets the unit square around the origin (separating axes)."""
-    half = 0.5 + 1e-9 + ROUND_OFF * np.abs(start)
+def _passes(start: Floats, vector: Floats, half: float) -> Mask:
+    """Whether a segment meets the square of a half side around the origin (separating axes)."""
     end = start + vector
     beside = (np.minimum(start, end) > half) | (np.maximum(start, end) < -half)
     turn = np.abs(start[:, 0] * vector[:, 1] - start[:, 1] * vector[:, 0])
-    width = half[:, 0] * np.abs(vector[:, 1]) + half[:, 1] * np.abs(vector[:, 0])
+    width = half * (np.abs(vector[:, 0]) + np.abs(vector[:, 1]))
     return ~beside.any(axis=1) & (turn <= width)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.branch_bins import ROUND_OFF, Branches, Pieces, cell_branches, close_branches
-from loops.faces import require_one_state
 from loops.graph import GrainGraph
+from loops.pruning import require_one_state
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -56,16 +56,20 @@ def find_crossings(graph: GrainGraph, max_pairs: int = 1000) -> Integers:
     [[4, 5]]
     """
     require_one_state(graph)
-    found = np.zeros((0, 2), dtype=np.int64)
     if graph.contact_count == 0:
-        return found
+        return np.zeros((0, 2), dtype=np.int64)
     branches = cell_branches(graph)
+    batches, unsorted = [np.zeros((0, 2), dtype=np.int64)], 0
     for pieces in close_branches(branches):
         for pairs in _meeting_pairs(branches, pieces):
-            found = np.unique(np.concatenate([found, pairs]), axis=0)
-            if len(found) >= max_pairs:
-                return found[:max_pairs]
-    return found
+            batches.append(pairs)
+            unsorted += len(pairs)
+            if unsorted >= max_pairs:
+                # A pair may have been found in several bins.
+                batches, unsorted = [np.unique(np.concatenate(batches), axis=0)], 0
+                if len(batches[0]) >= max_pairs:
+                    return batches[0][:max_pairs]
+    return np.unique(np.concatenate(batches), axis=0)
 
 
 def _meeting_pairs(branches: Branches, pieces: Pieces) -> Iterator[Integers]:
@@ -98,7 +102,7 @@ def _segments(branches: Branches, pieces: Pieces) -> _Segments:
     start = branches.start[pieces.contact] - pieces.shift
     vector = branches.vector[pieces.contact]
     grain, cell = branches.ends(pieces)
-    return _Segments(*map(np.ascontiguousarray, (start.T, vector.T, grain, cell)))
+    return _Segments(start.T.copy(), vector.T.copy(), grain.copy(), cell)
 
 
 def _meet(segments: _Segments, one: Integers, other: Integers) -> Mask:

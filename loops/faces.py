@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops.errors import InputError
 from loops.graph import GrainGraph, branch_vectors
 from loops.half_edges import cycles, next_half_edge
-from loops.pruning import component_labels, prune_dangling, winding_ranks
+from loops.pruning import component_labels, prune_dangling, require_one_state, winding_ranks
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -252,35 +251,18 @@ def euler_check(graph: GrainGraph, faces: Faces) -> EulerCheck:
     )
 
 
-def require_one_state(graph: GrainGraph) -> None:
-    """Raise `InputError` if the graph carries batch axes.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        The graph to look at.
-
-    Raises
-    ------
-    InputError
-        Naming the batch axes.
-    """
-    if graph.batch_shape:
-        raise InputError(
-            "batch axes of the graph",
-            f"{graph.batch_shape}",
-            "one state",
-            "Take the states one by one: each has its own faces.",
-        )
-
-
 def _measure(
-    graph: GrainGraph, branches: Floats, grains: Integers, contacts: Integers, sign: Integers, offsets: Integers
+    graph: GrainGraph,
+    branches: Floats,
+    grains: Integers,
+    contacts: Integers,
+    sign: Integers,
+    offsets: Integers,
 ) -> tuple[Floats, Integers]:
     """Signed area of each face and the sum of images along it."""
     faces = len(offsets) - 1
     area, winding = np.zeros(faces), np.zeros((faces, 2), dtype=np.int64)
-    # In blocks that stay in the cache: three times as fast as in one go, in half the memory.
+    # In blocks that stay in the cache.
     cuts = np.searchsorted(offsets, np.arange(0, offsets[-1], BLOCK))
     for start, stop in pairwise(np.unique(np.append(cuts, faces)).tolist()):
         block = slice(offsets[start], offsets[stop])

@@ -7,10 +7,33 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from loops.errors import InputError
 from loops.graph import GrainGraph
 
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+
+def require_one_state(graph: GrainGraph) -> None:
+    """Raise `InputError` if the graph carries batch axes.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The graph to look at.
+
+    Raises
+    ------
+    InputError
+        Naming the batch axes.
+    """
+    if graph.batch_shape:
+        raise InputError(
+            "batch axes of the graph",
+            f"{graph.batch_shape}",
+            "one state",
+            "Take the states one by one: each has its own faces.",
+        )
 
 
 def prune_dangling(graph: GrainGraph) -> tuple[Mask, Mask]:
@@ -121,9 +144,7 @@ def winding_ranks(contacts: Integers, images: Integers, label: Integers, count: 
     return ranks
 
 
-def _forest_offsets(
-    contacts: Integers, images: Integers, label: Integers, count: int
-) -> Integers:
+def _forest_offsets(contacts: Integers, images: Integers, label: Integers, count: int) -> Integers:
     """Periodic image of each grain when reached from its component's first grain."""
     grains = len(label)
     tree, first = np.unique(label, return_index=True)

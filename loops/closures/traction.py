@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,7 @@ from loops.contact_tangent import (
     translational_compliances,
 )
 from loops.errors import InputError
-from loops.geometry import reference_volume, require_loop
+from loops.geometry import polygon_area, require_loop
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 
@@ -56,7 +56,7 @@ def traction_tangent(
     regime : (..., C) array of Regime, optional
         Regime of each contact; read from the state by the law if left out.
     volume : (...) array, optional
-        Reference area V0 (length squared); the polygon's if left out.
+        Reference area V0 that `P` is taken over (length squared); the polygon's if left out.
     method : {'auto', 'force', 'saddle'}
         `force` needs a plain ring with blocked spins and invertible blocks, and costs O(n);
         `saddle` solves any loop through its null vectors; `auto` takes the force method where it
@@ -84,8 +84,8 @@ def traction_tangent(
     check_choice("spins", spins, get_args(Spins))
     check_choice("method", method, get_args(Method))
     require_loop(graph)
-    v0 = np.asarray(reference_volume(graph) if volume is None else volume, dtype=float)
-    v0 = np.broadcast_to(v0, np.broadcast_shapes(v0.shape, graph.batch_shape))
+    polygon = np.abs(polygon_area(graph.x0))
+    v0 = np.asarray(polygon if volume is None else volume, dtype=float)
     applies = spins == "blocked" and graph.contact_count == graph.grain_count
     if method == "force" and not applies:
         raise InputError(
@@ -95,38 +95,49 @@ def traction_tangent(
             "Use 'auto' or 'saddle'.",
         )
     if method == "saddle" or not applies:
-        return _by_saddle(graph, law, spins, regime, v0)
-    return _by_force(graph, law, regime, v0, fall_back=method == "auto")
+        solution = _by_saddle(graph, law, spins, regime, polygon)
+    else:
+        solution = _by_force(graph, law, regime, polygon, fall_back=method == "auto")
+    # The boundary formula holds on the polygon; another V0 only rescales the stress.
+    matrix = solution.matrix * (polygon / v0)[..., None, None]
+    return solved(matrix, "traction", spins, v0, *solution.status)
+
+
+class _Solution(NamedTuple):
+    matrix: Floats
+    status: tuple[Floats, Floats, Floats]
+    """Condition, residual, ambiguity."""
 
 
 def _by_saddle(
-    graph: GrainGraph, law: ContactLaw, spins: Spins, regime: ArrayLike | None, v0: Floats
-) -> MacroTangent:
+    graph: GrainGraph, law: ContactLaw, spins: Spins, regime: ArrayLike | None, polygon: Floats
+) -> _Solution:
     tangent = assemble_tangent(graph, law, spins=spins != "blocked", regime=regime)
+    polygon = np.broadcast_to(polygon, tangent.shape[:-2])
     spin = affine_spin(graph) if spins == "affine" else None
-    matrix, condition, found = saddle_solve(tangent, graph.x0, v0, spin)
-    return solved(matrix, "traction", spins, v0, condition, found.residual, found.ambiguity)
+    matrix, condition, found = saddle_solve(tangent, graph.x0, polygon, spin)
+    return _Solution(matrix, (condition, found.residual, found.ambiguity))
 
 
 def _by_force(
-    graph: GrainGraph, law: ContactLaw, regime: ArrayLike | None, v0: Floats, fall_back: bool
-) -> MacroTangent:
+    graph: GrainGraph, law: ContactLaw, regime: ArrayLike | None, polygon: Floats, fall_back: bool
+) -> _Solution:
     state = contact_state(graph)
     regimes = contact_regime(state, law, regime)
     compliance = translational_compliances(state, law, regimes)
     batch = compliance.shape[:-3]
     x0 = np.broadcast_to(graph.x0, (*batch, *graph.x0.shape[-2:]))
-    v0 = np.broadcast_to(v0, batch)
-    matrix, condition = force_method(compliance, x0, v0)
+    polygon = np.broadcast_to(polygon, batch)
+    matrix, condition = force_method(compliance, x0, polygon)
     residual, ambiguity = np.zeros(batch), np.zeros(batch)
     poor = ~(condition <= FORCE_METHOD_LIMIT)
     if fall_back and poor.any():
         k = translational_blocks(state, law, regimes)[poor]
         tangent = assemble_elements(translational_elements(k), graph.contacts, graph.grain_count)
-        other, other_condition, found = saddle_solve(tangent, x0[poor], v0[poor])
+        other, other_condition, found = saddle_solve(tangent, x0[poor], polygon[poor])
         better = other_condition < condition[poor]
         place = np.zeros(batch, dtype=bool)
         place[poor] = better
         matrix[place], condition[place] = other[better], other_condition[better]
         residual[place], ambiguity[place] = found.residual[better], found.ambiguity[better]
-    return solved(matrix, "traction", "blocked", v0, condition, residual, ambiguity)
+    return _Solution(matrix, (condition, residual, ambiguity))

@@ -135,7 +135,9 @@ class LinearFrictional:
         regime = np.where(is_open, Regime.OPEN, np.where(at_yield, Regime.SLIDING, Regime.ELASTIC))
         return regime.astype(np.int8)
 
-    def _slip_dissipates(self, t_force: Floats, un_rate: Floats, ut_rate: Floats) -> NDArray[np.bool_]:
+    def _slip_dissipates(
+        self, t_force: Floats, un_rate: Floats, ut_rate: Floats
+    ) -> NDArray[np.bool_]:
         """`-s (ut' + s mu N'/kt) >= 0`, multiplied by kt; true where friction is zero."""
         s = np.sign(t_force)
         mu = np.where(np.isfinite(self.mu), self.mu, 0.0)

@@ -14,6 +14,14 @@ from patterns.diamond.determinants import (
     geometric_softening,
     material_asymmetry,
 )
+from patterns.diamond.drained import (
+    DrainedPath,
+    drained_path,
+    drained_states,
+    drained_states_after_turn,
+)
+from patterns.diamond.drained_batch import DrainedEnd, drained_end
+from patterns.diamond.drained_state import DrainedState
 from patterns.diamond.force_tangents import (
     congruence,
     force_geometric_tangent,
@@ -54,6 +62,9 @@ __all__ = [
     "TABLE_1",
     "TABLE_2",
     "DiamondParameters",
+    "DrainedEnd",
+    "DrainedPath",
+    "DrainedState",
     "angle_from_strains",
     "branch_from_sides",
     "congruence",
@@ -64,7 +75,11 @@ __all__ = [
     "determinant_elastic",
     "determinant_sliding",
     "diamond",
+    "drained_end",
+    "drained_path",
     "drained_slope",
+    "drained_states",
+    "drained_states_after_turn",
     "elastic_moduli",
     "external_forces",
     "force_geometric_tangent",

@@ -80,7 +80,7 @@ def drained_end(
 
     >>> end = drained_end(np.pi / 4, 0.2, np.radians(5.0), 0.3)
     >>> str(end.status), round(float(end.state.E1), 12), round(float(end.state.s1), 12)
-    ('yield', 0.409734348970, 0.254009900083)
+    ('yield', 0.40973434897, 0.254009900083)
     """
     arguments = np.broadcast_arrays(
         acute_angle("alpha0", alpha0),

@@ -32,11 +32,11 @@ def falling_yield(paths: PathRows) -> tuple[FloatArray, FloatArray]:
 
     Examples
     --------
-    >>> paths = PathRows(np.array([0.3]), np.array([0.2]), np.array([0.05]), np.array([0.3]))
+    >>> paths = PathRows(np.array([0.5]), np.array([1.5]), np.array([0.1]), np.array([0.65]))
     >>> turn, T = falling_yield(paths)
     >>> N = normal_force(paths.alpha0 + turn, paths.f, T)
-    >>> round(float(turn[0]), 5), round(float(T[0] / N[0] + np.tan(0.05)), 12)
-    (-0.11703, 0.0)
+    >>> round(float(turn[0]), 5), round(float(T[0] / N[0]), 12), round(float(np.tan(0.1)), 12)
+    (-0.14359, -0.100334672085, 0.100334672085)
     """
     turn, T = np.zeros_like(paths.alpha0), np.zeros_like(paths.alpha0)
     fails = np.zeros(turn.shape, dtype=bool)

@@ -39,9 +39,7 @@ class PathRows:
 
     def take(self, rows: Rows | NDArray[np.bool_] | slice) -> PathRows:
         """The picked rows."""
-        return PathRows(
-            self.alpha0[rows], self.kappa[rows], self.phi[rows], self.confinement[rows]
-        )
+        return PathRows(self.alpha0[rows], self.kappa[rows], self.phi[rows], self.confinement[rows])
 
     def shear_after(self, turn: FloatArray, T: FloatArray, step: FloatArray) -> FloatArray:
         """Shear force at `turn + step`, from `T` at `turn`."""

@@ -39,7 +39,7 @@ def strain_limit(paths: PathRows, end: FloatArray) -> tuple[FloatArray, FloatArr
     >>> paths = PathRows(np.array([0.1]), np.array([6.0]), np.array([1.5]), np.array([0.1]))
     >>> turn, T = strain_limit(paths, np.array([1.0]))
     >>> round(float(turn[0]), 5)
-    0.0
+    0.18581
     """
     turn, T = np.full_like(end, np.nan), np.full_like(end, np.nan)
     rows = np.flatnonzero(paths.kappa > _SMALLEST_KAPPA)

@@ -19,6 +19,8 @@ class DrainedState:
         Strains, compression positive.
     length, alpha : ndarray (...)
         Branch length over `l0` and branch angle, radians.
+    turn : ndarray (...)
+        `alpha - alpha0`, which keeps its digits at stiff grains.
     N, T : ndarray (...)
         Contact forces over `kn l0`; N compression positive, T positive when alpha grows.
     s1, s2 : ndarray (...)
@@ -29,6 +31,7 @@ class DrainedState:
     E2: FloatArray
     length: FloatArray
     alpha: FloatArray
+    turn: FloatArray
     N: FloatArray
     T: FloatArray
     s1: FloatArray
@@ -62,19 +65,20 @@ def drained_state(
     >>> round(float(state.E1), 12), round(float(state.E2), 12)
     (0.3, 0.3)
     """
-    alpha, f = alpha0 + turn, confinement * np.sin(alpha0)
-    N = normal_force(alpha, f, T)
-    # cos a = cos a0 (1 - fall), sin a = sin a0 (1 + rise)
-    fall = 2.0 * np.sin(alpha0 + 0.5 * turn) * np.sin(0.5 * turn) / np.cos(alpha0)
-    rise = 2.0 * np.cos(alpha0 + 0.5 * turn) * np.sin(0.5 * turn) / np.sin(alpha0)
+    cos0, sin0, f = np.cos(alpha0), np.sin(alpha0), confinement * np.sin(alpha0)
+    fall = 2.0 * np.sin(alpha0 + 0.5 * turn) * np.sin(0.5 * turn) / cos0
+    rise = 2.0 * np.cos(alpha0 + 0.5 * turn) * np.sin(0.5 * turn) / sin0
+    cos, sin = cos0 * (1.0 - fall), sin0 * (1.0 + rise)
+    N = (T * cos + f) / sin
     return DrainedState(
         E1=N + fall * (1.0 - N),
         E2=N - rise * (1.0 - N),
         length=1.0 - N,
-        alpha=alpha,
+        alpha=alpha0 + turn,
+        turn=turn,
         N=N,
         T=T,
-        s1=(T + f * np.cos(alpha)) / (np.sin(alpha) * np.sin(alpha0)),
+        s1=(T + f * cos) / (sin * sin0),
         s2=confinement * np.tan(alpha0) + 0.0 * N,
     )
 
@@ -102,7 +106,7 @@ def normal_force(alpha: FloatArray, f: FloatArray, T: FloatArray) -> FloatArray:
 def turning_stiffness(
     alpha: FloatArray, f: FloatArray, T: FloatArray, lambda2: FloatArray
 ) -> FloatArray:
-    """`K22/tan(alpha0)`: positive where a growing angle goes with a growing `E1` under drained load.
+    """`K22/tan(alpha0)`: positive where, under constant `s2`, `E1` grows with the angle.
 
     Parameters
     ----------

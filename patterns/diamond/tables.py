@@ -9,6 +9,13 @@ import numpy as np
 from patterns.diamond.arguments import acute_angle, confining_strain, friction_angle, nonnegative
 from patterns.diamond.isotropic import isotropic_strain
 
+_CHECKS = {
+    "alpha0": acute_angle,
+    "kappa": nonnegative,
+    "phi": friction_angle,
+    "confinement": confining_strain,
+}
+
 
 @dataclass(frozen=True)
 class DiamondParameters:
@@ -42,10 +49,8 @@ class DiamondParameters:
     confinement: float
 
     def __post_init__(self) -> None:
-        acute_angle("alpha0", self.alpha0)
-        nonnegative("kappa", self.kappa)
-        friction_angle("phi", self.phi)
-        confining_strain("confinement", self.confinement)
+        for name, check in _CHECKS.items():
+            object.__setattr__(self, name, float(check(name, getattr(self, name))))
 
     @property
     def mu(self) -> float:

@@ -21,6 +21,8 @@ SLIDING_SHARE = 0.999
 # Branches or normals of the file may differ from the centres by this share of the branch: text
 # with six digits is that coarse, a wrong cell or image is far beyond.
 GEOMETRY_TOLERANCE = 1e-3
+# Discs pack to 0.91 of the area without overlap; beyond this the cell belongs to something else.
+SOLID_LIMIT = 1.5
 
 
 def read_snapshot(
@@ -77,7 +79,7 @@ def read_snapshot(
     grains, table = Table(grains_path), Table(contacts_path)
     ids, is_wall, x, radii = _grains(grains)
     rows, pairs, wall_contacts = _pairs(table, ids, is_wall)
-    matrix = _cell(cell)
+    matrix = _cell(cell, radii)
     images = _images(table, rows, matrix, x, pairs)
     place = _Place(table, rows, ids[~is_wall])
     duplicate = find_duplicate(pairs, images, len(x))
@@ -94,6 +96,8 @@ def read_snapshot(
     normal, shear = _forces(table, rows, n, t)
     graph = graph.replace(normal_force=normal, shear_force=shear)
     law, regime, notes = _law(table, rows, normal, shear, kn, kt, mu)
+    if images is not None and not images.any():
+        notes = (*notes, "no contact crosses the border of the periodic cell")
     return Snapshot(graph, law, regime, ids[~is_wall], wall_contacts, notes)
 
 
@@ -183,7 +187,7 @@ def _pairs(
     return rows, number[found[rows]], int(np.count_nonzero(with_wall))
 
 
-def _cell(cell: ArrayLike | None) -> Floats | None:
+def _cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
     if cell is None:
         return None
     matrix = np.asarray(cell, dtype=float)
@@ -193,6 +197,14 @@ def _cell(cell: ArrayLike | None) -> Floats | None:
             str(matrix.tolist()),
             "two independent cell vectors as the columns of HXX, HXY, HYX, HYY",
             "Give the cell of this instant.",
+        )
+    solid = float(np.pi * np.sum(radii**2) / np.abs(np.linalg.det(matrix)))
+    if solid > SOLID_LIMIT:
+        raise InputError(
+            "cell",
+            f"{matrix.tolist()}, {solid:.3g} times filled by the grains",
+            f"a cell that holds them (at most {SOLID_LIMIT} times filled)",
+            "Check its unit and the order HXX, HXY, HYX, HYY.",
         )
     return matrix
 

@@ -7,7 +7,7 @@ force follows from the length, the shear force from the integral of the tangenti
 
 import numpy as np
 
-from loops import GrainGraph, Regime
+from loops import Regime
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 

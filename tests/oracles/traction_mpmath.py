@@ -57,7 +57,7 @@ def as_array(matrix):
 
 
 def _at(value, c):
-    return mp.mpf(float(np.broadcast_to(value, (c + 1,))[c]))
+    return mp.mpf(float(value if np.ndim(value) == 0 else value[c]))
 
 
 def _block(xi, xj, normal, shear, kn, kt, mu, regime):

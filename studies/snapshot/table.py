@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -13,8 +13,8 @@ from loops import (
     Faces,
     LoopBatch,
     Regime,
-    love_weber_stress,
     loop_batches,
+    love_weber_stress,
     macroscopic_tangent,
     polygon_area,
     polygon_centroid,
@@ -25,7 +25,13 @@ from patterns import Snapshot
 from stability import restrict, symmetric_spectrum, unstable_fraction
 
 Floats = NDArray[np.float64]
-CLOSURES = ("affine", "traction")
+CLOSURES: tuple[Literal["affine", "traction"], ...] = ("affine", "traction")
+MEASURES = (
+    *("x", "y", "area", "perimeter", "elongation", "orientation"),
+    *("sliding_contacts", "pressure", "deviator"),
+    *("affine_lambda_min", "traction_lambda_min"),
+    *("affine_unstable_fraction", "traction_unstable_fraction", "traction_condition"),
+)
 
 
 def loop_table(
@@ -59,11 +65,13 @@ def loop_table(
     row = np.full(len(faces.kind), -1)
     row[faces.loops] = np.arange(count)
     table: dict[str, Any] = {"loop": np.arange(count), "order": faces.order[faces.loops]}
+    for name in MEASURES:
+        table[name] = np.empty(count, dtype=np.int64 if name == "sliding_contacts" else np.float64)
     for batch in loop_batches(snapshot.graph, faces):
         columns = _shape(batch) | _mechanics(snapshot, batch, kn)
         at = row[batch.face]
         for name, values in columns.items():
-            table.setdefault(name, np.empty(count, dtype=values.dtype))[at] = values
+            table[name][at] = values
         if progress is not None:
             progress(len(at))
     table["grains"] = _members(snapshot, faces)

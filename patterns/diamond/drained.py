@@ -1,0 +1,231 @@
+"""The exact drained biaxial path of one diamond (theory note section 5).
+
+From the confined state A (isotropic strain, `T = 0`) `E1` grows under constant `s2`. The elastic
+part is a quadrature, the sliding part is algebraic, `N = f/(sin a - s mu cos a)` with
+`f = F2/(2 kn l0)`. The path is given over the branch angle, which determines the state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from loops.errors import InputError
+from patterns.diamond.arguments import FloatArray, finite
+from patterns.diamond.drained_batch import drained_end
+from patterns.diamond.drained_shear import advance_shear
+from patterns.diamond.drained_state import DrainedState, drained_state, turning_stiffness
+from patterns.diamond.tables import DiamondParameters
+
+
+@dataclass(frozen=True, eq=False)
+class DrainedPath:
+    """A drained biaxial path and its events.
+
+    Attributes
+    ----------
+    parameters : DiamondParameters
+        What the path follows from.
+    status : str
+        End of the elastic part: 'yield', 'opening', 'limit' or 'none', see `DrainedEnd`.
+    direction : int
+        +1 where alpha grows from A, -1 where it falls.
+    confined, end : DrainedState
+        State A, and the state at the end of the elastic part: B at yield, NaN if none.
+    snaps_back : bool
+        Whether `E1` stops growing at the end: K22 changes its sign as the contacts start to
+        slide, or vanishes ('limit'). The states beyond B then need another control than `E1`.
+    stick_angle : float
+        Angle at which sliding contacts stick again, radians; NaN if they slide on. Only a
+        falling alpha leads there: N then outgrows what slip can follow.
+    """
+
+    parameters: DiamondParameters
+    status: str
+    direction: int
+    confined: DrainedState
+    end: DrainedState
+    snaps_back: bool
+    stick_angle: float
+
+
+def drained_path(parameters: DiamondParameters) -> DrainedPath:
+    """Follow a diamond's drained biaxial path to the end of its elastic part.
+
+    Parameters
+    ----------
+    parameters : DiamondParameters
+        Shape, contact law and confinement.
+
+    Returns
+    -------
+    DrainedPath
+
+    Examples
+    --------
+    >>> from patterns.diamond import TABLE_2
+    >>> path = drained_path(TABLE_2)
+    >>> path.status, round(float(path.end.E1), 12), round(float(path.end.E2), 12)
+    ('yield', 0.41619122318, -0.072382919124)
+    """
+    p, zero = parameters, np.zeros(())
+    end = drained_end(p.alpha0, p.kappa, p.phi, p.confinement)
+    status, direction = str(end.status), int(end.direction)
+    sticks = status == "yield" and direction < 0
+    return DrainedPath(
+        parameters=p,
+        status=status,
+        direction=direction,
+        confined=drained_state(np.array(p.alpha0), np.array(p.confinement), zero, zero),
+        end=end.state,
+        snaps_back=_turns_back(p, direction, end.state) if status == "yield" else status == "limit",
+        stick_angle=_stick_angle(p, float(end.state.alpha)) if sticks else float("nan"),
+    )
+
+
+def drained_states(path: DrainedPath, alpha: ArrayLike) -> tuple[DrainedState, NDArray[np.str_]]:
+    """States of the path where the branch stands at `alpha`.
+
+    Parameters
+    ----------
+    path : DrainedPath
+        From `drained_path`.
+    alpha : array_like (...)
+        Branch angles from `alpha0` on in the path's direction, radians.
+
+    Returns
+    -------
+    state : DrainedState
+        Arrays (...). At B itself the state is still elastic.
+    regime : ndarray (...) of str
+        'elastic', 'sliding' or 'open'.
+
+    Raises
+    ------
+    InputError
+        If an angle lies against the path's direction, beyond a limit of strain control, at or
+        beyond 90 degrees, or where the grains' centres have met.
+
+    Examples
+    --------
+    >>> from patterns.diamond import TABLE_1
+    >>> state, regime = drained_states(drained_path(TABLE_1), np.radians([45.0, 48.0, 60.0]))
+    >>> regime.tolist(), state.s1.round(6).tolist()
+    (['elastic', 'elastic', 'sliding'], [0.3, 0.284151, 0.210062])
+    """
+    return drained_states_after_turn(path, finite("alpha", alpha) - path.parameters.alpha0)
+
+
+def drained_states_after_turn(
+    path: DrainedPath, turn: ArrayLike
+) -> tuple[DrainedState, NDArray[np.str_]]:
+    """States of the path after the branch has turned by `turn = alpha - alpha0`.
+
+    As `drained_states`, but exact to relative rounding errors also where stiff grains yield
+    after a turn of 1e-9.
+
+    Parameters
+    ----------
+    path : DrainedPath
+        From `drained_path`.
+    turn : array_like (...)
+        Turns from A in the path's direction, radians.
+
+    Returns
+    -------
+    state : DrainedState
+        Arrays (...).
+    regime : ndarray (...) of str
+        'elastic', 'sliding' or 'open'.
+
+    Raises
+    ------
+    InputError
+        As `drained_states`.
+
+    Examples
+    --------
+    >>> stiff = DiamondParameters(alpha0=0.7, kappa=0.5, phi=0.4, confinement=1e-12)
+    >>> path = drained_path(stiff)
+    >>> state, _ = drained_states_after_turn(path, path.end.turn)
+    >>> round(float(state.T / state.N) / stiff.mu, 12)
+    1.0
+    """
+    p, turn = path.parameters, _on_path(path, turn)
+    T, regime = _shear_and_regime(path, turn.reshape(-1))
+    alpha0, confinement = np.full(turn.shape, p.alpha0), np.full(turn.shape, p.confinement)
+    state = drained_state(alpha0, confinement, turn, T.reshape(turn.shape))
+    if np.any(state.length <= 0.0):
+        met = float(np.max(state.alpha[state.length <= 0.0]))
+        expected = "angles short of the one where the grains' centres meet (l = 0)"
+        raise InputError("alpha", f"{met:.17g}", expected, "Stay closer to alpha0.")
+    return state, regime.reshape(turn.shape)
+
+
+def _on_path(path: DrainedPath, turn: ArrayLike) -> FloatArray:
+    """Turns as an array, every one on the path."""
+    turn, alpha0 = finite("turn", turn), path.parameters.alpha0
+    last = 0.5 * np.pi if path.direction > 0 else 0.0
+    inside = (turn * path.direction >= 0.0) & ((last - alpha0 - turn) * path.direction > 0.0)
+    expected = f"angles from alpha0 = {alpha0:.17g} on, short of {last:.17g}"
+    if path.status == "limit":
+        inside &= turn <= path.end.turn
+        expected += f", up to the limit of strain control at {float(path.end.alpha):.17g}"
+    if not np.all(inside):
+        received = alpha0 + float(np.atleast_1d(turn)[~np.atleast_1d(inside)][0])
+        raise InputError("alpha", f"{received:.17g}", expected, "Move it.")
+    return turn
+
+
+def _shear_and_regime(path: DrainedPath, turn: FloatArray) -> tuple[FloatArray, NDArray[np.str_]]:
+    """Shear force and regime after turns (n,): elastic from A, sliding from B, stuck again."""
+    p, stick_turn = path.parameters, path.stick_angle - path.parameters.alpha0
+    if path.status == "opening":
+        return np.zeros_like(turn), np.full(turn.shape, "open")
+    past_yield = (turn - path.end.turn) * path.direction > 0.0
+    stuck = (turn - stick_turn) * path.direction > 0.0
+    sliding = past_yield & ~stuck
+    T = _elastic_shear(p, p.alpha0, 0.0, np.where(past_yield, 0.0, turn))
+    T[sliding] = _sliding_shear(path, p.alpha0 + turn[sliding])
+    stick_T = _sliding_shear(path, np.array([path.stick_angle]))[0]
+    T[stuck] = _elastic_shear(p, path.stick_angle, stick_T, turn[stuck] - stick_turn)
+    regime = np.where(sliding, "sliding" if p.confinement > 0.0 else "open", "elastic")
+    return T, regime
+
+
+def _elastic_shear(p: DiamondParameters, start: float, T: float, turn: FloatArray) -> FloatArray:
+    """Shear force after turns (n,) from the angle `start`, where it was `T`."""
+    same, f = np.ones_like(turn), p.confinement * np.sin(p.alpha0)
+    return advance_shear(T * same, start * same, turn, f * same, p.kappa * same)
+
+
+def _sliding_shear(path: DrainedPath, alpha: FloatArray) -> FloatArray:
+    """`T = s mu N` with `N = f/(sin a - s mu cos a)`; zero without lateral force."""
+    p, s = path.parameters, path.direction
+    force = p.confinement * np.sin(p.alpha0) * np.sin(p.phi)
+    return s * force / np.sin(alpha - s * p.phi) if force > 0.0 else np.zeros_like(alpha)
+
+
+def _turns_back(p: DiamondParameters, direction: int, B: DrainedState) -> bool:
+    """Whether K22 of the sliding contacts at B has another sign than on the elastic path."""
+    f = np.asarray(p.confinement * np.sin(p.alpha0))
+    lambda2 = np.asarray(-direction * p.mu * np.tan(B.alpha))
+    return bool(direction * turning_stiffness(B.alpha, f, B.T, lambda2) < 0.0)
+
+
+def _stick_angle(p: DiamondParameters, alpha_B: float) -> float:
+    """Angle where slip of falling alpha stops, `kappa l = mu N cot(alpha + phi)`; NaN if none."""
+    f = p.confinement * np.sin(p.alpha0)
+
+    def slip(theta: float) -> float:
+        stiff = p.kappa * (np.sin(theta) - f * np.cos(p.phi)) * np.sin(theta)
+        return float(stiff - f * np.sin(p.phi) * np.cos(theta))
+
+    theta_B = alpha_B + p.phi
+    last = max(p.phi, float(np.arcsin(f * np.cos(p.phi))))
+    if slip(theta_B) <= 0.0:
+        return alpha_B
+    return brentq(slip, last, theta_B, xtol=1e-16) - p.phi if slip(last) < 0.0 else float("nan")

@@ -1,0 +1,126 @@
+"""The command line: `grainloops`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from loops.errors import InputError
+
+app = typer.Typer(
+    invoke_without_command=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Stability of grain loops in two-dimensional granular media. Angles in degrees; "
+    "forces, stresses and strains positive in compression.",
+)
+
+Out = Annotated[Path, typer.Option(help="Result folder; created.", show_default=False)]
+Force = Annotated[bool, typer.Option("--force", help="Replace results of the same names.")]
+Csv = Annotated[bool, typer.Option("--csv", help="Write the tables as CSV too.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
+
+
+@app.callback()
+def grainloops(context: typer.Context) -> None:
+    """Show the help when no command is given."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@app.command()
+def snapshot(
+    path: Annotated[Path, typer.Argument(help="Table of grains (CSV, CSV.gz, Parquet).")],
+    out: Out,
+    contacts: Annotated[
+        Path | None, typer.Option(help="Table of contacts; found beside PATH by its name.")
+    ] = None,
+    cell: Annotated[
+        str | None,
+        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
+    ] = None,
+    kn: Annotated[float | None, typer.Option(help="Normal stiffness the table lacks.")] = None,
+    kt: Annotated[float | None, typer.Option(help="Shear stiffness the table lacks.")] = None,
+    mu: Annotated[float | None, typer.Option(help="Friction (tan) the table lacks.")] = None,
+    force: Force = False,
+    csv: Csv = False,
+    json: Json = False,
+) -> None:
+    """Find the loops of a DEM snapshot and judge the stability of each."""
+    from studies.snapshot import SnapshotInput, run_snapshot
+
+    source = SnapshotInput(path, contacts, _cell(cell), kn, kt, mu)
+    summary = run_snapshot(source, out, force=force, csv=csv)
+    _report(summary, out, json, _snapshot_lines)
+
+
+def _cell(text: str | None) -> tuple[float, float, float, float] | None:
+    if text is None:
+        return None
+    try:
+        xx, xy, yx, yy = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            "--cell", repr(text), "four numbers HXX,HXY,HYX,HYY", "Separate them by commas."
+        ) from None
+    return xx, xy, yx, yy
+
+
+def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
+    orders = "  ".join(f"{n}: {count}" for n, count in summary["orders"].items())
+    lines = [
+        f"{summary['grains']} grains, {summary['contacts']} contacts, "
+        f"coordination {summary['coordination']:.3f} without {summary['dangling_grains']} dangling",
+        f"{summary['loops']} loops, mean order {_number(summary['mean_order'])} ({orders})",
+        f"Euler's formula {'holds' if summary['euler_ok'] else 'FAILS'}; "
+        f"{100 * summary['sliding_fraction']:.1f} % of the contacts slide",
+    ]
+    for closure, shares in summary["unstable_fraction"].items():
+        text = "  ".join(f"{n}: {100 * share:.1f} %" for n, share in shares.items())
+        lines.append(f"unstable loops by order, {closure}: {text}")
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def _report(summary: dict[str, Any], out: Path, json: bool, lines: Any) -> None:
+    if json:
+        from studies.output import as_json
+
+        typer.echo(as_json(summary))
+        return
+    for line in [*lines(summary), f"results in {out}"]:
+        typer.echo(line)
+
+
+# click's UsageError, wherever typer keeps it.
+UsageError: Any = typer.BadParameter.__base__
+
+
+def main() -> None:
+    """Run the command; bad input gives one line on stderr and exit status 2."""
+    try:
+        status = app(standalone_mode=False)
+    except InputError as error:
+        _fail(str(error))
+    except UsageError as error:
+        _fail(f"{error.format_message().rstrip('.')}. Try 'grainloops --help'.")
+    except (typer.Abort, KeyboardInterrupt):
+        typer.echo("grainloops: interrupted; nothing was written.", err=True)
+        sys.exit(130)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _fail(message: str) -> None:
+    typer.echo(f"grainloops: {' '.join(message.split())}", err=True)
+    sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""The look of every figure: one palette, one size of type, and its source in every file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, cast
+
+import matplotlib as mpl
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from studies.output import as_json
+
+# Okabe and Ito's palette, told apart with any colour vision; yellow is too light for lines.
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+GREY, LIGHT_GREY = "#767676", "#D9D9D9"
+LINE_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+# Continuous maps that keep their order with any colour vision and in grey.
+SEQUENTIAL, DIVERGING = "cividis", "PuOr"
+
+# Widths in inches of one and of two columns of a journal.
+ONE_COLUMN, TWO_COLUMNS = 3.5, 7.2
+
+# Any: matplotlib types the keys by a list of its own that grows with its versions.
+STYLE: Any = {
+    "axes.axisbelow": True,
+    "axes.grid": False,
+    "axes.labelsize": 8.0,
+    "axes.linewidth": 0.7,
+    "axes.prop_cycle": cycler(color=LINE_COLOURS),
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 8.0,
+    "figure.dpi": 150.0,
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 8.0,
+    "legend.fontsize": 7.0,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4.5,
+    "mathtext.fontset": "dejavusans",
+    "savefig.dpi": 300.0,
+    # Without a salt of its own an SVG's identifiers, hence its bytes, differ from run to run.
+    "svg.hashsalt": "grainloops",
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """The platform's settings of matplotlib, as a context or as a decorator `@styled()`.
+
+    Artists take their settings when they are made: a drawing function is decorated whole. What is
+    drawn outside keeps the caller's settings.
+
+    Yields
+    ------
+    None
+
+    Examples
+    --------
+    >>> import matplotlib as mpl
+    >>> from studies.style import styled
+    >>> with styled():
+    ...     float(mpl.rcParams["savefig.dpi"])
+    300.0
+    """
+    with mpl.rc_context(STYLE):
+        yield
+
+
+@styled()
+def new_figure(width: float = ONE_COLUMN, height: float = 2.5) -> Figure:
+    """An empty figure without any global state; its layout keeps labels apart.
+
+    Parameters
+    ----------
+    width, height : float
+        Size, inches.
+
+    Returns
+    -------
+    Figure
+
+    Examples
+    --------
+    >>> from studies.style import new_figure
+    >>> [float(x) for x in new_figure(3.5, 2.0).get_size_inches()]
+    [3.5, 2.0]
+    """
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+@styled()
+def axes_or_new(ax: Axes | None, width: float = ONE_COLUMN, height: float = 2.5) -> Axes:
+    """The axes to draw into: the caller's, or those of a new figure.
+
+    Parameters
+    ----------
+    ax : Axes, optional
+        The caller's.
+    width, height : float
+        Size of the new figure, inches.
+
+    Returns
+    -------
+    Axes
+    """
+    return ax if ax is not None else new_figure(width, height).add_subplot()
+
+
+def figure_of(ax: Axes) -> Figure:
+    """The figure that axes belong to.
+
+    Parameters
+    ----------
+    ax : Axes
+        Not of a subfigure.
+
+    Returns
+    -------
+    Figure
+    """
+    return cast(Figure, ax.figure)
+
+
+def save_figure(fig: Figure, folder: Path, name: str, source: Mapping[str, Any]) -> None:
+    """Save a figure as PNG (300 dpi) and SVG, its provenance in the metadata of both.
+
+    The description in the metadata is the provenance as JSON. No date is written: the same
+    numbers give the same files.
+
+    Parameters
+    ----------
+    fig : Figure
+        What to save.
+    folder : Path
+        Where.
+    name : str
+        Name without its ending.
+    source : mapping
+        From `studies.output.provenance`.
+    """
+    said = {"Title": name, "Description": as_json(source)}
+    made_by = f"{source.get('command', 'grainloops')}, version {source.get('version', 'unknown')}"
+    with styled():
+        fig.savefig(folder / f"{name}.png", metadata={**said, "Software": made_by})
+        fig.savefig(folder / f"{name}.svg", metadata={**said, "Creator": made_by, "Date": None})

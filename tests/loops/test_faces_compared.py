@@ -1,0 +1,143 @@
+"""Faces against other ways to find them, and their invariances."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import shapely
+
+from loops import FaceKind, GrainGraph, euler_check, find_faces
+from patterns.synthetic import synthetic_network
+from tests.oracles.faces import half_edge_cycles, reference_faces
+
+
+def network(x, contacts, images=None, cell=None):
+    return GrainGraph(x=x, radii=np.full(len(x), 0.5), contacts=contacts, images=images, cell=cell)
+
+
+# Other ways to the same faces
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("grains", [10, 20, 60])
+def test_against_a_walk_over_dictionaries(grains, periodic):
+    for seed in range(60):
+        coordination = [2.5, 3.0, 3.7, 5.0][seed % 4]
+        graph = synthetic_network(grains, seed=seed, periodic=periodic, coordination=coordination)
+        graph = renumbered(graph, seed)
+        faces, expected = find_faces(graph), reference_faces(graph)
+        # The reference, too, starts at the smallest half-edge and goes on to the next smallest.
+        assert half_edge_cycles(faces) == [face.half_edges for face in expected]
+        assert faces.grains.tolist() == [g for face in expected for g in face.grains]
+        wound = np.array([any(face.winding) for face in expected], dtype=bool)
+        assert (faces.kind == FaceKind.WINDING).tolist() == wound.tolist()
+        area = np.array([face.area for face in expected])
+        assert np.abs(faces.area - area)[~wound] == pytest.approx(0, abs=1e-12)
+        assert ((faces.kind == FaceKind.LOOP) == ((area > 0) & ~wound)).all()
+
+
+@pytest.mark.parametrize("coordination", [2.3, 2.6, 3.2, 3.7, 5.0])
+def test_against_polygonize_face_by_face(coordination):
+    """Shapely's polygons are the loops, less bridges (dropped) and clusters inside (holes)."""
+    bridges, hung_holes, clusters = 0, 0, 0
+    for seed in range(8):
+        graph = synthetic_network(400, seed=seed, coordination=coordination)
+        faces = find_faces(graph)
+        cycles = [set(cycle) for cycle in half_edge_cycles(faces)]
+        face_of = {h: f for f, cycle in enumerate(cycles) for h in cycle}
+        found = []
+        for polygon, (shell, *holes) in polygonized(graph):
+            (loop,) = {face_of[h] for h in shell}
+            walls, inside = set(shell), set()
+            for hole in holes:
+                (around,) = {face_of[h] for h in hole}
+                if around == loop:  # hung up by a bridge or a pinch
+                    hung_holes += 1
+                    walls |= hole
+                else:  # a cluster with bridges of its own makes several holes
+                    assert faces.kind[around] == FaceKind.OUTER
+                    inside.add(around)
+            clusters += len(inside)
+            area = faces.area[loop] + faces.area[list(inside)].sum()
+            bridge = {
+                (c, forward) for c, forward in cycles[loop] if (c, not forward) in cycles[loop]
+            }
+            bridges += len(bridge) // 2
+            assert cycles[loop] - bridge == walls
+            assert polygon.area == pytest.approx(area, rel=1e-11)
+            found.append(loop)
+        assert sorted(found) == faces.loops.tolist()
+    if coordination < 2.5:
+        assert min(bridges, hung_holes, clusters) > 0
+
+
+def polygonized(graph):
+    """Shapely's polygons, each with its rings as sets of half-edges that have it on their left."""
+    grain = {tuple(point): g for g, point in enumerate(graph.x.tolist())}
+    contact = {tuple(pair): (c, True) for c, pair in enumerate(graph.contacts.tolist())}
+    contact |= {(j, i): (c, False) for (i, j), (c, _) in contact.items()}
+    for polygon in shapely.polygonize(shapely.linestrings(graph.x[graph.contacts])).geoms:
+        turned = shapely.geometry.polygon.orient(polygon)
+        walks = [[grain[p] for p in ring.coords] for ring in (turned.exterior, *turned.interiors)]
+        yield polygon, [{contact[pair] for pair in pairwise(walk)} for walk in walks]
+
+
+# Invariance
+
+
+def renumbered(graph, seed):
+    """The same graph with grains and contacts renumbered and half the contacts reversed."""
+    rng = np.random.default_rng(seed)
+    order, contact = rng.permutation(graph.grain_count), rng.permutation(graph.contact_count)
+    number = np.argsort(order)
+    contacts = number[graph.contacts][contact]
+    images = None if graph.images is None else graph.images[contact].copy()
+    back = rng.random(len(contacts)) < 0.5
+    contacts[back] = contacts[back, ::-1]
+    if images is not None:
+        images[back] *= -1
+    return network(graph.x[order], contacts, images, graph.cell)
+
+
+def assert_same(graph, expected):
+    """The same faces: kinds, orders and areas (of those that have one)."""
+    assert euler_check(graph, find_faces(graph)).ok
+    (kinds, areas), (expected_kinds, expected_areas) = measured(graph), measured(expected)
+    assert kinds == expected_kinds
+    assert areas == pytest.approx(expected_areas, rel=1e-9, abs=1e-9)
+
+
+def measured(graph):
+    faces = find_faces(graph)
+    area = np.where(faces.kind == FaceKind.WINDING, 0.0, faces.area)
+    rows = sorted(zip(faces.kind.tolist(), faces.order.tolist(), area.tolist(), strict=True))
+    return [row[:2] for row in rows], [row[2] for row in rows]
+
+
+def moved(graph, matrix, shift=0.0):
+    cell = None if graph.cell is None else matrix @ graph.cell
+    return network(graph.x @ np.transpose(matrix) + shift, graph.contacts, graph.images, cell)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("seed", range(5))
+def test_faces_do_not_depend_on_numbering_rotation_mirror_or_the_cells_origin(periodic, seed):
+    graph = synthetic_network(200, seed=seed, periodic=periodic)
+    angle = 0.3 + seed
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    assert_same(renumbered(graph, seed), graph)
+    assert_same(moved(graph, turn), graph)
+    assert_same(moved(graph, turn, [1e3, -1e4]), graph)
+    assert_same(moved(graph, np.diag([-1.0, 1.0])), graph)
+    if periodic:
+        rng = np.random.default_rng(seed)
+        home = rng.integers(-3, 4, size=(graph.grain_count, 2))
+        i, j = graph.contacts.T
+        images = graph.images + home[i] - home[j]
+        shifted = network(graph.x + home @ graph.cell.T, graph.contacts, images, graph.cell)
+        assert_same(shifted, graph)
+        # The same lattice of cells, spanned by other vectors.
+        other = np.array([[1, 1], [0, 1]])
+        back = np.array([[1, -1], [0, 1]])
+        images = graph.images @ back.T
+        assert_same(network(graph.x, graph.contacts, images, graph.cell @ other), graph)

@@ -1,0 +1,239 @@
+"""One exact drained path: 20-digit values, an integrated rate law, and what holds along it."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from loops import InputError
+from patterns.diamond import (
+    TABLE_1,
+    TABLE_2,
+    DiamondParameters,
+    branch_from_sides,
+    contact_displacement_rates,
+    drained_path,
+    drained_slope,
+    drained_states,
+    drained_states_after_turn,
+    elastic_moduli,
+    external_forces,
+    side_lengths,
+    sliding_moduli,
+    stresses,
+    tangent,
+)
+
+TWENTY_DIGITS = [
+    (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),
+    (TABLE_2, 0.41619122318013548716, -0.072382919123994869769, 0.31215593602737202138),
+]
+FALLING = DiamondParameters(alpha0=0.5, kappa=1.5, phi=0.1, confinement=0.65)
+STEEP = DiamondParameters(alpha0=1.2, kappa=0.7, phi=0.3, confinement=0.1)
+FLAT = DiamondParameters(alpha0=0.15, kappa=0.4, phi=0.25, confinement=0.02)
+STIFF = DiamondParameters(alpha0=0.7, kappa=0.5, phi=0.4, confinement=1e-8)
+PATHS = {
+    "Table 1": TABLE_1,
+    "Table 2": TABLE_2,
+    "falling": FALLING,
+    "steep": STEEP,
+    "flat": FLAT,
+    "stiff grains": STIFF,
+}
+
+
+def angles(path, count, end):
+    """Angles from `alpha0` to `end`, ends included."""
+    return np.linspace(path.parameters.alpha0, end, count)
+
+
+def moduli(path, state, sliding):
+    p = path.parameters
+    if sliding:
+        return sliding_moduli(state.alpha, p.mu, float(path.direction))
+    return elastic_moduli(p.kappa)
+
+
+@pytest.mark.parametrize(("parameters", "E1", "E2", "s1"), TWENTY_DIGITS)
+def test_yield_point_of_the_papers_tables(parameters, E1, E2, s1):
+    path = drained_path(parameters)
+    assert path.status == "yield"
+    assert not path.snaps_back
+    assert abs(path.end.E1 - E1) < 1e-14
+    assert abs(path.end.E2 - E2) < 1e-14
+    assert abs(path.end.s1 - s1) < 1e-14
+    assert abs(path.end.T - parameters.mu * path.end.N) < 1e-15
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_elastic_part_is_the_integral_of_the_rate_law(name):
+    # E1 as the clock, K of (26) as the law: neither the quadrature nor the angle's direction.
+    p, path = PATHS[name], drained_path(PATHS[name])
+    L10, L20 = side_lengths(1.0, p.alpha0)
+
+    def rates(E1, y):
+        length, alpha = branch_from_sides((1 - E1) * L10, (1 - y[0]) * L20)
+        s1, s2 = stresses(*external_forces(1 - length, y[1], alpha), L10, L20)
+        K = tangent(E1, y[0], s1, s2, p.alpha0, *elastic_moduli(p.kappa))
+        E2_rate = -K[1, 0] / K[1, 1]
+        _, ut_rate = contact_displacement_rates(L10, E2_rate * L20, alpha)
+        return [E2_rate, -p.kappa * ut_rate]
+
+    start = [p.confinement, 0.0]
+    span = (p.confinement, float(path.end.E1))
+    solution = solve_ivp(rates, span, start, method="DOP853", rtol=1e-12, atol=1e-15)
+    scale = span[1]
+    assert solution.y[0, -1] == pytest.approx(float(path.end.E2), abs=1e-11 * scale)
+    assert solution.y[1, -1] == pytest.approx(float(path.end.T), abs=1e-11 * scale)
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_states_balance_and_measure(name):
+    path = drained_path(PATHS[name])
+    p, end = path.parameters, float(path.end.turn)
+    state, regime = drained_states_after_turn(path, np.append(np.linspace(0, end, 20), 1.2 * end))
+    assert regime.tolist() == ["elastic"] * 20 + ["sliding"]
+    L10, L20 = side_lengths(1.0, p.alpha0)
+    L1, L2 = side_lengths(state.length, state.alpha)
+    np.testing.assert_allclose(1 - L1 / L10, state.E1, atol=1e-15)
+    np.testing.assert_allclose(1 - L2 / L20, state.E2, atol=1e-15 / np.tan(p.alpha0))
+    s1, s2 = stresses(*external_forces(state.N, state.T, state.alpha), L10, L20)
+    np.testing.assert_allclose(s1, state.s1, rtol=1e-14)
+    np.testing.assert_allclose(s2, p.confinement * np.tan(p.alpha0), rtol=1e-13)
+    np.testing.assert_array_equal(state.s2, p.confinement * np.tan(p.alpha0))
+    np.testing.assert_allclose(state.N, 1 - state.length, atol=2e-16)
+    friction = np.abs(state.T) / (p.mu * state.N)
+    assert np.all(np.diff(friction[:20]) > 0)
+    np.testing.assert_allclose(friction[19:], 1.0, rtol=1e-13)
+
+
+@pytest.mark.parametrize("sliding", [False, True])
+@pytest.mark.parametrize("name", ["Table 1", "Table 2", "falling", "steep", "flat"])
+def test_slope_of_the_path_is_the_papers(name, sliding):
+    # (33) with the tangent of either regime, against central differences along the path.
+    path = drained_path(PATHS[name])
+    span = float(path.end.alpha) - path.parameters.alpha0
+    middle = path.parameters.alpha0 + (1.1 if sliding else 0.6) * span
+    state, _ = drained_states(path, middle)
+    K = tangent(
+        state.E1, state.E2, state.s1, state.s2, path.parameters.alpha0,
+        *moduli(path, state, sliding),
+    )  # fmt: skip
+    steps = 0.05 * span * 0.5 ** np.arange(4)
+    near, _ = drained_states(path, middle + np.multiply.outer([-1.0, 1.0], steps))
+    errors = np.abs(np.diff(near.s1, axis=0) / np.diff(near.E1, axis=0) - drained_slope(K))[0]
+    assert errors[-1] < 1e-2 * abs(drained_slope(K))
+    assert np.polyfit(np.log(np.abs(steps)), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.1)
+    other = np.diff(near.E2, axis=0) / np.diff(near.E1, axis=0)
+    assert other[0, -1] == pytest.approx(-K[1, 0] / K[1, 1], rel=1e-2)
+
+
+@pytest.mark.parametrize("name", ["Table 1", "Table 2", "steep"])
+def test_slip_dissipates_and_strain_grows_beyond_yield(name):
+    path = drained_path(PATHS[name])
+    p, end = path.parameters, float(path.end.alpha)
+    state, regime = drained_states(path, np.linspace(end, np.pi / 2, 200, endpoint=False)[1:])
+    assert set(regime.tolist()) == {"sliding"}
+    slip_rate = state.length - p.mu * np.gradient(state.N, state.alpha) / p.kappa
+    assert np.all(slip_rate > 0)
+    assert np.all(np.diff(state.E1) > 0) != path.snaps_back
+    assert np.isnan(path.stick_angle)
+
+
+def test_snap_back_is_seen_in_the_strain():
+    path = drained_path(DiamondParameters(alpha0=0.6, kappa=0.4, phi=0.05, confinement=0.38))
+    assert path.status == "yield"
+    assert path.snaps_back
+    end = float(path.end.alpha)
+    before, _ = drained_states(path, [end - 1e-4, end])
+    after, _ = drained_states(path, [end, end + 1e-4])
+    assert before.E1[1] > before.E1[0]
+    assert after.E1[1] < after.E1[0]
+
+
+def test_falling_contacts_stick_again():
+    path = drained_path(FALLING)
+    p, stick = path.parameters, path.stick_angle
+    assert path.direction == -1
+    assert stick < float(path.end.alpha) < p.alpha0
+    state, regime = drained_states(path, stick + np.array([1e-3, 1e-9, -1e-9, -5e-3, -1e-2]))
+    assert regime.tolist() == ["sliding"] * 2 + ["elastic"] * 3
+    # The slip rate l - mu (dN/d|turn|)/kappa vanishes there, and the path is continuous.
+    h = 1e-6
+    near, _ = drained_states(path, stick + np.array([2 * h, h]))
+    slip = near.length.mean() - p.mu * (near.N[1] - near.N[0]) / h / p.kappa
+    assert abs(slip) < 1e-4
+    np.testing.assert_allclose(state.T[1], state.T[2], atol=1e-8)
+    assert np.all(np.diff(state.E1) > 0)
+    ratio = np.abs(state.T) / (p.mu * state.N)
+    np.testing.assert_allclose(ratio[:3], 1.0, rtol=1e-12)
+    assert np.all(np.diff(ratio[2:]) < 0)
+
+
+def test_unconfined_contacts_carry_nothing():
+    path = drained_path(DiamondParameters(alpha0=0.8, kappa=0.3, phi=0.5, confinement=0.0))
+    assert path.status == "opening"
+    state, regime = drained_states(path, [0.8, 1.0, 1.4])
+    assert regime.tolist() == ["open"] * 3
+    assert state.N.tolist() == state.T.tolist() == state.s1.tolist() == [0.0] * 3
+    np.testing.assert_allclose(state.E1, 1 - np.cos([0.8, 1.0, 1.4]) / np.cos(0.8), atol=1e-16)
+
+
+def test_unconfined_diamond_locks_until_the_friction_angle():
+    path = drained_path(DiamondParameters(alpha0=0.4, kappa=0.3, phi=0.5, confinement=0.0))
+    assert path.status == "yield"
+    assert float(path.end.alpha) == pytest.approx(0.5, abs=1e-16)
+    assert path.end.N > 0.02
+    assert path.snaps_back
+    state, regime = drained_states(path, [0.45, float(path.end.alpha), 0.6])
+    assert regime.tolist() == ["elastic", "elastic", "open"]
+    np.testing.assert_allclose(state.T[:2] / state.N[:2], np.tan([0.45, 0.5]), rtol=1e-14)
+    assert state.N[2] == 0.0
+
+
+def test_frictionless_contacts_slide_at_once():
+    path = drained_path(DiamondParameters(alpha0=0.8, kappa=0.3, phi=0.0, confinement=0.1))
+    assert path.status == "yield"
+    assert float(path.end.alpha) == 0.8
+    state, regime = drained_states(path, [0.8, 1.0])
+    assert regime.tolist() == ["elastic", "sliding"]
+    assert state.T.tolist() == [0.0, 0.0]
+    assert state.N[1] == pytest.approx(0.1 * np.sin(0.8) / np.sin(1.0), abs=1e-16)
+
+
+def test_without_slip_the_path_is_elastic_to_the_end():
+    path = drained_path(DiamondParameters(0.8, 0.3, np.pi / 2, 0.1))
+    assert path.status == "none"
+    assert np.isnan(path.end.E1)
+    state, regime = drained_states(path, [0.8, 1.2, np.pi / 2 - 1e-9])
+    assert regime.tolist() == ["elastic"] * 3
+    assert state.E1[-1] == pytest.approx(1.0, abs=1e-8)
+    assert state.N[-1] == pytest.approx(0.1 * np.sin(0.8), abs=1e-8)
+
+
+def test_strain_control_reaches_its_limit():
+    path = drained_path(DiamondParameters(alpha0=0.1, kappa=6.0, phi=1.5, confinement=0.1))
+    assert path.status == "limit"
+    assert path.snaps_back
+    E = path.end
+    K = tangent(E.E1, E.E2, E.s1, E.s2, 0.1, 6.0, 6.0)
+    assert abs(K[1, 1] / np.tan(0.1)) < 1e-12
+    state, _ = drained_states(path, angles(path, 50, float(E.alpha)))
+    assert np.all(np.diff(state.E1) > 0)
+    with pytest.raises(InputError, match="up to the limit of strain control"):
+        drained_states(path, float(E.alpha) + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "alpha", "message"),
+    [
+        (TABLE_1, 0.7, r"alpha: got 0\.69.*angles from alpha0 = 0\.785"),
+        (TABLE_1, np.pi / 2, r"short of 1\.57"),
+        (FALLING, 0.6, r"got 0\.59.*short of 0"),
+        (FALLING, 1e-3, r"centres meet"),
+        (TABLE_1, np.nan, r"alpha: got nan, expected a finite"),
+    ],
+)
+def test_angles_off_the_path_are_refused(parameters, alpha, message):
+    path = drained_path(parameters)
+    with pytest.raises(InputError, match=message):
+        drained_states(path, alpha)

@@ -1,0 +1,275 @@
+import gzip
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from loops import InputError, Regime, contact_forces, love_weber_stress
+from patterns import read_snapshot, sample_cell, sample_path
+
+GRAINS = {
+    "id": [10, 11, 12, 13, 99],
+    "type": [0, 0, 0, 0, 1],
+    "x": [0.0, 1.0, 1.0, 0.0, -0.5],
+    "y": [0.0, 0.0, 1.0, 1.0, 0.0],
+    "radius": [0.51, 0.51, 0.51, 0.51, 0.0],
+}
+CONTACTS = {
+    "id1": [10, 12, 12, 13, 99],
+    "id2": [11, 11, 13, 10, 10],
+    "nx": [1.0, 0.0, -1.0, 0.0, 1.0],
+    "ny": [0.0, -1.0, 0.0, -1.0, 0.0],
+    "fn": [2.0, 3.0, 4.0, 5.0, 1.0],
+    "fsx": [0.0, 0.3, 0.0, -0.5, 0.0],
+    "fsy": [0.2, 0.0, -0.4, 0.0, 0.0],
+    "kn": [100.0] * 5,
+    "ks": [50.0] * 5,
+    "mu": [0.5] * 5,
+    "sliding": [0, 0, 1, 0, 0],
+}
+
+
+def write(folder, grains=GRAINS, contacts=CONTACTS, ending="csv"):
+    for name, columns in (("grains", grains), ("contacts", contacts)):
+        path, table = folder / f"{name}_1.{ending}", pa.table(columns)
+        if ending == "parquet":
+            pyarrow.parquet.write_table(table, path)
+        else:
+            pyarrow.csv.write_csv(table, path)
+            if ending == "csv.gz":
+                path.write_bytes(gzip.compress(path.read_bytes()))
+    return folder / f"grains_1.{ending}"
+
+
+def changed(columns, **changes):
+    out = {name: list(values) for name, values in columns.items()} | changes
+    return {name: values for name, values in out.items() if values is not None}
+
+
+def at(columns, name, row, value):
+    values = list(columns[name])
+    values[row] = value
+    return columns | {name: values}
+
+
+@pytest.mark.parametrize("ending", ["csv", "csv.gz", "parquet"])
+def test_plain_tables(tmp_path, ending):
+    snapshot = read_snapshot(write(tmp_path, ending=ending))
+    graph = snapshot.graph
+    assert snapshot.ids.tolist() == [10, 11, 12, 13]
+    assert graph.contacts.tolist() == [[0, 1], [2, 1], [2, 3], [3, 0]]
+    assert snapshot.wall_contacts == 1
+    np.testing.assert_allclose(graph.normal_force, [2, 3, 4, 5], rtol=1e-15)
+    # T along the normal turned counter-clockwise: (0,1), (1,0), (0,-1), (1,0).
+    np.testing.assert_allclose(graph.shear_force, [0.2, 0.3, 0.4, -0.5], rtol=1e-15)
+    assert snapshot.regime.tolist() == [1, 1, 2, 1]
+    assert snapshot.law.kn.tolist() == [100.0] * 4
+    assert snapshot.notes == ()
+    assert graph.cell is None
+
+
+def test_total_force_on_grain_two_serves_as_well(tmp_path):
+    force = np.array([[2.0, 0.2], [0.3, -3.0], [-4.0, -0.4], [-0.5, -5.0], [1.0, 0.0]])
+    contacts = changed(
+        CONTACTS, fsx=None, fsy=None, fx_on_2=force[:, 0].tolist(), fy_on_2=force[:, 1].tolist()
+    )
+    graph = read_snapshot(write(tmp_path, contacts=contacts)).graph
+    np.testing.assert_allclose(contact_forces(graph), force[:4], atol=1e-15)
+    np.testing.assert_allclose(graph.shear_force, [0.2, 0.3, 0.4, -0.5], rtol=1e-15)
+
+
+def test_what_is_optional_costs_only_what_depends_on_it(tmp_path):
+    contacts = changed(CONTACTS, sliding=None)
+    snapshot = read_snapshot(write(tmp_path, contacts=contacts))
+    assert snapshot.regime.tolist() == [1, 1, 1, 1]
+    assert "sliding where |T| >= 0.999 mu N" in snapshot.notes[0]
+
+    slides = changed(CONTACTS, sliding=None, fsy=[1.0, 0.0, -1.9979, 0.0, 0.0])
+    snapshot = read_snapshot(write(tmp_path, contacts=slides))
+    assert snapshot.regime.tolist() == [2, 1, 1, 1]  # 1.9979 < 0.999 * 2
+
+    frictionless = changed(CONTACTS, mu=None)
+    snapshot = read_snapshot(write(tmp_path, contacts=frictionless))
+    np.testing.assert_allclose(snapshot.law.mu, [np.inf, np.inf, 0.1, np.inf], rtol=1e-15)
+    assert "|T|/N" in snapshot.notes[0]
+
+    bare = changed(CONTACTS, mu=None, sliding=None, kn=None, ks=None)
+    snapshot = read_snapshot(write(tmp_path, contacts=bare), kn=7.0, kt=3.0)
+    assert snapshot.regime.tolist() == [1, 1, 1, 1]
+    assert snapshot.law.kt.tolist() == [3.0] * 4
+    assert len(snapshot.notes) == 3
+
+    grains = changed(GRAINS, type=None, radius=[0.51] * 5)
+    assert read_snapshot(write(tmp_path, grains=grains)).graph.contact_count == 5
+
+
+def test_a_given_parameter_does_not_replace_a_column(tmp_path):
+    snapshot = read_snapshot(write(tmp_path), kn=7.0)
+    assert snapshot.law.kn.tolist() == [100.0] * 4
+    assert "--kn 7.0 not used" in snapshot.notes[0]
+
+
+def periodic():
+    """The square as a 2 x 2 periodic cell; contacts wrap in both directions, branches given."""
+    grains = {"id": [0, 1], "x": [0.1, 1.1], "y": [0.2, 0.2], "radius": [0.51, 0.51]}
+    contacts = {
+        "id1": [0, 1, 0],
+        "id2": [1, 0, 0],
+        "cell_dx": [0, 1, 0],
+        "cell_dy": [0, 0, 1],
+        "branch_x": [1.0, 1.0, 0.2],
+        "branch_y": [0.0, 0.0, 1.0],
+        "fn": [1.0, 1.0, 2.0],
+        "fsx": [0.0] * 3,
+        "fsy": [0.0] * 3,
+        "kn": [1.0] * 3,
+        "ks": [1.0] * 3,
+    }
+    return grains, contacts, [[2.0, 0.2], [0.0, 1.0]]
+
+
+def test_images_given_or_reconstructed(tmp_path):
+    grains, contacts, cell = periodic()
+    given = read_snapshot(write(tmp_path, grains, contacts), cell=cell)
+    assert given.graph.images.tolist() == [[0, 0], [1, 0], [0, 1]]
+    without = changed(contacts, cell_dx=None, cell_dy=None)
+    found = read_snapshot(write(tmp_path, grains, without), cell=cell)
+    assert found.graph.images.tolist() == given.graph.images.tolist()
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        (None, ["row 1", "[1, 0]", "--cell"]),
+        ([[2.1, 0.2], [0.0, 1.0]], ["row 1", "branch [1.0, 0.0]", "cell of this instant"]),
+        ([[2.0, 0.0], [0.0, 1.0]], ["row 2", "branch [0.2, 1.0]"]),
+        ([[1.0, 1.0], [1.0, 1.0]], ["cell", "independent"]),
+        ([[2.0, np.nan], [0.0, 1.0]], ["cell", "nan"]),
+        ([2.0, 1.0], ["cell", "HXX"]),
+        ([[1.0, 0.0], [0.0, 1.0]], ["cell", "1.63 times filled"]),
+    ],
+)
+def test_a_wrong_cell_is_refused(tmp_path, cell, words):
+    grains, contacts, _ = periodic()
+    with pytest.raises(InputError) as caught:
+        read_snapshot(write(tmp_path, grains, contacts), cell=cell)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def refused(tmp_path, grains=GRAINS, contacts=CONTACTS, **arguments):
+    with pytest.raises(InputError) as caught:
+        read_snapshot(write(tmp_path, grains, contacts), **arguments)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("name", ["id", "x", "y", "radius"])
+def test_missing_grain_column(tmp_path, name):
+    message = refused(tmp_path, grains=changed(GRAINS, **{name: None}))
+    assert f"column '{name}'" in message
+    assert "grains_1.csv" in message
+
+
+@pytest.mark.parametrize("name", ["id1", "id2", "nx", "ny", "fn", "kn", "ks"])
+def test_missing_contact_column(tmp_path, name):
+    message = refused(tmp_path, contacts=changed(CONTACTS, **{name: None}))
+    assert f"column '{name}'" in message
+    assert "contacts_1.csv" in message
+
+
+def test_missing_shear_force(tmp_path):
+    message = refused(tmp_path, contacts=changed(CONTACTS, fsy=None))
+    assert "fsx, fsy" in message
+    assert "fx_on_2" in message
+
+
+def test_values_that_are_no_numbers(tmp_path):
+    message = refused(tmp_path, grains=at(GRAINS, "x", 2, float("nan")))
+    assert "column 'x'" in message
+    assert "row 2" in message
+    message = refused(tmp_path, contacts=at(CONTACTS, "fn", 1, None))
+    assert "column 'fn'" in message
+    assert "row 1" in message
+    message = refused(tmp_path, contacts=changed(CONTACTS, kn=["a"] * 5))
+    assert "column 'kn'" in message
+    message = refused(tmp_path, contacts=at(CONTACTS, "id1", 0, 10.5))
+    assert "10.5" in message
+    assert "whole number" in message
+
+
+def test_bad_grains(tmp_path):
+    message = refused(tmp_path, grains=at(at(GRAINS, "x", 1, 0.0), "y", 1, 0.0))
+    assert "grains 10 and 11 at the same place" in message
+    for radius in (0.0, -0.5):
+        message = refused(tmp_path, grains=at(GRAINS, "radius", 2, radius))
+        assert "radius of grain 12" in message
+        assert str(radius) in message
+    assert "id 10 2 times" in refused(tmp_path, grains=at(GRAINS, "id", 3, 10))
+    assert "walls alone" in refused(tmp_path, grains=changed(GRAINS, type=[1] * 5))
+
+
+def test_bad_contacts(tmp_path):
+    message = refused(tmp_path, contacts=at(CONTACTS, "id2", 1, 77))
+    assert "row 1" in message
+    assert "grain 77" in message
+    twice = {name: [*values, values[0]] for name, values in CONTACTS.items()}
+    message = refused(tmp_path, contacts=twice)
+    assert "row 5 (grains 10 and 11)" in message
+    assert "row 0" in message
+    back = changed(twice, id1=[*CONTACTS["id1"], 11], id2=[*CONTACTS["id2"], 10])
+    assert "the same contact as row 0" in refused(tmp_path, contacts=back)
+    walls = {name: values[4:] for name, values in CONTACTS.items()}
+    assert "no contact between grains" in refused(tmp_path, contacts=walls)
+    none = {"id1": pa.array([], pa.int64())} | {
+        name: pa.array([], pa.float64()) for name in CONTACTS if name != "id1"
+    }
+    assert "no rows" in refused(tmp_path, contacts=none)
+    turned = at(at(CONTACTS, "nx", 0, -1.0), "ny", 0, 0.0)
+    assert "row 0 (grains 10 and 11)" in refused(tmp_path, contacts=turned)
+    assert "kn of the contact law" in refused(tmp_path, contacts=at(CONTACTS, "kn", 0, 0.0))
+
+
+def test_files_that_are_not_there_or_not_whole(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_snapshot(tmp_path / "grains_none.csv")
+    with pytest.raises(InputError, match="no 'grains' in it"):
+        read_snapshot(tmp_path / "positions.csv")
+    for ending in ("csv", "csv.gz", "parquet"):
+        path = write(tmp_path, ending=ending)
+        whole = path.read_bytes()
+        path.write_bytes(b"")
+        with pytest.raises(InputError, match="empty file"):
+            read_snapshot(path)
+        for cut in (len(whole) // 3, len(whole) // 2, len(whole) - 2):
+            path.write_bytes(whole[:cut])
+            with pytest.raises(InputError, match="complete|truncated"):
+                read_snapshot(path)
+    other = tmp_path / "grains_1.txt"
+    other.write_text("id x y\n")
+    with pytest.raises(InputError, match=r"\.csv, \.csv\.gz or \.parquet"):
+        read_snapshot(other)
+
+
+def test_contacts_elsewhere(tmp_path):
+    path = write(tmp_path)
+    other = tmp_path / "elsewhere.csv"
+    (tmp_path / "contacts_1.csv").rename(other)
+    assert read_snapshot(path, other).graph.contact_count == 4
+    with pytest.raises(InputError, match="contacts_1.csv: got no such file"):
+        read_snapshot(path)
+
+
+def test_periodic_sample_has_the_stress_that_yade_gives():
+    """Love-Weber over every contact against Yade's own, sheared cell: 1e-12 relative is asked."""
+    snapshot = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
+    expected = np.array(json.loads(sample_path("macro.json").read_text())["stress"])
+    error = np.abs(love_weber_stress(snapshot.graph) - expected).max()
+    assert error < 1e-14 * np.abs(expected).max()
+    assert np.mean(snapshot.regime == Regime.SLIDING) == pytest.approx(
+        0.0589112602535421, rel=1e-12
+    )

@@ -1,0 +1,310 @@
+import json
+import sys
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+
+from loops import LinearFrictional, Regime, find_faces, love_weber_stress
+from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
+from stability import imhof_fraction
+from studies.cli import main
+from studies.snapshot.table import loop_table
+from tests.oracles.traction_mpmath import as_array, traction_tangent_50
+from tests.patterns.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
+
+KEYS = [
+    "loop",
+    "order",
+    "x",
+    "y",
+    "area",
+    "perimeter",
+    "elongation",
+    "orientation",
+    "sliding_contacts",
+    "pressure",
+    "deviator",
+    "affine_lambda_min",
+    "traction_lambda_min",
+    "affine_unstable_fraction",
+    "traction_unstable_fraction",
+]
+SUMMARY_KEYS = """grains contacts dangling_grains components vertices edges faces euler_ok coordination
+loops orders mean_order area_sum stress sliding_fraction unstable_fraction""".split()
+FILES = {
+    "loops.parquet",
+    "orders.parquet",
+    "summary.json",
+    "map.png",
+    "map.svg",
+    "orders.png",
+    "orders.svg",
+}
+PERIODIC = sample_path("grains_periodic.parquet")
+CELL = ",".join(repr(float(value)) for value in sample_cell().ravel())
+SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
+
+
+def run(monkeypatch, *arguments):
+    """Exit status of the command."""
+    monkeypatch.setattr(sys, "argv", ["grainloops", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    return stop.value.code
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """The command on the periodic sample, run once."""
+    out = tmp_path_factory.mktemp("results") / "periodic"
+    with pytest.MonkeyPatch.context() as patch:
+        assert run(patch, "snapshot", PERIODIC, "--cell", CELL, "--out", out, "--csv") == 0
+    return out
+
+
+def test_files_and_keys(results):
+    assert {path.name for path in results.iterdir()} == FILES | {"loops.csv", "orders.csv"}
+    summary = json.loads((results / "summary.json").read_text())
+    assert set(SUMMARY_KEYS) <= set(summary)
+    assert list(summary) == sorted(summary)
+    table = pd.read_parquet(results / "loops.parquet")
+    assert set(KEYS) <= set(table.columns)
+    assert len(table) == summary["loops"]
+    assert (table["grains"].str.len() == table["order"]).all()
+    csv = pd.read_csv(results / "loops.csv")
+    np.testing.assert_allclose(csv[KEYS], table[KEYS], rtol=1e-15)
+
+
+def test_summary_of_the_periodic_sample(results):
+    """Counts by an independent tool of the sample's makers, and exact relations."""
+    s = json.loads((results / "summary.json").read_text())
+    assert (s["grains"], s["contacts"], s["wall_contacts"]) == (2000, 2682, 0)
+    assert s["vertices"] + s["dangling_grains"] == s["grains"]
+    assert s["euler_ok"]
+    assert s["vertices"] - s["edges"] + s["faces"] == 2 * (s["components"] - 1)
+    assert sum(s["orders"].values()) == s["loops"]
+    assert s["mean_order"] == pytest.approx(s["mean_order_from_coordination"], rel=1e-12)
+    area = np.linalg.det(sample_cell())
+    assert s["area_sum"] == pytest.approx(area, rel=1e-12)
+    expected = np.array(json.loads(sample_path("macro.json").read_text())["stress"])
+    np.testing.assert_allclose(s["stress"], expected, rtol=0, atol=1e-12 * expected.max())
+    assert s["untrusted_loops"] == {"affine": 0, "traction": 0}
+    assert s["provenance"]["configuration"]["cell"] == sample_cell().ravel().tolist()
+
+
+def test_unstable_fraction_counts_the_tables_negative_eigenvalues(results):
+    summary = json.loads((results / "summary.json").read_text())
+    table = pd.read_parquet(results / "loops.parquet")
+    for closure in ("affine", "traction"):
+        share = (table[f"{closure}_lambda_min"] < 0).groupby(table["order"]).mean()
+        found = summary["unstable_fraction"][closure]
+        assert found == {str(n): pytest.approx(value) for n, value in share.items()}
+        unstable = table[f"{closure}_lambda_min"] < 0
+        assert ((table[f"{closure}_unstable_fraction"] > 0) == unstable).all()
+    assert (table["traction_lambda_min"] < 0).sum() == 7
+
+
+def test_table_against_fifty_digits(results):
+    """Rows drawn at random, and every unstable one: traction operator by 50-digit arithmetic."""
+    snapshot = read_snapshot(PERIODIC, cell=sample_cell())
+    graph, mean_kn = snapshot.graph, float(np.mean(snapshot.law.kn))
+    table = pd.read_parquet(results / "loops.parquet")
+    number = {grain: k for k, grain in enumerate(snapshot.ids.tolist())}
+    contact = {}
+    for c, (i, j) in enumerate(graph.contacts.tolist()):
+        contact[i, j], contact[j, i] = (c, 1), (c, -1)
+    rng = np.random.default_rng(1)
+    short = table["order"] <= 7
+    rows = [
+        *rng.choice(np.flatnonzero(short), 6, replace=False),
+        *np.flatnonzero(short & (table["traction_lambda_min"] < 0)),
+    ]
+    inverse = np.linalg.inv(sample_cell())
+    for row in rows:
+        members = [number[grain] for grain in table["grains"][row]]
+        x, picked = [graph.x[members[0]]], []
+        for i, j in zip(members, members[1:] + members[:1], strict=True):
+            c, _ = contact[i, j]
+            picked.append(c)
+            step = graph.x[j] - graph.x[i]
+            x.append(x[-1] + step - sample_cell() @ np.rint(inverse @ step))
+        a = as_array(
+            traction_tangent_50(
+                x[:-1],
+                x[:-1],
+                graph.normal_force[picked],
+                graph.shear_force[picked],
+                snapshot.law.kn[picked],
+                snapshot.law.kt[picked],
+                0.5,
+                snapshot.regime[picked],
+            )
+        )
+        k = SYMMETRIC @ a @ SYMMETRIC.T / mean_kn
+        spectrum = np.linalg.eigvalsh(0.5 * (k + k.T))
+        scale = np.abs(spectrum).max()
+        assert abs(table["traction_lambda_min"][row] - spectrum[0]) < 1e-11 * scale
+        share = table["traction_unstable_fraction"][row]
+        assert share == pytest.approx(float(imhof_fraction(spectrum)), abs=1e-9)
+        slides = np.count_nonzero(snapshot.regime[picked] == Regime.SLIDING)
+        assert table["sliding_contacts"][row] == slides
+
+
+def test_half_shared_pressures_make_the_samples(results):
+    """Area-weighted mean pressure of the loops against the sample's, dangling contacts aside."""
+    snapshot = read_snapshot(PERIODIC, cell=sample_cell())
+    table = pd.read_parquet(results / "loops.parquet")
+    faces = find_faces(snapshot.graph)
+    assert len(faces.loops) == len(table)
+    kept = np.isin(np.arange(snapshot.graph.contact_count), faces.contacts)
+    graph = snapshot.graph
+    network = graph.replace(
+        normal_force=np.where(kept, graph.normal_force, 0.0),
+        shear_force=np.where(kept, graph.shear_force, 0.0),
+    )
+    expected = np.trace(love_weber_stress(network)) / 2
+    mean = np.average(table["pressure"], weights=table["area"])
+    assert mean == pytest.approx(expected, rel=1e-12)
+
+
+def test_table_of_a_network_whose_loops_are_triangles():
+    """Regular triangles under N alone: every number in closed form."""
+    graph = synthetic_network(64, seed=1, periodic=True)
+    snapshot = Snapshot(
+        graph=graph,
+        law=LinearFrictional(kn=np.full(graph.contact_count, 2.0), kt=1.0),
+        regime=np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8),
+        ids=np.arange(graph.grain_count) + 100,
+        wall_contacts=0,
+        notes=(),
+    )
+    done = []
+    table = loop_table(snapshot, find_faces(graph), done.append)
+    assert sum(done) == len(table["loop"])
+    assert min(grain for row in table["grains"].to_pylist() for grain in row) >= 100
+
+
+def test_json_on_stdout(monkeypatch, tmp_path, capsys):
+    assert run(monkeypatch, "snapshot", write(tmp_path), "--out", tmp_path / "r", "--json") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "r" / "summary.json").read_text())
+    assert printed["orders"] == {"4": 1}
+    # One square of side 1, areas and stress by hand: sum f (x) d over the polygon's area.
+    assert printed["area_sum"] == pytest.approx(1.0)
+    expected = [[2.0 + 4.0, 0.3 - 0.5 * -1.0 * -1.0], [0.2 + 0.4, 3.0 + 5.0]]
+    d = np.array([[1, 0], [0, -1], [-1, 0], [0, -1]])
+    f = np.array([[2.0, 0.2], [0.3, -3.0], [-4.0, -0.4], [-0.5, -5.0]])
+    np.testing.assert_allclose(printed["stress"], f.T @ d, rtol=1e-14)
+    assert np.shape(expected) == (2, 2)
+
+
+def test_provenance_is_in_every_table_and_figure(results):
+    for name in ("loops", "orders"):
+        metadata = pyarrow.parquet.read_schema(results / f"{name}.parquet").metadata
+        assert json.loads(metadata[b"grainloops"])["command"] == "grainloops snapshot"
+    for name in ("map", "orders"):
+        assert b"grainloops snapshot" in (results / f"{name}.png").read_bytes()
+        assert "grainloops snapshot" in (results / f"{name}.svg").read_text()
+
+
+BAD = [
+    ({"grains": changed(GRAINS, radius=None)}, "column 'radius'"),
+    ({"grains": at(GRAINS, "x", 1, float("nan"))}, "column 'x'"),
+    ({"grains": at(at(GRAINS, "x", 1, 0.0), "y", 1, 0.0)}, "grains 10 and 11"),
+    ({"contacts": at(CONTACTS, "id1", 0, 5)}, "grain 5"),
+    ({"grains": at(GRAINS, "radius", 0, -1.0)}, "radius of grain 10"),
+    ({"contacts": {k: [*v, v[0]] for k, v in CONTACTS.items()}}, "the same contact as row 0"),
+    ({"contacts": {k: v[4:] for k, v in CONTACTS.items()}}, "no contact between grains"),
+]
+
+
+@pytest.mark.parametrize(("tables", "word"), BAD)
+def test_bad_input_gives_one_line_and_writes_nothing(monkeypatch, tmp_path, capsys, tables, word):
+    path, out = write(tmp_path, **tables), tmp_path / "out"
+    before = sorted(tmp_path.iterdir())
+    assert run(monkeypatch, "snapshot", path, "--out", out) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert captured.err.startswith("grainloops: ")
+    assert word in captured.err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_crossing_branches_are_named(monkeypatch, tmp_path, capsys):
+    diagonal = 0.5**0.5
+    extra = {
+        "id1": [10, 11],
+        "id2": [12, 13],
+        "nx": [diagonal, -diagonal],
+        "ny": [diagonal, diagonal],
+        "fn": [1.0, 1.0],
+        "fsx": [0.0, 0.0],
+        "fsy": [0.0, 0.0],
+        "kn": [1.0, 1.0],
+        "ks": [1.0, 1.0],
+        "mu": [0.5, 0.5],
+        "sliding": [0, 0],
+    }
+    contacts = {name: [*values, *extra[name]] for name, values in CONTACTS.items()}
+    path = write(tmp_path, contacts=contacts)
+    assert run(monkeypatch, "snapshot", path, "--out", tmp_path / "out") == 2
+    message = capsys.readouterr().err
+    assert "1 pairs of crossing branches" in message
+    assert "10-12" in message
+    assert "11-13" in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_are_never_lost(monkeypatch, tmp_path, capsys):
+    path, out = write(tmp_path), tmp_path / "out"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    assert run(monkeypatch, "snapshot", path, "--out", out) == 2
+    assert "--force" in capsys.readouterr().err
+    assert [file.name for file in out.iterdir()] == ["notes.txt"]
+    assert run(monkeypatch, "snapshot", path, "--out", out, "--force") == 0
+    assert {file.name for file in out.iterdir()} == FILES | {"notes.txt"}
+    before = (out / "summary.json").read_bytes()
+    # A failing run with --force leaves what was there.
+    broken = write(tmp_path, contacts=at(CONTACTS, "id1", 0, 5))
+    assert run(monkeypatch, "snapshot", broken, "--out", out, "--force") == 2
+    assert (out / "summary.json").read_bytes() == before
+    assert run(monkeypatch, "snapshot", path, "--out", path, "--force") == 2
+    assert not [file for file in tmp_path.iterdir() if file.name.startswith(".")]
+
+
+def test_wrong_usage_is_one_line(monkeypatch, capsys):
+    for arguments in (["snapshot"], ["nothing"], ["snapshot", "--kn", "abc", "x", "--out", "y"]):
+        assert run(monkeypatch, *arguments) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+    assert run(monkeypatch, "snapshot", "grains.csv", "--out", "y", "--cell", "1,2") == 2
+    assert "--cell: got '1,2'" in capsys.readouterr().err
+    assert run(monkeypatch) == 0
+    assert "snapshot" in capsys.readouterr().out
+
+
+def test_a_snapshot_without_loops_still_gives_its_counts(monkeypatch, tmp_path):
+    chain = {name: values[:2] for name, values in CONTACTS.items()}
+    out = tmp_path / "out"
+    assert run(monkeypatch, "snapshot", write(tmp_path, contacts=chain), "--out", out) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["loops"], summary["mean_order"], summary["stress"]) == (0, None, None)
+    assert summary["dangling_grains"] == 4
+
+
+def test_same_input_gives_the_same_files(tmp_path, monkeypatch):
+    path = write(tmp_path, ending="parquet")
+    for name in ("one", "two"):
+        assert run(monkeypatch, "snapshot", path, "--out", tmp_path / name) == 0
+    for file in (tmp_path / "one").iterdir():
+        assert file.read_bytes() == (tmp_path / "two" / file.name).read_bytes(), file.name
+
+
+def test_table_is_a_plain_arrow_table(results):
+    schema = pyarrow.parquet.read_schema(results / "loops.parquet")
+    assert pa.types.is_integer(schema.field("order").type)
+    assert pa.types.is_floating(schema.field("traction_lambda_min").type)
