@@ -24,7 +24,7 @@ def _frozen(values: ArrayLike, dtype: type) -> NDArray[Any]:
     return array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class GrainGraph:
     """Grains in the plane and the contacts between them, one state or a batch of states.
 
@@ -72,31 +72,43 @@ class GrainGraph:
     x: Floats
     radii: Floats
     contacts: Integers
-    normal_force: Floats = None  # type: ignore[assignment]
-    shear_force: Floats = None  # type: ignore[assignment]
-    x0: Floats = None  # type: ignore[assignment]
-    images: Integers | None = None
-    cell: Floats | None = None
-    cell0: Floats | None = None
+    normal_force: Floats
+    shear_force: Floats
+    x0: Floats
+    images: Integers | None
+    cell: Floats | None
+    cell0: Floats | None
 
-    def __post_init__(self) -> None:
-        contacts = np.asarray(self.contacts)
-        if contacts.size == 0:
-            contacts = contacts.reshape(0, 2)
-        no_force = np.zeros(len(contacts))
-        values = {
-            "x": _frozen(self.x, float),
-            "radii": _frozen(self.radii, float),
-            "contacts": _frozen(_as_integers("contacts", contacts), np.int64),
-            "normal_force": _frozen(_or(self.normal_force, no_force), float),
-            "shear_force": _frozen(_or(self.shear_force, no_force), float),
+    def __init__(
+        self,
+        x: ArrayLike,
+        radii: ArrayLike,
+        contacts: ArrayLike,
+        normal_force: ArrayLike | None = None,
+        shear_force: ArrayLike | None = None,
+        x0: ArrayLike | None = None,
+        images: ArrayLike | None = None,
+        cell: ArrayLike | None = None,
+        cell0: ArrayLike | None = None,
+    ) -> None:
+        pairs = _integers("contacts", contacts, columns=2)
+        no_force = np.zeros(pairs.shape[:1])
+        values: dict[str, Any] = {
+            "x": _frozen(x, float),
+            "radii": _frozen(radii, float),
+            "contacts": pairs,
+            "normal_force": _frozen(no_force if normal_force is None else normal_force, float),
+            "shear_force": _frozen(no_force if shear_force is None else shear_force, float),
+            "images": None if images is None else _integers("images", images, columns=2),
+            "cell": None if cell is None else _frozen(cell, float),
+            "cell0": None if cell0 is None else _frozen(cell0, float),
         }
-        values["x0"] = values["x"] if self.x0 is None else _frozen(self.x0, float)
-        if self.cell is not None:
-            images = _or(self.images, np.zeros((len(contacts), 2), dtype=np.int64))
-            values["cell"] = _frozen(self.cell, float)
-            values["cell0"] = values["cell"] if self.cell0 is None else _frozen(self.cell0, float)
-            values["images"] = _frozen(_as_integers("images", np.asarray(images)), np.int64)
+        values["x0"] = values["x"] if x0 is None else _frozen(x0, float)
+        if values["cell"] is not None:
+            if values["images"] is None:
+                values["images"] = _frozen(np.zeros(pairs.shape, dtype=np.int64), np.int64)
+            if values["cell0"] is None:
+                values["cell0"] = values["cell"]
         for name, value in values.items():
             object.__setattr__(self, name, value)
         check_graph(self)
@@ -139,14 +151,13 @@ class GrainGraph:
         return replace(self, **changes)
 
 
-def _or(value: Any, default: Any) -> Any:
-    return default if value is None else value
-
-
-def _as_integers(name: str, values: NDArray[Any]) -> NDArray[Any]:
-    if values.size and not np.issubdtype(values.dtype, np.integer):
-        raise InputError(name, f"dtype {values.dtype}", "integers", "Convert the array first.")
-    return values
+def _integers(name: str, values: ArrayLike, columns: int) -> Integers:
+    array = np.asarray(values)
+    if array.size == 0:
+        array = np.empty((0, columns), dtype=np.int64)
+    if not np.issubdtype(array.dtype, np.integer):
+        raise InputError(name, f"dtype {array.dtype}", "integers", "Convert the array first.")
+    return _frozen(array, np.int64)
 
 
 def branch_vectors(graph: GrainGraph) -> Floats:

@@ -78,7 +78,6 @@ def _quantised_angles(branches: Floats) -> Integers:
     dx, dy = branches.T
     cosine = dx / (np.abs(dx) + np.abs(dy))
     there = np.where(dy < 0, 3 + cosine, 1 - cosine)
-    # -0.0 and 0.0 must fall on the same side: the way back is told from dy, not from -dy.
     back = np.where(dy > 0, 3 - cosine, 1 + cosine)
     return (np.column_stack([there, back]) * ANGLE_STEPS).astype(np.int64)
 

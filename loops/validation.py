@@ -46,6 +46,8 @@ def _check_shapes(graph: GrainGraph) -> None:
         _shape("images", graph.images, f"({count}, 2)", graph.images.shape == (count, 2))
         _shape("cell", graph.cell, "(..., 2, 2)", graph.cell.shape[-2:] == (2, 2))
         _shape("cell0", graph.cell0, "(..., 2, 2)", graph.cell0.shape[-2:] == (2, 2))
+        _check_cell("cell", graph.cell)
+        _check_cell("cell0", graph.cell0)
     elif graph.images is not None and np.any(graph.images):
         raise InputError(
             "images", "periodic images without a cell", "a cell", "Give the cell vectors."
@@ -56,6 +58,13 @@ def _check_shapes(graph: GrainGraph) -> None:
         raise InputError(
             "batch axes", str(error), "axes that broadcast", "Align the leading axes."
         ) from None
+
+
+def _check_cell(name: str, cell: NDArray[np.float64]) -> None:
+    if not (np.isfinite(cell).all() and (np.linalg.det(cell) != 0).all()):
+        raise InputError(
+            name, str(cell.tolist()), "independent cell vectors as columns", "Correct the cell."
+        )
 
 
 def _shape(name: str, value: NDArray[Any], expected: str, ok: bool) -> None:

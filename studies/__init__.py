@@ -1,0 +1,1 @@
+"""Questions asked: snapshots, the paper, speed against error; figures and the command line."""

@@ -48,7 +48,8 @@ def saddle_solve(
     scale = np.ones((*length.shape, size))
     scale[..., : 2 * grains] = length[..., None]
     scaled = scale[..., :, None] * tangent * scale[..., None, :]
-    stiffness = np.abs(scaled).max(axis=(-2, -1))
+    largest = np.abs(scaled).max(axis=(-2, -1))
+    stiffness = np.where(largest > 0, largest, 1.0)
     k = scaled / stiffness[..., None, None]
     b = _boundary_matrix(x0 / length[..., None, None], kept)
     system = np.zeros((*k.shape[:-2], kept + 4, kept + 4))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from loops.contact_state import ContactState
 from loops.errors import InputError
@@ -21,7 +21,7 @@ TOUCHING = 1e-12
 AT_YIELD = 4 * np.finfo(float).eps
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class LinearFrictional:
     """Linear springs, Coulomb friction, no cohesion (Nicot et al. 2016, equations 5-8).
 
@@ -62,27 +62,35 @@ class LinearFrictional:
 
     kn: Floats
     kt: Floats
-    mu: Floats = np.inf  # type: ignore[assignment]
-    shear_increment: ShearIncrement = "branch"
+    mu: Floats
+    shear_increment: ShearIncrement
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        kn: ArrayLike,
+        kt: ArrayLike,
+        mu: ArrayLike = np.inf,
+        shear_increment: ShearIncrement = "branch",
+    ) -> None:
+        given = {"kn": kn, "kt": kt, "mu": mu}
         for name, ok, expected in (
             ("kn", _positive, "a positive finite stiffness"),
             ("kt", _not_negative, "a finite stiffness, zero or more"),
             ("mu", _friction, "a coefficient of friction, zero or more"),
         ):
-            value = np.asarray(getattr(self, name), dtype=float)
+            value = np.asarray(given[name], dtype=float)
             if not ok(value).all():
                 bad = value[~ok(value)].flat[0]
                 raise InputError(f"{name} of the contact law", str(bad), expected, "Correct it.")
             object.__setattr__(self, name, value)
-        if self.shear_increment not in get_args(ShearIncrement):
+        if shear_increment not in get_args(ShearIncrement):
             raise InputError(
                 "shear_increment",
-                repr(self.shear_increment),
+                repr(shear_increment),
                 "'branch' or 'radii'",
                 "See the docstring.",
             )
+        object.__setattr__(self, "shear_increment", shear_increment)
 
     def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
         """Factors of `ut' = g t . d' - (b_i w_i + b_j w_j)`, see `ContactLaw`.

@@ -53,6 +53,13 @@ def friction_angle(name: str, value: ArrayLike) -> FloatArray:
     return array
 
 
+def drained_kappa(name: str, value: ArrayLike) -> FloatArray:
+    """Return `value` as stiffness ratios in [0, 1000]; the cost of a drained path grows with it."""
+    array = finite(name, value)
+    _demand((array >= 0.0) & (array <= 1000.0), name, array, "a stiffness ratio from 0 to 1000")
+    return array
+
+
 def strain(name: str, value: ArrayLike) -> FloatArray:
     """Return `value` as compressive strains below 1, where the side length would vanish."""
     array = finite(name, value)

@@ -11,8 +11,8 @@ from patterns.diamond.arguments import (
     FloatArray,
     acute_angle,
     confining_strain,
+    drained_kappa,
     friction_angle,
-    nonnegative,
 )
 from patterns.diamond.drained_falling import falling_yield
 from patterns.diamond.drained_growing import PathRows, growing_yield
@@ -58,7 +58,7 @@ def drained_end(
     alpha0 : array_like (...)
         Reference angle in (0, pi/2), radians.
     kappa : array_like (...)
-        Stiffness ratio `kt/kn`, zero or more. Costs grow with `kappa` beyond 4.
+        Stiffness ratio `kt/kn` in [0, 1000]. The cost grows with it beyond 4.
     phi : array_like (...)
         Contact friction angle in [0, pi/2], radians; pi/2 means that nothing slides.
     confinement : array_like (...)
@@ -84,7 +84,7 @@ def drained_end(
     """
     arguments = np.broadcast_arrays(
         acute_angle("alpha0", alpha0),
-        nonnegative("kappa", kappa),
+        drained_kappa("kappa", kappa),
         friction_angle("phi", phi),
         confining_strain("confinement", confinement),
     )

@@ -42,10 +42,11 @@ def falling_yield(paths: PathRows) -> tuple[FloatArray, FloatArray]:
     fails = np.zeros(turn.shape, dtype=bool)
     rows, active = np.arange(turn.size), paths
     for _ in range(_ITERATIONS):
-        lack, slope, length = _lack(active, turn[rows], T[rows])
+        lack, slope = _lack(active, turn[rows], T[rows])
         with np.errstate(divide="ignore", invalid="ignore"):
             step = -np.where(lack > 0.0, lack / slope, 0.0)
-        alive = (length > 0.0) & (step <= 0.0) & (active.alpha0 + turn[rows] + step > 0.0)
+        # Once the excess falls, or l is used up, yield is out of reach.
+        alive = (step <= 0.0) & (active.alpha0 + turn[rows] + step > 0.0)
         fails[rows[~alive]] = True
         moving = alive & (-step > -4.0 * _EPS * turn[rows])
         rows, step, active = rows[moving], step[moving], active.take(moving)
@@ -56,16 +57,14 @@ def falling_yield(paths: PathRows) -> tuple[FloatArray, FloatArray]:
     return np.where(fails, np.nan, turn), np.where(fails, np.nan, T)
 
 
-def _lack(
-    paths: PathRows, turn: FloatArray, T: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """`N sin(phi) - |T| cos(phi)`, the rate at which a falling angle uses it up, and `l`."""
+def _lack(paths: PathRows, turn: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """`N sin(phi) - |T| cos(phi)` and the rate at which a falling angle uses it up."""
     alpha = paths.alpha0 + turn
     N = normal_force(alpha, paths.f, T)
     shear_rate = paths.kappa * (1.0 - N)
     normal_rate = (N - shear_rate) / np.tan(alpha) + T
     sin, cos = np.sin(paths.phi), _friction_cosine(paths.phi)
-    return N * sin + T * cos, shear_rate * cos - normal_rate * sin, 1.0 - N
+    return N * sin + T * cos, shear_rate * cos - normal_rate * sin
 
 
 def _friction_cosine(phi: FloatArray) -> NDArray[np.float64]:

@@ -112,7 +112,7 @@ class _Bracket:
         low, high = self.low[rows], self.high[rows]
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = turn - excess / slope
-        inside = (newton > low) & (newton < high)
+        inside = (newton >= low) & (newton <= high)
         middle = 0.5 * (low + high)
         return np.where(inside, newton, np.where(self.closed[rows], middle, high))
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patterns.diamond.arguments import acute_angle, confining_strain, friction_angle, nonnegative
+from patterns.diamond.arguments import acute_angle, confining_strain, drained_kappa, friction_angle
 from patterns.diamond.isotropic import isotropic_strain
 
 _CHECKS = {
     "alpha0": acute_angle,
-    "kappa": nonnegative,
+    "kappa": drained_kappa,
     "phi": friction_angle,
     "confinement": confining_strain,
 }
@@ -26,7 +26,7 @@ class DiamondParameters:
     alpha0 : float
         Reference angle in (0, pi/2).
     kappa : float
-        Stiffness ratio `kt/kn`, zero or more.
+        Stiffness ratio `kt/kn` in [0, 1000].
     phi : float
         Contact friction angle in [0, pi/2]; pi/2 means that nothing slides.
     confinement : float

@@ -126,7 +126,7 @@ def _beside(path: Path) -> Path:
 def _grains(table: Table) -> tuple[Integers, NDArray[np.bool_], Floats, Floats]:
     """Ids and wall flags of all bodies; centres and radii of the grains."""
     ids = table.integers("id")
-    values, first, counts = np.unique(ids, return_index=True, return_counts=True)
+    values, counts = np.unique(ids, return_counts=True)
     if counts.max() > 1:
         repeated = values[np.argmax(counts > 1)]
         raise InputError(
@@ -253,7 +253,7 @@ def _check_geometry(
     remedy = (
         "Give the cell of this instant."
         if periodic
-        else "Give --cell if the sample is periodic; else check that both tables are of one instant."
+        else "Give --cell if the sample is periodic; else take both tables from one instant."
     )
     raise InputError(
         place.of(c, pairs),

@@ -10,11 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from patterns.diamond import external_forces
-from stability import polar_diagram, spectrum, symmetric_spectrum
+from stability import spectrum, symmetric_spectrum
 from studies.diamond.path import DiamondPath
+from studies.diamond.polar import RADIUS, settled_diagram
 from studies.diamond.states import loop_graph
 from studies.style import (
     BLACK,
@@ -137,10 +139,10 @@ def draw_polar(K: NDArray[np.float64], ax: Axes | None = None, name: str = "") -
     Axes
     """
     ax = axes_or_new(ax, 2.5, 2.5)
-    diagram = polar_diagram(K, directions=1440)
+    diagram = settled_diagram(K)
     closed = np.concatenate([diagram.points, diagram.points[:1]])
     angle = np.append(diagram.angle, 2.0 * np.pi)
-    circle = 2.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    circle = RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     inside = np.append(diagram.work, diagram.work[0]) < 0.0
     for part in _runs(inside):
         outline = np.concatenate([closed[part], circle[part][::-1]])
@@ -202,7 +204,8 @@ def draw_loop(path: DiamondPath, name: str, ax: Axes | None = None) -> Axes:
     force = np.hypot(graph.normal_force[row], graph.shear_force[row])
     largest = max(float(force.max()), np.finfo(float).tiny)
     for (i, j), size in zip(graph.contacts, force, strict=True):
-        ax.plot(*x[[i, j]].T, color=VERMILION, linewidth=1.0 + 4.0 * size / largest)
+        width = 4.0 * size / largest
+        ax.plot(*x[[i, j]].T, color=VERMILION, linewidth=width, solid_capstyle="round")
     ax.plot(*x.T, "o", color=BLACK, markersize=2.5)
     _external_forces(path, row, x, radius, ax)
     ax.set(aspect="equal", xlabel=r"$x_1 / l_0$ (–)", ylabel=r"$x_2 / l_0$ (–)")
@@ -215,8 +218,8 @@ def _external_forces(
     """Arrows towards the four grains, their length in proportion to the forces (12)."""
     states = path.states
     forces = external_forces(states.N[row], states.T[row], states.alpha[row])
-    largest = max(*(float(f) for f in forces), np.finfo(float).tiny)
-    for grain, centre in enumerate(x):
+    largest = max(float(f) for f in forces)
+    for grain, centre in enumerate(x if largest > 0.0 else []):
         outward = centre / np.linalg.norm(centre)
         size = float(forces[grain % 2]) / largest
         tip, tail = centre + radius * outward, centre + (radius + 0.1 + 0.5 * size) * outward
@@ -232,22 +235,23 @@ def _mark_states(path: DiamondPath, ax: Axes, values: NDArray[np.float64]) -> No
     for name, row in path.marks.items():
         at = path.states.E1[row], values[row]
         ax.plot(*at, "o", color=BLACK, zorder=3)
-        ax.annotate(name, at, (4, 4), textcoords="offset points", fontweight="bold")
+        text = ax.annotate(name, at, (4, 4), textcoords="offset points", fontweight="bold")
+        text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
 
 
 def _mark_touch(path: DiamondPath, ax: Axes) -> None:
+    """A line where opposite grains meet, named above the axes, where no curve runs."""
     for event in path.events:
         if event.kind == "opposite_contact":
             ax.axvline(event.E, color=LIGHT_GREY, linewidth=1.0, zorder=0)
             ax.annotate(
                 "opposite grains touch",
-                (event.E, 0.98),
-                (-3, 0),
+                (event.E, 1.0),
+                (0, 2),
                 xycoords=("data", "axes fraction"),
                 textcoords="offset points",
-                rotation=90,
-                ha="right",
-                va="top",
+                ha="center",
+                va="bottom",
                 color=GREY,
                 fontsize=7,
             )

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from stability import polar_diagram
 from studies.diamond.parameters import DiamondParameters
 from studies.diamond.path import DiamondPath, follow, path_table
+from studies.diamond.polar import polar_table
 from studies.diamond.states import loop_graph
 from studies.diamond.summary import diamond_summary
 from studies.output import provenance, result_folder, write_summary, write_table
@@ -18,7 +18,6 @@ UNITS = (
     "dimensionless: lengths over l0 (two radii), forces over kn l0, stresses over kn; "
     "angles in degrees"
 )
-POLAR_DIRECTIONS = 720
 
 
 def run_diamond(
@@ -64,33 +63,6 @@ def run_diamond(
 
         draw_figures(path, folder, made)
     return summary
-
-
-def polar_table(path: DiamondPath) -> dict[str, Any]:
-    """Normalised second-order work in every direction at the named states (45).
-
-    Parameters
-    ----------
-    path : DiamondPath
-        From `follow`.
-
-    Returns
-    -------
-    dict of str to array
-        `state`; `alphaE_deg`, `tan(alphaE) = E1'/E2'`; `w2`; `x, y`, the points of the polar
-        diagram, `(2 + w2) (cos alphaE, sin alphaE)`.
-    """
-    names = list(path.marks)
-    diagram = polar_diagram(
-        path.operators.K[list(path.marks.values())], directions=POLAR_DIRECTIONS
-    )
-    return {
-        "state": np.repeat(np.array(names, dtype=str), POLAR_DIRECTIONS),
-        "alphaE_deg": np.tile(np.degrees(diagram.angle), len(names)),
-        "w2": diagram.work.ravel(),
-        "x": diagram.points[..., 0].ravel(),
-        "y": diagram.points[..., 1].ravel(),
-    }
 
 
 def snapshot_tables(path: DiamondPath, name: str) -> dict[str, dict[str, Any]]:

@@ -17,7 +17,10 @@ from studies.output import provenance, result_folder, write_summary, write_table
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_table
 
-UNITS = "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the mean kn; angles in degrees"
+UNITS = (
+    "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
+    "mean kn; angles in degrees"
+)
 # Shorter work needs no progress bar.
 LONG = 20_000
 

@@ -8,11 +8,14 @@ from loops import (
     Regime,
     affine_tangent,
     assemble_tangent,
+    boundary_vectors,
     macroscopic_tangent,
     nominal_stress,
     reference_branch_vectors,
     traction_tangent,
 )
+from loops.closures.macro_tangent import solved
+from loops.closures.spins import affine_spin, deformation_gradient
 from patterns import regular_polygon
 from tests.oracles.finite_motion import external_forces
 from tests.oracles.rings import random_rings, ring, slide
@@ -82,8 +85,6 @@ def test_traction_moves_grains_in_equilibrium():
     matrix = traction_tangent(graph, LAW).matrix
     stress_rate = (matrix @ gradient.ravel()).reshape(2, 2)
     # Grain velocities that balance -P' B, by least squares on the grain-level tangent.
-    from loops import boundary_vectors
-
     k = assemble_tangent(graph, LAW)
     load = -(boundary_vectors(graph.x) @ stress_rate.T).ravel()
     v = np.linalg.lstsq(k, load, rcond=1e-12)[0].reshape(6, 2)
@@ -243,15 +244,73 @@ def test_singular_contact_goes_to_the_saddle_system():
         traction_tangent(triangle, LAW, spins="free", method="force")
 
 
-def test_answer_that_is_not_unique_is_not_given():
-    """An open ring with one contact left carries no closed answer to a traction."""
-    graph = regular_polygon(3)
-    regime = [Regime.OPEN, Regime.ELASTIC, Regime.ELASTIC]
-    tangent = traction_tangent(graph, LAW, regime=regime)
-    if not tangent.trusted:
-        assert np.isnan(tangent.matrix).all()
-    else:
-        assert tangent.residual < 1e-8
+@pytest.mark.parametrize("method", ["force", "saddle"])
+def test_at_a_pole_no_number_is_given_without_its_condition(method):
+    """A pentagon's traction tangent runs through infinity where the affine one loses a mode."""
+    law = LinearFrictional(kn=1.0, kt=0.3)
+    pole = 1.3 / 2.3
+
+    def at(strain):
+        return traction_tangent(regular_polygon(5, strain=strain), law, method=method)
+
+    assert at(pole - 1e-3).trusted
+    assert at(pole + 1e-3).trusted
+    for strain in (np.nextafter(pole, 0), pole, np.nextafter(pole, 1)):
+        assert not at(strain).trusted or at(strain).condition > 1e12
+
+
+def test_all_open_carries_nothing():
+    graph = regular_polygon(4)
+    tangent = traction_tangent(graph, LAW, regime=[Regime.OPEN] * 4)
+    assert tangent.trusted
+    assert np.abs(tangent.matrix).max() < 1e-14
+
+
+@pytest.mark.parametrize("overlap", [1e-4, 1e-7])
+def test_condition_of_the_saddle_system_counts_the_softness_of_the_loop(overlap):
+    """Stiff contacts that all slide make a loop as soft as N/l: K's rounding weighs 1/softness."""
+    rng = np.random.default_rng(18)
+    graph, regime = slide(rng, random_rings(rng, 6, 6, overlap=overlap), 1.0)
+    found = traction_tangent(graph, LAW, regime=regime, method="saddle")
+    worst = 0.0
+    for b in range(6):
+        state = (graph.x[b], graph.x0[b], graph.normal_force[b], graph.shear_force[b])
+        exact = as_array(traction_tangent_50(*state, 1.3, 0.5, 0.5, regime[b]))
+        error = relative(found.matrix[b], exact)
+        assert error < np.finfo(float).eps * found.condition[b]
+        worst = max(worst, error / np.finfo(float).eps)
+    assert worst > 0.1 / overlap  # the loss is real: a plain condition number would not bound it
+
+
+def test_answers_that_cannot_be_trusted_are_withheld():
+    one = np.ones(())
+    for residual, ambiguity, trusted in ((0.0, 0.0, True), (1e-6, 0.0, False), (0.0, 0.1, False)):
+        tangent = solved(np.eye(4), "traction", "free", one, one, one * residual, one * ambiguity)
+        assert tangent.trusted == trusted
+        assert np.isnan(tangent.matrix).all() != trusted
+        assert ("1 of 1" in str(tangent)) == trusted
+
+
+def test_affine_spin_of_a_sheared_state():
+    """w = (L21 - L12)/2 with L = -H F^-1, F far from symmetric."""
+    rng = np.random.default_rng(19)
+    reference = random_rings(rng, 1, 6)
+    f = np.array([[0.9, 0.4], [-0.1, 1.1]])
+    graph = GrainGraph(
+        x=reference.x[0] @ f.T,
+        x0=reference.x[0],
+        radii=reference.radii[0],
+        contacts=reference.contacts,
+    )
+    np.testing.assert_allclose(deformation_gradient(graph), f, atol=1e-14)
+    for component in range(4):
+        gradient = np.eye(4)[component].reshape(2, 2)
+        velocity_gradient = -gradient @ np.linalg.inv(f)
+        expected = 0.5 * (velocity_gradient[1, 0] - velocity_gradient[0, 1])
+        assert affine_spin(graph)[component] == pytest.approx(expected, abs=1e-14)
+    cell = np.array([[2.0, 0.1], [0.0, 3.0]])
+    periodic = graph.replace(cell=f @ cell, cell0=cell)
+    np.testing.assert_allclose(deformation_gradient(periodic), f, atol=1e-14)
 
 
 def test_a_mirrored_loop_gives_the_mirrored_operator():

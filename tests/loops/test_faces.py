@@ -1,13 +1,14 @@
 """Faces: hand-made graphs, exact facts, invariances, and two other ways to find them."""
 
+from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from loops import FaceKind, GrainGraph, InputError, euler_check, faces_by_order, find_faces
-from loops.half_edges import cycles
-from loops.pruning import prune_dangling
+from loops.half_edges import ANGLE_STEPS, cycles, next_half_edge
+from loops.pruning import prune_dangling, winding_ranks
 from patterns.synthetic import synthetic_network
 from tests.oracles.faces import half_edge_cycles
 
@@ -233,6 +234,21 @@ def test_windings_that_leave_only_multiples_of_one_direction_are_a_strip():
     assert sorted(faces.kind.tolist()) == [FaceKind.LOOP, FaceKind.WINDING, FaceKind.WINDING]
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("rank", [0, 1, 2])
+def test_winding_ranks_whatever_cells_the_grains_are_counted_in(rank, seed):
+    rng = np.random.default_rng(seed)
+    contacts = np.column_stack([np.arange(40), np.roll(np.arange(40), -1)])
+    contacts = np.concatenate([contacts, [[7, 20], [20, 39]]])
+    images = np.zeros((42, 2), dtype=int)
+    images[39], images[41] = [(0, 0), (2, -1), (2, -1)][rank], [(0, 0), (0, 0), (1, 0)][rank]
+    home = rng.integers(-4, 5, size=(40, 2))
+    images += home[contacts[:, 0]] - home[contacts[:, 1]]
+    number = rng.permutation(40)
+    label = np.zeros(40, dtype=int)
+    assert winding_ranks(number[contacts], images, label, 1).tolist() == [rank]
+
+
 @pytest.mark.parametrize("cell", [None, [[9.0, 4.0], [0.0, 7.0]], [[5.0, -1.0], [2.0, 3.0]]])
 @pytest.mark.parametrize("seed", range(4))
 def test_loops_tile_the_periodic_cell(cell, seed):
@@ -303,6 +319,36 @@ def test_needle_triangles_are_ordered_exactly(turn, gap):
     assert exact == [1, 2, 3, 4]
     triangles = {frozenset(row) for row in faces_by_order(faces)[3].grains.tolist()}
     assert triangles == {frozenset((0, k, k + 1)) for k in (1, 2, 3)}
+
+
+def test_directions_on_either_side_of_a_step_of_the_key_are_ordered_exactly():
+    """A few units in the last place apart: rounding gives some of them keys in the wrong order."""
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        angle = 1 - rng.integers(1, ANGLE_STEPS) / ANGLE_STEPS  # cosine over |cosine| + |sine|
+        slope = (1 - angle) / angle * (1 + np.arange(-4, 5) * 2.0**-53)
+        length = rng.uniform(0.1, 10, 9)
+        d = np.column_stack([length, length * slope])
+        exact = sorted(range(9), key=lambda k: Fraction(d[k, 1]) / Fraction(d[k, 0]))
+        if len({Fraction(y) / Fraction(x) for x, y in d.tolist()}) < 9:
+            continue
+        star = np.column_stack([np.zeros(9, dtype=int), np.arange(1, 10)])
+        following = next_half_edge(10, star, np.arange(9), d)
+        # From the tip of branch k back to the hub, then out along the next one clockwise.
+        assert [following[2 * k + 1] // 2 for k in exact] == [exact[-1], *exact[:-1]]
+
+
+def test_area_is_exact_far_from_the_origin():
+    x, contacts = polygon(7, radius=0.1, centre=(1e6, -3e5))
+    corners = [[Fraction(v) for v in point] for point in x.tolist()]
+    area = (
+        sum(
+            a[0] * b[1] - a[1] * b[0]
+            for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
+        )
+        / 2
+    )
+    assert find_faces(network(x, contacts)).area[0] == pytest.approx(float(area), rel=1e-14)
 
 
 def test_coincident_branches_are_named():

@@ -35,6 +35,9 @@ PAIR = {"x": [[0, 0], [0.9, 0]], "radii": [0.5, 0.5], "contacts": [[0, 1]]}
         ({"shear_force": [np.inf]}, ["shear force of contact 0", "inf"]),
         ({"images": [[1, 0]]}, ["images", "without a cell"]),
         ({"cell": [[1, 0]]}, ["cell", "(1, 2)", "(..., 2, 2)"]),
+        ({"cell": [[1, 2], [1, 2]]}, ["cell", "independent cell vectors"]),
+        ({"cell": np.eye(2), "cell0": np.zeros((2, 2))}, ["cell0", "independent"]),
+        ({"cell": [[1, 0], [0, np.nan]]}, ["cell", "nan"]),
     ],
 )
 def test_bad_input_names_the_grain_or_contact(change, words):
@@ -110,7 +113,7 @@ def test_networkx_round_trip_keeps_every_array():
         x=[[0.1, 0.2], [1.0, 0.4], [0.3, 1.2]],
         x0=[[0.0, 0.2], [1.1, 0.4], [0.3, 1.3]],
         radii=[0.5, 0.6, 0.7],
-        contacts=[[2, 0], [0, 1], [1, 0]],
+        contacts=[[1, 2], [0, 1], [1, 0]],
         normal_force=[0.3, 0.2, 0.1],
         shear_force=[0.01, -0.02, 0.03],
         images=[[0, 0], [0, 0], [1, 0]],

@@ -7,6 +7,7 @@ from scipy.special import gamma
 
 from loops import InputError
 from patterns.diamond import drained_end, tangent
+from patterns.diamond.drained_growing import _Bracket
 from patterns.diamond.drained_shear import advance_shear
 from tests.oracles import diamond_mpmath as oracle
 
@@ -162,14 +163,25 @@ def test_limit_of_strain_control_comes_before_yield():
 
 
 def test_closed_cases():
-    alpha0 = np.array([0.3, 0.3, 0.8, 0.8, 0.8, 0.8])
-    kappa = np.array([0.4, 0.4, 0.0, 0.4, 0.4, 0.0])
-    phi = np.array([0.5, 0.2, 0.5, 0.5 * np.pi, 0.0, 0.0])
-    confinement = np.array([0.0, 0.0, 0.2, 0.2, 0.2, 0.2])
+    alpha0 = np.array([0.3, 0.3, 0.8, 0.8, 0.8, 0.8, 0.3])
+    kappa = np.array([0.4, 0.4, 0.0, 0.4, 0.4, 0.0, 0.0])
+    phi = np.array([0.5, 0.2, 0.5, 0.5 * np.pi, 0.0, 0.0, 0.5])
+    confinement = np.array([0.0, 0.0, 0.2, 0.2, 0.2, 0.2, 0.0])
     end = drained_end(alpha0, kappa, phi, confinement)
-    assert end.status.tolist() == ["yield", "opening", "none", "none", "yield", "yield"]
+    status = ["yield", "opening", "none", "none", "yield", "yield", "opening"]
+    assert end.status.tolist() == status
     np.testing.assert_allclose(end.state.alpha[[0, 1, 4, 5]], [0.5, 0.3, 0.8, 0.8], atol=1e-15)
     assert end.state.N[[1, 4]].tolist() == [0.0, pytest.approx(0.2, abs=1e-16)]
+
+
+def test_bracket_halves_where_newton_leaves_it():
+    # No path is known on which it must, so its parts are asked directly.
+    bracket = _Bracket(np.zeros(1), np.ones(1), np.ones(1), np.zeros(1, dtype=bool))
+    row, flat, one = np.arange(1), np.full(1, 1e-9), np.ones(1)
+    assert bracket.next_turn(row, 0.2 * one, -one, flat).tolist() == [1.0]  # the ceiling, unseen
+    assert bracket.next_turn(row, 1.0 * one, one, flat).tolist() == [0.6]
+    assert bracket.next_turn(row, 0.6 * one, -one, flat).tolist() == [0.8]
+    assert not bracket.fails[0]
 
 
 def test_shapes_and_chunks():
@@ -188,6 +200,7 @@ def test_shapes_and_chunks():
     [
         ((0.0, 0.2, 0.1, 0.1), r"alpha0: got 0,"),
         ((0.7, -0.2, 0.1, 0.1), r"kappa: got -0\.2"),
+        ((0.7, 1e6, 0.1, 0.1), r"kappa: got 1000000, expected a stiffness ratio from 0 to 1000"),
         ((0.7, 0.2, [0.1, 2.0], 0.1), r"phi\[1\]: got 2,"),
         ((0.7, 0.2, 0.1, 1.0), r"confinement: got 1,"),
     ],

@@ -1,0 +1,130 @@
+"""Where event functions change their sign."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BarycentricInterpolator
+from scipy.optimize import brentq
+
+Floats = NDArray[np.float64]
+Anything = TypeVar("Anything")
+
+# Points at which the polynomial through the samples looks for an excursion between them.
+FINE = np.linspace(0.0, 1.0, 41)
+
+# Functions beyond this number (pairs of grains, in long loops) are compared at the samples alone.
+MANY = 2000
+
+
+def first_crossing(
+    table: Floats, thetas: Floats, tolerance: Floats, values: Callable[[float], Floats]
+) -> tuple[float, int] | None:
+    """First place within a step where a function rises through zero, and which one.
+
+    Excursions between the samples are looked for along the polynomial through them.
+
+    Parameters
+    ----------
+    table : (S, M) array
+        Functions at the samples, negative until their event; nan is no event.
+    thetas : (S,) array
+        Samples, from 0 to 1.
+    tolerance : (M,) array
+        Functions above it have crossed.
+    values : callable
+        Functions, (M,), anywhere in the step.
+
+    Returns
+    -------
+    (theta, index) or None
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> f = lambda theta: np.array([1e-3 - (theta - 0.4) ** 2])
+    >>> thetas = np.linspace(0, 1, 5)
+    >>> table = np.array([f(theta) for theta in thetas])
+    >>> theta, which = first_crossing(table, thetas, np.zeros(1), f)
+    >>> round(theta, 9), round(0.4 - 1e-3 ** 0.5, 9)
+    (0.368377223, 0.368377223)
+    """
+    places, rows = _with_excursions(table, thetas, tolerance, values)
+    for k in range(1, len(places)):
+        crossed = np.flatnonzero(rows[k] > tolerance)
+        if len(crossed):
+            a, b = float(places[k - 1]), float(places[k])
+            roots = [_root(values, int(which), a, b, rows[k - 1, which]) for which in crossed]
+            first = int(np.argmin(roots))
+            return roots[first], int(crossed[first])
+    return None
+
+
+def polish(
+    at: Callable[[float], tuple[Floats, Anything, Floats]],
+    which: int,
+    theta: float,
+    interpolated: Callable[[float], float],
+) -> tuple[Floats, Anything, Floats]:
+    """Correct a root of the interpolant by the integrator itself: Newton with a fixed slope.
+
+    Parameters
+    ----------
+    at : callable
+        State and functions, integrated to a place in the step.
+    which : int
+        The function whose root is wanted.
+    theta : float
+        Root on the interpolant.
+    interpolated : callable
+        The function on the interpolant, for its slope.
+
+    Returns
+    -------
+    tuple
+        `at` the corrected place.
+    """
+    low, high = max(theta - 1e-4, 0.0), min(theta + 1e-4, 1.0)
+    slope = (interpolated(high) - interpolated(low)) / (high - low)
+    best = at(theta)
+    for _ in range(3):
+        error = float(best[2][which])
+        if not slope > 0 or abs(error) <= 1e-16:
+            break
+        moved = min(max(theta - error / slope, 0.0), 1.0)
+        trial = at(moved)
+        if not abs(trial[2][which]) < abs(error):
+            break
+        theta, best = moved, trial
+    return best
+
+
+def _root(
+    values: Callable[[float], Floats], which: int, a: float, b: float, at_a: float
+) -> float:
+    if not at_a < 0:
+        return a
+    return float(brentq(lambda theta: values(theta)[which], a, b, xtol=1e-15, rtol=1e-14))
+
+
+def _with_excursions(
+    table: Floats, thetas: Floats, tolerance: Floats, values: Callable[[float], Floats]
+) -> tuple[Floats, Floats]:
+    """Samples, and those places between them where a function turns out to be above zero."""
+    quiet = np.flatnonzero((table <= tolerance).all(axis=0))
+    if len(quiet) == 0 or len(quiet) > MANY:
+        return thetas, table
+    peaks = BarycentricInterpolator(thetas, table[:, quiet])(FINE)
+    above = np.flatnonzero((peaks > tolerance[quiet]).any(axis=0))
+    places, rows = list(thetas), list(table)
+    for column in above:
+        theta = float(FINE[np.argmax(peaks[:, column])])
+        row = values(theta)
+        if row[quiet[column]] > tolerance[quiet[column]]:
+            places.append(theta)
+            rows.append(row)
+    order = np.argsort(places, kind="stable")
+    return np.asarray(places)[order], np.asarray(rows)[order]

@@ -1,0 +1,216 @@
+"""What stays the same along a path: contacts, reference, law, closure and scales."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops import GrainGraph, InputError, LinearFrictional, boundary_vectors, polygon_area
+from loops.closures import Closure, Spins
+from loops.contact_state import ContactState, contact_state
+from loops.geometry import outward, polygon_centroid, reference_volume, require_loop
+from loops.graph import reference_branch_vectors
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# Normal forces of the initial graph against those of its overlaps, in units of kn (r_i + r_j).
+FORCE_MISMATCH = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class PathModel:
+    """Constants of a path.
+
+    Attributes
+    ----------
+    law : LinearFrictional
+        Contact law.
+    closure, spins : str
+        Closure and spin rule.
+    contacts : (C, 2) array of int
+        Grains i and j.
+    x0 : (G, 2) array
+        Reference centres.
+    d0 : (C, 2) array
+        Reference branch vectors.
+    radii : (G,) array
+        Radii.
+    volume : float
+        Reference area V0 that the stress refers to.
+    b, m : (G, 2) array
+        Boundary vectors of the polygon and the outward normals of its edges' midpoints
+        `R (x0_c + x0_{c+1})/2`, times V0 over the polygon's area: with `F_i = -P b_i` the stress
+        `P` is that of `V0`. Empty under the affine closure.
+    pairs : (Q, 2) array of int
+        Pairs of grains without contact.
+    length, stiffness : float
+        Scales: square root of V0, mean kn.
+    """
+
+    law: LinearFrictional
+    closure: Closure
+    spins: Spins
+    contacts: Integers
+    x0: Floats
+    d0: Floats
+    radii: Floats
+    volume: float
+    b: Floats
+    m: Floats
+    pairs: Integers
+    length: float
+    stiffness: float
+
+    @property
+    def contact_count(self) -> int:
+        """Number of contacts C."""
+        return len(self.contacts)
+
+    @property
+    def grain_count(self) -> int:
+        """Number of grains G."""
+        return len(self.x0)
+
+    @property
+    def touching(self) -> Floats:
+        """(C,) `r_i + r_j`."""
+        return np.asarray(self.radii[self.contacts].sum(axis=1))
+
+    @property
+    def mu(self) -> Floats:
+        """(C,) coefficients of friction."""
+        return np.broadcast_to(self.law.mu, self.contact_count)
+
+    @property
+    def kn(self) -> Floats:
+        """(C,) normal stiffness."""
+        return np.broadcast_to(self.law.kn, self.contact_count)
+
+    @property
+    def kt(self) -> Floats:
+        """(C,) tangential stiffness."""
+        return np.broadcast_to(self.law.kt, self.contact_count)
+
+    @property
+    def is_plain_ring(self) -> bool:
+        """Whether one redundant force vector solves the traction closure."""
+        return self.spins == "blocked" and self.contact_count == self.grain_count
+
+
+def path_model(
+    graph: GrainGraph,
+    law: LinearFrictional,
+    closure: Closure,
+    spins: Spins,
+    volume: ArrayLike | None,
+) -> PathModel:
+    """Gather the constants of a path from its initial graph.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state.
+    law : LinearFrictional
+        Contact law.
+    closure, spins : str
+        Closure and spin rule.
+    volume : float, optional
+        Reference area V0; the cell's or the polygon's if left out.
+
+    Returns
+    -------
+    PathModel
+
+    Raises
+    ------
+    InputError
+        If the graph carries batch axes, is no loop under the traction closure, or its normal forces
+        are not those of its overlaps.
+    """
+    if graph.batch_shape:
+        raise InputError(
+            "graph", f"batch axes {graph.batch_shape}", "one state", "Follow them one by one."
+        )
+    v0 = float(reference_volume(graph) if volume is None else np.asarray(volume))
+    if not (np.isfinite(v0) and v0 > 0):
+        raise InputError("volume", str(v0), "a positive area", "Give the reference area.")
+    b = m = np.zeros((0, 2))
+    if closure == "traction":
+        require_loop(graph)
+        b, m = _boundary(graph.x0, v0)
+    model = PathModel(
+        law=law,
+        closure=closure,
+        spins=spins,
+        contacts=graph.contacts,
+        x0=graph.x0,
+        d0=reference_branch_vectors(graph),
+        radii=graph.radii,
+        volume=v0,
+        b=b,
+        m=m,
+        pairs=_pairs_without_contact(graph),
+        length=float(np.sqrt(v0)),
+        stiffness=float(np.mean(law.kn)),
+    )
+    _check_normal_forces(contact_state(graph), model)
+    return model
+
+
+def with_contact(model: PathModel, pairs: Integers) -> PathModel:
+    """Model in which pairs of grains have come into contact.
+
+    Parameters
+    ----------
+    model : PathModel
+        Before.
+    pairs : (A, 2) array of int
+        Grains that touch; the law's parameters of contact 0 are theirs too.
+
+    Returns
+    -------
+    PathModel
+        With the new contacts last.
+    """
+    touched = (model.pairs[:, None, :] == pairs[None, :, :]).all(axis=2).any(axis=1)
+    parameters = np.concatenate([np.arange(model.contact_count), np.zeros(len(pairs), dtype=int)])
+    return replace(
+        model,
+        law=model.law.take(parameters),
+        contacts=np.vstack([model.contacts, pairs]),
+        d0=np.vstack([model.d0, model.x0[pairs[:, 1]] - model.x0[pairs[:, 0]]]),
+        pairs=model.pairs[~touched],
+    )
+
+
+def _boundary(x0: Floats, volume: float) -> tuple[Floats, Floats]:
+    ratio = volume / abs(float(polygon_area(x0)))
+    centred = x0 - polygon_centroid(x0)
+    midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
+    return ratio * boundary_vectors(x0), ratio * outward(x0, midpoints)
+
+
+def _pairs_without_contact(graph: GrainGraph) -> Integers:
+    """Pairs of grains that could still touch; none in a periodic cell, where images could too."""
+    if graph.cell is not None:
+        return np.zeros((0, 2), dtype=np.int64)
+    free = np.triu(np.ones((graph.grain_count, graph.grain_count), dtype=bool), k=1)
+    low, high = np.sort(graph.contacts, axis=1).T
+    free[low, high] = False
+    return np.argwhere(free)
+
+
+def _check_normal_forces(state: ContactState, model: PathModel) -> None:
+    scale = model.kn * state.touching_length
+    mismatch = np.abs(state.normal_force - model.law.normal_force(state)) / scale
+    if mismatch.size and mismatch.max() > FORCE_MISMATCH:
+        c = int(mismatch.argmax())
+        raise InputError(
+            f"normal force of contact {c}",
+            f"{state.normal_force[c]:.6g}",
+            f"{float(model.law.normal_force(state)[c]):.6g}, as its overlap gives it",
+            "Make the graph's forces agree with its positions and kn.",
+        )

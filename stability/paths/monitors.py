@@ -1,0 +1,189 @@
+"""Event functions of a path: smooth numbers that change sign where something happens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.laws.protocol import Regime
+from stability.paths.look import Look
+from stability.paths.model import PathModel
+from stability.paths.state import Mode
+from stability.programmes import QUANTITIES, Stage
+from stability.subspaces import subspace_basis
+
+Floats = NDArray[np.float64]
+
+# A function has changed its sign once it is beyond zero by this much: rounding stays below.
+ROUNDING = {
+    "yield": 1e-13,
+    "unloading": 1e-12,
+    "opening": 1e-14,
+    "closing": 1e-14,
+    "opposite_contact": 1e-14,
+    "det_Ks_zero": 1e-12,
+    "det_K_zero": 1e-12,
+    "flutter": 1e-12,
+    "control_limit": 1e-12,
+    "stage_end": 0.0,
+}
+
+# An eigenvalue of K whose imaginary part is below this fraction of |K| is real.
+REAL = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Monitors:
+    """Event functions of one phase, regimes fixed.
+
+    Attributes
+    ----------
+    kinds : list of str
+        Kind of event, one per function.
+    items : (M,) array of int
+        Contact, pair or eigenvalue that it belongs to; -1 for none.
+    two_sided : (M,) array of bool
+        Whether a change of sign either way is the event; otherwise the function is negative until
+        the event.
+    """
+
+    kinds: list[str]
+    items: NDArray[np.int64]
+    two_sided: NDArray[np.bool_]
+    tolerance: Floats
+
+
+def monitors_of(model: PathModel, mode: Mode, subspace: str) -> Monitors:
+    """Event functions that a phase with these regimes watches.
+
+    Parameters
+    ----------
+    model : PathModel
+        Constants.
+    mode : Mode
+        Regimes of the phase.
+    subspace : str
+        Where the spectra are taken.
+
+    Returns
+    -------
+    Monitors
+    """
+    has_cone = np.isfinite(model.mu) & (model.mu > 0)
+    elastic = np.flatnonzero((mode.regime == Regime.ELASTIC) & has_cone)
+    sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & has_cone)
+    closed = np.flatnonzero(mode.regime != Regime.OPEN)
+    is_open = np.flatnonzero(mode.regime == Regime.OPEN)
+    size = len(subspace_basis(subspace))
+    groups = [
+        ("yield", elastic, False),
+        ("unloading", sliding, False),
+        ("opening", closed, False),
+        ("closing", is_open, False),
+        ("opposite_contact", np.arange(len(model.pairs)), True),
+        ("det_Ks_zero", np.arange(size), True),
+        ("det_K_zero", np.arange(size), True),
+        ("control_limit", np.array([-1]), False),
+        ("stage_end", np.array([-1]), False),
+    ]
+    kinds = [kind for kind, items, _ in groups for _ in items]
+    return Monitors(
+        kinds=kinds,
+        items=np.concatenate([items for _, items, _ in groups]).astype(np.int64),
+        two_sided=np.concatenate([np.full(len(items), two) for _, items, two in groups]),
+        tolerance=np.array([ROUNDING[kind] for kind in kinds]),
+    )
+
+
+def monitor_values(
+    model: PathModel, seen: Look, subspace: str, stage: Stage, start: float, sense: float
+) -> Floats:
+    """Values of the event functions, in the order of `monitors_of`, dimensionless.
+
+    Parameters
+    ----------
+    model : PathModel
+        Constants.
+    seen : Look
+        State.
+    subspace : str
+        Where the spectra are taken.
+    stage : Stage
+        Its target ends the phase.
+    start : float
+        Loading parameter at the start of the stage.
+    sense : float
+        +1 if the stage's quantity starts below its target, -1 if above.
+
+    Returns
+    -------
+    (M,) array
+    """
+    contacts, mode = seen.contacts, seen.mode
+    has_cone = np.isfinite(model.mu) & (model.mu > 0)
+    elastic = (mode.regime == Regime.ELASTIC) & has_cone
+    sliding = (mode.regime == Regime.SLIDING) & has_cone
+    closed = mode.regime != Regime.OPEN
+    force = model.stiffness * model.length
+    mu = np.where(np.isfinite(model.mu), model.mu, 0.0)
+    beyond = (np.abs(contacts.shear_force) - mu * contacts.normal_force) / force
+    gap = (contacts.length - model.touching) / model.touching
+    forward = -seen.rates.parameter / _parameter_unit(model, stage)
+    target = sense * (stage_quantity(stage, seen, start) - stage.target)
+    return np.concatenate(
+        [
+            beyond[elastic],
+            -seen.rates.slip[sliding] / force,
+            gap[closed],
+            -gap[~closed],
+            _pair_gaps(model, seen.x),
+            *_spectra(seen.A, subspace),
+            [forward, target],
+        ]
+    )
+
+
+def stage_quantity(stage: Stage, seen: Look, start: float) -> float:
+    """Value of the quantity that ends a stage."""
+    if stage.quantity == "parameter":
+        return seen.state.parameter - start
+    return float(np.concatenate([seen.H, seen.P])[QUANTITIES.index(stage.quantity)])
+
+
+def eigenvalue_kind(A: Floats, subspace: str, item: int) -> str:
+    """What the zero of the real part of an eigenvalue of K is: 'det_K_zero' or 'flutter'."""
+    basis = subspace_basis(subspace)
+    K = basis @ A @ basis.T
+    values = np.sort(np.linalg.eigvals(K).astype(complex))
+    real = abs(values[item].imag) <= REAL * np.linalg.norm(K)
+    return "det_K_zero" if real else "flutter"
+
+
+def _parameter_unit(model: PathModel, stage: Stage) -> float:
+    """Size of the loading parameter per unit of strain."""
+    programme = stage.programme
+    driven = np.abs(programme.rate).argmax()
+    strain = np.abs(programme.equations(np.zeros(4))[1][driven]).max()
+    weight = max(np.abs(programme.stress[driven]).max() * model.stiffness, strain)
+    return float(weight / np.abs(programme.rate[driven]))
+
+
+def _pair_gaps(model: PathModel, x: Floats) -> Floats:
+    i, j = model.pairs.T
+    d = x[j] - x[i]
+    touching = model.radii[i] + model.radii[j]
+    return np.asarray((touching - np.hypot(d[:, 0], d[:, 1])) / touching)
+
+
+def _spectra(A: Floats, subspace: str) -> tuple[Floats, Floats]:
+    """Eigenvalues of Ks and real parts of those of K, ascending, over the norm of K."""
+    basis = subspace_basis(subspace)
+    K = basis @ A @ basis.T
+    norm = np.linalg.norm(K)
+    if not np.isfinite(norm) or norm == 0.0:
+        none = np.full(len(basis), np.nan)
+        return none, none
+    symmetric = np.linalg.eigvalsh(0.5 * (K + K.T)) / norm
+    return symmetric, np.sort(np.linalg.eigvals(K).real) / norm

@@ -1,0 +1,227 @@
+"""One phase of a path: regimes and programme fixed, from an event to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import DOP853, DenseOutput
+
+from stability.paths.locate import first_crossing, polish
+from stability.paths.look import Look, look
+from stability.paths.model import PathModel
+from stability.paths.monitors import Monitors, monitor_values, monitors_of
+from stability.paths.motion import gauge_along, y_rates
+from stability.paths.rates import Gauge
+from stability.paths.state import Mode
+from stability.programmes import Stage
+
+Floats = NDArray[np.float64]
+
+SAMPLES = np.linspace(0.0, 1.0, 5)
+
+# Functions this close to zero where another event is located have their event there too.
+SIMULTANEOUS = 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """Accuracy of a path: tolerances of the integrator, longest step in `|H|`, number of steps."""
+
+    rtol: float
+    atol: Floats
+    max_step: float
+    max_steps: int
+    subspace: str
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What a phase integrates."""
+
+    model: PathModel
+    mode: Mode
+    stage: Stage
+    start: float
+    sense: float
+    settings: Settings
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseEnd:
+    """End of a phase.
+
+    Attributes
+    ----------
+    y : (Y,) array
+        Integrated variables there.
+    seen : Look
+        The state there, in the regimes of the phase.
+    fired : list of (kind, item)
+        Events there; empty if the integrator gave up.
+    steps : int
+        Accepted steps.
+    message : str
+        Why the integrator gave up.
+    """
+
+    y: Floats
+    seen: Look
+    fired: list[tuple[str, int]]
+    steps: int
+    message: str = ""
+
+
+def run_phase(
+    task: Task, y: Floats, gauge: Gauge, record: Callable[[Look], None], steps_left: int
+) -> PhaseEnd:
+    """Integrate until the first event.
+
+    Parameters
+    ----------
+    task : Task
+        Model, regimes and control.
+    y : (Y,) array
+        Start.
+    gauge : Gauge
+        Direction of the start.
+    record : callable
+        Takes every accepted step.
+    steps_left : int
+        Accepted steps allowed.
+
+    Returns
+    -------
+    PhaseEnd
+    """
+    watch = monitors_of(task.model, task.mode, task.settings.subspace)
+    seen = _look(task, y, gauge)
+    values = _values(task, seen)
+    sign = _initial_signs(watch, values)
+    solver = _solver(task, y, gauge, np.inf, None)
+    for steps in range(1, steps_left + 1):
+        begin, y_begin = float(solver.t), solver.y
+        message = _advance(solver)
+        if message:
+            return PhaseEnd(y_begin, seen, [], steps, message)
+        step = _Step(task, begin, y_begin, float(solver.t), solver.y, solver.dense_output(), gauge)
+        samples = [seen, *(step.look(theta) for theta in SAMPLES[1:])]
+        table = np.vstack([values, *(_values(task, each) for each in samples[1:])])
+        _adopt_signs(sign, table, watch)
+        crossing = first_crossing(
+            table * sign, SAMPLES, watch.tolerance, lambda theta: step.values(theta) * sign
+        )
+        if crossing is not None:
+            theta, which = crossing
+            return _land(step, watch, sign, theta, which, steps)
+        seen, values = samples[-1], table[-1]
+        record(seen)
+        gauge = gauge_along(seen.rates)
+        _follow_direction(solver, task, gauge)
+    return PhaseEnd(solver.y, seen, [], steps_left, "the limit on the number of steps was reached")
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One accepted step with its interpolant, `theta` from 0 to 1."""
+
+    task: Task
+    begin: float
+    y_begin: Floats
+    end: float
+    y_end: Floats
+    dense: DenseOutput
+    gauge: Gauge
+
+    def look(self, theta: float) -> Look:
+        y = self.y_end
+        if theta < 1.0:
+            y = self.dense(self.begin + theta * (self.end - self.begin))
+        return _look(self.task, y, self.gauge)
+
+    def values(self, theta: float) -> Floats:
+        return _values(self.task, self.look(theta))
+
+    def integrate(self, theta: float) -> Floats:
+        """Integrated again from the start of the step: no interpolation error."""
+        length = theta * (self.end - self.begin)
+        bound = self.begin + length
+        if bound - self.begin <= 8 * np.finfo(float).eps * max(abs(self.begin), 1e-3):
+            return self.y_begin
+        solver = _solver(self.task, self.y_begin, self.gauge, bound - self.begin, length)
+        while solver.status == "running":
+            solver.step()
+        return np.asarray(solver.y)
+
+
+def _land(
+    step: _Step, watch: Monitors, sign: Floats, theta: float, which: int, steps: int
+) -> PhaseEnd:
+    """Put the path on the event, and find what else happens there."""
+
+    def at(theta: float) -> tuple[Floats, Look, Floats]:
+        y = step.integrate(theta)
+        seen = _look(step.task, y, step.gauge)
+        return y, seen, _values(step.task, seen) * sign
+
+    y, seen, values = polish(at, which, theta, lambda t: float(step.values(t)[which] * sign[which]))
+    before = step.values(0.0) * sign
+    near = (np.abs(values) <= SIMULTANEOUS) & ((before < 0) | ~watch.two_sided)
+    near[which] = True
+    fired = [(watch.kinds[k], int(watch.items[k])) for k in np.flatnonzero(near)]
+    return PhaseEnd(y, seen, fired, steps)
+
+
+def _look(task: Task, y: Floats, gauge: Gauge) -> Look:
+    return look(task.model, y, task.mode, task.stage.programme, gauge)
+
+
+def _values(task: Task, seen: Look) -> Floats:
+    return monitor_values(
+        task.model, seen, task.settings.subspace, task.stage, task.start, task.sense
+    )
+
+
+def _initial_signs(watch: Monitors, values: Floats) -> Floats:
+    """Factor that makes every function negative until its event; 0 where that is not yet known."""
+    known = np.abs(values) > np.maximum(watch.tolerance, SIMULTANEOUS)
+    return np.where(watch.two_sided, np.where(known, -np.sign(values), 0.0), 1.0)
+
+
+def _adopt_signs(sign: Floats, table: Floats, watch: Monitors) -> None:
+    """A function that starts at its zero takes the side to which it goes."""
+    for k in np.flatnonzero(sign == 0.0):
+        beyond = table[np.abs(table[:, k]) > watch.tolerance[k], k]
+        if len(beyond):
+            sign[k] = -np.sign(beyond[0])
+
+
+def _solver(
+    task: Task, y: Floats, gauge: Gauge, bound: float, first_step: float | None
+) -> DOP853:
+    s = task.settings
+    solver = DOP853(
+        lambda t, y: y_rates(task.model, y, task.mode, task.stage.programme, gauge),
+        0.0,
+        y,
+        bound,
+        max_step=s.max_step,
+        rtol=s.rtol,
+        atol=s.atol,
+        first_step=first_step,
+    )
+    return solver
+
+
+def _follow_direction(solver: DOP853, task: Task, gauge: Gauge) -> None:
+    """Measure the next step's direction against the current one."""
+    solver.fun = lambda t, y: y_rates(task.model, y, task.mode, task.stage.programme, gauge)
+
+
+def _advance(solver: DOP853) -> str:
+    """One accepted step, or why there is none."""
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        message = solver.step()
+    return message or ""

@@ -1,0 +1,169 @@
+"""The state that a path integrates, and the contacts as the law sees them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import GrainGraph
+from loops.closures.spins import deformation_gradient
+from loops.contact_state import ContactState
+from loops.laws.protocol import Regime, Regimes
+from stability.paths.model import PathModel
+
+Floats = NDArray[np.float64]
+
+WORK_TERMS = ("external_work", "moment_work", "tangential_work", "dissipation")
+
+# Shear force of a contact that slides at the cone's apex: its sign is all the law reads.
+APEX_SHEAR = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """Regime of every contact and, where it slides, the side of the cone.
+
+    Attributes
+    ----------
+    regime : (C,) array of int8
+        `Regime`.
+    side : (C,) array
+        Sign of the shear force where sliding, +1 or -1.
+    """
+
+    regime: Regimes
+    side: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PathState:
+    """Integrated variables, read from the vector `y`.
+
+    Attributes
+    ----------
+    place : (4,) or (G, 2) array
+        Displacement gradient `H` under the affine closure, centres under the traction closure.
+    shear_force : (C,) array
+        `T`.
+    parameter : float
+        Loading parameter, counted from the start of the path.
+    work : (4,) array
+        `WORK_TERMS`, counted from the start of the path.
+    """
+
+    place: Floats
+    shear_force: Floats
+    parameter: float
+    work: Floats
+
+
+def initial_state(model: PathModel, graph: GrainGraph) -> Floats:
+    """Vector `y` of the initial graph.
+
+    Parameters
+    ----------
+    model : PathModel
+        Constants.
+    graph : GrainGraph
+        Initial state; under the affine closure, an affine image of its reference.
+
+    Returns
+    -------
+    (Y,) array
+        Place, shear forces, loading parameter and work terms.
+    """
+    place = graph.x
+    if model.closure == "affine":
+        place = np.eye(2) - deformation_gradient(graph)
+    return pack(place, graph.shear_force, 0.0, np.zeros(len(WORK_TERMS)))
+
+
+def pack(place: Floats, shear_force: Floats, parameter: float, work: Floats) -> Floats:
+    """Vector `y` of the integrated variables, see `PathState`."""
+    return np.concatenate([place.ravel(), shear_force, [parameter], work])
+
+
+def unpack(model: PathModel, y: Floats) -> PathState:
+    """Integrated variables in the vector `y`."""
+    places = 4 if model.closure == "affine" else 2 * model.grain_count
+    place = y[:places] if model.closure == "affine" else y[:places].reshape(-1, 2)
+    shear = y[places : places + model.contact_count]
+    return PathState(place, shear, float(y[-5]), y[-4:])
+
+
+def scales(model: PathModel) -> Floats:
+    """(Y,) natural size of every integrated variable, for absolute tolerances."""
+    places = 4 if model.closure == "affine" else 2 * model.grain_count
+    force = model.stiffness * model.length
+    return np.concatenate(
+        [
+            np.full(places, 1.0 if model.closure == "affine" else model.length),
+            np.full(model.contact_count, force),
+            [1.0],
+            np.full(len(WORK_TERMS), force * model.length),
+        ]
+    )
+
+
+def displacement_gradient(model: PathModel, place: Floats) -> Floats:
+    """(4,) `H`: as integrated, or of the polygon, `-(1/V0) sum u_i (x) b_i`."""
+    if model.closure == "affine":
+        return place
+    return -((place - model.x0).T @ model.b).ravel() / model.volume
+
+
+def centres(model: PathModel, place: Floats) -> Floats:
+    """(G, 2) centres; `x = (I - H) x0` under the affine closure."""
+    if model.closure == "affine":
+        return model.x0 - model.x0 @ place.reshape(2, 2).T
+    return place
+
+
+def contacts_of(model: PathModel, state: PathState, mode: Mode) -> ContactState:
+    """Contacts with exact forces: `N` from the geometry, `T = s mu N` where sliding.
+
+    `N` is not clipped at zero before the mode says open, so that it stays smooth beyond the
+    opening that is yet to be located.
+
+    Parameters
+    ----------
+    model : PathModel
+        Constants.
+    state : PathState
+        Integrated variables.
+    mode : Mode
+        Regimes.
+
+    Returns
+    -------
+    ContactState
+    """
+    if model.closure == "affine":
+        d = model.d0 - model.d0 @ state.place.reshape(2, 2).T
+    else:
+        i, j = model.contacts.T
+        d = state.place[j] - state.place[i]
+    length = np.hypot(d[:, 0], d[:, 1])
+    n = d / length[:, None]
+    radii_i, radii_j = model.radii[model.contacts].T
+    normal = np.where(mode.regime == Regime.OPEN, 0.0, model.kn * (radii_i + radii_j - length))
+    return ContactState(
+        length=length,
+        n=n,
+        t=np.column_stack([-n[:, 1], n[:, 0]]),
+        normal_force=normal,
+        shear_force=shear_forces(model, state.shear_force, normal, mode),
+        radii_i=radii_i,
+        radii_j=radii_j,
+    )
+
+
+def shear_forces(model: PathModel, shear: Floats, normal: Floats, mode: Mode) -> Floats:
+    """(C,) `T`: integrated where elastic, `s mu N` where sliding, zero where open."""
+    sliding = mode.regime == Regime.SLIDING
+    limit = np.where(sliding, model.mu, 0.0) * normal
+    at_apex = np.where(normal == 0.0, APEX_SHEAR, 0.0)
+    slid = mode.side * np.where(limit == 0.0, at_apex, limit)
+    return np.where(sliding, slid, np.where(mode.regime == Regime.OPEN, 0.0, shear))

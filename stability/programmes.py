@@ -1,0 +1,263 @@
+"""Loading programmes: what is controlled, and until when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops.errors import InputError
+from stability.subspaces import COMPONENTS
+
+Floats = NDArray[np.float64]
+Axis = Literal[1, 2]
+
+QUANTITIES = tuple(f"{tensor}{component}" for tensor in "HP" for component in COMPONENTS)
+
+
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """Four linear equations between rates, per unit of the loading parameter.
+
+        stress @ P' + strain @ H' = rate
+
+    with the nominal stress `P` and the displacement gradient `H` in the components
+    (11, 12, 21, 22), positive in compression.
+
+    Parameters
+    ----------
+    name : str
+        What it is called in results and messages.
+    stress, strain : (4, 4) array
+        Coefficients of `P'` and of `H'`, one equation a row.
+    rate : (4,) array
+        Right-hand side per unit of the loading parameter, not zero.
+    isochoric_row : int, optional
+        Row whose strain coefficients are replaced by those of `(det F)' = 0` in the current
+        state, `F = I - H`.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong, a number is not finite, the equations depend on each other or nothing
+        is driven.
+
+    Examples
+    --------
+    >>> programme = drained_biaxial()
+    >>> programme.strain.diagonal().tolist(), programme.stress[3].tolist(), programme.rate.tolist()
+    ([1.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
+    """
+
+    name: str
+    stress: Floats
+    strain: Floats
+    rate: Floats
+    isochoric_row: int | None = None
+
+    def __post_init__(self) -> None:
+        for field, shape in (("stress", (4, 4)), ("strain", (4, 4)), ("rate", (4,))):
+            value = np.array(getattr(self, field), dtype=float)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise InputError(
+                    f"{field} of the programme {self.name!r}",
+                    f"{value.tolist()}",
+                    f"finite numbers of shape {shape}",
+                    "Give four equations in the components 11, 12, 21, 22.",
+                )
+            value.setflags(write=False)
+            object.__setattr__(self, field, value)
+        stress, strain, rate = self.equations(np.zeros(4))
+        rank = int(np.linalg.matrix_rank(np.hstack([stress, strain])))
+        if rank < 4 or not rate.any():
+            raise InputError(
+                f"programme {self.name!r}",
+                f"{rank} independent equations, rate {rate.tolist()}",
+                "4 independent equations and a rate that is not zero",
+                "Control four independent combinations and drive one of them.",
+            )
+
+    def equations(self, H: Floats) -> tuple[Floats, Floats, Floats]:
+        """Coefficients `stress`, `strain` and `rate` at the displacement gradient `H`, (4,)."""
+        if self.isochoric_row is None:
+            return self.stress, self.strain, self.rate
+        strain = self.strain.copy()
+        # (det F)' = cof F : F' and F' = -H'.
+        strain[self.isochoric_row] = [1.0 - H[3], H[2], H[1], 1.0 - H[0]]
+        return self.stress, strain, self.rate
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A programme and the value at which it ends.
+
+    Parameters
+    ----------
+    programme : Programme
+        What is controlled.
+    quantity : str
+        What ends the stage: a component 'H11', ..., 'P22', or 'parameter', the loading parameter
+        counted from the start of the stage.
+    target : float
+        Its value at the end.
+    fallback : bool
+        The stage is entered only where the one before it met the limit of its control (or its rate
+        problem has no solution), and skipped otherwise.
+
+    Raises
+    ------
+    InputError
+        If the quantity is unknown or the target is not finite.
+
+    Examples
+    --------
+    >>> Stage(isotropic_strain(), "H11", 0.3).target
+    0.3
+    """
+
+    programme: Programme
+    quantity: str
+    target: float
+    fallback: bool = False
+
+    def __post_init__(self) -> None:
+        if self.quantity not in (*QUANTITIES, "parameter"):
+            raise InputError(
+                "quantity of a stage",
+                repr(self.quantity),
+                f"parameter or one of {', '.join(QUANTITIES)}",
+                "Name the component that ends the stage.",
+            )
+        if not np.isfinite(self.target):
+            raise InputError(
+                "target of a stage", str(self.target), "a finite number", "Say where it ends."
+            )
+
+
+def isotropic_strain(rate: float = 1.0) -> Programme:
+    """`H11' = H22' = rate`, no shear.
+
+    Examples
+    --------
+    >>> isotropic_strain().name
+    'isotropic strain'
+    """
+    return _programme("isotropic strain", {"H11": rate, "H12": 0.0, "H21": 0.0, "H22": rate})
+
+
+def isotropic_stress(rate: float = 1.0) -> Programme:
+    """`P11' = P22' = rate`, `H12' = H21' = 0`."""
+    return _programme("isotropic stress", {"P11": rate, "H12": 0.0, "H21": 0.0, "P22": rate})
+
+
+def proportional_strain(H11: float, H22: float) -> Programme:
+    """`H11'` and `H22'` in a fixed ratio, no shear.
+
+    Examples
+    --------
+    >>> proportional_strain(1.0, -0.5).rate.tolist()
+    [1.0, 0.0, 0.0, -0.5]
+    """
+    return _programme("proportional strain", {"H11": H11, "H12": 0.0, "H21": 0.0, "H22": H22})
+
+
+def proportional_stress(P11: float, P22: float) -> Programme:
+    """`P11'` and `P22'` in a fixed ratio, `H12' = H21' = 0`; `(1, 0)` is force control.
+
+    Examples
+    --------
+    >>> proportional_stress(1.0, 0.0).stress.diagonal().tolist()
+    [1.0, 0.0, 0.0, 1.0]
+    """
+    return _programme("proportional stress", {"P11": P11, "H12": 0.0, "H21": 0.0, "P22": P22})
+
+
+def drained_biaxial(axis: Axis = 1, rate: float = 1.0) -> Programme:
+    """Strain rate along `axis`, constant nominal stress across it, `H12' = H21' = 0` (32).
+
+    Examples
+    --------
+    >>> drained_biaxial(axis=2).stress.diagonal().tolist()
+    [1.0, 0.0, 0.0, 0.0]
+    """
+    along, across = _axes(axis)
+    return _programme("drained biaxial", {f"H{along}": rate, "H12": 0, "H21": 0, f"P{across}": 0})
+
+
+def oedometric(axis: Axis = 1, rate: float = 1.0) -> Programme:
+    """Strain rate along `axis`, no other strain."""
+    along, across = _axes(axis)
+    return _programme("oedometric", {f"H{along}": rate, "H12": 0, "H21": 0, f"H{across}": 0})
+
+
+def undrained(axis: Axis = 1, rate: float = 1.0) -> Programme:
+    """Strain rate along `axis` at constant area, `H12' = H21' = 0`.
+
+    The area is held exactly: `tr(F^-1 F') = 0` with `F = I - H`, hence `det F` stays what it was
+    at the start of the stage; to first order this is `H11' + H22' = 0`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> undrained().equations(np.array([0.5, 0.0, 0.0, 0.2]))[1][3].tolist()
+    [0.8, 0.0, 0.0, 0.5]
+    """
+    along, across = _axes(axis)
+    held = _programme("undrained", {f"H{along}": rate, "H12": 0, "H21": 0, f"H{across}": 0})
+    row = COMPONENTS.index(across)
+    return Programme(held.name, held.stress, held.strain, held.rate, isochoric_row=row)
+
+
+def combination(
+    stress: ArrayLike, strain: ArrayLike, rate: ArrayLike, name: str = "combination"
+) -> Programme:
+    """Any four equations `stress @ P' + strain @ H' = rate`.
+
+    Parameters
+    ----------
+    stress, strain : (4, 4) array
+        Coefficients of `P'` and `H'` in the components (11, 12, 21, 22), one equation a row.
+    rate : (4,) array
+        Right-hand side per unit of the loading parameter.
+    name : str
+        What to call it.
+
+    Returns
+    -------
+    Programme
+
+    Raises
+    ------
+    InputError
+        See `Programme`.
+
+    Examples
+    --------
+    Constant mean stress, driven by the difference of the strains:
+
+    >>> import numpy as np
+    >>> shear = np.diag([0.0, 1, 1, 0])
+    >>> stress, strain = np.zeros((4, 4)), shear.copy()
+    >>> stress[3, [0, 3]], strain[0, [0, 3]] = 1.0, [1.0, -1.0]
+    >>> combination(stress, strain, [1, 0, 0, 0], "constant mean stress").name
+    'constant mean stress'
+    """
+    return Programme(name, np.asarray(stress), np.asarray(strain), np.asarray(rate))
+
+
+def _programme(name: str, controlled: dict[str, float]) -> Programme:
+    """Programme that controls one component of `H` or `P` per row, in the order 11 .. 22."""
+    stress, strain, rate = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4)
+    for key, value in controlled.items():
+        row = COMPONENTS.index(key[1:])
+        (stress if key[0] == "P" else strain)[row, row] = 1.0
+        rate[row] = value
+    return Programme(name, stress, strain, rate)
+
+
+def _axes(axis: int) -> tuple[str, str]:
+    if axis not in get_args(Axis):
+        raise InputError("axis", repr(axis), "1 or 2", "Name the axis along which strain grows.")
+    return ("11", "22") if axis == 1 else ("22", "11")

@@ -1,0 +1,282 @@
+"""The rate problem of contacts at the edge of their law: which regime follows which direction.
+
+A contact inside Coulomb's cone has one regime. At yield it may slide or stick, just touching it may
+part, stick or slide to either side, and the motion decides, while the motion depends on all the
+regimes: a piecewise linear complementarity problem. It may have one solution, none or several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice, product
+from typing import Generic, Literal, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.laws.protocol import Regime
+
+Floats = NDArray[np.float64]
+Status = Literal["unique", "none", "several"]
+
+# Up to this number of combinations of regimes all are tried; beyond it, pivoting.
+ENUMERATION_LIMIT = 1024
+# Relative to the largest rate: sign conditions, and when two solutions are the same.
+SIGN_TOLERANCE = 1e-10
+SAME_RATES = 1e-8
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One regime that a contact may take: `Regime` and, when it slides, the sign of `T`."""
+
+    regime: Regime
+    side: float = 0.0
+
+
+OPEN, ELASTIC = Choice(Regime.OPEN), Choice(Regime.ELASTIC)
+LEFT, RIGHT = Choice(Regime.SLIDING, 1.0), Choice(Regime.SLIDING, -1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeRates:
+    """Rates that decide, one entry per contact at the edge of its law.
+
+    Attributes
+    ----------
+    un : (m,) array
+        Normal displacement, positive when the contact opens (times kn, force per time).
+    shear : (m,) array
+        Shear force as if the contact stuck.
+    strength : (m,) array
+        Shear force it could carry, `mu N'`, with `N' = -kn un'` as if closed.
+    """
+
+    un: Floats
+    shear: Floats
+    strength: Floats
+
+
+class Trial(Protocol):
+    """Rates for one combination of regimes."""
+
+    @property
+    def edge(self) -> EdgeRates: ...
+
+    @property
+    def vector(self) -> Floats:
+        """(q,) rates that tell solutions apart: `H'`, then the rest in comparable units."""
+        ...
+
+    @property
+    def trusted(self) -> bool: ...
+
+
+AnyTrial = TypeVar("AnyTrial", bound=Trial)
+
+
+@dataclass(frozen=True, eq=False)
+class RateSolution(Generic[AnyTrial]):
+    """One solution: a choice per contact at the edge, and the rates."""
+
+    choices: tuple[Choice, ...]
+    rates: AnyTrial
+
+
+@dataclass(frozen=True, eq=False)
+class RateProblem(Generic[AnyTrial]):
+    """Solutions of a rate problem.
+
+    Attributes
+    ----------
+    status : {'unique', 'none', 'several'}
+        How many there are. Combinations of regimes that give the same rates count once.
+    solutions : tuple of RateSolution
+        All that were found, the one that a path takes first: see `solve_rate_problem`.
+    exhaustive : bool
+        Whether every combination of regimes was tried; otherwise the status speaks of what the
+        pivoting found.
+    singular : int
+        Combinations whose equations have no single answer.
+    """
+
+    status: Status
+    solutions: tuple[RateSolution[AnyTrial], ...]
+    exhaustive: bool
+    singular: int
+
+    @property
+    def taken(self) -> RateSolution[AnyTrial]:
+        """The solution that a path takes.
+
+        Raises
+        ------
+        IndexError
+            If there is none.
+        """
+        return self.solutions[0]
+
+
+def solve_rate_problem(
+    options: Sequence[Sequence[Choice]],
+    rates_for: Callable[[tuple[Choice, ...]], AnyTrial],
+    *,
+    preferred: Sequence[Choice],
+    direction: Floats | None = None,
+) -> RateProblem[AnyTrial]:
+    """Find the regimes that agree with the rates they cause.
+
+    Sticking agrees while the shear rate stays within the cone, sliding while sticking would leave
+    it, parting while the branch lengthens (theory note, sections 2 and 6).
+
+    Of several solutions the first is the one in which contacts with the same options take the same
+    choice (the symmetric one), then the one whose rates are closest in direction to `direction`
+    (continuity). Of combinations with the same rates, which differ in neutral contacts alone, it is
+    the one with most preferred choices.
+
+    Parameters
+    ----------
+    options : sequence of sequences of Choice
+        Regimes open to each contact at the edge of its law.
+    rates_for : callable
+        Rates for one choice per contact.
+    preferred : sequence of Choice
+        One choice per contact: breaks ties, and starts the pivoting.
+    direction : (q,) array, optional
+        Rates before, in the components of `Trial.vector`.
+
+    Returns
+    -------
+    RateProblem
+
+    Examples
+    --------
+    A block on a table, pushed sideways at yield, slides:
+
+    >>> from types import SimpleNamespace
+    >>> def rates_for(choices):
+    ...     edge = EdgeRates(np.array([0.0]), np.array([1.0]), np.array([0.0]))
+    ...     return SimpleNamespace(edge=edge, vector=np.array([1.0]), trusted=True)
+    >>> found = solve_rate_problem([[ELASTIC, LEFT]], rates_for, preferred=[ELASTIC])
+    >>> found.status, found.taken.choices[0].regime.name
+    ('unique', 'SLIDING')
+    """
+    count = int(np.prod([float(len(choices)) for choices in options]))
+    exhaustive = count <= ENUMERATION_LIMIT
+    singular = 0
+    agreeing: list[RateSolution[AnyTrial]] = []
+    tried: Iterable[tuple[Choice, ...]] = (
+        product(*options) if exhaustive else _pivots(options, rates_for, tuple(preferred))
+    )
+    for choices in tried:
+        rates = rates_for(choices)
+        if not rates.trusted:
+            singular += 1
+        elif all(_agreement(options, choices, rates.edge)):
+            agreeing.append(RateSolution(choices, rates))
+    distinct = _distinct(agreeing, preferred)
+    distinct.sort(key=lambda found: _rank(found, options, direction))
+    status: Status = "none" if not distinct else "unique" if len(distinct) == 1 else "several"
+    return RateProblem(status, tuple(distinct), exhaustive, singular)
+
+
+def _agreement(
+    options: Sequence[Sequence[Choice]], choices: tuple[Choice, ...], edge: EdgeRates
+) -> list[bool]:
+    """Whether each contact's choice agrees with the rates."""
+    size = max(np.abs(np.concatenate([edge.un, edge.shear, edge.strength])).max(initial=0.0), 1e-300)
+    tol = SIGN_TOLERANCE * size
+    return [
+        _agrees(can, choice, edge.un[k], edge.shear[k], edge.strength[k], tol)
+        for k, (can, choice) in enumerate(zip(options, choices, strict=True))
+    ]
+
+
+def _agrees(
+    can: Sequence[Choice], choice: Choice, un: float, shear: float, strength: float, tol: float
+) -> bool:
+    touching = OPEN in can
+    if choice == OPEN:
+        return un >= -tol
+    if touching and un > tol:
+        return False
+    if choice == ELASTIC:
+        sides = [other.side for other in can if other.regime == Regime.SLIDING]
+        return all(side * shear <= strength + tol for side in sides)
+    # Without friction there is no sticking to compare with.
+    return ELASTIC not in can or bool(choice.side * shear >= strength - tol)
+
+
+def _pivots(
+    options: Sequence[Sequence[Choice]],
+    rates_for: Callable[[tuple[Choice, ...]], AnyTrial],
+    start: tuple[Choice, ...],
+) -> Iterator[tuple[Choice, ...]]:
+    """Combinations by a semismooth Newton iteration, then by single pivots once it cycles."""
+    limit = 20 + 4 * len(options)
+    seen: set[tuple[Choice, ...]] = set()
+    choices, single = start, False
+    for _ in range(limit):
+        rates = rates_for(choices)
+        agreement = _agreement(options, choices, rates.edge)
+        if rates.trusted and all(agreement):
+            yield choices
+            return
+        wrong = [k for k, agrees in enumerate(agreement) if not agrees]
+        # An untrusted solve may agree with itself: then the search has nowhere to go.
+        if not wrong:
+            return
+        single = single or choices in seen
+        seen.add(choices)
+        changed = list(choices)
+        for k in islice(wrong, 1 if single else None):
+            changed[k] = _natural(options[k], rates.edge, k, choices[k])
+        choices = tuple(changed)
+
+
+def _natural(can: Sequence[Choice], edge: EdgeRates, k: int, choice: Choice) -> Choice:
+    """What a contact would do under the given rates."""
+    if OPEN in can and edge.un[k] > 0:
+        return OPEN
+    for other in can:
+        if other.regime == Regime.SLIDING and other.side * edge.shear[k] > edge.strength[k]:
+            return other
+    return ELASTIC if ELASTIC in can else choice
+
+
+def _distinct(
+    agreeing: list[RateSolution[AnyTrial]], preferred: Sequence[Choice]
+) -> list[RateSolution[AnyTrial]]:
+    """Solutions with different rates; of equal ones that with most preferred choices."""
+    groups: list[list[RateSolution[AnyTrial]]] = []
+    for found in agreeing:
+        for group in groups:
+            if _same(group[0].rates.vector, found.rates.vector):
+                group.append(found)
+                break
+        else:
+            groups.append([found])
+
+    def matches(found: RateSolution[AnyTrial]) -> int:
+        return sum(a == b for a, b in zip(found.choices, preferred, strict=True))
+
+    return [max(group, key=matches) for group in groups]
+
+
+def _same(a: Floats, b: Floats) -> bool:
+    return bool(np.linalg.norm(a - b) <= SAME_RATES * max(np.linalg.norm(a), np.linalg.norm(b)))
+
+
+def _rank(
+    found: RateSolution[AnyTrial], options: Sequence[Sequence[Choice]], direction: Floats | None
+) -> tuple[int, float]:
+    """Number of different regimes, then the turn from the previous direction."""
+    kinds = {
+        (len(can), choice.regime) for can, choice in zip(options, found.choices, strict=True)
+    }
+    if direction is None:
+        return len(kinds), 0.0
+    vector = found.rates.vector
+    size = float(np.linalg.norm(vector) * np.linalg.norm(direction))
+    return len(kinds), -float(vector @ direction) / size if size > 0 else 0.0

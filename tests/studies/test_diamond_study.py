@@ -1,0 +1,450 @@
+"""The diamond study: events, states, verification, and what it writes."""
+
+import json
+from dataclasses import replace
+
+import matplotlib.image
+import mpmath
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+from matplotlib.figure import Figure
+from scipy.optimize import brentq
+
+from loops import InputError, LinearFrictional, affine_tangent, find_faces, traction_tangent
+from patterns import diamond, read_snapshot
+from stability import restrict
+from studies.diamond import DiamondParameters, run_diamond
+from studies.diamond.figures import draw_determinant, draw_eigenvalues, draw_loop, draw_polar
+from studies.diamond.path import follow, path_table
+from studies.diamond.polar import settled_diagram
+from studies.diamond.run import snapshot_tables
+from studies.diamond.states import isotropic_states, operators
+from studies.diamond.summary import diamond_summary
+from studies.diamond.verification import verification
+from studies.style import STYLE
+
+EVENT_KEYS = {
+    "kind", "E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks"
+}  # fmt: skip
+STATE_KEYS = {
+    "E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2", "det_K", "det_Ks", "regime",
+    "K", "Kmat", "Kgeo", "Ks", "eigenvalues_K", "eigenvalues_Ks", "cone", "gaps", "verdict",
+    "generic",
+}  # fmt: skip
+SUMMARY_KEYS = {
+    "parameters", "states", "events", "verification", "notes", "definitions", "provenance"
+}  # fmt: skip
+COLUMNS = {
+    "stage", "regime", "E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2",
+    *(f"{name}{ij}" for name in ("K", "Kmat", "Kgeo") for ij in ("11", "12", "21", "22")),
+    "det_K", "det_Ks", "lambda_1", "lambda_2", "eigenvalue_1_real", "eigenvalue_1_imag",
+    "eigenvalue_2_real", "eigenvalue_2_imag", "status", "cone_status", "cone_edge_1_deg",
+    "cone_edge_2_deg", "cone_axis_deg", "cone_opening_deg", "unstable_fraction", "gap_1", "gap_2",
+}  # fmt: skip
+FILES = {
+    "summary.json", "path.parquet", "polar.parquet", "grains_A.parquet", "contacts_A.parquet",
+    *(f"{name}.{end}" for name in ("determinant", "eigenvalues", "polar", "loop_A")
+      for end in ("png", "svg")),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The study of both tables, written once."""
+    folder = tmp_path_factory.mktemp("diamond")
+    return {
+        table: (
+            folder / str(table),
+            run_diamond(DiamondParameters(table=table), folder / f"{table}"),
+        )
+        for table in (1, 2)
+    }
+
+
+def strains(parameters):
+    return {event.kind: event.E for event in follow(parameters).events}
+
+
+def generic(alpha0, kappa, E, closure):
+    """Generic operator under isotropic strain, from a grain graph alone."""
+    graph = diamond(alpha0, E1=E, E2=E)
+    box = 2.0 * np.sin(2.0 * alpha0)
+    return restrict(
+        closure(graph, LinearFrictional(kn=1.0, kt=kappa), volume=box).matrix, "diagonal"
+    )
+
+
+# Events
+
+
+@pytest.mark.parametrize(
+    ("table", "I", "touch", "A"),
+    [
+        (1, 1 / mpmath.mpf(6), 1 - 1 / mpmath.sqrt(2), mpmath.mpf("0.3")),
+        (
+            2,
+            mpmath.mpf(6) / 31,
+            1 - 1 / (2 * mpmath.sin(mpmath.radians(35))),
+            mpmath.mpf("0.35") * mpmath.tan(mpmath.radians(35)),
+        ),
+    ],
+)
+def test_events_of_the_tables(table, I, touch, A):  # noqa: E741
+    found = strains(DiamondParameters(table=table))
+    expected = {"det_K_zero": I, "det_Ks_zero": I, "opposite_contact": touch, "programme_change": A}
+    assert set(found) == set(expected)
+    for kind, E in expected.items():
+        assert abs(found[kind] - E) < 1e-15
+
+
+def test_events_stand_in_path_order():
+    kinds = [[event.kind for event in follow(DiamondParameters(table=k)).events] for k in (1, 2)]
+    assert kinds == [
+        ["det_Ks_zero", "det_K_zero", "opposite_contact", "programme_change"],
+        ["opposite_contact", "det_Ks_zero", "det_K_zero", "programme_change"],
+    ]
+
+
+@pytest.mark.parametrize("closure", [affine_tangent, traction_tangent])
+def test_determinant_events_are_the_roots_of_the_generic_operator(closure):
+    rng = np.random.default_rng(7)
+    draws = zip(rng.uniform(5.0, 85.0, 12), rng.uniform(0.05, 2.0, 12), strict=True)
+    for alpha0, kappa in draws:
+        found = strains(DiamondParameters(alpha0_deg=alpha0, kappa=kappa, confine=0.9))
+
+        def det(E, alpha0=alpha0, kappa=kappa, symmetric=False):
+            K = generic(np.radians(alpha0), kappa, E, closure)
+            return np.linalg.det(0.5 * (K + K.T) if symmetric else K)
+
+        for kind, symmetric in (("det_K_zero", False), ("det_Ks_zero", True)):
+            root = brentq(det, 1e-3, 0.9, args=(alpha0, kappa, symmetric), xtol=1e-15)
+            assert abs(root - found[kind]) < 1e-12
+
+
+@pytest.mark.parametrize("alpha0", [30.5, 37.0, 45.0, 52.0, 59.5])
+def test_opposite_grains_touch_where_their_distance_is_two_radii(alpha0):
+    found = strains(DiamondParameters(alpha0_deg=alpha0, confine=0.4))["opposite_contact"]
+
+    def gap(E):
+        x = diamond(np.radians(alpha0), E1=E, E2=E).x
+        return min(np.linalg.norm(x[0] - x[2]), np.linalg.norm(x[1] - x[3])) - 1.0
+
+    assert abs(brentq(gap, 0.0, 0.4, xtol=1e-15) - found) < 1e-12
+
+
+def test_a_confinement_short_of_I_has_no_I():
+    summary = diamond_summary(follow(DiamondParameters(confine=0.1)))
+    assert summary["states"]["I"] is None
+    assert [event["kind"] for event in summary["events"]] == ["programme_change"]
+    assert summary["states"]["A"]["verdict"]["status"] == "stable"
+
+
+def test_stop_ends_the_path_where_opposite_grains_meet():
+    path = follow(DiamondParameters(table=2, contact_on_touch="stop"))
+    touch = 1.0 - 0.5 / np.sin(np.radians(35.0))
+    assert [event.kind for event in path.events] == ["opposite_contact"]
+    assert abs(path.states.E1[-1] - touch) < 1e-15
+    summary = diamond_summary(path)
+    assert summary["states"] == {"I": None, "A": None}
+    assert any("ends where opposite grains meet" in note for note in summary["notes"])
+
+
+def test_grains_that_overlap_from_the_start_have_no_event_but_a_note():
+    summary = diamond_summary(follow(DiamondParameters(alpha0_deg=20.0)))
+    assert "opposite_contact" not in {event["kind"] for event in summary["events"]}
+    assert any("overlap from the start" in note for note in summary["notes"])
+    assert summary["states"]["A"]["gaps"][1] < 0.0
+
+
+@pytest.mark.parametrize("alpha0", [30.0, 60.0])
+def test_grains_that_touch_from_the_start_meet_at_zero_strain(alpha0):
+    assert strains(DiamondParameters(alpha0_deg=alpha0))["opposite_contact"] == 0.0
+
+
+def test_without_shear_stiffness_the_unloaded_diamond_is_already_at_I():
+    assert strains(DiamondParameters(kappa=0.0))["det_K_zero"] == 0.0
+
+
+# The path and its states
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_path_follows_equations_39_and_40(table):
+    parameters = DiamondParameters(table=table)
+    loop, rows = parameters.loop(), path_table(follow(parameters))
+    E, t0 = rows["E1"], np.tan(loop.alpha0)
+    x = E / (1.0 - E)
+    c2 = np.cos(loop.alpha0) ** 2
+    expected = {
+        "E2": E, "l": 1.0 - E, "N": E, "T": 0.0 * E, "s1": E / t0, "s2": E * t0,
+        "alpha_deg": np.degrees(loop.alpha0) + 0.0 * E,
+        "K11": c2 * (1.0 / t0 + (loop.kappa - x) * t0), "K12": c2 * (1.0 - loop.kappa + x) * t0,
+        "K21": c2 * (1.0 - loop.kappa + x) * t0, "K22": c2 * (t0**2 + loop.kappa - x) * t0,
+        "det_K": loop.kappa - x, "det_Ks": loop.kappa - x,
+    }  # fmt: skip
+    for name, values in expected.items():
+        np.testing.assert_allclose(rows[name], values, rtol=0.0, atol=4e-15, err_msg=name)
+    assert np.all(np.diff(E) > 1e-6)
+    assert (E[0], E[-1]) == (0.0, loop.confinement)
+
+
+def test_determinants_of_a_sheared_state_are_those_of_its_operator():
+    loop = DiamondParameters(table=2).loop()
+    sheared = replace(isotropic_states(loop, [0.2]), s1=np.array([0.4]), s2=np.array([0.1]))
+    found = operators(loop, sheared)
+    symmetric = 0.5 * (found.K + np.swapaxes(found.K, 1, 2))
+    np.testing.assert_allclose(found.det_K, np.linalg.det(found.K), rtol=1e-13)
+    np.testing.assert_allclose(found.det_Ks, np.linalg.det(symmetric), rtol=1e-13)
+    assert found.det_Ks < found.det_K - 1e-3
+
+
+def test_every_event_is_a_row():
+    path = follow(DiamondParameters(alpha0_deg=40.0, kappa=0.17, confine=0.31))
+    assert {event.E for event in path.events} <= set(path.states.E1.tolist())
+
+
+def test_eigenvalues_of_table_1_are_one_and_the_determinant():
+    rows = path_table(follow(DiamondParameters(table=1)))
+    for largest, smallest in (
+        ("lambda_2", "lambda_1"),
+        ("eigenvalue_2_real", "eigenvalue_1_real"),
+    ):
+        np.testing.assert_allclose(rows[largest], 1.0, rtol=4e-15)
+        np.testing.assert_allclose(rows[smallest], rows["det_K"], rtol=0.0, atol=2e-15)
+    assert not rows["eigenvalue_1_imag"].any()
+
+
+def test_cone_of_table_1_at_A(written):
+    cone = written[1][1]["states"]["A"]["cone"]
+    half = np.degrees(np.arctan(np.sqrt(3.0 / 7.0 - 0.2)))
+    assert cone["status"] == "open"
+    assert cone["axis_deg"] == pytest.approx(135.0, abs=1e-12)
+    assert cone["opening_deg"] == pytest.approx(2.0 * half, abs=1e-11)
+    assert cone["edges_deg"] == pytest.approx([135.0 - half, 135.0 + half], abs=1e-11)
+    assert cone["unstable_fraction"] == pytest.approx(half / 90.0, abs=1e-13)
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_second_order_work_vanishes_on_the_edges_of_the_cone(written, table):
+    state = written[table][1]["states"]["A"]
+    edges = np.radians(state["cone"]["edges_deg"])
+    e = np.stack([np.cos(edges), np.sin(edges)], axis=-1)
+    np.testing.assert_allclose(np.einsum("ni,ij,nj->n", e, state["K"], e), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_cone_closes_on_one_direction_at_I(written, table):
+    state = written[table][1]["states"]["I"]
+    assert state["cone"]["status"] == "ray"
+    assert state["cone"]["opening_deg"] == 0.0
+    # The kernel of (42): E1'/E2' = -tan(alpha0)^2.
+    theta = np.radians(state["cone"]["axis_deg"])
+    slope = -(np.tan(np.radians(state["alpha_deg"])) ** 2)
+    assert np.cos(theta) / np.sin(theta) == pytest.approx(slope, rel=1e-12)
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_verdicts(written, table):
+    states = written[table][1]["states"]
+    assert states["I"]["verdict"]["status"] == "undetermined"
+    assert abs(states["I"]["verdict"]["margin"]) < 1e-15
+    assert (states["A"]["verdict"]["status"], states["A"]["verdict"]["mode"]) == (
+        "unstable",
+        "divergence",
+    )
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_generic_tangent_holds_the_papers_operator(closure):
+    state = diamond_summary(follow(DiamondParameters(table=2, closure=closure)))["states"]["A"]
+    assert state["generic"]["closure"] == closure
+    corners = state["generic"]["tangent"][np.ix_([0, 3], [0, 3])]
+    np.testing.assert_allclose(corners, state["K"], rtol=0.0, atol=1e-14)
+
+
+def test_a_row_of_the_grid_that_rounds_to_an_event_is_not_there_twice():
+    E = 0.03
+    kappa = E / (1.0 - E)
+    assert 0.0 < abs(kappa / (1.0 + kappa) - E) < 1e-15
+    path = follow(DiamondParameters(kappa=kappa, confine=2.0 * E))
+    assert np.diff(path.states.E1).min() > 1e-6
+
+
+# Verification
+
+
+def test_closed_forms_and_generic_operators_agree():
+    rng = np.random.default_rng(11)
+    asked = [DiamondParameters(table=1), DiamondParameters(table=2)]
+    for _ in range(8):
+        alpha0, kappa, confine = rng.uniform([10.0, 0.05, 0.05], [80.0, 1.5, 0.6])
+        asked.append(DiamondParameters(alpha0_deg=alpha0, kappa=kappa, confine=confine))
+    for parameters in asked:
+        found = verification(follow(parameters))
+        assert found["generic_vs_closed_form_max_relative"] < 1e-13
+        assert found["isotropic_vs_closed_form_max_relative"] < 1e-14
+        assert found["det_K_max_difference"] < 1e-13
+        assert found["bromwich_margin_min"] > -1e-14
+        assert found["generic_affine_untrusted"] == found["generic_traction_untrusted"] == 0
+        root = found["det_K_zero_by_root_difference"]
+        assert root is None or root < 1e-12
+
+
+def test_verification_sees_a_wrong_operator():
+    path = follow(DiamondParameters(table=1))
+    path.operators.K[5, 0, 1] += 1e-6
+    found = verification(path)
+    assert found["generic_vs_closed_form_max_relative"] > 1e-7
+    assert found["isotropic_vs_closed_form_max_relative"] > 1e-7
+
+
+# Polar diagrams
+
+
+def test_no_direction_is_unstable_at_I(written):
+    for table in (1, 2):
+        K = np.array(written[table][1]["states"]["I"]["K"])
+        work = settled_diagram(K).work
+        assert 0.0 <= work.min() < 0.02
+
+
+def test_share_of_unstable_directions_is_the_cones(written):
+    for table in (1, 2):
+        state = written[table][1]["states"]["A"]
+        work = settled_diagram(np.array(state["K"])).work
+        share = np.count_nonzero(work < 0.0) / work.size
+        assert share == pytest.approx(state["cone"]["unstable_fraction"], abs=2 / work.size)
+
+
+# Files
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_files(written, table):
+    folder, summary = written[table]
+    assert {file.name for file in folder.iterdir()} == FILES
+    read = json.loads((folder / "summary.json").read_text())
+    assert set(read) == SUMMARY_KEYS
+    assert set(read["states"]) == {"I", "A"}
+    assert all(set(state) == STATE_KEYS for state in read["states"].values())
+    assert all(set(event) == EVENT_KEYS for event in read["events"])
+    assert read["events"] == summary["events"]
+    assert read["parameters"]["table"] == table
+
+
+def test_tables_carry_rows_and_provenance(written):
+    folder, summary = written[2]
+    table = pyarrow.parquet.read_table(folder / "path.parquet")
+    assert set(table.column_names) == COLUMNS
+    assert json.loads(table.schema.metadata[b"grainloops"]) == summary["provenance"]
+    polar = pyarrow.parquet.read_table(folder / "polar.parquet").to_pandas()
+    assert polar.groupby("state").size().to_dict() == {"I": 720, "A": 720}
+    radius = np.hypot(polar["x"], polar["y"])
+    np.testing.assert_allclose(radius, 2.0 + polar["w2"], rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["determinant", "eigenvalues", "polar", "loop_A"])
+def test_figures_are_drawn_and_say_what_made_them(written, name):
+    folder, _ = written[1]
+    image = matplotlib.image.imread(folder / f"{name}.png")
+    assert min(image.shape[:2]) > 600
+    assert 0.01 < np.mean(image[..., :3].min(axis=-1) < 0.9) < 0.6
+    for end in ("png", "svg"):
+        data = (folder / f"{name}.{end}").read_bytes()
+        assert b"grainloops diamond" in data
+        assert b"alpha0_deg" in data
+
+
+def test_the_same_study_gives_the_same_bytes(written, tmp_path):
+    run_diamond(DiamondParameters(table=2), tmp_path / "again")
+    for file in sorted((tmp_path / "again").glob("*.*")):
+        assert file.read_bytes() == (written[2][0] / file.name).read_bytes(), file.name
+
+
+def test_loop_at_A_is_a_snapshot(written):
+    folder, summary = written[2]
+    snapshot = read_snapshot(folder / "grains_A.parquet")
+    A = summary["states"]["A"]
+    np.testing.assert_allclose(snapshot.graph.normal_force, A["N"], rtol=1e-15)
+    assert find_faces(snapshot.graph).order[find_faces(snapshot.graph).loops].tolist() == [4]
+
+
+def test_shear_forces_survive_the_way_through_a_snapshot(tmp_path):
+    path = follow(DiamondParameters(table=2))
+    path = replace(path, states=replace(path.states, T=0.01 + 0.0 * path.states.T))
+    for name, columns in snapshot_tables(path, "A").items():
+        pd.DataFrame(columns).to_csv(tmp_path / f"{name}.csv", index=False)
+    shear = read_snapshot(tmp_path / "grains.csv").graph.shear_force
+    np.testing.assert_allclose(shear, [0.01, -0.01, 0.01, -0.01], rtol=1e-14)
+
+
+def test_results_are_not_overwritten_without_force(tmp_path):
+    out, kept = tmp_path / "out", tmp_path / "out" / "summary.json"
+    out.mkdir()
+    kept.write_text("mine")
+    with pytest.raises(InputError, match="holds files"):
+        run_diamond(DiamondParameters(), out)
+    assert [file.name for file in out.iterdir()] == ["summary.json"]
+    assert kept.read_text() == "mine"
+    run_diamond(DiamondParameters(), out, force=True, csv=True)
+    assert json.loads(kept.read_text())["parameters"]["kappa"] == 0.2
+    assert {file.name for file in out.glob("*.csv")} == {
+        "path.csv", "polar.csv", "grains_A.csv", "contacts_A.csv"
+    }  # fmt: skip
+
+
+def test_a_path_without_named_states_is_written(tmp_path):
+    run_diamond(DiamondParameters(table=2, contact_on_touch="stop"), tmp_path / "out")
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert names == {
+        "summary.json", "path.parquet", "polar.parquet", "determinant.png", "determinant.svg",
+        "eigenvalues.png", "eigenvalues.svg",
+    }  # fmt: skip
+
+
+def test_drawing_functions_use_the_axes_they_are_given():
+    path = follow(DiamondParameters(table=1))
+    before = {key: matplotlib.rcParams[key] for key in STYLE}
+    for draw in (
+        lambda ax: draw_determinant(path, ax),
+        lambda ax: draw_eigenvalues(path, ax),
+        lambda ax: draw_polar(path.operators.K[-1], ax),
+        lambda ax: draw_loop(path, "A", ax),
+    ):
+        ax = Figure().add_subplot()
+        assert draw(ax) is ax
+        assert ax.has_data()
+        assert ax.get_xlabel() and ax.get_ylabel()
+        assert draw(None) is not ax
+    assert {key: matplotlib.rcParams[key] for key in STYLE} == before
+
+
+# Arguments
+
+
+def test_without_arguments_the_study_is_table_1s():
+    assert DiamondParameters().loop() == DiamondParameters(table=1).loop()
+    own = DiamondParameters(alpha0_deg=45.0, kappa=0.2, phi_deg=5.0, confine=0.3)
+    assert own.loop() == DiamondParameters(table=1).loop()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where", "expected"),
+    [
+        ({"table": 3}, "--table", "1 or 2"),
+        ({"table": 1, "kappa": 0.3}, "--table", "one or the other"),
+        ({"alpha0_deg": 90.0}, "--alpha0", r"degrees in \(0, 90\)"),
+        ({"alpha0_deg": float("nan")}, "--alpha0", "degrees"),
+        ({"kappa": -0.1}, "--kappa", "zero or more"),
+        ({"phi_deg": 91.0}, "--phi", "degrees"),
+        ({"confine": 1.0}, "--confine", "strain"),
+        ({"closure": "voigt"}, "--closure", "affine or traction"),
+        ({"sliding": "none"}, "--sliding", "coulomb or printed"),
+        ({"contact_on_touch": "go"}, "--contact-on-touch", "ignore or stop"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, where, expected):
+    with pytest.raises(InputError, match=f"(?s){where}.*{expected}"):
+        DiamondParameters(**arguments)
