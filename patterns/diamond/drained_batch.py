@@ -58,7 +58,8 @@ def drained_end(
     alpha0 : array_like (...)
         Reference angle in (0, pi/2), radians.
     kappa : array_like (...)
-        Stiffness ratio `kt/kn` in [0, 1000]. The cost grows with it beyond 4.
+        Stiffness ratio `kt/kn` in [0, 1000]. The cost grows with it
+        beyond 3, where the limit of strain control is looked for.
     phi : array_like (...)
         Contact friction angle in [0, pi/2], radians; pi/2 means that nothing slides.
     confinement : array_like (...)

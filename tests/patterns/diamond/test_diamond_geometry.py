@@ -31,9 +31,9 @@ def slope(steps, errors):
 
 def test_sides_and_branch_are_inverse():
     rng = np.random.default_rng(1)
-    l, alpha = rng.uniform(0.1, 3.0, 1000), rng.uniform(1e-6, np.pi / 2 - 1e-6, 1000)  # noqa: E741
-    back = branch_from_sides(*side_lengths(l, alpha))
-    np.testing.assert_allclose(back[0], l, rtol=4e-16)
+    length, alpha = rng.uniform(0.1, 3.0, 1000), rng.uniform(1e-6, np.pi / 2 - 1e-6, 1000)
+    back = branch_from_sides(*side_lengths(length, alpha))
+    np.testing.assert_allclose(back[0], length, rtol=4e-16)
     np.testing.assert_allclose(back[1], alpha, rtol=4e-16)
 
 
@@ -56,17 +56,17 @@ def test_external_forces_do_the_contacts_work():
 @pytest.mark.parametrize("seed", range(5))
 def test_rates_are_the_derivatives(seed):
     rng = np.random.default_rng(seed)
-    l, alpha, dl, da, N, T, dN, dT = rng.uniform(0.3, 1.0, 8)  # noqa: E741
+    length, alpha, dl, da, N, T, dN, dT = rng.uniform(0.3, 1.0, 8)
 
     def sides(h):
-        return np.array(side_lengths(l + h * dl, alpha + h * da))
+        return np.array(side_lengths(length + h * dl, alpha + h * da))
 
     def forces(h):
         return np.array(external_forces(N + h * dN, T + h * dT, alpha + h * da))
 
     F1, F2 = forces(0.0)
     for function, rate in (
-        (sides, np.array(side_rates(l, alpha, dl, da))),
+        (sides, np.array(side_rates(length, alpha, dl, da))),
         (forces, np.array(force_rates(dN, dT, da, F1, F2, alpha))),
     ):
         central = [np.abs((function(h) - function(-h)) / (2 * h) - rate).max() for h in SMALL_STEPS]
@@ -77,21 +77,21 @@ def test_rates_are_the_derivatives(seed):
 def test_displacement_rates_follow_the_branch():
     # un' = l', ut' = -l alpha' with D' = -L' (15), (16).
     rng = np.random.default_rng(4)
-    l, alpha, dl, da = rng.uniform(0.1, 1.4, size=(4, 1000))  # noqa: E741
-    L1_rate, L2_rate = side_rates(l, alpha, dl, da)
+    length, alpha, dl, da = rng.uniform(0.1, 1.4, size=(4, 1000))
+    L1_rate, L2_rate = side_rates(length, alpha, dl, da)
     un, ut = contact_displacement_rates(-L1_rate, -L2_rate, alpha)
     np.testing.assert_allclose(un, dl, atol=1e-15)
-    np.testing.assert_allclose(ut, -l * da, atol=1e-15)
+    np.testing.assert_allclose(ut, -length * da, atol=1e-15)
 
 
 def test_measures_of_a_loaded_diamond():
     rng = np.random.default_rng(5)
     l0, alpha0 = rng.uniform(0.5, 2.0, 500), rng.uniform(0.1, 1.4, 500)
-    l, alpha = l0 * rng.uniform(0.6, 1.0, 500), alpha0 * rng.uniform(0.8, 1.1, 500)  # noqa: E741
+    length, alpha = l0 * rng.uniform(0.6, 1.0, 500), alpha0 * rng.uniform(0.8, 1.1, 500)
     L10, L20 = side_lengths(l0, alpha0)
-    E1, E2 = strains(*side_lengths(l, alpha), L10, L20)
+    E1, E2 = strains(*side_lengths(length, alpha), L10, L20)
     np.testing.assert_allclose(angle_from_strains(E1, E2, alpha0), alpha, atol=1e-15)
-    np.testing.assert_allclose(overlap_ratio(E1, E2, alpha0), 1 - l / l0, atol=1e-15)
+    np.testing.assert_allclose(overlap_ratio(E1, E2, alpha0), 1 - length / l0, atol=1e-15)
     N, T = rng.normal(size=(2, 500))
     F1, F2 = external_forces(N, T, alpha)
     S1, S2 = stresses(F1, F2, L10, L20)

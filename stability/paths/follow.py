@@ -1,0 +1,157 @@
+"""Follow a sequence of stages from a grain graph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops import GrainGraph, InputError, LinearFrictional
+from loops.closures import Closure, Spins
+from loops.closures.macro_tangent import check_choice
+from stability.paths.model import path_model
+from stability.paths.path import Path, PathStatus
+from stability.paths.record import Record
+from stability.paths.stage import Walk, start_mode, walk_stage
+from stability.paths.state import initial_state
+from stability.programmes import Stage
+from stability.subspaces import subspace_basis
+
+Floats = NDArray[np.float64]
+OnTouch = Literal["ignore", "stop", "add"]
+
+
+def follow(
+    graph: GrainGraph,
+    law: LinearFrictional,
+    stages: Sequence[Stage] | Stage,
+    *,
+    closure: Closure = "affine",
+    spins: Spins = "blocked",
+    subspace: str = "diagonal",
+    volume: ArrayLike | None = None,
+    contact_on_touch: OnTouch = "ignore",
+    rtol: float = 1e-12,
+    atol: float = 1e-14,
+    max_step: float = 0.05,
+    max_steps: int = 20_000,
+) -> Path:
+    """Integrate the rate equations of a graph under loading programmes, with exact events.
+
+    Every contact is elastic, sliding or open (theory note, section 2). The normal force is that of
+    the geometry, the shear force of a sliding contact is `s mu N`; the rest is integrated by an
+    explicit Runge-Kutta method of order 8 over the length of the path in the space of `H`,
+    restarted at every event. Events are located on the dense output and corrected by integrating
+    to them again. Where contacts are at the edge of their law, a rate problem decides
+    (`stability.rate_problem`).
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        Initial state: a loop (contacts 0..n-1 are the ring, chords may follow); under the affine
+        closure also a packing, in a state that is an affine image of its reference.
+    law : LinearFrictional
+        Contact law.
+    stages : Stage or sequence of Stage
+        Programmes and the values at which they end.
+    closure : {'affine', 'traction'}
+        How the surrounding medium drives the grains.
+    spins : {'blocked', 'affine', 'free'}
+        What the grains' spins do.
+    subspace : {'diagonal', 'symmetric', 'full'}
+        Where the spectra are taken.
+    volume : float, optional
+        Reference area V0; the cell's or the polygon's if left out. The diamond of Nicot et al.
+        2016 uses `L10 L20`, twice its polygon.
+    contact_on_touch : {'ignore', 'stop', 'add'}
+        What to do where grains without a contact touch: report it and let them overlap (the
+        paper), stop, or add the contact, with the parameters of contact 0. Not looked for in
+        periodic cells.
+    rtol, atol : float
+        Tolerances of the integrator; `atol` in natural units of each variable.
+    max_step : float
+        Longest step in the space of `H`; events are looked for four times a step.
+    max_steps : int
+        Accepted steps after which the path is given up.
+
+    Returns
+    -------
+    Path
+        Also where the path ends early: see `Path.status`.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown, the graph does not fit the closure, or its forces do not fit the
+        law.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import GrainGraph, LinearFrictional
+    >>> from stability import Stage, follow, programmes
+    >>> x = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]]) * np.sqrt(0.5)
+    >>> ring = [[0, 1], [1, 2], [2, 3], [3, 0]]
+    >>> square = GrainGraph(x=x, radii=[0.5] * 4, contacts=ring)
+    >>> law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5)))
+    >>> stages = [Stage(programmes.isotropic_strain(), "H11", 0.25),
+    ...           Stage(programmes.drained_biaxial(), "H11", 0.4)]
+    >>> path = follow(square, law, stages)
+    >>> path.status, [event.kind for event in path.events]
+    ('finished', ['det_Ks_zero', 'det_K_zero', 'programme_change', 'yield'])
+    >>> round(float(path.H[path.events[0].index, 0]), 12)
+    0.166666666667
+    """
+    stages = [stages] if isinstance(stages, Stage) else list(stages)
+    _check(stages, closure, spins, contact_on_touch)
+    subspace_basis(subspace)
+    model = path_model(graph, law, closure, spins, volume)
+    walk = Walk(
+        model=model,
+        y=initial_state(model, graph),
+        mode=start_mode(model, graph),
+        record=Record(),
+        subspace=subspace,
+        on_touch=contact_on_touch,
+        rtol=rtol,
+        atol=atol,
+        max_step=max_step,
+        steps_left=max_steps,
+    )
+    status, message = _walk_all(walk, stages)
+    return walk.record.path(walk.model, status, message, subspace)
+
+
+def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
+    status: PathStatus = "finished"
+    message = "every stage reached its target"
+    for number, stage in enumerate(stages):
+        limited = status in ("control_limit", "no_solution")
+        if stage.fallback != limited:
+            if limited:
+                break
+            continue
+        if walk.record.rows:
+            walk.record.event(
+                "programme_change", walk.parameter, detail=f"to {stage.programme.name}"
+            )
+        walk.record.stage = number
+        status, message = walk_stage(walk, stage)
+        if status in ("opposite_contact", "lost"):
+            break
+    return status, message
+
+
+def _check(stages: Sequence[Stage], closure: str, spins: str, on_touch: str) -> None:
+    check_choice("closure", closure, get_args(Closure))
+    check_choice("spins", spins, get_args(Spins))
+    check_choice("contact_on_touch", on_touch, get_args(OnTouch))
+    if not stages or stages[0].fallback:
+        raise InputError(
+            "stages",
+            "no stage" if not stages else "a fallback as the first stage",
+            "at least one stage to start with",
+            "Give a Stage.",
+        )

@@ -1,0 +1,213 @@
+"""A path and its events, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stability.paths.state import WORK_TERMS
+from stability.spectra import spectrum, symmetric_part, symmetric_spectrum
+from stability.subspaces import COMPONENTS, restrict
+
+Floats = NDArray[np.float64]
+
+EventKind = Literal[
+    "yield",
+    "unloading",
+    "opening",
+    "closing",
+    "opposite_contact",
+    "det_Ks_zero",
+    "det_K_zero",
+    "flutter",
+    "control_limit",
+    "programme_change",
+]
+PathStatus = Literal["finished", "control_limit", "opposite_contact", "no_solution", "lost"]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happens on a path.
+
+    Attributes
+    ----------
+    kind : str
+        'yield', 'unloading', 'opening', 'closing' (of contacts), 'opposite_contact' (grains without
+        a contact touch), 'det_Ks_zero', 'det_K_zero' (an eigenvalue passes zero, continuously or in
+        a jump), 'flutter' (the real part of a complex pair of K does), 'control_limit',
+        'programme_change'.
+    parameter : float
+        Loading parameter, counted from the start of the path.
+    stage : int
+        Stage.
+    index : int
+        Row of the path at the event; if it changes regimes or programme, this is the row before the
+        change and the next row the same state after it.
+    contacts : tuple of int
+        Contacts concerned, or the two grains that touch.
+    detail : str
+        What else there is to say.
+    """
+
+    kind: EventKind
+    parameter: float
+    stage: int
+    index: int
+    contacts: tuple[int, ...] = ()
+    detail: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """What following a programme returns: a row for every accepted step and at every event.
+
+    Components in the order (11, 12, 21, 22); forces, stresses and strains positive in compression.
+    Contacts that were added on the way are open before.
+
+    Attributes
+    ----------
+    status : str
+        'finished'; 'control_limit': the control has no continuation where the loading parameter
+        reaches an extremum; 'no_solution': the rate problem has none; 'opposite_contact': stopped
+        there as asked; 'lost': the integration failed, see `message`.
+    message : str
+        The status in words.
+    events : tuple of Event
+        In the order of the path.
+    parameter : (R,) array
+        Loading parameter, counted from the start of the path.
+    stage : (R,) array of int
+        Stage.
+    H, P : (R, 4) array
+        Displacement gradient, and nominal stress over `volume`.
+    x : (R, G, 2) array
+        Centres.
+    normal_force, shear_force : (R, C) array
+        `N` and `T`.
+    regime : (R, C) array of int8
+        `loops.Regime`.
+    contacts : (C, 2) array of int
+        Grains of the contacts, added ones last.
+    A : (R, 4, 4) array
+        Tangent in the regimes of the row; nan where the closure has no single answer.
+    H_rate, P_rate : (R, 4) array
+        Direction of the path, per unit of its length in the space of `H`.
+    parameter_rate : (R,) array
+        Rate of the loading parameter in the same unit; zero at a limit of the control.
+    work : (R, 4) array
+        External work `V0 Int P:H'`, work of the moments that hold the spins, work spent on shear at
+        the contacts, and the part of it that slip dissipates; all since the start.
+    normal_energy, tangential_energy : (R,) array
+        `sum N^2/(2 kn)` and `sum T^2/(2 kt)`.
+    imbalance : (R,) array
+        Largest unbalanced force on a grain over `kn sqrt(V0)`, the drift of the traction closure;
+        nan under the affine closure, which does not balance the grains.
+    volume : float
+        Reference area V0.
+    subspace : str
+        Where K is taken.
+    """
+
+    status: PathStatus
+    message: str
+    events: tuple[Event, ...]
+    parameter: Floats
+    stage: NDArray[np.int64]
+    H: Floats
+    P: Floats
+    x: Floats
+    normal_force: Floats
+    shear_force: Floats
+    regime: NDArray[np.int8]
+    contacts: NDArray[np.int64]
+    A: Floats
+    H_rate: Floats
+    P_rate: Floats
+    parameter_rate: Floats
+    work: Floats
+    normal_energy: Floats
+    tangential_energy: Floats
+    imbalance: Floats
+    volume: float
+    subspace: str
+
+    def __len__(self) -> int:
+        return len(self.parameter)
+
+    @cached_property
+    def K(self) -> Floats:
+        """(R, m, m) tangent restricted to the subspace."""
+        return restrict(self.A, self.subspace)
+
+    @cached_property
+    def det_K(self) -> Floats:
+        """(R,) determinant of K."""
+        return np.linalg.det(self.K)
+
+    @cached_property
+    def det_Ks(self) -> Floats:
+        """(R,) determinant of the symmetric part of K."""
+        return np.linalg.det(symmetric_part(self.K))
+
+    @cached_property
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """(R, m) eigenvalues of K."""
+        return spectrum(self.K)
+
+    @cached_property
+    def symmetric_eigenvalues(self) -> Floats:
+        """(R, m) eigenvalues of the symmetric part of K, ascending."""
+        return symmetric_spectrum(self.K)
+
+    @cached_property
+    def energy_error(self) -> Floats:
+        """(R,) what is missing in the balance of work, over the largest term of the path.
+
+        External work and the work of the moments against the energy of the normal springs, which
+        follows from the state, and the work on shear, which does not (9), (10).
+        """
+        external, moment, shear, _ = self.work.T
+        stored = self.normal_energy - self.normal_energy[0]
+        terms = np.abs(np.stack([external, moment, shear, stored]))
+        return (external + moment - shear - stored) / max(float(terms.max()), 1e-300)
+
+    def of_kind(self, kind: EventKind) -> tuple[Event, ...]:
+        """Events of one kind."""
+        return tuple(event for event in self.events if event.kind == kind)
+
+    def columns(self) -> dict[str, NDArray[np.generic]]:
+        """Columns of a table, one row per row of the path; complex eigenvalues in two columns."""
+        table: dict[str, NDArray[np.generic]] = {
+            "parameter": self.parameter,
+            "stage": self.stage,
+        }
+        for name in ("H", "P", "H_rate", "P_rate"):
+            values = getattr(self, name)
+            head, _, tail = name.partition("_")
+            for k, component in enumerate(COMPONENTS):
+                table[f"{head}{component}{'_' + tail if tail else ''}"] = values[:, k]
+        table["parameter_rate"] = self.parameter_rate
+        for name, force in (("N", self.normal_force), ("T", self.shear_force)):
+            for c in range(force.shape[1]):
+                table[f"{name}_{c}"] = force[:, c]
+        for c in range(self.regime.shape[1]):
+            table[f"regime_{c}"] = self.regime[:, c]
+        for a in range(4):
+            for b in range(4):
+                table[f"A{COMPONENTS[a]}_{COMPONENTS[b]}"] = self.A[:, a, b]
+        table["det_K"], table["det_Ks"] = self.det_K, self.det_Ks
+        for k in range(self.K.shape[-1]):
+            table[f"eig_K_{k}_real"] = self.eigenvalues[:, k].real
+            table[f"eig_K_{k}_imag"] = self.eigenvalues[:, k].imag
+            table[f"eig_Ks_{k}"] = self.symmetric_eigenvalues[:, k]
+        for k, name in enumerate(WORK_TERMS):
+            table[name] = self.work[:, k]
+        table["normal_energy"] = self.normal_energy
+        table["tangential_energy"] = self.tangential_energy
+        table["energy_error"], table["imbalance"] = self.energy_error, self.imbalance
+        return table

@@ -1,0 +1,85 @@
+"""Rows and events of a path while it is followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.laws.protocol import Regime
+from stability.paths.look import Look, imbalance
+from stability.paths.model import PathModel
+from stability.paths.path import Event, EventKind, Path, PathStatus
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class Record:
+    """Collects rows and events, and makes a `Path` of them."""
+
+    rows: list[dict[str, object]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    stage: int = 0
+
+    def row(self, model: PathModel, seen: Look) -> None:
+        """Append a row."""
+        contacts = seen.contacts
+        kt = np.where(model.kt > 0, model.kt, np.inf)
+        # At the cone's apex the sign of T is kept in a number too small to mean anything.
+        shear = np.where(contacts.normal_force == 0, 0.0, contacts.shear_force)
+        if np.isinf(model.mu).any():
+            shear = np.where(np.isinf(model.mu), contacts.shear_force, shear)
+        self.rows.append(
+            {
+                "parameter": seen.state.parameter,
+                "stage": self.stage,
+                "H": seen.H,
+                "P": seen.P,
+                "x": seen.x,
+                "normal_force": contacts.normal_force,
+                "shear_force": shear,
+                "regime": seen.mode.regime,
+                "A": seen.A,
+                "H_rate": seen.rates.H,
+                "P_rate": seen.rates.P,
+                "parameter_rate": seen.rates.parameter,
+                "work": seen.state.work,
+                "normal_energy": float((contacts.normal_force**2 / (2 * model.kn)).sum()),
+                "tangential_energy": float((shear**2 / (2 * kt)).sum()),
+                "imbalance": imbalance(model, contacts, seen.P),
+            }
+        )
+
+    def event(
+        self,
+        kind: EventKind,
+        parameter: float,
+        contacts: tuple[int, ...] = (),
+        detail: str = "",
+    ) -> None:
+        """Append an event at the last row."""
+        index = max(len(self.rows) - 1, 0)
+        self.events.append(Event(kind, float(parameter), self.stage, index, contacts, detail))
+
+    def path(self, model: PathModel, status: PathStatus, message: str, subspace: str) -> Path:
+        """The path so far; contacts added on the way are padded as open."""
+        count = model.contact_count
+        table = {name: [row[name] for row in self.rows] for name in self.rows[0]}
+        for name in ("normal_force", "shear_force", "regime"):
+            fill = Regime.OPEN if name == "regime" else 0.0
+            table[name] = [_padded(np.asarray(value), count, fill) for value in table[name]]
+        return Path(
+            status=status,
+            message=message,
+            events=tuple(self.events),
+            contacts=model.contacts,
+            volume=model.volume,
+            subspace=subspace,
+            **{name: np.array(values) for name, values in table.items()},
+        )
+
+
+def _padded(values: NDArray[np.generic], count: int, fill: float) -> NDArray[np.generic]:
+    return np.pad(values, (0, count - len(values)), constant_values=fill)
