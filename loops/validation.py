@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops.errors import InputError
 
-if TYPE_CHECKING:
-    from loops.graph import GrainGraph
 
-
-def check_graph(graph: GrainGraph) -> None:
+def check_graph(graph: Any) -> None:
     """Raise `InputError` at the first fault of a grain graph.
 
     Parameters
     ----------
     graph : GrainGraph
-        The graph under construction.
+        The graph under construction; not typed as such, since it is built on these checks.
 
     Raises
     ------
@@ -31,7 +28,7 @@ def check_graph(graph: GrainGraph) -> None:
     _check_contacts(graph)
 
 
-def _check_shapes(graph: GrainGraph) -> None:
+def _check_shapes(graph: Any) -> None:
     _shape("x", graph.x, "(..., G, 2)", graph.x.ndim >= 2 and graph.x.shape[-1] == 2)
     grains = graph.x.shape[-2]
     contacts = graph.contacts
@@ -74,7 +71,7 @@ def _shape(name: str, value: NDArray[Any], expected: str, ok: bool) -> None:
         )
 
 
-def _check_grains(graph: GrainGraph) -> None:
+def _check_grains(graph: Any) -> None:
     for name, value in (("position", graph.x), ("reference position", graph.x0)):
         _finite(name, "grain", np.asarray(np.isfinite(value).all(axis=-1)), value, axes=2)
     radii = graph.radii
@@ -98,7 +95,7 @@ def _finite(
     )
 
 
-def _check_contacts(graph: GrainGraph) -> None:
+def _check_contacts(graph: Any) -> None:
     contacts, grains = graph.contacts, graph.grain_count
     if len(contacts) == 0:
         return
@@ -117,7 +114,7 @@ def _check_contacts(graph: GrainGraph) -> None:
     _check_duplicates(graph)
 
 
-def _check_self_contacts(graph: GrainGraph) -> None:
+def _check_self_contacts(graph: Any) -> None:
     own = graph.contacts[:, 0] == graph.contacts[:, 1]
     if graph.images is not None:
         own &= ~graph.images.any(axis=1)
@@ -131,7 +128,7 @@ def _check_self_contacts(graph: GrainGraph) -> None:
         )
 
 
-def _check_duplicates(graph: GrainGraph) -> None:
+def _check_duplicates(graph: Any) -> None:
     found = find_duplicate(graph.contacts, graph.images, graph.grain_count)
     if found is None:
         return

@@ -4,7 +4,10 @@ Every function takes plain arrays with leading batch axes: a macroscopic tangent
 the component order (11, 12, 21, 22), or an operator `K (..., m, m)` already restricted.
 """
 
+from stability import programmes
 from stability.cones import PlaneCone, plane_cone
+from stability.paths import Event, Path, follow
+from stability.programmes import Programme, Stage
 from stability.second_order_work import (
     PolarDiagram,
     alpha_e,
@@ -29,17 +32,23 @@ from stability.verdict import Verdict, judge, statuses
 __all__ = [
     "COMPONENTS",
     "RTOL",
+    "Event",
+    "Path",
     "PlaneCone",
     "PolarDiagram",
+    "Programme",
+    "Stage",
     "Verdict",
     "alpha_e",
     "bromwich_margin",
     "flutter_pairs",
+    "follow",
     "imhof_fraction",
     "judge",
     "normalised_second_order_work",
     "operator_norm",
     "plane_cone",
+    "programmes",
     "polar_diagram",
     "restrict",
     "rotate_tangent",

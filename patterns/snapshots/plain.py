@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops import GrainGraph, InputError, LinearFrictional, Regime, contact_frame
+from loops import GrainGraph, InputError, contact_frame
 from loops.validation import find_duplicate
+from patterns.snapshots.contact_columns import forces_of, law_of
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import Table
 
@@ -16,8 +17,6 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 WALL = 1
-# A contact without a flag counts as sliding from this share of mu N on, as Yade's own tables do.
-SLIDING_SHARE = 0.999
 # Branches or normals of the file may differ from the centres by this share of the branch: text
 # with six digits is that coarse, a wrong cell or image is far beyond.
 GEOMETRY_TOLERANCE = 1e-3
@@ -93,9 +92,9 @@ def read_snapshot(
     graph = GrainGraph(x=x, radii=radii, contacts=pairs, images=images, cell=matrix)
     length, n, t = contact_frame(graph)
     _check_geometry(place, pairs, length, n, periodic=matrix is not None)
-    normal, shear = _forces(table, rows, n, t)
+    normal, shear = forces_of(table, rows, n, t)
     graph = graph.replace(normal_force=normal, shear_force=shear)
-    law, regime, notes = _law(table, rows, normal, shear, kn, kt, mu)
+    law, regime, notes = law_of(table, rows, normal, shear, kn=kn, kt=kt, mu=mu)
     if images is not None and not images.any():
         notes = (*notes, "no contact crosses the border of the periodic cell")
     return Snapshot(graph, law, regime, ids[~is_wall], wall_contacts, notes)
@@ -261,76 +260,3 @@ def _check_geometry(
         f"{expected.tolist()} from the centres, grain 1 to grain 2",
         remedy,
     )
-
-
-def _forces(table: Table, rows: Integers, n: Floats, t: Floats) -> tuple[Floats, Floats]:
-    """Components of the total force on grain 2.
-
-    A code's shear vector may lean out of the tangent by its own rounding (1e-9 of the force in
-    Yade's): the total force keeps that share in `N`.
-    """
-    normal = table.column("fn")
-    for names, rest in ((("fx_on_2", "fy_on_2"), 0.0), (("fsx", "fsy"), normal[rows, None] * n)):
-        if table.has(*names):
-            force = np.column_stack([table.column(name)[rows] for name in names]) + rest
-            return np.einsum("ck,ck->c", force, n), np.einsum("ck,ck->c", force, t)
-    raise InputError(
-        f"shear force of {table.path}",
-        "neither fsx, fsy nor fx_on_2, fy_on_2",
-        "the shear force or the total force on grain 2",
-        "Export one of them.",
-    )
-
-
-def _law(
-    table: Table,
-    rows: Integers,
-    normal: Floats,
-    shear: Floats,
-    kn: float | None,
-    kt: float | None,
-    mu: float | None,
-) -> tuple[LinearFrictional, NDArray[np.int8], tuple[str, ...]]:
-    notes: list[str] = []
-    stiffness = [
-        _parameter(table, rows, column, value, option, notes)
-        for column, value, option in (("kn", kn, "--kn"), ("ks", kt, "--kt"))
-    ]
-    friction: Floats | None = None
-    if table.has("mu") or mu is not None:
-        friction = _parameter(table, rows, "mu", mu, "--mu", notes)
-    if table.has("sliding"):
-        sliding = (table.column("sliding")[rows] != 0) & (normal > 0)
-    elif friction is not None:
-        sliding = (np.abs(shear) >= SLIDING_SHARE * friction * normal) & (normal > 0)
-        notes.append(f"no column 'sliding': sliding where |T| >= {SLIDING_SHARE} mu N")
-    else:
-        sliding = np.zeros(len(rows), dtype=bool)
-        notes.append("neither 'sliding' nor 'mu': every contact is taken as elastic")
-    if friction is None:
-        # Only the sliding blocks need the friction: |T|/N where the file flags sliding.
-        loaded = np.where(normal > 0, normal, 1.0)
-        friction = np.where(sliding, np.abs(shear) / loaded, np.inf)
-        if sliding.any():
-            notes.append("no column 'mu': friction of sliding contacts taken as |T|/N")
-    regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
-    law = LinearFrictional(kn=stiffness[0], kt=stiffness[1], mu=friction)
-    return law, regime, tuple(notes)
-
-
-def _parameter(
-    table: Table, rows: Integers, column: str, value: float | None, option: str, notes: list[str]
-) -> Floats:
-    if table.has(column):
-        if value is not None:
-            notes.append(f"{option} {value} not used: the table has the column {column!r}")
-        return table.column(column)[rows]
-    if value is None:
-        raise InputError(
-            f"column {column!r} of {table.path}",
-            "no such column",
-            "the stiffness of each contact",
-            f"Add the column, or give {option}.",
-        )
-    notes.append(f"{column} = {value} for every contact, from {option}")
-    return np.full(len(rows), float(value))

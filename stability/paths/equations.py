@@ -19,7 +19,7 @@ from stability.paths.model import PathModel
 
 Floats = NDArray[np.float64]
 
-# Below this determinant of a contact's block, in units of kn^2, its compliance is left alone.
+# Below this determinant of a contact's block, in units of kn^2, its compliance is not used.
 SOFT_BLOCK = 1e-7
 
 
@@ -65,11 +65,9 @@ def closure_equations(
     if model.closure == "affine":
         return _affine(model, H, contacts, regime)
     if model.is_plain_ring:
-        compliance = translational_compliances(contacts, model.law, regime)
-        # det k^-1 is large where k is soft; not finite where k is singular.
-        stiff = np.abs(np.linalg.det(compliance)) * SOFT_BLOCK * model.kn**2 < 1
-        if stiff.all():
-            return _ring(model, compliance)
+        k = translational_blocks(contacts, model.law, regime)
+        if (np.abs(np.linalg.det(k)) > SOFT_BLOCK * model.kn**2).all():
+            return _ring(model, translational_compliances(contacts, model.law, regime))
     return _saddle(model, H, contacts, regime)
 
 

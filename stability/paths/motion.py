@@ -74,7 +74,7 @@ def y_rates(
     rates = unit_rates(local, programme, gauge)
     if not rates.trusted:
         return np.full_like(y, np.nan)
-    place = rates.H if model.closure == "affine" else _velocities(model, rates.branch)
+    place = rates.H if model.closure == "affine" else velocities(model, rates)
     work = power(model, local.contacts, mode, rates)
     return pack(place, rates.shear_force, rates.parameter, work)
 
@@ -118,9 +118,11 @@ def power(model: PathModel, contacts: ContactState, mode: Mode, rates: Rates) ->
     return np.array([external, T @ rolled, -T @ shear, slipped.sum()])
 
 
-def _velocities(model: PathModel, branch: Floats) -> Floats:
-    """(G, 2) velocities of the grains from the branch rates of the ring, mean zero."""
-    steps = branch[: model.grain_count - 1]
+def velocities(model: PathModel, rates: Rates) -> Floats:
+    """(G, 2) velocities of the grains; their mean is zero under the traction closure."""
+    if model.closure == "affine":
+        return -model.x0 @ rates.H.reshape(2, 2).T
     velocity = np.zeros((model.grain_count, 2))
-    velocity[1:] = np.cumsum(steps, axis=0)
+    # The ring's contacts come first, from grain to grain.
+    velocity[1:] = np.cumsum(rates.branch[: model.grain_count - 1], axis=0)
     return velocity - velocity.mean(axis=0)

@@ -22,6 +22,9 @@ Floats = NDArray[np.float64]
 
 SAMPLES = np.linspace(0.0, 1.0, 5)
 
+# Steps below this length in the space of H change nothing.
+SHORTEST = 1e-17
+
 # Functions this close to zero where another event is located have their event there too.
 SIMULTANEOUS = 1e-11
 
@@ -147,10 +150,9 @@ class _Step:
     def integrate(self, theta: float) -> Floats:
         """Integrated again from the start of the step: no interpolation error."""
         length = theta * (self.end - self.begin)
-        bound = self.begin + length
-        if bound - self.begin <= 8 * np.finfo(float).eps * max(abs(self.begin), 1e-3):
+        if length <= SHORTEST:
             return self.y_begin
-        solver = _solver(self.task, self.y_begin, self.gauge, bound - self.begin, length)
+        solver = _solver(self.task, self.y_begin, self.gauge, length, length)
         while solver.status == "running":
             solver.step()
         return np.asarray(solver.y)

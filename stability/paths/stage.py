@@ -12,14 +12,21 @@ from loops.contact_state import contact_state
 from loops.laws.protocol import Regime
 from stability.paths.edge import EdgeTrial, edge_problem, rate_vector
 from stability.paths.events import hints_of, record_changes, record_fired, touched_pairs
-from stability.paths.look import look
+from stability.paths.look import Look, look
 from stability.paths.model import PathModel, with_contact
-from stability.paths.monitors import stage_quantity
-from stability.paths.motion import gauge_along
+from stability.paths.motion import gauge_along, stress
 from stability.paths.path import PathStatus
 from stability.paths.phase import PhaseEnd, Settings, Task, run_phase
+from stability.paths.rates import UNIT_PARAMETER, Gauge
 from stability.paths.record import Record
-from stability.paths.state import Mode, contacts_of, pack, scales, unpack
+from stability.paths.state import (
+    Mode,
+    contacts_of,
+    displacement_gradient,
+    pack,
+    scales,
+    unpack,
+)
 from stability.programmes import QUANTITIES, Stage
 from stability.rate_problem import ELASTIC, Choice, RateProblem
 
@@ -27,6 +34,11 @@ Floats = NDArray[np.float64]
 
 # Rate problems in a row without progress after which the regimes are said to chatter.
 CHATTER = 12
+
+# Change of H below which nothing has moved.
+STILL = 1e-13
+
+FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target")
 
 # Shear force that a parting contact may drop, over kn times length.
 RELEASE = 1e-9
@@ -51,6 +63,10 @@ class Walk:
     def parameter(self) -> float:
         """Loading parameter."""
         return unpack(self.model, self.y).parameter
+
+    def row(self, seen: Look) -> None:
+        """Record a state."""
+        self.record.row(self.model, seen)
 
     @property
     def settings(self) -> Settings:
@@ -109,59 +125,154 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
     status, message
         As in `Path`; 'finished' if the target was reached.
     """
-    start, sense = walk.parameter, None
+    start = walk.parameter
+    sense = float(np.sign(stage.target - _quantity_now(walk, stage)))
     hints: dict[int, Choice] = {}
     before: Floats | None = None
-    idle, fresh = 0, True
+    idle, first = 0, True
     while True:
-        state = unpack(walk.model, walk.y)
-        problem = edge_problem(
-            walk.model, state, walk.mode, stage.programme, preferred=hints, direction=before
-        )
+        problem = _rate_problem(walk, stage, hints, before)
         if problem.status == "none":
             return _no_continuation(walk, stage, problem)
-        trial = problem.taken.rates
-        if before is not None or walk.record.rows:
-            record_changes(walk.record, walk.mode, trial.mode, walk.parameter, problem)
-        released = _enter(walk, trial.mode)
-        if released:
-            return "lost", released
-        seen = look(
-            walk.model, walk.y, walk.mode, stage.programme, gauge_along(trial.rates)
-        )
-        if fresh or trial.mode is not walk.mode:
-            walk.record.row(walk.model, seen)
-        fresh = False
-        if sense is None:
-            sense = np.sign(stage.target - stage_quantity(stage, seen, start))
-            if sense == 0:
-                return "finished", "every stage reached its target"
-        task = Task(walk.model, walk.mode, stage, start, float(sense), walk.settings)
-        end = run_phase(
-            task,
-            walk.y,
-            gauge_along(trial.rates),
-            lambda seen: walk.record.row(walk.model, seen),
-            walk.steps_left,
-        )
-        moved = float(np.abs(end.seen.H - seen.H).max())
+        seen, gauge = _enter(walk, stage, problem, first)
+        if sense == 0.0:
+            return FINISHED
+        task = Task(walk.model, walk.mode, stage, start, sense, walk.settings)
+        end = run_phase(task, walk.y, gauge, walk.row, walk.steps_left)
         walk.y, walk.steps_left = end.y, walk.steps_left - end.steps
         if not end.fired:
-            return "lost", _lost(end, stage)
-        walk.record.row(walk.model, end.seen)
+            return "lost", f"{stage.programme.name} to {stage.quantity}: {end.message}"
+        walk.row(end.seen)
         record_fired(walk.record, end, walk.model, walk.subspace)
-        kinds = {kind for kind, _ in end.fired}
-        if "stage_end" in kinds:
-            return "finished", "every stage reached its target"
-        if "control_limit" in kinds:
-            return "control_limit", _limit(stage, end)
+        outcome = _outcome(walk, stage, end)
+        if outcome is not None:
+            return outcome
         hints, before = hints_of(end), rate_vector(walk.model, end.seen.rates)
-        if "opposite_contact" in kinds and walk.on_touch != "ignore":
-            pairs = touched_pairs(end, walk.model)
-            if walk.on_touch == "stop":
-                return "opposite_contact", f"grains {pairs.tolist()} touch"
-            _add_contacts(walk, pairs, hints)
-            before = None
-        idle = idle + 1 if moved < 1e-13 else 0
+        _take_on_contacts(walk, end, hints)
+        moved = float(np.abs(end.seen.H - seen.H).max()) > STILL
+        idle, first = 0 if moved else idle + 1, False
         if idle > CHATTER:
-            return "lost", f"the regimes keep switching at parameter {walk.parameter:.17g}"
+            return "lost", f"the regimes keep switching at parameter {walk.parameter:.15g}"
+
+
+def _rate_problem(
+    walk: Walk, stage: Stage, hints: dict[int, Choice], before: Floats | None
+) -> RateProblem[EdgeTrial]:
+    state = unpack(walk.model, walk.y)
+    if before is not None and len(before) != 8 + 2 * walk.model.contact_count:
+        before = None
+    return edge_problem(
+        walk.model, state, walk.mode, stage.programme, preferred=hints, direction=before
+    )
+
+
+def _enter(
+    walk: Walk, stage: Stage, problem: RateProblem[EdgeTrial], first: bool
+) -> tuple[Look, Gauge]:
+    """Take the regimes of the rate problem's solution, with forces exactly on the cone."""
+    trial = problem.taken.rates
+    old, walk.mode = walk.mode, trial.mode
+    changed = bool((old.regime != trial.mode.regime).any())
+    _set_forces(walk, old)
+    gauge = gauge_along(trial.rates)
+    seen = look(walk.model, walk.y, walk.mode, stage.programme, gauge)
+    if not walk.record.rows:
+        walk.row(seen)
+        record_changes(walk.record, old, walk.mode, walk.parameter, problem)
+        return seen, gauge
+    record_changes(walk.record, old, walk.mode, walk.parameter, problem)
+    if first or changed:
+        walk.row(seen)
+    return seen, gauge
+
+
+def _set_forces(walk: Walk, old: Mode) -> None:
+    """Write the forces of the regimes into `y`; what a parting contact drops is dissipated."""
+    model, state = walk.model, unpack(walk.model, walk.y)
+    shear = contacts_of(model, state, walk.mode).shear_force
+    parting = (walk.mode.regime == Regime.OPEN) & (old.regime != Regime.OPEN)
+    stiff = np.where(model.kt > 0, model.kt, np.inf)
+    dropped = np.where(parting, state.shear_force**2 / (2 * stiff), 0.0).sum()
+    work = state.work + np.array([0.0, 0.0, 0.0, dropped])
+    walk.y = pack(state.place, shear, state.parameter, work)
+
+
+def _outcome(walk: Walk, stage: Stage, end: PhaseEnd) -> tuple[PathStatus, str] | None:
+    """Status if the events end the stage."""
+    kinds = {kind for kind, _ in end.fired}
+    if "stage_end" in kinds:
+        return FINISHED
+    if "control_limit" in kinds:
+        return (
+            "control_limit",
+            f"{stage.programme.name}: the loading parameter has an extremum at "
+            f"{walk.parameter:.15g}; {stage.quantity} = {stage.target:.6g} was not reached",
+        )
+    if "opposite_contact" in kinds and walk.on_touch == "stop":
+        pairs = touched_pairs(end, walk.model)
+        if len(pairs):
+            return "opposite_contact", f"grains {pairs.tolist()} touch"
+    torn = _torn_contacts(walk, end)
+    if torn:
+        return "lost", f"contacts {torn} part while they carry shear: the loop is out of balance"
+    return None
+
+
+def _torn_contacts(walk: Walk, end: PhaseEnd) -> list[int]:
+    """Parting contacts whose shear force would have to be balanced at once."""
+    if walk.model.closure == "affine":
+        return []
+    limit = RELEASE * walk.model.stiffness * walk.model.length
+    shear = end.seen.contacts.shear_force
+    return [c for kind, c in end.fired if kind == "opening" and abs(shear[c]) > limit]
+
+
+def _take_on_contacts(walk: Walk, end: PhaseEnd, hints: dict[int, Choice]) -> None:
+    """Add the contacts of grains that have come to touch, if asked for."""
+    pairs = touched_pairs(end, walk.model)
+    if walk.on_touch != "add" or len(pairs) == 0:
+        return
+    state, old, new = unpack(walk.model, walk.y), walk.mode, len(pairs)
+    for k in range(new):
+        hints[walk.model.contact_count + k] = ELASTIC
+    walk.model = with_contact(walk.model, pairs)
+    shear = np.concatenate([state.shear_force, np.zeros(new)])
+    walk.y = pack(state.place, shear, state.parameter, state.work)
+    walk.mode = Mode(
+        np.concatenate([old.regime, np.full(new, Regime.OPEN, dtype=np.int8)]),
+        np.concatenate([old.side, np.zeros(new)]),
+    )
+
+
+def _no_continuation(
+    walk: Walk, stage: Stage, problem: RateProblem[EdgeTrial]
+) -> tuple[PathStatus, str]:
+    """No regimes agree with the control: singular equations, or a contradiction."""
+    singular = problem.singular > 0
+    reason = (
+        "the controlled system is singular"
+        if singular
+        else "no choice of regimes agrees with the rates it causes"
+    )
+    if not problem.exhaustive:
+        reason += " (as far as the pivoting found)"
+    if not walk.record.rows:
+        walk.row(_still(walk, stage))
+    walk.record.event("control_limit", walk.parameter, detail=reason)
+    status: PathStatus = "control_limit" if singular else "no_solution"
+    return status, f"{stage.programme.name} at parameter {walk.parameter:.15g}: {reason}"
+
+
+def _still(walk: Walk, stage: Stage) -> Look:
+    """The state where no direction is known."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return look(walk.model, walk.y, walk.mode, stage.programme, UNIT_PARAMETER)
+
+
+def _quantity_now(walk: Walk, stage: Stage) -> float:
+    if stage.quantity == "parameter":
+        return 0.0
+    state = unpack(walk.model, walk.y)
+    contacts = contacts_of(walk.model, state, walk.mode)
+    H, P = displacement_gradient(walk.model, state.place), stress(walk.model, contacts)
+    return float(np.concatenate([H, P])[QUANTITIES.index(stage.quantity)])

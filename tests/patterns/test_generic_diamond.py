@@ -12,7 +12,7 @@ from patterns.diamond import (
 )
 from stability import restrict
 
-COUNT = 1000
+COUNT = 1200
 
 
 def random_diamonds(seed, sliding):
@@ -35,7 +35,7 @@ def random_diamonds(seed, sliding):
 @pytest.mark.parametrize("closure", [affine_tangent, traction_tangent])
 def test_generic_operator_is_equation_26(closure, sliding):
     loop, alpha0, kappa, mu, e1, e2, shear, keep = random_diamonds(26, sliding)
-    assert keep.mean() > 0.9
+    assert keep.sum() >= 1000
     box = 2 * np.sin(2 * alpha0)
     s = nominal_stress(loop, volume=box)
     law = LinearFrictional(kn=1.0, kt=kappa[:, None], mu=mu[:, None])

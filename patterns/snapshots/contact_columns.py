@@ -1,0 +1,135 @@
+"""Forces and contact law from the columns of a table of contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import InputError, LinearFrictional, Regime
+from patterns.snapshots.tables import Table
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# A contact without a flag counts as sliding from this share of mu N on, as Yade's own tables do.
+SLIDING_SHARE = 0.999
+
+
+def forces_of(table: Table, rows: Integers, n: Floats, t: Floats) -> tuple[Floats, Floats]:
+    """Components of the total force on grain 2.
+
+    A code's shear vector may lean out of the tangent by its own rounding (1e-9 of the force in
+    Yade's): the total force keeps that share in `N`.
+
+    Parameters
+    ----------
+    table : Table
+        Contacts: `fn`, and the shear force or the total force on grain 2.
+    rows : (C,) array of int
+        Rows of the contacts between grains.
+    n, t : (C, 2) array
+        Their normals, from grain 1 to grain 2, and tangents.
+
+    Returns
+    -------
+    normal, shear : (C,) array
+        `N` (compression positive) and `T` (along `t`), in the table's unit of force.
+
+    Raises
+    ------
+    InputError
+        If a column is missing or holds no finite numbers.
+    """
+    normal = table.column("fn")
+    for names, rest in ((("fx_on_2", "fy_on_2"), 0.0), (("fsx", "fsy"), normal[rows, None] * n)):
+        if table.has(*names):
+            force = np.column_stack([table.column(name)[rows] for name in names]) + rest
+            return np.einsum("ck,ck->c", force, n), np.einsum("ck,ck->c", force, t)
+    raise InputError(
+        f"shear force of {table.path}",
+        "neither fsx, fsy nor fx_on_2, fy_on_2",
+        "the shear force or the total force on grain 2",
+        "Export one of them.",
+    )
+
+
+def law_of(
+    table: Table,
+    rows: Integers,
+    normal: Floats,
+    shear: Floats,
+    *,
+    kn: float | None,
+    kt: float | None,
+    mu: float | None,
+) -> tuple[LinearFrictional, NDArray[np.int8], tuple[str, ...]]:
+    """Law and regime of every contact, and what had to be assumed for them.
+
+    Parameters
+    ----------
+    table : Table
+        Contacts: `kn`, `ks`, `mu`, `sliding`, as far as they are there.
+    rows : (C,) array of int
+        Rows of the contacts between grains.
+    normal, shear : (C,) array
+        Their forces.
+    kn, kt, mu : float or None
+        For the columns that the table lacks.
+
+    Returns
+    -------
+    law : LinearFrictional
+        Parameters of each contact.
+    regime : (C,) array of int8
+        `Regime`, sliding where the table flags it, else from the forces.
+    notes : tuple of str
+        What was assumed.
+
+    Raises
+    ------
+    InputError
+        If a stiffness is neither in the table nor given.
+    """
+    notes: list[str] = []
+    stiffness = [
+        _parameter(table, rows, column, value, option, notes)
+        for column, value, option in (("kn", kn, "--kn"), ("ks", kt, "--kt"))
+    ]
+    friction: Floats | None = None
+    if table.has("mu") or mu is not None:
+        friction = _parameter(table, rows, "mu", mu, "--mu", notes)
+    if table.has("sliding"):
+        sliding = (table.column("sliding")[rows] != 0) & (normal > 0)
+    elif friction is not None:
+        sliding = (np.abs(shear) >= SLIDING_SHARE * friction * normal) & (normal > 0)
+        notes.append(f"no column 'sliding': sliding where |T| >= {SLIDING_SHARE} mu N")
+    else:
+        sliding = np.zeros(len(rows), dtype=bool)
+        notes.append("neither 'sliding' nor 'mu': every contact is taken as elastic")
+    if friction is None:
+        # Only the sliding blocks need the friction: |T|/N where the file flags sliding.
+        loaded = np.where(normal > 0, normal, 1.0)
+        friction = np.where(sliding, np.abs(shear) / loaded, np.inf)
+        if sliding.any():
+            notes.append("no column 'mu': friction of sliding contacts taken as |T|/N")
+    regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
+    law = LinearFrictional(kn=stiffness[0], kt=stiffness[1], mu=friction)
+    return law, regime, tuple(notes)
+
+
+def _parameter(
+    table: Table, rows: Integers, column: str, value: float | None, option: str, notes: list[str]
+) -> Floats:
+    if table.has(column):
+        if value is not None:
+            notes.append(f"{option} {value} not used: the table has the column {column!r}")
+        return table.column(column)[rows]
+    if value is None:
+        raise InputError(
+            f"column {column!r} of {table.path}",
+            "no such column",
+            "the stiffness of each contact",
+            f"Add the column, or give {option}.",
+        )
+    notes.append(f"{column} = {value} for every contact, from {option}")
+    return np.full(len(rows), float(value))

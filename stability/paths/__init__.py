@@ -1,0 +1,6 @@
+"""Paths: the rate equations of a graph integrated under loading programmes, with exact events."""
+
+from stability.paths.follow import follow
+from stability.paths.path import Event, Path
+
+__all__ = ["Event", "Path", "follow"]

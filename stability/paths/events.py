@@ -1,0 +1,117 @@
+"""From event functions to the events of a path."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.laws.protocol import Regime
+from stability.paths.edge import EdgeTrial
+from stability.paths.model import PathModel
+from stability.paths.monitors import eigenvalue_kind
+from stability.paths.motion import velocities
+from stability.paths.path import EventKind
+from stability.paths.phase import PhaseEnd
+from stability.paths.record import Record
+from stability.paths.state import Mode
+from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, Choice, RateProblem
+
+SPECTRAL = ("det_Ks_zero", "det_K_zero")
+
+
+def record_fired(record: Record, end: PhaseEnd, model: PathModel, subspace: str) -> None:
+    """Record the events that do not depend on what the contacts do next.
+
+    Parameters
+    ----------
+    record : Record
+        Its last row is the state of the events.
+    end : PhaseEnd
+        What happened.
+    model : PathModel
+        Constants.
+    subspace : str
+        Where the spectra are taken.
+    """
+    parameter = end.seen.state.parameter
+    for kind in SPECTRAL:
+        items = [item for fired, item in end.fired if fired == kind]
+        kinds = [
+            eigenvalue_kind(end.seen.A, subspace, item) if kind == "det_K_zero" else kind
+            for item in items
+        ]
+        for each in dict.fromkeys(kinds):
+            count = kinds.count(each)
+            detail = f"{count} eigenvalues at once" if count > 1 else ""
+            record.event(cast(EventKind, each), parameter, detail=detail)
+    for pair in touched_pairs(end, model):
+        record.event("opposite_contact", parameter, (int(pair[0]), int(pair[1])))
+    if ("control_limit", -1) in end.fired:
+        detail = "the loading parameter has an extremum"
+        record.event("control_limit", parameter, detail=detail)
+    if ("stage_end", -1) in end.fired:
+        for kind in ("yield", "unloading", "opening", "closing"):
+            contacts = tuple(item for fired, item in end.fired if fired == kind)
+            if contacts:
+                record.event(kind, parameter, contacts, "at the end of the stage")
+
+
+def record_changes(
+    record: Record, old: Mode, new: Mode, parameter: float, problem: RateProblem[EdgeTrial]
+) -> None:
+    """Record changes of regime, and what is worth saying about the rate problem.
+
+    Parameters
+    ----------
+    record : Record
+        Its last row is the state before the changes.
+    old, new : Mode
+        Regimes.
+    parameter : float
+        Loading parameter.
+    problem : RateProblem
+        What decided.
+    """
+    detail = ""
+    if problem.status == "several":
+        detail = f"the rate problem has {len(problem.solutions)} solutions"
+    was_open, is_open = old.regime == Regime.OPEN, new.regime == Regime.OPEN
+    groups: list[tuple[EventKind, NDArray[np.bool_]]] = [
+        ("yield", (new.regime == Regime.SLIDING) & (old.regime == Regime.ELASTIC)),
+        ("unloading", (new.regime == Regime.ELASTIC) & (old.regime == Regime.SLIDING)),
+        ("opening", is_open & ~was_open),
+        ("closing", was_open & ~is_open),
+    ]
+    for kind, mask in groups:
+        if mask.any():
+            contacts = tuple(np.flatnonzero(mask).tolist())
+            record.event(kind, parameter, contacts, detail)
+
+
+def hints_of(end: PhaseEnd) -> dict[int, Choice]:
+    """Regimes that contacts would take if nothing else changed: they break ties."""
+    side = np.sign(end.seen.contacts.shear_force)
+    after = {
+        "yield": lambda c: LEFT if side[c] > 0 else RIGHT,
+        "unloading": lambda c: ELASTIC,
+        "opening": lambda c: OPEN,
+        "closing": lambda c: ELASTIC,
+    }
+    return {item: after[kind](item) for kind, item in end.fired if kind in after}
+
+
+def touched_pairs(end: PhaseEnd, model: PathModel) -> NDArray[np.int64]:
+    """(A, 2) pairs of grains that have come to touch; those that part again are no event."""
+    rows = [
+        item for kind, item in end.fired if kind == "opposite_contact" and _closing(end, model, item)
+    ]
+    return model.pairs[rows]
+
+
+def _closing(end: PhaseEnd, model: PathModel, row: int) -> bool:
+    i, j = model.pairs[row]
+    d = end.seen.x[j] - end.seen.x[i]
+    v = velocities(model, end.seen.rates)
+    return float(d @ (v[j] - v[i])) < 0
