@@ -19,6 +19,9 @@ app = typer.Typer(
     "forces, stresses and strains positive in compression.",
 )
 
+# Loop orders from this one on are printed together.
+LAST_SHOWN = 7
+
 Out = Annotated[Path, typer.Option(help="Result folder; created.", show_default=False)]
 Force = Annotated[bool, typer.Option("--force", help="Replace results of the same names.")]
 Csv = Annotated[bool, typer.Option("--csv", help="Write the tables as CSV too.")]
@@ -106,7 +109,7 @@ def _cell(text: str | None) -> tuple[float, float, float, float] | None:
 
 
 def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
-    orders = "  ".join(f"{n}: {count}" for n, count in summary["orders"].items())
+    orders = "  ".join(f"{n}: {count:.0f}" for n, count in _grouped(summary, None).items())
     lines = [
         f"{summary['grains']} grains, {summary['contacts']} contacts, "
         f"coordination {summary['coordination']:.3f} without {summary['dangling_grains']} dangling",
@@ -115,9 +118,23 @@ def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
         f"{100 * summary['sliding_fraction']:.1f} % of the contacts slide",
     ]
     for closure, shares in summary["unstable_fraction"].items():
-        text = "  ".join(f"{n}: {100 * share:.1f} %" for n, share in shares.items())
+        unstable = _grouped(summary, shares)
+        text = "  ".join(f"{n}: {100 * share:.2g} %" for n, share in unstable.items())
         lines.append(f"unstable loops by order, {closure}: {text}")
     return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def _grouped(summary: dict[str, Any], shares: dict[str, float] | None) -> dict[str, float]:
+    """Loops of orders 3 to 6 and beyond; with shares, their mean over the loops of each group."""
+    counts: dict[str, float] = {}
+    sums: dict[str, float] = {}
+    for n, count in summary["orders"].items():
+        group = n if int(n) < LAST_SHOWN else f"{LAST_SHOWN}+"
+        counts[group] = counts.get(group, 0) + count
+        sums[group] = sums.get(group, 0.0) + count * (0.0 if shares is None else shares[n])
+    if shares is None:
+        return counts
+    return {group: sums[group] / counts[group] for group in counts}
 
 
 def _number(value: float | None) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from loops.laws.protocol import Regime
 from stability.paths.model import PathModel
-from stability.paths.rates import UNIT_PARAMETER, Rates, state_rates
+from stability.paths.rates import UNIT_PARAMETER, Gauge, Rates, state_rates
 from stability.paths.state import Mode, PathState, contacts_of
 from stability.programmes import Programme
 from stability.rate_problem import (
@@ -77,6 +77,7 @@ def edge_problem(
     *,
     preferred: dict[int, Choice],
     direction: Floats | None,
+    gauge: Gauge = UNIT_PARAMETER,
 ) -> RateProblem[EdgeTrial]:
     """Rate problem of one state under a unit rate of the loading parameter.
 
@@ -90,6 +91,8 @@ def edge_problem(
         Choices that break ties; a contact that is not named keeps its regime.
     direction : (8 + 2 C,) array or None
         Rates before, as `rate_vector`.
+    gauge : Gauge
+        `UNIT_PARAMETER`, or `RECEDING` for a falling loading parameter.
 
     Returns
     -------
@@ -100,7 +103,7 @@ def edge_problem(
 
     def rates_for(choices: tuple[Choice, ...]) -> EdgeTrial:
         chosen = _apply(mode, at_edge, choices)
-        rates = state_rates(model, state, chosen, programme, UNIT_PARAMETER)
+        rates = state_rates(model, state, chosen, programme, gauge)
         edge = _edge_rates(model, rates, at_edge)
         return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted)
 

@@ -56,10 +56,7 @@ def first_crossing(
     for k in range(1, len(places)):
         crossed = np.flatnonzero(rows[k] > tolerance)
         if len(crossed):
-            a, b = float(places[k - 1]), float(places[k])
-            roots = [_root(values, int(which), a, b, rows[k - 1, which]) for which in crossed]
-            first = int(np.argmin(roots))
-            return roots[first], int(crossed[first])
+            return _earliest(values, crossed, tolerance, places[k - 1 : k + 1], rows[k - 1 : k + 1])
     return None
 
 
@@ -102,12 +99,31 @@ def polish(
     return best
 
 
-def _root(
-    values: Callable[[float], Floats], which: int, a: float, b: float, at_a: float
-) -> float:
-    if not at_a < 0:
-        return a
-    return float(brentq(lambda theta: values(theta)[which], a, b, xtol=1e-15, rtol=1e-14))
+def _earliest(
+    values: Callable[[float], Floats],
+    crossed: NDArray[np.int64],
+    tolerance: Floats,
+    places: Floats,
+    rows: Floats,
+) -> tuple[float, int]:
+    """Earliest root of the functions that cross within an interval, and which it is.
+
+    The root of the likeliest function bounds the interval for those that cross before it.
+    """
+    a, b = float(places[0]), float(places[1])
+    low, high = np.minimum(rows[0, crossed], 0.0), rows[1, crossed]
+    while True:
+        # A function that starts above zero, by rounding, has its root at the start.
+        first = int(np.argmin(-low / (high - low)))
+        which = int(crossed[first])
+        if not low[first] < 0:
+            return a, which
+        b = float(brentq(lambda theta: values(theta)[which], a, b, xtol=1e-15, rtol=1e-14))
+        here = values(b)
+        earlier = np.flatnonzero((here[crossed] > tolerance[crossed]) & (crossed != which))
+        if len(earlier) == 0:
+            return b, which
+        crossed, low, high = crossed[earlier], low[earlier], here[crossed[earlier]]
 
 
 def _with_excursions(

@@ -70,6 +70,7 @@ class Gauge:
 
 
 UNIT_PARAMETER = Gauge(np.zeros(4), 1.0)
+RECEDING = Gauge(np.zeros(4), -1.0)
 
 
 def state_rates(

@@ -17,7 +17,7 @@ from stability.paths.model import PathModel, with_contact
 from stability.paths.motion import gauge_along, stress
 from stability.paths.path import PathStatus
 from stability.paths.phase import PhaseEnd, Settings, Task, run_phase
-from stability.paths.rates import UNIT_PARAMETER, Gauge
+from stability.paths.rates import RECEDING, UNIT_PARAMETER, Gauge
 from stability.paths.record import Record
 from stability.paths.state import (
     Mode,
@@ -133,7 +133,7 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
     while True:
         problem = _rate_problem(walk, stage, hints, before)
         if problem.status == "none":
-            return _no_continuation(walk, stage, problem)
+            return _no_continuation(walk, stage, problem, hints)
         seen, gauge = _enter(walk, stage, problem, first)
         if sense == 0.0:
             return FINISHED
@@ -245,22 +245,44 @@ def _take_on_contacts(walk: Walk, end: PhaseEnd, hints: dict[int, Choice]) -> No
 
 
 def _no_continuation(
-    walk: Walk, stage: Stage, problem: RateProblem[EdgeTrial]
+    walk: Walk, stage: Stage, problem: RateProblem[EdgeTrial], hints: dict[int, Choice]
 ) -> tuple[PathStatus, str]:
-    """No regimes agree with the control: singular equations, or a contradiction."""
-    singular = problem.singular > 0
-    reason = (
-        "the controlled system is singular"
-        if singular
-        else "no choice of regimes agrees with the rates it causes"
-    )
+    """No regimes agree with the control: a limit of the control, or a contradiction."""
+    status: PathStatus = "control_limit"
+    if _turns_back(walk, stage, hints):
+        reason = "the loading parameter has an extremum where the regimes change"
+    elif problem.singular:
+        reason = "the controlled system is singular"
+    else:
+        status = "no_solution"
+        reason = "no choice of regimes agrees with the rates it causes"
     if not problem.exhaustive:
         reason += " (as far as the pivoting found)"
     if not walk.record.rows:
         walk.row(_still(walk, stage))
-    walk.record.event("control_limit", walk.parameter, detail=reason)
-    status: PathStatus = "control_limit" if singular else "no_solution"
+    walk.record.event("control_limit", walk.parameter, tuple(sorted(hints)), reason)
     return status, f"{stage.programme.name} at parameter {walk.parameter:.15g}: {reason}"
+
+
+def _turns_back(walk: Walk, stage: Stage, hints: dict[int, Choice]) -> bool:
+    """Whether the contacts go on as they came, but with a falling loading parameter."""
+    if not hints:
+        return False
+    back = edge_problem(
+        walk.model,
+        unpack(walk.model, walk.y),
+        walk.mode,
+        stage.programme,
+        preferred=hints,
+        direction=None,
+        gauge=RECEDING,
+    )
+    return any(
+        all(
+            int(found.rates.mode.regime[c]) == choice.regime for c, choice in hints.items()
+        )
+        for found in back.solutions
+    )
 
 
 def _still(walk: Walk, stage: Stage) -> Look:

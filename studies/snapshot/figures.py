@@ -12,6 +12,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from loops import Faces, loop_batches
@@ -226,6 +227,7 @@ def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None =
     )
     mean = summary["mean_order"]
     ax.axvline(mean, color=GREY, linewidth=0.8, linestyle="--", label=f"mean order {mean:.2f}")
-    ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops", xticks=orders)
+    ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
+    ax.xaxis.set_major_locator(MaxNLocator(12, integer=True))
     ax.legend()
     return ax
