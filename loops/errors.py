@@ -25,7 +25,8 @@ class InputError(ValueError):
     """
 
     def __init__(self, where: str, received: str, expected: str, remedy: str) -> None:
-        super().__init__(f"{where}: got {received}, expected {expected}. {remedy}")
+        message = f"{where}: got {received}, expected {expected}. {remedy}"
+        super().__init__(" ".join(message.split()))
         self.where = where
         self.received = received
         self.expected = expected

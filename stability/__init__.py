@@ -6,8 +6,9 @@ the component order (11, 12, 21, 22), or an operator `K (..., m, m)` already res
 
 from stability import programmes
 from stability.cones import PlaneCone, plane_cone
-from stability.paths import Event, Path, follow
+from stability.paths import Event, Path, follow, rates_at
 from stability.programmes import Programme, Stage
+from stability.rate_problem import RateProblem, RateSolution
 from stability.second_order_work import (
     PolarDiagram,
     alpha_e,
@@ -37,6 +38,8 @@ __all__ = [
     "PlaneCone",
     "PolarDiagram",
     "Programme",
+    "RateProblem",
+    "RateSolution",
     "Stage",
     "Verdict",
     "alpha_e",
@@ -48,8 +51,9 @@ __all__ = [
     "normalised_second_order_work",
     "operator_norm",
     "plane_cone",
-    "programmes",
     "polar_diagram",
+    "programmes",
+    "rates_at",
     "restrict",
     "rotate_tangent",
     "second_order_work",

@@ -62,7 +62,9 @@ class Trial(Protocol):
     """Rates for one combination of regimes."""
 
     @property
-    def edge(self) -> EdgeRates: ...
+    def edge(self) -> EdgeRates:
+        """Rates of the contacts at the edge."""
+        ...
 
     @property
     def vector(self) -> Floats:
@@ -70,7 +72,9 @@ class Trial(Protocol):
         ...
 
     @property
-    def trusted(self) -> bool: ...
+    def trusted(self) -> bool:
+        """Whether the rates are the only answer of their equations."""
+        ...
 
 
 AnyTrial = TypeVar("AnyTrial", bound=Trial)
@@ -130,10 +134,10 @@ def solve_rate_problem(
     Sticking agrees while the shear rate stays within the cone, sliding while sticking would leave
     it, parting while the branch lengthens (theory note, sections 2 and 6).
 
-    Of several solutions the first is the one in which contacts with the same options take the same
-    choice (the symmetric one), then the one whose rates are closest in direction to `direction`
-    (continuity). Of combinations with the same rates, which differ in neutral contacts alone, it is
-    the one with most preferred choices.
+    Of several solutions the first is the one in which contacts with as many options take the same
+    regime (the symmetric one), then the one whose rates are closest in direction to `direction`
+    (continuity), then the one with most preferred choices. Of combinations with the same rates,
+    which differ in neutral contacts alone, that with most preferred choices stands for all.
 
     Parameters
     ----------
@@ -176,7 +180,7 @@ def solve_rate_problem(
         elif all(_agreement(options, choices, rates.edge)):
             agreeing.append(RateSolution(choices, rates))
     distinct = _distinct(agreeing, preferred)
-    distinct.sort(key=lambda found: _rank(found, options, direction))
+    distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
     status: Status = "none" if not distinct else "unique" if len(distinct) == 1 else "several"
     return RateProblem(status, tuple(distinct), exhaustive, singular)
 
@@ -185,7 +189,9 @@ def _agreement(
     options: Sequence[Sequence[Choice]], choices: tuple[Choice, ...], edge: EdgeRates
 ) -> list[bool]:
     """Whether each contact's choice agrees with the rates."""
-    size = max(np.abs(np.concatenate([edge.un, edge.shear, edge.strength])).max(initial=0.0), 1e-300)
+    size = max(
+        np.abs(np.concatenate([edge.un, edge.shear, edge.strength])).max(initial=0.0), 1e-300
+    )
     tol = SIGN_TOLERANCE * size
     return [
         _agrees(can, choice, edge.un[k], edge.shear[k], edge.strength[k], tol)
@@ -258,10 +264,11 @@ def _distinct(
         else:
             groups.append([found])
 
-    def matches(found: RateSolution[AnyTrial]) -> int:
-        return sum(a == b for a, b in zip(found.choices, preferred, strict=True))
+    return [max(group, key=lambda found: _matches(found, preferred)) for group in groups]
 
-    return [max(group, key=matches) for group in groups]
+
+def _matches(found: RateSolution[AnyTrial], preferred: Sequence[Choice]) -> int:
+    return sum(a == b for a, b in zip(found.choices, preferred, strict=True))
 
 
 def _same(a: Floats, b: Floats) -> bool:
@@ -269,14 +276,16 @@ def _same(a: Floats, b: Floats) -> bool:
 
 
 def _rank(
-    found: RateSolution[AnyTrial], options: Sequence[Sequence[Choice]], direction: Floats | None
-) -> tuple[int, float]:
-    """Number of different regimes, then the turn from the previous direction."""
-    kinds = {
-        (len(can), choice.regime) for can, choice in zip(options, found.choices, strict=True)
-    }
+    found: RateSolution[AnyTrial],
+    options: Sequence[Sequence[Choice]],
+    direction: Floats | None,
+    preferred: Sequence[Choice],
+) -> tuple[int, float, int]:
+    """Number of different regimes, turn from the previous direction, preferences missed."""
+    kinds = {(len(can), choice.regime) for can, choice in zip(options, found.choices, strict=True)}
+    missed = -_matches(found, preferred)
     if direction is None:
-        return len(kinds), 0.0
+        return len(kinds), 0.0, missed
     vector = found.rates.vector
     size = float(np.linalg.norm(vector) * np.linalg.norm(direction))
-    return len(kinds), -float(vector @ direction) / size if size > 0 else 0.0
+    return len(kinds), -float(vector @ direction) / size if size > 0 else 0.0, missed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ class Table:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._table = _read(path)
+        self._names = _column_names(path, self._table)
         if self._table.num_rows == 0:
             raise InputError(str(path), "no rows", "at least one row", "Check the export.")
 
@@ -39,24 +41,26 @@ class Table:
 
     def has(self, *names: str) -> bool:
         """Whether all these columns are there."""
-        return all(name in self._table.column_names for name in names)
+        return all(name in self._names for name in names)
 
     def column(self, name: str) -> NDArray[np.float64]:
         """Numbers of a column; `InputError` if it is missing or holds anything else."""
         if not self.has(name):
             raise InputError(
                 f"column {name!r} of {self.path}",
-                f"columns {', '.join(self._table.column_names)}",
+                f"columns {', '.join(self._names)}",
                 f"a column {name!r}",
                 "Add it, or rename the one that holds it.",
             )
-        column = self._table.column(name)
+        column = self._table.column(self._names.index(name))
         try:
+            if pyarrow.types.is_boolean(column.type):
+                column = column.cast(pyarrow.int8())
             values = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
-        except pyarrow.ArrowInvalid as error:
+        except (pyarrow.ArrowException, UnicodeDecodeError) as error:
             raise InputError(
                 f"column {name!r} of {self.path}",
-                str(error).splitlines()[0],
+                str(error),
                 "numbers",
                 "Correct the file.",
             ) from None
@@ -85,6 +89,24 @@ class Table:
         return whole.astype(np.int64)
 
 
+def _column_names(path: Path, table: pyarrow.Table) -> list[str]:
+    try:
+        names = list(table.column_names)
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"header of {path}", f"bytes that are no text ({error})", "column names", "Correct it."
+        ) from None
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise InputError(
+            f"header of {path}",
+            f"the column {repeated[0]!r} more than once",
+            "each column once",
+            "Rename or drop one of them.",
+        )
+    return names
+
+
 def _read(path: Path) -> pyarrow.Table:
     if not path.is_file():
         raise InputError(str(path), "no such file", "a table", "Check the path.")
@@ -96,10 +118,10 @@ def _read(path: Path) -> pyarrow.Table:
             return pyarrow.parquet.read_table(path)
         if name.endswith((".csv", ".csv.gz")):
             return _read_csv(path)
-    except (pyarrow.ArrowInvalid, OSError, EOFError) as error:
+    except (pyarrow.ArrowException, OSError, EOFError, zlib.error) as error:
         raise InputError(
             str(path),
-            f"an unreadable or truncated file ({str(error).splitlines()[0]})",
+            f"an unreadable or truncated file ({error})",
             "a complete table",
             "Export or copy it again.",
         ) from None

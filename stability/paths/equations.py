@@ -80,7 +80,7 @@ def loop_spin(H: Floats) -> Floats:
 
 
 def _affine(model: PathModel, H: Floats, contacts: ContactState, regime: Regimes) -> Equations:
-    """`d' = -H' d0` and `P = (1/V0) sum f (x) d0`; free spins `w` are unknowns, moments equations."""
+    """`d' = -H' d0` and `P = (1/V0) sum f (x) d0`; with free spins the moments too."""
     grains, k_unit = model.grain_count, model.stiffness
     free = model.spins == "free"
     size = 8 + (grains if free else 0)

@@ -17,7 +17,12 @@ from stability.paths.phase import PhaseEnd
 from stability.paths.record import Record
 from stability.paths.state import Mode
 from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, Choice, RateProblem
+from stability.spectra import RTOL, operator_norm, symmetric_spectrum
+from stability.subspaces import restrict
 
+Floats = NDArray[np.float64]
+
+CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
 SPECTRAL = ("det_Ks_zero", "det_K_zero")
 
 
@@ -52,10 +57,10 @@ def record_fired(record: Record, end: PhaseEnd, model: PathModel, subspace: str)
         detail = "the loading parameter has an extremum"
         record.event("control_limit", parameter, detail=detail)
     if ("stage_end", -1) in end.fired:
-        for kind in ("yield", "unloading", "opening", "closing"):
-            contacts = tuple(item for fired, item in end.fired if fired == kind)
+        for change in CHANGES:
+            contacts = tuple(item for fired, item in end.fired if fired == change)
             if contacts:
-                record.event(kind, parameter, contacts, "at the end of the stage")
+                record.event(change, parameter, contacts, "at the end of the stage")
 
 
 def record_changes(
@@ -90,6 +95,42 @@ def record_changes(
             record.event(kind, parameter, contacts, detail)
 
 
+def record_start(record: Record, model: PathModel, mode: Mode) -> None:
+    """Record the contacts that slide from the start of the path."""
+    sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & (model.mu > 0))
+    if len(sliding):
+        record.event("yield", 0.0, tuple(sliding.tolist()), "from the start")
+
+
+def record_jumps(
+    record: Record, before: Floats, after: Floats, parameter: float, subspace: str
+) -> None:
+    """Record the zeros that the determinants jump over where regimes change.
+
+    Parameters
+    ----------
+    record : Record
+        Its last row is the state before the changes.
+    before, after : (4, 4) array
+        Tangents.
+    parameter : float
+        Loading parameter.
+    subspace : str
+        Where the spectra are taken.
+    """
+    if not (np.isfinite(before).all() and np.isfinite(after).all()):
+        return
+    K = restrict(np.stack([before, after]), subspace)
+    below = (symmetric_spectrum(K) < -RTOL * operator_norm(K)[:, None]).sum(axis=1)
+    if below[0] != below[1]:
+        detail = f"jump: {below[0]} to {below[1]} negative eigenvalues"
+        record.event("det_Ks_zero", parameter, detail=detail)
+    det = np.linalg.det(K)
+    if det[0] * det[1] < 0:
+        detail = f"jump: from {det[0]:.3g} to {det[1]:.3g}"
+        record.event("det_K_zero", parameter, detail=detail)
+
+
 def hints_of(end: PhaseEnd) -> dict[int, Choice]:
     """Regimes that contacts would take if nothing else changed: they break ties."""
     side = np.sign(end.seen.contacts.shear_force)
@@ -105,7 +146,9 @@ def hints_of(end: PhaseEnd) -> dict[int, Choice]:
 def touched_pairs(end: PhaseEnd, model: PathModel) -> NDArray[np.int64]:
     """(A, 2) pairs of grains that have come to touch; those that part again are no event."""
     rows = [
-        item for kind, item in end.fired if kind == "opposite_contact" and _closing(end, model, item)
+        item
+        for kind, item in end.fired
+        if kind == "opposite_contact" and _closing(end, model, item)
     ]
     return model.pairs[rows]
 

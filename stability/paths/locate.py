@@ -118,12 +118,16 @@ def _earliest(
         which = int(crossed[first])
         if not low[first] < 0:
             return a, which
-        b = float(brentq(lambda theta: values(theta)[which], a, b, xtol=1e-15, rtol=1e-14))
+        b = _root(values, which, a, b)
         here = values(b)
         earlier = np.flatnonzero((here[crossed] > tolerance[crossed]) & (crossed != which))
         if len(earlier) == 0:
             return b, which
         crossed, low, high = crossed[earlier], low[earlier], here[crossed[earlier]]
+
+
+def _root(values: Callable[[float], Floats], which: int, a: float, b: float) -> float:
+    return float(brentq(lambda theta: values(theta)[which], a, b, xtol=1e-15, rtol=1e-14))
 
 
 def _with_excursions(

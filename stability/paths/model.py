@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import GrainGraph, InputError, LinearFrictional, boundary_vectors, polygon_area
 from loops.closures import Closure, Spins
+from loops.closures.spins import deformation_gradient
 from loops.contact_state import ContactState, contact_state
 from loops.geometry import outward, polygon_centroid, reference_volume, require_loop
-from loops.graph import reference_branch_vectors
+from loops.graph import branch_vectors, reference_branch_vectors
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -127,8 +128,9 @@ def path_model(
     Raises
     ------
     InputError
-        If the graph carries batch axes, is no loop under the traction closure, or its normal forces
-        are not those of its overlaps.
+        If the graph carries batch axes, is no loop under the traction closure, is no affine image
+        of its reference under the affine closure, or its normal forces are not those of its
+        overlaps.
     """
     if graph.batch_shape:
         raise InputError(
@@ -157,6 +159,8 @@ def path_model(
         stiffness=float(np.mean(law.kn)),
     )
     _check_normal_forces(contact_state(graph), model)
+    if closure == "affine":
+        _check_affine(graph, model)
     return model
 
 
@@ -201,6 +205,19 @@ def _pairs_without_contact(graph: GrainGraph) -> Integers:
     low, high = np.sort(graph.contacts, axis=1).T
     free[low, high] = False
     return np.argwhere(free)
+
+
+def _check_affine(graph: GrainGraph, model: PathModel) -> None:
+    expected = model.d0 @ deformation_gradient(graph).T
+    mismatch = np.abs(branch_vectors(graph) - expected).max(axis=1, initial=0.0) / model.length
+    if mismatch.size and mismatch.max() > FORCE_MISMATCH:
+        c = int(mismatch.argmax())
+        raise InputError(
+            f"branch vector of contact {c}",
+            f"{branch_vectors(graph)[c].tolist()}",
+            f"{expected[c].tolist()}, an affine image of the reference",
+            "Make the current centres the reference, or use the traction closure.",
+        )
 
 
 def _check_normal_forces(state: ContactState, model: PathModel) -> None:

@@ -9,7 +9,7 @@ from loops.contact_state import ContactState
 from loops.laws.protocol import Regime
 from stability.paths.model import PathModel
 from stability.paths.rates import Gauge, Linearised, Rates, linearise, local_rates
-from stability.paths.state import Mode, PathState, pack, unpack
+from stability.paths.state import Mode, pack, unpack
 from stability.programmes import Programme
 
 Floats = NDArray[np.float64]
@@ -34,14 +34,12 @@ def unit_rates(local: Linearised, programme: Programme, gauge: Gauge) -> Rates:
     Rates
     """
     rates = local_rates(local, programme, gauge)
-    return scaled_rates(rates, 1.0 / np.linalg.norm(rates.H))
+    return scaled_rates(rates, 1.0 / float(np.linalg.norm(rates.H)))
 
 
 def scaled_rates(rates: Rates, factor: float) -> Rates:
     """The same rates in another unit of time."""
-    values = {
-        name: factor * value for name, value in vars(rates).items() if name != "trusted"
-    }
+    values = {name: factor * value for name, value in vars(rates).items() if name != "trusted"}
     return Rates(**values, trusted=rates.trusted)
 
 
@@ -50,9 +48,7 @@ def gauge_along(rates: Rates) -> Gauge:
     return Gauge(rates.H / (rates.H @ rates.H), 0.0)
 
 
-def y_rates(
-    model: PathModel, y: Floats, mode: Mode, programme: Programme, gauge: Gauge
-) -> Floats:
+def y_rates(model: PathModel, y: Floats, mode: Mode, programme: Programme, gauge: Gauge) -> Floats:
     """Right-hand side `y'` per unit length of the path.
 
     Parameters

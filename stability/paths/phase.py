@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 
 SAMPLES = np.linspace(0.0, 1.0, 5)
 
+SINGULAR = "The equations of the closure have no single answer nearby, or the grains' centres meet."
+
 # Steps below this length in the space of H change nothing.
 SHORTEST = 1e-17
 
@@ -108,14 +110,12 @@ def run_phase(
         begin, y_begin = float(solver.t), solver.y
         message = _advance(solver)
         if message:
-            return PhaseEnd(y_begin, seen, [], steps, message)
+            return PhaseEnd(y_begin, seen, [], steps, f"{message} {SINGULAR}")
         step = _Step(task, begin, y_begin, float(solver.t), solver.y, solver.dense_output(), gauge)
         samples = [seen, *(step.look(theta) for theta in SAMPLES[1:])]
         table = np.vstack([values, *(_values(task, each) for each in samples[1:])])
         _adopt_signs(sign, table, watch)
-        crossing = first_crossing(
-            table * sign, SAMPLES, watch.tolerance, lambda theta: step.values(theta) * sign
-        )
+        crossing = _crossing(step, watch, sign, table)
         if crossing is not None:
             theta, which = crossing
             return _land(step, watch, sign, theta, which, steps)
@@ -156,6 +156,15 @@ class _Step:
         while solver.status == "running":
             solver.step()
         return np.asarray(solver.y)
+
+
+def _crossing(
+    step: _Step, watch: Monitors, sign: Floats, table: Floats
+) -> tuple[float, int] | None:
+    """First event within a step, from the functions at the samples."""
+    return first_crossing(
+        table * sign, SAMPLES, watch.tolerance, lambda theta: step.values(theta) * sign
+    )
 
 
 def _land(
@@ -200,9 +209,7 @@ def _adopt_signs(sign: Floats, table: Floats, watch: Monitors) -> None:
             sign[k] = -np.sign(beyond[0])
 
 
-def _solver(
-    task: Task, y: Floats, gauge: Gauge, bound: float, first_step: float | None
-) -> DOP853:
+def _solver(task: Task, y: Floats, gauge: Gauge, bound: float, first_step: float | None) -> DOP853:
     s = task.settings
     solver = DOP853(
         lambda t, y: y_rates(task.model, y, task.mode, task.stage.programme, gauge),

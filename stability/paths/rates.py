@@ -12,7 +12,13 @@ from loops.laws.protocol import Regime
 from loops.null_space import solve_through_null_space
 from stability.paths.equations import Equations, closure_equations
 from stability.paths.model import PathModel
-from stability.paths.state import Mode, PathState, contacts_of, displacement_gradient
+from stability.paths.state import (
+    Mode,
+    PathState,
+    contacts_of,
+    displacement_gradient,
+    with_signs,
+)
 from stability.programmes import Programme
 
 Floats = NDArray[np.float64]
@@ -124,9 +130,9 @@ def linearise(model: PathModel, state: PathState, mode: Mode) -> Linearised:
     """Contacts and closure equations of a state, see `Linearised`."""
     H = displacement_gradient(model, state.place)
     contacts = contacts_of(model, state, mode)
-    return Linearised(
-        model, mode, H, contacts, closure_equations(model, H, contacts, mode.regime)
-    )
+    signed = with_signs(contacts, mode)
+    equations = closure_equations(model, H, signed, mode.regime)
+    return Linearised(model, mode, H, contacts, equations)
 
 
 def local_rates(local: Linearised, programme: Programme, gauge: Gauge) -> Rates:

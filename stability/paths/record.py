@@ -27,10 +27,7 @@ class Record:
         """Append a row."""
         contacts = seen.contacts
         kt = np.where(model.kt > 0, model.kt, np.inf)
-        # At the cone's apex the sign of T is kept in a number too small to mean anything.
-        shear = np.where(contacts.normal_force == 0, 0.0, contacts.shear_force)
-        if np.isinf(model.mu).any():
-            shear = np.where(np.isinf(model.mu), contacts.shear_force, shear)
+        shear = contacts.shear_force
         self.rows.append(
             {
                 "parameter": seen.state.parameter,

@@ -11,7 +11,14 @@ from loops import GrainGraph, InputError
 from loops.contact_state import contact_state
 from loops.laws.protocol import Regime
 from stability.paths.edge import EdgeTrial, edge_problem, rate_vector
-from stability.paths.events import hints_of, record_changes, record_fired, touched_pairs
+from stability.paths.events import (
+    hints_of,
+    record_changes,
+    record_fired,
+    record_jumps,
+    record_start,
+    touched_pairs,
+)
 from stability.paths.look import Look, look
 from stability.paths.model import PathModel, with_contact
 from stability.paths.motion import gauge_along, stress
@@ -107,7 +114,13 @@ def start_mode(model: PathModel, graph: GrainGraph) -> Mode:
             f"at most mu N = {model.mu[c] * graph.normal_force[c]:.6g}",
             "Correct it, or raise mu.",
         )
-    return Mode(model.law.regime(contacts), np.sign(contacts.shear_force))
+    regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
+    # Without friction a closed contact slides, whichever way.
+    frictionless = (model.mu == 0) & (regime != Regime.OPEN)
+    return Mode(
+        np.where(frictionless, Regime.SLIDING, regime).astype(np.int8),
+        np.where(frictionless, 1.0, side),
+    )
 
 
 def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
@@ -128,13 +141,13 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
     start = walk.parameter
     sense = float(np.sign(stage.target - _quantity_now(walk, stage)))
     hints: dict[int, Choice] = {}
-    before: Floats | None = None
-    idle, first = 0, True
+    before: Look | None = None
+    idle = 0
     while True:
         problem = _rate_problem(walk, stage, hints, before)
         if problem.status == "none":
             return _no_continuation(walk, stage, problem, hints)
-        seen, gauge = _enter(walk, stage, problem, first)
+        seen, gauge = _enter(walk, stage, problem, before)
         if sense == 0.0:
             return FINISHED
         task = Task(walk.model, walk.mode, stage, start, sense, walk.settings)
@@ -147,41 +160,43 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
         outcome = _outcome(walk, stage, end)
         if outcome is not None:
             return outcome
-        hints, before = hints_of(end), rate_vector(walk.model, end.seen.rates)
+        hints, before = hints_of(end), end.seen
         _take_on_contacts(walk, end, hints)
         moved = float(np.abs(end.seen.H - seen.H).max()) > STILL
-        idle, first = 0 if moved else idle + 1, False
+        idle = 0 if moved else idle + 1
         if idle > CHATTER:
             return "lost", f"the regimes keep switching at parameter {walk.parameter:.15g}"
 
 
 def _rate_problem(
-    walk: Walk, stage: Stage, hints: dict[int, Choice], before: Floats | None
+    walk: Walk, stage: Stage, hints: dict[int, Choice], before: Look | None
 ) -> RateProblem[EdgeTrial]:
     state = unpack(walk.model, walk.y)
-    if before is not None and len(before) != 8 + 2 * walk.model.contact_count:
-        before = None
+    direction = None
+    if before is not None and len(before.mode.regime) == walk.model.contact_count:
+        direction = rate_vector(walk.model, before.rates)
     return edge_problem(
-        walk.model, state, walk.mode, stage.programme, preferred=hints, direction=before
+        walk.model, state, walk.mode, stage.programme, preferred=hints, direction=direction
     )
 
 
 def _enter(
-    walk: Walk, stage: Stage, problem: RateProblem[EdgeTrial], first: bool
+    walk: Walk, stage: Stage, problem: RateProblem[EdgeTrial], before: Look | None
 ) -> tuple[Look, Gauge]:
     """Take the regimes of the rate problem's solution, with forces exactly on the cone."""
     trial = problem.taken.rates
     old, walk.mode = walk.mode, trial.mode
-    changed = bool((old.regime != trial.mode.regime).any())
     _set_forces(walk, old)
     gauge = gauge_along(trial.rates)
     seen = look(walk.model, walk.y, walk.mode, stage.programme, gauge)
     if not walk.record.rows:
         walk.row(seen)
-        record_changes(walk.record, old, walk.mode, walk.parameter, problem)
+        record_start(walk.record, walk.model, walk.mode)
         return seen, gauge
     record_changes(walk.record, old, walk.mode, walk.parameter, problem)
-    if first or changed:
+    if before is not None:
+        record_jumps(walk.record, before.A, seen.A, walk.parameter, walk.subspace)
+    if before is None or (old.regime != walk.mode.regime).any():
         walk.row(seen)
     return seen, gauge
 
@@ -278,9 +293,7 @@ def _turns_back(walk: Walk, stage: Stage, hints: dict[int, Choice]) -> bool:
         gauge=RECEDING,
     )
     return any(
-        all(
-            int(found.rates.mode.regime[c]) == choice.regime for c, choice in hints.items()
-        )
+        all(int(found.rates.mode.regime[c]) == choice.regime for c, choice in hints.items())
         for found in back.solutions
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,7 +163,17 @@ def contacts_of(model: PathModel, state: PathState, mode: Mode) -> ContactState:
 def shear_forces(model: PathModel, shear: Floats, normal: Floats, mode: Mode) -> Floats:
     """(C,) `T`: integrated where elastic, `s mu N` where sliding, zero where open."""
     sliding = mode.regime == Regime.SLIDING
-    limit = np.where(sliding, model.mu, 0.0) * normal
-    at_apex = np.where(normal == 0.0, APEX_SHEAR, 0.0)
-    slid = mode.side * np.where(limit == 0.0, at_apex, limit)
+    slid = mode.side * np.where(sliding, model.mu, 0.0) * normal
     return np.where(sliding, slid, np.where(mode.regime == Regime.OPEN, 0.0, shear))
+
+
+def with_signs(contacts: ContactState, mode: Mode) -> ContactState:
+    """Contacts whose `T` tells the law the side of the cone at its apex too.
+
+    A contact that starts to slide at its first touch has no shear force yet, but a side.
+    """
+    apex = (mode.regime == Regime.SLIDING) & (contacts.normal_force == 0.0)
+    if not apex.any():
+        return contacts
+    signed = np.where(apex, mode.side * APEX_SHEAR, contacts.shear_force)
+    return replace(contacts, shear_force=signed)
