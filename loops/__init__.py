@@ -27,7 +27,7 @@ from loops.graph import (
     contact_frame,
     reference_branch_vectors,
 )
-from loops.laws import ContactLaw, LinearFrictional, Regime
+from loops.laws import ContactLaw, HertzMindlin, LinearFrictional, Regime, RollingResistance
 from loops.loop_batches import LoopBatch, loop_batches
 from loops.outline import outline_area
 from loops.pruning import prune_dangling
@@ -39,11 +39,13 @@ __all__ = [
     "FaceKind",
     "Faces",
     "GrainGraph",
+    "HertzMindlin",
     "InputError",
     "LinearFrictional",
     "LoopBatch",
     "MacroTangent",
     "Regime",
+    "RollingResistance",
     "affine_tangent",
     "assemble_sparse_tangent",
     "assemble_tangent",

@@ -1,13 +1,29 @@
 """Where grain graphs come from: the diamond, polygons, DEM snapshots, synthetic networks."""
 
 from patterns.diamond import diamond
-from patterns.polygons import regular_polygon
+from patterns.polygons import (
+    SnapshotLoop,
+    equilateral_polygon,
+    hexagon,
+    loop_of_snapshot,
+    opposite_gap,
+    polydisperse_polygon,
+    random_loop,
+    regular_polygon,
+)
 from patterns.snapshots import Snapshot, read_snapshot, sample_cell, sample_path
 from patterns.synthetic import synthetic_network
 
 __all__ = [
     "Snapshot",
+    "SnapshotLoop",
     "diamond",
+    "equilateral_polygon",
+    "hexagon",
+    "loop_of_snapshot",
+    "opposite_gap",
+    "polydisperse_polygon",
+    "random_loop",
     "read_snapshot",
     "regular_polygon",
     "sample_cell",

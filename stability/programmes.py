@@ -135,6 +135,30 @@ class Stage:
                 "target of a stage", str(self.target), "a finite number", "Say where it ends."
             )
 
+    def approaches(self, sense: float) -> bool:
+        """Whether the quantity moves towards its target, as far as the programme fixes its rate.
+
+        Parameters
+        ----------
+        sense : float
+            +1 if the target lies above, -1 if below.
+
+        Returns
+        -------
+        bool
+            True where the rate follows from the response of the loop.
+        """
+        if self.quantity == "parameter":
+            return sense > 0
+        p = self.programme
+        controls = np.hstack([p.strain, p.stress])
+        column = QUANTITIES.index(self.quantity)
+        alone = (controls != 0).sum(axis=1) == 1
+        for row in np.flatnonzero(alone & (controls[:, column] != 0)):
+            if row != p.isochoric_row:
+                return bool(p.rate[row] / controls[row, column] * sense > 0)
+        return True
+
 
 def isotropic_strain(rate: float = 1.0) -> Programme:
     """`H11' = H22' = rate`, no shear.

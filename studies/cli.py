@@ -72,7 +72,7 @@ def diamond(
     closure: Annotated[str, typer.Option(help="affine or traction.")] = "affine",
     sliding: Annotated[str, typer.Option(help="coulomb or printed.")] = "coulomb",
     contact_on_touch: Annotated[
-        str, typer.Option(help="When opposite grains meet: ignore or stop.")
+        str, typer.Option(help="When opposite grains meet: ignore, stop or add a contact.")
     ] = "ignore",
     force: Force = False,
     csv: Csv = False,
@@ -88,12 +88,55 @@ def diamond(
     _report(summary, out, json, _diamond_lines)
 
 
-def _diamond_lines(summary: dict[str, Any]) -> list[str]:
+@app.command()
+def domain(
+    out: Out,
+    alpha0: Annotated[
+        str | None, typer.Option(help="Reference angles (degrees), by commas.")
+    ] = None,
+    kappa: Annotated[str | None, typer.Option(help="Stiffness ratios kt/kn, by commas.")] = None,
+    phi: Annotated[float | None, typer.Option(help="Contact friction angle (degrees).")] = None,
+    directions: Annotated[int, typer.Option(help="Programmes of the fan, an odd number.")] = 1441,
+    force: Force = False,
+    csv: Csv = False,
+    json: Json = False,
+) -> None:
+    """Draw the diamond's bifurcation domain; without options, of the paper's Tables 1 and 2."""
+    from studies.domain import DomainParameters, run_domain
+
+    lists = _numbers("--alpha0", alpha0), _numbers("--kappa", kappa)
+    summary = run_domain(DomainParameters(*lists, phi, directions), out, force=force, csv=csv)
+    _report(summary, out, json, _domain_lines)
+
+
+def _domain_lines(summary: dict[str, Any]) -> list[str]:
     return [
+        f"alpha0 = {case['alpha0_deg']:g}  kappa = {case['kappa']:g}  phi = {case['phi_deg']:g}  "
+        f"{contacts:<10}  {summary['directions']} programmes: {found['det_Ks_zero']} lose det Ks, "
+        f"{found['det_K_zero']} det K, {found['by_yielding']} by yielding"
+        for case in summary["cases"]
+        for contacts, found in case["contacts"].items()
+    ]
+
+
+def _numbers(name: str, text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            name, repr(text), "numbers separated by commas", "Write 35,45 for example."
+        ) from None
+
+
+def _diamond_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [
         f"{event['kind']:<18} E1 = {event['E1']:.10f}  E2 = {event['E2']:.10f}  "
         f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
         for event in summary["events"]
     ]
+    return lines + [f"note: {note}" for note in summary["notes"]]
 
 
 def _cell(text: str | None) -> tuple[float, float, float, float] | None:

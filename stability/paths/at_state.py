@@ -8,8 +8,8 @@ from loops import GrainGraph, LinearFrictional
 from loops.closures import Closure, Spins
 from stability.paths.edge import EdgeTrial, edge_problem
 from stability.paths.model import path_model
-from stability.paths.stage import start_mode
 from stability.paths.state import initial_state, unpack
+from stability.paths.walk import start_mode
 from stability.programmes import Programme
 from stability.rate_problem import RateProblem
 

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from loops.laws.protocol import Regime
 from stability.paths.model import PathModel
 from stability.paths.rates import UNIT_PARAMETER, Gauge, Rates, state_rates
-from stability.paths.state import Mode, PathState, contacts_of
+from stability.paths.state import (
+    Mode,
+    PathState,
+    contacts_of,
+    overlaps,
+    relative_displacements,
+)
 from stability.programmes import Programme
 from stability.rate_problem import (
     ELASTIC,
@@ -56,12 +62,13 @@ def edge_contacts(model: PathModel, state: PathState, mode: Mode) -> dict[int, t
         Options by contact. Frictionless closed contacts slide and are no question.
     """
     contacts = contacts_of(model, state, mode)
-    gap = (contacts.length - model.touching) / model.touching
+    moved = relative_displacements(model, state.place)
+    overlap = overlaps(model, moved) / model.touching
     normal, shear = contacts.normal_force, contacts.shear_force
     options: dict[int, tuple[Choice, ...]] = {}
     for c in range(model.contact_count):
         mu = float(model.mu[c])
-        if abs(gap[c]) <= TOUCH_BAND:
+        if abs(overlap[c]) <= TOUCH_BAND:
             options[c] = _touching(mu)
         elif mode.regime[c] != Regime.OPEN and 0 < mu < np.inf:
             if abs(shear[c]) >= mu * normal[c] * (1 - YIELD_BAND):
@@ -143,7 +150,6 @@ def _current(mode: Mode, c: int) -> Choice:
 
 
 def _edge_rates(model: PathModel, rates: Rates, contacts: NDArray[np.int64]) -> EdgeRates:
-    mu, kn, kt = model.mu[contacts], model.kn[contacts], model.kt[contacts]
-    un = kn * rates.un[contacts]
-    friction = np.where(np.isfinite(mu), mu, 0.0)
-    return EdgeRates(un, -kt * rates.ut[contacts], -friction * un)
+    un = model.kn[contacts] * rates.un[contacts]
+    shear = -model.kt[contacts] * rates.ut[contacts]
+    return EdgeRates(un, shear, -model.friction[contacts] * un)

@@ -68,7 +68,7 @@ def closure_equations(
         k = translational_blocks(contacts, model.law, regime)
         if (np.abs(np.linalg.det(k)) > SOFT_BLOCK * model.kn**2).all():
             return _ring(model, translational_compliances(contacts, model.law, regime))
-    return _saddle(model, H, contacts, regime)
+    return saddle_equations(model, H, contacts, regime)
 
 
 def loop_spin(H: Floats) -> Floats:
@@ -121,7 +121,9 @@ def _ring(model: PathModel, compliance: Floats) -> Equations:
     return Equations(matrix, branch_rate, np.zeros((model.grain_count, 10)))
 
 
-def _saddle(model: PathModel, H: Floats, contacts: ContactState, regime: Regimes) -> Equations:
+def saddle_equations(
+    model: PathModel, H: Floats, contacts: ContactState, regime: Regimes
+) -> Equations:
     """Grain by grain: `f` in balance with `-P b_i`, `V0 H = -sum u_i (x) b_i`, moments if free."""
     grains, L = model.grain_count, model.length
     places = slice(8, 8 + 2 * grains)

@@ -11,7 +11,6 @@ from loops.laws.protocol import Regime
 from stability.paths.edge import EdgeTrial
 from stability.paths.model import PathModel
 from stability.paths.monitors import eigenvalue_kind
-from stability.paths.motion import velocities
 from stability.paths.path import EventKind
 from stability.paths.phase import PhaseEnd
 from stability.paths.record import Record
@@ -23,6 +22,7 @@ from stability.subspaces import restrict
 Floats = NDArray[np.float64]
 
 CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
+SINGULAR = "the controlled system is singular"
 SPECTRAL = ("det_Ks_zero", "det_K_zero")
 
 
@@ -56,6 +56,8 @@ def record_fired(record: Record, end: PhaseEnd, model: PathModel, subspace: str)
     if ("control_limit", -1) in end.fired:
         detail = "the loading parameter has an extremum"
         record.event("control_limit", parameter, detail=detail)
+    if ("singular", -1) in end.fired:
+        record.event("control_limit", parameter, detail=SINGULAR)
     if ("stage_end", -1) in end.fired:
         for change in CHANGES:
             contacts = tuple(item for fired, item in end.fired if fired == change)
@@ -144,17 +146,6 @@ def hints_of(end: PhaseEnd) -> dict[int, Choice]:
 
 
 def touched_pairs(end: PhaseEnd, model: PathModel) -> NDArray[np.int64]:
-    """(A, 2) pairs of grains that have come to touch; those that part again are no event."""
-    rows = [
-        item
-        for kind, item in end.fired
-        if kind == "opposite_contact" and _closing(end, model, item)
-    ]
+    """(A, 2) pairs of grains without a contact that have come to touch."""
+    rows = [item for kind, item in end.fired if kind == "opposite_contact"]
     return model.pairs[rows]
-
-
-def _closing(end: PhaseEnd, model: PathModel, row: int) -> bool:
-    i, j = model.pairs[row]
-    d = end.seen.x[j] - end.seen.x[i]
-    v = velocities(model, end.seen.rates)
-    return float(d @ (v[j] - v[i])) < 0

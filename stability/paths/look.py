@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from loops.contact_state import ContactState
 from stability.paths.model import PathModel
 from stability.paths.motion import forces, stress, unit_rates
-from stability.paths.rates import Gauge, Rates, linearise, local_tangent
+from stability.paths.rates import Gauge, Rates, branching_number, linearise, local_tangent
 from stability.paths.state import Mode, PathState, centres, unpack
 from stability.programmes import Programme
 
@@ -33,6 +33,8 @@ class Look:
         Per unit length of the path.
     x : (G, 2) array
         Centres.
+    branching : float
+        See `rates.branching_number`.
     """
 
     state: PathState
@@ -43,6 +45,7 @@ class Look:
     A: Floats
     rates: Rates
     x: Floats
+    branching: float
 
 
 def look(model: PathModel, y: Floats, mode: Mode, programme: Programme, gauge: Gauge) -> Look:
@@ -58,6 +61,7 @@ def look(model: PathModel, y: Floats, mode: Mode, programme: Programme, gauge: G
         A=local_tangent(local),
         rates=unit_rates(local, programme, gauge),
         x=centres(model, state.place),
+        branching=branching_number(local, programme, gauge),
     )
 
 

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops import GrainGraph, InputError, LinearFrictional, boundary_vectors, polygon_area
 from loops.closures import Closure, Spins
-from loops.closures.spins import deformation_gradient
 from loops.contact_state import ContactState, contact_state
 from loops.geometry import outward, polygon_centroid, reference_volume, require_loop
 from loops.graph import branch_vectors, reference_branch_vectors
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+# Rounding of coordinates, in units of r_i + r_j.
+JUST_TOUCHING = 8 * float(np.finfo(float).eps)
 
 # Normal forces of the initial graph against those of its overlaps, in units of kn (r_i + r_j).
 FORCE_MISMATCH = 1e-9
@@ -65,37 +68,58 @@ class PathModel:
     length: float
     stiffness: float
 
-    @property
+    @cached_property
     def contact_count(self) -> int:
         """Number of contacts C."""
         return len(self.contacts)
 
-    @property
+    @cached_property
     def grain_count(self) -> int:
         """Number of grains G."""
         return len(self.x0)
 
-    @property
+    @cached_property
+    def length0(self) -> Floats:
+        """(C,) reference branch lengths."""
+        return np.hypot(self.d0[:, 0], self.d0[:, 1])
+
+    @cached_property
+    def overlap0(self) -> Floats:
+        """(C,) overlaps in the reference; within rounding of it, grains just touch."""
+        overlap = self.touching - self.length0
+        return np.where(np.abs(overlap) <= JUST_TOUCHING * self.touching, 0.0, overlap)
+
+    @cached_property
     def touching(self) -> Floats:
         """(C,) `r_i + r_j`."""
         return np.asarray(self.radii[self.contacts].sum(axis=1))
 
-    @property
+    @cached_property
     def mu(self) -> Floats:
         """(C,) coefficients of friction."""
         return np.broadcast_to(self.law.mu, self.contact_count)
 
-    @property
+    @cached_property
+    def friction(self) -> Floats:
+        """(C,) coefficients of friction, 0 where a contact never slides."""
+        return np.where(np.isfinite(self.mu), self.mu, 0.0)
+
+    @cached_property
+    def has_cone(self) -> NDArray[np.bool_]:
+        """(C,) whether a contact may both stick and slide."""
+        return np.isfinite(self.mu) & (self.mu > 0)
+
+    @cached_property
     def kn(self) -> Floats:
         """(C,) normal stiffness."""
         return np.broadcast_to(self.law.kn, self.contact_count)
 
-    @property
+    @cached_property
     def kt(self) -> Floats:
         """(C,) tangential stiffness."""
         return np.broadcast_to(self.law.kt, self.contact_count)
 
-    @property
+    @cached_property
     def is_plain_ring(self) -> bool:
         """Whether one redundant force vector solves the traction closure."""
         return self.spins == "blocked" and self.contact_count == self.grain_count
@@ -179,15 +203,19 @@ def with_contact(model: PathModel, pairs: Integers) -> PathModel:
     PathModel
         With the new contacts last.
     """
-    touched = (model.pairs[:, None, :] == pairs[None, :, :]).all(axis=2).any(axis=1)
     parameters = np.concatenate([np.arange(model.contact_count), np.zeros(len(pairs), dtype=int)])
     return replace(
         model,
         law=model.law.take(parameters),
         contacts=np.vstack([model.contacts, pairs]),
         d0=np.vstack([model.d0, model.x0[pairs[:, 1]] - model.x0[pairs[:, 0]]]),
-        pairs=model.pairs[~touched],
     )
+
+
+def without_pairs(model: PathModel, pairs: Integers) -> PathModel:
+    """Model that no longer watches the given pairs of grains, (A, 2)."""
+    gone = (model.pairs[:, None, :] == pairs[None, :, :]).all(axis=2).any(axis=1)
+    return replace(model, pairs=model.pairs[~gone])
 
 
 def _boundary(x0: Floats, volume: float) -> tuple[Floats, Floats]:
@@ -208,7 +236,7 @@ def _pairs_without_contact(graph: GrainGraph) -> Integers:
 
 
 def _check_affine(graph: GrainGraph, model: PathModel) -> None:
-    expected = model.d0 @ deformation_gradient(graph).T
+    expected = model.d0 + model.d0 @ np.linalg.lstsq(model.d0, branch_vectors(graph) - model.d0)[0]
     mismatch = np.abs(branch_vectors(graph) - expected).max(axis=1, initial=0.0) / model.length
     if mismatch.size and mismatch.max() > FORCE_MISMATCH:
         c = int(mismatch.argmax())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from loops.laws.protocol import Regime
 from stability.paths.look import Look
 from stability.paths.model import PathModel
-from stability.paths.state import Mode
+from stability.paths.state import Mode, overlaps, relative_displacements
 from stability.programmes import QUANTITIES, Stage
 from stability.subspaces import subspace_basis
 
@@ -26,6 +26,7 @@ ROUNDING = {
     "det_Ks_zero": 1e-12,
     "det_K_zero": 1e-12,
     "flutter": 1e-12,
+    "collapse": 0.0,
     "control_limit": 1e-12,
     "stage_end": 0.0,
 }
@@ -71,9 +72,8 @@ def monitors_of(model: PathModel, mode: Mode, subspace: str) -> Monitors:
     -------
     Monitors
     """
-    has_cone = np.isfinite(model.mu) & (model.mu > 0)
-    elastic = np.flatnonzero((mode.regime == Regime.ELASTIC) & has_cone)
-    sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & has_cone)
+    elastic = np.flatnonzero((mode.regime == Regime.ELASTIC) & model.has_cone)
+    sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & model.has_cone)
     closed = np.flatnonzero(mode.regime != Regime.OPEN)
     is_open = np.flatnonzero(mode.regime == Regime.OPEN)
     size = len(subspace_basis(subspace))
@@ -82,9 +82,10 @@ def monitors_of(model: PathModel, mode: Mode, subspace: str) -> Monitors:
         ("unloading", sliding, False),
         ("opening", closed, False),
         ("closing", is_open, False),
-        ("opposite_contact", np.arange(len(model.pairs)), True),
+        ("opposite_contact", np.arange(len(model.pairs)), False),
         ("det_Ks_zero", np.arange(size), True),
         ("det_K_zero", np.arange(size), True),
+        ("collapse", np.array([-1]), False),
         ("control_limit", np.array([-1]), False),
         ("stage_end", np.array([-1]), False),
     ]
@@ -98,7 +99,13 @@ def monitors_of(model: PathModel, mode: Mode, subspace: str) -> Monitors:
 
 
 def monitor_values(
-    model: PathModel, seen: Look, subspace: str, stage: Stage, start: float, sense: float
+    model: PathModel,
+    seen: Look,
+    subspace: str,
+    stage: Stage,
+    start: float,
+    sense: float,
+    size: float,
 ) -> Floats:
     """Values of the event functions, in the order of `monitors_of`, dimensionless.
 
@@ -116,20 +123,22 @@ def monitor_values(
         Loading parameter at the start of the stage.
     sense : float
         +1 if the stage's quantity starts below its target, -1 if above.
+    size : float
+        Size of the strains of the stage, at most 1.
 
     Returns
     -------
     (M,) array
     """
     contacts, mode = seen.contacts, seen.mode
-    has_cone = np.isfinite(model.mu) & (model.mu > 0)
-    elastic = (mode.regime == Regime.ELASTIC) & has_cone
-    sliding = (mode.regime == Regime.SLIDING) & has_cone
+    elastic = (mode.regime == Regime.ELASTIC) & model.has_cone
+    sliding = (mode.regime == Regime.SLIDING) & model.has_cone
     closed = mode.regime != Regime.OPEN
     force = model.stiffness * model.length
-    mu = np.where(np.isfinite(model.mu), model.mu, 0.0)
-    beyond = (np.abs(contacts.shear_force) - mu * contacts.normal_force) / force
-    gap = (contacts.length - model.touching) / model.touching
+    reach = force * size
+    beyond = (np.abs(contacts.shear_force) - model.friction * contacts.normal_force) / reach
+    moved = relative_displacements(model, seen.state.place)
+    gap = -overlaps(model, moved) / (model.touching * size)
     forward = -seen.rates.parameter / _parameter_unit(model, stage)
     target = sense * (stage_quantity(stage, seen, start) - stage.target)
     return np.concatenate(
@@ -140,7 +149,7 @@ def monitor_values(
             -gap[~closed],
             _pair_gaps(model, seen.x),
             *_spectra(seen.A, subspace),
-            [forward, target],
+            [-_area_ratio(seen.H), forward, target],
         ]
     )
 
@@ -168,6 +177,11 @@ def _parameter_unit(model: PathModel, stage: Stage) -> float:
     strain = np.abs(programme.equations(np.zeros(4))[1][driven]).max()
     weight = max(np.abs(programme.stress[driven]).max() * model.stiffness, strain)
     return float(weight / np.abs(programme.rate[driven]))
+
+
+def _area_ratio(H: Floats) -> float:
+    """`det F`, zero where the loop collapses to a line."""
+    return float((1.0 - H[0]) * (1.0 - H[3]) - H[1] * H[2])
 
 
 def _pair_gaps(model: PathModel, x: Floats) -> Floats:

@@ -39,8 +39,9 @@ def unit_rates(local: Linearised, programme: Programme, gauge: Gauge) -> Rates:
 
 def scaled_rates(rates: Rates, factor: float) -> Rates:
     """The same rates in another unit of time."""
-    values = {name: factor * value for name, value in vars(rates).items() if name != "trusted"}
-    return Rates(**values, trusted=rates.trusted)
+    kept = {"condition": rates.condition, "trusted": rates.trusted}
+    values = {name: factor * value for name, value in vars(rates).items() if name not in kept}
+    return Rates(**values, **kept)  # type: ignore[arg-type]
 
 
 def gauge_along(rates: Rates) -> Gauge:

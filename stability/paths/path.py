@@ -25,6 +25,7 @@ EventKind = Literal[
     "det_K_zero",
     "flutter",
     "control_limit",
+    "branching",
     "programme_change",
 ]
 PathStatus = Literal["finished", "control_limit", "opposite_contact", "no_solution", "lost"]
@@ -40,14 +41,15 @@ class Event:
         'yield', 'unloading', 'opening', 'closing' (of contacts), 'opposite_contact' (grains without
         a contact touch), 'det_Ks_zero', 'det_K_zero' (an eigenvalue passes zero, continuously or in
         a jump), 'flutter' (the real part of a complex pair of K does), 'control_limit',
-        'programme_change'.
+        'branching' (the relaxed grains' balance is singular: other paths branch off, this one goes
+        on), 'programme_change'.
     parameter : float
         Loading parameter, counted from the start of the path.
     stage : int
         Stage.
     index : int
-        Row of the path at the event; if it changes regimes or programme, this is the row before the
-        change and the next row the same state after it.
+        Row of the path at the event (before it for 'branching'); if the event changes regimes or
+        programme, this is the row before the change and the next row the same state after it.
     contacts : tuple of int
         Contacts concerned, or the two grains that touch.
     detail : str

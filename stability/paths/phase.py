@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853, DenseOutput
+from scipy.optimize import brentq
 
 from stability.paths.locate import first_crossing, polish
 from stability.paths.look import Look, look
@@ -22,7 +23,14 @@ Floats = NDArray[np.float64]
 
 SAMPLES = np.linspace(0.0, 1.0, 5)
 
-SINGULAR = "The equations of the closure have no single answer nearby, or the grains' centres meet."
+# A path that stalls where its equations are worse conditioned than this has met a singular point.
+ILL_CONDITIONED = 1e6
+
+# Steps after which the integrator has found its step size.
+SETTLED = 4
+
+# Steps that short, over the size of the strains, stall.
+STALLED = 1e-7
 
 # Steps below this length in the space of H change nothing.
 SHORTEST = 1e-17
@@ -33,12 +41,26 @@ SIMULTANEOUS = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """Accuracy of a path: tolerances of the integrator, longest step in `|H|`, number of steps."""
+    """Accuracy of a stage.
+
+    Attributes
+    ----------
+    rtol : float
+        Relative tolerance of the integrator.
+    atol : (Y,) array
+        Absolute tolerances.
+    max_step : float
+        Longest step in `|H|`.
+    size : float
+        Size of the strains of the stage, at most 1.
+    subspace : str
+        Where the spectra are taken.
+    """
 
     rtol: float
     atol: Floats
     max_step: float
-    max_steps: int
+    size: float
     subspace: str
 
 
@@ -80,7 +102,12 @@ class PhaseEnd:
 
 
 def run_phase(
-    task: Task, y: Floats, gauge: Gauge, record: Callable[[Look], None], steps_left: int
+    task: Task,
+    y: Floats,
+    gauge: Gauge,
+    record: Callable[[Look], None],
+    branching: Callable[[Look], None],
+    steps_left: int,
 ) -> PhaseEnd:
     """Integrate until the first event.
 
@@ -94,6 +121,8 @@ def run_phase(
         Direction of the start.
     record : callable
         Takes every accepted step.
+    branching : callable
+        Takes the places where other paths branch off.
     steps_left : int
         Accepted steps allowed.
 
@@ -109,13 +138,17 @@ def run_phase(
     for steps in range(1, steps_left + 1):
         begin, y_begin = float(solver.t), solver.y
         message = _advance(solver)
-        if message:
-            return PhaseEnd(y_begin, seen, [], steps, f"{message} {SINGULAR}")
+        stalled = steps > SETTLED and _stalls(task, float(solver.t) - begin, seen)
+        if message or stalled:
+            fired = [("singular", -1)] if seen.rates.condition > ILL_CONDITIONED else []
+            return PhaseEnd(y_begin, seen, fired, steps, message)
         step = _Step(task, begin, y_begin, float(solver.t), solver.y, solver.dense_output(), gauge)
         samples = [seen, *(step.look(theta) for theta in SAMPLES[1:])]
         table = np.vstack([values, *(_values(task, each) for each in samples[1:])])
         _adopt_signs(sign, table, watch)
         crossing = _crossing(step, watch, sign, table)
+        for place in _branchings(step, samples, 1.0 if crossing is None else crossing[0]):
+            branching(place)
         if crossing is not None:
             theta, which = crossing
             return _land(step, watch, sign, theta, which, steps)
@@ -167,6 +200,22 @@ def _crossing(
     )
 
 
+def _branchings(step: _Step, samples: list[Look], until: float) -> list[Look]:
+    """Places within a step where other paths branch off.
+
+    On the interpolant, and without a restart: the rates are not determined there.
+    """
+    numbers = [each.branching for each in samples]
+    places = []
+    for k in range(1, len(samples)):
+        if numbers[k - 1] * numbers[k] < 0:
+            a, b = float(SAMPLES[k - 1]), float(SAMPLES[k])
+            theta = brentq(lambda theta: step.look(theta).branching, a, b, xtol=1e-14)
+            if theta < until:
+                places.append(step.look(theta))
+    return places
+
+
 def _land(
     step: _Step, watch: Monitors, sign: Floats, theta: float, which: int, steps: int
 ) -> PhaseEnd:
@@ -190,9 +239,8 @@ def _look(task: Task, y: Floats, gauge: Gauge) -> Look:
 
 
 def _values(task: Task, seen: Look) -> Floats:
-    return monitor_values(
-        task.model, seen, task.settings.subspace, task.stage, task.start, task.sense
-    )
+    s = task.settings
+    return monitor_values(task.model, seen, s.subspace, task.stage, task.start, task.sense, s.size)
 
 
 def _initial_signs(watch: Monitors, values: Floats) -> Floats:
@@ -227,6 +275,12 @@ def _solver(task: Task, y: Floats, gauge: Gauge, bound: float, first_step: float
 def _follow_direction(solver: DOP853, task: Task, gauge: Gauge) -> None:
     """Measure the next step's direction against the current one."""
     solver.fun = lambda t, y: y_rates(task.model, y, task.mode, task.stage.programme, gauge)
+
+
+def _stalls(task: Task, length: float, seen: Look) -> bool:
+    """Whether the integrator creeps up to a singular point of the controlled system."""
+    short = length < STALLED * task.settings.size
+    return short and seen.rates.condition > ILL_CONDITIONED
 
 
 def _advance(solver: DOP853) -> str:

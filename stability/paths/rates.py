@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from loops.contact_state import ContactState
 from loops.laws.protocol import Regime
 from loops.null_space import solve_through_null_space
-from stability.paths.equations import Equations, closure_equations
+from stability.paths.equations import Equations, closure_equations, saddle_equations
 from stability.paths.model import PathModel
 from stability.paths.state import (
     Mode,
@@ -26,6 +26,10 @@ Floats = NDArray[np.float64]
 # A solve is trusted while its residual and the stress of its null vectors stay below these.
 RESIDUAL_LIMIT = 1e-8
 AMBIGUITY_LIMIT = 1e-6
+
+
+# Loops longer than this are not searched for branching points.
+MOST_GRAINS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,8 @@ class Rates:
         Branch rates `d'`.
     spin : (G,) array
         Spins.
+    condition : float
+        Condition number of the solve.
     trusted : bool
         Whether the solve has one answer.
     """
@@ -64,6 +70,7 @@ class Rates:
     slip: Floats
     branch: Floats
     spin: Floats
+    condition: float
     trusted: bool
 
 
@@ -138,8 +145,8 @@ def linearise(model: PathModel, state: PathState, mode: Mode) -> Linearised:
 def local_rates(local: Linearised, programme: Programme, gauge: Gauge) -> Rates:
     """Rates of a linearised state, see `state_rates`."""
     control = programme.equations(local.H)
-    z, parameter, trusted = _solve(local.model, local.equations, control, gauge)
-    return _contact_rates(local, z, parameter, trusted)
+    solution = _solve(local.model, local.equations, control, gauge)
+    return _contact_rates(local, solution)
 
 
 def local_tangent(local: Linearised) -> Floats:
@@ -153,10 +160,72 @@ def local_tangent(local: Linearised) -> Floats:
     return found.x[:4] * unit if trusted else np.full((4, 4), np.nan)
 
 
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Scaled unknowns, rate of the parameter, condition, and whether to trust them."""
+
+    z: Floats
+    parameter: float
+    condition: float
+    trusted: bool
+
+
+def branching_number(local: Linearised, programme: Programme, gauge: Gauge) -> float:
+    """A number that changes its sign where other paths branch off.
+
+    The determinant of the grains' balance, control and gauge together, its root of the order of
+    their number. At a limit of the control it does not vanish.
+
+    Parameters
+    ----------
+    local : Linearised
+        Where the path is.
+    programme : Programme
+        Control.
+    gauge : Gauge
+        Direction of the path.
+
+    Returns
+    -------
+    float
+        Not a number where it says nothing: affine closure (its equations determine the rates),
+        free spins (the gear mode is a null vector), open contacts, more than 60 grains.
+    """
+    model, regime = local.model, local.mode.regime
+    small = model.grain_count <= MOST_GRAINS and (regime != Regime.OPEN).all()
+    if model.closure == "affine" or model.spins == "free" or not small:
+        return np.nan
+    signed = with_signs(local.contacts, local.mode)
+    equations = saddle_equations(model, local.H, signed, regime)
+    system, _ = _system(model, equations, programme.equations(local.H), gauge)
+    sign, size = np.linalg.slogdet(system)
+    return float(sign * np.exp(size / len(system)))
+
+
 def _solve(
     model: PathModel, equations: Equations, control: tuple[Floats, Floats, Floats], gauge: Gauge
-) -> tuple[Floats, float, bool]:
-    """Scaled unknowns, rate of the parameter, and whether they can be trusted."""
+) -> _Solution:
+    system, unit = _system(model, equations, control, gauge)
+    size = len(system) - 1
+    if not np.isfinite(system).all():
+        return _Solution(np.full(size, np.nan), np.nan, np.inf, False)
+    scale = np.abs(system[size]).max()
+    system[size] /= scale
+    rhs = np.zeros((size + 1, 1))
+    rhs[size] = 1.0 / scale
+    seen = np.zeros((9, size + 1))
+    seen[:8, :8] = np.eye(8)
+    seen[8, size] = 1.0
+    found = solve_through_null_space(system, rhs, seen)
+    trusted = bool(found.residual <= RESIDUAL_LIMIT and found.ambiguity <= AMBIGUITY_LIMIT)
+    z = found.x[:, 0]
+    return _Solution(z[:size], float(z[size] * unit), float(found.condition), trusted)
+
+
+def _system(
+    model: PathModel, equations: Equations, control: tuple[Floats, Floats, Floats], gauge: Gauge
+) -> tuple[Floats, float]:
+    """Closure, control and gauge as one square system, and the unit of the loading parameter."""
     stress, strain, rate = control
     rows, size = equations.matrix.shape
     stress = stress * model.stiffness
@@ -170,24 +239,12 @@ def _solve(
     system[rows:size, size] = -drive * unit
     system[size, :4] = gauge.H
     system[size, size] = gauge.parameter * unit
-    if not np.isfinite(system).all():
-        return np.full(size, np.nan), np.nan, False
-    scale = np.abs(system[size]).max()
-    system[size] /= scale
-    rhs = np.zeros((size + 1, 1))
-    rhs[size] = 1.0 / scale
-    seen = np.zeros((9, size + 1))
-    seen[:8, :8] = np.eye(8)
-    seen[8, size] = 1.0
-    found = solve_through_null_space(system, rhs, seen)
-    trusted = bool(found.residual <= RESIDUAL_LIMIT and found.ambiguity <= AMBIGUITY_LIMIT)
-    z = found.x[:, 0]
-    return z[:size], float(z[size] * unit), trusted
+    return system, float(unit)
 
 
-def _contact_rates(local: Linearised, z: Floats, parameter: float, trusted: bool) -> Rates:
+def _contact_rates(local: Linearised, solution: _Solution) -> Rates:
     model, mode, contacts, equations = local.model, local.mode, local.contacts, local.equations
-    law, (i, j) = model.law, model.contacts.T
+    law, (i, j), z = model.law, model.contacts.T, solution.z
     branch, spin = equations.branch_rate @ z, equations.spin @ z
     g, arm_i, arm_j = law.shear_kinematics(contacts)
     un = (contacts.n * branch).sum(axis=1)
@@ -196,14 +253,13 @@ def _contact_rates(local: Linearised, z: Floats, parameter: float, trusted: bool
     normal = np.where(closed, -model.kn * un, 0.0)
     trial = np.where(closed, -model.kt * ut, 0.0)
     sliding = mode.regime == Regime.SLIDING
-    friction = np.where(np.isfinite(model.mu), model.mu, 0.0)
-    slid = mode.side * friction * normal
+    slid = mode.side * model.friction * normal
     side = np.where(sliding, mode.side, np.sign(contacts.shear_force))
-    slip = np.where(np.isfinite(model.mu), side * trial - friction * normal, 0.0)
+    slip = np.where(np.isfinite(model.mu), side * trial - model.friction * normal, 0.0)
     return Rates(
         H=z[:4],
         P=z[4:8] * model.stiffness,
-        parameter=parameter,
+        parameter=solution.parameter,
         un=un,
         ut=ut,
         normal_force=normal,
@@ -212,5 +268,6 @@ def _contact_rates(local: Linearised, z: Floats, parameter: float, trusted: bool
         slip=slip,
         branch=branch,
         spin=spin,
-        trusted=trusted,
+        condition=solution.condition,
+        trusted=solution.trusted,
     )

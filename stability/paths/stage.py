@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, InputError
-from loops.contact_state import contact_state
 from loops.laws.protocol import Regime
-from stability.paths.edge import EdgeTrial, edge_problem, rate_vector
+from stability.paths.edge import TOUCH_BAND, EdgeTrial, edge_problem, rate_vector
 from stability.paths.events import (
+    SINGULAR,
     hints_of,
     record_changes,
     record_fired,
@@ -20,20 +17,21 @@ from stability.paths.events import (
     touched_pairs,
 )
 from stability.paths.look import Look, look
-from stability.paths.model import PathModel, with_contact
+from stability.paths.model import with_contact, without_pairs
 from stability.paths.motion import gauge_along, stress
 from stability.paths.path import PathStatus
-from stability.paths.phase import PhaseEnd, Settings, Task, run_phase
+from stability.paths.phase import PhaseEnd, Task, run_phase
 from stability.paths.rates import RECEDING, UNIT_PARAMETER, Gauge
-from stability.paths.record import Record
 from stability.paths.state import (
     Mode,
     contacts_of,
     displacement_gradient,
+    overlaps,
     pack,
-    scales,
+    relative_displacements,
     unpack,
 )
+from stability.paths.walk import Walk
 from stability.programmes import QUANTITIES, Stage
 from stability.rate_problem import ELASTIC, Choice, RateProblem
 
@@ -49,78 +47,6 @@ FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target"
 
 # Shear force that a parting contact may drop, over kn times length.
 RELEASE = 1e-9
-
-
-@dataclass
-class Walk:
-    """Where a path is, and how it is followed."""
-
-    model: PathModel
-    y: Floats
-    mode: Mode
-    record: Record
-    subspace: str
-    on_touch: str
-    rtol: float
-    atol: float
-    max_step: float
-    steps_left: int
-
-    @property
-    def parameter(self) -> float:
-        """Loading parameter."""
-        return unpack(self.model, self.y).parameter
-
-    def row(self, seen: Look) -> None:
-        """Record a state."""
-        self.record.row(self.model, seen)
-
-    @property
-    def settings(self) -> Settings:
-        """Accuracy of the phases."""
-        atol = self.atol * scales(self.model)
-        return Settings(self.rtol, atol, self.max_step, self.steps_left, self.subspace)
-
-
-def start_mode(model: PathModel, graph: GrainGraph) -> Mode:
-    """Regimes of the initial graph.
-
-    Parameters
-    ----------
-    model : PathModel
-        Constants.
-    graph : GrainGraph
-        Initial state.
-
-    Returns
-    -------
-    Mode
-
-    Raises
-    ------
-    InputError
-        If a shear force lies outside the cone.
-    """
-    contacts = contact_state(graph)
-    excess = np.abs(contacts.shear_force) - np.where(np.isfinite(model.mu), model.mu, 0.0) * (
-        contacts.normal_force
-    )
-    wrong = np.isfinite(model.mu) & (excess > 1e-9 * model.stiffness * model.length)
-    if wrong.any():
-        c = int(wrong.argmax())
-        raise InputError(
-            f"shear force of contact {c}",
-            f"{graph.shear_force[c]:.6g}",
-            f"at most mu N = {model.mu[c] * graph.normal_force[c]:.6g}",
-            "Correct it, or raise mu.",
-        )
-    regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
-    # Without friction a closed contact slides, whichever way.
-    frictionless = (model.mu == 0) & (regime != Regime.OPEN)
-    return Mode(
-        np.where(frictionless, Regime.SLIDING, regime).astype(np.int8),
-        np.where(frictionless, 1.0, side),
-    )
 
 
 def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
@@ -142,7 +68,7 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
     sense = float(np.sign(stage.target - _quantity_now(walk, stage)))
     hints: dict[int, Choice] = {}
     before: Look | None = None
-    idle = 0
+    idle, reach = 0, np.inf
     while True:
         problem = _rate_problem(walk, stage, hints, before)
         if problem.status == "none":
@@ -150,8 +76,13 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
         seen, gauge = _enter(walk, stage, problem, before)
         if sense == 0.0:
             return FINISHED
-        task = Task(walk.model, walk.mode, stage, start, sense, walk.settings)
-        end = run_phase(task, walk.y, gauge, walk.row, walk.steps_left)
+        if before is None:
+            if not stage.approaches(sense):
+                return "lost", f"{stage.programme.name} leads away from {stage.quantity}'s target"
+            reach = _reach(walk, stage, seen)
+        settings = walk.settings(reach, float(np.abs(seen.H).max()))
+        task = Task(walk.model, walk.mode, stage, start, sense, settings)
+        end = run_phase(task, walk.y, gauge, walk.row, walk.branching, walk.steps_left)
         walk.y, walk.steps_left = end.y, walk.steps_left - end.steps
         if not end.fired:
             return "lost", f"{stage.programme.name} to {stage.quantity}: {end.message}"
@@ -215,8 +146,15 @@ def _set_forces(walk: Walk, old: Mode) -> None:
 def _outcome(walk: Walk, stage: Stage, end: PhaseEnd) -> tuple[PathStatus, str] | None:
     """Status if the events end the stage."""
     kinds = {kind for kind, _ in end.fired}
+    if "collapse" in kinds:
+        return "lost", f"the loop collapses to a line at parameter {walk.parameter:.15g}"
     if "stage_end" in kinds:
         return FINISHED
+    if "singular" in kinds:
+        return (
+            "control_limit",
+            f"{stage.programme.name} at parameter {walk.parameter:.15g}: {SINGULAR}",
+        )
     if "control_limit" in kinds:
         return (
             "control_limit",
@@ -224,9 +162,7 @@ def _outcome(walk: Walk, stage: Stage, end: PhaseEnd) -> tuple[PathStatus, str] 
             f"{walk.parameter:.15g}; {stage.quantity} = {stage.target:.6g} was not reached",
         )
     if "opposite_contact" in kinds and walk.on_touch == "stop":
-        pairs = touched_pairs(end, walk.model)
-        if len(pairs):
-            return "opposite_contact", f"grains {pairs.tolist()} touch"
+        return "opposite_contact", f"grains {touched_pairs(end, walk.model).tolist()} touch"
     torn = _torn_contacts(walk, end)
     if torn:
         return "lost", f"contacts {torn} part while they carry shear: the loop is out of balance"
@@ -243,9 +179,12 @@ def _torn_contacts(walk: Walk, end: PhaseEnd) -> list[int]:
 
 
 def _take_on_contacts(walk: Walk, end: PhaseEnd, hints: dict[int, Choice]) -> None:
-    """Add the contacts of grains that have come to touch, if asked for."""
+    """Let grains that have come to touch overlap from now on, or give them a contact."""
     pairs = touched_pairs(end, walk.model)
-    if walk.on_touch != "add" or len(pairs) == 0:
+    if len(pairs) == 0:
+        return
+    walk.model = without_pairs(walk.model, pairs)
+    if walk.on_touch != "add":
         return
     state, old, new = unpack(walk.model, walk.y), walk.mode, len(pairs)
     for k in range(new):
@@ -253,9 +192,12 @@ def _take_on_contacts(walk: Walk, end: PhaseEnd, hints: dict[int, Choice]) -> No
     walk.model = with_contact(walk.model, pairs)
     shear = np.concatenate([state.shear_force, np.zeros(new)])
     walk.y = pack(state.place, shear, state.parameter, state.work)
+    overlap = overlaps(walk.model, relative_displacements(walk.model, state.place))[-new:]
+    # Grains that overlap from the start press on each other at once.
+    pressed = overlap > TOUCH_BAND * walk.model.touching[-new:]
+    regime = np.where(pressed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
     walk.mode = Mode(
-        np.concatenate([old.regime, np.full(new, Regime.OPEN, dtype=np.int8)]),
-        np.concatenate([old.side, np.zeros(new)]),
+        np.concatenate([old.regime, regime]), np.concatenate([old.side, np.zeros(new)])
     )
 
 
@@ -302,6 +244,14 @@ def _still(walk: Walk, stage: Stage) -> Look:
     """The state where no direction is known."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return look(walk.model, walk.y, walk.mode, stage.programme, UNIT_PARAMETER)
+
+
+def _reach(walk: Walk, stage: Stage, seen: Look) -> float:
+    """Length of a stage in the space of `H`, judged from its start."""
+    rates = np.concatenate([seen.rates.H, seen.rates.P, [seen.rates.parameter]])
+    rate = abs(rates[(*QUANTITIES, "parameter").index(stage.quantity)])
+    way = abs(stage.target - _quantity_now(walk, stage))
+    return float(way / rate) if rate > 0 else np.inf
 
 
 def _quantity_now(walk: Walk, stage: Stage) -> float:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph
-from loops.closures.spins import deformation_gradient
 from loops.contact_state import ContactState
+from loops.graph import branch_vectors, reference_branch_vectors
 from loops.laws.protocol import Regime, Regimes
 from stability.paths.model import PathModel
 
@@ -44,7 +44,8 @@ class PathState:
     Attributes
     ----------
     place : (4,) or (G, 2) array
-        Displacement gradient `H` under the affine closure, centres under the traction closure.
+        Displacement gradient `H` under the affine closure, displacements of the centres under the
+        traction closure: small ones keep their digits.
     shear_force : (C,) array
         `T`.
     parameter : float
@@ -74,10 +75,16 @@ def initial_state(model: PathModel, graph: GrainGraph) -> Floats:
     (Y,) array
         Place, shear forces, loading parameter and work terms.
     """
-    place = graph.x
+    place = graph.x - graph.x0
     if model.closure == "affine":
-        place = np.eye(2) - deformation_gradient(graph)
+        place = affine_strain(graph)
     return pack(place, graph.shear_force, 0.0, np.zeros(len(WORK_TERMS)))
+
+
+def affine_strain(graph: GrainGraph) -> Floats:
+    """(2, 2) displacement gradient `H` with `d - d0 = -H d0`, by least squares."""
+    d, d0 = branch_vectors(graph), reference_branch_vectors(graph)
+    return np.asarray(-np.linalg.lstsq(d0, d - d0)[0].T)
 
 
 def pack(place: Floats, shear_force: Floats, parameter: float, work: Floats) -> Floats:
@@ -111,14 +118,33 @@ def displacement_gradient(model: PathModel, place: Floats) -> Floats:
     """(4,) `H`: as integrated, or of the polygon, `-(1/V0) sum u_i (x) b_i`."""
     if model.closure == "affine":
         return place
-    return -((place - model.x0).T @ model.b).ravel() / model.volume
+    return -(place.T @ model.b).ravel() / model.volume
 
 
 def centres(model: PathModel, place: Floats) -> Floats:
     """(G, 2) centres; `x = (I - H) x0` under the affine closure."""
     if model.closure == "affine":
         return model.x0 - model.x0 @ place.reshape(2, 2).T
-    return place
+    return model.x0 + place
+
+
+def relative_displacements(model: PathModel, place: Floats) -> Floats:
+    """(C, 2) `d - d0`."""
+    if model.closure == "affine":
+        return -model.d0 @ place.reshape(2, 2).T
+    i, j = model.contacts.T
+    return np.asarray(place[j] - place[i])
+
+
+def overlaps(model: PathModel, moved: Floats) -> Floats:
+    """(C,) `r_i + r_j - l` from the relative displacements, negative for a gap.
+
+    Stiff grains overlap by a fraction 1e-8 and keep their digits: `l0^2 - l^2 = -(2 d0 + u).u`.
+    """
+    d = model.d0 + moved
+    length = np.hypot(d[:, 0], d[:, 1])
+    shortening = -((d + model.d0) * moved).sum(axis=1) / (length + model.length0)
+    return np.asarray(model.overlap0 + shortening)
 
 
 def contacts_of(model: PathModel, state: PathState, mode: Mode) -> ContactState:
@@ -140,15 +166,13 @@ def contacts_of(model: PathModel, state: PathState, mode: Mode) -> ContactState:
     -------
     ContactState
     """
-    if model.closure == "affine":
-        d = model.d0 - model.d0 @ state.place.reshape(2, 2).T
-    else:
-        i, j = model.contacts.T
-        d = state.place[j] - state.place[i]
+    moved = relative_displacements(model, state.place)
+    d = model.d0 + moved
     length = np.hypot(d[:, 0], d[:, 1])
     n = d / length[:, None]
     radii_i, radii_j = model.radii[model.contacts].T
-    normal = np.where(mode.regime == Regime.OPEN, 0.0, model.kn * (radii_i + radii_j - length))
+    pressed = model.kn * overlaps(model, moved)
+    normal = np.where(mode.regime == Regime.OPEN, 0.0, pressed)
     return ContactState(
         length=length,
         n=n,
@@ -163,7 +187,7 @@ def contacts_of(model: PathModel, state: PathState, mode: Mode) -> ContactState:
 def shear_forces(model: PathModel, shear: Floats, normal: Floats, mode: Mode) -> Floats:
     """(C,) `T`: integrated where elastic, `s mu N` where sliding, zero where open."""
     sliding = mode.regime == Regime.SLIDING
-    slid = mode.side * np.where(sliding, model.mu, 0.0) * normal
+    slid = mode.side * model.friction * normal
     return np.where(sliding, slid, np.where(mode.regime == Regime.OPEN, 0.0, shear))
 
 
@@ -172,7 +196,7 @@ def with_signs(contacts: ContactState, mode: Mode) -> ContactState:
 
     A contact that starts to slide at its first touch has no shear force yet, but a side.
     """
-    apex = (mode.regime == Regime.SLIDING) & (contacts.normal_force == 0.0)
+    apex = (mode.regime == Regime.SLIDING) & (mode.side * contacts.shear_force <= 0.0)
     if not apex.any():
         return contacts
     signed = np.where(apex, mode.side * APEX_SHEAR, contacts.shear_force)

@@ -13,7 +13,7 @@ from patterns.diamond import DiamondParameters as LoopParameters
 
 Closure = Literal["affine", "traction"]
 Sliding = Literal["coulomb", "printed"]
-OnTouch = Literal["ignore", "stop"]
+OnTouch = Literal["ignore", "stop", "add"]
 TABLES = {1: TABLE_1, 2: TABLE_2}
 OWN = ("alpha0_deg", "kappa", "phi_deg", "confine")
 
@@ -38,13 +38,15 @@ class DiamondParameters:
         Closure of the generic operator. The diamond's is the same under both.
     sliding : {'coulomb', 'printed'}
         Rule of sliding contacts: `T' = s mu N'` with `s = sign(T)`, or (8c) as printed.
-    contact_on_touch : {'ignore', 'stop'}
-        What follows when opposite grains meet: nothing (the paper), or the end of the path.
+    contact_on_touch : {'ignore', 'stop', 'add'}
+        What follows when opposite grains meet: nothing (the paper), the end of the path, or a
+        contact between them that starts unloaded.
 
     Raises
     ------
     InputError
-        If a value leaves its range, or a table is named together with values of one's own.
+        If a value leaves its range, a table is named together with values of one's own, or
+        contacts are to be added between grains that overlap from the start.
 
     Examples
     --------
@@ -80,6 +82,10 @@ class DiamondParameters:
         _inside("--kappa", self.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
         _inside("--phi", self.phi_deg, lambda p: 0.0 <= p <= 90.0, "degrees in [0, 90]")
         _inside("--confine", self.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")
+        if self.contact_on_touch == "add" and self.alpha0_deg is not None:
+            expected = "30 to 60 degrees with --contact-on-touch add: elsewhere opposite grains "
+            expected += "overlap from the start"
+            _inside("--alpha0", self.alpha0_deg, lambda a: 30.0 <= a <= 60.0, expected)
 
     def loop(self) -> LoopParameters:
         """Parameters of the diamond itself, in radians.
@@ -119,7 +125,8 @@ class DiamondParameters:
 
 def _one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
     if value not in choices:
-        expected = " or ".join(str(choice) for choice in choices)
+        *others, last = (str(choice) for choice in choices)
+        expected = f"{', '.join(others)} or {last}"
         raise InputError(f"--{name}", str(value), expected, "Pick one of these.")
 
 

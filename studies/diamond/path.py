@@ -1,25 +1,22 @@
-"""The path of a diamond: its states, operators, events and the table of all."""
+"""The path of a diamond: its states, operators, energies and events."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from patterns.diamond import DiamondParameters as LoopParameters
-from patterns.diamond import opposite_gaps
-from stability import plane_cone, spectrum, statuses, symmetric_spectrum
-from stability.cones import PlaneCone
-from stability.spectra import operator_norm
-from studies.diamond.events import Event, isotropic_events
+from studies.diamond.events import Event
+from studies.diamond.operators import Operators, operators
 from studies.diamond.parameters import DiamondParameters
-from studies.diamond.states import Operators, States, isotropic_states, operators
+from studies.diamond.pieces import drained_rates_by_strain, energy_increments, grid, stored_energy
+from studies.diamond.stages import Stretch, stretches
+from studies.diamond.states import States, chord_forces, concatenate
 
 Floats = NDArray[np.float64]
-# Rows of a stage, but for those that events add.
-STEPS = 200
+NAMED = {"det_K_zero": "I", "programme_change": "A", "yield": "B"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,25 +30,33 @@ class DiamondPath:
     loop : patterns.diamond.DiamondParameters
         The diamond.
     states : States
-        States in path order; every event is one of them.
+        States in path order; every event is one of them. Where the programme, the regime or the
+        contacts change a state stands twice, before and after.
     operators : Operators
         Tangents there.
+    work, stored, dissipated : ndarray (n,)
+        Work from outside since the start, elastic energy and heat of sliding, over `kn` and the
+        reference volume `L10 L20`.
     events : list of Event
         In path order.
     marks : dict of str to int
-        Rows of the named states, 'I' (det K = 0) and 'A' (end of the confinement), where reached.
+        Rows of the named states where reached: 'I' (det K = 0 in the confinement), 'A' (its end)
+        and 'B' (yield; the row before the contacts slide).
     """
 
     parameters: DiamondParameters
     loop: LoopParameters
     states: States
     operators: Operators
+    work: Floats
+    stored: Floats
+    dissipated: Floats
     events: list[Event]
     marks: dict[str, int]
 
 
 def follow(parameters: DiamondParameters) -> DiamondPath:
-    """Follow a diamond under isotropic strain up to A.
+    """Follow a diamond through the whole programme: to A, to B, and beyond.
 
     Parameters
     ----------
@@ -68,53 +73,28 @@ def follow(parameters: DiamondParameters) -> DiamondPath:
     >>> from studies.diamond.path import follow
     >>> path = follow(DiamondParameters(table=1))
     >>> {name: round(float(path.states.E1[row]), 6) for name, row in path.marks.items()}
-    {'I': 0.166667, 'A': 0.3}
+    {'I': 0.166667, 'A': 0.3, 'B': 0.409734}
     """
-    loop = parameters.loop()
-    events = isotropic_events(loop, parameters.contact_on_touch)
-    E = _strains(np.array([event.E for event in events]))
-    states = isotropic_states(loop, E)
-    named = {"det_K_zero": "I", "programme_change": "A"}
-    marks = {
-        named[event.kind]: int(np.searchsorted(E, event.E))
-        for event in events
-        if event.kind in named
-    }
-    return DiamondPath(parameters, loop, states, operators(loop, states), events, marks)
-
-
-def _strains(events: Floats) -> Floats:
-    """Strains from zero to the last event, every event's own among them and no twin beside it."""
-    grid = np.linspace(0.0, events[-1], STEPS + 1)
-    apart = np.abs(grid[:, None] - events).min(axis=1) > 1e-3 * (grid[1] - grid[0])
-    return np.unique(np.concatenate([[0.0], grid[apart], events]))
-
-
-def closed_cone(K: Floats) -> PlaneCone:
-    """Instability cones; one that closes within the tolerance is a single direction.
-
-    Parameters
-    ----------
-    K : ndarray (..., 2, 2)
-        Tangents.
-
-    Returns
-    -------
-    PlaneCone
-        With opening 0 and both edges on the axis where the status is 'ray'.
-    """
-    cone = plane_cone(K)
-    ray = cone.status == "ray"
-    return PlaneCone(
-        status=cone.status,
-        opening=np.where(ray, 0.0, cone.opening),
-        axis=cone.axis,
-        edges=np.where(ray[..., None], cone.axis[..., None], cone.edges),
+    loop, parts = parameters.loop(), stretches(parameters)
+    rows = [grid(part.piece, [at for at, _ in part.events]) for part in parts]
+    states = concatenate([part.piece.states(at) for part, at in zip(parts, rows, strict=True)])
+    events = _events(parts, rows)
+    work, dissipated = _energies(loop, parts, rows)
+    return DiamondPath(
+        parameters=parameters,
+        loop=loop,
+        states=states,
+        operators=operators(loop, states),
+        work=work,
+        stored=stored_energy(loop, states, chord_forces(loop, states)),
+        dissipated=dissipated,
+        events=events,
+        marks=_marks(events, states),
     )
 
 
-def path_table(path: DiamondPath) -> dict[str, NDArray[Any]]:
-    """Table of a path, one row a state.
+def beyond_yield(path: DiamondPath) -> States | None:
+    """State B with the contacts sliding, as the path goes on; None where it has no B.
 
     Parameters
     ----------
@@ -123,61 +103,63 @@ def path_table(path: DiamondPath) -> dict[str, NDArray[Any]]:
 
     Returns
     -------
-    dict of str to array
-        `stage, regime`; `E1, E2, alpha_deg, l, N, T, s1, s2`; `K11..K22`, `Kmat11..Kmat22`,
-        `Kgeo11..Kgeo22`; `det_K, det_Ks`; `lambda_1, lambda_2`, eigenvalues of Ks ascending;
-        `eigenvalue_1_real ..`, those of K; `status` of the second-order work; the cone, angles
-        from E1 towards E2; `gap_1, gap_2`, gaps between opposite grains over `l0`.
+    States or None
+        One state.
     """
-    states, found = path.states, path.operators
-    gap1, gap2 = opposite_gaps(states.E1, states.E2, path.loop.alpha0)
-    return {
-        "stage": states.stage,
-        "regime": states.regime,
-        "E1": states.E1,
-        "E2": states.E2,
-        "alpha_deg": np.degrees(states.alpha),
-        "l": states.length,
-        "N": states.N,
-        "T": states.T,
-        "s1": states.s1,
-        "s2": states.s2,
-        **_components("K", found.K),
-        **_components("Kmat", found.material),
-        **_components("Kgeo", found.geometric),
-        "det_K": found.det_K,
-        "det_Ks": found.det_Ks,
-        **_spectra(found.K),
-        **_cones(found.K),
-        "gap_1": gap1,
-        "gap_2": gap2,
-    }
+    if "B" not in path.marks:
+        return None
+    row = path.marks["B"]
+    at_B = path.states.take([row])
+    goes_on = row + 1 < len(path.work) and path.states.slip[row + 1] != 0.0
+    slip = path.states.slip[row + 1] if goes_on else np.sign(path.states.T[row])
+    return replace(at_B, slip=np.array([slip]))
 
 
-def _components(name: str, K: Floats) -> dict[str, Floats]:
-    return {f"{name}{i + 1}{j + 1}": K[:, i, j] for i in range(2) for j in range(2)}
+def loading_rates(path: DiamondPath) -> Floats:
+    """Direction of the path in the strain plane at every row, unit vectors `(E1', E2')`.
+
+    Parameters
+    ----------
+    path : DiamondPath
+        From `follow`.
+
+    Returns
+    -------
+    ndarray (n, 2)
+        `E1' > 0` along the programme.
+    """
+    drained = drained_rates_by_strain(path.states, path.operators)
+    isotropic = path.states.stage == "isotropic"
+    rates = np.stack([np.ones_like(path.work), np.where(isotropic, 1.0, drained[1])], axis=-1)
+    return rates / np.linalg.norm(rates, axis=-1, keepdims=True)
 
 
-def _spectra(K: Floats) -> dict[str, NDArray[Any]]:
-    values, symmetric = spectrum(K), symmetric_spectrum(K)
-    return {
-        "lambda_1": symmetric[:, 0],
-        "lambda_2": symmetric[:, 1],
-        "eigenvalue_1_real": values[:, 0].real,
-        "eigenvalue_1_imag": values[:, 0].imag,
-        "eigenvalue_2_real": values[:, 1].real,
-        "eigenvalue_2_imag": values[:, 1].imag,
-        "status": statuses(symmetric[:, 0], operator_norm(K)),
-    }
+def _events(parts: list[Stretch], rows: list[Floats]) -> list[Event]:
+    events, before = [], 0
+    for part, at in zip(parts, rows, strict=True):
+        events += [
+            Event(kind, before + int(np.argmin(np.abs(at - where)))) for where, kind in part.events
+        ]
+        before += len(at)
+    return events
 
 
-def _cones(K: Floats) -> dict[str, NDArray[Any]]:
-    cone = closed_cone(K)
-    return {
-        "cone_status": cone.status,
-        "cone_edge_1_deg": np.degrees(cone.edges[:, 0]),
-        "cone_edge_2_deg": np.degrees(cone.edges[:, 1]),
-        "cone_axis_deg": np.degrees(cone.axis),
-        "cone_opening_deg": np.degrees(cone.opening),
-        "unstable_fraction": cone.opening / np.pi,
-    }
+def _energies(
+    loop: LoopParameters, parts: list[Stretch], rows: list[Floats]
+) -> tuple[Floats, Floats]:
+    """Work and heat at every row; a piece starts where the one before it ended."""
+    work, heat = [np.zeros(1)], [np.zeros(1)]
+    for part, at in zip(parts, rows, strict=True):
+        increments = energy_increments(loop, part.piece, at)
+        for total, increment in zip((work, heat), increments, strict=True):
+            total.append(total[-1][-1] + np.concatenate([[0.0], np.cumsum(increment)]))
+    return np.concatenate(work[1:]), np.concatenate(heat[1:])
+
+
+def _marks(events: list[Event], states: States) -> dict[str, int]:
+    marks: dict[str, int] = {}
+    for kind, row in events:
+        name = NAMED.get(kind)
+        if name and name not in marks and (name != "I" or states.stage[row] == "isotropic"):
+            marks[name] = row
+    return marks

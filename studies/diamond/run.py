@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from studies.diamond.added_contact import added_table
 from studies.diamond.parameters import DiamondParameters
-from studies.diamond.path import DiamondPath, follow, path_table
+from studies.diamond.path import DiamondPath, follow
+from studies.diamond.path_dependence import path_dependence_table
 from studies.diamond.polar import polar_table
-from studies.diamond.states import loop_graph
 from studies.diamond.summary import diamond_summary
+from studies.diamond.table import path_table, snapshot_tables
 from studies.output import provenance, result_folder, write_summary, write_table
 
 UNITS = (
@@ -30,9 +31,9 @@ def run_diamond(
     parameters : DiamondParameters
         The diamond and what is asked of it.
     out : Path
-        Result folder: `summary.json`; `path.parquet`, `polar.parquet`, and the loop at A as a
-        plain snapshot, `grains_A.parquet` and `contacts_A.parquet`; `determinant`,
-        `eigenvalues`, `polar` and `loop_A` as PNG and SVG.
+        Result folder: `summary.json`; `path.parquet`, `polar.parquet`, `path_dependence.parquet`,
+        and the loop at A as a plain snapshot, `grains_A.parquet` and `contacts_A.parquet`; the
+        figures as PNG and SVG. With contacts added, `added_contact.parquet` too.
     force : bool
         Whether results of the same names may be replaced.
     csv : bool
@@ -52,11 +53,8 @@ def run_diamond(
         path = follow(parameters)
         made = provenance("diamond", parameters.described(), UNITS)
         summary = {**diamond_summary(path), "provenance": made}
-        write_table(folder, "path", path_table(path), made, csv=csv)
-        write_table(folder, "polar", polar_table(path), made, csv=csv)
-        if "A" in path.marks:
-            for name, columns in snapshot_tables(path, "A").items():
-                write_table(folder, f"{name}_A", columns, made, csv=csv)
+        for name, columns in tables(path).items():
+            write_table(folder, name, columns, made, csv=csv)
         write_summary(folder, summary)
         # Drawing is loaded only when there is something to draw.
         from studies.diamond.figures import draw_figures
@@ -65,39 +63,26 @@ def run_diamond(
     return summary
 
 
-def snapshot_tables(path: DiamondPath, name: str) -> dict[str, dict[str, Any]]:
-    """The loop at a named state as the two tables of a plain snapshot.
+def tables(path: DiamondPath) -> Mapping[str, dict[str, Any]]:
+    """Every table of the study by its name.
 
     Parameters
     ----------
     path : DiamondPath
         From `follow`.
-    name : {'I', 'A'}
-        Which state.
 
     Returns
     -------
-    dict
-        Columns of `grains` (`id, x, y, radius`) and of `contacts` (`id1, id2, branch_x,
-        branch_y, fn`, the shear force `fsx, fsy` on grain 2, `kn, ks, mu`).
+    mapping of str to dict
     """
-    row = path.marks[name]
-    graph = loop_graph(path.loop, path.states)
-    x, (i, j) = graph.x[row], graph.contacts.T
-    branch = x[j] - x[i]
-    normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
-    shear = graph.shear_force[row][:, None] * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-    grains = {"id": np.arange(4), "x": x[:, 0], "y": x[:, 1], "radius": graph.radii[row]}
-    contacts = {
-        "id1": i,
-        "id2": j,
-        "branch_x": branch[:, 0],
-        "branch_y": branch[:, 1],
-        "fn": graph.normal_force[row],
-        "fsx": shear[:, 0],
-        "fsy": shear[:, 1],
-        "kn": np.ones(4),
-        "ks": np.full(4, path.loop.kappa),
-        "mu": np.full(4, path.loop.mu),
+    found = {
+        "path": path_table(path),
+        "polar": polar_table(path),
+        "path_dependence": path_dependence_table(path.loop),
     }
-    return {"grains": grains, "contacts": contacts}
+    if "A" in path.marks:
+        snapshot = snapshot_tables(path, "A")
+        found |= {f"{name}_A": columns for name, columns in snapshot.items()}
+    if path.parameters.contact_on_touch == "add":
+        found["added_contact"] = added_table(path)
+    return found

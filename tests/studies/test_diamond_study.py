@@ -1,70 +1,44 @@
-"""The diamond study: events, states, verification, and what it writes."""
+"""The diamond study under isotropic strain: events, states, verification, arguments."""
 
-import json
 from dataclasses import replace
 
-import matplotlib.image
 import mpmath
 import numpy as np
-import pandas as pd
-import pyarrow.parquet
 import pytest
-from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from loops import InputError, LinearFrictional, affine_tangent, find_faces, traction_tangent
-from patterns import diamond, read_snapshot
+from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
+from patterns import diamond
 from stability import restrict
-from studies.diamond import DiamondParameters, run_diamond
-from studies.diamond.figures import draw_determinant, draw_eigenvalues, draw_loop, draw_polar
-from studies.diamond.path import follow, path_table
+from studies.diamond import DiamondParameters
+from studies.diamond.operators import operators
+from studies.diamond.path import follow
 from studies.diamond.polar import settled_diagram
-from studies.diamond.run import snapshot_tables
-from studies.diamond.states import isotropic_states, operators
+from studies.diamond.states import isotropic_states
 from studies.diamond.summary import diamond_summary
+from studies.diamond.table import path_table
 from studies.diamond.verification import verification
-from studies.style import STYLE
-
-EVENT_KEYS = {
-    "kind", "E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks"
-}  # fmt: skip
-STATE_KEYS = {
-    "E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2", "det_K", "det_Ks", "regime",
-    "K", "Kmat", "Kgeo", "Ks", "eigenvalues_K", "eigenvalues_Ks", "cone", "gaps", "verdict",
-    "generic",
-}  # fmt: skip
-SUMMARY_KEYS = {
-    "parameters", "states", "events", "verification", "notes", "definitions", "provenance"
-}  # fmt: skip
-COLUMNS = {
-    "stage", "regime", "E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2",
-    *(f"{name}{ij}" for name in ("K", "Kmat", "Kgeo") for ij in ("11", "12", "21", "22")),
-    "det_K", "det_Ks", "lambda_1", "lambda_2", "eigenvalue_1_real", "eigenvalue_1_imag",
-    "eigenvalue_2_real", "eigenvalue_2_imag", "status", "cone_status", "cone_edge_1_deg",
-    "cone_edge_2_deg", "cone_axis_deg", "cone_opening_deg", "unstable_fraction", "gap_1", "gap_2",
-}  # fmt: skip
-FILES = {
-    "summary.json", "path.parquet", "polar.parquet", "grains_A.parquet", "contacts_A.parquet",
-    *(f"{name}.{end}" for name in ("determinant", "eigenvalues", "polar", "loop_A")
-      for end in ("png", "svg")),
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
-    """The study of both tables, written once."""
-    folder = tmp_path_factory.mktemp("diamond")
-    return {
-        table: (
-            folder / str(table),
-            run_diamond(DiamondParameters(table=table), folder / f"{table}"),
-        )
-        for table in (1, 2)
-    }
+def summaries():
+    """The summary of both tables."""
+    return {table: diamond_summary(follow(DiamondParameters(table=table))) for table in (1, 2)}
 
 
 def strains(parameters):
-    return {event.kind: event.E for event in follow(parameters).events}
+    """Strain of the first event of each kind in the isotropic stage."""
+    path, found = follow(parameters), {}
+    for event in path.events:
+        if path.states.stage[event.row] == "isotropic":
+            found.setdefault(event.kind, float(path.states.E1[event.row]))
+    return found
+
+
+def isotropic_rows(path):
+    """Columns of the rows of the isotropic stage."""
+    rows = path_table(path)
+    return {key: values[rows["stage"] == "isotropic"] for key, values in rows.items()}
 
 
 def generic(alpha0, kappa, E, closure):
@@ -102,9 +76,12 @@ def test_events_of_the_tables(table, I, touch, A):  # noqa: E741
 def test_events_stand_in_path_order():
     kinds = [[event.kind for event in follow(DiamondParameters(table=k)).events] for k in (1, 2)]
     assert kinds == [
-        ["det_Ks_zero", "det_K_zero", "opposite_contact", "programme_change"],
-        ["opposite_contact", "det_Ks_zero", "det_K_zero", "programme_change"],
-    ]
+        ["det_Ks_zero", "det_K_zero", "opposite_contact", "programme_change", "yield"],
+        [
+            "opposite_contact", "det_Ks_zero", "det_K_zero", "programme_change",
+            "opposite_contact", "yield",
+        ],
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("closure", [affine_tangent, traction_tangent])
@@ -137,7 +114,8 @@ def test_opposite_grains_touch_where_their_distance_is_two_radii(alpha0):
 def test_a_confinement_short_of_I_has_no_I():
     summary = diamond_summary(follow(DiamondParameters(confine=0.1)))
     assert summary["states"]["I"] is None
-    assert [event["kind"] for event in summary["events"]] == ["programme_change"]
+    kinds = [event["kind"] for event in summary["events"]]
+    assert kinds == ["programme_change", "yield", "opposite_contact"]
     assert summary["states"]["A"]["verdict"]["status"] == "stable"
 
 
@@ -147,13 +125,14 @@ def test_stop_ends_the_path_where_opposite_grains_meet():
     assert [event.kind for event in path.events] == ["opposite_contact"]
     assert abs(path.states.E1[-1] - touch) < 1e-15
     summary = diamond_summary(path)
-    assert summary["states"] == {"I": None, "A": None}
+    assert summary["states"] == {"I": None, "A": None, "B": None}
     assert any("ends where opposite grains meet" in note for note in summary["notes"])
 
 
 def test_grains_that_overlap_from_the_start_have_no_event_but_a_note():
-    summary = diamond_summary(follow(DiamondParameters(alpha0_deg=20.0)))
-    assert "opposite_contact" not in {event["kind"] for event in summary["events"]}
+    parameters = DiamondParameters(alpha0_deg=20.0)
+    summary = diamond_summary(follow(parameters))
+    assert "opposite_contact" not in strains(parameters)
     assert any("overlap from the start" in note for note in summary["notes"])
     assert summary["states"]["A"]["gaps"][1] < 0.0
 
@@ -173,7 +152,7 @@ def test_without_shear_stiffness_the_unloaded_diamond_is_already_at_I():
 @pytest.mark.parametrize("table", [1, 2])
 def test_path_follows_equations_39_and_40(table):
     parameters = DiamondParameters(table=table)
-    loop, rows = parameters.loop(), path_table(follow(parameters))
+    loop, rows = parameters.loop(), isotropic_rows(follow(parameters))
     E, t0 = rows["E1"], np.tan(loop.alpha0)
     x = E / (1.0 - E)
     c2 = np.cos(loop.alpha0) ** 2
@@ -202,11 +181,15 @@ def test_determinants_of_a_sheared_state_are_those_of_its_operator():
 
 def test_every_event_is_a_row():
     path = follow(DiamondParameters(alpha0_deg=40.0, kappa=0.17, confine=0.31))
-    assert {event.E for event in path.events} <= set(path.states.E1.tolist())
+    for kind, value in (("det_K_zero", path.operators.det_K), ("yield", None)):
+        (row,) = {event.row for event in path.events if event.kind == kind}
+        if value is None:
+            value = np.abs(path.states.T) - path.loop.mu * path.states.N
+        assert abs(value[row]) < 1e-15
 
 
 def test_eigenvalues_of_table_1_are_one_and_the_determinant():
-    rows = path_table(follow(DiamondParameters(table=1)))
+    rows = isotropic_rows(follow(DiamondParameters(table=1)))
     for largest, smallest in (
         ("lambda_2", "lambda_1"),
         ("eigenvalue_2_real", "eigenvalue_1_real"),
@@ -216,8 +199,8 @@ def test_eigenvalues_of_table_1_are_one_and_the_determinant():
     assert not rows["eigenvalue_1_imag"].any()
 
 
-def test_cone_of_table_1_at_A(written):
-    cone = written[1][1]["states"]["A"]["cone"]
+def test_cone_of_table_1_at_A(summaries):
+    cone = summaries[1]["states"]["A"]["cone"]
     half = np.degrees(np.arctan(np.sqrt(3.0 / 7.0 - 0.2)))
     assert cone["status"] == "open"
     assert cone["axis_deg"] == pytest.approx(135.0, abs=1e-12)
@@ -227,16 +210,16 @@ def test_cone_of_table_1_at_A(written):
 
 
 @pytest.mark.parametrize("table", [1, 2])
-def test_second_order_work_vanishes_on_the_edges_of_the_cone(written, table):
-    state = written[table][1]["states"]["A"]
+def test_second_order_work_vanishes_on_the_edges_of_the_cone(summaries, table):
+    state = summaries[table]["states"]["A"]
     edges = np.radians(state["cone"]["edges_deg"])
     e = np.stack([np.cos(edges), np.sin(edges)], axis=-1)
     np.testing.assert_allclose(np.einsum("ni,ij,nj->n", e, state["K"], e), 0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("table", [1, 2])
-def test_cone_closes_on_one_direction_at_I(written, table):
-    state = written[table][1]["states"]["I"]
+def test_cone_closes_on_one_direction_at_I(summaries, table):
+    state = summaries[table]["states"]["I"]
     assert state["cone"]["status"] == "ray"
     assert state["cone"]["opening_deg"] == 0.0
     # The kernel of (42): E1'/E2' = -tan(alpha0)^2.
@@ -246,8 +229,8 @@ def test_cone_closes_on_one_direction_at_I(written, table):
 
 
 @pytest.mark.parametrize("table", [1, 2])
-def test_verdicts(written, table):
-    states = written[table][1]["states"]
+def test_verdicts(summaries, table):
+    states = summaries[table]["states"]
     assert states["I"]["verdict"]["status"] == "undetermined"
     assert abs(states["I"]["verdict"]["margin"]) < 1e-15
     assert (states["A"]["verdict"]["status"], states["A"]["verdict"]["mode"]) == (
@@ -269,7 +252,7 @@ def test_a_row_of_the_grid_that_rounds_to_an_event_is_not_there_twice():
     kappa = E / (1.0 - E)
     assert 0.0 < abs(kappa / (1.0 + kappa) - E) < 1e-15
     path = follow(DiamondParameters(kappa=kappa, confine=2.0 * E))
-    assert np.diff(path.states.E1).min() > 1e-6
+    assert np.diff(path.states.E1[path.states.stage == "isotropic"]).min() > 1e-6
 
 
 # Verification
@@ -303,122 +286,19 @@ def test_verification_sees_a_wrong_operator():
 # Polar diagrams
 
 
-def test_no_direction_is_unstable_at_I(written):
+def test_no_direction_is_unstable_at_I(summaries):
     for table in (1, 2):
-        K = np.array(written[table][1]["states"]["I"]["K"])
+        K = np.array(summaries[table]["states"]["I"]["K"])
         work = settled_diagram(K).work
         assert 0.0 <= work.min() < 0.02
 
 
-def test_share_of_unstable_directions_is_the_cones(written):
+def test_share_of_unstable_directions_is_the_cones(summaries):
     for table in (1, 2):
-        state = written[table][1]["states"]["A"]
+        state = summaries[table]["states"]["A"]
         work = settled_diagram(np.array(state["K"])).work
         share = np.count_nonzero(work < 0.0) / work.size
         assert share == pytest.approx(state["cone"]["unstable_fraction"], abs=2 / work.size)
-
-
-# Files
-
-
-@pytest.mark.parametrize("table", [1, 2])
-def test_files(written, table):
-    folder, summary = written[table]
-    assert {file.name for file in folder.iterdir()} == FILES
-    read = json.loads((folder / "summary.json").read_text())
-    assert set(read) == SUMMARY_KEYS
-    assert set(read["states"]) == {"I", "A"}
-    assert all(set(state) == STATE_KEYS for state in read["states"].values())
-    assert all(set(event) == EVENT_KEYS for event in read["events"])
-    assert read["events"] == summary["events"]
-    assert read["parameters"]["table"] == table
-
-
-def test_tables_carry_rows_and_provenance(written):
-    folder, summary = written[2]
-    table = pyarrow.parquet.read_table(folder / "path.parquet")
-    assert set(table.column_names) == COLUMNS
-    assert json.loads(table.schema.metadata[b"grainloops"]) == summary["provenance"]
-    polar = pyarrow.parquet.read_table(folder / "polar.parquet").to_pandas()
-    assert polar.groupby("state").size().to_dict() == {"I": 720, "A": 720}
-    radius = np.hypot(polar["x"], polar["y"])
-    np.testing.assert_allclose(radius, 2.0 + polar["w2"], rtol=1e-14)
-
-
-@pytest.mark.parametrize("name", ["determinant", "eigenvalues", "polar", "loop_A"])
-def test_figures_are_drawn_and_say_what_made_them(written, name):
-    folder, _ = written[1]
-    image = matplotlib.image.imread(folder / f"{name}.png")
-    assert min(image.shape[:2]) > 600
-    assert 0.01 < np.mean(image[..., :3].min(axis=-1) < 0.9) < 0.6
-    for end in ("png", "svg"):
-        data = (folder / f"{name}.{end}").read_bytes()
-        assert b"grainloops diamond" in data
-        assert b"alpha0_deg" in data
-
-
-def test_the_same_study_gives_the_same_bytes(written, tmp_path):
-    run_diamond(DiamondParameters(table=2), tmp_path / "again")
-    for file in sorted((tmp_path / "again").glob("*.*")):
-        assert file.read_bytes() == (written[2][0] / file.name).read_bytes(), file.name
-
-
-def test_loop_at_A_is_a_snapshot(written):
-    folder, summary = written[2]
-    snapshot = read_snapshot(folder / "grains_A.parquet")
-    A = summary["states"]["A"]
-    np.testing.assert_allclose(snapshot.graph.normal_force, A["N"], rtol=1e-15)
-    assert find_faces(snapshot.graph).order[find_faces(snapshot.graph).loops].tolist() == [4]
-
-
-def test_shear_forces_survive_the_way_through_a_snapshot(tmp_path):
-    path = follow(DiamondParameters(table=2))
-    path = replace(path, states=replace(path.states, T=0.01 + 0.0 * path.states.T))
-    for name, columns in snapshot_tables(path, "A").items():
-        pd.DataFrame(columns).to_csv(tmp_path / f"{name}.csv", index=False)
-    shear = read_snapshot(tmp_path / "grains.csv").graph.shear_force
-    np.testing.assert_allclose(shear, [0.01, -0.01, 0.01, -0.01], rtol=1e-14)
-
-
-def test_results_are_not_overwritten_without_force(tmp_path):
-    out, kept = tmp_path / "out", tmp_path / "out" / "summary.json"
-    out.mkdir()
-    kept.write_text("mine")
-    with pytest.raises(InputError, match="holds files"):
-        run_diamond(DiamondParameters(), out)
-    assert [file.name for file in out.iterdir()] == ["summary.json"]
-    assert kept.read_text() == "mine"
-    run_diamond(DiamondParameters(), out, force=True, csv=True)
-    assert json.loads(kept.read_text())["parameters"]["kappa"] == 0.2
-    assert {file.name for file in out.glob("*.csv")} == {
-        "path.csv", "polar.csv", "grains_A.csv", "contacts_A.csv"
-    }  # fmt: skip
-
-
-def test_a_path_without_named_states_is_written(tmp_path):
-    run_diamond(DiamondParameters(table=2, contact_on_touch="stop"), tmp_path / "out")
-    names = {file.name for file in (tmp_path / "out").iterdir()}
-    assert names == {
-        "summary.json", "path.parquet", "polar.parquet", "determinant.png", "determinant.svg",
-        "eigenvalues.png", "eigenvalues.svg",
-    }  # fmt: skip
-
-
-def test_drawing_functions_use_the_axes_they_are_given():
-    path = follow(DiamondParameters(table=1))
-    before = {key: matplotlib.rcParams[key] for key in STYLE}
-    for draw in (
-        lambda ax: draw_determinant(path, ax),
-        lambda ax: draw_eigenvalues(path, ax),
-        lambda ax: draw_polar(path.operators.K[-1], ax),
-        lambda ax: draw_loop(path, "A", ax),
-    ):
-        ax = Figure().add_subplot()
-        assert draw(ax) is ax
-        assert ax.has_data()
-        assert ax.get_xlabel() and ax.get_ylabel()
-        assert draw(None) is not ax
-    assert {key: matplotlib.rcParams[key] for key in STYLE} == before
 
 
 # Arguments
@@ -442,7 +322,8 @@ def test_without_arguments_the_study_is_table_1s():
         ({"confine": 1.0}, "--confine", "strain"),
         ({"closure": "voigt"}, "--closure", "affine or traction"),
         ({"sliding": "none"}, "--sliding", "coulomb or printed"),
-        ({"contact_on_touch": "go"}, "--contact-on-touch", "ignore or stop"),
+        ({"contact_on_touch": "go"}, "--contact-on-touch", "ignore, stop or add"),
+        ({"contact_on_touch": "add", "alpha0_deg": 20.0}, "--alpha0", "30 to 60 degrees"),
     ],
 )
 def test_bad_arguments_are_named(arguments, where, expected):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError
+from patterns.polygons.ring import compressed_ring
 
 Orientation = Literal["vertex", "edge"]
 
@@ -61,17 +62,7 @@ def regular_polygon(
         raise InputError(
             "orientation", repr(orientation), "'vertex' or 'edge'", "Pick one of these."
         )
-    compression = np.asarray(strain, dtype=float)
-    if not np.all(compression < 1):
-        raise InputError("strain", str(strain), "values below 1", "Compress the loop less.")
     half = np.pi / order
     angles = 2 * half * np.arange(order) + (half if orientation == "edge" else 0.0)
     x0 = radius / np.sin(half) * np.column_stack([np.cos(angles), np.sin(angles)])
-    normal = np.maximum(2 * radius * compression * np.asarray(kn, dtype=float), 0.0)
-    return GrainGraph(
-        x=x0 * (1 - compression)[..., None, None],
-        x0=x0,
-        radii=np.full(order, radius),
-        contacts=np.column_stack([np.arange(order), np.roll(np.arange(order), -1)]),
-        normal_force=np.repeat(normal[..., None], order, axis=-1),
-    )
+    return compressed_ring(x0, np.full(order, radius), strain, kn)

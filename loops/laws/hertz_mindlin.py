@@ -1,0 +1,142 @@
+"""Spheres in a plane: Hertz's normal force, Mindlin's tangential stiffness, Coulomb friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops.contact_state import ContactState
+from loops.laws import coulomb, parameters
+from loops.laws.coulomb import ShearIncrement
+from loops.laws.protocol import Floats, Regimes
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class HertzMindlin:
+    """Incremental Hertz-Mindlin law, no slip within the contact area, no cohesion.
+
+    The grains are spheres of one material with their centres in the plane. With the overlap
+    `delta = r_i + r_j - l`, `R* = r_i r_j/(r_i + r_j)`, `E* = E/(2 (1 - nu^2))` and
+    `G* = E/(4 (1 + nu)(2 - nu))`:
+
+    - `N = (4/3) E* sqrt(R*) delta^(3/2)` (Hertz), so `N' = -kn un'`, `kn = 2 E* sqrt(R* delta)`;
+    - elastic: `T' = -kt ut'`, `kt = 8 G* sqrt(R* delta)` (Mindlin, no slip), with the `kt` of the
+      current overlap: hypoelastic, like the linear law;
+    - sliding: `T' = s mu N'` and its condition, as in `LinearFrictional`;
+    - open: `N = T = 0` once the branch is longer than `r_i + r_j`.
+
+    The ratio `kt/kn = 2 (1 - nu)/(2 - nu)` is that of the material, 2/3 to 1 for `nu` from 0.5
+    to 0; both stiffnesses vanish at touching. `T` keeps its value while `kt` falls with the
+    overlap: no rescaling on unloading (LAMMPS's `mindlin_rescale`), no secant `T = kt(delta)` times
+    the whole slip (LIGGGHTS), no partial slip (Mindlin and Deresiewicz); a closed cycle of shear
+    and compression may therefore gain energy (Elata and Berryman 1996).
+
+    The stiffnesses of a state follow from its `N`, `kn = (6 E*^2 R* N)^(1/3)`: the same as from
+    the overlap where `N` is Hertz's force, and exact where positions are rounded, as in the tables
+    of a simulation of stiff grains. Give a graph its `normal_force(state)` first.
+
+    Under isotropic compression `N/(kn l) = (2/3) E/(1 - E)`: a regular loop of four and more
+    grains loses stability at `E = kappa/(kappa + 2/3)` under the traction closure with spins
+    blocked, `kappa = kt/kn`, where the linear law does at `kappa/(kappa + 1)`.
+
+    Parameters
+    ----------
+    young : float or (..., C) array
+        Young's modulus E of the grains (force per length squared, positive).
+    poisson : float or (..., C) array
+        Their Poisson's ratio nu, above -1 and up to 0.5.
+    mu : float or (..., C) array, default inf
+        Coefficient of friction (not negative; inf never slides).
+    shear_increment : {'branch', 'radii'}
+        What a turn of the branch adds to `ut`, see `LinearFrictional`.
+
+    Raises
+    ------
+    InputError
+        If a parameter leaves its range or `shear_increment` is unknown.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, HertzMindlin, contact_state
+    >>> pair = GrainGraph(x=[[0, 0], [0.96, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
+    >>> law = HertzMindlin(young=1.0, poisson=0.0)
+    >>> pair = pair.replace(normal_force=law.normal_force(contact_state(pair)))
+    >>> pair.normal_force.round(12).tolist()
+    [0.002666666667]
+    >>> state = contact_state(pair)
+    >>> law.local_stiffness(state, law.regime(state)).round(12).tolist()
+    [[[0.1, 0.0], [0.0, 0.1]]]
+    """
+
+    young: Floats
+    poisson: Floats
+    mu: Floats
+    shear_increment: ShearIncrement
+
+    def __init__(
+        self,
+        young: ArrayLike,
+        poisson: ArrayLike,
+        mu: ArrayLike = np.inf,
+        shear_increment: ShearIncrement = "branch",
+    ) -> None:
+        object.__setattr__(self, "young", parameters.positive("young", young))
+        object.__setattr__(self, "poisson", parameters.poisson_ratio("poisson", poisson))
+        object.__setattr__(self, "mu", parameters.friction("mu", mu))
+        object.__setattr__(self, "shear_increment", coulomb.checked_increment(shear_increment))
+
+    @property
+    def stiffness_ratio(self) -> Floats:
+        """`kappa = kt/kn = 2 (1 - nu)/(2 - nu)`, whatever the overlap."""
+        return 2.0 * (1.0 - self.poisson) / (2.0 - self.poisson)
+
+    def normal_stiffness(self, state: ContactState) -> Floats:
+        """(..., C) `kn = (6 E*^2 R* N)^(1/3) = 2 E* sqrt(R* delta)` (force per length)."""
+        force = np.maximum(state.normal_force, 0.0)
+        return np.cbrt(6.0 * self._effective_young() ** 2 * _effective_radius(state) * force)
+
+    def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
+        """Factors of `ut'`, see `ContactLaw` and `shear_increment`."""
+        return coulomb.shear_kinematics(state, self.shear_increment)
+
+    def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
+        """Material stiffness `D` of the current `N`, `(N', T') = -D (un', ut')`.
+
+        Elastic `diag(kn, kt)`; sliding `[[kn, 0], [s mu kn, 0]]`, `s = sign(T)`; open zero.
+        """
+        kn = self.normal_stiffness(state)
+        return coulomb.coulomb_stiffness(state, regime, kn, self.stiffness_ratio * kn, self.mu)
+
+    def rolling_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
+        """No rolling resistance."""
+        return np.zeros(())
+
+    def regime(self, state: ContactState, rates: tuple[Floats, Floats] | None = None) -> Regimes:
+        """Regime of every contact, `Regime`, as int8 (..., C); see `LinearFrictional.regime`."""
+        kn = self.normal_stiffness(state)
+        return coulomb.coulomb_regime(state, rates, kn, self.stiffness_ratio * kn, self.mu)
+
+    def normal_force(self, state: ContactState) -> Floats:
+        """`N = (4/3) E* sqrt(R*) delta^(3/2)`, zero for an open contact."""
+        overlap = np.maximum(state.touching_length - state.length, 0.0)
+        return (
+            (4.0 / 3.0) * self._effective_young() * np.sqrt(_effective_radius(state)) * overlap**1.5
+        )
+
+    def take(self, contacts: NDArray[np.int64]) -> HertzMindlin:
+        """Law of the picked contacts; scalar parameters stay scalar."""
+        return HertzMindlin(
+            young=parameters.take(self.young, contacts),
+            poisson=parameters.take(self.poisson, contacts),
+            mu=parameters.take(self.mu, contacts),
+            shear_increment=self.shear_increment,
+        )
+
+    def _effective_young(self) -> Floats:
+        return self.young / (2.0 * (1.0 - self.poisson**2))
+
+
+def _effective_radius(state: ContactState) -> Floats:
+    return state.radii_i * state.radii_j / state.touching_length

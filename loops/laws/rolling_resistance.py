@@ -1,0 +1,84 @@
+"""A rolling spring beside any other contact law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops.contact_state import ContactState
+from loops.laws import parameters
+from loops.laws.protocol import ContactLaw, Floats, Regime, Regimes
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class RollingResistance:
+    """A contact law with an elastic rolling spring, `M' = -k_r (w_j - w_i)` on grain j.
+
+    Grain i receives the opposite moment; a closed contact, sticking or sliding, keeps its
+    spring, an open one has none. Forces, regimes and overlaps are those of the other law. The
+    relative spin `w_j - w_i` vanishes in a rigid rotation, so the law is objective for any radii.
+
+    The spring has no limit. The moment `M` is no part of the state: a moment in the plane has no
+    direction that a motion could turn, so the tangent of the elastic spring doesn't depend on it.
+    A limit `|M| <= eta N R` would need `M` in the grain graph, a regime of its own, and a moment
+    rate per normal displacement (`M' = s eta R N'`), none of which `ContactLaw` carries.
+
+    It acts on the macroscopic tangent where spins are free; blocked or affine spins are equal
+    spins. Under isotropic compression it gives regular loops of five and more grains with free
+    spins back a threshold: that of blocked spins with `1/kt + l^2 cot^2(2 pi/n)/(4 k_r)` in place
+    of `1/kt`.
+
+    Parameters
+    ----------
+    law : ContactLaw
+        The law of forces.
+    k_r : float or (..., C) array
+        Rolling stiffness (moment per angle, not negative).
+
+    Raises
+    ------
+    InputError
+        If `k_r` is not finite or negative.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, LinearFrictional, RollingResistance, assemble_tangent
+    >>> pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
+    >>> law = RollingResistance(LinearFrictional(kn=1.0, kt=0.4), k_r=0.03)
+    >>> assemble_tangent(pair, law, spins=True)[4:, 4:].round(12).tolist()
+    [[0.13, 0.07], [0.07, 0.13]]
+    """
+
+    law: ContactLaw
+    k_r: Floats
+
+    def __init__(self, law: ContactLaw, k_r: ArrayLike) -> None:
+        object.__setattr__(self, "law", law)
+        object.__setattr__(self, "k_r", parameters.not_negative("k_r", k_r))
+
+    def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
+        """Factors of `ut'` of the other law, see `ContactLaw`."""
+        return self.law.shear_kinematics(state)
+
+    def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
+        """Material stiffness `D` of the other law."""
+        return self.law.local_stiffness(state, regime)
+
+    def rolling_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
+        """`k_r` of closed contacts, beside that of the other law."""
+        own = np.where(regime == Regime.OPEN, 0.0, self.k_r)
+        return self.law.rolling_stiffness(state, regime) + own
+
+    def regime(self, state: ContactState, rates: tuple[Floats, Floats] | None = None) -> Regimes:
+        """Regime of the other law."""
+        return self.law.regime(state, rates)
+
+    def normal_force(self, state: ContactState) -> Floats:
+        """`N` of the other law."""
+        return self.law.normal_force(state)
+
+    def take(self, contacts: NDArray[np.int64]) -> RollingResistance:
+        """Law of the picked contacts; scalar parameters stay scalar."""
+        return RollingResistance(self.law.take(contacts), parameters.take(self.k_r, contacts))

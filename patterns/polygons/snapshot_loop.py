@@ -1,0 +1,91 @@
+"""One loop of a snapshot, cut out with its forces and its law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import Faces, GrainGraph, InputError, LinearFrictional, branch_vectors
+from patterns.polygons.ring import ring_contacts
+from patterns.snapshots.snapshot import Snapshot
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class SnapshotLoop:
+    """A loop as the simulation left it.
+
+    Attributes
+    ----------
+    graph : GrainGraph
+        Grains counter-clockwise, contacts (c, c+1), unrolled if the loop crosses a periodic
+        border; forces as in the snapshot, the reference is the current configuration.
+    law : LinearFrictional
+        Stiffness and friction of the n contacts.
+    regime : (n,) array of int8
+        `Regime` of the contacts, sliding where the snapshot flags it.
+    ids : (n,) array of int
+        Ids of the grains as the file has them.
+    grains, contacts : (n,) array of int
+        Grains and contacts as numbered in the snapshot's graph.
+    """
+
+    graph: GrainGraph
+    law: LinearFrictional
+    regime: NDArray[np.int8]
+    ids: Integers
+    grains: Integers
+    contacts: Integers
+
+
+def loop_of_snapshot(snapshot: Snapshot, faces: Faces, loop: int) -> SnapshotLoop:
+    """Cut one loop out of a snapshot by its id.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        The snapshot.
+    faces : Faces
+        Its faces, `find_faces(snapshot.graph)`.
+    loop : int
+        Number of the loop in `faces.loops`, the id in the table of loops.
+
+    Returns
+    -------
+    SnapshotLoop
+        The loop's graph, law, regimes and ids.
+
+    Raises
+    ------
+    InputError
+        If there is no loop of that number.
+
+    Examples
+    --------
+    >>> from loops import find_faces
+    >>> from patterns import loop_of_snapshot, read_snapshot, sample_path
+    >>> snapshot = read_snapshot(sample_path())
+    >>> loop = loop_of_snapshot(snapshot, find_faces(snapshot.graph), 3)
+    >>> loop.graph.grain_count == len(loop.ids) == len(loop.regime)
+    True
+    """
+    count = len(faces.loops)
+    if not 0 <= loop < count or int(loop) != loop:
+        raise InputError("loop", str(loop), f"a number from 0 to {count - 1}", "Pick a loop.")
+    start, end = faces.offsets[faces.loops[loop] + np.arange(2)]
+    grains, contacts = faces.grains[start:end], faces.contacts[start:end]
+    sign = np.where(faces.forward[start:end], 1.0, -1.0)
+    packing = snapshot.graph
+    edges = sign[:, None] * branch_vectors(packing)[contacts]
+    graph = GrainGraph(
+        x=packing.x[grains[0]] + np.cumsum(edges, axis=0) - edges,
+        radii=packing.radii[grains],
+        contacts=ring_contacts(len(grains)),
+        normal_force=packing.normal_force[contacts],
+        shear_force=packing.shear_force[contacts],
+    )
+    law, regime = snapshot.law.take(contacts), snapshot.regime[contacts]
+    return SnapshotLoop(graph, law, regime, snapshot.ids[grains], grains, contacts)

@@ -1,0 +1,105 @@
+"""Where a path is, and how it is followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import GrainGraph, InputError
+from loops.contact_state import contact_state
+from loops.laws.protocol import Regime
+from stability.paths.look import Look
+from stability.paths.model import PathModel
+from stability.paths.phase import Settings
+from stability.paths.record import Record
+from stability.paths.state import Mode, scales, unpack
+
+Floats = NDArray[np.float64]
+
+# Steps that a stage takes at least, if it is as long as its start promises.
+STEPS = 8
+
+# Strain below which nothing is told apart.
+SMALLEST = 1e-12
+
+# Shear force outside the cone that passes for rounding, over kn times length.
+OUTSIDE = 1e-9
+
+
+@dataclass
+class Walk:
+    """Where a path is, and how it is followed."""
+
+    model: PathModel
+    y: Floats
+    mode: Mode
+    record: Record
+    subspace: str
+    on_touch: str
+    rtol: float
+    atol: float
+    max_step: float
+    steps_left: int
+
+    @property
+    def parameter(self) -> float:
+        """Loading parameter."""
+        return unpack(self.model, self.y).parameter
+
+    def row(self, seen: Look) -> None:
+        """Record a state."""
+        self.record.row(self.model, seen)
+
+    def branching(self, seen: Look) -> None:
+        """Record a place where other paths branch off."""
+        H11, H22 = seen.H[0], seen.H[3]
+        detail = f"other paths branch off at H11 = {H11:.15g}, H22 = {H22:.15g}"
+        self.record.event("branching", seen.state.parameter, detail=detail)
+
+    def settings(self, reach: float, strain: float) -> Settings:
+        """Accuracy of a stage that should be `reach` long and starts at a strain of that size."""
+        size = min(max(reach if np.isfinite(reach) else 1.0, strain, SMALLEST), 1.0)
+        max_step = min(self.max_step, reach / STEPS)
+        atol = self.atol * size * scales(self.model)
+        return Settings(self.rtol, atol, max_step, size, self.subspace)
+
+
+def start_mode(model: PathModel, graph: GrainGraph) -> Mode:
+    """Regimes of the initial graph.
+
+    Parameters
+    ----------
+    model : PathModel
+        Constants.
+    graph : GrainGraph
+        Initial state.
+
+    Returns
+    -------
+    Mode
+
+    Raises
+    ------
+    InputError
+        If a shear force lies outside the cone.
+    """
+    contacts = contact_state(graph)
+    excess = np.abs(contacts.shear_force) - model.friction * contacts.normal_force
+    wrong = np.isfinite(model.mu) & (excess > OUTSIDE * model.stiffness * model.length)
+    if wrong.any():
+        c = int(wrong.argmax())
+        raise InputError(
+            f"shear force of contact {c}",
+            f"{graph.shear_force[c]:.6g}",
+            f"at most mu N = {model.mu[c] * graph.normal_force[c]:.6g}",
+            "Correct it, or raise mu.",
+        )
+    regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
+    # Without friction a closed contact slides, whichever way.
+    frictionless = (model.mu == 0) & (regime != Regime.OPEN)
+    return Mode(
+        np.where(frictionless, Regime.SLIDING, regime).astype(np.int8),
+        np.where(frictionless, 1.0, side),
+    )

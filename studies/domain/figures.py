@@ -1,0 +1,171 @@
+"""Figure of the bifurcation domain in the plane of stresses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from patterns.diamond import critical_strain, isotropic_stress
+from studies.domain.losses import first_losses
+from studies.domain.parameters import Case
+from studies.strain_lines import Floats, line_states
+from studies.style import (
+    BLACK,
+    LIGHT_GREY,
+    LINE_COLOURS,
+    ONE_COLUMN,
+    TWO_COLUMNS,
+    axes_or_new,
+    new_figure,
+    save_figure,
+    styled,
+)
+
+# Programmes drawn.
+DRAWN = 31
+
+
+def draw_figure(
+    table: pd.DataFrame, cases: Sequence[Case], folder: Path, source: Mapping[str, Any]
+) -> None:
+    """Write the figure `domain` as PNG and SVG, a panel for each reference angle.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `domain_table`.
+    cases : sequence of Case
+        The diamonds.
+    folder : Path
+        Where.
+    source : mapping
+        Provenance.
+    """
+    save_figure(domain_figure(table, cases), folder, "domain", source)
+
+
+@styled()
+def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
+    """The domains, a panel for each reference angle.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `domain_table`.
+    cases : sequence of Case
+        The diamonds.
+
+    Returns
+    -------
+    Figure
+    """
+    angles = list(dict.fromkeys(case.alpha0 for case in cases))
+    columns = len(angles)
+    width = ONE_COLUMN * 1.2 if columns == 1 else max(TWO_COLUMNS, 2.4 * columns)
+    figure = new_figure(width, 5.6)
+    for angle, (whole, near) in zip(
+        angles, figure.subplots(2, columns, squeeze=False).T, strict=True
+    ):
+        own = [case for case in cases if case.alpha0 == angle]
+        draw_programmes(own[0], whole)
+        draw_domain(table, own, whole).legend(loc="upper left")
+        _zoom(draw_domain(table, own, near), table, own)
+        near.set_title("the curves of sticking contacts")
+    lines = [
+        Line2D([], [], color=BLACK, label=r"$\det K_s = 0$, sticking"),
+        Line2D([], [], color=BLACK, linestyle="--", label=r"$\det K = 0$, sticking"),
+        Line2D([], [], color=BLACK, linestyle=":", label="yield: both lost by sliding"),
+        Patch(facecolor=BLACK, alpha=0.15, label="stable with friction"),
+        Line2D([], [], color=BLACK, marker="o", linestyle="", label="isotropic strain"),
+        Line2D([], [], color=LIGHT_GREY, label="programmes"),
+    ]
+    figure.legend(handles=lines, loc="outside lower center", ncols=2 if columns == 1 else 3)
+    return figure
+
+
+@styled()
+def draw_domain(table: pd.DataFrame, cases: Sequence[Case], ax: Axes | None = None) -> Axes:
+    """Domains of diamonds of one reference angle.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `domain_table`.
+    cases : sequence of Case
+        Diamonds of one reference angle.
+    ax : Axes, optional
+        Where to draw.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = axes_or_new(ax)
+    for case, colour in zip(cases, LINE_COLOURS, strict=False):
+        own = _rows(table, case)
+        for kind, style in (("det_Ks_zero", "-"), ("det_K_zero", "--")):
+            curve = own[(own.contacts == "sticking") & (own.kind == kind)]
+            ax.plot(curve.s1, curve.s2, style, color=colour, linewidth=1.0)
+        bound = own[(own.contacts == "frictional") & (own.kind == "det_Ks_zero")]
+        ax.fill(bound.s1, bound.s2, color=colour, alpha=0.15, linewidth=0.0)
+        ax.plot(*_yielding(bound), ":", color=colour, linewidth=1.6)
+        s1, s2 = isotropic_stress(critical_strain(case.kappa), case.alpha0)
+        label = rf"$\kappa$ = {case.kappa:g}, $\varphi$ = {np.degrees(case.phi):g}°"
+        ax.plot(float(s1), float(s2), "o", color=colour, label=label)
+    angle = np.degrees(cases[0].alpha0)
+    ax.set(xlabel="$s_1$", ylabel="$s_2$", title=rf"$\alpha_0$ = {angle:g}°")
+    return ax
+
+
+@styled()
+def draw_programmes(case: Case, ax: Axes | None = None) -> Axes:
+    """Stresses along a few programmes, of contacts that stick, up to the loss of `det Ks`.
+
+    Parameters
+    ----------
+    case : Case
+        The diamond.
+    ax : Axes, optional
+        Where to draw.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = axes_or_new(ax)
+    losses = first_losses(case, DRAWN, friction=False)
+    share = np.linspace(0.0, 1.0, 200)[:, None]
+    start, end = losses.line.start, losses.det_Ks_zero
+    states = line_states(losses.line, start + share * (end - start), case.kappa)
+    ax.plot(states.s1, states.s2, color=LIGHT_GREY, linewidth=0.6, zorder=0)
+    return ax
+
+
+def _yielding(bound: pd.DataFrame) -> tuple[Floats, Floats]:
+    """The part of a bound that is lost by sliding, up to its neighbours on the elastic side."""
+    sliding = np.pad((bound.regime == "sliding").to_numpy(), 1)
+    near = sliding[:-2] | sliding[1:-1] | sliding[2:]
+    return np.where(near, bound.s1, np.nan), np.where(near, bound.s2, np.nan)
+
+
+def _zoom(ax: Axes, table: pd.DataFrame, cases: Sequence[Case]) -> None:
+    """Limits around the curves of sticking contacts."""
+    own = pd.concat([_rows(table, case) for case in cases])
+    sticking = own[own.contacts == "sticking"]
+    for values, limit in ((sticking.s1, ax.set_xlim), (sticking.s2, ax.set_ylim)):
+        margin = 0.1 * (values.max() - values.min())
+        limit(values.min() - margin, values.max() + margin)
+
+
+def _rows(table: pd.DataFrame, case: Case) -> pd.DataFrame:
+    alpha0, phi = (round(float(np.degrees(x)), 12) for x in (case.alpha0, case.phi))
+    same = (table.alpha0_deg == alpha0) & (table.kappa == case.kappa) & (table.phi_deg == phi)
+    return table[same]

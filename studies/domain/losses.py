@@ -1,0 +1,205 @@
+"""First losses of `det Ks` and `det K` along straight strain programmes, exact.
+
+Sticking contacts have `det K = kappa - N/l` (35) and `det Ks = det K - (T/2l)^2`, because
+`K12 - K21 = -T/l`: in terms of the branch alone, the same for every `alpha0`. With
+`T = s mu N` they slide, and `det K = -(1 + mu^2) N/l` (36) is negative at once: where a programme
+yields before, both determinants are lost in a jump.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.domain.parameters import Case
+from studies.strain_lines import (
+    Floats,
+    StrainLine,
+    bisect,
+    sticking_shear,
+    strain_line,
+    yield_position,
+)
+
+# Points of a line among which the first change of sign of det Ks is looked for.
+POINTS = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """First losses along the programmes of a fan; arrays (n,).
+
+    Attributes
+    ----------
+    programme : ndarray (n,)
+        Angle b of `E' = (cos b, sin b)`, radians.
+    line : StrainLine
+        The programmes.
+    mu : float
+        Friction of the contacts, infinite if they always stick.
+    det_Ks_zero, det_K_zero : ndarray (n,)
+        Lengths `u` along the lines where each determinant is first zero or jumps below it; NaN
+        where that does not happen before the contacts open or the diamond folds.
+    yields : ndarray (n,)
+        Where the contacts reach `|T| = mu N`; NaN if they never do.
+    """
+
+    programme: Floats
+    line: StrainLine
+    mu: float
+    det_Ks_zero: Floats
+    det_K_zero: Floats
+    yields: Floats
+
+    def by_yielding(self, u: Floats) -> NDArray[np.bool_]:
+        """Whether a loss at `u` is the jump at yield."""
+        return u == self.yields
+
+
+def programme_fan(alpha0: float, directions: int) -> tuple[Floats, StrainLine]:
+    """Programmes that compress the virgin loop, evenly spread about the isotropic one.
+
+    Evenly by the angle between the line and the branch, in half diagonals: the forces along them
+    are then those of every other `alpha0`.
+
+    Parameters
+    ----------
+    alpha0 : float
+        Reference angle, radians.
+    directions : int
+        How many; odd.
+
+    Returns
+    -------
+    programme : ndarray (n,)
+        Angles b in the (E1, E2) plane, radians, growing.
+    line : StrainLine
+        Rows (n,).
+
+    Examples
+    --------
+    >>> programme, _ = programme_fan(np.radians(35.0), 3)
+    >>> np.degrees(programme).round(6).tolist()
+    [-14.134401, 45.0, 82.961569]
+    """
+    spread = 0.5 * np.pi * np.arange(-(directions // 2), directions // 2 + 1)
+    turned = alpha0 + spread / (directions // 2 + 1)
+    programme = np.arctan2(np.sin(turned) / np.sin(alpha0), np.cos(turned) / np.cos(alpha0))
+    return programme, strain_line(alpha0, 0.0, 0.0, programme)
+
+
+def first_losses(case: Case, directions: int, *, friction: bool) -> Losses:
+    """Losses of one diamond along its fan of programmes.
+
+    Parameters
+    ----------
+    case : Case
+        The diamond.
+    directions : int
+        Programmes; odd.
+    friction : bool
+        Whether the contacts slide at `|T| = mu N`, or stick for ever.
+
+    Returns
+    -------
+    Losses
+
+    Examples
+    --------
+    The isotropic programme loses both at `E = kappa/(1 + kappa)` (41):
+
+    >>> found = first_losses(Case(0.7, 0.25, 0.1), 3, friction=True)
+    >>> lost = found.det_Ks_zero[1], found.det_K_zero[1]
+    >>> [round(float(u - found.line.start[1]), 12) for u in lost]
+    [0.2, 0.2]
+    """
+    programme, line = programme_fan(case.alpha0, directions)
+    last = np.minimum(line.opening, line.folding)
+    lost_K = _within(sticking_det_K_zero(line, case.kappa), last)
+    lost_Ks = sticking_det_Ks_zero(line, case.kappa, lost_K, last)
+    mu = case.mu if friction else float("inf")
+    yields = _within(yield_position(line, case.kappa, mu), last)
+    return Losses(
+        programme=programme,
+        line=line,
+        mu=mu,
+        # fmin: a programme without one of the two meets the other.
+        det_Ks_zero=np.fmin(lost_Ks, yields),
+        det_K_zero=np.fmin(lost_K, yields),
+        yields=yields,
+    )
+
+
+def sticking_det_K_zero(line: StrainLine, kappa: float) -> Floats:
+    """`u` where `l = 1/(1 + kappa)`, the zero of (35); NaN on lines that keep further off.
+
+    Parameters
+    ----------
+    line : StrainLine
+        Lines (n,).
+    kappa : float
+        Stiffness ratio.
+
+    Returns
+    -------
+    u : ndarray (n,)
+    """
+    with np.errstate(invalid="ignore"):
+        return -np.sqrt((1.0 + kappa) ** -2 - line.distance**2)
+
+
+def sticking_det_Ks(line: StrainLine, u: Floats, kappa: float) -> Floats:
+    """`det Ks = kappa - N/l - (T/2l)^2` of sticking contacts.
+
+    Parameters
+    ----------
+    line : StrainLine
+        Lines (n,).
+    u : ndarray (..., n)
+        Lengths along them.
+    kappa : float
+        Stiffness ratio.
+
+    Returns
+    -------
+    det_Ks : ndarray (..., n)
+    """
+    length = np.hypot(line.distance, u)
+    # At the limit of a radial line the branch vanishes: no state of interest.
+    length = np.maximum(length, np.finfo(float).tiny)
+    T = sticking_shear(line, u, kappa)
+    return kappa + 1.0 - 1.0 / length - (0.5 * T / length) ** 2
+
+
+def sticking_det_Ks_zero(line: StrainLine, kappa: float, lost_K: Floats, last: Floats) -> Floats:
+    """First `u` where `det Ks = 0`, no later than `lost_K` (Bromwich); NaN if none.
+
+    Parameters
+    ----------
+    line : StrainLine
+        Lines (n,).
+    kappa : float
+        Stiffness ratio.
+    lost_K, last : ndarray (n,)
+        Zero of `det K`, NaN if none, and end of the lines.
+
+    Returns
+    -------
+    u : ndarray (n,)
+    """
+    high = np.where(np.isnan(lost_K), last, lost_K)
+    grid = line.start + np.linspace(0.0, 1.0, POINTS)[:, None] * (high - line.start)
+    lost = sticking_det_Ks(line, grid, kappa) < 0.0
+    # On a line without shear both vanish together, and rounding may hide the sign.
+    lost[-1] |= ~np.isnan(lost_K)
+    first, rows = np.argmax(lost, axis=0), np.arange(high.size)
+    bracket = grid[np.maximum(first - 1, 0), rows], grid[first, rows]
+    root = bisect(lambda u: -sticking_det_Ks(line, u, kappa), *bracket)
+    return np.where(lost.any(axis=0), root, np.nan)
+
+
+def _within(u: Floats, last: Floats) -> Floats:
+    with np.errstate(invalid="ignore"):
+        return np.where(u <= last, u, np.nan)

@@ -1,0 +1,112 @@
+"""From diamonds to the table, the summary and the figure of their bifurcation domains."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from patterns.diamond import critical_strain
+from studies.domain.parameters import Case, DomainParameters
+from studies.domain.table import KINDS, domain_table
+from studies.output import provenance, result_folder, write_summary, write_table
+
+UNITS = "dimensionless: forces over kn l0, stresses over kn; angles in degrees"
+
+
+def run_domain(
+    parameters: DomainParameters, out: Path, *, force: bool = False, csv: bool = False
+) -> dict[str, Any]:
+    """Find the bifurcation domains of diamonds, and write the table, summary and figure.
+
+    Parameters
+    ----------
+    parameters : DomainParameters
+        The diamonds and the fan of programmes.
+    out : Path
+        Result folder: `domain.parquet`, `summary.json`, `domain` as PNG and SVG.
+    force : bool
+        Whether results of the same names may be replaced.
+    csv : bool
+        Whether to write the table as CSV too.
+
+    Returns
+    -------
+    dict
+        The summary.
+
+    Raises
+    ------
+    InputError
+        If `out` holds files and `force` is false.
+    """
+    with result_folder(out, force=force) as folder:
+        made = provenance("domain", parameters.described(), UNITS)
+        table = domain_table(parameters.cases(), parameters.directions)
+        summary = {**domain_summary(table, parameters), "provenance": made}
+        write_table(folder, "domain", dict(table.items()), made, csv=csv)
+        write_summary(folder, summary)
+        # Drawing is loaded only when there is something to draw.
+        from studies.domain.figures import draw_figure
+
+        draw_figure(table, parameters.cases(), folder, made)
+    return summary
+
+
+def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> dict[str, Any]:
+    """Counts and bounds of each diamond's domain.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `domain_table`.
+    parameters : DomainParameters
+        What was asked.
+
+    Returns
+    -------
+    dict
+        `cases`: the diamond, `isotropic_strain` `kappa/(1 + kappa)` (41), and of each kind of
+        contacts the programmes that lose `det_Ks` and `det_K`, those among them that lose it by
+        yielding or with opposite grains overlapping, those that lose `det_Ks` before `det_K`, and
+        the extremes of the stresses at the loss of `det_Ks`; `definitions`.
+    """
+    return {
+        "directions": parameters.directions,
+        "cases": [_case(table, case) for case in parameters.cases()],
+        "definitions": {
+            "programmes": "straight lines in (E1, E2) from the virgin loop, each at the angle "
+            "programme_deg; all that compress it",
+            "sticking": "contacts never slide",
+            "frictional": "contacts slide at |T| = mu N; both determinants are then negative",
+        },
+    }
+
+
+def _case(table: pd.DataFrame, case: Case) -> dict[str, Any]:
+    alpha0, phi = (round(float(np.degrees(x)), 12) for x in (case.alpha0, case.phi))
+    rows = (table.alpha0_deg == alpha0) & (table.kappa == case.kappa) & (table.phi_deg == phi)
+    return {
+        "alpha0_deg": alpha0,
+        "kappa": case.kappa,
+        "phi_deg": phi,
+        "isotropic_strain": float(critical_strain(case.kappa)),
+        "contacts": {str(name): _contacts(own) for name, own in table[rows].groupby("contacts")},
+    }
+
+
+def _contacts(table: pd.DataFrame) -> dict[str, Any]:
+    first, last = (table[table.kind == kind].set_index("programme_deg") for kind in KINDS)
+    # Along one programme the strains grow in proportion.
+    size = [np.hypot(own.E1, own.E2) for own in (first, last)]
+    return {
+        "det_Ks_zero": len(first),
+        "det_K_zero": len(last),
+        "by_yielding": int((first.regime == "sliding").sum()),
+        "opposite_overlap": int(first.opposite_overlap.sum()),
+        "det_Ks_first": len(first) - int((size[0] >= size[1].reindex(size[0].index)).sum()),
+        "s1": [float(first.s1.min()), float(first.s1.max())],
+        "s2": [float(first.s2.min()), float(first.s2.max())],
+    }

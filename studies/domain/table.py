@@ -1,0 +1,91 @@
+"""The table of losses: one row a programme, contacts and determinant."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from patterns.diamond import (
+    determinant_elastic,
+    determinant_sliding,
+    geometric_asymmetry,
+    material_asymmetry,
+    opposite_gaps,
+)
+from studies.domain.losses import Losses, first_losses
+from studies.domain.parameters import Case
+from studies.strain_lines import Floats, LineStates, line_states
+
+KINDS = ("det_Ks_zero", "det_K_zero")
+
+
+def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
+    """Losses of every diamond along its fan, with contacts that stick and with friction.
+
+    Parameters
+    ----------
+    cases : tuple of Case
+        The diamonds.
+    directions : int
+        Programmes of each; odd.
+
+    Returns
+    -------
+    DataFrame
+        `alpha0_deg, kappa, phi_deg`; `contacts`: 'sticking' or 'frictional'; `kind`:
+        'det_Ks_zero' or 'det_K_zero'; `programme_deg`, the angle of `E'`; `regime`: 'elastic'
+        where the determinant passes zero, 'sliding' where it jumps below as the contacts yield;
+        `E1, E2, s1, s2, N, T, alpha_deg` there; `det_K, det_Ks` of that regime, by the closed
+        forms (35), (36); `opposite_overlap`: whether opposite grains overlap, which the paper
+        ignores. Programmes without a loss are left out.
+    """
+    parts = []
+    for case in cases:
+        for friction in (False, True) if np.isfinite(case.mu) else (False,):
+            losses = first_losses(case, directions, friction=friction)
+            parts += [_rows(case, losses, kind) for kind in KINDS]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _rows(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
+    u = getattr(losses, kind)
+    found = np.isfinite(u)
+    line, sliding = losses.line.take(found), losses.by_yielding(u)[found]
+    state = line_states(line, u[found], case.kappa, losses.mu)
+    det_K, asymmetry = _determinant_and_asymmetry(case, state, np.where(sliding, line.sense, 0.0))
+    gaps = np.minimum(*opposite_gaps(state.E1, state.E2, case.alpha0))
+    columns: dict[str, Any] = {
+        "alpha0_deg": round(float(np.degrees(case.alpha0)), 12),
+        "kappa": case.kappa,
+        "phi_deg": round(float(np.degrees(case.phi)), 12),
+        "contacts": "frictional" if np.isfinite(losses.mu) else "sticking",
+        "kind": kind,
+        "programme_deg": np.degrees(losses.programme[found]),
+        "regime": np.where(sliding, "sliding", "elastic"),
+        "E1": state.E1,
+        "E2": state.E2,
+        "s1": state.s1,
+        "s2": state.s2,
+        "N": state.N,
+        "T": state.T,
+        "alpha_deg": np.degrees(state.alpha),
+        "det_K": det_K,
+        "det_Ks": det_K - (0.5 * asymmetry) ** 2,
+        "opposite_overlap": gaps < 0.0,
+    }
+    return pd.DataFrame(columns)
+
+
+def _determinant_and_asymmetry(
+    case: Case, state: LineStates, slides: Floats
+) -> tuple[Floats, Floats]:
+    """`det K` and `K12 - K21` (29) to (36), `slides` the sign of T of sliding contacts, else 0."""
+    measures = (state.E1, state.E2, state.s1, state.s2, state.alpha)
+    s, mu = np.where(slides == 0.0, 1.0, slides), case.mu if np.isfinite(case.mu) else 0.0
+    elastic = determinant_elastic(*measures, case.kappa)
+    sliding = determinant_sliding(*measures, mu, s)
+    material = np.where(slides == 0.0, 0.0, material_asymmetry(mu, s))
+    det_K = np.where(slides == 0.0, elastic, sliding)
+    return det_K, material + geometric_asymmetry(*measures)

@@ -1,0 +1,1 @@
+"""Flutter: complex eigenvalues of loops over T/N, N/l and asymmetry."""

@@ -1,0 +1,286 @@
+"""Error against time of integrators on the drained biaxial path to point B of Table 1.
+
+Run as `python -m studies.integrators --out DIR`. Explicit Euler and the classical Runge-Kutta
+method march `E2` and `s1` over `E1` by (33) in plain Python, as a script would; scipy's DOP853 and
+the platform's path solver adapt their steps; the exact solver needs none, and takes many paths at
+once. Each locates yield, `|T| = mu N`, to its own order: Euler by interpolation within the last
+step, Runge-Kutta by shortening it, DOP853 and the path solver on their dense output. The error is
+the largest of those of `E1`, `E2` and `s1` at B.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from loops import LinearFrictional
+from patterns import diamond
+from patterns.diamond import TABLE_1, drained_end
+from stability import Stage, follow, programmes
+from studies.output import provenance, result_folder, write_summary, write_table
+
+State = tuple[float, float, float]
+
+# E1, E2, s1 at B from the quadrature in 20 digits (theory note, section 5).
+POINT_B = (0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503)
+# E1 grows by this much in the nominal number of steps: yield comes within the last per cent.
+SPAN = 0.11
+TAN0, MU, KAPPA = math.tan(TABLE_1.alpha0), TABLE_1.mu, TABLE_1.kappa
+S2 = TABLE_1.confinement * TAN0
+START: State = (TABLE_1.confinement, TABLE_1.confinement, TABLE_1.confinement / TAN0)
+# Shorter runs than this are repeated and averaged, seconds.
+LONG_ENOUGH = 0.2
+
+
+def rates(E1: float, E2: float, s1: float) -> tuple[float, float]:
+    """Rates `dE2/dE1 = -K21/K22` and `ds1/dE1 = det K/K22` of sticking contacts (26), (33).
+
+    Examples
+    --------
+    >>> [round(rate, 6) for rate in rates(*START)]
+    [-1.592593, -0.592593]
+    """
+    t = TAN0 * (1.0 - E2) / (1.0 - E1)
+    cos2, p1, p2 = 1.0 / (1.0 + t * t), s1 / (1.0 - E2), S2 / (1.0 - E1)
+    K22 = cos2 * (t * t + KAPPA - t * p1) * TAN0
+    K21 = cos2 * ((1.0 - KAPPA) * t + t * t * p1)
+    return -K21 / K22, (KAPPA - cos2 * t * (p2 + p1)) / K22
+
+
+def friction_left(E1: float, E2: float, s1: float) -> float:
+    """`mu N - |T|` over `kn l0`, from balance (12); zero at yield.
+
+    Examples
+    --------
+    >>> round(friction_left(*POINT_B), 12) + 0.0
+    0.0
+    """
+    a = math.atan(TAN0 * (1.0 - E2) / (1.0 - E1))
+    F1, F2 = s1 * math.sin(TABLE_1.alpha0), S2 * math.cos(TABLE_1.alpha0)
+    c, s = math.cos(a), math.sin(a)
+    return MU * (F1 * c + F2 * s) - abs(F1 * s - F2 * c)
+
+
+def euler(steps: int) -> State:
+    """Point B by explicit Euler, interpolated within the step that passes yield.
+
+    Examples
+    --------
+    >>> round(euler(1000)[0], 4)
+    0.4097
+    """
+    h = SPAN / steps
+    (E1, E2, s1), left = START, friction_left(*START)
+    while True:
+        E2_rate, s1_rate = rates(E1, E2, s1)
+        after = (E1 + h, E2 + h * E2_rate, s1 + h * s1_rate)
+        left_after = friction_left(*after)
+        if left_after <= 0.0:
+            part = h * left / (left - left_after)
+            return E1 + part, E2 + part * E2_rate, s1 + part * s1_rate
+        (E1, E2, s1), left = after, left_after
+
+
+def runge_kutta(steps: int) -> State:
+    """Point B by the classical Runge-Kutta method, the last step shortened to end at yield.
+
+    Examples
+    --------
+    >>> round(runge_kutta(100)[0], 9)
+    0.409734349
+    """
+    h, now = SPAN / steps, START
+    while True:
+        after = _runge_kutta_step(now, h)
+        if friction_left(*after) <= 0.0:
+            return _runge_kutta_step(now, brentq(_left_after, 0.0, h, args=(now,), xtol=1e-17))
+        now = after
+
+
+def _left_after(h: float, state: State) -> float:
+    return friction_left(*_runge_kutta_step(state, h))
+
+
+def _runge_kutta_step(state: State, h: float) -> State:
+    E1, E2, s1 = state
+    a = rates(E1, E2, s1)
+    b = rates(E1 + h / 2, E2 + h / 2 * a[0], s1 + h / 2 * a[1])
+    c = rates(E1 + h / 2, E2 + h / 2 * b[0], s1 + h / 2 * b[1])
+    d = rates(E1 + h, E2 + h * c[0], s1 + h * c[1])
+    E2_mean, s1_mean = ((a[k] + 2 * b[k] + 2 * c[k] + d[k]) / 6 for k in range(2))
+    return E1 + h, E2 + h * E2_mean, s1 + h * s1_mean
+
+
+def dop853(rtol: float) -> State:
+    """Point B by scipy's DOP853 with its event location.
+
+    Examples
+    --------
+    >>> round(dop853(1e-10)[0], 9)
+    0.409734349
+    """
+
+    def slope(E1: float, y: NDArray[np.float64]) -> tuple[float, float]:
+        return rates(float(E1), *y.tolist())
+
+    def left(E1: float, y: NDArray[np.float64]) -> float:
+        return friction_left(float(E1), *y.tolist())
+
+    left.terminal = True  # type: ignore[attr-defined]
+    span, start = (START[0], START[0] + SPAN), np.array(START[1:])
+    found = solve_ivp(slope, span, start, "DOP853", events=left, rtol=rtol, atol=1e-2 * rtol)
+    E2, s1 = found.y_events[0][0]
+    return float(found.t_events[0][0]), float(E2), float(s1)
+
+
+def path_solver(rtol: float) -> State:
+    """Point B by `stability.follow` on the graph of four grains, knowing nothing of diamonds.
+
+    Examples
+    --------
+    >>> round(path_solver(1e-10)[0], 9)
+    0.409734349
+    """
+    E = TABLE_1.confinement
+    graph, law = diamond(TABLE_1.alpha0, E1=E, E2=E), LinearFrictional(1.0, KAPPA, MU)
+    path = follow(
+        graph,
+        law,
+        Stage(programmes.drained_biaxial(), "H11", START[0] + SPAN),
+        volume=2.0 * math.sin(2.0 * TABLE_1.alpha0),  # L10 L20, the paper's reference area
+        rtol=rtol,
+        atol=1e-2 * rtol,
+        max_step=1.0,
+    )
+    row = next(event.index for event in path.events if event.kind == "yield")
+    return float(path.H[row, 0]), float(path.H[row, 3]), float(path.P[row, 0])
+
+
+def exact(paths: int) -> State:
+    """Point B by the exact solver, for so many paths at once.
+
+    Examples
+    --------
+    >>> round(exact(1)[0], 14)
+    0.40973434897033
+    """
+    alpha0 = np.full(paths, TABLE_1.alpha0)
+    state = drained_end(alpha0, KAPPA, TABLE_1.phi, TABLE_1.confinement).state
+    return float(state.E1[-1]), float(state.E2[-1]), float(state.s1[-1])
+
+
+# Method, its solver, what is varied, and the values.
+METHODS: tuple[tuple[str, Callable[[Any], State], str, Sequence[float]], ...] = (
+    ("explicit Euler", euler, "steps", (100, 1000, 10_000, 100_000, 1_000_000)),
+    ("Runge-Kutta 4", runge_kutta, "steps", (2, 4, 8, 16, 32, 64, 128, 256, 1024)),
+    ("DOP853", dop853, "rtol", (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)),
+    ("path solver", path_solver, "rtol", (1e-4, 1e-8, 1e-12)),
+    ("exact solver", exact, "paths", (1, 100, 10_000)),
+)
+LABELS = {"exact solver": "exact solver,\nso many paths at once"}
+
+
+def error_at_b(found: State) -> float:
+    """Largest error of `E1`, `E2`, `s1` at B.
+
+    Examples
+    --------
+    >>> error_at_b(POINT_B)
+    0.0
+    """
+    return max(abs(value - true) for value, true in zip(found, POINT_B, strict=True))
+
+
+def measure(solver: Callable[[Any], State], value: float) -> tuple[float, float]:
+    """Error at B and least time of one path among runs that take `LONG_ENOUGH` together.
+
+    Parameters
+    ----------
+    solver : callable
+        From `METHODS`.
+    value : float
+        Steps or tolerance.
+
+    Returns
+    -------
+    error, seconds : float
+    """
+    error, times = error_at_b(solver(value)), list[float]()
+    begin = time.perf_counter()
+    while not times or time.perf_counter() - begin < LONG_ENOUGH:
+        start = time.perf_counter()
+        solver(value)
+        times.append(time.perf_counter() - start)
+    return error, min(times)
+
+
+def main(
+    out: Annotated[Path, typer.Option(help="Result folder.")],
+    euler_steps: Annotated[int, typer.Option(help="Most steps of Euler's method.")] = 1_000_000,
+    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+) -> None:
+    """Measure every method; write the table and the figure."""
+    rows: list[dict[str, Any]] = []
+    for method, solver, control, values in METHODS:
+        for value in values:
+            if method == "explicit Euler" and value > euler_steps:
+                continue
+            error, seconds = measure(solver, value)
+            row = {"method": method, "control": control, "value": float(value)}
+            paths = value if control == "paths" else 1
+            rows.append({**row, "error": error, "seconds": seconds / paths})
+            asked = f"{control} {value:g}"
+            typer.echo(f"{method:<15} {asked:<14} error {error:.1e}  {seconds / paths:.1e} s/path")
+    with result_folder(out, force=force) as folder:
+        made = provenance("integrators", {"euler_steps": euler_steps}, "dimensionless, seconds")
+        columns = {name: [row[name] for row in rows] for name in rows[0]}
+        write_table(folder, "integrators", columns, made, csv=True)
+        write_summary(folder, {"rows": rows, "point_B": POINT_B, "provenance": made})
+        draw(rows, folder, made)
+
+
+def draw(rows: list[dict[str, Any]], folder: Path, source: dict[str, Any]) -> None:
+    """Draw error over time.
+
+    Parameters
+    ----------
+    rows : list of dict
+        `method`, `error`, `seconds`.
+    folder : Path
+        Where to write `integrators` as PNG and SVG.
+    source : dict
+        Provenance.
+    """
+    from studies.style import GREY, LINE_COLOURS, new_figure, save_figure, styled
+
+    # Stands for an error of zero.
+    least = 0.125 * np.finfo(float).eps
+    with styled():
+        figure = new_figure(4.5, 3.2)
+        ax = figure.subplots()
+        for (method, *_), colour, marker in zip(METHODS, LINE_COLOURS, "osD^*", strict=False):
+            own = [row for row in rows if row["method"] == method]
+            seconds, errors = [r["seconds"] for r in own], [max(r["error"], least) for r in own]
+            ax.loglog(seconds, errors, marker + "-", color=colour, label=LABELS.get(method, method))
+            for row in own if own[0]["control"] == "paths" else ():
+                at = (row["seconds"], max(row["error"], least))
+                together: Any = {"xytext": (0, 5), "textcoords": "offset points", "ha": "center"}
+                ax.annotate(f"{row['value']:,.0f}", at, color=colour, fontsize=6.0, **together)
+        ax.axhline(np.finfo(float).eps, color=GREY, linewidth=0.7, linestyle=":")
+        ax.margins(x=0.08)
+        ax.set(xlabel="time per path (s)", ylabel="error at B")
+        figure.legend(loc="outside right upper")
+        save_figure(figure, folder, "integrators", source)
+
+
+if __name__ == "__main__":
+    typer.run(main)

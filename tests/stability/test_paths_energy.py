@@ -1,0 +1,122 @@
+"""Work on a path: the balance, and the two orders of loading of one contact, (9) and (10)."""
+
+import numpy as np
+import pytest
+
+from loops import GrainGraph, LinearFrictional
+from patterns import diamond, regular_polygon
+from patterns.diamond import work_compress_then_shear, work_shear_then_compress
+from stability import Programme, Stage, follow, programmes
+
+CLOSURES = ("affine", "traction")
+SPINS = ("blocked", "affine", "free")
+SHEAR = programmes.combination(np.zeros((4, 4)), np.eye(4), [0.3, 1.0, -0.2, 0.0], "shear")
+
+
+def confined_then(programme, quantity, target):
+    return [
+        Stage(programmes.isotropic_strain(), "H11", 0.08),
+        Stage(programme, quantity, target),
+    ]
+
+
+@pytest.mark.parametrize("spins", SPINS)
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize("mu", [0.05, np.inf])
+@pytest.mark.parametrize("order", [4, 6])
+def test_balance_closes_on_sheared_rings(order, mu, closure, spins):
+    law = LinearFrictional(kn=1.0, kt=0.3, mu=mu)
+    stages = confined_then(SHEAR, "H12", 0.04)
+    path = follow(regular_polygon(order), law, stages, closure=closure, spins=spins)
+    assert path.parameter[-1] > 0.1
+    assert np.abs(path.energy_error).max() < 1e-12
+    # Of the work on shear, what is not stored is dissipated.
+    _, _, shear, dissipated = path.work.T
+    lost = shear - path.tangential_energy - dissipated
+    assert np.abs(lost).max() < 1e-13 * max(path.normal_energy.max(), 1e-3)
+    assert (np.diff(dissipated) >= -1e-18).all()
+    assert (dissipated[-1] > 1e-6) == bool(path.of_kind("yield"))
+    if closure == "traction":
+        assert path.imbalance.max() < 1e-13
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_external_work_is_that_of_the_recorded_stress(closure):
+    # The integral of P:dH over the rows, by Simpson's rule on the recorded path, converges to it.
+    law = LinearFrictional(kn=1.0, kt=0.2, mu=0.1)
+    stages = confined_then(programmes.drained_biaxial(), "H11", 0.2)
+    path = follow(diamond(0.7), law, stages, closure=closure, max_step=0.002)
+    dH, P = np.diff(path.H, axis=0), 0.5 * (path.P[1:] + path.P[:-1])
+    trapezoid = path.volume * (dH * P).sum()
+    assert path.work[-1, 0] == pytest.approx(trapezoid, rel=1e-5)
+
+
+def test_dissipation_of_a_sliding_diamond_is_friction_times_slip():
+    law = LinearFrictional(kn=1.0, kt=0.2, mu=0.05)
+    path = follow(diamond(np.pi / 4), law, confined_then(programmes.drained_biaxial(), "H11", 0.2))
+    slid = path.of_kind("yield")[0].index + 1
+    alpha = np.arctan((1 - path.H[slid:, 3]) / (1 - path.H[slid:, 0]))
+    N = path.normal_force[slid:, 0]
+    # Slip: l d(alpha) less the elastic part dT/kt, T = mu N; trapezoidal over the rows.
+    turned = np.cumsum(0.5 * (2 - N[1:] - N[:-1]) * np.diff(alpha))
+    slip = turned - law.mu * (N[1:] - N[0]) / law.kt
+    T = law.mu * N
+    dissipated = 4 * np.cumsum(0.5 * (T[1:] + T[:-1]) * np.diff(np.concatenate([[0.0], slip])))
+    gained = path.work[-1, 3] - path.work[slid, 3]
+    assert gained == pytest.approx(dissipated[-1], rel=1e-3)
+
+
+class Turn(Programme):
+    """Turns the branch of a pair at constant length: `d . d' = 0`, driven by `-t . d'`."""
+
+    def equations(self, H):
+        d = np.array([1.0 - H[0], -H[2]])
+        strain = np.eye(4)
+        strain[0] = [d[0], 0.0, d[1], 0.0]
+        strain[2] = np.array([d[1], 0.0, -d[0], 0.0]) / np.hypot(*d)
+        return self.stress, strain, self.rate
+
+
+class Press(Programme):
+    """Shortens the branch of a pair in its own direction: `t . d' = 0`, `-n . d' = 1`."""
+
+    def equations(self, H):
+        d = np.array([1.0 - H[0], -H[2]])
+        strain = np.eye(4)
+        strain[0] = np.array([d[0], 0.0, d[1], 0.0]) / np.hypot(*d)
+        strain[2] = [d[1], 0.0, -d[0], 0.0]
+        return self.stress, strain, self.rate
+
+
+TURN = Turn("turn", np.zeros((4, 4)), np.eye(4), np.array([0.0, 0.0, 1.0, 0.0]))
+PRESS = Press("press", np.zeros((4, 4)), np.eye(4), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-3])
+def test_two_orders_of_loading_one_contact(gap):
+    """(9), (10): the same end state up to its shear force, different work.
+
+    With an overlap `gap` at the start, the normal springs take `kn gap D` more in either order.
+    """
+    kn, kt, angle, D = 1.0, 0.4, 0.2, 0.1
+    pair = GrainGraph(
+        x=[[0, 0], [1, 0]],
+        radii=[0.5 + gap / 2] * 2,
+        contacts=[[0, 1]],
+        normal_force=[kn * gap],
+    )
+    law = LinearFrictional(kn=kn, kt=kt)
+    extra = kn * gap * D
+    arc, shortened_arc = angle, (1 - D) * angle
+    first = [Stage(TURN, "parameter", arc), Stage(PRESS, "parameter", D)]
+    second = [Stage(PRESS, "parameter", D), Stage(TURN, "parameter", shortened_arc)]
+    shear_first = follow(pair, law, first, volume=1.0)
+    press_first = follow(pair, law, second, volume=1.0)
+    assert shear_first.status == press_first.status == "finished"
+    E1 = float(work_shear_then_compress(1.0, angle, D, kn, kt))
+    E2 = float(work_compress_then_shear(1.0, angle, D, kn, kt))
+    assert shear_first.work[-1, 0] == pytest.approx(E1 + extra, abs=1e-14)
+    assert press_first.work[-1, 0] == pytest.approx(E2 + extra, abs=1e-14)
+    assert shear_first.H[-1] == pytest.approx(press_first.H[-1], abs=1e-13)
+    assert abs(shear_first.shear_force[-1, 0]) == pytest.approx(kt * angle, abs=1e-14)
+    assert abs(press_first.shear_force[-1, 0]) == pytest.approx(kt * (1 - D) * angle, abs=1e-14)

@@ -1,0 +1,400 @@
+"""Events of a path: what happens, exactly where, and how the path goes on."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from loops import GrainGraph, InputError, LinearFrictional, Regime
+from patterns import diamond, regular_polygon
+from patterns.diamond import (
+    TABLE_1,
+    DiamondParameters,
+    determinant_elastic,
+    drained_states,
+    opposite_contact_strain,
+    overlap_ratio,
+)
+from patterns.diamond import drained_path as exact_drained_path
+from patterns.diamond.graph import SHEAR_SIGNS
+from stability import Stage, follow, programmes, rates_at
+from stability.paths.locate import first_crossing, polish
+
+CLOSURES = ("affine", "traction")
+LAW = LinearFrictional(kn=1.0, kt=TABLE_1.kappa, mu=TABLE_1.mu)
+POINT_B = (0.40973434897033423289, 0.164934999828385506)
+SQUARE_BOX = 2.0
+
+
+def isotropic(E):
+    return Stage(programmes.isotropic_strain(), "H11", E)
+
+
+def drained(E, rate=1.0):
+    return Stage(programmes.drained_biaxial(rate=rate), "H11", E)
+
+
+def kinds(path):
+    return [event.kind for event in path.events if not event.detail.startswith("jump")]
+
+
+def at_45(stages, law=LAW, **options):
+    return follow(diamond(np.pi / 4), law, stages, volume=SQUARE_BOX, **options)
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_reversal_unloads_elastically_and_reloading_yields_again(closure):
+    path = at_45([isotropic(0.3), drained(0.45), drained(0.44, -1), drained(0.5)], closure=closure)
+    assert kinds(path)[-5:] == [
+        "yield",
+        "programme_change",
+        "unloading",
+        "programme_change",
+        "yield",
+    ]
+    unloading = path.of_kind("unloading")[0]
+    assert unloading.contacts == (0, 1, 2, 3)
+    assert path.H[unloading.index, 0] == pytest.approx(0.45, abs=1e-14)
+    after = path.stage == 2
+    assert (path.regime[after][1:] == Regime.ELASTIC).all()
+    # An elastic loop retraces its path: it yields where it unloaded, with the same forces.
+    again = path.of_kind("yield")[1].index
+    assert path.H[again] == pytest.approx(path.H[unloading.index], abs=1e-13)
+    assert path.P[again] == pytest.approx(path.P[unloading.index], abs=1e-13)
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_opening_on_extension_and_closing_on_return(closure):
+    back = Stage(programmes.oedometric(), "H11", 0.1)
+    path = at_45(
+        [isotropic(0.1), Stage(programmes.oedometric(rate=-1), "H11", -0.2), back], closure=closure
+    )
+    assert path.status == "finished"
+    # The contacts part where (1 - E1)^2 + (1 - E2)^2 = 2 at 45 degrees.
+    parted = 1 - np.sqrt(2 - 0.9**2)
+    for kind in ("opening", "closing"):
+        (event,) = path.of_kind(kind)
+        assert event.contacts == (0, 1, 2, 3)
+        assert path.H[event.index, 0] == pytest.approx(parted, abs=1e-14)
+    apart = (path.regime == Regime.OPEN).all(axis=1)
+    assert apart.any()
+    for force in (path.normal_force, path.shear_force, path.P):
+        assert not force[apart].any()
+    assert path.normal_force[-1] == pytest.approx(0.1, abs=1e-14)
+    # The friction at the first touch on return is the full one: T/N is not that of loading.
+    assert np.abs(path.energy_error).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("alpha0", "pairs"), [(35.0, {(1, 3)}), (45.0, {(0, 2), (1, 3)}), (59.0, {(0, 2)})]
+)
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_opposite_grains_touch_at_the_closed_form(alpha0, pairs, closure):
+    angle = np.radians(alpha0)
+    path = follow(diamond(angle), LAW, isotropic(0.3), closure=closure)
+    touch = path.of_kind("opposite_contact")
+    assert {event.contacts for event in touch} == pairs
+    expected = float(opposite_contact_strain(angle))
+    assert path.H[touch[0].index, [0, 3]] == pytest.approx([expected, expected], abs=1e-14)
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_grains_that_touch_from_the_start_are_reported(closure):
+    path = follow(diamond(np.radians(60)), LAW, isotropic(0.1), closure=closure)
+    (event,) = path.of_kind("opposite_contact")
+    assert (event.contacts, event.parameter) == ((0, 2), pytest.approx(0, abs=1e-15))
+
+
+def test_singular_relaxation_is_a_limit_of_the_control():
+    # Under prescribed strain the relaxed centres of a soft loop branch: the rhombus shears.
+    path = follow(diamond(np.radians(60)), LAW, isotropic(0.5), closure="traction")
+    assert path.status == "control_limit"
+    (event,) = path.of_kind("control_limit")
+    assert "singular" in event.detail
+    # Its stiffness against the shear H21, held at zero, vanishes there.
+    assert path.A[event.index, 1, 1] == pytest.approx(0, abs=1e-4)
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_stop_where_opposite_grains_touch(closure):
+    path = follow(
+        diamond(np.radians(35)), LAW, isotropic(0.3), contact_on_touch="stop", closure=closure
+    )
+    assert path.status == "opposite_contact"
+    assert path.H[-1, 0] == pytest.approx(1 - 1 / (2 * np.sin(np.radians(35))), abs=1e-14)
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_added_contact_carries_its_overlap(closure):
+    angle, end = np.radians(35), 0.2
+    path = follow(
+        diamond(angle), LAW, isotropic(end), contact_on_touch="add", closure=closure, volume=1.0
+    )
+    assert path.contacts.tolist()[-1] == [1, 3]
+    before, after = path.regime[0, 4], path.regime[-1, 4]
+    assert (before, after) == (Regime.OPEN, Regime.ELASTIC)
+    chord = 1 - 2 * np.sin(angle) * (1 - end)
+    assert path.normal_force[-1] == pytest.approx([end] * 4 + [chord], abs=1e-14)
+    # It stands along axis 2: P22 gains its force times its reference length.
+    gained = path.P[-1, 3] - 4 * end * np.sin(angle) ** 2
+    assert gained == pytest.approx(chord * 2 * np.sin(angle), abs=1e-13)
+    assert np.abs(path.energy_error).max() < 1e-12
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_limit_of_force_control_is_the_exact_one(closure):
+    # Nothing slides; confined beyond I, s1 falls to a minimum where det K comes back to zero.
+    p = DiamondParameters(np.radians(20), 0.2, np.pi / 2, 0.18)
+    exact = exact_drained_path(p)
+
+    def det_K(alpha):
+        state, _ = drained_states(exact, alpha)
+        return float(determinant_elastic(state.E1, state.E2, state.s1, state.s2, alpha, p.kappa))
+
+    alpha = brentq(det_K, p.alpha0, np.radians(60), xtol=1e-15)
+    peak, _ = drained_states(exact, alpha)
+    force = Stage(programmes.proportional_stress(-1, 0), "P11", -0.5)
+    path = follow(
+        diamond(p.alpha0),
+        LinearFrictional(kn=1.0, kt=0.2),
+        [isotropic(0.18), force],
+        volume=4 * np.cos(p.alpha0) * np.sin(p.alpha0),
+        closure=closure,
+    )
+    assert path.status == "control_limit"
+    (event,) = path.of_kind("control_limit")
+    assert path.P[event.index, 0] == pytest.approx(float(peak.s1), abs=1e-14)
+    assert path.H[event.index, [0, 3]] == pytest.approx([float(peak.E1), float(peak.E2)], abs=1e-11)
+    assert path.parameter_rate[event.index] == pytest.approx(0, abs=1e-11)
+    assert path.det_K[event.index] == pytest.approx(0, abs=1e-11)
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_peak_where_contacts_yield_and_the_fallback_beyond_it(closure):
+    force = Stage(programmes.proportional_stress(1, 0), "P11", 0.5)
+    beyond = Stage(programmes.drained_biaxial(), "H11", 0.2, fallback=True)
+    stopped = at_45([isotropic(0.05), force], closure=closure)
+    assert stopped.status == "control_limit"
+    exact = exact_drained_path(DiamondParameters(np.pi / 4, TABLE_1.kappa, TABLE_1.phi, 0.05))
+    assert stopped.H[-1, 0] == pytest.approx(float(exact.end.E1), abs=1e-13)
+    path = at_45([isotropic(0.05), force, beyond], closure=closure)
+    assert path.status == "finished"
+    assert path.stage[-1] == 2
+    alpha = np.arctan((1 - path.H[-1, 3]) / (1 - path.H[-1, 0]))
+    state, _ = drained_states(exact, alpha)
+    assert path.P[-1, 0] == pytest.approx(float(state.s1), abs=1e-13)
+
+
+def test_fallback_is_skipped_where_it_is_not_needed():
+    spare = Stage(programmes.isotropic_strain(), "H11", 0.2, fallback=True)
+    path = at_45([isotropic(0.1), spare])
+    assert path.status == "finished"
+    assert path.H[-1, 0] == pytest.approx(0.1, abs=1e-15)
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize("size", [1e-15, 1e-12, 1e-9])
+def test_perturbed_symmetry_yields_at_the_same_point(closure, size):
+    confined = diamond(np.pi / 4, E1=0.3, E2=0.3)
+    disturbed = confined.replace(shear_force=size * np.array([1.0, 0.0, -2.0, 0.3]))
+    path = follow(disturbed, LAW, drained(0.45), volume=SQUARE_BOX, closure=closure)
+    assert path.status == "finished"
+    rows = [event.index for event in path.of_kind("yield")]
+    reached = {c for event in path.of_kind("yield") for c in event.contacts}
+    assert reached == {0, 1, 2, 3}
+    for row in rows:
+        assert path.H[row, [0, 3]] == pytest.approx(POINT_B, abs=20 * max(size, 1e-15))
+    symmetric = at_45([isotropic(0.3), drained(0.45)], closure=closure)
+    assert path.P[-1] == pytest.approx(symmetric.P[-1], abs=100 * max(size, 1e-15))
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_contacts_at_yield_from_the_start(closure):
+    reference = at_45([isotropic(0.3), drained(0.45)], closure=closure)
+    row = reference.of_kind("yield")[0].index
+    T = float(TABLE_1.mu * reference.normal_force[row, 0])
+    start = diamond(np.pi / 4, E1=POINT_B[0], E2=POINT_B[1], T=T)
+    onward = follow(start, LAW, drained(0.45), volume=SQUARE_BOX, closure=closure)
+    assert onward.events[0].kind == "yield"
+    assert onward.P[-1] == pytest.approx(reference.P[-1], abs=1e-13)
+    backward = follow(start, LAW, drained(0.4, -1), volume=SQUARE_BOX, closure=closure)
+    assert not backward.of_kind("yield")
+    assert (backward.regime == Regime.ELASTIC).all()
+
+
+def test_jump_of_the_determinant_is_reported():
+    path = at_45([isotropic(0.05), drained(0.2)])
+    jumps = [event for event in path.events if event.detail.startswith("jump")]
+    assert [event.kind for event in jumps] == ["det_Ks_zero", "det_K_zero"]
+    row = jumps[0].index
+    assert path.det_Ks[row] > 0 > path.det_Ks[row + 1]
+    assert path.H[row] == pytest.approx(path.H[row + 1], abs=0)
+
+
+def test_two_eigenvalues_that_vanish_together_are_not_missed():
+    # Both shears of an isotropic ring soften at once: det Ks does not change its sign.
+    for closure, expected in (("affine", 1.2 / 2.2), ("traction", 0.2 / 1.2)):
+        path = follow(
+            regular_polygon(6),
+            LAW,
+            isotropic(expected + 0.01),
+            closure=closure,
+            subspace="symmetric",
+        )
+        event = path.of_kind("det_Ks_zero")[0]
+        assert path.H[event.index, 0] == pytest.approx(expected, abs=1e-12)
+        assert event.detail == "2 eigenvalues at once"
+
+
+def test_collapse_and_exhausted_steps_are_lost_not_silent():
+    flattened = at_45([isotropic(0.1), Stage(programmes.oedometric(), "H11", 1.5)])
+    assert flattened.status == "lost"
+    assert "collapses" in flattened.message
+    assert flattened.H[-1, 0] == pytest.approx(1.0, abs=1e-9)
+    short = at_45([isotropic(0.3)], max_steps=3)
+    assert short.status == "lost"
+    assert "number of steps" in short.message
+
+
+def test_a_target_that_the_programme_leads_away_from_is_told_at_once():
+    for stage in (
+        isotropic(-0.1),
+        Stage(programmes.oedometric(), "H22", 0.1),
+        Stage(programmes.oedometric(), "parameter", -1.0),
+        Stage(programmes.isotropic_stress(-1.0), "P11", 0.5),
+    ):
+        path = follow(diamond(np.pi / 4, E1=0.05, E2=0.05), LAW, stage)
+        assert (path.status, len(path)) == ("lost", 1)
+        assert "away from" in path.message
+
+
+def test_contacts_that_part_under_shear_are_reported():
+    law = LinearFrictional(kn=1.0, kt=0.2)
+    pulled = Stage(programmes.oedometric(rate=-1), "H11", -0.3)
+    torn = at_45([isotropic(0.1), pulled], law, closure="traction")
+    assert torn.status == "lost"
+    assert "part while they carry shear" in torn.message
+    # The affine closure goes on; the springs' energy is lost with the contact.
+    path = at_45([isotropic(0.1), pulled], law, closure="affine")
+    row = path.of_kind("opening")[0].index
+    assert path.work[row + 1, 3] - path.work[row, 3] == pytest.approx(
+        path.tangential_energy[row], rel=1e-12
+    )
+    assert not path.P[-1].any()
+
+
+def test_open_ring_contacts_leave_the_affine_path_to_the_others():
+    path = follow(
+        regular_polygon(6),
+        LinearFrictional(kn=1.0, kt=0.2, mu=0.2),
+        [isotropic(0.1), drained(-0.05, -1)],
+    )
+    (event,) = path.of_kind("opening")
+    # The two contacts along axis 1 part where H11 = 0.
+    assert event.contacts == (1, 4)
+    assert path.H[event.index, 0] == pytest.approx(0.0, abs=1e-14)
+    assert path.P[-1, 3] == pytest.approx(path.P[event.index, 3], abs=1e-14)
+
+
+def test_event_functions_that_graze_zero_between_samples_are_found():
+    thetas = np.linspace(0, 1, 5)
+
+    def f(theta):
+        return np.array([1e-4 - (theta - 0.37) ** 2, -1.0])
+
+    table = np.array([f(theta) for theta in thetas])
+    assert (table < 0).all()
+    theta, which = first_crossing(table, thetas, np.zeros(2), f)
+    assert which == 0
+    assert theta == pytest.approx(0.36, abs=1e-12)
+
+
+def test_roots_of_the_interpolant_are_corrected_by_the_integrator():
+    # The interpolant is off by 1e-7; the integrator knows that the root is at 0.3.
+    def at(theta):
+        return np.array([theta]), None, np.array([np.sin(theta - 0.3)])
+
+    (theta,), _, values = polish(at, 0, 0.3 + 1e-7, lambda theta: np.sin(theta - 0.3 - 1e-7))
+    assert theta == pytest.approx(0.3, abs=1e-15)
+    assert abs(values[0]) < 1e-15
+
+
+class Parabola(programmes.Programme):
+    """`H22' = 20 (H11 - 0.1) H11'`: the branch turns one way, then back."""
+
+    def equations(self, H):
+        strain = self.strain.copy()
+        strain[3, 0] = -20.0 * (H[0] - 0.1)
+        return self.stress, strain, self.rate
+
+
+def test_shear_that_touches_the_cone_and_turns_back_within_a_step():
+    turning = Parabola("parabola", np.zeros((4, 4)), np.eye(4), np.array([1.0, 0, 0, 0]))
+    stages = [isotropic(0.1), Stage(turning, "H11", 0.2)]
+    fine = at_45(stages, LinearFrictional(kn=1.0, kt=0.2), max_step=0.001)
+    top = (np.abs(fine.shear_force[1:, 0]) / fine.normal_force[1:, 0]).max()
+    law = LinearFrictional(kn=1.0, kt=0.2, mu=top * (1 - 1e-5))
+    path = at_45(stages, law)
+    (first,), (last,) = path.of_kind("yield"), path.of_kind("unloading")
+    # The friction cut off 1e-5 of the peak: both events lie sqrt(1e-5) around it.
+    first, last = path.H[first.index, 0], path.H[last.index, 0]
+    assert 0 < last - first < 1e-2
+    untouched = at_45(stages, LinearFrictional(kn=1.0, kt=0.2, mu=top * (1 + 2e-4)))
+    assert not untouched.of_kind("yield")
+
+
+def test_bad_input_is_named():
+    graph = diamond(np.pi / 4, E1=0.1, E2=0.1)
+    stage = isotropic(0.2)
+    with pytest.raises(InputError, match="closure"):
+        follow(graph, LAW, stage, closure="loose")
+    with pytest.raises(InputError, match="contact_on_touch"):
+        follow(graph, LAW, stage, contact_on_touch="merge")
+    with pytest.raises(InputError, match="subspace"):
+        follow(graph, LAW, stage, subspace="plane")
+    with pytest.raises(InputError, match="stages"):
+        follow(graph, LAW, [])
+    with pytest.raises(InputError, match="volume"):
+        follow(graph, LAW, stage, volume=-1.0)
+    with pytest.raises(InputError, match="normal force of contact 0"):
+        follow(graph.replace(normal_force=np.full(4, 0.2)), LAW, stage)
+    with pytest.raises(InputError, match="shear force of contact 2"):
+        follow(graph.replace(shear_force=[0, 0, 0.05, 0]), LAW, stage)
+    with pytest.raises(InputError, match="batch axes"):
+        follow(diamond([0.7, 0.8]), LAW, stage)
+    with pytest.raises(InputError, match="affine image"):
+        bent = graph.x + np.array([[0.01, 0.0], [0, 0], [0, 0], [0, 0]])
+        sides = np.hypot(*(np.roll(bent, -1, axis=0) - bent).T)
+        twisted = GrainGraph(
+            x=bent, x0=graph.x0, radii=[0.5] * 4, contacts=graph.contacts, normal_force=1 - sides
+        )
+        follow(twisted, LAW, stage)
+
+
+def test_columns_hold_every_row():
+    path = at_45([isotropic(0.3), drained(0.45)])
+    table = path.columns()
+    assert {len(column) for column in table.values()} == {len(path)}
+    assert table["P11"].tolist() == path.P[:, 0].tolist()
+    assert table["H22_rate"].tolist() == path.H_rate[:, 3].tolist()
+    assert table["eig_Ks_0"].tolist() == path.symmetric_eigenvalues[:, 0].tolist()
+
+
+def test_rates_at_a_state_softening_makes_two_solutions():
+    # At the peak under force control a falling force unloads the loop or lets it slide on.
+    force = Stage(programmes.proportional_stress(1, 0), "P11", 0.5)
+    path = at_45([isotropic(0.05), force])
+    graph = diamond(
+        np.pi / 4,
+        E1=path.H[-1, 0],
+        E2=path.H[-1, 3],
+        T=TABLE_1.mu * float(overlap_ratio(path.H[-1, 0], path.H[-1, 3], np.pi / 4)),
+    )
+    assert graph.shear_force == pytest.approx(path.shear_force[-1], abs=1e-13)
+    assert (path.shear_force[-1] * SHEAR_SIGNS > 0).all()
+    rising = rates_at(graph, LAW, programmes.proportional_stress(1, 0), volume=SQUARE_BOX)
+    falling = rates_at(graph, LAW, programmes.proportional_stress(-1, 0), volume=SQUARE_BOX)
+    assert (rising.status, falling.status) == ("none", "several")
+    regimes = sorted(found.rates.mode.regime.tolist() for found in falling.solutions)
+    assert regimes == [[Regime.ELASTIC] * 4, [Regime.SLIDING] * 4]
+    assert rising.exhaustive
+    assert falling.exhaustive

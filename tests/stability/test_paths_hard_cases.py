@@ -1,0 +1,109 @@
+"""Hard cases of paths: flat and steep diamonds, extreme stiffness, units, other shear rules."""
+
+import numpy as np
+import pytest
+
+from loops import LinearFrictional
+from patterns import diamond, regular_polygon
+from patterns.diamond import DiamondParameters, angle_from_strains
+from patterns.diamond import drained_path as exact_drained_path
+from patterns.diamond.graph import SHEAR_SIGNS
+from stability import Stage, follow, programmes
+
+CLOSURES = ("affine", "traction")
+
+
+def drained_stages(confinement, end):
+    return [
+        Stage(programmes.isotropic_strain(), "H11", confinement),
+        Stage(programmes.drained_biaxial(), "H11", end),
+    ]
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize(
+    ("alpha0", "kappa", "phi", "confinement"),
+    [
+        (2.0, 0.2, 10.0, 0.1),
+        (85.0, 0.5, 0.05, 0.1),
+        (45.0, 2.0, 10.0, 0.1),
+        (45.0, 1e-3, 0.02, 0.2),
+        (20.0, 0.2, 30.0, 0.02),
+        (40.0, 0.3, 0.1, 1e-6),
+    ],
+)
+def test_yield_of_extreme_diamonds(alpha0, kappa, phi, confinement, closure):
+    p = DiamondParameters(np.radians(alpha0), kappa, np.radians(phi), confinement)
+    exact = exact_drained_path(p)
+    assert exact.status == "yield"
+    law = LinearFrictional(kn=1.0, kt=kappa, mu=p.mu)
+    end = float(exact.end.E1) + 0.1 * confinement
+    path = follow(
+        diamond(p.alpha0), law, drained_stages(confinement, end), closure=closure, volume=1.0
+    )
+    reached = next(event for event in path.events if event.contacts == (0, 1, 2, 3))
+    assert reached.kind == ("control_limit" if exact.snaps_back else "yield")
+    size = max(abs(float(exact.end.E1)), abs(float(exact.end.E2)))
+    expected = [float(exact.end.E1), float(exact.end.E2)]
+    assert path.H[reached.index, [0, 3]] == pytest.approx(expected, abs=1e-11 * size)
+    N, T = path.normal_force[reached.index], path.shear_force[reached.index]
+    assert pytest.approx(float(exact.end.N), abs=1e-11 * confinement) == N
+    assert pytest.approx(float(exact.end.T) * SHEAR_SIGNS, abs=1e-11 * confinement) == T
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_without_shear_stiffness_nothing_is_sheared(closure):
+    law = LinearFrictional(kn=1.0, kt=0.0, mu=0.1)
+    path = follow(diamond(0.8), law, drained_stages(0.1, 0.2), closure=closure)
+    assert path.status == "finished"
+    assert not path.shear_force.any()
+    assert path.work[-1, 3] == 0.0
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_units_scale_out(closure):
+    stages = drained_stages(0.1, 0.2)
+    plain = follow(diamond(0.8), LinearFrictional(kn=1.0, kt=0.2, mu=0.1), stages, closure=closure)
+    kn, radius = 3e8, 2e-3
+    law = LinearFrictional(kn=kn, kt=0.2 * kn, mu=0.1)
+    scaled = follow(diamond(0.8, radius=radius, kn=kn), law, stages, closure=closure)
+    size = kn * 2 * radius
+    assert scaled.P[-1] / kn == pytest.approx(plain.P[-1], abs=1e-13)
+    assert scaled.shear_force[-1] / size == pytest.approx(plain.shear_force[-1], abs=1e-13)
+    rows = [path.of_kind("yield")[0].index for path in (plain, scaled)]
+    assert scaled.H[rows[1]] == pytest.approx(plain.H[rows[0]], abs=1e-13)
+    assert np.abs(scaled.energy_error).max() < 1e-12
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_shear_by_radii_counts_the_turn_alone(closure):
+    # Yade's rule: T' = kt (r_i + r_j) alpha', whatever the length of the branch.
+    law = LinearFrictional(kn=1.0, kt=0.3, shear_increment="radii")
+    oedometric = Stage(programmes.oedometric(), "H11", 0.3)
+    stages = [Stage(programmes.isotropic_strain(), "H11", 0.1), oedometric]
+    path = follow(diamond(0.7), law, stages, closure=closure)
+    turned = angle_from_strains(path.H[:, 0], path.H[:, 3], 0.7) - 0.7
+    expected = 0.3 * turned[:, None] * SHEAR_SIGNS
+    assert path.shear_force == pytest.approx(expected, abs=1e-13)
+    assert np.abs(path.energy_error).max() < 1e-12
+
+
+def test_unequal_stiffness_of_the_contacts():
+    kn, kt = np.array([1.0, 2.0, 1.5, 0.7]), np.array([0.2, 0.3, 0.1, 0.4])
+    law = LinearFrictional(kn=kn, kt=kt, mu=np.array([0.3, 0.2, np.inf, 0.1]))
+    path = follow(diamond(0.7), law, Stage(programmes.oedometric(), "H11", 0.1))
+    assert path.normal_force[-1] == pytest.approx(kn * path.normal_force[-1, 0], abs=1e-14)
+    slid = {c for event in path.of_kind("yield") for c in event.contacts}
+    assert 2 not in slid
+    limit = np.where(np.isinf(law.mu), np.inf, law.mu * path.normal_force[-1])
+    assert (np.abs(path.shear_force[-1]) <= limit + 1e-16).all()
+    assert np.abs(path.energy_error).max() < 1e-12
+
+
+@pytest.mark.parametrize("order", [3, 200])
+def test_shortest_and_longest_loops(order):
+    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.4)
+    path = follow(regular_polygon(order), law, drained_stages(0.05, 0.08), closure="traction")
+    assert path.status == "finished"
+    assert path.P[path.stage == 1, 3] == pytest.approx(path.P[-1, 3], rel=1e-11)
+    assert path.imbalance.max() < 1e-13

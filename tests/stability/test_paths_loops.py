@@ -1,0 +1,235 @@
+"""Paths of longer loops and of packings, under both closures."""
+
+import numpy as np
+import pytest
+
+from loops import (
+    GrainGraph,
+    LinearFrictional,
+    Regime,
+    assemble_tangent,
+    boundary_vectors,
+    contact_forces,
+    contact_state,
+    macroscopic_tangent,
+    nominal_stress,
+)
+from patterns import regular_polygon, synthetic_network
+from patterns.diamond import DiamondParameters, drained_states
+from patterns.diamond import drained_path as exact_drained_path
+from stability import Stage, follow, programmes
+
+CLOSURES = ("affine", "traction")
+SPINS = ("blocked", "affine", "free")
+INCLINED = [0, 2, 3, 5]
+
+
+def isotropic(E):
+    return Stage(programmes.isotropic_strain(), "H11", E)
+
+
+def drained(E, rate=1.0):
+    return Stage(programmes.drained_biaxial(rate=rate), "H11", E)
+
+
+def state_of(path, row, graph):
+    """The grain graph of one row."""
+    return graph.replace(
+        x=path.x[row],
+        contacts=path.contacts,
+        normal_force=path.normal_force[row],
+        shear_force=path.shear_force[row],
+    )
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize("confinement", [0.1, 0.25])
+def test_inclined_contacts_of_a_hexagon_follow_the_diamond(confinement, closure):
+    kappa, phi = 0.2, np.radians(8.0)
+    exact = exact_drained_path(DiamondParameters(np.radians(60), kappa, phi, confinement))
+    law = LinearFrictional(kn=1.0, kt=kappa, mu=np.tan(phi))
+    stages = [isotropic(confinement), drained(float(exact.end.E1) + 0.03)]
+    path = follow(regular_polygon(6), law, stages, closure=closure)
+    (event,) = path.of_kind("yield")
+    assert list(event.contacts) == INCLINED
+    row = event.index
+    assert path.normal_force[row, INCLINED] == pytest.approx(float(exact.end.N), abs=1e-13)
+    assert np.abs(path.shear_force[row, INCLINED]) == pytest.approx(float(exact.end.T), abs=1e-13)
+    # Beyond it too, until the branch has turned upright.
+    rows = np.flatnonzero(path.stage == 1)
+    d = path.x[rows, 1] - path.x[rows, 0]
+    alpha = np.arctan2(d[:, 1], -d[:, 0])
+    beyond = (alpha > np.radians(60) + 1e-9) & (alpha < np.radians(89))
+    state, regime = drained_states(exact, alpha[beyond])
+    assert path.normal_force[rows[beyond], 0] == pytest.approx(state.N, abs=1e-12)
+    assert np.abs(path.shear_force[rows[beyond], 0]) == pytest.approx(state.T, abs=1e-12)
+    assert "sliding" in regime.tolist()
+
+
+@pytest.mark.parametrize(
+    ("order", "closure", "threshold"),
+    [
+        (3, "affine", 1.2 / 2.2),
+        (3, "traction", 1.2 / 2.2),
+        (5, "affine", 1.2 / 2.2),
+        (5, "traction", 0.2 / 1.2),
+        (8, "traction", 0.2 / 1.2),
+    ],
+)
+def test_isotropic_thresholds_of_regular_polygons(order, closure, threshold):
+    law = LinearFrictional(kn=1.0, kt=0.2)
+    path = follow(regular_polygon(order), law, isotropic(threshold + 0.02), closure=closure)
+    event = path.of_kind("det_Ks_zero")[0]
+    assert path.H[event.index, 0] == pytest.approx(threshold, abs=1e-12)
+
+
+@pytest.mark.parametrize("spins", SPINS)
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_rows_agree_with_the_closures_and_the_stress(closure, spins):
+    graph = regular_polygon(5)
+    law = LinearFrictional(kn=1.0, kt=0.3, mu=0.08)
+    shear = programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, 0.4, 0], "shear")
+    stages = [isotropic(0.08), Stage(shear, "H12", 0.04)]
+    path = follow(graph, law, stages, closure=closure, spins=spins)
+    # Free spins roll the shear away.
+    assert (path.regime == Regime.SLIDING).any() == (spins != "free")
+    for row in (1, len(path) // 2, len(path) - 1):
+        state = state_of(path, row, graph)
+        assert path.P[row] == pytest.approx(nominal_stress(state).ravel(), abs=1e-15)
+        assert path.normal_force[row] == pytest.approx(
+            law.normal_force(contact_state(state)), abs=1e-15
+        )
+        A = macroscopic_tangent(state, law, closure, spins=spins, regime=path.regime[row])
+        size = np.linalg.norm(A.matrix)
+        assert path.A[row] == pytest.approx(A.matrix, abs=1e-11 * size)
+        assert path.P_rate[row] == pytest.approx(A.matrix @ path.H_rate[row], abs=1e-11 * size)
+
+
+def test_traction_path_stays_in_balance():
+    rng = np.random.default_rng(7)
+    graph = _balanced_ring(rng)
+    law = LinearFrictional(kn=1.0, kt=0.3, mu=0.6)
+    path = follow(graph, law, [isotropic(0.05), drained(0.06)], closure="traction")
+    assert path.status == "finished"
+    assert path.imbalance.max() < 1e-13
+    state = state_of(path, -1, graph)
+    i, j = path.contacts.T
+    balance = -boundary_vectors(graph.x0) @ path.P[-1].reshape(2, 2).T
+    np.add.at(balance, i, -contact_forces(state))
+    np.add.at(balance, j, contact_forces(state))
+    assert np.abs(balance).max() < 1e-13
+    assert np.abs(path.energy_error).max() < 1e-12
+
+
+def _balanced_ring(rng):
+    """An irregular hexagon of unequal grains that just touch: no force, hence in balance."""
+    x = regular_polygon(6).x * 1.3 + rng.uniform(-0.12, 0.12, (6, 2))
+    ring = np.column_stack([np.arange(6), np.roll(np.arange(6), -1)])
+    sides = np.hypot(*(np.roll(x, -1, axis=0) - x).T)
+    # r_c + r_{c+1} = side c: six equations of rank five; the last side is made to fit.
+    matrix = np.eye(6) + np.roll(np.eye(6), 1, axis=1)
+    radii = np.linalg.lstsq(matrix, sides)[0]
+    touching = radii + np.roll(radii, -1)
+    return _with_sides(x, radii, touching, ring)
+
+
+def _with_sides(x, radii, sides, ring):
+    """Move the centres until every side has its length (Newton, smallest displacement)."""
+    for _ in range(20):
+        d = np.roll(x, -1, axis=0) - x
+        lengths = np.hypot(*d.T)
+        n = d / lengths[:, None]
+        jacobian = np.zeros((6, 12))
+        for c, (i, j) in enumerate(ring):
+            jacobian[c, 2 * i : 2 * i + 2], jacobian[c, 2 * j : 2 * j + 2] = -n[c], n[c]
+        x = x + np.linalg.lstsq(jacobian, sides - lengths)[0].reshape(6, 2)
+    return GrainGraph(x=x, radii=radii, contacts=ring)
+
+
+def test_branching_is_where_the_balance_of_the_grains_is_singular():
+    # Beyond B of Table 1 the four free grains of the diamond find other ways; the path goes on.
+    law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5)))
+    graph = regular_polygon(4)
+    path = follow(graph, law, [isotropic(0.3), drained(0.55)], closure="traction")
+    assert path.status == "finished"
+    (event,) = path.of_kind("branching")
+    before, after = (
+        follow(
+            graph,
+            law,
+            [isotropic(0.3), Stage(programmes.drained_biaxial(), "parameter", end)],
+            closure="traction",
+        )
+        for end in (event.parameter - 0.3 - 1e-6, event.parameter - 0.3 + 1e-6)
+    )
+    signs = [_controlled_determinant(each, law, graph) for each in (before, after)]
+    assert signs[0] * signs[1] < 0
+    assert abs(signs[0] + signs[1]) < 1e-4 * abs(signs[0] - signs[1])
+
+
+def _controlled_determinant(path, law, graph):
+    """Of balance, gradient and drained control for (u, P, H), mean displacement zero."""
+    state = state_of(path, -1, graph)
+    K = assemble_tangent(state, law, regime=path.regime[-1])
+    B, V = boundary_vectors(graph.x0), path.volume
+    system = np.zeros((16, 16))
+    system[:8, :8] = K + np.kron(np.ones((4, 4)), np.eye(2))
+    for a in range(2):
+        system[a:8:2, 8 + 2 * a : 10 + 2 * a] = B
+        system[8 + 2 * a : 10 + 2 * a, a:8:2] = B.T
+    system[8:12, 12:] = V * np.eye(4)
+    system[12:15, 12:15] = np.eye(3)
+    system[15, 11] = 1.0
+    return np.linalg.det(system)
+
+
+def test_long_ring_agrees_with_the_continuum_of_its_symmetry():
+    # Every contact of a regular ring carries the same force under isotropic strain.
+    order = 200
+    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.4)
+    path = follow(regular_polygon(order), law, [isotropic(0.1), drained(0.14)], closure="traction")
+    assert path.status == "finished"
+    confined = path.of_kind("programme_change")[0].index
+    assert path.normal_force[confined] == pytest.approx(np.full(order, 0.1), abs=1e-13)
+    assert np.abs(path.energy_error).max() < 1e-11
+    assert path.imbalance.max() < 1e-13
+
+
+def test_affine_path_of_a_periodic_packing():
+    network = synthetic_network(60, seed=3, periodic=True)
+    radii = network.radii
+    law = LinearFrictional(kn=1.0, kt=0.4, mu=0.3)
+    graph = GrainGraph(
+        x=network.x,
+        radii=radii,
+        contacts=network.contacts,
+        images=network.images,
+        cell=network.cell,
+    )
+    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
+    path = follow(graph, law, Stage(programmes.oedometric(), "H11", 0.02), subspace="symmetric")
+    assert path.status == "finished"
+    assert np.abs(path.energy_error).max() < 1e-11
+    assert path.P[-1, 0] > path.P[0, 0]
+
+
+@pytest.mark.parametrize("spins", SPINS)
+def test_rigid_turn_of_a_periodic_or_free_loop_changes_nothing(spins):
+    """Objectivity: a rotation path leaves N; with spins that follow it leaves T too."""
+    graph = regular_polygon(5, strain=0.1)
+    law = LinearFrictional(kn=1.0, kt=0.3)
+
+    class Rotation(programmes.Programme):
+        def equations(self, H):
+            # F' = W F: H' = -W (I - H), W the unit rotation.
+            F = np.eye(2) - H.reshape(2, 2)
+            W = np.array([[0.0, -1.0], [1.0, 0.0]])
+            return self.stress, self.strain, -(W @ F).ravel()
+
+    turn = Rotation("turn", np.zeros((4, 4)), np.eye(4), np.array([0.0, 1.0, -1.0, 0.0]))
+    path = follow(graph, law, Stage(turn, "parameter", 0.5), spins=spins)
+    assert path.normal_force[-1] == pytest.approx(path.normal_force[0], abs=1e-12)
+    if spins == "blocked":
+        assert path.shear_force[-1] == pytest.approx(-0.3 * 0.9 * 0.5, abs=1e-12)
+    else:
+        assert path.shear_force[-1] == pytest.approx(0.0, abs=1e-12)

@@ -1,0 +1,197 @@
+"""The rate problem: random complementarity problems, none, several, and ties."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import pytest
+
+from loops import LinearFrictional, Regime
+from patterns import diamond, regular_polygon
+from stability import Stage, follow, programmes, rates_at
+from stability.rate_problem import (
+    ELASTIC,
+    LEFT,
+    OPEN,
+    RIGHT,
+    EdgeRates,
+    solve_rate_problem,
+)
+
+SLIP = (ELASTIC, LEFT)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    edge: EdgeRates
+    vector: np.ndarray
+    trusted: bool = True
+
+
+def complementarity(M, q):
+    """Rates of `w = q + M z`, `w, z >= 0`, `w.z = 0`: a contact with `z > 0` slides by z."""
+
+    def rates_for(choices):
+        sliding = np.array([choice == LEFT for choice in choices])
+        z = np.zeros(len(q))
+        if sliding.any():
+            z[sliding] = np.linalg.solve(M[np.ix_(sliding, sliding)], -q[sliding])
+        w = q + M @ z
+        shear = np.where(sliding, z, -w)
+        return Trial(EdgeRates(np.zeros(len(q)), shear, np.zeros(len(q))), z)
+
+    return rates_for
+
+
+def solutions_by_brute_force(M, q):
+    found = []
+    for sliding in product([False, True], repeat=len(q)):
+        S = np.array(sliding)
+        z = np.zeros(len(q))
+        if S.any():
+            z[S] = np.linalg.solve(M[np.ix_(S, S)], -q[S])
+        if (z >= 0).all() and (q + M @ z >= -1e-12).all():
+            found.append(z)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_positive_definite_problems_have_one_solution(seed):
+    rng = np.random.default_rng(seed)
+    B = rng.normal(size=(6, 6))
+    M, q = B @ B.T + 0.1 * np.eye(6), rng.normal(size=6)
+    found = solve_rate_problem([SLIP] * 6, complementarity(M, q), preferred=[ELASTIC] * 6)
+    assert (found.status, found.exhaustive) == ("unique", True)
+    (z,) = solutions_by_brute_force(M, q)
+    assert found.taken.rates.vector == pytest.approx(z, abs=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_indefinite_problems_are_counted(seed):
+    rng = np.random.default_rng(100 + seed)
+    M, q = rng.normal(size=(5, 5)), rng.normal(size=5)
+    found = solve_rate_problem([SLIP] * 5, complementarity(M, q), preferred=[ELASTIC] * 5)
+    count = len(solutions_by_brute_force(M, q))
+    assert found.status == ("none", "unique", "several")[min(count, 2)]
+    assert len(found.solutions) == count
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_pivoting_solves_what_is_too_many_to_try(seed):
+    rng = np.random.default_rng(seed)
+    B = rng.normal(size=(30, 30))
+    M, q = B @ B.T / 30 + 0.3 * np.eye(30), rng.normal(size=30)
+    found = solve_rate_problem([SLIP] * 30, complementarity(M, q), preferred=[ELASTIC] * 30)
+    assert (found.status, found.exhaustive) == ("unique", False)
+    z = found.taken.rates.vector
+    w = q + M @ z
+    assert z.min() >= -1e-9
+    assert w.min() >= -1e-9
+    assert np.abs(z * w).max() < 1e-9
+
+
+def test_pivoting_says_when_it_found_nothing():
+    # w = -1 - z can never be positive.
+    M, q = -np.eye(12), -np.ones(12)
+    M[:, 0] -= 0.5
+    found = solve_rate_problem([SLIP] * 12, complementarity(M, q), preferred=[ELASTIC] * 12)
+    assert (found.status, found.exhaustive, found.solutions) == ("none", False, ())
+
+
+def test_neutral_contacts_are_one_solution_and_the_preference_names_it():
+    rates_for = complementarity(np.eye(2), np.array([0.0, -1.0]))
+    for preferred in ([ELASTIC, LEFT], [LEFT, LEFT]):
+        found = solve_rate_problem([SLIP] * 2, rates_for, preferred=preferred)
+        assert found.status == "unique"
+        assert found.taken.choices == tuple(preferred)
+
+
+def test_of_several_the_symmetric_one_comes_first_then_the_nearest():
+    # w1 = 1 - 2 z2, w2 = 1 - 2 z1 and so on: stick, slide both, or either alone.
+    M, q = np.array([[1.0, -2.0], [-2.0, 1.0]]), np.array([1.0, 1.0])
+    found = solve_rate_problem([SLIP] * 2, complementarity(M, q), preferred=[ELASTIC] * 2)
+    assert found.status == "several"
+    assert [each.choices for each in found.solutions] == [(ELASTIC, ELASTIC), (LEFT, LEFT)]
+    sliding = np.array([1.0, 1.0])
+    near = solve_rate_problem(
+        [SLIP] * 2, complementarity(M, q), preferred=[ELASTIC] * 2, direction=sliding
+    )
+    assert near.taken.choices == (LEFT, LEFT)
+
+
+def test_untrusted_combinations_are_counted_apart():
+    def rates_for(choices):
+        return Trial(EdgeRates(np.zeros(1), np.ones(1), np.zeros(1)), np.zeros(1), trusted=False)
+
+    found = solve_rate_problem([SLIP], rates_for, preferred=[ELASTIC])
+    assert (found.status, found.singular) == ("none", 2)
+
+
+@pytest.mark.parametrize(
+    ("un", "shear", "expected"),
+    [(1.0, 0.0, OPEN), (-1.0, 0.05, ELASTIC), (-1.0, 0.5, LEFT), (-1.0, -0.5, RIGHT)],
+)
+def test_a_touching_contact_parts_sticks_or_slides_either_way(un, shear, expected):
+    def rates_for(choices):
+        return Trial(
+            EdgeRates(np.array([un]), np.array([shear]), np.array([-0.1 * un])), np.ones(1)
+        )
+
+    options = [(ELASTIC, OPEN, LEFT, RIGHT)]
+    found = solve_rate_problem(options, rates_for, preferred=[ELASTIC])
+    assert found.status == "unique"
+    assert found.taken.choices == (expected,)
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+@pytest.mark.parametrize(
+    ("programme", "regime"),
+    [
+        (programmes.isotropic_strain(), Regime.ELASTIC),
+        (programmes.proportional_strain(1.0, -0.9), Regime.SLIDING),
+    ],
+)
+def test_virgin_diamond_takes_the_regime_of_its_direction(programme, regime, closure):
+    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.1)
+    found = rates_at(diamond(np.pi / 4), law, programme, closure=closure)
+    assert found.taken.rates.mode.regime.tolist() == [regime] * 4
+    assert (found.status, found.exhaustive) == ("unique", True)
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_virgin_diamond_parts_without_force(closure):
+    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.1)
+    found = rates_at(diamond(0.8), law, programmes.isotropic_strain(-1.0), closure=closure)
+    assert found.status == "unique"
+    assert not np.abs(found.taken.rates.rates.P).max() > 1e-15
+    # Relaxed centres may keep a contact that carries nothing; affine ones part everywhere.
+    regimes = found.taken.rates.mode.regime.tolist()
+    assert closure == "traction" or regimes == [Regime.OPEN] * 4
+
+
+def test_virgin_ring_of_many_contacts_is_solved_by_pivoting():
+    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.1)
+    found = rates_at(regular_polygon(40), law, programmes.oedometric(), closure="affine")
+    assert (found.status, found.exhaustive) == ("unique", False)
+    rates = found.taken.rates
+    # Affine rates of each contact decide alone: s T' > mu N' slides, un' > 0 parts.
+    normal, trial = -law.kn * rates.rates.un, -law.kt * rates.rates.ut
+    expected = np.where(np.abs(trial) > law.mu * normal, Regime.SLIDING, Regime.ELASTIC)
+    neutral = np.abs(rates.rates.un) < 1e-12
+    assert rates.mode.regime[~neutral].tolist() == expected[~neutral].tolist()
+
+
+def test_a_ring_without_continuation_says_so():
+    # Regular 12-gon: where its second group of contacts yields, neither sticking nor sliding of
+    # either group agrees with prolonged compression, forwards or backwards.
+    law = LinearFrictional(kn=1.0, kt=0.2, mu=0.05)
+    stages = [
+        Stage(programmes.isotropic_strain(), "H11", 0.05),
+        Stage(programmes.drained_biaxial(), "H11", 0.1),
+    ]
+    path = follow(regular_polygon(12), law, stages, closure="traction")
+    assert path.status == "no_solution"
+    (event,) = path.of_kind("control_limit")
+    assert event.contacts == (2, 3, 8, 9)
+    shear, limit = np.abs(path.shear_force[-1]), law.mu * path.normal_force[-1]
+    assert np.isclose(shear, limit, rtol=1e-10, atol=0).sum() == 8

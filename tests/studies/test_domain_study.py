@@ -1,0 +1,261 @@
+"""The bifurcation domain: exact losses along strain programmes, and what the study writes."""
+
+import json
+import sys
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+from mpmath import mp, mpf
+
+from loops import InputError, LinearFrictional, affine_tangent
+from patterns import diamond
+from stability import Stage, follow, programmes, restrict, symmetric_part
+from studies.cli import main
+from studies.domain import DomainParameters, run_domain
+from studies.domain.figures import domain_figure
+from studies.domain.losses import first_losses, programme_fan, sticking_det_Ks
+from studies.domain.parameters import TABLES, Case
+from studies.domain.table import domain_table
+
+# The paper's diamonds, flat and tall ones, soft and stiff shear.
+CASES = (
+    *TABLES,
+    Case(0.2, 0.05, 0.3),
+    Case(1.3, 1.0, 0.6),
+    Case(0.9, 4.0, 0.2),
+)
+KINDS = ("det_Ks_zero", "det_K_zero")
+
+
+@pytest.fixture(scope="module")
+def table():
+    return domain_table(CASES, 41)
+
+
+def of(table, case):
+    return table[
+        np.isclose(table.alpha0_deg, np.degrees(case.alpha0)) & (table.kappa == case.kappa)
+    ]
+
+
+def loss_in_many_digits(case, programme, kind, guess):
+    """E1, E2, s1, s2 at the loss of a sticking diamond, T by quadrature of `l d(alpha)`."""
+    with mp.workdps(30):
+        a0, kappa, b = mpf(case.alpha0), mpf(case.kappa), mpf(programme)
+
+        def point(t):
+            return (1 - t * mp.cos(b)) * mp.cos(a0), (1 - t * mp.sin(b)) * mp.sin(a0)
+
+        def shear_rate(t):  # kappa l alpha' = kappa (X Y' - Y X')/l
+            (X, Y), X1, Y1 = point(t), -mp.cos(b) * mp.cos(a0), -mp.sin(b) * mp.sin(a0)
+            return kappa * (X * Y1 - Y * X1) / mp.hypot(X, Y)
+
+        def determinant(t):
+            length = mp.hypot(*point(t))
+            T = mp.quad(shear_rate, [0, t]) if kind == "det_Ks_zero" else 0
+            return kappa - (1 - length) / length - (T / (2 * length)) ** 2
+
+        t = mp.findroot(determinant, mpf(guess))
+        (X, Y), T = point(t), mp.quad(shear_rate, [0, t])
+        length = mp.hypot(X, Y)
+        N, c, s = 1 - length, X / length, Y / length
+        s1, s2 = (N * c + T * s) / mp.sin(a0), (N * s - T * c) / mp.cos(a0)
+        return [float(x) for x in (t * mp.cos(b), t * mp.sin(b), s1, s2)]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_isotropic_programme_loses_both_at_kappa(table, case):
+    rows = of(table, case)
+    isotropic = rows[np.isclose(rows.programme_deg, 45.0, atol=1e-9)]
+    assert len(isotropic) == 4  # sticking and with friction, det Ks and det K
+    np.testing.assert_allclose(isotropic.E1 / (1 - isotropic.E1), case.kappa, rtol=4e-15)
+    np.testing.assert_allclose(isotropic.E2, isotropic.E1, rtol=4e-15)
+    assert (isotropic.regime == "elastic").all()
+
+
+@pytest.mark.parametrize("case", TABLES)
+def test_losses_against_mpmath(table, case):
+    rows = of(table, case)
+    sticking = rows[rows.contacts == "sticking"]
+    for kind, own in sticking.groupby("kind"):
+        for row in own.iloc[:: len(own) // 4].itertuples():
+            guess = np.hypot(row.E1, row.E2)
+            exact = loss_in_many_digits(case, np.radians(row.programme_deg), kind, guess)
+            found = [row.E1, row.E2, row.s1, row.s2]
+            # The angle goes through degrees; near grazing lines the root amplifies that.
+            np.testing.assert_allclose(found, exact, atol=1e-13)
+
+
+@pytest.mark.parametrize("case", TABLES)
+@pytest.mark.parametrize("friction", [False, True])
+def test_general_path_solver_meets_the_same_losses(case, friction):
+    losses = first_losses(case, 9, friction=friction)
+    law = LinearFrictional(1.0, case.kappa, losses.mu)
+    box = 2 * np.sin(2 * case.alpha0)
+    for row in range(3, 6):
+        b = losses.programme[row]
+        stage = Stage(programmes.proportional_strain(np.cos(b), np.sin(b)), "parameter", 0.35)
+        path = follow(diamond(case.alpha0), law, stage, volume=box)
+        kinds = ["yield"] if losses.by_yielding(losses.det_Ks_zero)[row] else list(KINDS)
+        for kind in kinds:
+            u = losses.yields[row] if kind == "yield" else getattr(losses, kind)[row]
+            X = losses.line.foot[row] + u * losses.line.direction[row]
+            E = 1 - X / [np.cos(case.alpha0), np.sin(case.alpha0)]
+            event = next(event for event in path.events if event.kind == kind)
+            np.testing.assert_allclose(path.H[event.index, [0, 3]], E, atol=1e-12)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("friction", [False, True])
+def test_det_Ks_is_lost_no_later_than_det_K(case, friction):
+    losses = first_losses(case, 201, friction=friction)
+    with_K = np.isfinite(losses.det_K_zero)
+    assert with_K.sum() > 20
+    assert np.all(losses.det_Ks_zero[with_K] <= losses.det_K_zero[with_K])
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_no_earlier_loss_is_missed(case):
+    losses = first_losses(case, 201, friction=False)
+    end = np.fmin(losses.det_Ks_zero, np.minimum(losses.line.opening, losses.line.folding))
+    for share in np.linspace(0.0, 1.0 - 1e-6, 1_000):
+        u = losses.line.start + share * (end - losses.line.start)
+        assert np.all(sticking_det_Ks(losses.line, u, case.kappa) > 0.0)
+
+
+def test_det_Ks_is_lost_alone_where_shear_is_stiff():
+    # det K never vanishes on these lines: only the shear force takes det Ks below zero.
+    losses = first_losses(Case(0.9, 4.0, 0.2), 201, friction=False)
+    alone = np.isfinite(losses.det_Ks_zero) & np.isnan(losses.det_K_zero)
+    assert alone.sum() > 3
+
+
+def test_closed_determinants_of_the_table(table):
+    elastic = table[table.regime == "elastic"]
+    for kind, name in (("det_Ks_zero", "det_Ks"), ("det_K_zero", "det_K")):
+        own = elastic[elastic.kind == kind]
+        np.testing.assert_allclose(own[name], 0.0, atol=2e-12)
+    sliding = table[table.regime == "sliding"]
+    assert len(sliding) > 100
+    mu, length = np.tan(np.radians(sliding.phi_deg)), 1.0 - sliding.N
+    np.testing.assert_allclose(np.abs(sliding["T"]), mu * sliding.N, atol=4e-15)
+    np.testing.assert_allclose(sliding.det_K, -(1 + mu**2) * sliding.N / length, atol=1e-14)
+    assert (sliding.det_Ks <= sliding.det_K).all()
+
+
+def test_generic_operator_is_singular_there(table):
+    for row in table[table.regime == "elastic"].iloc[::20].itertuples():
+        alpha0 = np.radians(row.alpha0_deg)
+        graph = diamond(alpha0, E1=row.E1, E2=row.E2, T=row.T)
+        law, box = LinearFrictional(1.0, row.kappa), 2 * np.sin(2 * alpha0)
+        K = restrict(affine_tangent(graph, law, volume=box).matrix, "diagonal")
+        matrix = symmetric_part(K) if row.kind == "det_Ks_zero" else K
+        assert abs(np.linalg.det(matrix)) < 1e-11 * np.linalg.norm(K) ** 2
+
+
+def test_friction_cuts_the_domain_of_sticking_contacts():
+    sticking = first_losses(TABLES[0], 201, friction=False)
+    frictional = first_losses(TABLES[0], 201, friction=True)
+    both = np.isfinite(sticking.det_Ks_zero)
+    assert np.all(frictional.det_Ks_zero[both] <= sticking.det_Ks_zero[both])
+    by_yielding = frictional.by_yielding(frictional.det_Ks_zero)
+    assert 100 < by_yielding.sum() < 201
+    np.testing.assert_array_equal(
+        frictional.det_Ks_zero[by_yielding], frictional.det_K_zero[by_yielding]
+    )
+
+
+def test_forces_along_the_fan_are_those_of_every_diamond():
+    flat, tall = (first_losses(Case(a, 0.3, 0.2), 101, friction=True) for a in (0.6, 0.9))
+    inside = (np.minimum(flat.line.folding, tall.line.folding) > 0.0)[30:71]
+    for name in ("det_Ks_zero", "det_K_zero", "yields"):
+        left, right = (getattr(losses, name)[30:71][inside] for losses in (flat, tall))
+        np.testing.assert_allclose(left, right, atol=1e-12)
+
+
+def test_fan_holds_the_isotropic_programme_and_only_compression():
+    programme, line = programme_fan(0.6, 51)
+    assert programme[25] == pytest.approx(np.pi / 4, abs=1e-15)
+    assert np.all(np.diff(programme) > 0.0)
+    assert np.all(line.start < 0.0)
+    assert line.sense.tolist() == [1.0] * 25 + [0.0] + [-1.0] * 25
+
+
+def test_study_writes_its_results(tmp_path):
+    asked = DomainParameters(kappa=(0.1, 0.5), phi_deg=10.0, directions=41)
+    summary = run_domain(asked, tmp_path / "out", csv=True)
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {*("domain.parquet", "domain.csv", "domain.png", "domain.svg", "summary.json")}
+    table = pyarrow.parquet.read_table(tmp_path / "out" / "domain.parquet").to_pandas()
+    assert set(table.columns) >= {
+        *("alpha0_deg", "kappa", "phi_deg", "contacts", "kind", "programme_deg", "regime"),
+        *("E1", "E2", "s1", "s2", "N", "T", "alpha_deg", "det_K", "det_Ks", "opposite_overlap"),
+    }
+    written = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert written["cases"] == summary["cases"]
+    assert [case["kappa"] for case in summary["cases"]] == [0.1, 0.5]
+    for case in summary["cases"]:
+        rows = table[table.kappa == case["kappa"]]
+        for name, found in case["contacts"].items():
+            own = rows[(rows.contacts == name) & (rows.kind == "det_Ks_zero")]
+            assert found["det_Ks_zero"] == len(own)
+            assert found["by_yielding"] == (own.regime == "sliding").sum()
+            assert found["det_Ks_zero"] >= found["det_K_zero"]
+            assert found["s1"] == [own.s1.min(), own.s1.max()]
+
+
+def test_without_friction_angle_nothing_slides(tmp_path):
+    summary = run_domain(DomainParameters(phi_deg=90.0, directions=11), tmp_path / "out")
+    assert list(summary["cases"][0]["contacts"]) == ["sticking"]
+
+
+def test_figure_has_both_curves_of_every_diamond():
+    cases = DomainParameters(alpha0_deg=(35.0, 45.0), directions=41).cases()
+    figure = domain_figure(domain_table(cases, 41), cases)
+    assert len(figure.axes) == 4
+    for ax in figure.axes:
+        assert {"-", "--", ":"} <= {line.get_linestyle() for line in ax.lines}
+
+
+def test_command(tmp_path, monkeypatch, capsys):
+    out = str(tmp_path / "out")
+    arguments = ["domain", "--out", out, "--alpha0", "40,50", "--directions", "21", "--json"]
+    monkeypatch.setattr(sys, "argv", ["grainloops", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert [case["alpha0_deg"] for case in printed["cases"]] == [40.0, 50.0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--alpha0", "45,95"], "--alpha0: got 95, expected degrees in (0, 90)"),
+        (["--kappa", "0.2,x"], "--kappa: got '0.2,x', expected numbers separated by commas"),
+        (["--kappa", "0"], "--kappa: got 0, expected positive ratios"),
+        (["--phi", "0"], "--phi: got 0, expected degrees in (0, 90]"),
+        (["--directions", "10"], "--directions: got 10, expected an odd number"),
+    ],
+)
+def test_bad_input_gives_one_line(tmp_path, monkeypatch, capsys, arguments, message):
+    command = ["grainloops", "domain", "--out", str(tmp_path / "out"), *arguments]
+    monkeypatch.setattr(sys, "argv", command)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert message in said[0]
+
+
+def test_empty_list_is_refused():
+    with pytest.raises(InputError, match="--kappa: got an empty list"):
+        DomainParameters(kappa=())
+
+
+def test_tables_are_the_default():
+    assert DomainParameters().cases() == TABLES
+    assert isinstance(domain_table(TABLES[:1], 3), pd.DataFrame)
