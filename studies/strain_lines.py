@@ -141,8 +141,7 @@ def half_diagonals(alpha0: ArrayLike, E1: ArrayLike, E2: ArrayLike) -> Floats:
     >>> half_diagonals(np.pi / 3, 0.5, 0.0).round(6).tolist()
     [0.25, 0.866025]
     """
-    X = (1.0 - np.asarray(E1, dtype=float)) * np.cos(alpha0)
-    Y = (1.0 - np.asarray(E2, dtype=float)) * np.sin(alpha0)
+    X, Y = (1.0 - np.asarray(E1)) * np.cos(alpha0), (1.0 - np.asarray(E2)) * np.sin(alpha0)
     return np.stack(np.broadcast_arrays(X, Y), axis=-1)
 
 
@@ -184,7 +183,8 @@ def yield_position(
 ) -> Floats:
     """`u` at which sticking contacts reach `|T| = mu N`; NaN where they open without shear.
 
-    `|T| - mu N` falls at first and rises where slip would dissipate: one root beyond that point.
+    From the start on `|T| - mu N` is negative up to one root: it falls at most until slip would
+    dissipate, and rises from there on.
 
     Parameters
     ----------
@@ -210,17 +210,13 @@ def yield_position(
     mu, kappa = np.asarray(mu, dtype=float), np.asarray(kappa, dtype=float)
     slides = np.isfinite(mu) & (line.sense != 0.0) & (line.distance < 1.0)
     friction = np.where(slides, mu, 1.0)
-    with np.errstate(divide="ignore", over="ignore"):
-        c = kappa * line.distance / friction
-    d2 = line.distance**2
-    turn = c if increment == "branch" else np.sqrt(0.5 * (np.sqrt(d2**2 + 4.0 * c**2) - d2))
-    low, high = np.maximum(line.start, -turn), np.where(slides, line.opening, line.start)
+    high = np.where(slides, line.opening, line.start)
 
     def excess(u: Floats) -> Floats:
         N = 1.0 - np.hypot(line.distance, u)
         return np.abs(sticking_shear(line, u, kappa, increment)) - friction * N
 
-    return np.where(slides, bisect(excess, low, np.maximum(high, low)), np.nan)
+    return np.where(slides, bisect(excess, line.start, high), np.nan)
 
 
 def bisect(rising: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
@@ -236,7 +232,7 @@ def bisect(rising: Callable[[Floats], Floats], low: Floats, high: Floats) -> Flo
     Returns
     -------
     root : ndarray (...)
-        To the rounding of the bracket's ends; `low` where the function is positive from there on.
+        To rounding; `low` where the function is positive from there on.
 
     Examples
     --------

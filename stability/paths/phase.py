@@ -187,7 +187,10 @@ class _Step:
             return self.y_begin
         solver = _solver(self.task, self.y_begin, self.gauge, length, length)
         while solver.status == "running":
-            solver.step()
+            _advance(solver)
+        if solver.status == "failed":
+            # Next to a singular point the interpolant is all there is.
+            return np.asarray(self.dense(self.begin + length))
         return np.asarray(solver.y)
 
 

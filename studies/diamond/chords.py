@@ -66,7 +66,8 @@ def touching_pieces(loop: LoopParameters, mode: Mode) -> tuple[list[Piece], list
             ends.append((kind, len(pieces) - 1))
         if kind == "control_limit":
             break
-        if kind == "yield" and _stiffness(loop, mode, E1, start) <= 0.0:
+        # A change after which E2 would have to run back: strain control ends there.
+        if kind and _stiffness(loop, mode, E1, start) <= 0.0:
             ends.append(("control_limit", len(pieces) - 1))
             break
     return pieces, ends
@@ -116,7 +117,7 @@ def _next_piece(
     def states(at: Floats) -> States:
         return state_of(loop, mode, at, dense(at))
 
-    piece = Piece(states, E1, float(solution.t[-1]), drained_rates_by_strain)
+    piece = Piece(states, E1, float(solution.t[-1]), drained_rates_by_strain, solution.t)
     end = solution.y[:, -1]
     for (kind, after, _), times in zip(watched, solution.t_events, strict=True):
         if times.size:

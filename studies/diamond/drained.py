@@ -158,6 +158,8 @@ def _beyond_yield(
 
 def _snaps_back(path: DrainedPath, sliding: Sliding) -> bool:
     """Whether `E1` would have to fall as the contacts start to slide."""
+    if slip_sign(path, sliding) == path.direction:
+        return path.snaps_back
     states = sliding_states(path, sliding, np.atleast_1d(path.end.turn))
     rate, _ = drained_rates_by_turn(states, operators(path.parameters, states))
     return bool(path.direction * rate[0] < 0.0)

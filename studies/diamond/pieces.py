@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +33,16 @@ class Piece:
         Parameters of the ends.
     rates : callable
         Rates `E1', E2'` per unit of the parameter, from states and their operators.
+    steps : ndarray (m,)
+        Parameters between which quadrature must not lump: an integrator's own steps, short where
+        the path changes fast. None on an exact path.
     """
 
     states: Callable[[Floats], States]
     start: float
     end: float
     rates: Callable[[States, Operators], Rates]
+    steps: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 def isotropic_rates(states: States, found: Operators) -> Rates:
@@ -115,16 +119,22 @@ def energy_increments(loop: LoopParameters, piece: Piece, rows: Floats) -> tuple
     work, heat : ndarray (n - 1,)
         Over `kn` and the reference volume `L10 L20`.
     """
-    half = 0.5 * np.diff(rows)
-    if half.size == 0:
-        return half, half
-    nodes = (rows[:-1] + half)[:, None] + half[:, None] * _NODES
+    if rows.size < 2:
+        return np.zeros(0), np.zeros(0)
+    sense = np.sign(rows[-1] - rows[0])
+    bounds = sense * np.unique(sense * np.concatenate([rows, piece.steps]))
+    half = 0.5 * np.diff(bounds)
+    nodes = (bounds[:-1] + half)[:, None] + half[:, None] * _NODES
     states = piece.states(nodes.ravel())
     rate1, rate2 = piece.rates(states, operators(loop, states))
     power = states.s1 * rate1 + states.s2 * rate2
     heating = _heating(loop, states, rate1, rate2)
     weights = half[:, None] * _WEIGHTS
-    work, heat = (np.sum(weights * rate.reshape(nodes.shape), axis=1) for rate in (power, heating))
+    first = np.searchsorted(sense * bounds, sense * rows[:-1])
+    work, heat = (
+        np.add.reduceat(np.sum(weights * rate.reshape(nodes.shape), axis=1), first)
+        for rate in (power, heating)
+    )
     return work, heat
 
 

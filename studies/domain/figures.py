@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -54,7 +55,7 @@ def draw_figure(
 
 @styled()
 def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
-    """The domains, a panel for each reference angle.
+    """The domains, a column for each reference angle; below, near a single diamond's curves.
 
     Parameters
     ----------
@@ -68,31 +69,56 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
     Figure
     """
     angles = list(dict.fromkeys(case.alpha0 for case in cases))
-    columns = len(angles)
+    rows, columns = 2 if len(angles) == len(cases) else 1, len(angles)
     width = ONE_COLUMN * 1.2 if columns == 1 else max(TWO_COLUMNS, 2.4 * columns)
-    figure = new_figure(width, 5.6)
-    for angle, (whole, near) in zip(
-        angles, figure.subplots(2, columns, squeeze=False).T, strict=True
-    ):
+    figure = new_figure(width, 0.8 + 2.4 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False).T
+    for angle, (whole, *near) in zip(angles, panels, strict=True):
         own = [case for case in cases if case.alpha0 == angle]
-        draw_programmes(own[0], whole)
-        draw_domain(table, own, whole).legend(loc="upper left")
-        _zoom(draw_domain(table, own, near), table, own)
-        near.set_title("the curves of sticking contacts")
-    lines = [
-        Line2D([], [], color=BLACK, label=r"$\det K_s = 0$, sticking"),
-        Line2D([], [], color=BLACK, linestyle="--", label=r"$\det K = 0$, sticking"),
-        Line2D([], [], color=BLACK, linestyle=":", label="yield: both lost by sliding"),
-        Patch(facecolor=BLACK, alpha=0.15, label="stable with friction"),
-        Line2D([], [], color=BLACK, marker="o", linestyle="", label="isotropic strain"),
-        Line2D([], [], color=LIGHT_GREY, label="programmes"),
-    ]
-    figure.legend(handles=lines, loc="outside lower center", ncols=2 if columns == 1 else 3)
+        if near:
+            draw_programmes(own[0], whole)
+            _zoom(draw_domain(table, own, near[0], _colours(cases)), table, own)
+        draw_domain(table, own, whole, _colours(cases))
+        phi = (
+            rf"$\varphi$ = {np.degrees(own[0].phi):g}°" if np.isfinite(own[0].mu) else "no sliding"
+        )
+        whole.set_title(rf"$\alpha_0$ = {np.degrees(angle):g}°, {phi}")
+    handles = _legend(cases, drawn_programmes=rows == 2)
+    figure.legend(handles=handles, loc="outside lower center", ncols=2 if columns == 1 else 4)
     return figure
 
 
+def _colours(cases: Sequence[Case]) -> dict[float, str]:
+    """Colour of each stiffness ratio."""
+    ratios = dict.fromkeys(case.kappa for case in cases)
+    return {kappa: LINE_COLOURS[k % len(LINE_COLOURS)] for k, kappa in enumerate(ratios)}
+
+
+def _legend(cases: Sequence[Case], *, drawn_programmes: bool) -> list[Artist]:
+    handles: list[Artist] = [
+        Line2D([], [], color=BLACK, label=r"$\det K_s = 0$, sticking"),
+        Line2D([], [], color=BLACK, linestyle="--", label=r"$\det K = 0$, sticking"),
+    ]
+    if any(np.isfinite(case.mu) for case in cases):
+        handles += [
+            Line2D([], [], color=BLACK, linestyle=":", label="yield: both lost by sliding"),
+            Patch(facecolor=BLACK, alpha=0.15, label="stable with friction"),
+        ]
+    if drawn_programmes:
+        handles.append(Line2D([], [], color=LIGHT_GREY, label="programmes, sticking"))
+    for kappa, colour in _colours(cases).items():
+        label = rf"isotropic strain, $\kappa$ = {kappa:g}"
+        handles.append(Line2D([], [], color=colour, marker="o", linestyle="", label=label))
+    return handles
+
+
 @styled()
-def draw_domain(table: pd.DataFrame, cases: Sequence[Case], ax: Axes | None = None) -> Axes:
+def draw_domain(
+    table: pd.DataFrame,
+    cases: Sequence[Case],
+    ax: Axes | None = None,
+    colours: Mapping[float, str] | None = None,
+) -> Axes:
     """Domains of diamonds of one reference angle.
 
     Parameters
@@ -103,13 +129,16 @@ def draw_domain(table: pd.DataFrame, cases: Sequence[Case], ax: Axes | None = No
         Diamonds of one reference angle.
     ax : Axes, optional
         Where to draw.
+    colours : mapping of float to str, optional
+        Colour of each stiffness ratio.
 
     Returns
     -------
     Axes
     """
     ax = axes_or_new(ax)
-    for case, colour in zip(cases, LINE_COLOURS, strict=False):
+    for case in cases:
+        colour = (colours or _colours(cases))[case.kappa]
         own = _rows(table, case)
         for kind, style in (("det_Ks_zero", "-"), ("det_K_zero", "--")):
             curve = own[(own.contacts == "sticking") & (own.kind == kind)]
@@ -118,10 +147,8 @@ def draw_domain(table: pd.DataFrame, cases: Sequence[Case], ax: Axes | None = No
         ax.fill(bound.s1, bound.s2, color=colour, alpha=0.15, linewidth=0.0)
         ax.plot(*_yielding(bound), ":", color=colour, linewidth=1.6)
         s1, s2 = isotropic_stress(critical_strain(case.kappa), case.alpha0)
-        label = rf"$\kappa$ = {case.kappa:g}, $\varphi$ = {np.degrees(case.phi):g}°"
-        ax.plot(float(s1), float(s2), "o", color=colour, label=label)
-    angle = np.degrees(cases[0].alpha0)
-    ax.set(xlabel="$s_1$", ylabel="$s_2$", title=rf"$\alpha_0$ = {angle:g}°")
+        ax.plot(float(s1), float(s2), "o", color=colour)
+    ax.set(xlabel="$s_1$", ylabel="$s_2$")
     return ax
 
 

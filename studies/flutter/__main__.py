@@ -16,7 +16,7 @@ def main(
     orders: Annotated[str, typer.Option(help="First and last order, as 3-8.")] = "3-8",
     loops: Annotated[int, typer.Option(help="Loops in each family.")] = 4000,
     map_order: Annotated[int, typer.Option(help="Order of the maps.")] = 6,
-    map_loops: Annotated[int, typer.Option(help="Loops in each cell of the maps.")] = 60,
+    map_loops: Annotated[int, typer.Option(help="Loops of the maps.")] = 150,
     kappa: Annotated[tuple[float, float], typer.Option(help="Range of kt/kn.")] = (0.05, 1.0),
     seed: Annotated[int, typer.Option(help="Seed.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,

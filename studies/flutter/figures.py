@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from studies.style import (
+    GREY,
+    LIGHT_GREY,
     LINE_COLOURS,
     SEQUENTIAL,
     TWO_COLUMNS,
@@ -28,7 +33,7 @@ Maps = dict[tuple[str, str, str], tuple[Floats, Floats]]
 def draw_map(
     friction: Floats, overlap: Floats, ratio: Floats, share: Floats, ax: Axes | None = None
 ) -> QuadMesh:
-    """Largest |Im|/|eigenvalue| over T/N and N/l; white where no loop of a cell flutters.
+    """Largest |Im|/|eigenvalue| over T/N and N/l; white: none flutters, grey: no loop bears it.
 
     The line bounds the cells of which a tenth of the loops or more flutter.
 
@@ -47,11 +52,13 @@ def draw_map(
         For a colour bar.
     """
     ax = axes_or_new(ax)
-    shown = np.ma.masked_equal(ratio, 0.0)
+    colours = mpl.colormaps[SEQUENTIAL].with_extremes(under="white")
+    shown = np.ma.masked_invalid(np.where(ratio > 0.0, ratio, ratio - 1.0))
     mesh = ax.pcolormesh(
-        friction, overlap, shown, cmap=SEQUENTIAL, vmin=0.0, vmax=1.0, rasterized=True
+        friction, overlap, shown, cmap=colours, vmin=0.0, vmax=1.0, rasterized=True
     )
-    if share.min() < 0.1 < share.max():
+    ax.set_facecolor(LIGHT_GREY)
+    if np.nanmin(share) < 0.1 < np.nanmax(share):
         ax.contour(friction, overlap, share, levels=[0.1], colors=VERMILION, linewidths=1.2)
     ax.set(yscale="log")
     return mesh
@@ -74,7 +81,7 @@ def draw_maps(friction: Floats, overlap: Floats, maps: Maps) -> Figure:
     """
     closures = list(dict.fromkeys(key[0] for key in maps))
     families = list(dict.fromkeys(key[1:] for key in maps))
-    fig = new_figure(TWO_COLUMNS, 3.7)
+    fig = new_figure(TWO_COLUMNS, 3.9)
     axes = fig.subplots(len(closures), len(families), sharex=True, sharey=True, squeeze=False)
     for row, closure in zip(axes, closures, strict=True):
         for ax, family in zip(row, families, strict=True):
@@ -86,6 +93,10 @@ def draw_maps(friction: Floats, overlap: Floats, maps: Maps) -> Figure:
         ax.set_xlabel(r"largest $|T|/N$ (–)")
     label = r"largest $|\mathrm{Im}\,\lambda|/|\lambda|$ (–)"
     fig.colorbar(mesh, ax=axes, label=label, shrink=0.8)
+    line = Line2D([], [], color=VERMILION, linewidth=1.2, label="a tenth of the loops flutter")
+    blank = Patch(facecolor="white", edgecolor=GREY, linewidth=0.5, label="none does")
+    unborne = Patch(facecolor=LIGHT_GREY, label="no loop bears it")
+    fig.legend(handles=[line, blank, unborne], loc="outside lower center", ncols=3)
     return fig
 
 

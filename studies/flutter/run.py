@@ -27,7 +27,8 @@ DEFINITIONS = {
     "share": "of the loops whose operator is known",
     "flutter_stable": "loops with flutter and a positive definite Ks: W2 > 0 in every direction",
     "largest_ratio": "|Im lambda|/|lambda|",
-    "least": "smallest |T|/N, N/l and kt/kn among the loops with flutter",
+    "least": "smallest |T|/N, N/l and kt/kn among the loops with flutter; |Im| under 1e-5 |K| "
+    "counts as none, which hides what small T/l do",
     "assigned": "contact forces drawn one by one",
     "balanced": "contact forces in equilibrium with a uniform symmetric stress",
     "grains": "grain-level tangent, translations with spins blocked: grains of equal mass",
@@ -45,7 +46,7 @@ class FlutterSearch:
     loops : int
         Loops in each family: order, shape, forces, contacts.
     map_order, map_loops : int
-        Order of the maps, and loops in each cell.
+        Order of the maps, and number of loops in them.
     seed : int
         Seed of everything.
     kappa : (float, float)
@@ -55,7 +56,7 @@ class FlutterSearch:
     orders: tuple[int, ...] = (3, 4, 5, 6, 7, 8)
     loops: int = 4000
     map_order: int = 6
-    map_loops: int = 60
+    map_loops: int = 150
     seed: int = 1
     kappa: tuple[float, float] = (0.05, 1.0)
 

@@ -43,19 +43,44 @@ class Ranges:
 
 
 @dataclass(frozen=True, eq=False)
+class Drawn:
+    """Loops drawn once, B of one order, to be loaded to any level of T/N and N/l.
+
+    Attributes
+    ----------
+    x : (B, n, 2) array
+        Corners, sides about 1.
+    base, extra : (B, n, 2) array
+        (N, T): a set of forces with little or no shear, and one to add in any amount.
+    kappa : (B, 1) array
+        kt/kn.
+    regime : (B, n) array of int8
+        Regimes.
+    """
+
+    x: Floats
+    base: Floats
+    extra: Floats
+    kappa: Floats
+    regime: NDArray[np.int8]
+
+
+@dataclass(frozen=True, eq=False)
 class Sample:
-    """B loops of one order.
+    """B loaded loops of one order.
 
     Attributes
     ----------
     graph : GrainGraph
-        In their current state, which is the reference too; kn = 1, side lengths about 1.
+        In their current state, which is the reference too; kn = 1, sides about 1.
     law : LinearFrictional
-        With `kt` (B, 1) and `mu` (B, n): what the contacts that slide need to be at yield.
+        With `kt` (B, 1) and `mu` (B, n): what puts each contact that slides at yield.
     regime : (B, n) array of int8
         Regimes.
-    friction, overlap, asymmetry : (B,) array
-        Largest |T|/N, mean N/l, and 0 (regular) to 1.
+    friction, overlap : (B,) array
+        Largest |T|/N and mean N/l, over kn.
+    reached : (B,) array of bool
+        Whether the loop can be loaded so; its operators are left out otherwise.
     """
 
     graph: GrainGraph
@@ -63,10 +88,10 @@ class Sample:
     regime: NDArray[np.int8]
     friction: Floats
     overlap: Floats
-    asymmetry: Floats
+    reached: NDArray[np.bool_]
 
 
-def sample_loops(
+def draw_loops(
     rng: np.random.Generator,
     count: int,
     order: int,
@@ -74,10 +99,7 @@ def sample_loops(
     forces: Forces,
     contacts: Contacts,
     ranges: Ranges,
-    *,
-    friction: Floats | None = None,
-    overlap: Floats | None = None,
-) -> Sample:
+) -> Drawn:
     """Draw loops of one order.
 
     Parameters
@@ -89,14 +111,47 @@ def sample_loops(
         Equal sides and angles, or corners moved by a random asymmetry.
     forces : {'assigned', 'balanced'}
         Contact forces drawn one by one, as the surroundings of a loop in a packing allow; or those
-        of a loop under uniform nominal stress, `f_c = f^ - P m_c` (theory note, section 4).
+        of a loop under uniform symmetric stress, `f_c = f^ - P m_c` (theory note, section 4).
     contacts : {'elastic', 'sliding'}
-        All elastic, or a random part sliding, at least one; their friction is what puts each of
-        them at yield.
+        All elastic, or a random part sliding, at least one.
     ranges : Ranges
         What is searched.
-    friction, overlap : (B,) array, optional
-        Levels instead of random ones.
+
+    Returns
+    -------
+    Drawn
+    """
+    asymmetry = rng.uniform(0.05, 1.0, count) if shape == "irregular" else np.zeros(count)
+    x = _corners(rng, order, asymmetry, ranges)
+    base, extra = (
+        _assigned(rng, order, asymmetry, ranges) if forces == "assigned" else _balanced(rng, x)
+    )
+    regime = np.full((count, order), Regime.ELASTIC, dtype=np.int8)
+    if contacts == "sliding":
+        slides = rng.random((count, order)) < rng.uniform(0.1, 1.0, (count, 1))
+        slides[np.arange(count), rng.integers(order, size=count)] = True
+        regime[slides] = Regime.SLIDING
+    return Drawn(x, base, extra, rng.uniform(*ranges.kappa, (count, 1)), regime)
+
+
+def random_levels(rng: np.random.Generator, count: int, ranges: Ranges) -> tuple[Floats, Floats]:
+    """(B,) levels of the largest |T|/N and of the mean N/l; the latter even in its logarithm."""
+    low, high = (float(np.log(level)) for level in ranges.overlap)
+    return rng.uniform(*ranges.friction, count), np.exp(rng.uniform(low, high, count))
+
+
+def loaded(drawn: Drawn, friction: Floats, overlap: Floats) -> Sample:
+    """Load every loop to its level of T/N and N/l.
+
+    The forces are `c (base + s extra)`: s, as small as it can be, puts the contact that comes first
+    on its cone, `|T| = friction N`; c sets N/l. Both keep balanced forces balanced.
+
+    Parameters
+    ----------
+    drawn : Drawn
+        B loops.
+    friction, overlap : (B,) array
+        Levels.
 
     Returns
     -------
@@ -105,38 +160,45 @@ def sample_loops(
     Examples
     --------
     >>> rng = np.random.default_rng(1)
-    >>> drawn = sample_loops(rng, 5, 4, "irregular", "balanced", "elastic", Ranges())
-    >>> drawn.graph.batch_shape, bool((drawn.graph.normal_force > 0).all())
-    ((5,), True)
+    >>> drawn = draw_loops(rng, 2, 4, "regular", "balanced", "sliding", Ranges())
+    >>> sample = loaded(drawn, np.array([0.3, 0.6]), np.array([0.01, 0.02]))
+    >>> ratio = np.abs(sample.graph.shear_force) / sample.graph.normal_force
+    >>> ratio.max(axis=1).round(12).tolist(), sample.reached.tolist()
+    ([0.3, 0.6], [True, True])
     """
-    asymmetry = rng.uniform(0.05, 1.0, count) if shape == "irregular" else np.zeros(count)
-    low, high = np.log(ranges.overlap)
-    overlap = np.exp(rng.uniform(low, high, count)) if overlap is None else overlap
-    friction = rng.uniform(*ranges.friction, count) if friction is None else friction
-    x = _corners(rng, order, asymmetry, ranges)
-    draw = _assigned if forces == "assigned" else _balanced
-    normal, shear = draw(rng, x, asymmetry, ranges)
-    sides = np.roll(x, -1, axis=1) - x
+    share, reached = _shares(drawn, friction[:, None])
+    normal, shear = np.moveaxis(drawn.base + share[:, None, None] * drawn.extra, -1, 0)
+    sides = np.roll(drawn.x, -1, axis=1) - drawn.x
     length = np.hypot(sides[..., 0], sides[..., 1])
-    normal *= (overlap / (normal / length).mean(axis=1))[:, None]
-    # The shape of T stays, its size makes the largest |T|/N what is asked for.
-    ratio = shear / normal
-    shear = normal * ratio * (friction / np.abs(ratio).max(axis=1))[:, None]
-    regime = np.full((count, order), Regime.ELASTIC, dtype=np.int8)
-    if contacts == "sliding":
-        slides = rng.random((count, order)) < rng.uniform(0.1, 1.0, (count, 1))
-        slides[np.arange(count), rng.integers(order, size=count)] = True
-        regime[slides] = Regime.SLIDING
+    scale = (overlap / (normal / length).mean(axis=1))[:, None]
+    order = drawn.x.shape[1]
     graph = GrainGraph(
-        x=x,
+        x=drawn.x,
         radii=np.repeat(0.55 * length.max(axis=1, keepdims=True), order, axis=1),
         contacts=np.column_stack([np.arange(order), np.roll(np.arange(order), -1)]),
-        normal_force=normal,
-        shear_force=shear,
+        normal_force=scale * normal,
+        shear_force=scale * shear,
     )
-    kappa = rng.uniform(*ranges.kappa, (count, 1))
-    law = LinearFrictional(kn=1.0, kt=kappa, mu=np.abs(shear) / normal)
-    return Sample(graph, law, regime, friction, overlap, asymmetry)
+    law = LinearFrictional(kn=1.0, kt=drawn.kappa, mu=np.abs(shear) / normal)
+    return Sample(graph, law, drawn.regime, friction, overlap, reached)
+
+
+def repeated(drawn: Drawn, levels: int) -> Drawn:
+    """The same loops `levels` times, one set after the other."""
+    fields = {name: np.tile(a, (levels, *[1] * (a.ndim - 1))) for name, a in vars(drawn).items()}
+    return Drawn(**fields)
+
+
+def _shares(drawn: Drawn, friction: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """(B,) smallest s that brings a contact to `|T| = friction N`, 0 where none does; whether."""
+    N, T = np.moveaxis(drawn.base, -1, 0)
+    dN, dT = np.moveaxis(drawn.extra, -1, 0)
+    side = np.array([1.0, -1.0])[:, None, None]
+    room, rate = friction * N - side * T, side * dT - friction * dN
+    share = np.divide(room, rate, out=np.full_like(rate, np.inf), where=rate > 0.0).min(axis=(0, 2))
+    # Within the cones from the start, and on one of them later: N stays positive on the way.
+    reached = (room > 0.0).all(axis=(0, 2)) & np.isfinite(share)
+    return np.where(reached, share, 0.0), reached
 
 
 def _corners(rng: np.random.Generator, order: int, asymmetry: Floats, ranges: Ranges) -> Floats:
@@ -151,38 +213,29 @@ def _corners(rng: np.random.Generator, order: int, asymmetry: Floats, ranges: Ra
 
 
 def _assigned(
-    rng: np.random.Generator, x: Floats, asymmetry: Floats, ranges: Ranges
+    rng: np.random.Generator, order: int, asymmetry: Floats, ranges: Ranges
 ) -> tuple[Floats, Floats]:
-    """Forces one by one; T/N of either sign and any size in irregular loops, +-1 in regular."""
-    size = x.shape[:2]
+    """Forces one by one; T/N of either sign and any size in irregular loops, of one in regular."""
+    size = (len(asymmetry), order)
     moved = asymmetry[:, None]
-    normal = 1.0 + ranges.spread * moved * rng.uniform(-1, 1, size)
-    sign = rng.choice([-1.0, 1.0], size)
-    return normal, normal * sign * (1.0 - moved * rng.uniform(0, 1, size))
+    N = 1.0 + ranges.spread * moved * rng.uniform(-1, 1, size)
+    T = N * rng.choice([-1.0, 1.0], size) * (1.0 - moved * rng.uniform(0, 1, size))
+    zero = np.zeros(size)
+    return np.stack([N, zero], axis=-1), np.stack([zero, T], axis=-1)
 
 
-def _balanced(
-    rng: np.random.Generator, x: Floats, asymmetry: Floats, ranges: Ranges
-) -> tuple[Floats, Floats]:
-    """Forces `f^ - P m_c` that balance a uniform stress, all N > 0.
-
-    P is symmetric with a random deviator, `f^` random; both are drawn back towards isotropic
-    pressure, under which every contact of these loops is pressed, until they all are.
-    """
-    count = len(x)
-    x = x - x.mean(axis=1, keepdims=True)
+def _balanced(rng: np.random.Generator, x: Floats) -> tuple[Floats, Floats]:
+    """`-m_c` under a unit pressure, and `f^ - P m_c` with a random f^ and a random deviator P."""
     following = np.roll(x, -1, axis=1)
     side = following - x
     n = side / np.linalg.norm(side, axis=-1, keepdims=True)
     t = np.stack([-n[..., 1], n[..., 0]], axis=-1)
-    midpoint = outward(x, 0.5 * (x + following))
-    deviator = rng.uniform(-1, 1, (2, count))
-    dP = np.moveaxis(np.array([[deviator[0], deviator[1]], [deviator[1], -deviator[0]]]), 2, 0)
-    extra = rng.uniform(-0.7, 0.7, (count, 1, 2)) - np.einsum("bij,bcj->bci", dP, midpoint)
-    pressed = -(midpoint * n).sum(axis=-1)
-    change = (extra * n).sum(axis=-1)
-    # The largest share of the deviator that leaves every N at a tenth of its pressure or more.
-    room = np.where(change < 0.0, 0.9 * pressed / np.where(change < 0.0, -change, 1.0), np.inf)
-    share = np.minimum(1.0, room.min(axis=1)) * rng.uniform(0.2, 1.0, count)
-    force = -midpoint + share[:, None, None] * extra
-    return (force * n).sum(axis=-1), (force * t).sum(axis=-1)
+    centre = x.mean(axis=1, keepdims=True)
+    m = outward(x, 0.5 * (x + following) - centre)
+    a, b = rng.uniform(-1, 1, (2, len(x)))
+    P = np.stack([np.stack([a, b], axis=-1), np.stack([b, -a], axis=-1)], axis=-2)
+    more = rng.uniform(-0.7, 0.7, (len(x), 1, 2)) - np.einsum("bij,bcj->bci", P, m)
+    base, extra = (
+        np.stack([(f * n).sum(axis=-1), (f * t).sum(axis=-1)], axis=-1) for f in (-m, more)
+    )
+    return base, extra

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import assemble_tangent, macroscopic_tangent
+from loops.closures import Closure
 from stability import (
     flutter_pairs,
     operator_norm,
@@ -19,7 +20,17 @@ from stability import (
     statuses,
     symmetric_spectrum,
 )
-from studies.flutter.sample import Contacts, Forces, Ranges, Sample, Shape, sample_loops
+from studies.flutter.sample import (
+    Contacts,
+    Forces,
+    Ranges,
+    Sample,
+    Shape,
+    draw_loops,
+    loaded,
+    random_levels,
+    repeated,
+)
 
 Floats = NDArray[np.float64]
 
@@ -94,14 +105,13 @@ def operators_of(sample: Sample) -> Iterator[tuple[str, Floats]]:
     name : str
         One of `OPERATORS`.
     K : (B, m, m) array
-        Not symmetrised.
+        Not symmetrised; NaN where the loop could not be loaded so.
     """
-    graph, law, regime = sample.graph, sample.law, sample.regime
-    A = macroscopic_tangent(graph, law, "affine", regime=regime).matrix
-    yield from ((f"affine {name}", restrict(A, name)) for name in SUBSPACES)
-    A = macroscopic_tangent(graph, law, "traction", regime=regime).matrix
-    yield from ((f"traction {name}", restrict(A, name)) for name in SUBSPACES)
-    yield "grains", assemble_tangent(graph, law, regime=regime)
+    for closure in get_args(Closure):
+        A = _tangent(sample, closure)
+        yield from ((f"{closure} {name}", restrict(A, name)) for name in SUBSPACES)
+    K = assemble_tangent(sample.graph, sample.law, regime=sample.regime)
+    yield "grains", np.where(sample.reached[:, None, None], K, np.nan)
 
 
 def search(
@@ -134,7 +144,8 @@ def search(
     for order, shape, forces, contacts in families(orders):
         codes = [_code(name) for name in (shape, forces, contacts)]
         rng = np.random.default_rng([seed, order, *codes])
-        sample = sample_loops(rng, loops, order, shape, forces, contacts, ranges)
+        drawn = draw_loops(rng, loops, order, shape, forces, contacts, ranges)
+        sample = loaded(drawn, *random_levels(rng, loops, ranges))
         for name, K in operators_of(sample):
             row = {"order": order, "shape": shape, "forces": forces, "contacts": contacts}
             yield row | {"operator": name} | row_of(sample, flutter_of(K))
@@ -191,7 +202,9 @@ def flutter_map(
     seed: int,
     ranges: Ranges,
 ) -> dict[str, tuple[Floats, Floats]]:
-    """Largest ratio and share of flutter on a grid of T/N and N/l, irregular loops.
+    """Largest ratio and share of flutter on a grid of T/N and N/l.
+
+    The same irregular loops stand in every cell, their forces scaled to its level.
 
     Parameters
     ----------
@@ -200,30 +213,36 @@ def flutter_map(
     friction, overlap : (F,), (O,) array
         Levels of the largest |T|/N and of the mean N/l.
     order, loops, seed : int
-        Order, loops drawn in each cell, seed.
+        Order, number of loops, seed.
     ranges : Ranges
         Asymmetry and kt/kn.
 
     Returns
     -------
     dict of str to (ratio, share)
-        By closure, in the symmetric subspace; (O, F) arrays.
+        By closure, in the symmetric subspace; (O, F) arrays, NaN where no loop can be loaded so.
     """
     rng = np.random.default_rng([seed, order, _code(forces), _code(contacts)])
-    shape = (len(overlap), len(friction), loops)
-    level_o, level_f, _ = np.meshgrid(overlap, friction, np.arange(loops), indexing="ij")
-    sample = sample_loops(
-        rng, level_o.size, order, "irregular", forces, contacts, ranges,
-        friction=level_f.ravel(), overlap=level_o.ravel(),
-    )  # fmt: skip
+    drawn = draw_loops(rng, loops, order, "irregular", forces, contacts, ranges)
+    level_o, level_f = np.meshgrid(overlap, friction, indexing="ij")
+    levels = (np.repeat(level.ravel(), loops) for level in (level_f, level_o))
+    sample = loaded(repeated(drawn, level_o.size), *levels)
     maps = {}
-    for name, K in operators_of(sample):
-        closure, _, subspace = name.partition(" ")
-        if subspace == "symmetric":
-            found = flutter_of(K)
-            ratio, flutters = found.ratio.reshape(shape), found.flutters.reshape(shape)
-            maps[closure] = ratio.max(axis=-1), flutters.mean(axis=-1)
+    for closure in get_args(Closure):
+        found = flutter_of(restrict(_tangent(sample, closure), "symmetric"))
+        ratio, flutters, known = (
+            values.reshape(*level_o.shape, loops)
+            for values in (found.ratio, found.flutters, found.known)
+        )
+        count = np.where(known.any(axis=-1), known.sum(axis=-1), np.nan)
+        maps[closure] = ratio.max(axis=-1) + 0.0 * count, flutters.sum(axis=-1) / count
     return maps
+
+
+def _tangent(sample: Sample, closure: Closure) -> Floats:
+    """(B, 4, 4) macroscopic tangents."""
+    A = macroscopic_tangent(sample.graph, sample.law, closure, regime=sample.regime).matrix
+    return np.where(sample.reached[:, None, None], A, np.nan)
 
 
 def _code(name: str) -> int:

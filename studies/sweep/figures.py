@@ -60,7 +60,13 @@ def _draw_map(figure: Figure, ax: Axes) -> None:
     ax.clabel(lines, fontsize=6.0)
     at = (float(np.degrees(TABLE_1.alpha0)), TABLE_1.kappa)
     ax.plot(*at, "o", color="white")
-    near: Any = {"xytext": (8, 5), "fontsize": 7.0, "textcoords": "offset points", "color": "white", "ha": "right"}
+    near: Any = {
+        "xytext": (2, 5),
+        "fontsize": 7.0,
+        "textcoords": "offset points",
+        "color": "white",
+        "ha": "right",
+    }
     ax.annotate("Table 1", at, **near)
     ax.annotate("no yield", (0.04, 0.06), xycoords="axes fraction", color=GREY)
     ax.set(xlabel=r"$\alpha_0$ (degrees)", ylabel=r"$\kappa$")

@@ -29,7 +29,7 @@ def main(
     rows = [{**compare(probe), **platform_check(probe)} for probe in probes]
     worst = summary(rows)
     for kind, errors in worst.items():
-        typer.echo(f"{kind:<18} " + "  ".join(f"{k} {v:.2g}" for k, v in errors.items()))
+        typer.echo(f"{kind:<18} " + "  ".join(f"{k} {v:.3g}" for k, v in errors.items()))
     with result_folder(out, force=force) as folder:
         made = provenance("comparison with Yade", {"data": source.name}, "dimensionless, degrees")
         for name, table in (("probes", rows), ("convergence", steps)):

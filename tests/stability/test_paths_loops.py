@@ -160,11 +160,11 @@ def test_branching_is_where_the_balance_of_the_grains_is_singular():
             [isotropic(0.3), Stage(programmes.drained_biaxial(), "parameter", end)],
             closure="traction",
         )
-        for end in (event.parameter - 0.3 - 1e-6, event.parameter - 0.3 + 1e-6)
+        for end in (event.parameter - 0.3 - 1e-3, event.parameter - 0.3 + 1e-3)
     )
     signs = [_controlled_determinant(each, law, graph) for each in (before, after)]
     assert signs[0] * signs[1] < 0
-    assert abs(signs[0] + signs[1]) < 1e-4 * abs(signs[0] - signs[1])
+    assert abs(signs[0] + signs[1]) < 0.05 * abs(signs[0] - signs[1])
 
 
 def _controlled_determinant(path, law, graph):

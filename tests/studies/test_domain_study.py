@@ -11,6 +11,7 @@ from mpmath import mp, mpf
 
 from loops import InputError, LinearFrictional, affine_tangent
 from patterns import diamond
+from patterns.diamond import sliding_moduli, tangent
 from stability import Stage, follow, programmes, restrict, symmetric_part
 from studies.cli import main
 from studies.domain import DomainParameters, run_domain
@@ -142,7 +143,11 @@ def test_closed_determinants_of_the_table(table):
     mu, length = np.tan(np.radians(sliding.phi_deg)), 1.0 - sliding.N
     np.testing.assert_allclose(np.abs(sliding["T"]), mu * sliding.N, atol=4e-15)
     np.testing.assert_allclose(sliding.det_K, -(1 + mu**2) * sliding.N / length, atol=1e-14)
-    assert (sliding.det_Ks <= sliding.det_K).all()
+    sense = np.where(sliding.programme_deg < 45.0, 1.0, -1.0)  # alpha grows where E1 leads
+    moduli = sliding_moduli(np.radians(sliding.alpha_deg), mu, sense)
+    measures = (sliding.E1, sliding.E2, sliding.s1, sliding.s2, np.radians(sliding.alpha0_deg))
+    Ks = symmetric_part(tangent(*measures, *moduli))
+    np.testing.assert_allclose(sliding.det_Ks, np.linalg.det(Ks), atol=1e-12)
 
 
 def test_generic_operator_is_singular_there(table):
@@ -212,10 +217,12 @@ def test_without_friction_angle_nothing_slides(tmp_path):
 
 
 def test_figure_has_both_curves_of_every_diamond():
-    cases = DomainParameters(alpha0_deg=(35.0, 45.0), directions=41).cases()
-    figure = domain_figure(domain_table(cases, 41), cases)
-    assert len(figure.axes) == 4
-    for ax in figure.axes:
+    two = DomainParameters(alpha0_deg=(35.0, 45.0), directions=41).cases()
+    four = DomainParameters(alpha0_deg=(35.0, 45.0), kappa=(0.1, 0.2), directions=41).cases()
+    figures = [domain_figure(domain_table(cases, 41), cases) for cases in (two, four)]
+    # A single diamond at an angle is drawn once more, near its curves.
+    assert [len(figure.axes) for figure in figures] == [4, 2]
+    for ax in [ax for figure in figures for ax in figure.axes]:
         assert {"-", "--", ":"} <= {line.get_linestyle() for line in ax.lines}
 
 
