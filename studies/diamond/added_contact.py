@@ -51,7 +51,7 @@ def added_critical_strain(loop: LoopParameters, chords: tuple[bool, bool]) -> fl
     >>> for chords in ((False, False), (False, True), (True, True)):
     ...     print(round(added_critical_strain(TABLE_2, chords), 6))
     0.193548
-    0.426857
+    0.426902
     0.553571
     """
     cos2, sin2 = np.cos(loop.alpha0) ** 2, np.sin(loop.alpha0) ** 2

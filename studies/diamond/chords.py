@@ -61,13 +61,14 @@ def touching_pieces(loop: LoopParameters, mode: Mode) -> tuple[list[Piece], list
     while E1 < last and len(pieces) < _MOST_PIECES:
         piece, kind, start, after = _next_piece(loop, mode, E1, start, last)
         pieces.append(piece)
-        E1, mode = piece.end, after
+        E1, before, mode = piece.end, mode, after
         if kind:
             ends.append((kind, len(pieces) - 1))
         if kind == "control_limit":
             break
-        # A change after which E2 would have to run back: strain control ends there.
-        if kind and _stiffness(loop, mode, E1, start) <= 0.0:
+        # Where K22 changes its sign in a jump E1 would have to run back: no control by strain.
+        stiffness = [_stiffness(loop, one, E1, start) for one in (before, mode)]
+        if stiffness[0] * stiffness[1] <= 0.0:
             ends.append(("control_limit", len(pieces) - 1))
             break
     return pieces, ends
@@ -148,12 +149,12 @@ def _monitors(loop: LoopParameters, mode: Mode) -> list[tuple[str, Mode, Monitor
         kind = "opening" if closed else "opposite_contact"
         gap = _terminal(partial(_gap, loop, axis), 1.0 if closed else -1.0)
         watched.append((kind, replace(mode, chords=chords), gap))
-    stiffness = _terminal(partial(_stiffness, loop, mode), -1.0)
+    stiffness = _terminal(partial(_stiffness, loop, mode), 0.0)
     return [*watched, ("control_limit", mode, stiffness)]
 
 
 def _terminal(monitor: Monitor, direction: float) -> Monitor:
-    """Mark a monitor as scipy wants it: it ends the integration, in one direction only."""
+    """Mark a monitor as scipy wants it: it ends the integration; 0 takes either direction."""
 
     def marked(E1: float, y: Floats) -> float:
         return monitor(E1, y)

@@ -107,7 +107,7 @@ def sliding_states(path: DrainedPath, sliding: Sliding, turn: Floats) -> States:
     ...     states = sliding_states(path, rule, turn)
     ...     print((states.T / states.N / TABLE_1.mu).round(3).tolist())
     [1.0, 1.0]
-    [1.0, 1.233]
+    [1.0, 1.272]
     """
     s = slip_sign(path, sliding)
     if s == path.direction:

@@ -68,7 +68,7 @@ def touching_strains(loop: LoopParameters) -> tuple[float, float]:
     >>> from patterns.diamond import TABLE_2
     >>> from studies.diamond.events import touching_strains
     >>> [round(E, 6) for E in touching_strains(TABLE_2)]
-    [0.389613, 0.128276]
+    [0.389613, 0.128277]
     """
     on1, on2 = (1.0 - 0.5 / length for length in (np.cos(loop.alpha0), np.sin(loop.alpha0)))
     first = float(opposite_contact_strain(loop.alpha0))
