@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stability import PolarDiagram
 from studies.diamond.marking import STRAIN, smooth_rows
-from studies.diamond.path import DiamondPath, beyond_yield
+from studies.diamond.path import DiamondPath
 from studies.diamond.polar import RADIUS, diagram_beyond_yield, settled_diagram, state_diagram
 from studies.diamond.table import path_table
 from studies.style import (
@@ -116,7 +116,7 @@ def draw_cone(path: DiamondPath, ax: Axes | None = None) -> Axes:
         )  # fmt: skip
     ax.set(xlabel=STRAIN, ylabel=r"$\alpha_E$ (degrees)", xlim=(0.0, None), ylim=(0.0, 180.0))
     ax.set_yticks(np.arange(0, 181, 45))
-    ax.legend(loc="lower right" if beyond_yield(path) is not None else "upper left")
+    ax.legend(loc="lower left")
     return ax
 
 

@@ -117,7 +117,7 @@ def draw_axial_stress(path: DiamondPath, ax: Axes | None = None) -> Axes:
     mark_states(path, ax, states.s1)
     mark_overlap(path, ax)
     ax.set(xlabel=STRAIN, ylabel="stress over $k_n$ (–)", xlim=(0.0, None))
-    ax.margins(y=0.12)
+    ax.margins(y=0.16)
     ax.legend(loc="lower right")
     return ax
 

@@ -1,37 +1,18 @@
-"""The instability cone in space: where W2 = 0 over (E11, E22, sqrt2 E12), as a picture.
-
-Run as `python -m studies.cone_surface --out DIR`: a hexagon beyond its threshold, compressed
-isotropically, and one whose contacts slide on a drained biaxial path.
-"""
+"""The instability cone in space: where W2 = 0 over (E11, E22, sqrt2 E12), as a picture."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any
-
 import numpy as np
-import typer
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
 from numpy.typing import ArrayLike, NDArray
 
-from loops import InputError, LinearFrictional
-from patterns import regular_polygon
-from stability import (
-    RTOL,
-    Stage,
-    follow,
-    operator_norm,
-    programmes,
-    symmetric_modes,
-    symmetric_spectrum,
-    unstable_fraction,
-)
+from loops import InputError
+from stability import RTOL, operator_norm, symmetric_modes, symmetric_spectrum, unstable_fraction
 from stability.subspaces import as_operator
-from studies.output import provenance, result_folder, write_summary, write_table
 from studies.style import (
     BLACK,
     GREY,
@@ -39,7 +20,6 @@ from studies.style import (
     TWO_COLUMNS,
     VERMILION,
     new_figure,
-    save_figure,
     styled,
 )
 
@@ -47,7 +27,9 @@ Floats = NDArray[np.float64]
 Colour = tuple[float, float, float, float]
 
 AXES = (r"$\dot E_{11}$", r"$\dot E_{22}$", r"$\sqrt{2}\,\dot E_{12}$")
-AROUND, ALONG = 145, 25
+AROUND, ALONG = 145, 13
+# Lines and words in front of every surface.
+FRONT = 100
 UNSTABLE, STABLE, NEUTRAL = "$W_2 < 0$", "$W_2 > 0$", "$W_2 = 0$: rims of the cone"
 
 
@@ -136,8 +118,8 @@ def draw_cone_surface(K: ArrayLike, ax: Axes3D | None = None, title: str = "") -
         _draw_regions(ax, axis, edge, inside)
     else:
         unstable = bool(values[0] < -RTOL * operator_norm(K))
-        _surface(ax, _sphere(), to_rgba(VERMILION if unstable else SKY, 0.25), shade=False)
-    _draw_frame(ax)
+        _surface(ax, _sphere(), to_rgba(VERMILION if unstable else SKY, 0.25))
+    _draw_frame(ax, axis)
     share = float(unstable_fraction(values)) if len(edge) else float(values[2] < 0.0)
     said = f"unstable: {100.0 * share:.1f} % of directions"
     ax.set_title(f"{title}\n{said}" if title else said, pad=6.0)
@@ -150,18 +132,18 @@ def _draw_regions(ax: Axes3D, axis: Floats, edge: Floats, inside: bool) -> None:
     share = np.linspace(0.0, 1.0, ALONG)[:, None, None]
     for sense in (1.0, -1.0):
         rim = sense * edge
-        # The cone itself is solid and shaded, the regions of the sphere are glass.
-        _surface(ax, share * rim, to_rgba(cap), shade=True)
+        # The cone itself is solid with its rays drawn, the regions of the sphere are glass.
+        _surface(ax, share[[0, -1]] * rim, _tint(cap, 0.5), rays=_tint(cap, 1.0))
         arc = _arc(np.broadcast_to(sense * axis, rim.shape), rim, share)
-        _surface(ax, arc, to_rgba(cap, 0.3 if inside else 0.15), shade=False)
-        ax.plot(*rim.T, color=BLACK, linewidth=1.0)
+        _surface(ax, arc, to_rgba(cap, 0.22 if inside else 0.1))
+        ax.plot(*rim.T, color=BLACK, linewidth=1.0, zorder=FRONT)
     # Around the band by way of its middle: opposite rims may lie more than a right angle apart.
     middle = edge - (edge @ axis)[:, None] * axis
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     mirror = 2.0 * (edge @ middle.T).diagonal()[:, None] * middle - edge
     for rim in (edge, mirror):
-        glass = to_rgba(band, 0.12 if inside else 0.25)
-        _surface(ax, _arc(middle, rim, share), glass, shade=False)
+        glass = to_rgba(band, 0.1 if inside else 0.14)
+        _surface(ax, _arc(middle, rim, share), glass)
 
 
 def _arc(start: Floats, end: Floats, share: Floats) -> Floats:
@@ -179,26 +161,39 @@ def _sphere() -> Floats:
     return np.stack([ring * np.cos(phi), ring * np.sin(phi), np.cos(polar)], axis=-1)
 
 
-def _surface(ax: Axes3D, points: Floats, colour: Colour, *, shade: bool) -> None:
+def _surface(ax: Axes3D, points: Floats, colour: Colour, rays: Colour | None = None) -> None:
     x, y, z = np.moveaxis(points, -1, 0)
     ax.plot_surface(
-        x, y, z, color=colour, shade=shade, rstride=4, cstride=3, edgecolor="none",
-        linewidth=0.0, antialiased=False, rasterized=True,
+        x, y, z, color=colour, shade=False, rstride=1, cstride=3, edgecolor=rays or "none",
+        linewidth=0.3 if rays else 0.0, antialiased=rays is not None, rasterized=True,
     )  # fmt: skip
 
 
-def _draw_frame(ax: Axes3D) -> None:
-    """Axes through the centre with their names, and the direction of isotropic strain."""
+def _tint(colour: str, share: float) -> Colour:
+    """The colour's share with white: opaque."""
+    r, g, b = (1.0 - share + share * value for value in to_rgb(colour))
+    return r, g, b, 1.0
+
+
+def _draw_frame(ax: Axes3D, axis: Floats) -> None:
+    """Axes through the centre with their names, the direction of isotropic strain, the view."""
     for k, name in enumerate(AXES):
-        end = 1.25 * np.eye(3)[k]
+        end = (1.2 if k == 2 else 1.4) * np.eye(3)[k]
         ax.plot(*np.stack([-end, end]).T, color=BLACK, linewidth=0.7)
-        ax.text(*(1.1 * end), name, ha="center", va="center")
+        ax.text(*(1.12 * end), name, ha="center", va="center", zorder=FRONT)
     isotropic = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
     ax.plot(*np.stack([-1.3 * isotropic, 1.3 * isotropic]).T, color=GREY, linestyle=(0, (4, 2)))
     ax.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
     ax.set_box_aspect((1, 1, 1), zoom=1.15)
-    ax.view_init(elev=18.0, azim=-20.0)
+    ax.view_init(elev=22.0, azim=_azimuth(axis))
     ax.set_axis_off()
+
+
+def _azimuth(axis: Floats) -> float:
+    """View from the side of the cone's axis, and as far in front as that allows (degrees)."""
+    about = float(np.degrees(np.arctan2(axis[1], axis[0])))
+    sides = [(about + turn + 180.0) % 360.0 - 180.0 for turn in (-110.0, -70.0, 70.0, 110.0)]
+    return min(sides, key=abs)
 
 
 @styled()
@@ -224,98 +219,3 @@ def draw_states(states: dict[str, Floats]) -> Figure:
     pressure = Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label="isotropic strain")
     fig.legend(handles=[*keys, rim, pressure], loc="outside lower center", ncols=4)
     return fig
-
-
-def hexagon_states(
-    order: int, kappa: float, phi: float, compression: float, confine: float, axial: float
-) -> dict[str, Floats]:
-    """Tangents of a regular loop under the traction closure, in the symmetric subspace.
-
-    Parameters
-    ----------
-    order : int
-        Number of grains.
-    kappa, phi : float
-        kt/kn; friction angle, degrees.
-    compression : float
-        Isotropic strain of the first state.
-    confine, axial : float
-        Isotropic strain, and axial strain to which the drained biaxial path then leads.
-
-    Returns
-    -------
-    dict of str to (3, 3) array
-
-    Raises
-    ------
-    InputError
-        If the path does not reach its end.
-    """
-    law = LinearFrictional(kn=1.0, kt=kappa, mu=float(np.tan(np.radians(phi))))
-    isotropic = Stage(programmes.isotropic_strain(), "H11", compression)
-    drained = [
-        Stage(programmes.isotropic_strain(), "H11", confine),
-        Stage(programmes.drained_biaxial(), "H11", axial),
-    ]
-    named = {
-        f"isotropic, $E$ = {compression:g}": [isotropic],
-        f"drained biaxial, $E_1$ = {axial:g}": drained,
-    }
-    states = {}
-    for name, stages in named.items():
-        path = follow(regular_polygon(order), law, stages, closure="traction", subspace="symmetric")
-        if path.status != "finished":
-            raise InputError(name, path.message, "a path to its end", "Load the loop less.")
-        states[name] = path.K[-1]
-    return states
-
-
-def main(
-    out: Annotated[Path, typer.Option(help="Result folder.")],
-    order: Annotated[int, typer.Option(help="Number of grains.")] = 6,
-    kappa: Annotated[float, typer.Option(help="kt/kn.")] = 0.2,
-    phi: Annotated[float, typer.Option(help="Friction angle, degrees.")] = 5.0,
-    compression: Annotated[float, typer.Option(help="Isotropic strain, first state.")] = 0.2,
-    confine: Annotated[float, typer.Option(help="Isotropic strain before the biaxial path.")] = 0.1,
-    axial: Annotated[float, typer.Option(help="Axial strain at its end.")] = 0.2,
-    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
-) -> None:
-    """Draw the cone of a loop in two states; write the picture and its numbers."""
-    given: dict[str, Any] = {
-        "order": order, "kappa": kappa, "phi": phi, "compression": compression,
-        "confine": confine, "axial": axial,
-    }  # fmt: skip
-    try:
-        with result_folder(out, force=force) as folder:
-            states = hexagon_states(**given)
-            made = provenance("cone surface", given, "K over kn")
-            write_table(folder, "cone_surface", _edges(states), made, csv=True)
-            write_summary(folder, {"states": _numbers(states), "provenance": made})
-            save_figure(draw_states(states), folder, "cone_surface", made)
-    except InputError as error:
-        typer.echo(f"cone surface: {' '.join(str(error).split())}", err=True)
-        raise typer.Exit(2) from None
-    typer.echo(f"results in {out}")
-
-
-def _numbers(states: dict[str, Floats]) -> dict[str, Any]:
-    return {
-        name: {
-            "K": K,
-            "eigenvalues_Ks": symmetric_spectrum(K),
-            "unstable_fraction": float(unstable_fraction(symmetric_spectrum(K))),
-        }
-        for name, K in states.items()
-    }
-
-
-def _edges(states: dict[str, Floats]) -> dict[str, Any]:
-    """One row for each direction of each edge."""
-    edges = {name: cone_edge(K)[1] for name, K in states.items()}
-    every = np.concatenate(list(edges.values()))
-    names = [name for name, edge in edges.items() for _ in edge]
-    return {"state": names, "E11": every[:, 0], "E22": every[:, 1], "sqrt2_E12": every[:, 2]}
-
-
-if __name__ == "__main__":
-    typer.run(main)
