@@ -128,9 +128,10 @@ def _refuse_crossings(snapshot: Snapshot, path: Path) -> None:
         return
     named = snapshot.ids[snapshot.graph.contacts[pairs[:3]]]
     shown = "; ".join(f"{a[0]}-{a[1]} and {b[0]}-{b[1]}" for a, b in named.tolist())
+    more = " ..." if len(pairs) > len(named) else ""
     raise InputError(
         f"contacts of {path}",
-        f"{len(pairs)} pairs of crossing branches (grains {shown}{' ...' if len(pairs) > 3 else ''})",
+        f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
         "a planar network",
         "Drop one contact of each pair; opposite grains of a loop overlap, or the cell is wrong.",
     )

@@ -28,12 +28,13 @@ def external_forces(graph, kn, kt, mu, regime, v, w, step, shear_increment="bran
         else:
             s = 0.5 * step * (NODES + 1)
             path = d + s[:, None] * dv
-            l = np.hypot(path[:, 0], path[:, 1])
-            swept = (path[:, 0] * dv[1] - path[:, 1] * dv[0]) / l
+            length_at = np.hypot(path[:, 0], path[:, 1])
+            swept = (path[:, 0] * dv[1] - path[:, 1] * dv[0]) / length_at
             if shear_increment == "branch":
-                roll = 0.5 * (l + r_i - r_j) * w[i] + 0.5 * (l + r_j - r_i) * w[j]
+                roll = 0.5 * (length_at + r_i - r_j) * w[i]
+                roll = roll + 0.5 * (length_at + r_j - r_i) * w[j]
             else:
-                swept = swept * (r_i + r_j) / l
+                swept = swept * (r_i + r_j) / length_at
                 roll = r_i * w[i] + r_j * w[j]
             shear = graph.shear_force[c] - kt * 0.5 * step * (WEIGHTS @ (swept - roll))
         n = end / length
