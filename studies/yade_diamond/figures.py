@@ -149,7 +149,7 @@ def draw_increments(probes: Sequence[Probe], ax: Axes | None = None) -> Axes:
         ax.set(title=_title(probe))
     ax.set(xlabel="strain along the path", ylabel="$T$ over $k_n l_0$")
     ax.plot([], [], "o", color=GREY, markersize=3.0, fillstyle="none", label="Yade")
-    ax.legend(loc="upper left")
+    ax.legend(loc="best")
     return ax
 
 
