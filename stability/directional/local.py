@@ -144,8 +144,11 @@ class LocalBranches:
         shear = edge.kt[..., which, None] * self.sigma
         yields, touches = edge.at_yield[..., which, None], edge.touching[..., which, None]
         side = edge.side[..., which, None]
+        sides = np.where(yields, side * shear - mu * normal, 0.0)
+        if not touches.any():
+            return [sides]
         return [
-            np.where(yields, side * shear - mu * normal, np.where(touches, normal, 0.0)),
+            np.where(touches, normal, sides),
             np.where(touches, shear - mu * normal, 0.0),
             np.where(touches, shear + mu * normal, 0.0),
         ]

@@ -59,7 +59,7 @@ def cone_edge(K: ArrayLike, count: int = AROUND) -> tuple[Floats, Floats, bool]:
     Raises
     ------
     InputError
-        If K is not (3, 3).
+        If K is not (3, 3) or not finite.
 
     Examples
     --------
@@ -70,6 +70,8 @@ def cone_edge(K: ArrayLike, count: int = AROUND) -> tuple[Floats, Floats, bool]:
     operator = as_operator(K, size=3)
     if operator.ndim != 2:
         raise InputError("operator", f"shape {operator.shape}", "one operator", "Pick one.")
+    if not np.isfinite(operator).all():
+        raise InputError("operator", "not finite", "finite numbers", "Leave this state out.")
     values, vectors = symmetric_modes(operator)
     band = RTOL * float(operator_norm(operator))
     inside = bool(values[1] > -band)
@@ -114,13 +116,13 @@ def draw_cone_surface(K: ArrayLike, ax: Axes3D | None = None, title: str = "") -
         ax = new_figure(3.5, 3.3).add_subplot(projection="3d")
     axis, edge, inside = cone_edge(K)
     values = symmetric_spectrum(K)
+    values = np.where(np.abs(values) <= RTOL * operator_norm(K), 0.0, values)
+    share = float(unstable_fraction(values))
     if len(edge):
         _draw_regions(ax, axis, edge, inside)
     else:
-        unstable = bool(values[0] < -RTOL * operator_norm(K))
-        _surface(ax, _sphere(), to_rgba(VERMILION if unstable else SKY, 0.25))
+        _surface(ax, _sphere(), to_rgba(VERMILION if share > 0.0 else SKY, 0.25))
     _draw_frame(ax, axis)
-    share = float(unstable_fraction(values)) if len(edge) else float(values[2] < 0.0)
     said = f"unstable: {100.0 * share:.1f} % of directions"
     ax.set_title(f"{title}\n{said}" if title else said, pad=6.0)
     return ax

@@ -23,12 +23,9 @@ def main(
 ) -> None:
     """Search loops of several orders for complex eigenvalues; write tables and figures."""
     try:
-        first, last = (int(text) for text in orders.split("-"))
-        given = FlutterSearch(
-            tuple(range(first, last + 1)), loops, map_order, map_loops, seed, kappa
-        )
+        given = FlutterSearch(_orders(orders), loops, map_order, map_loops, seed, kappa)
         summary = run_flutter(given, out, force=force)
-    except (InputError, ValueError) as error:
+    except InputError as error:
         typer.echo(f"flutter: {' '.join(str(error).split())}", err=True)
         raise typer.Exit(2) from None
     for operator, groups in summary["families"].items():
@@ -38,6 +35,13 @@ def main(
                 f"{row['flutter_stable']:>5} with W2 > 0, ratio to {row['largest_ratio']:.3f}"
             )
     typer.echo(f"results in {out}")
+
+
+def _orders(text: str) -> tuple[int, ...]:
+    first, dash, last = text.partition("-")
+    if not (dash and first.isdecimal() and last.isdecimal() and 3 <= int(first) <= int(last)):
+        raise InputError("--orders", repr(text), "two orders from 3 on, as 3-8", "Correct it.")
+    return tuple(range(int(first), int(last) + 1))
 
 
 if __name__ == "__main__":

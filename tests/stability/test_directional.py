@@ -1,5 +1,7 @@
 """Branch-aware directional analysis against closed forms and the rate problem of the paths."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -94,7 +96,7 @@ def test_edges_of_the_diamond_in_closed_form(table, closure):
 
 @pytest.mark.parametrize("mu", [0.1, 0.5, 2.0])
 def test_one_contact_loses_one_nappe(mu):
-    # Tangent [[1, 0], [mu, 0]] when sliding, a double cone of opening arctan(mu); pressed it sticks.
+    # Tangent [[1, 0], [mu, 0]] when sliding, a double cone of opening arctan(mu); else it sticks.
     pair = GrainGraph(
         x=[[0, 0], [1, 1]], radii=[0.8, 0.8], contacts=[[0, 1]],
         normal_force=[1e-16], shear_force=[mu * 1e-16],
@@ -198,6 +200,7 @@ def test_solutions_are_those_of_the_rate_problem(closure, spins, touching, subsp
     assert "unique" in seen
 
 
+@cache
 def loop_with_several():
     """A pentagon whose rate problem has several solutions in some directions, none in others."""
     rng = np.random.default_rng(11)
@@ -315,3 +318,23 @@ def test_bad_input():
         branch_fraction(regular_polygon(4, strain=[0.1, 0.2]), strict, closure="traction")
     with pytest.raises(InputError, match="scramblings"):
         branch_fraction(graph, law, scramblings=1)
+
+
+@pytest.mark.parametrize("subspace", ["symmetric", "full"])
+def test_sampled_fractions_against_plain_random_directions(subspace):
+    graph, law, _ = loop_with_several()
+    options = {"closure": "traction", "subspace": subspace}
+    found = branch_fraction(graph, law, scramblings=32, **options)
+    count = 40_000
+    e = np.random.default_rng(17).standard_normal((count, len(subspace_basis(subspace))))
+    drawn = directional_work(graph, law, e, **options)
+    shares = {
+        "unstable": drawn.work[:, 0] < 0,
+        "surely": drawn.work[:, 1] < 0,
+        "none": drawn.status == "none",
+        "several": drawn.status == "several",
+    }
+    for name, hits in shares.items():
+        p = float(hits.mean())
+        assert abs(getattr(found, name) - p) < 5 * np.sqrt((p + 1e-4) / count) + 5 * found.error
+    assert found.unstable - found.surely > 5 * found.error > 0

@@ -60,6 +60,8 @@ def test_no_edge_without_a_cone():
         cone_edge(np.eye(2))
     with pytest.raises(InputError, match="operator"):
         cone_edge(np.zeros((2, 3, 3)))
+    with pytest.raises(InputError, match="not finite"):
+        cone_edge(np.full((3, 3), np.nan))
 
 
 @pytest.mark.parametrize(
@@ -67,6 +69,7 @@ def test_no_edge_without_a_cone():
     [
         (np.eye(3), "0.0 %"),
         (-np.eye(3), "100.0 %"),
+        (np.diag([-1.0, 0.0, 0.0]), "100.0 %"),
         (np.diag([3.0, 3.0, -1.0]), f"{100 * (1 - np.sqrt(3) / 2):.1f} %"),
     ],
 )

@@ -6,12 +6,14 @@ import mpmath
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 
 from loops import InputError, LinearFrictional, affine_tangent, assemble_tangent
 from loops.geometry import boundary_vectors
 from loops.stress import contact_forces, love_weber_stress
 from patterns import regular_polygon
 from stability import flutter_pairs, restrict, spectrum, symmetric_spectrum
+from studies.flutter.__main__ import main
 from studies.flutter.run import FlutterSearch, run_flutter
 from studies.flutter.sample import Ranges, draw_loops, loaded, random_levels, repeated
 from studies.flutter.search import OPERATORS, UNCERTAINTY, flutter_map, flutter_of, operators_of
@@ -191,3 +193,12 @@ def test_study_writes_tables_and_figures(tmp_path):
         run_flutter(given, tmp_path / "out")
     with pytest.raises(InputError, match="orders of 3 or more"):
         run_flutter(FlutterSearch(orders=(2,)), tmp_path / "none")
+
+
+def test_command_refuses_bad_input_in_one_line(tmp_path, capsys):
+    for orders in ("abc", "8-3", "2-4", "5"):
+        with pytest.raises(typer.Exit) as left:
+            main(tmp_path / "none", orders=orders)
+        said = capsys.readouterr().err
+        assert left.value.exit_code == 2 and said.count("\n") == 1 and "--orders" in said
+    assert not (tmp_path / "none").exists()
