@@ -6,6 +6,9 @@ the component order (11, 12, 21, 22), or an operator `K (..., m, m)` already res
 
 from stability import programmes
 from stability.cones import PlaneCone, plane_cone
+from stability.control_programmes import strain_driven, stress_driven
+from stability.destabilising import LinearControl, destabilising_control, softening_control
+from stability.directional import BranchFraction, DirectionalWork, branch_fraction, directional_work
 from stability.paths import Event, Path, follow, rates_at
 from stability.programmes import Programme, Stage
 from stability.rate_problem import RateProblem, RateSolution
@@ -33,7 +36,10 @@ from stability.verdict import Verdict, judge, statuses
 __all__ = [
     "COMPONENTS",
     "RTOL",
+    "BranchFraction",
+    "DirectionalWork",
     "Event",
+    "LinearControl",
     "Path",
     "PlaneCone",
     "PolarDiagram",
@@ -43,7 +49,10 @@ __all__ = [
     "Stage",
     "Verdict",
     "alpha_e",
+    "branch_fraction",
     "bromwich_margin",
+    "destabilising_control",
+    "directional_work",
     "flutter_pairs",
     "follow",
     "imhof_fraction",
@@ -57,8 +66,11 @@ __all__ = [
     "restrict",
     "rotate_tangent",
     "second_order_work",
+    "softening_control",
     "spectrum",
     "statuses",
+    "strain_driven",
+    "stress_driven",
     "subspace_basis",
     "symmetric_modes",
     "symmetric_part",

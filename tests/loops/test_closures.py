@@ -17,9 +17,9 @@ from loops import (
 from loops.closures.macro_tangent import solved
 from loops.closures.spins import affine_spin, deformation_gradient
 from patterns import regular_polygon
+from studies.fifty_digits import as_array, traction_tangent_50
 from tests.oracles.finite_motion import external_forces
 from tests.oracles.rings import random_rings, ring, slide
-from tests.oracles.traction_mpmath import as_array, traction_tangent_50
 
 LAW = LinearFrictional(kn=1.3, kt=0.5, mu=0.5)
 SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])

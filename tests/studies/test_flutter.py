@@ -13,11 +13,11 @@ from loops.geometry import boundary_vectors
 from loops.stress import contact_forces, love_weber_stress
 from patterns import regular_polygon
 from stability import flutter_pairs, restrict, spectrum, symmetric_spectrum
+from studies.fifty_digits import traction_tangent_50
 from studies.flutter.__main__ import main
 from studies.flutter.run import FlutterSearch, run_flutter
 from studies.flutter.sample import Ranges, draw_loops, loaded, random_levels, repeated
 from studies.flutter.search import OPERATORS, UNCERTAINTY, flutter_map, flutter_of, operators_of
-from tests.oracles.traction_mpmath import traction_tangent_50
 
 FAMILIES = [
     (shape, forces, contacts)

@@ -11,8 +11,8 @@ from loops import LinearFrictional, Regime, find_faces, love_weber_stress
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from stability import imhof_fraction
 from studies.cli import main
+from studies.fifty_digits import as_array, traction_tangent_50
 from studies.snapshot.table import loop_table
-from tests.oracles.traction_mpmath import as_array, traction_tangent_50
 from tests.patterns.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
 
 KEYS = [

@@ -1,0 +1,217 @@
+"""A loop's tangent with 50 digits, for measuring the error of the fast methods.
+
+The traction tangent is taken from the primal system, unknown grain velocities and stress with the
+first grain held, so that it shares nothing with the force method. mpmath comes with the extra
+`test`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+DIGITS = 50
+
+
+def affine_tangent_50(
+    x: Floats,
+    x0: Floats,
+    normal: Floats,
+    shear: Floats,
+    kn: Any,
+    kt: Any,
+    mu: float,
+    regime: Sequence[int] | NDArray[np.int8],
+) -> Any:
+    """Affine tangent of a ring, `(1/V0) sum k_ik d0_j d0_l`, with 50 digits.
+
+    Parameters
+    ----------
+    x, x0 : (n, 2) array
+        Centres and reference centres of the ring, counter-clockwise (length).
+    normal, shear : (n,) array
+        Forces of the contacts (c, c+1), compression positive.
+    kn, kt : float or (n,) array
+        Stiffness (force per length).
+    mu : float
+        Friction of sliding contacts.
+    regime : (n,) array of int
+        1 elastic, 2 sliding.
+
+    Returns
+    -------
+    mpmath.matrix
+        4 x 4, order (11, 12, 21, 22).
+    """
+    import mpmath as mp
+
+    with mp.workdps(DIGITS):
+        now, reference = _exact(x), _exact(x0)
+        out = mp.zeros(4, 4)
+        volume, n = _area(reference), len(reference)
+        for c, k in enumerate(_blocks(now, normal, shear, kn, kt, mu, regime)):
+            d0 = [reference[(c + 1) % n][a] - reference[c][a] for a in range(2)]
+            for p in range(4):
+                for q in range(4):
+                    out[p, q] += k[p // 2, q // 2] * d0[p % 2] * d0[q % 2] / volume
+        return out
+
+
+def traction_tangent_50(
+    x: Floats,
+    x0: Floats,
+    normal: Floats,
+    shear: Floats,
+    kn: Any,
+    kt: Any,
+    mu: float,
+    regime: Sequence[int] | NDArray[np.int8],
+) -> Any:
+    """Traction tangent of a ring with spins blocked, with 50 digits.
+
+    Parameters
+    ----------
+    x, x0, normal, shear, kn, kt, mu, regime
+        As for `affine_tangent_50`.
+
+    Returns
+    -------
+    mpmath.matrix
+        4 x 4, order (11, 12, 21, 22).
+    """
+    import mpmath as mp
+
+    with mp.workdps(DIGITS):
+        now, reference = _exact(x), _exact(x0)
+        n = len(reference)
+        system = mp.zeros(2 * n + 4, 2 * n + 4)
+        for c, k in enumerate(_blocks(now, normal, shear, kn, kt, mu, regime)):
+            _assemble(system, k, c, (c + 1) % n)
+        _load(system, reference)
+        # Hold grain 0: its two rows follow from the others.
+        small = system[2:, 2:]
+        volume, out = _area(reference), mp.matrix(4, 4)
+        for q in range(4):
+            rhs = mp.zeros(2 * n + 2, 1)
+            rhs[2 * n - 2 + q] = -volume
+            solution = mp.lu_solve(small, rhs)
+            for p in range(4):
+                out[p, q] = solution[2 * n - 2 + p]
+        return out
+
+
+def as_array(matrix: Any) -> Floats:
+    """Round a 50-digit matrix to doubles.
+
+    Parameters
+    ----------
+    matrix : mpmath.matrix
+        Any size.
+
+    Returns
+    -------
+    array
+        Nearest doubles.
+    """
+    rows, columns = matrix.rows, matrix.cols
+    return np.array([[float(matrix[i, j]) for j in range(columns)] for i in range(rows)])
+
+
+def symmetric_spectrum_50(matrix: Any) -> Floats:
+    """Eigenvalues of Ks in the symmetric subspace with 50 digits, rounded, ascending.
+
+    Parameters
+    ----------
+    matrix : mpmath.matrix
+        4 x 4, order (11, 12, 21, 22).
+
+    Returns
+    -------
+    (3,) array
+        Eigenvalues (force per length).
+    """
+    import mpmath as mp
+
+    with mp.workdps(DIGITS):
+        half = mp.sqrt(mp.mpf(1) / 2)
+        basis = mp.matrix([[1, 0, 0, 0], [0, 0, 0, 1], [0, half, half, 0]])
+        k = basis * matrix * basis.T
+        values = mp.eigsy((k + k.T) / 2, eigvals_only=True)
+        return np.array(sorted(float(values[i]) for i in range(3)))
+
+
+def _exact(points: Floats) -> list[list[Any]]:
+    import mpmath as mp
+
+    return [[mp.mpf(float(value)) for value in row] for row in points]
+
+
+def _at(value: Any, c: int) -> Any:
+    import mpmath as mp
+
+    return mp.mpf(float(value if np.ndim(value) == 0 else value[c]))
+
+
+def _area(x0: list[list[Any]]) -> Any:
+    n = len(x0)
+    pairs = [(x0[c], x0[(c + 1) % n]) for c in range(n)]
+    return sum(a[0] * b[1] - a[1] * b[0] for a, b in pairs) / 2
+
+
+def _blocks(
+    x: list[list[Any]], normal: Floats, shear: Floats, kn: Any, kt: Any, mu: float, regime: Any
+) -> list[Any]:
+    n = len(x)
+    return [
+        _block(
+            x[c],
+            x[(c + 1) % n],
+            _at(normal, c),
+            _at(shear, c),
+            _at(kn, c),
+            _at(kt, c),
+            _at(mu, c),
+            regime[c],
+        )
+        for c in range(n)
+    ]
+
+
+def _block(
+    xi: list[Any], xj: list[Any], normal: Any, shear: Any, kn: Any, kt: Any, mu: Any, regime: int
+) -> Any:
+    import mpmath as mp
+
+    d = [xj[0] - xi[0], xj[1] - xi[1]]
+    length = mp.sqrt(d[0] ** 2 + d[1] ** 2)
+    n = mp.matrix([d[0] / length, d[1] / length])
+    t = mp.matrix([-n[1], n[0]])
+    geometric = -normal / length * t * t.T + shear / length * n * t.T
+    if regime == 1:
+        return kn * n * n.T + kt * t * t.T + geometric
+    return kn * n * n.T + mp.sign(shear) * mu * kn * t * n.T + geometric
+
+
+def _assemble(system: Any, k: Any, i: int, j: int) -> None:
+    for a in range(2):
+        for b in range(2):
+            system[2 * i + a, 2 * i + b] += k[a, b]
+            system[2 * j + a, 2 * j + b] += k[a, b]
+            system[2 * i + a, 2 * j + b] -= k[a, b]
+            system[2 * j + a, 2 * i + b] -= k[a, b]
+
+
+def _load(system: Any, x0: list[list[Any]]) -> None:
+    """Boundary vectors: forces `-P B_i`, and the displacement gradient of the polygon."""
+    n = len(x0)
+    for i in range(n):
+        before, after = x0[i - 1], x0[(i + 1) % n]
+        boundary = [(after[1] - before[1]) / 2, -(after[0] - before[0]) / 2]
+        for a in range(2):
+            for b in range(2):
+                system[2 * i + a, 2 * n + 2 * a + b] += boundary[b]
+                system[2 * n + 2 * a + b, 2 * i + a] += boundary[b]
