@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
@@ -15,9 +17,11 @@ from stability import operator_norm, restrict, symmetric_spectrum
 Floats = NDArray[np.float64]
 
 # Strains that are looked at before a root is refined: none beyond the last.
-FIRST, LAST, COUNT = 1e-6, 0.99, 397
-# A smallest eigenvalue at the first load below this share of the operator's norm is a loss.
-LOST = 1e-9
+FIRST, LAST, COUNT = 1e-6, 0.99, 100
+# Strains looked at together.
+CHUNKS = 9
+# A smallest eigenvalue at the first load that is not above this share of the norm is a loss.
+LOST = 1e-12
 
 
 def smallest_eigenvalue(
@@ -53,7 +57,7 @@ def smallest_eigenvalue(
     >>> from loops import LinearFrictional
     >>> law = LinearFrictional(kn=1.0, kt=0.25)
     >>> smallest_eigenvalue(6, np.array([0.1, 0.2, 0.3]), law, "traction").round(3).tolist()
-    [0.15, 0.0, -0.284]
+    [0.237, 0.0, -0.399]
     """
     loop = regular_polygon(order, strain=strain, orientation=orientation)
     loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
@@ -101,16 +105,22 @@ def critical_strain(
         return smallest_eigenvalue(order, strain, law, closure, spins, subspace, orientation)
 
     # The stiffness of spheres vanishes at touching: the first load, not none at all.
-    grid = np.concatenate([[FIRST], np.linspace(0.0, LAST, COUNT)[1:]])
-    values = smallest(grid)
-    lost = np.flatnonzero(~(values > 0.0))
-    if not values[0] > -LOST * FIRST and values[0] <= 0.0:
+    if not float(smallest(FIRST)) > LOST:
         return 0.0
-    if not values[0] > LOST * FIRST:
-        return 0.0
-    if len(lost) == 0:
+    below = FIRST
+    for strains in np.array_split(np.linspace(0.0, LAST, COUNT)[1:], CHUNKS):
+        values = smallest(strains)
+        lost = np.flatnonzero(~(values > 0.0))
+        if len(lost):
+            k = int(lost[0])
+            start = below if k == 0 else float(strains[k - 1])
+            return _root(smallest, start, float(strains[k]))
+        below = float(strains[-1])
+    return None
+
+
+def _root(smallest: Callable[[Floats | float], Floats], start: float, end: float) -> float | None:
+    """Zero between two strains; none where an operator between them is not known."""
+    if not np.isfinite(float(smallest(end))):
         return None
-    k = int(lost[0])
-    if not np.isfinite(values[k]):
-        return None
-    return float(brentq(smallest, grid[k - 1], grid[k], xtol=1e-15, rtol=1e-14))
+    return float(brentq(lambda E: float(smallest(E)), start, end, xtol=1e-15, rtol=1e-14))

@@ -58,7 +58,7 @@ def test_compare(monkeypatch, capsys, tmp_path, undrawn):
         (["--order", "6", "--spins", "up"], "blocked, affine or free"),
         (["--order", "6", "--programme", "biaxial"], "--programme"),
         (["--order", "6", "--orientation", "corner"], "vertex or edge"),
-        (["--order", "six"], "six"),
+        (["--order", "six"], "--order"),
         (["--compare", "12-3"], "--compare"),
         (["--compare", "2-4"], "--order"),
         (["--compare", "3-4", "--order", "3"], "--compare"),
