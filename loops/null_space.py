@@ -68,7 +68,8 @@ def solve_through_null_space(
     Returns
     -------
     LeastSquares
-        Solution, nullity, condition, residual and ambiguity.
+        Solution, nullity, condition, residual and ambiguity. A system that is not finite has no
+        solution (nan) and an infinite residual.
 
     Examples
     --------
@@ -84,6 +85,9 @@ def solve_through_null_space(
     rhs = np.broadcast_to(rhs, (*batch, *rhs.shape[-2:])).reshape(-1, *rhs.shape[-2:])
     observed = np.broadcast_to(observed, (*batch, *observed.shape[-2:]))
     observed = observed.reshape(-1, *observed.shape[-2:])
+    finite = np.asarray(np.isfinite(matrix).all(axis=(-2, -1)))
+    finite &= np.isfinite(rhs).all(axis=(-2, -1))
+    matrix = np.where(finite[:, None, None], matrix, 0.0)
     inverse, condition = _bordered_inverse(matrix, known)
     regular = condition * tolerance < 1
     x = np.where(regular[:, None, None], inverse, 0.0) @ rhs
@@ -96,6 +100,8 @@ def solve_through_null_space(
         )
     size = np.linalg.norm(rhs, axis=(-2, -1))
     residual = np.linalg.norm(matrix @ x - rhs, axis=(-2, -1)) / np.where(size > 0, size, 1.0)
+    x[~finite] = np.nan
+    condition[~finite] = residual[~finite] = ambiguity[~finite] = np.inf
     return LeastSquares(
         x=x.reshape(*batch, *x.shape[-2:]),
         nullity=nullity.reshape(batch),

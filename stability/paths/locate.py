@@ -16,6 +16,9 @@ Anything = TypeVar("Anything")
 # Points at which the polynomial through the samples looks for an excursion between them.
 FINE = np.linspace(0.0, 1.0, 41)
 
+# Halvings of a step that leave less than the spacing of doubles.
+HALVINGS = 60
+
 # Functions beyond this number (pairs of grains, in long loops) are compared at the samples alone.
 MANY = 2000
 
@@ -89,7 +92,7 @@ def polish(
     best = at(theta)
     for _ in range(3):
         error = float(best[2][which])
-        if not slope > 0 or abs(error) <= 1e-16:
+        if not slope > 0 or not abs(error) > 1e-16:
             break
         moved = min(max(theta - error / slope, 0.0), 1.0)
         trial = at(moved)
@@ -127,7 +130,20 @@ def _earliest(
 
 
 def _root(values: Callable[[float], Floats], which: int, a: float, b: float) -> float:
-    return float(brentq(lambda theta: values(theta)[which], a, b, xtol=1e-15, rtol=1e-14))
+    try:
+        return float(brentq(lambda theta: values(theta)[which], a, b, xtol=1e-15, rtol=1e-14))
+    except ValueError:
+        # Next to a singular state the interpolant is rough: not a number somewhere, or not of the
+        # signs that its samples have.
+        return _first_not_below(lambda theta: float(values(theta)[which]), a, b)
+
+
+def _first_not_below(value: Callable[[float], float], a: float, b: float) -> float:
+    """Halve the interval towards where the function stops being negative; nan is not negative."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (a + b)
+        a, b = (middle, b) if value(middle) < 0 else (a, middle)
+    return b
 
 
 def _with_excursions(

@@ -165,6 +165,9 @@ def eigenvalue_kind(A: Floats, subspace: str, item: int) -> str:
     """What the zero of the real part of an eigenvalue of K is: 'det_K_zero' or 'flutter'."""
     basis = subspace_basis(subspace)
     K = basis @ A @ basis.T
+    if not np.isfinite(K).all():
+        # In a singular state itself the operator is not known, and neither is its spectrum.
+        return "det_K_zero"
     values = np.sort(np.linalg.eigvals(K).astype(complex))
     real = abs(values[item].imag) <= REAL * np.linalg.norm(K)
     return "det_K_zero" if real else "flutter"

@@ -32,6 +32,12 @@ SETTLED = 4
 # Steps that short, over the size of the strains, stall.
 STALLED = 1e-7
 
+# Evaluations after which a step is given up: forty sizes, each a fifth of the last at least.
+EVALUATIONS = 480
+
+# Integrating a part of a step again takes a few steps; more than this tell of a singular point.
+AGAIN = 100
+
 # Steps below this length in the space of H change nothing.
 SHORTEST = 1e-17
 
@@ -186,12 +192,14 @@ class _Step:
         if length <= SHORTEST:
             return self.y_begin
         solver = _solver(self.task, self.y_begin, self.gauge, length, length)
-        while solver.status == "running":
+        for _ in range(AGAIN):
+            if solver.status != "running":
+                break
             _advance(solver)
-        if solver.status == "failed":
-            # Next to a singular point the interpolant is all there is.
-            return np.asarray(self.dense(self.begin + length))
-        return np.asarray(solver.y)
+        if solver.status == "finished":
+            return np.asarray(solver.y)
+        # Next to a singular point the interpolant is all there is.
+        return np.asarray(self.dense(self.begin + length))
 
 
 def _crossing(
@@ -213,7 +221,11 @@ def _branchings(step: _Step, samples: list[Look], until: float) -> list[Look]:
     for k in range(1, len(samples)):
         if numbers[k - 1] * numbers[k] < 0:
             a, b = float(SAMPLES[k - 1]), float(SAMPLES[k])
-            theta = brentq(lambda theta: step.look(theta).branching, a, b, xtol=1e-14)
+            try:
+                theta = brentq(lambda theta: step.look(theta).branching, a, b, xtol=1e-14)
+            except ValueError:
+                # No number somewhere between: the balance itself is singular there.
+                continue
             if theta < until:
                 places.append(step.look(theta))
     return places
@@ -286,8 +298,28 @@ def _stalls(task: Task, length: float, seen: Look) -> bool:
     return short and seen.rates.condition > ILL_CONDITIONED
 
 
+class _RejectedError(Exception):
+    """The integrator has tried too many step sizes."""
+
+
 def _advance(solver: DOP853) -> str:
     """One accepted step, or why there is none."""
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        message = solver.step()
+    rates, left = solver.fun, EVALUATIONS
+
+    def counted(t: float, y: Floats) -> Floats:
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise _RejectedError
+        return rates(t, y)
+
+    solver.fun = counted
+    try:
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            message = solver.step()
+    except _RejectedError:
+        solver.status = "failed"
+        message = "no step size keeps the error within its tolerance"
+    finally:
+        solver.fun = rates
     return message or ""

@@ -63,3 +63,11 @@ def test_one_singular_member_does_not_spoil_its_batch():
     assert found.nullity.tolist() == [0, 2, 1]
     np.testing.assert_allclose(found.x[..., 0], [[1, 1], [0, 0], [1, 0]], atol=1e-15)
     assert found.residual.round(12).tolist() == [0.0, 1.0, round(0.5**0.5, 12)]
+
+
+def test_a_system_that_is_not_finite_has_no_solution():
+    batch = np.stack([np.eye(2), np.full((2, 2), np.nan)])
+    found = solve_through_null_space(batch, np.ones((2, 1)), np.eye(2))
+    assert found.x[0, :, 0].tolist() == [1.0, 1.0]
+    assert np.isnan(found.x[1]).all()
+    assert found.residual.tolist() == [0.0, np.inf]

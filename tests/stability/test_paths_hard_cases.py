@@ -107,3 +107,33 @@ def test_shortest_and_longest_loops(order):
     assert path.status == "finished"
     assert path.P[path.stage == 1, 3] == pytest.approx(path.P[-1, 3], rel=1e-11)
     assert path.imbalance.max() < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("order", "orientation", "end", "max_step"),
+    [
+        (5, "vertex", 0.9, 0.05),
+        (8, "edge", 0.4, 0.05),
+        (8, "edge", 0.4, 0.037),
+        (10, "vertex", 0.4, 0.05),
+    ],
+)
+def test_through_a_singular_threshold_there_is_always_an_answer(order, orientation, end, max_step):
+    """Relaxed rings compressed through kappa/(1 + kappa), where the balance is singular.
+
+    Whether a step lands on the singular state is chance; the path goes on or says where it ends,
+    and the loss it has met is the threshold.
+    """
+    kappa = 0.3
+    path = follow(
+        regular_polygon(order, orientation=orientation),
+        LinearFrictional(1.0, kappa),
+        [Stage(programmes.isotropic_strain(), "H11", end)],
+        closure="traction",
+        max_step=max_step,
+    )
+    assert path.status in ("finished", "control_limit", "lost")
+    assert path.status == "finished" or path.message
+    (loss,) = [event for event in path.of_kind("det_Ks_zero")][:1]
+    assert abs(path.H[loss.index, 0] - kappa / (1 + kappa)) < 1e-8
+    assert np.isfinite(path.H).all() and np.isfinite(path.P).all()
