@@ -70,7 +70,8 @@ def traction_tangent(
     Raises
     ------
     InputError
-        If the graph is no loop, or the force method is asked for where it does not apply.
+        If the graph is no loop, its polygon has no area, or the force method is asked for where
+        it does not apply.
 
     Examples
     --------
@@ -85,6 +86,13 @@ def traction_tangent(
     check_choice("method", method, get_args(Method))
     require_loop(graph)
     polygon = np.abs(polygon_area(graph.x0))
+    if not np.all(polygon > 0):
+        raise InputError(
+            "reference polygon of the loop",
+            f"area {np.min(polygon)}",
+            "a positive area",
+            "Uniform traction needs a polygon: the centres must not lie on a line.",
+        )
     v0 = np.asarray(polygon if volume is None else volume, dtype=float)
     applies = spins == "blocked" and graph.contact_count == graph.grain_count
     if method == "force" and not applies:

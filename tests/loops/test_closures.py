@@ -343,6 +343,9 @@ def test_unknown_choices_are_refused():
         affine_tangent(graph, LAW, spins="rolling")
     with pytest.raises(InputError, match=r"method.*'magic'"):
         traction_tangent(graph, LAW, method="magic")
+    flat = GrainGraph(x=[[0, 0], [1, 0], [2, 0]], radii=[1, 1, 1], contacts=ring(3))
+    with pytest.raises(InputError, match=r"polygon of the loop: got area 0\.0"):
+        traction_tangent(flat, LAW)
     packing = GrainGraph(x=[[0, 0], [1, 0]], radii=[1, 1], contacts=[[0, 1]])
     with pytest.raises(InputError, match="loop of 2 grains"):
         affine_tangent(packing, LAW)
