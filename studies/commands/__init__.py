@@ -1,0 +1,1 @@
+"""The commands of `grainloops`, one module each."""

@@ -1,0 +1,49 @@
+"""`grainloops diamond`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from studies.commands.common import Csv, Force, Json, Out, report
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command()(diamond)
+
+
+def diamond(
+    out: Out,
+    table: Annotated[int | None, typer.Option(help="The paper's Table 1 or 2.")] = None,
+    alpha0: Annotated[float | None, typer.Option(help="Reference angle (degrees).")] = None,
+    kappa: Annotated[float | None, typer.Option(help="Stiffness ratio kt/kn.")] = None,
+    phi: Annotated[float | None, typer.Option(help="Contact friction angle (degrees).")] = None,
+    confine: Annotated[float | None, typer.Option(help="Isotropic strain at state A.")] = None,
+    closure: Annotated[str, typer.Option(help="affine or traction.")] = "affine",
+    sliding: Annotated[str, typer.Option(help="coulomb or printed.")] = "coulomb",
+    contact_on_touch: Annotated[
+        str, typer.Option(help="When opposite grains meet: ignore, stop or add a contact.")
+    ] = "ignore",
+    force: Force = False,
+    csv: Csv = False,
+    json: Json = False,
+) -> None:
+    """Follow the four-grain diamond of the paper; without options, its Table 1."""
+    from studies.diamond import DiamondParameters, run_diamond
+
+    # The parameters check the words themselves, and say what is expected.
+    words: Any = (closure, sliding, contact_on_touch)
+    parameters = DiamondParameters(table, alpha0, kappa, phi, confine, *words)
+    summary = run_diamond(parameters, out, force=force, csv=csv)
+    report(summary, out, json, _diamond_lines)
+
+
+def _diamond_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [
+        f"{event['kind']:<18} E1 = {event['E1']:.10f}  E2 = {event['E2']:.10f}  "
+        f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
+        for event in summary["events"]
+    ]
+    return lines + [f"note: {note}" for note in summary["notes"]]

@@ -1,0 +1,85 @@
+"""`grainloops snapshot`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from loops.errors import InputError
+from studies.commands.common import Csv, Force, Json, Out, report, shown
+
+# Loop orders from this one on are printed together.
+LAST_SHOWN = 7
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command()(snapshot)
+
+
+def snapshot(
+    path: Annotated[Path, typer.Argument(help="Table of grains (CSV, CSV.gz, Parquet).")],
+    out: Out,
+    contacts: Annotated[
+        Path | None, typer.Option(help="Table of contacts; found beside PATH by its name.")
+    ] = None,
+    cell: Annotated[
+        str | None,
+        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
+    ] = None,
+    kn: Annotated[float | None, typer.Option(help="Normal stiffness the table lacks.")] = None,
+    kt: Annotated[float | None, typer.Option(help="Shear stiffness the table lacks.")] = None,
+    mu: Annotated[float | None, typer.Option(help="Friction (tan) the table lacks.")] = None,
+    force: Force = False,
+    csv: Csv = False,
+    json: Json = False,
+) -> None:
+    """Find the loops of a DEM snapshot and judge the stability of each."""
+    from studies.snapshot import SnapshotInput, run_snapshot
+
+    source = SnapshotInput(path, contacts, _cell(cell), kn, kt, mu)
+    summary = run_snapshot(source, out, force=force, csv=csv)
+    report(summary, out, json, _snapshot_lines)
+
+
+def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
+    orders = "  ".join(f"{n}: {count:.0f}" for n, count in _grouped(summary, None).items())
+    lines = [
+        f"{summary['grains']} grains, {summary['contacts']} contacts, "
+        f"coordination {summary['coordination']:.3f} without {summary['dangling_grains']} dangling",
+        f"{summary['loops']} loops, mean order {shown(summary['mean_order'])} ({orders})",
+        f"Euler's formula {'holds' if summary['euler_ok'] else 'FAILS'}; "
+        f"{100 * summary['sliding_fraction']:.1f} % of the contacts slide",
+    ]
+    for closure, shares in summary["unstable_fraction"].items():
+        unstable = _grouped(summary, shares)
+        text = "  ".join(f"{n}: {100 * share:.2g} %" for n, share in unstable.items())
+        lines.append(f"unstable loops by order, {closure}: {text}")
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def _grouped(summary: dict[str, Any], shares: dict[str, float] | None) -> dict[str, float]:
+    """Loops of orders 3 to 6 and beyond; with shares, their mean over the loops of each group."""
+    counts: dict[str, float] = {}
+    sums: dict[str, float] = {}
+    for n, count in summary["orders"].items():
+        group = n if int(n) < LAST_SHOWN else f"{LAST_SHOWN}+"
+        counts[group] = counts.get(group, 0) + count
+        sums[group] = sums.get(group, 0.0) + count * (0.0 if shares is None else shares[n])
+    if shares is None:
+        return counts
+    return {group: sums[group] / counts[group] for group in counts}
+
+
+def _cell(text: str | None) -> tuple[float, float, float, float] | None:
+    if text is None:
+        return None
+    try:
+        xx, xy, yx, yy = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            "--cell", repr(text), "four numbers HXX,HXY,HYX,HYY", "Separate them by commas."
+        ) from None
+    return xx, xy, yx, yy
