@@ -30,6 +30,7 @@ from loops.graph import (
 from loops.laws import ContactLaw, HertzMindlin, LinearFrictional, Regime, RollingResistance
 from loops.loop_batches import LoopBatch, loop_batches
 from loops.outline import outline_area
+from loops.planarity import crossing_contacts_to_drop
 from loops.pruning import prune_dangling
 from loops.stress import contact_forces, love_weber_stress, nominal_stress
 
@@ -55,6 +56,7 @@ __all__ = [
     "contact_frame",
     "contact_state",
     "contact_tangent",
+    "crossing_contacts_to_drop",
     "euler_check",
     "faces_by_order",
     "find_crossings",

@@ -11,12 +11,22 @@ from patterns.polygons import (
     random_loop,
     regular_polygon,
 )
-from patterns.snapshots import Snapshot, read_snapshot, sample_cell, sample_path
+from patterns.snapshots import (
+    Snapshot,
+    WallContacts,
+    count_frames,
+    read_frames,
+    read_snapshot,
+    sample_cell,
+    sample_path,
+)
 from patterns.synthetic import synthetic_network
 
 __all__ = [
     "Snapshot",
     "SnapshotLoop",
+    "WallContacts",
+    "count_frames",
     "diamond",
     "equilateral_polygon",
     "hexagon",
@@ -24,6 +34,7 @@ __all__ = [
     "opposite_gap",
     "polydisperse_polygon",
     "random_loop",
+    "read_frames",
     "read_snapshot",
     "regular_polygon",
     "sample_cell",

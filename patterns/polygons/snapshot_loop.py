@@ -87,5 +87,7 @@ def loop_of_snapshot(snapshot: Snapshot, faces: Faces, loop: int) -> SnapshotLoo
         normal_force=packing.normal_force[contacts],
         shear_force=packing.shear_force[contacts],
     )
-    law, regime = snapshot.law.take(contacts), snapshot.regime[contacts]
-    return SnapshotLoop(graph, law, regime, snapshot.ids[grains], grains, contacts)
+    law, regime = snapshot.mechanics()
+    return SnapshotLoop(
+        graph, law.take(contacts), regime[contacts], snapshot.ids[grains], grains, contacts
+    )

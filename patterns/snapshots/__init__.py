@@ -1,7 +1,15 @@
 """Snapshots of discrete-element simulations, one reader per format."""
 
-from patterns.snapshots.plain import read_snapshot
+from patterns.snapshots.formats import count_frames, read_frames, read_snapshot
 from patterns.snapshots.sample_data import sample_cell, sample_path
-from patterns.snapshots.snapshot import Snapshot
+from patterns.snapshots.snapshot import Snapshot, WallContacts
 
-__all__ = ["Snapshot", "read_snapshot", "sample_cell", "sample_path"]
+__all__ = [
+    "Snapshot",
+    "WallContacts",
+    "count_frames",
+    "read_frames",
+    "read_snapshot",
+    "sample_cell",
+    "sample_path",
+]

@@ -15,8 +15,8 @@ Integers = NDArray[np.int64]
 SLIDING_SHARE = 0.999
 
 
-def forces_of(table: Table, rows: Integers, n: Floats, t: Floats) -> tuple[Floats, Floats]:
-    """Components of the total force on grain 2.
+def force_on_second(table: Table, n: Floats, *, frictionless: bool) -> Floats | None:
+    """Total force on the second body of every contact, as far as the table tells it.
 
     A code's shear vector may lean out of the tangent by its own rounding (1e-9 of the force in
     Yade's): the total force keeps that share in `N`.
@@ -24,33 +24,31 @@ def forces_of(table: Table, rows: Integers, n: Floats, t: Floats) -> tuple[Float
     Parameters
     ----------
     table : Table
-        Contacts: `fn`, and the shear force or the total force on grain 2.
-    rows : (C,) array of int
-        Rows of the contacts between grains.
-    n, t : (C, 2) array
-        Their normals, from grain 1 to grain 2, and tangents.
+        Contacts.
+    n : (C, 2) array
+        Their normals, from 1 to 2.
+    frictionless : bool
+        Whether a normal force alone is the whole force.
 
     Returns
     -------
-    normal, shear : (C,) array
-        `N` (compression positive) and `T` (along `t`), in the table's unit of force.
+    (C, 2) array or None
+        Forces, in the table's unit; None if there are none, or normal forces alone.
 
     Raises
     ------
     InputError
         If a column is missing or holds no finite numbers.
     """
-    normal = table.column("fn")
-    for names, rest in ((("fx_on_2", "fy_on_2"), 0.0), (("fsx", "fsy"), normal[rows, None] * n)):
-        if table.has(*names):
-            force = np.column_stack([table.column(name)[rows] for name in names]) + rest
-            return np.einsum("ck,ck->c", force, n), np.einsum("ck,ck->c", force, t)
-    raise InputError(
-        f"shear force of {table.path}",
-        "neither fsx, fsy nor fx_on_2, fy_on_2",
-        "the shear force or the total force on grain 2",
-        "Export one of them.",
-    )
+    total = table.optional("fx_on_2", "fy_on_2")
+    if total is not None:
+        return total
+    shear = table.optional("fsx", "fsy")
+    if shear is not None:
+        return shear + table.column("fn")[:, None] * n
+    if table.has("fn") and frictionless:
+        return table.column("fn")[:, None] * n
+    return None
 
 
 def law_of(

@@ -7,7 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, LinearFrictional
+from loops import GrainGraph, InputError, LinearFrictional
+
+
+@dataclass(frozen=True, eq=False)
+class WallContacts:
+    """Contacts of grains with walls: they belong to no loop, but carry stress.
+
+    Attributes
+    ----------
+    grain : (W,) array of int
+        Grain of each, an index of the graph.
+    force : (W, 2) array
+        Force of the wall on the grain (force).
+    branch : (W, 2) array
+        From the foot on the wall to the centre of the grain (length).
+    """
+
+    grain: NDArray[np.int64]
+    force: NDArray[np.float64]
+    branch: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,22 +37,42 @@ class Snapshot:
     ----------
     graph : GrainGraph
         Grains and the contacts between them; forces compression positive; the reference is the
-        current configuration; periodic if a cell was given.
-    law : LinearFrictional
-        Stiffness and friction of each contact.
-    regime : (C,) array of int8
-        `Regime` of each contact; sliding where the file flags it.
+        current configuration; periodic if there is a cell.
+    law : LinearFrictional or None
+        Stiffness and friction of each contact; None if the file has no forces: then the forces of
+        the graph are zero and mean nothing.
+    regime : (C,) array of int8 or None
+        `Regime` of each contact, sliding where the file flags it; None with the law.
     ids : (G,) array of int
         Ids of the grains as the file has them.
     wall_contacts : int
         Number of contacts with walls, which belong to no loop.
     notes : tuple of str
         What was assumed or left out, for the reader of the results.
+    walls : WallContacts or None
+        Forces of the walls, None if the file does not tell them.
+    step : float or None
+        The code's own number of the instant.
     """
 
     graph: GrainGraph
-    law: LinearFrictional
-    regime: NDArray[np.int8]
+    law: LinearFrictional | None
+    regime: NDArray[np.int8] | None
     ids: NDArray[np.int64]
     wall_contacts: int
     notes: tuple[str, ...]
+    walls: WallContacts | None = None
+    step: float | None = None
+
+    @property
+    def mechanical(self) -> bool:
+        """Whether there are forces and a law; else only the geometry is known."""
+        return self.law is not None
+
+    def mechanics(self) -> tuple[LinearFrictional, NDArray[np.int8]]:
+        """Law and regime of the contacts; `InputError` for a snapshot without forces."""
+        if self.law is None or self.regime is None:
+            raise InputError(
+                "snapshot", "no forces", "forces and a law", "Export the contact forces."
+            )
+        return self.law, self.regime

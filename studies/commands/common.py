@@ -10,6 +10,8 @@ import typer
 
 from loops.errors import InputError
 
+# The readers themselves are loaded only by the commands that read.
+FORMATS = ("table", "yade-vtk", "yade-xml", "lammps", "liggghts", "mercury")
 Out = Annotated[Path, typer.Option(help="Result folder; created.", show_default=False)]
 Force = Annotated[bool, typer.Option("--force", help="Replace results of the same names.")]
 Csv = Annotated[bool, typer.Option("--csv", help="Write the tables as CSV too.")]
@@ -26,6 +28,34 @@ def numbers(name: str, text: str | None) -> tuple[float, ...] | None:
         raise InputError(
             name, repr(text), "numbers separated by commas", "Write 35,45 for example."
         ) from None
+
+
+def cell_of(text: str | None) -> tuple[float, float, float, float] | None:
+    """Cell of an option; `InputError` for anything but four numbers."""
+    if text is None:
+        return None
+    try:
+        xx, xy, yx, yy = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            "--cell", repr(text), "four numbers HXX,HXY,HYX,HYY", "Separate them by commas."
+        ) from None
+    return xx, xy, yx, yy
+
+
+def columns_of(text: str | None) -> dict[str, str] | None:
+    """Column map of an option; `InputError` for anything but NAME=COLUMN by commas."""
+    if text is None:
+        return None
+    pairs = [part.split("=", 1) for part in text.split(",")]
+    names = [pair[0].strip() for pair in pairs]
+    if not all(len(pair) == 2 and all(part.strip() for part in pair) for pair in pairs):
+        received, remedy = repr(text), "Write x=COLUMN,y=COLUMN."
+    elif len(set(names)) < len(names):
+        received, remedy = f"{text!r}, a name twice", "Give each name one column."
+    else:
+        return {name.strip(): column.strip() for name, column in pairs}
+    raise InputError("--columns", received, "NAME=COLUMN separated by commas", remedy)
 
 
 def shown(value: float | None) -> str:

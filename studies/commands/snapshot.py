@@ -7,8 +7,17 @@ from typing import Annotated, Any
 
 import typer
 
-from loops.errors import InputError
-from studies.commands.common import Csv, Force, Json, Out, report, shown
+from studies.commands.common import (
+    FORMATS,
+    Csv,
+    Force,
+    Json,
+    Out,
+    cell_of,
+    columns_of,
+    report,
+    shown,
+)
 
 # Loop orders from this one on are printed together.
 LAST_SHOWN = 7
@@ -20,18 +29,30 @@ def register(app: typer.Typer) -> None:
 
 
 def snapshot(
-    path: Annotated[Path, typer.Argument(help="Table of grains (CSV, CSV.gz, Parquet).")],
+    path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
     out: Out,
     contacts: Annotated[
-        Path | None, typer.Option(help="Table of contacts; found beside PATH by its name.")
+        Path | None, typer.Option(help="File of contacts; found beside PATH by its name.")
     ] = None,
     cell: Annotated[
         str | None,
         typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
     ] = None,
-    kn: Annotated[float | None, typer.Option(help="Normal stiffness the table lacks.")] = None,
-    kt: Annotated[float | None, typer.Option(help="Shear stiffness the table lacks.")] = None,
-    mu: Annotated[float | None, typer.Option(help="Friction (tan) the table lacks.")] = None,
+    kn: Annotated[float | None, typer.Option(help="Normal stiffness the file lacks.")] = None,
+    kt: Annotated[float | None, typer.Option(help="Shear stiffness the file lacks.")] = None,
+    mu: Annotated[float | None, typer.Option(help="Friction (tan) the file lacks.")] = None,
+    format: Annotated[
+        str, typer.Option(help=f"auto, by the content; or {', '.join(FORMATS)}.")
+    ] = "auto",
+    columns: Annotated[
+        str | None, typer.Option(metavar="NAME=COLUMN,...", help="Columns by their plain names.")
+    ] = None,
+    frame: Annotated[
+        int | None, typer.Option(help="Instant of a file with several: 0 the first, -1 the last.")
+    ] = None,
+    drop_crossings: Annotated[
+        bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
+    ] = False,
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
@@ -39,7 +60,18 @@ def snapshot(
     """Find the loops of a DEM snapshot and judge the stability of each."""
     from studies.snapshot import SnapshotInput, run_snapshot
 
-    source = SnapshotInput(path, contacts, _cell(cell), kn, kt, mu)
+    source = SnapshotInput(
+        path,
+        contacts,
+        cell_of(cell),
+        kn,
+        kt,
+        mu,
+        format,
+        columns_of(columns),
+        frame,
+        drop_crossings,
+    )
     summary = run_snapshot(source, out, force=force, csv=csv)
     report(summary, out, json, _snapshot_lines)
 
@@ -71,15 +103,3 @@ def _grouped(summary: dict[str, Any], shares: dict[str, float] | None) -> dict[s
     if shares is None:
         return counts
     return {group: sums[group] / counts[group] for group in counts}
-
-
-def _cell(text: str | None) -> tuple[float, float, float, float] | None:
-    if text is None:
-        return None
-    try:
-        xx, xy, yx, yy = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(
-            "--cell", repr(text), "four numbers HXX,HXY,HYX,HYY", "Separate them by commas."
-        ) from None
-    return xx, xy, yx, yy

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from loops import Faces, InputError, find_crossings, find_faces
+from loops import Faces, find_faces
 from patterns import Snapshot, read_snapshot
 from studies.output import provenance, result_folder, write_summary, write_table
+from studies.snapshot.planar import planar
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_table
 
@@ -32,13 +33,21 @@ class SnapshotInput:
     Attributes
     ----------
     path : Path
-        The table of grains.
+        The file, or that of the grains.
     contacts : Path, optional
-        The table of contacts; found beside `path` if None.
+        The file of contacts; found beside `path` if None.
     cell : tuple of 4 floats, optional
         Periodic cell HXX, HXY, HYX, HYY, its columns are the cell vectors.
     kn, kt, mu : float, optional
-        Contact parameters that the tables lack.
+        Contact parameters that the file lacks.
+    format : str
+        Name of the format, 'auto' to tell it by the content.
+    columns : dict of str to str, optional
+        Plain name to the column that holds it.
+    frame : int, optional
+        Which instant of a file with several.
+    drop_crossings : bool
+        Whether to leave out contacts whose branches cross others, instead of refusing.
     """
 
     path: Path
@@ -47,6 +56,25 @@ class SnapshotInput:
     kn: float | None = None
     kt: float | None = None
     mu: float | None = None
+    format: str = "auto"
+    columns: dict[str, str] | None = None
+    frame: int | None = None
+    drop_crossings: bool = False
+
+    def read(self) -> Snapshot:
+        """Read it; `InputError` as `read_snapshot`, and for crossing branches."""
+        snapshot = read_snapshot(
+            self.path,
+            self.contacts,
+            cell=None if self.cell is None else np.reshape(self.cell, (2, 2)),
+            kn=self.kn,
+            kt=self.kt,
+            mu=self.mu,
+            format=self.format,
+            columns=self.columns,
+            frame=self.frame,
+        )
+        return planar(snapshot, str(self.path), drop=self.drop_crossings)
 
 
 def run_snapshot(
@@ -109,32 +137,13 @@ def analyse(source: SnapshotInput) -> tuple[Snapshot, Faces, dict[str, Any]]:
     InputError
         For bad input, and for a network with crossing branches.
     """
-    cell = None if source.cell is None else np.reshape(source.cell, (2, 2))
-    snapshot = read_snapshot(
-        source.path, source.contacts, cell=cell, kn=source.kn, kt=source.kt, mu=source.mu
-    )
-    _refuse_crossings(snapshot, source.path)
+    snapshot = source.read()
     faces = find_faces(snapshot.graph)
     hidden = len(faces.loops) < LONG
     with Progress(console=Console(stderr=True), disable=hidden, transient=True) as bar:
         task = bar.add_task("loops", total=len(faces.loops))
         table = loop_table(snapshot, faces, lambda done: bar.advance(task, done))
     return snapshot, faces, table
-
-
-def _refuse_crossings(snapshot: Snapshot, path: Path) -> None:
-    pairs = find_crossings(snapshot.graph)
-    if len(pairs) == 0:
-        return
-    named = snapshot.ids[snapshot.graph.contacts[pairs[:3]]]
-    shown = "; ".join(f"{a[0]}-{a[1]} and {b[0]}-{b[1]}" for a, b in named.tolist())
-    more = " ..." if len(pairs) > len(named) else ""
-    raise InputError(
-        f"contacts of {path}",
-        f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
-        "a planar network",
-        "Drop one contact of each pair; opposite grains of a loop overlap, or the cell is wrong.",
-    )
 
 
 def _orders(summary: dict[str, Any], table: dict[str, NDArray[Any]]) -> dict[str, Any]:

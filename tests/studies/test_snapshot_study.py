@@ -256,6 +256,16 @@ def test_crossing_branches_are_named(monkeypatch, tmp_path, capsys):
     assert "11-13" in message
     assert not (tmp_path / "out").exists()
 
+    # On request the lighter one goes; its mate closes two triangles.
+    contacts["fn"][-1] = 0.5
+    path = write(tmp_path, contacts=contacts)
+    arguments = ("snapshot", path, "--out", tmp_path / "out", "--drop-crossings")
+    assert run(monkeypatch, *arguments) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["orders"] == {"3": 2}
+    assert summary["contacts"] == 5
+    assert "of grains 11-13" in " ".join(summary["notes"])
+
 
 def test_results_are_never_lost(monkeypatch, tmp_path, capsys):
     path, out = write(tmp_path), tmp_path / "out"

@@ -1,0 +1,169 @@
+"""From the plain tables of one instant to a snapshot."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import GrainGraph, InputError, LinearFrictional
+from loops.validation import find_duplicate
+from patterns.snapshots.bodies import Bodies, read_bodies, read_pairs
+from patterns.snapshots.contact_columns import force_on_second, law_of
+from patterns.snapshots.contact_geometry import check_cell, check_geometry, images_of
+from patterns.snapshots.frame import Frame
+from patterns.snapshots.snapshot import Snapshot, WallContacts
+from patterns.snapshots.tables import Table
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Parameters(NamedTuple):
+    """Stiffness (force per length) and friction for the columns that a file lacks."""
+
+    kn: float | None = None
+    kt: float | None = None
+    mu: float | None = None
+
+
+def build_snapshot(frame: Frame, parameters: Parameters) -> Snapshot:
+    """Check the tables of one instant and make the snapshot of them.
+
+    Parameters
+    ----------
+    frame : Frame
+        Plain tables.
+    parameters : Parameters
+        What the table of contacts may lack.
+
+    Returns
+    -------
+    Snapshot
+        Contacts between grains as a graph, those with walls apart. Without forces, or with normal
+        forces alone on frictional grains, only the geometry.
+
+    Raises
+    ------
+    InputError
+        See `read_snapshot`.
+    """
+    bodies, table = read_bodies(frame.grains), frame.contacts
+    pairs = read_pairs(table, bodies)[1]
+    rows = np.flatnonzero((pairs >= 0).all(axis=1))
+    if len(rows) == 0:
+        raise InputError(table.path, "no contact between grains", "contacts", "Check the export.")
+    cell = check_cell(frame.cell, bodies.radii)
+    images = images_of(table, rows, cell, bodies.x, pairs[rows])
+    d = bodies.x[pairs[rows, 1]] - bodies.x[pairs[rows, 0]]
+    if images is not None and cell is not None:
+        d += images @ cell.T
+    n = check_geometry(table, rows, bodies, pairs[rows], d, periodic=cell is not None)
+    notes = list(frame.notes)
+    normals = _normals(table, rows, n)
+    force = force_on_second(table, normals, frictionless=_frictionless(table, parameters))
+    normal, shear = _components(force, rows, n)
+    graph = _graph(frame, bodies, rows, pairs[rows], images, cell, normal, shear)
+    law: LinearFrictional | None = None
+    regime: NDArray[np.int8] | None = None
+    if force is None:
+        lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
+        notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
+    else:
+        law, regime, assumed = law_of(table, rows, normal, shear, **parameters._asdict())
+        notes += assumed
+    if images is not None and not images.any():
+        notes.append("no contact crosses the border of the periodic cell")
+    return Snapshot(
+        graph,
+        law,
+        regime,
+        bodies.grain_ids,
+        len(pairs) - len(rows),
+        tuple(notes),
+        _walls(table, bodies, pairs, force),
+        frame.step,
+    )
+
+
+def _frictionless(table: Table, parameters: Parameters) -> bool:
+    if table.has("mu"):
+        return not table.column("mu").any()
+    return parameters.mu == 0
+
+
+def _normals(table: Table, rows: Integers, n: Floats) -> Floats:
+    """Normals of all contacts: from the centres between grains, from the file with walls."""
+    if len(rows) == len(table):
+        return n
+    given = table.optional("nx", "ny")
+    if given is None:
+        branches = table.optional("branch_x", "branch_y")
+        given = np.zeros((len(table), 2)) if branches is None else branches
+        length = np.hypot(*given.T)
+        given = given / np.where(length > 0, length, 1.0)[:, None]
+    given[rows] = n
+    return given
+
+
+def _components(force: Floats | None, rows: Integers, n: Floats) -> tuple[Floats, Floats]:
+    """`N` and `T` of the contacts between grains."""
+    if force is None:
+        return np.zeros(len(rows)), np.zeros(len(rows))
+    f = force[rows]
+    return np.einsum("ck,ck->c", f, n), n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
+
+
+def _graph(
+    frame: Frame,
+    bodies: Bodies,
+    rows: Integers,
+    pairs: Integers,
+    images: Integers | None,
+    cell: Floats | None,
+    normal: Floats,
+    shear: Floats,
+) -> GrainGraph:
+    try:
+        return GrainGraph(
+            x=bodies.x,
+            radii=bodies.radii,
+            contacts=pairs,
+            normal_force=normal,
+            shear_force=shear,
+            images=images,
+            cell=cell,
+        )
+    except InputError:
+        # The graph knows indices only: name the rows and the ids.
+        found = find_duplicate(pairs, images, len(bodies.x))
+        if found is None:
+            raise
+        one, two = bodies.grain_ids[pairs[found[1]]].tolist()
+        raise InputError(
+            f"{frame.contacts.path}, row {rows[found[1]]} (grains {one} and {two})",
+            f"the same contact as row {rows[found[0]]}",
+            "each contact once",
+            "Drop one of the two rows.",
+        ) from None
+
+
+def _walls(
+    table: Table, bodies: Bodies, pairs: Integers, force: Floats | None
+) -> WallContacts | None:
+    """Contacts of a grain with a wall; None where the file lacks the force or the branch."""
+    single = np.flatnonzero((pairs >= 0).sum(axis=1) == 1)
+    if force is None or not len(single):
+        return None
+    wall_first = pairs[single, 0] < 0
+    grain = np.where(wall_first, pairs[single, 1], pairs[single, 0])
+    sign = np.where(wall_first, 1.0, -1.0)[:, None]
+    branches, points = table.optional("branch_x", "branch_y"), table.optional("cx", "cy")
+    if branches is not None:
+        branch = sign * branches[single]
+    elif points is not None:
+        branch = bodies.x[grain] - points[single]
+    else:
+        return None
+    return WallContacts(grain, sign * force[single], branch)

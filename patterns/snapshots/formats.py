@@ -1,0 +1,246 @@
+"""The formats of snapshots: which one a file is in, and what is read from it."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Protocol
+
+from numpy.typing import ArrayLike
+
+from loops import InputError
+from patterns.snapshots import plain
+from patterns.snapshots.build import Parameters, build_snapshot
+from patterns.snapshots.contact_geometry import as_cell
+from patterns.snapshots.frame import Frame, Source
+from patterns.snapshots.snapshot import Snapshot
+from patterns.snapshots.table_files import require_file
+
+HEAD = 4096  # bytes that tell a format
+
+
+class Format(Protocol):
+    """A module that reads one format."""
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Whether a file of this name that begins so is in this format."""
+
+    def frames(self, source: Source) -> Iterator[Frame]:
+        """Read the instants of a file, one after the other."""
+
+
+# The first one that recognises a file takes it.
+FORMATS: dict[str, Format] = {"table": plain}
+
+
+def read_snapshot(
+    path: str | Path,
+    contacts: str | Path | None = None,
+    *,
+    cell: ArrayLike | None = None,
+    kn: float | None = None,
+    kt: float | None = None,
+    mu: float | None = None,
+    format: str = "auto",
+    columns: Mapping[str, str] | None = None,
+    frame: int | None = None,
+) -> Snapshot:
+    """Read one instant of a simulation.
+
+    Plain tables (CSV, Parquet, npz, HDF5), columns by name. Grains: `id`, `x`, `y`, `radius`
+    (length); rows with `type` 1 are walls. Contacts: `id1`, `id2`; optional are the branch
+    `branch_x, branch_y` or the normal `nx, ny`, from grain 1 to grain 2; the forces: `fn`
+    (compression positive) and the shear force `fsx, fsy`, or the total force `fx_on_2, fy_on_2`
+    on grain 2; `kn`, `ks` (force per length); `mu`; `sliding` (0 or 1); `cell_dx, cell_dy`, the
+    image of grain 2. Other formats are translated into these tables.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, or that of the grains.
+    contacts : str or Path, optional
+        The file of contacts. Found beside `path` if left out: for tables, `grains` in its name
+        replaced by `contacts`.
+    cell : (2, 2) array, optional
+        Periodic cell, its columns are the cell vectors (length); comes before the file's own.
+    kn, kt, mu : float, optional
+        Stiffness (force per length) and friction where the file lacks them; a column of the file
+        comes first.
+    format : str
+        A key of `FORMATS`, or 'auto': the first format that recognises the file.
+    columns : mapping of str to str, optional
+        Plain name to the column that holds it.
+    frame : int, optional
+        Which instant of a file with several, from 0; -1 is the last one.
+
+    Returns
+    -------
+    Snapshot
+        Grains, contacts between grains, law, regimes and ids. Without forces, `law` and `regime`
+        are None.
+
+    Raises
+    ------
+    InputError
+        For a missing, empty or truncated file, a missing column, a value that is no finite
+        number, coincident grains, an id that is unknown or stands there twice, a radius that is
+        not positive, a contact that stands there twice, a cell that does not fit, no contacts, a
+        packing in three dimensions, forces without a stiffness, several instants and no `frame`.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> snapshot = read_snapshot(sample_path())
+    >>> snapshot.graph.grain_count, snapshot.graph.contact_count, snapshot.wall_contacts
+    (600, 819, 61)
+    """
+    source = _source(path, contacts, cell, columns)
+    reader = format_of(source.path, format)
+    chosen = _choose(source.path, reader.frames(source), frame)
+    return build_snapshot(chosen, Parameters(kn, kt, mu))
+
+
+def read_frames(
+    path: str | Path,
+    contacts: str | Path | None = None,
+    *,
+    cell: ArrayLike | None = None,
+    kn: float | None = None,
+    kt: float | None = None,
+    mu: float | None = None,
+    format: str = "auto",
+    columns: Mapping[str, str] | None = None,
+) -> Iterator[Snapshot]:
+    """Read every instant of a file, one after the other.
+
+    Parameters
+    ----------
+    path, contacts, cell, kn, kt, mu, format, columns
+        See `read_snapshot`.
+
+    Yields
+    ------
+    Snapshot
+        In the order of the file.
+
+    Raises
+    ------
+    InputError
+        See `read_snapshot`.
+    """
+    source = _source(path, contacts, cell, columns)
+    for frame in format_of(source.path, format).frames(source):
+        yield build_snapshot(frame, Parameters(kn, kt, mu))
+
+
+def count_frames(
+    path: str | Path,
+    contacts: str | Path | None = None,
+    *,
+    format: str = "auto",
+    columns: Mapping[str, str] | None = None,
+) -> int:
+    """Number of instants in a file.
+
+    Parameters
+    ----------
+    path, contacts, format, columns
+        See `read_snapshot`.
+
+    Returns
+    -------
+    int
+        1 for tables, which hold one each.
+
+    Raises
+    ------
+    InputError
+        See `read_snapshot`.
+    """
+    source = _source(path, contacts, None, columns)
+    reader = format_of(source.path, format)
+    return 1 if reader is plain else sum(1 for _ in reader.frames(source))
+
+
+def format_of(path: Path, name: str = "auto") -> Format:
+    """The format of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    name : str
+        A key of `FORMATS`, or 'auto'.
+
+    Returns
+    -------
+    Format
+        The module that reads it.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, a file that is missing or empty or that no format recognises.
+    """
+    if name != "auto":
+        if name not in FORMATS:
+            raise InputError("--format", repr(name), f"auto, {', '.join(FORMATS)}", "Take one.")
+        return FORMATS[name]
+    require_file(path)
+    head = _head(path)
+    for reader in FORMATS.values():
+        if reader.recognises(path, head):
+            return reader
+    raise InputError(
+        str(path),
+        f"a file of unknown format beginning with {head[:40]!r}",
+        f"one of the formats {', '.join(FORMATS)}",
+        "Name its format by --format, or export plain tables.",
+    )
+
+
+def _head(path: Path) -> bytes:
+    with open(path, "rb") as file:
+        head = file.read(HEAD)
+    if not head.startswith(b"\x1f\x8b"):
+        return head
+    try:
+        return zlib.decompressobj(wbits=31).decompress(head, HEAD)
+    except zlib.error:
+        return head
+
+
+def _source(
+    path: str | Path,
+    contacts: str | Path | None,
+    cell: ArrayLike | None,
+    columns: Mapping[str, str] | None,
+) -> Source:
+    return Source(
+        Path(path), None if contacts is None else Path(contacts), as_cell(cell), dict(columns or {})
+    )
+
+
+def _choose(path: Path, frames: Iterator[Frame], number: int | None) -> Frame:
+    """One of the frames; without a number the only one."""
+    kept: list[Frame] = []
+    count = 0
+    for count, frame in enumerate(frames, start=1):
+        if number is None and count > 1:
+            raise InputError(
+                str(path),
+                "several instants",
+                "one",
+                "Give --frame 0 for the first, --frame -1 for the last; for all: series.",
+            )
+        if number is not None and number >= 0 and count - 1 < number:
+            continue
+        if number == count - 1:
+            return frame
+        kept = [*kept, frame][number or -1 :]
+    if kept and (number is None or count >= -number):
+        return kept[0]
+    raise InputError(
+        f"--frame {number}", f"{path} has {count}", f"a number below {count}", "Count from 0."
+    )

@@ -1,0 +1,111 @@
+"""One instant as plain tables: what every format is translated into."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import InputError
+from patterns.snapshots.tables import Table
+
+GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius")
+CONTACT_COLUMNS = (
+    *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
+    *("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What the user gave.
+
+    Attributes
+    ----------
+    path : Path
+        The file, or the one of the grains.
+    contacts : Path, optional
+        The file of contacts; found beside `path`, or in it, if None.
+    cell : (2, 2) array, optional
+        Periodic cell, columns are the cell vectors (length); comes before the file's own.
+    columns : mapping of str to str
+        Plain name to the column that holds it.
+    """
+
+    path: Path
+    contacts: Path | None = None
+    cell: NDArray[np.float64] | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One instant, columns by their plain names.
+
+    Attributes
+    ----------
+    grains : Table
+        `id, x, y, radius` (length); `type`, 1 for walls; `z`, which must be one plane.
+    contacts : Table
+        `id1, id2`; `branch_x, branch_y` from centre 1 to the image of centre 2 and `nx, ny` the
+        unit normal, as far as they are there; `cell_dx, cell_dy` the image of grain 2; `fn` (force,
+        compression positive) and the shear force on grain 2 `fsx, fsy`, or the total force on it
+        `fx_on_2, fy_on_2`; `kn, ks` (force per length), `mu`, `sliding`. Of a wall, the branch
+        starts at its foot, the contact point.
+    cell : (2, 2) array or None
+        Periodic cell, columns are the cell vectors (length).
+    step : float or None
+        The code's own number of the instant: step, iteration or time.
+    notes : tuple of str
+        What was guessed, what the file lacks.
+    """
+
+    grains: Table
+    contacts: Table
+    cell: NDArray[np.float64] | None = None
+    step: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Table, Table]:
+    """Rename the columns of two tables by the user's column map.
+
+    Parameters
+    ----------
+    source : Source
+        With the map.
+    grains, contacts : Table
+        As the file has them.
+
+    Returns
+    -------
+    grains, contacts : Table
+        The same, columns of the map under their plain names.
+
+    Raises
+    ------
+    InputError
+        For a plain name that nothing reads, or a column that neither table has.
+    """
+    for name, column in source.columns.items():
+        if name not in GRAIN_COLUMNS + CONTACT_COLUMNS:
+            raise InputError(
+                f"--columns {name}={column}",
+                f"the name {name!r}",
+                f"one of {', '.join(GRAIN_COLUMNS + CONTACT_COLUMNS)}",
+                "Write NAME=COLUMN, the column as the file calls it.",
+            )
+        if not (grains.has(column) or contacts.has(column)):
+            raise InputError(
+                f"--columns {name}={column}",
+                f"columns {', '.join(grains.names)} of {grains.path} and "
+                f"{', '.join(contacts.names)} of {contacts.path}",
+                f"a column {column!r}",
+                "Write NAME=COLUMN, the column as the file calls it.",
+            )
+    of_grains = {name: source.columns[name] for name in GRAIN_COLUMNS if name in source.columns}
+    of_contacts = {name: source.columns[name] for name in CONTACT_COLUMNS if name in source.columns}
+    return grains.renamed(of_grains), contacts.renamed(of_contacts)

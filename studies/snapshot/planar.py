@@ -1,0 +1,76 @@
+"""Crossing branches of a snapshot: refused with their ids, or left out on request."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from loops import InputError, crossing_contacts_to_drop, find_crossings
+from patterns import Snapshot
+
+# So many pairs are looked for, and so many named.
+MOST, NAMED = 1_000_000, 3
+
+
+def planar(snapshot: Snapshot, where: str, *, drop: bool) -> Snapshot:
+    """A snapshot whose network has no crossing branches.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        As it was read.
+    where : str
+        Its file, for messages.
+    drop : bool
+        Whether to leave out one contact of each crossing pair; a note tells which.
+
+    Returns
+    -------
+    Snapshot
+        The same one if nothing crosses.
+
+    Raises
+    ------
+    InputError
+        If branches cross and `drop` is false.
+    """
+    pairs = find_crossings(snapshot.graph, MOST)
+    if len(pairs) == 0:
+        return snapshot
+    if drop:
+        return _without(snapshot, crossing_contacts_to_drop(snapshot.graph, pairs), len(pairs))
+    named = snapshot.ids[snapshot.graph.contacts[pairs[:NAMED]]]
+    shown = "; ".join(f"{a[0]}-{a[1]} and {b[0]}-{b[1]}" for a, b in named.tolist())
+    more = "; ..." if len(pairs) > NAMED else ""
+    raise InputError(
+        f"contacts of {where}",
+        f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
+        "a planar network",
+        "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings leaves out one "
+        "contact of each pair, the less loaded one.",
+    )
+
+
+def _without(snapshot: Snapshot, dropped: np.ndarray, crossings: int) -> Snapshot:
+    graph = snapshot.graph
+    kept = np.delete(np.arange(graph.contact_count), dropped)
+    named = ", ".join(f"{a}-{b}" for a, b in snapshot.ids[graph.contacts[dropped[:10]]].tolist())
+    more = ", ..." if len(dropped) > 10 else ""
+    law, regime = snapshot.law, snapshot.regime
+    return replace(
+        snapshot,
+        graph=graph.replace(
+            contacts=graph.contacts[kept],
+            normal_force=graph.normal_force[kept],
+            shear_force=graph.shear_force[kept],
+            images=None if graph.images is None else graph.images[kept],
+        ),
+        law=None if law is None else law.take(kept),
+        regime=None if regime is None else regime[kept],
+        notes=(
+            *snapshot.notes,
+            f"{crossings} pairs of crossing branches: {len(dropped)} contacts left out, of grains "
+            f"{named}{more}; their forces are missing in every stress",
+        ),
+    )
