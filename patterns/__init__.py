@@ -19,6 +19,7 @@ from patterns.snapshots import (
     read_snapshot,
     sample_cell,
     sample_path,
+    write_snapshot,
 )
 from patterns.synthetic import synthetic_network
 
@@ -40,4 +41,5 @@ __all__ = [
     "sample_cell",
     "sample_path",
     "synthetic_network",
+    "write_snapshot",
 ]

@@ -3,6 +3,7 @@
 from patterns.snapshots.formats import count_frames, read_frames, read_snapshot
 from patterns.snapshots.sample_data import sample_cell, sample_path
 from patterns.snapshots.snapshot import Snapshot, WallContacts
+from patterns.snapshots.write import write_snapshot
 
 __all__ = [
     "Snapshot",
@@ -12,4 +13,5 @@ __all__ = [
     "read_snapshot",
     "sample_cell",
     "sample_path",
+    "write_snapshot",
 ]

@@ -27,8 +27,9 @@ def frames(source: Source) -> Iterator[Frame]:
 
     CSV, CSV.gz, Parquet, npz or HDF5, columns by name as in `Frame`; a column map gives them
     others. The contacts stand beside the grains, `grains` in the name replaced by `contacts`; the
-    cell may stand there as well, in `cell_....json`: `{"cell": [[HXX, HXY], [HYX, HYY]]}`. One npz
-    or HDF5 file may hold it all: `grains/x`, ..., `contacts/id1`, ..., `cell`.
+    cell may stand there as well, in `cell_....json`:
+    `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000}`, null for no cell. One npz or HDF5 file
+    may hold it all: `grains/x`, ..., `contacts/id1`, ..., `cell`.
 
     Parameters
     ----------
@@ -54,8 +55,12 @@ def frames(source: Source) -> Iterator[Frame]:
             return
     contacts = source.contacts or beside(source.path, "contacts")
     tables = read_table(source.path), read_table(contacts)
-    cell = _cell_beside(source.path) if source.cell is None else source.cell
-    yield Frame(*with_plain_names(source, *tables), cell=cell)
+    cell, step = _cell_beside(source.path)
+    yield Frame(
+        *with_plain_names(source, *tables),
+        cell=cell if source.cell is None else source.cell,
+        step=step,
+    )
 
 
 def _group(source: Source, arrays: dict[str, NDArray[np.generic]], group: str) -> Table:
@@ -98,22 +103,24 @@ def beside(path: Path, what: str) -> Path:
     return path.with_name(path.name.replace("grains", what))
 
 
-def _cell_beside(path: Path) -> Floats | None:
-    """The cell of `cell_....json` beside the grains, if there is such a file."""
+def _cell_beside(path: Path) -> tuple[Floats | None, float | None]:
+    """Cell and iteration of `cell_....json` beside the grains, if there is such a file."""
     if "grains" not in path.name:
-        return None
+        return None, None
     name = path.name.replace("grains", "cell")
     for ending in ENDINGS:
         name = name.removesuffix(ending)
     file = path.with_name(f"{name}.json")
     if not file.is_file():
-        return None
+        return None, None
     try:
-        return np.array(json.loads(file.read_text())["cell"], dtype=float)
-    except (ValueError, KeyError, TypeError) as error:
+        told = json.loads(file.read_text())
+        cell = None if told["cell"] is None else np.array(told["cell"], dtype=float)
+        return cell, None if told.get("iteration") is None else float(told["iteration"])
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             str(file),
             f"no cell ({type(error).__name__}: {error})",
-            '{"cell": [[HXX, HXY], [HYX, HYY]]}',
+            '{"cell": [[HXX, HXY], [HYX, HYY]]}, null for none',
             "Correct or remove the file, or give --cell.",
         ) from None

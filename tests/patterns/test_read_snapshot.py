@@ -378,6 +378,8 @@ def test_cell_beside_the_tables(tmp_path):
     file = tmp_path / "cell_1.json"
     file.write_text(json.dumps({"cell": cell}))
     assert read_snapshot(path).graph.cell.tolist() == cell
+    file.write_text(json.dumps({"cell": cell, "iteration": 1200}))
+    assert read_snapshot(path).step == 1200
     file.write_text("{}")
     with pytest.raises(InputError, match=r"cell_1\.json"):
         read_snapshot(path)

@@ -1,0 +1,41 @@
+import numpy as np
+import pytest
+
+from loops import InputError
+from patterns import read_snapshot, sample_cell, sample_path, write_snapshot
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+@pytest.mark.parametrize("periodic", [True, False])
+def test_what_is_written_is_read_again(tmp_path, ending, periodic):
+    name = "grains_periodic.parquet" if periodic else "grains_biaxial.csv.gz"
+    first = read_snapshot(sample_path(name), cell=sample_cell() if periodic else None)
+    path = tmp_path / f"grains_7.{ending}"
+    write_snapshot(path, first)
+    second = read_snapshot(path)
+    for field in ("x", "radii", "contacts", "images", "cell"):
+        np.testing.assert_array_equal(getattr(second.graph, field), getattr(first.graph, field))
+    largest = np.abs(first.graph.normal_force).max()
+    for field in ("normal_force", "shear_force"):
+        expected = getattr(first.graph, field)
+        np.testing.assert_allclose(getattr(second.graph, field), expected, atol=4e-16 * largest)
+    for field in ("kn", "kt", "mu"):
+        np.testing.assert_array_equal(getattr(second.law, field), getattr(first.law, field))
+    np.testing.assert_array_equal(second.regime, first.regime)
+    np.testing.assert_array_equal(second.ids, first.ids)
+    assert not [file for file in tmp_path.iterdir() if file.name.startswith(".")]
+
+
+def test_another_snapshot_of_the_name_leaves_no_cell_behind(tmp_path):
+    path = tmp_path / "grains_1.parquet"
+    write_snapshot(path, read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell()))
+    assert (tmp_path / "cell_1.json").exists()
+    write_snapshot(path, read_snapshot(sample_path()))
+    assert read_snapshot(path).graph.cell is None
+
+
+def test_names_that_can_not_be_read_again(tmp_path):
+    snapshot = read_snapshot(sample_path())
+    for name in ("discs.parquet", "grains_1.xlsx"):
+        with pytest.raises(InputError, match=r"grains\.\.\. ending"):
+            write_snapshot(tmp_path / name, snapshot)
