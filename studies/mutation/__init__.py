@@ -1,0 +1,1 @@
+"""Do the tests notice a flipped sign or a dropped term? Mutants of `loops` and `stability`."""

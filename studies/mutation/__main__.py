@@ -1,0 +1,167 @@
+"""Run the mutation check: `python -m studies.mutation --out DIR [--sample 500]`."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from studies.mutation.covering import FOLDERS, Covering, record_covering
+from studies.mutation.mutants import Mutant, mutants_of
+from studies.output import provenance, result_folder, write_summary, write_table
+
+ROOT = Path(__file__).parents[2]
+COPIED = ("loops", "patterns", "stability", "studies", "tests", "pyproject.toml", "README.md")
+# Tests of one mutant take no more than this together, and are stopped after ten times as long.
+SECONDS = 30.0
+
+
+def main(
+    out: Annotated[Path, typer.Option(help="Result folder.")],
+    sample: Annotated[int, typer.Option(help="Mutants drawn; 0 for all.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 1,
+    only: Annotated[str, typer.Option(help="Files whose path holds this text.")] = "",
+    tests: Annotated[str, typer.Option(help="What pytest gets, by blanks; its own choice.")] = "",
+    workers: Annotated[int, typer.Option(help="Processes.")] = 2,
+    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+) -> None:
+    """Draw mutants of loops/ and stability/ and count those that the tests notice."""
+    with result_folder(out, force=force) as folder, tempfile.TemporaryDirectory() as scratch:
+        copies = [_copy(Path(scratch) / f"copy{k}") for k in range(workers)]
+        covering = record_covering(copies[0], tests.split())
+        drawn, equivalent = _draw(only, sample, seed)
+        rows = list(_try_all(drawn, covering, copies))
+        counts = Counter(row["outcome"] for row in rows)
+        seen = counts["noticed"] + counts["timeout"]
+        configuration = {"sample": sample, "seed": seed, "only": only, "tests": tests}
+        summary: dict[str, Any] = {
+            "mutants": len(rows),
+            "equivalent": equivalent,
+            "outcomes": dict(counts),
+            "score": seen / max(len(rows), 1),
+            "score_by_kind": _score_by(rows, "kind"),
+            "score_by_file": _score_by(rows, "file"),
+            "provenance": provenance("mutation check", configuration, "score: share noticed"),
+        }
+        write_table(
+            folder,
+            "mutants",
+            {key: [row[key] for row in rows] for key in (rows or [{}])[0]},
+            summary["provenance"],
+            csv=True,
+        )
+        write_summary(folder, summary)
+    for row in rows:
+        if row["outcome"] in ("survived", "uncovered"):
+            typer.echo(f"{row['outcome']:<9} {row['file']}:{row['line']} {row['operator']}")
+            typer.echo(f"          {row['before']}")
+    typer.echo(f"noticed {seen} of {len(rows)}: {summary['score']:.3f}   {dict(counts)}")
+
+
+def _copy(place: Path) -> Path:
+    place.mkdir()
+    for name in COPIED:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, place / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(source, place / name)
+    return place
+
+
+def _draw(only: str, sample: int, seed: int) -> tuple[list[Mutant], int]:
+    """Mutants to try, and how many were left out as equivalent."""
+    files = sorted(
+        str(path.relative_to(ROOT))
+        for folder in FOLDERS
+        for path in (ROOT / folder).rglob("*.py")
+        if only in str(path.relative_to(ROOT))
+    )
+    known = tomllib.loads((Path(__file__).parent / "equivalent.toml").read_text())
+    names = {entry["name"] for entry in known.get("mutant", [])}
+    every = [mutant for file in files for mutant in mutants_of(ROOT, file)]
+    kept = [mutant for mutant in every if mutant.name not in names]
+    if sample and sample < len(kept):
+        chosen = np.random.default_rng(seed).choice(len(kept), sample, replace=False)
+        kept = [kept[k] for k in np.sort(chosen).tolist()]
+    return kept, len(every) - len([mutant for mutant in every if mutant.name not in names])
+
+
+def _try_all(
+    mutants: list[Mutant], covering: Covering, copies: list[Path]
+) -> Iterator[dict[str, Any]]:
+    """Outcome of each, in the order given."""
+    triers: queue.Queue[subprocess.Popen[str]] = queue.Queue()
+    for copy in copies:
+        trier = _trier(copy)
+        few = sorted(covering.seconds, key=lambda test: covering.seconds[test])[:20]
+        if _ask(trier, [None, few, 10 * SECONDS]) != "survived":
+            raise RuntimeError("tests fail in the trial without any change")
+        triers.put(trier)
+
+    def attempt(mutant: Mutant) -> str:
+        tests = covering.tests_of(mutant.file, mutant.line, SECONDS)
+        trier = triers.get()
+        try:
+            return _ask(trier, [list(mutant), tests, 10 * SECONDS])
+        finally:
+            triers.put(trier)
+
+    try:
+        with ThreadPoolExecutor(len(copies)) as pool, Progress(console=Console(stderr=True)) as bar:
+            task = bar.add_task("mutants", total=len(mutants))
+            for mutant, outcome in zip(mutants, pool.map(attempt, mutants), strict=True):
+                bar.advance(task)
+                yield {**mutant._asdict(), "outcome": outcome}
+    finally:
+        for _ in copies:
+            triers.get().terminate()
+
+
+def _trier(copy: Path) -> subprocess.Popen[str]:
+    """A process that tries mutants in its own copy; one thread, since it forks."""
+    single = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    return subprocess.Popen(
+        [sys.executable, "-m", "studies.mutation.trial", str(copy)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, **single, "PYTHONPATH": str(ROOT)},
+    )
+
+
+def _ask(trier: subprocess.Popen[str], task: list[Any]) -> str:
+    assert trier.stdin is not None and trier.stdout is not None
+    trier.stdin.write(json.dumps(task) + "\n")
+    trier.stdin.flush()
+    answer = trier.stdout.readline()
+    if not answer:
+        raise RuntimeError("a process that tries mutants has ended; see what it printed")
+    return str(json.loads(answer))
+
+
+def _score_by(rows: list[dict[str, Any]], key: str) -> dict[str, str]:
+    """Noticed of tried, by kind or file."""
+    total = Counter(row[key] for row in rows)
+    seen = Counter(row[key] for row in rows if row["outcome"] in ("noticed", "timeout"))
+    return {name: f"{seen[name]} of {count}" for name, count in sorted(total.items())}
+
+
+if __name__ == "__main__":
+    typer.run(main)
