@@ -1,0 +1,91 @@
+"""Run the fuzzer: `python -m studies.fuzz --out DIR [--inputs 10000]`."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from studies.fuzz.samples import Sample, write_samples
+from studies.fuzz.trial import try_one, warm_up
+from studies.output import provenance, result_folder, write_summary
+
+GOOD = ("snapshot", "clear error")
+# Every so many inputs the whole study runs on the damaged file.
+WHOLE = 10
+
+
+def main(
+    out: Annotated[Path, typer.Option(help="Result folder.")],
+    inputs: Annotated[int, typer.Option(help="Damaged snapshots of each format.")] = 1000,
+    seed: Annotated[int, typer.Option(help="Seed of the first.")] = 0,
+    only: Annotated[str | None, typer.Option(help="One format.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+) -> None:
+    """Damage samples of every format and read them: a snapshot, a clear error, or bad."""
+    with result_folder(out, force=force) as folder, tempfile.TemporaryDirectory() as scratch:
+        samples = [one for one in write_samples(Path(scratch)) if only in (None, one.name)]
+        warm_up(samples)
+        counts, bad = fuzz(samples, inputs, seed)
+        configuration = {"inputs": inputs, "seed": seed, "only": only, "whole": WHOLE}
+        summary: dict[str, Any] = {
+            "formats": counts,
+            "inputs": inputs * len(samples),
+            "bad": bad,
+            "provenance": provenance("fuzzer of the readers", configuration, "counts"),
+        }
+        write_summary(folder, summary)
+    for name, found in counts.items():
+        typer.echo(f"{name:<10} {found}")
+    for one in bad[:20]:
+        typer.echo(f"{one['format']} seed {one['seed']}: {one['outcome']}\n{one['message']}")
+    typer.echo(f"{inputs * len(samples)} inputs, {len(bad)} bad")
+    if bad:
+        raise typer.Exit(1)
+
+
+def fuzz(
+    samples: list[Sample], inputs: int, seed: int
+) -> tuple[dict[str, dict[str, int]], list[dict[str, Any]]]:
+    """Try so many damaged versions of each sample.
+
+    Parameters
+    ----------
+    samples : list of Sample
+        Healthy ones.
+    inputs : int
+        How many of each.
+    seed : int
+        Of the first; the others follow.
+
+    Returns
+    -------
+    counts : dict
+        Outcomes by format.
+    bad : list of dict
+        Format, seed, outcome and message of each that is neither a snapshot nor a clear error.
+    """
+    counts: dict[str, dict[str, int]] = {}
+    bad: list[dict[str, Any]] = []
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("inputs", total=inputs * len(samples))
+        for sample in samples:
+            outcomes: Counter[str] = Counter()
+            for number in range(seed, seed + inputs):
+                outcome, message = try_one(sample, number, whole=number % WHOLE == 0)
+                outcomes[outcome] += 1
+                if outcome not in GOOD:
+                    found = {"outcome": outcome, "message": message}
+                    bad.append({"format": sample.name, "seed": number, **found})
+                bar.advance(task)
+            counts[sample.name] = dict(sorted(outcomes.items()))
+    return counts, bad
+
+
+if __name__ == "__main__":
+    typer.run(main)
