@@ -10,7 +10,7 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from patterns.snapshots import plain
+from patterns.snapshots import plain, yade_text, yade_vtk, yade_xml
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.contact_geometry import as_cell
 from patterns.snapshots.frame import Frame, Source
@@ -31,7 +31,12 @@ class Format(Protocol):
 
 
 # The first one that recognises a file takes it.
-FORMATS: dict[str, Format] = {"table": plain}
+FORMATS: dict[str, Format] = {
+    "yade-vtk": yade_vtk,
+    "yade-xml": yade_xml,
+    "yade-text": yade_text,
+    "table": plain,
+}
 
 
 def read_snapshot(

@@ -1,0 +1,164 @@
+"""Tables of grains and contacts written from inside Yade.
+
+This file runs in Yade's own Python and needs nothing else: copy it beside the script of the
+simulation, or read it with `exec(open("yade_export.py").read())`. Then `export_tables("out")`
+writes the present instant, and
+
+    PyRunner(iterPeriod=1000, command='export_tables("out")')
+
+one every 1000 steps. Placed between the InteractionLoop and the NewtonIntegrator, positions,
+contacts and forces are of the same instant; elsewhere the positions are one step older or newer.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+GRAINS = ("id", "type", "x", "y", "z", "radius")
+CONTACTS = ("id1", "id2", "cell_dx", "cell_dy", "branch_x", "branch_y", "nx", "ny")
+FORCES = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu")
+SPHERE, WALL = 0, 1
+
+
+def export_tables(folder: str, number: int | None = None) -> str:
+    """Write `grains_KK.csv.gz`, `contacts_KK.csv.gz` and `cell_KK.json` of this instant.
+
+    The columns are those of the plain tables: numbers with 17 digits, compression positive, forces
+    on grain 2, the branch from centre 1 to the image of centre 2. Every body that is no sphere is a
+    wall (`type` 1): its contacts have it as `id1`, their normal points into the grain, their branch
+    runs along it from the foot on the wall to the centre. `cell_KK.json` holds
+    the periodic cell (columns are its vectors; null without one), the iteration and the time.
+
+    Parameters
+    ----------
+    folder : str
+        Where to write; made if it is missing.
+    number : int, optional
+        KK, at least two digits; if left out, the one after the highest in the folder.
+
+    Returns
+    -------
+    str
+        The file of grains, written last: where it stands, the others are complete.
+
+    Raises
+    ------
+    ValueError
+        For clumps and for contacts without stiffness or shear force, and for no real contact.
+    """
+    from yade import O  # type: ignore[import-not-found]
+
+    grains = [_grain(body) for body in O.bodies if _is_piece(body)]
+    spheres = {body.id for body in O.bodies if _is_sphere(body)}
+    real = [i for i in O.interactions if i.isReal and (i.id1 in spheres or i.id2 in spheres)]
+    if not real:
+        raise ValueError("no real interaction at this instant: nothing to export")
+    columns = CONTACTS + (FORCES if _has_friction(real) else FORCES[:-1])
+    contacts = [_contact(O, i)[: len(columns)] for i in real]
+    os.makedirs(folder, exist_ok=True)
+    label = f"{_next_number(folder) if number is None else number:02d}"
+    _write(os.path.join(folder, f"cell_{label}.json"), _cell(O))
+    _write(os.path.join(folder, f"contacts_{label}.csv.gz"), _csv(columns, contacts))
+    path = os.path.join(folder, f"grains_{label}.csv.gz")
+    _write(path, _csv(GRAINS, grains))
+    return path
+
+
+def _is_piece(body: Any) -> bool:
+    """Whether the body is a row of the table; clumps are refused."""
+    if body.isClump or body.isClumpMember:
+        raise ValueError(f"body {body.id} belongs to a clump: loops are of single grains")
+    return body.shape is not None
+
+
+def _is_sphere(body: Any) -> bool:
+    return type(body.shape).__name__ == "Sphere"
+
+
+def _grain(body: Any) -> tuple[float, ...]:
+    sphere = _is_sphere(body)
+    radius = body.shape.radius if sphere else 0.0
+    return (body.id, SPHERE if sphere else WALL, *(body.state.pos[k] for k in (0, 1, 2)), radius)
+
+
+def _has_friction(real: Sequence[Any]) -> bool:
+    for i in real:
+        if not (hasattr(i.phys, "kn") and hasattr(i.phys, "ks") and hasattr(i.phys, "shearForce")):
+            kind = type(i.phys).__name__
+            raise ValueError(f"interaction {i.id1}-{i.id2}: {kind} lacks kn, ks or shearForce")
+    return all(hasattr(i.phys, "tangensOfFrictionAngle") for i in real)
+
+
+def _contact(scene: Any, i: Any) -> tuple[float, ...]:
+    """Row of `CONTACTS` and `FORCES`; a wall comes first, whatever Yade's order."""
+    one, two, sign = scene.bodies[i.id1], scene.bodies[i.id2], 1
+    if not _is_sphere(two):
+        one, two, sign = two, one, -1
+    n, shear, normal = (
+        [sign * float(vector[k]) for k in (0, 1)]
+        for vector in (i.geom.normal, i.phys.shearForce, i.phys.normalForce)
+    )
+    image = [sign * int(i.cellDist[k]) for k in (0, 1, 2)] if scene.periodic else [0, 0, 0]
+    if _is_sphere(one):
+        branch = [two.state.pos[k] - one.state.pos[k] + _shift(scene, image, k) for k in (0, 1)]
+    else:
+        branch = [component * _reach(one, two, i.geom.contactPoint, n) for component in n]
+    # The components out of the plane count too: a tilted normal must not pass for a smaller force.
+    compression = i.phys.normalForce.dot(i.geom.normal)
+    force = [normal[k] + shear[k] for k in (0, 1)]
+    mu = getattr(i.phys, "tangensOfFrictionAngle", 0.0)
+    return (
+        *(one.id, two.id, image[0], image[1], *branch, *n),
+        *(compression, *shear, *force, i.phys.kn, i.phys.ks, mu),
+    )
+
+
+def _reach(wall: Any, grain: Any, point: Any, n: Sequence[float]) -> float:
+    """From the foot on the wall to the centre; penetrationDepth is not saved by O.save.
+
+    Yade's contact point is the foot on a `Wall`; on boxes and facets it lies halfway through the
+    overlap.
+    """
+    distance = sum(float(grain.state.pos[k] - point[k]) * n[k] for k in (0, 1))
+    if type(wall.shape).__name__ == "Wall":
+        return distance
+    return 2 * distance - float(grain.shape.radius)
+
+
+def _shift(scene: Any, image: Sequence[int], row: int) -> float:
+    """Component of the vector from a grain to its image in the periodic cell."""
+    if not scene.periodic:
+        return 0.0
+    return sum(float(scene.cell.hSize[row, k]) * image[k] for k in (0, 1, 2))
+
+
+def _cell(scene: Any) -> bytes:
+    cell = None
+    if scene.periodic:
+        cell = [[float(scene.cell.hSize[row, k]) for k in (0, 1)] for row in (0, 1)]
+    frame = {"cell": cell, "iteration": int(scene.iter), "time": float(scene.time)}
+    return (json.dumps(frame) + "\n").encode()
+
+
+def _next_number(folder: str) -> int:
+    names = (re.fullmatch(r"grains_(\d+)\.csv\.gz", name) for name in os.listdir(folder))
+    return max((int(name.group(1)) for name in names if name), default=-1) + 1
+
+
+def _csv(columns: Sequence[str], rows: Iterable[Sequence[float]]) -> bytes:
+    """17 digits give back the same float64."""
+    lines = [",".join(f"{float(value):.17g}" for value in row) for row in rows]
+    return gzip.compress("\n".join([",".join(columns), *lines, ""]).encode(), mtime=0)
+
+
+def _write(path: str, content: bytes) -> None:
+    """Write beside, then rename: a run that stops leaves no half-written file."""
+    temporary = path + ".part"
+    with open(temporary, "wb") as file:
+        file.write(content)
+    os.replace(temporary, path)

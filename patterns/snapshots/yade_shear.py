@@ -1,0 +1,129 @@
+"""Signs of shear forces from the balance of the grains, where a file has magnitudes alone."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# Grains this near the bounding box, in mean radii, may touch a wall whose force is not known.
+RIM = 0.05
+# A sign is decided if turning it adds so many squares of the residual's root mean square.
+DECIDED = 25.0
+ROUNDS = 100
+
+
+class Signs(NamedTuple):
+    """Signs of the shear forces and how well the grains balance with them.
+
+    `sign` (C,) is 1 or -1, `decided` (C,) whether turning it would show; `residual` is the root
+    mean square of what the balances leave, over the mean normal force.
+    """
+
+    sign: Floats
+    decided: NDArray[np.bool_]
+    residual: float
+
+
+def shear_signs(
+    x: Floats, radii: Floats, pairs: Integers, normal: Floats, magnitude: Floats
+) -> Signs:
+    """Signs of `T` that balance the forces and moments of the grains best.
+
+    Three balances a grain stand against about two contacts a grain. Grains on the rim of the
+    sample, where walls may push, take part with their moments alone: frictionless walls have none.
+    Signs come from the least-squares solution, then each is turned that betters the balance.
+
+    Parameters
+    ----------
+    x : (G, 2) array
+        Centres (length).
+    radii : (G,) array
+        Radii (length).
+    pairs : (C, 2) array of int
+        Grains of each contact, none with walls or across a periodic border.
+    normal : (C,) array
+        `N`, compression positive (force).
+    magnitude : (C,) array
+        `|T|` (force).
+
+    Returns
+    -------
+    Signs
+        Of `T` along `t`, the normal from grain 1 to grain 2 turned by +90 degrees.
+
+    Examples
+    --------
+    A grain between three others, two of them on the rim as well:
+
+    >>> import numpy as np
+    >>> x = np.array([[0.0, 0.0], [2.0, 0.0], [-1.0, 3**0.5], [-1.0, -(3**0.5)]])
+    >>> found = shear_signs(x, np.ones(4), np.array([[0, 1], [0, 2], [0, 3]]),
+    ...                     np.array([1.0, 1.2, 0.8]), np.array([0.2309401, 0.1154701, 0.1154701]))
+    >>> bool(found.sign[0] != found.sign[1]), bool(found.sign[1] == found.sign[2])
+    (True, True)
+    """
+    matrix, load = _balances(x, radii, pairs, normal)
+    least = spla.lsqr(matrix, -load, atol=1e-10, btol=1e-10, iter_lim=2000)[0]
+    sign = np.where(least >= 0, 1.0, -1.0)
+    weight = np.asarray(matrix.multiply(matrix).sum(axis=0)).ravel()
+    for _ in range(ROUNDS):
+        rest = matrix @ (sign * magnitude) + load
+        # What turning one sign adds to the sum of squares.
+        cost = 4 * magnitude * (magnitude * weight - sign * (matrix.T @ rest))
+        turned = _lowest_of_both(cost, pairs, len(x)) & (cost < -1e-12 * np.sum(rest**2))
+        if not turned.any():
+            break
+        sign[turned] *= -1
+    mean_square = float(np.mean(rest**2)) if len(rest) else 0.0
+    scale = float(np.abs(normal).mean()) or 1.0
+    return Signs(sign, cost > DECIDED * mean_square, mean_square**0.5 / scale)
+
+
+def _balances(
+    x: Floats, radii: Floats, pairs: Integers, normal: Floats
+) -> tuple[sp.csr_matrix, Floats]:
+    """Matrix and load of `A T + b = 0`: force x, force y and moment over radius of each grain.
+
+    A shear force `T t` on grain 2 and `-T t` on grain 1 turn both the same way: the moment over
+    the radius is `-T` for either.
+    """
+    grains, contacts = len(x), np.arange(len(pairs))
+    d = x[pairs[:, 1]] - x[pairs[:, 0]]
+    n = d / np.hypot(*d.T)[:, None]
+    t = np.column_stack([-n[:, 1], n[:, 0]])
+    one, two = pairs.T
+    ones = np.ones(len(pairs))
+    rows = np.concatenate([3 * g + k for g in (one, two) for k in (0, 1, 2)])
+    values = np.concatenate([-t[:, 0], -t[:, 1], -ones, t[:, 0], t[:, 1], -ones])
+    matrix = sp.csr_matrix((values, (rows, np.tile(contacts, 6))), shape=(3 * grains, len(pairs)))
+    load = np.zeros((grains, 3))
+    for k in (0, 1):
+        force = normal * n[:, k]
+        load[:, k] = np.bincount(two, force, grains) - np.bincount(one, force, grains)
+    known = np.repeat(np.bincount(pairs.ravel(), minlength=grains)[:, None] > 0, 3, axis=1)
+    known[_on_rim(x, radii, known[:, 0]), :2] = False
+    keep = np.flatnonzero(known.ravel())
+    return matrix[keep], load.ravel()[keep]
+
+
+def _on_rim(x: Floats, radii: Floats, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    low, high = x - radii[:, None], x + radii[:, None]
+    margin = RIM * radii.mean()
+    near_low = low < low[touched].min(axis=0) + margin
+    near_high = high > high[touched].max(axis=0) - margin
+    return np.asarray((near_low | near_high).any(axis=1))
+
+
+def _lowest_of_both(cost: Floats, pairs: Integers, grains: int) -> NDArray[np.bool_]:
+    """Contacts of lowest cost at both of their grains: these can be turned at once."""
+    lowest = np.full(grains, np.inf)
+    for side in (0, 1):
+        np.minimum.at(lowest, pairs[:, side], cost)
+    return np.asarray((cost == lowest[pairs[:, 0]]) & (cost == lowest[pairs[:, 1]]))

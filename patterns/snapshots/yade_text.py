@@ -1,0 +1,38 @@
+"""Yade's `export.text` and `export.textExt`: recognised, and refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from loops import InputError
+from patterns.snapshots.frame import Frame, Source
+
+START = b"#format "
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether this is a list of spheres by `export.text` or `export.textExt`."""
+    return head.startswith(START)
+
+
+def frames(source: Source) -> Iterator[Frame]:
+    """Refuse: these files have no contacts, and six digits are too few to find them.
+
+    Parameters
+    ----------
+    source : Source
+        What the user gave.
+
+    Raises
+    ------
+    InputError
+        Always.
+    """
+    raise InputError(
+        str(source.path),
+        "spheres without contacts (export.text)",
+        "contacts and their forces",
+        "Contacts can't be found again: six digits of the centres are too coarse for overlaps. "
+        "Export tables from inside Yade instead, see docs/yade.md.",
+    )

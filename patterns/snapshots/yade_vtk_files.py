@@ -1,0 +1,193 @@
+"""Points, lines and arrays of the VTK files that Yade writes."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import InputError
+from patterns.snapshots.table_files import whole_file
+from patterns.snapshots.text_bodies import open_text
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+REMEDY = "Write or copy it again."
+# zlib packs a thousand bytes into one at best: counts beyond that are damage.
+PACKING = 1100
+TAG = re.compile(
+    rb"<(PointData|CellData|Points|Cells|Verts|Lines|Strips|Polys|DataArray)\b([^>]*)>"
+)
+ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """What a VTK file holds.
+
+    Attributes
+    ----------
+    path : Path
+        The file, for messages.
+    points : (P, 3) array
+        Points (length).
+    lines : (L, 2) array of int
+        First and last point of each line.
+    points_data, lines_data : dict of str to array
+        Numbers (rows,) or vectors (rows, 3) by name.
+    """
+
+    path: Path
+    points: Floats
+    lines: Integers
+    points_data: dict[str, Floats] = field(default_factory=dict)
+    lines_data: dict[str, Floats] = field(default_factory=dict)
+
+
+def read_piece(path: Path) -> Piece:
+    """Read a `.vtu` or `.vtp` file, plain or gzip, of any encoding that VTK knows.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Piece
+        Its points, its lines and their arrays.
+
+    Raises
+    ------
+    InputError
+        Without the library vtk; for a missing, damaged or truncated file; if an array has
+        another number of values than there are lines.
+    """
+    content = bytes(open_text(path))
+    kind = b"UnstructuredGrid" if b"UnstructuredGrid" in content[:512] else b"PolyData"
+    promised = _promised(path, content)
+    with whole_file(path):
+        _check_arrays(path, content, *promised)
+    data = _read_with_vtk(path, content, kind == b"PolyData")
+    if data.GetNumberOfPoints() != promised[0] or data.GetNumberOfCells() < promised[1]:
+        raise InputError(str(path), "a damaged or truncated VTK file", "a whole one", REMEDY)
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    def arrays(holder: Any) -> dict[str, Floats]:
+        found = [holder.GetArray(k) for k in range(holder.GetNumberOfArrays())]
+        return {a.GetName(): vtk_to_numpy(a).astype(float) for a in found if a is not None}
+
+    points, lines = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
+    if data.GetNumberOfPoints():
+        points = vtk_to_numpy(data.GetPoints().GetData()).astype(float)
+    if kind == b"PolyData" and promised[1]:
+        lines = vtk_to_numpy(data.GetLines().GetConnectivityArray()).astype(np.int64)
+        if len(lines) != 2 * promised[1] or lines.max() >= len(points) or lines.min() < 0:
+            raise InputError(str(path), "lines that do not join two of its points", "pairs", REMEDY)
+        lines = lines.reshape(-1, 2)
+    return Piece(path, points, lines, arrays(data.GetPointData()), arrays(data.GetCellData()))
+
+
+def _read_with_vtk(path: Path, content: bytes, polydata: bool) -> Any:
+    """Dataset of a file; vtk reports on the screen, here its silence and the counts must do."""
+    try:
+        from vtkmodules.vtkCommonCore import vtkObject
+        from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
+    except ImportError:
+        raise InputError(
+            str(path), "a VTK file", "the library vtk", "Install it: pip install 'grainloops[vtk]'."
+        ) from None
+    reader = vtkXMLPolyDataReader() if polydata else vtkXMLUnstructuredGridReader()
+    shown = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.SetGlobalWarningDisplay(0)
+    try:
+        reader.ReadFromInputStringOn()
+        reader.SetInputString(content)  # type: ignore[call-overload]
+        reader.Update()
+    finally:
+        vtkObject.SetGlobalWarningDisplay(shown)
+    if reader.GetErrorCode():
+        raise InputError(str(path), "a damaged or truncated VTK file", "a whole one", REMEDY)
+    return reader.GetOutput()
+
+
+def _promised(path: Path, content: bytes) -> tuple[int, int]:
+    """Points and lines that the header speaks of."""
+    piece = re.search(rb"<Piece\b([^>]*)>", content)
+    counts = [
+        re.search(rb"\b" + name + rb'="(\d{1,15})\s*"', piece.group(1)) if piece else None
+        for name in (b"NumberOfPoints", b"NumberOf(?:Lines|Cells)")
+    ]
+    if b"</VTKFile>" not in content[-64:] or counts[0] is None or counts[1] is None:
+        raise InputError(str(path), "a damaged or truncated VTK file", "a whole one", REMEDY)
+    points, lines = int(counts[0].group(1)), int(counts[1].group(1))
+    if max(points, lines) > PACKING * len(content):
+        raise InputError(str(path), f"{points} points and {lines} lines", "what fits", REMEDY)
+    return points, lines
+
+
+def _check_arrays(path: Path, content: bytes, points: int, lines: int) -> None:
+    """Compare what arrays hold with the counts: vtk takes what it needs, or allocates at will."""
+    wanted = {b"PointData": points, b"Points": points, b"CellData": lines}
+    section = b""
+    for match in TAG.finditer(content.partition(b"<AppendedData")[0]):
+        kind, attributes = match.group(1), dict(ATTRIBUTE.findall(match.group(2)))
+        if kind != b"DataArray":
+            section = kind
+            continue
+        body = content[match.end() : content.find(b"<", match.end())]
+        numbers = _numbers(content, attributes, body)
+        rows = numbers // int(attributes.get(b"NumberOfComponents", b"1"))
+        if numbers > PACKING * len(content):
+            raise ValueError(f"an array of {numbers} numbers")
+        if rows != wanted.get(section, rows):
+            _refuse_rows(path, section, rows, wanted[section], attributes.get(b"Name", b""))
+
+
+def _refuse_rows(path: Path, section: bytes, rows: int, wanted: int, name: bytes) -> None:
+    values = f"{rows} values of {name.decode(errors='replace')}"
+    if section != b"CellData":
+        raise InputError(str(path), f"{wanted} points and {values}", "a value a point", REMEDY)
+    raise InputError(
+        str(path),
+        f"{wanted} lines and {values}",
+        "a value a line",
+        "In a periodic cell Yade's recorder writes two values for a contact across the border and "
+        "no line, so that values and lines can't be told apart: export tables from inside Yade, "
+        "see docs/yade.md.",
+    )
+
+
+def _numbers(content: bytes, attributes: dict[bytes, bytes], body: bytes) -> int:
+    """How many numbers an array holds, from the header of its block."""
+    if attributes.get(b"format") == b"ascii":
+        return len(body.split())
+    start = re.search(rb"<VTKFile\b([^>]*)>", content)
+    file = dict(ATTRIBUTE.findall(start.group(1))) if start else {}
+    raw = False
+    if attributes.get(b"format") == b"appended":
+        section = content.find(b"<AppendedData")
+        raw = b'"raw"' in content[section : section + 64]
+        offset = content.find(b"_", section + 13) + 1 + int(attributes[b"offset"])
+        body = content[offset : offset + 64]
+    order = "<" if file.get(b"byte_order") != b"BigEndian" else ">"
+    word = np.dtype(f"{order}u{8 if file.get(b'header_type') == b'UInt64' else 4}")
+    size = word.itemsize * (3 if b"compressor" in file else 1)
+    header = body if raw else base64.b64decode(body.strip()[: -(-size // 3) * 4])
+    if len(header) < size:
+        raise ValueError("an array without its header")
+    words = [int(w) for w in np.frombuffer(header[:size], word)]
+    length = words[0]
+    if len(words) == 3:
+        blocks, block, last = words
+        if blocks > len(content):
+            raise ValueError(f"an array of {blocks} blocks")
+        length = blocks * block if last == 0 else (blocks - 1) * block + last
+    # Types are Float64, Int32, ...
+    return length // max(1, int(re.sub(rb"\D", b"", attributes[b"type"])) // 8)

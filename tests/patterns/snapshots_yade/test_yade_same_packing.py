@@ -1,0 +1,125 @@
+"""One packing through every file that Yade writes of it."""
+
+import numpy as np
+import pytest
+
+from loops import euler_check, find_faces, love_weber_stress
+from patterns.snapshots import yade_vtk, yade_xml
+from tests.patterns.snapshots_yade.yade_samples import (
+    BOX,
+    PERIODIC,
+    by_pair,
+    cycles,
+    snapshot_of,
+    table_of,
+)
+
+RECORDED = [
+    BOX / "appended-spheres.77504.vtu",
+    BOX / "ascii-spheres.77504.vtu",
+    BOX / "multi-77504.vtm",
+]
+EXPORTED = BOX / "exporter-spheres-00000000.vtk"
+
+
+def names(path):
+    return path.name
+
+
+def pairs_of(snapshot):
+    return by_pair(snapshot, np.sort(snapshot.ids[snapshot.graph.contacts], axis=1))
+
+
+@pytest.mark.parametrize("folder", [BOX, PERIODIC], ids=names)
+def test_save_has_the_forces_of_the_tables(folder):
+    table, saved = table_of(folder), snapshot_of(yade_xml, folder / "state.xml.gz")
+    assert cycles(saved) == cycles(table)
+    assert len(cycles(table)) > 15
+    assert (pairs_of(saved) == pairs_of(table)).all()
+    # Both have 17 digits.
+    scale = table.graph.normal_force.max()
+    for name in ("normal_force", "shear_force"):
+        given = by_pair(saved, getattr(saved.graph, name))
+        expected = by_pair(table, getattr(table.graph, name))
+        assert np.abs(given - expected).max() < 1e-13 * scale
+    for name in ("kn", "kt", "mu"):
+        given, expected = getattr(saved.law, name), getattr(table.law, name)
+        assert np.abs(by_pair(saved, given) / by_pair(table, expected) - 1).max() < 1e-14
+    assert (by_pair(saved, saved.regime) == by_pair(table, table.regime)).all()
+    assert np.abs(saved.graph.x - table.graph.x).max() < 1e-15
+
+
+def test_save_has_the_cell_and_the_images_of_the_tables():
+    table, saved = table_of(PERIODIC), snapshot_of(yade_xml, PERIODIC / "state.xml.gz")
+    assert np.abs(saved.graph.cell - table.graph.cell).max() < 1e-15
+    assert saved.graph.cell[0, 1] != 0
+    assert saved.graph.images.any()
+    assert (by_pair(saved, saved.graph.images) == by_pair(table, table.graph.images)).all()
+    stress, expected = love_weber_stress(saved.graph), love_weber_stress(table.graph)
+    assert np.abs(stress - expected).max() < 1e-13 * np.abs(expected).max()
+    assert euler_check(saved.graph, find_faces(saved.graph)).ok
+
+
+def test_save_has_the_walls_of_the_tables():
+    table, saved = table_of(BOX), snapshot_of(yade_xml, BOX / "state.xml.gz")
+    assert saved.wall_contacts == table.wall_contacts == 18
+    orders = [np.lexsort([*w.force.T, w.grain]) for w in (saved.walls, table.walls)]
+    for name in ("grain", "force", "branch"):
+        given, expected = (
+            getattr(w, name)[order]
+            for w, order in zip((saved.walls, table.walls), orders, strict=True)
+        )
+        assert np.abs(given - expected).max() < 1e-13 * np.abs(expected).max()
+
+
+def test_walls_hold_the_grains():
+    """Forces of the walls cancel, as the sample is at rest; along x and along y."""
+    walls = table_of(BOX).walls
+    assert np.abs(walls.force.sum(axis=0)).max() < 1e-6 * np.abs(walls.force).sum()
+
+
+@pytest.mark.parametrize("path", RECORDED, ids=names)
+def test_recorder_has_the_forces_of_the_tables(path):
+    table, recorded = table_of(BOX), snapshot_of(yade_vtk, path)
+    assert cycles(recorded) == cycles(table)
+    assert (pairs_of(recorded) == pairs_of(table)).all()
+    expected = by_pair(table, table.graph.normal_force)
+    # Sizes are in double precision; Yade's shear force leans out of the tangent by 1e-9 of N.
+    normal = by_pair(recorded, recorded.graph.normal_force)
+    assert np.abs(normal - expected).max() < 2e-9 * expected.max()
+    shear, right = (by_pair(s, s.graph.shear_force) for s in (recorded, table))
+    assert np.abs(np.abs(shear) - np.abs(right)).max() < 2e-9 * expected.max()
+    large = np.abs(right) > 1e-6 * expected.mean()
+    assert large.sum() > 40
+    assert (np.sign(shear) == np.sign(right))[large].all()
+    # Centres in single precision.
+    assert 0 < np.abs(recorded.graph.x - table.graph.x).max() < 2**-24
+
+
+def test_recorder_says_what_it_lacks():
+    recorded = snapshot_of(yade_vtk, RECORDED[0])
+    assert recorded.wall_contacts == 0
+    assert recorded.step == 77504
+    text = "; ".join(recorded.notes)
+    for words in ("no stiffness", "no wall contacts", "single precision", "signs found", "--kn"):
+        assert words in text
+
+
+def test_exporter_has_the_forces_of_the_tables():
+    table, exported = table_of(BOX), snapshot_of(yade_vtk, EXPORTED)
+    assert cycles(exported) == cycles(table)
+    assert (pairs_of(exported) == pairs_of(table)).all()
+    assert exported.wall_contacts == table.wall_contacts
+    # Six digits: forces to 5e-6 of their size, directions to the same of centres over branches.
+    scale = np.abs(table.graph.normal_force).max()
+    for name in ("normal_force", "shear_force"):
+        given = by_pair(exported, getattr(exported.graph, name))
+        assert np.abs(given - by_pair(table, getattr(table.graph, name))).max() < 2e-5 * scale
+    assert (
+        np.abs(by_pair(exported, exported.law.kn) / by_pair(table, table.law.kn) - 1).max() < 6e-6
+    )
+    total, expected = exported.walls.force.sum(axis=0), table.walls.force.sum(axis=0)
+    assert np.abs(total - expected).max() < 2e-5 * np.abs(table.walls.force).sum()
+    moments = [np.einsum("wi,wj->ij", s.walls.force, s.walls.branch) for s in (exported, table)]
+    # A branch is a difference of coordinates ten times its size.
+    assert np.abs(moments[0] - moments[1]).max() < 1e-4 * np.abs(moments[1]).max()

@@ -1,0 +1,227 @@
+"""Saves of Yade: damage, other serialisations, walls of other shapes."""
+
+import bz2
+import gzip
+import re
+
+import numpy as np
+import pytest
+
+from loops import InputError
+from patterns.snapshots import yade_text, yade_xml
+from patterns.snapshots.frame import Source
+from patterns.snapshots.yade_scene import read_scene
+from tests.patterns.snapshots_yade.yade_samples import (
+    BOX,
+    PERIODIC,
+    changed,
+    cycles,
+    frame_of,
+    snapshot_of,
+    table_of,
+)
+
+SAVE = BOX / "state.xml.gz"
+TEXT = gzip.decompress(SAVE.read_bytes())
+
+
+def saved(folder, text, name="state.xml"):
+    (folder / name).write_bytes(text)
+    return folder / name
+
+
+@pytest.mark.parametrize("ending", ["", ".bz2", ".gz"])
+def test_plain_and_packed(tmp_path, ending):
+    pack = {"": bytes, ".bz2": bz2.compress, ".gz": gzip.compress}[ending]
+    path = saved(tmp_path, pack(TEXT), f"state.xml{ending}")
+    assert cycles(snapshot_of(yade_xml, path)) == cycles(table_of(BOX))
+    head = TEXT[:4096] if ending == ".gz" else path.read_bytes()[:4096]
+    assert yade_xml.recognises(path, head)
+
+
+def test_step_and_notes():
+    frame = frame_of(yade_xml, SAVE)
+    assert frame.step == 77504
+    assert frame.cell is None
+    assert frame.notes == ("bodies taken as walls: Wall",)
+    assert frame_of(yade_xml, PERIODIC / "state.xml.gz").notes == ()
+
+
+def test_positions_of_another_instant_are_noted(tmp_path):
+    position = TEXT[TEXT.index(b"<position>") : TEXT.index(b"</position>")]
+    x = position[position.index(b"<x>") + 3 : position.index(b"</x>")]
+    moved = position.replace(x, f"{float(x) + 1e-7:.17e}".encode())
+    frame = frame_of(yade_xml, changed(SAVE, tmp_path, position, moved))
+    assert any("one step older" in note for note in frame.notes)
+
+
+@pytest.mark.parametrize("share", [0.001, 0.2, 0.5, 0.9, 0.9999])
+def test_truncated(tmp_path, share):
+    path = saved(tmp_path, TEXT[: int(share * len(TEXT))])
+    with pytest.raises(InputError, match=r"ends or breaks|no <boost|no <scene>"):
+        frame_of(yade_xml, path)
+    packed = SAVE.read_bytes()
+    path = saved(tmp_path, packed[: int(share * len(packed))], "state.xml.gz")
+    with pytest.raises(InputError, match=r"truncated|ends or breaks"):
+        frame_of(yade_xml, path)
+    packed = bz2.compress(TEXT)
+    path = saved(tmp_path, packed[: int(share * len(packed))], "state.xml.bz2")
+    with pytest.raises(InputError, match=r"truncated|ends or breaks|no <boost"):
+        frame_of(yade_xml, path)
+
+
+def test_missing_and_empty(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        frame_of(yade_xml, tmp_path / "state.xml")
+    with pytest.raises(InputError, match="an empty file"):
+        frame_of(yade_xml, saved(tmp_path, b""))
+
+
+def test_entities_are_refused(tmp_path):
+    bomb = b'<!DOCTYPE boost_serialization [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
+    assert b"<!DOCTYPE boost_serialization>" in TEXT
+    path = saved(tmp_path, TEXT.replace(b"<!DOCTYPE boost_serialization>", bomb))
+    with pytest.raises(InputError, match="declarations of entities"):
+        frame_of(yade_xml, path)
+    path = saved(tmp_path, b" " * 70000 + TEXT.replace(b"<!DOCTYPE boost_serialization>", bomb))
+    with pytest.raises(InputError, match="no <boost_serialization>"):
+        frame_of(yade_xml, path)
+
+
+def test_binary_save_is_refused_with_the_way_out(tmp_path):
+    head = b"\x16\x00\x00\x00\x00\x00\x00\x00serialization::archive\x12\x00"
+    path = saved(tmp_path, gzip.compress(head + bytes(500)), "state.yade.gz")
+    assert yade_xml.recognises(path, head)
+    with pytest.raises(InputError, match=r"binary save.*O\.load.*docs/yade\.md"):
+        frame_of(yade_xml, path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("shearForce", "tangentForce", r"no <shearForce> in interaction .*ScGeom, FrictPhys"),
+        ("normal", "direction", "no <normal> in interaction"),
+        ("kn", "stiffness", "no <kn>"),
+        ("cellDist", "image", "no <cellDist>"),
+        ("radius", "size", "no <radius> in shape of body 0"),
+        ("position", "place", "no <x> in position of body 0"),
+        ("isPeriodic", "periodic", "no <scene>"),
+    ],
+)
+def test_other_serialisations_name_what_is_missing(tmp_path, old, new, message):
+    with pytest.raises(InputError, match=message) as error:
+        renamed = re.sub(rf"(</?){old}\b".encode(), rf"\1{new}".encode(), TEXT)
+        frame_of(yade_xml, saved(tmp_path, renamed))
+    assert "docs/yade.md" in error.value.remedy
+
+
+def test_numbers_that_are_none(tmp_path):
+    start, stop = re.search(rb"<kn>[\d.e+]+</kn>", TEXT).span()
+    for wrong in (b"<kn>nan</kn>", b"<kn>soft</kn>", b"<kn></kn>"):
+        path = saved(tmp_path, TEXT[:start] + wrong + TEXT[stop:])
+        with pytest.raises(InputError, match="<kn>"):
+            frame_of(yade_xml, path)
+
+
+def test_clumps_are_refused(tmp_path):
+    path = saved(tmp_path, TEXT.replace(b"<clumpId>-1<", b"<clumpId>7<", 1))
+    with pytest.raises(InputError, match="body 0 in a clump"):
+        frame_of(yade_xml, path)
+
+
+def test_no_interactions(tmp_path):
+    scene = TEXT.replace(b"<id1>", b"<first>").replace(b"</id1>", b"</first>")
+    with pytest.raises(InputError, match="no interaction with forces"):
+        frame_of(yade_xml, saved(tmp_path, scene))
+
+
+def test_friction_is_left_out_where_a_law_has_none(tmp_path):
+    text = TEXT.replace(b"tangensOfFrictionAngle>", b"cohesion>")
+    frame = frame_of(yade_xml, saved(tmp_path, text))
+    assert not frame.contacts.has("mu")
+    assert frame.contacts.has("kn", "ks")
+
+
+def test_older_class_names(tmp_path):
+    frame = frame_of(yade_xml, saved(tmp_path, TEXT.replace(b'"yade::', b'"')))
+    assert frame.contacts.column("fn").sum() == frame_of(yade_xml, SAVE).contacts.column("fn").sum()
+
+
+def test_shared_shapes(tmp_path):
+    """Two bodies of one shape: the second refers to the first."""
+    objects = [TEXT.index(b"<shape>")]
+    objects.append(TEXT.index(b"<shape>", objects[0] + 1))
+    start, stop = objects[1], TEXT.index(b"</shape>", objects[1])
+    name = TEXT[TEXT.index(b'object_id="', objects[0]) + 11 :].split(b'"')[0]
+    shared = b'<shape><px class_id_reference="1" object_id_reference="' + name + b'"></px>'
+    radii = frame_of(yade_xml, saved(tmp_path, TEXT[:start] + shared + TEXT[stop:])).grains
+    first = frame_of(yade_xml, SAVE).grains.column("radius")[0]
+    assert radii.column("radius")[:2].tolist() == [first, first]
+    lost = shared.replace(name, b"_x")
+    with pytest.raises(InputError, match="no shape _x"):
+        frame_of(yade_xml, saved(tmp_path, TEXT[:start] + lost + TEXT[stop:]))
+
+
+def test_walls_come_first_whatever_the_order_in_the_file(tmp_path):
+    """Swap the two bodies of a wall contact and turn all its vectors."""
+    scene = read_scene(SAVE)
+    walls = {body[0] for body in scene.bodies if body[1] == "Wall"}
+    assert any(row[0] in walls for row in scene.interactions)
+    for row in scene.interactions:
+        row[8:10] = [-3 * row[3], 3 * row[2]]
+    expected = yade_xml.frame_of_scene(Source(SAVE), scene).contacts
+    for row in scene.interactions:
+        if row[0] in walls:
+            row[0], row[1] = row[1], row[0]
+            for k in (2, 3, 6, 7, 8, 9, 10, 11):
+                row[k] = -row[k]
+    found = yade_xml.frame_of_scene(Source(SAVE), scene).contacts
+    for name in expected.names:
+        assert (found.column(name) == expected.column(name)).all()
+
+
+@pytest.mark.parametrize("shape", ["Wall", "Box", "Facet"])
+def test_branch_from_the_foot_on_the_wall(shape):
+    """A sphere of radius 1 whose centre is 0.9 from the wall, overlap 0.1.
+
+    Yade's contact point lies on a Wall, and halfway through the overlap of a Box or Facet.
+    """
+    scene = read_scene(SAVE)
+    point = 0.0 if shape == "Wall" else -0.05
+    scene.bodies = [(0, "Sphere", 5.0, 0.9, 0.0, 1.0), (1, shape, 0.0, 0.0, 0.0, 0.0)]
+    scene.interactions = [
+        [1, 0, 0.0, 1.0, 5.0, point, 0.0, 50.0, 7.0, 0.0, 0, 0, 500.0, 250.0, 0.5]
+    ]
+    contacts = yade_xml.frame_of_scene(Source(SAVE), scene).contacts
+    assert contacts.column("branch_y")[0] == pytest.approx(0.9, rel=1e-15)
+    assert contacts.column("branch_x")[0] == 0
+    assert contacts.column("fx_on_2")[0] == 7
+    assert contacts.column("fy_on_2")[0] == 50
+
+
+def test_an_interaction_with_a_body_that_is_not_there():
+    scene = read_scene(SAVE)
+    scene.bodies = scene.bodies[1:]
+    with pytest.raises(InputError, match=r"interaction .*a body that is not saved"):
+        yade_xml.frame_of_scene(Source(SAVE), scene)
+
+
+def test_damaged_saves_raise_the_one_error_or_read(tmp_path):
+    rng = np.random.default_rng(8)
+    text = gzip.decompress((PERIODIC / "state.xml.gz").read_bytes())
+    for _ in range(40):
+        damaged = bytearray(text)
+        for at in rng.integers(len(text), size=3):
+            damaged[at] = int(rng.integers(32, 127))
+        try:
+            snapshot_of(yade_xml, saved(tmp_path, bytes(damaged)))
+        except InputError as error:
+            assert "\n" not in str(error)
+
+
+def test_list_of_spheres_is_refused_with_the_reason():
+    path = BOX / "spheres.txt"
+    assert yade_text.recognises(path, path.read_bytes()[:4096])
+    assert not yade_text.recognises(path, b"id,x,y\n")
+    with pytest.raises(InputError, match=r"six digits.*docs/yade\.md"):
+        frame_of(yade_text, path)
