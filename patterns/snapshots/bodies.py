@@ -55,7 +55,7 @@ def read_bodies(table: Table) -> Bodies:
         packing in three dimensions.
     """
     ids = table.integers("id")
-    _refuse_repeated(table, ids)
+    refuse_repeated(table, ids)
     is_wall = table.integers("type") == WALL if table.has("type") else np.zeros(len(ids), bool)
     x, radii = table.columns("x", "y")[~is_wall], table.column("radius")[~is_wall]
     bodies = Bodies(ids, is_wall, x, radii)
@@ -98,7 +98,7 @@ def read_pairs(table: Table, bodies: Bodies) -> tuple[Integers, Integers]:
     """
     ids = bodies.ids
     given = np.column_stack([table.integers("id1"), table.integers("id2")])
-    named = _index(ids, given)
+    named = index_of(ids, given)
     unknown = named < 0
     if unknown.any():
         row, side = np.argwhere(unknown)[0]
@@ -112,8 +112,28 @@ def read_pairs(table: Table, bodies: Bodies) -> tuple[Integers, Integers]:
     return named, number[named]
 
 
-def _index(ids: Integers, named: Integers) -> Integers:
-    """Where each id stands, -1 for one that does not."""
+def index_of(ids: Integers, named: Integers) -> Integers:
+    """Place of ids in a list of distinct ones.
+
+    Parameters
+    ----------
+    ids : (B,) array of int
+        Distinct ids.
+    named : (...) array of int
+        Ids to look up.
+
+    Returns
+    -------
+    (...) array of int
+        Indices into `ids`, -1 for one that is not there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from patterns.snapshots.bodies import index_of
+    >>> index_of(np.array([7, 3]), np.array([3, 8])).tolist()
+    [1, -1]
+    """
     low, high = int(ids.min()), int(ids.max())
     if high - low < SPARSE * len(ids):
         place = np.full(high - low + 1, -1)
@@ -125,7 +145,21 @@ def _index(ids: Integers, named: Integers) -> Integers:
     return np.where(ids[found] == named, found, -1)
 
 
-def _refuse_repeated(table: Table, ids: Integers) -> None:
+def refuse_repeated(table: Table, ids: Integers) -> None:
+    """Raise `InputError` if an id stands twice in the table.
+
+    Parameters
+    ----------
+    table : Table
+        Where the ids come from, for the message.
+    ids : (B,) array of int
+        Its ids.
+
+    Raises
+    ------
+    InputError
+        Naming the id.
+    """
     ordered = np.sort(ids)
     same = np.flatnonzero(ordered[1:] == ordered[:-1])
     if len(same) == 0:

@@ -10,12 +10,15 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from patterns.snapshots import plain, yade_text, yade_vtk, yade_xml
+from patterns.snapshots import plain
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.contact_geometry import as_cell
+from patterns.snapshots.dumps import lammps, liggghts
 from patterns.snapshots.frame import Frame, Source
+from patterns.snapshots.mercury import mercury_dpm
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.table_files import require_file
+from patterns.snapshots.yade import text, vtk, xml_save
 
 HEAD = 4096  # bytes that tell a format
 
@@ -32,9 +35,13 @@ class Format(Protocol):
 
 # The first one that recognises a file takes it.
 FORMATS: dict[str, Format] = {
-    "yade-vtk": yade_vtk,
-    "yade-xml": yade_xml,
-    "yade-text": yade_text,
+    "yade-vtk": vtk,
+    "yade-xml": xml_save,
+    "yade-text": text,
+    # Their dumps of atoms look alike: LIGGGHTS is told by the contacts beside them.
+    "liggghts": liggghts,
+    "lammps": lammps,
+    "mercury": mercury_dpm,
     "table": plain,
 }
 

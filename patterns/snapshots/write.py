@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +89,7 @@ def _law(law: LinearFrictional, count: int) -> dict[str, NDArray[np.generic]]:
     return {name: values for name, values in full.items() if np.isfinite(values).all()}
 
 
-def _write(path: Path, columns: dict[str, NDArray[np.generic]]) -> None:
+def _write(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
     table = pyarrow.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
     partial = path.with_name(f".{path.name}.partial")
     if path.suffix == ".parquet":

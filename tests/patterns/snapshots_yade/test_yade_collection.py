@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from loops import InputError, love_weber_stress
-from patterns.snapshots import yade_text, yade_vtk, yade_xml
 from patterns.snapshots.formats import read_snapshot
+from patterns.snapshots.yade import text as yade_text
+from patterns.snapshots.yade import vtk as yade_vtk
+from patterns.snapshots.yade import xml_save as yade_xml
 from tests.patterns.snapshots_yade.yade_samples import by_pair, cycles, frame_of, snapshot_of
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from patterns.snapshots.tables import read_table
-from patterns.snapshots.yade_export import export_tables
-from patterns.snapshots.yade_scene import read_scene
+from patterns.snapshots.yade.yade_export import export_tables
+from patterns.snapshots.yade.scene import read_scene
 from tests.patterns.snapshots_yade.yade_samples import BOX, PERIODIC, cycles, table_of
 
 Box = types.SimpleNamespace
@@ -188,7 +188,7 @@ def test_what_can_not_be_exported_is_refused_before_writing(yade, tmp_path):
 
 def test_a_crash_while_writing_leaves_no_table_of_grains(yade, tmp_path, monkeypatch):
     yade.O = stand_in(BOX)
-    import patterns.snapshots.yade_export as module
+    import patterns.snapshots.yade.yade_export as module
 
     def fail(source, target):
         raise OSError("disk full")

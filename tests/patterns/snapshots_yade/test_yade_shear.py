@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from loops import GrainGraph, contact_frame
-from patterns.snapshots.yade_shear import shear_signs
+from patterns.snapshots.yade.shear import shear_signs
 
 
 def lattice(rows=7, seed=0):

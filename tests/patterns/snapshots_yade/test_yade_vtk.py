@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns.snapshots import yade_vtk
-from patterns.snapshots.yade_vtk_files import read_piece
+from patterns.snapshots.yade import vtk as yade_vtk
+from patterns.snapshots.yade.vtk_files import read_piece
 from tests.patterns.snapshots_yade.yade_samples import (
     BOX,
     PERIODIC,

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns.snapshots import yade_text, yade_xml
 from patterns.snapshots.frame import Source
-from patterns.snapshots.yade_scene import read_scene
+from patterns.snapshots.yade import text as yade_text
+from patterns.snapshots.yade import xml_save as yade_xml
+from patterns.snapshots.yade.scene import read_scene
 from tests.patterns.snapshots_yade.yade_samples import (
     BOX,
     PERIODIC,

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
+from patterns.snapshots.dumps.text_bodies import open_text
 from patterns.snapshots.frame import Frame, Source
-from patterns.snapshots.text_bodies import open_text
-from patterns.snapshots.yade_shear import shear_signs
-from patterns.snapshots.yade_vtk_exporter import exporter_frame
-from patterns.snapshots.yade_vtk_files import Piece, read_piece
-from patterns.snapshots.yade_vtk_legacy import START, read_legacy
-from patterns.snapshots.yade_vtk_pairs import Columns, ends_of, grains_of, make_frame, refuse_strays
+from patterns.snapshots.yade.shear import shear_signs
+from patterns.snapshots.yade.vtk_exporter import exporter_frame
+from patterns.snapshots.yade.vtk_files import Piece, read_piece
+from patterns.snapshots.yade.vtk_legacy import START, read_legacy
+from patterns.snapshots.yade.vtk_pairs import Columns, ends_of, grains_of, make_frame, refuse_strays
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
+from patterns.snapshots.dumps.text_bodies import open_text
 from patterns.snapshots.table_files import whole_file
-from patterns.snapshots.text_bodies import open_text
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

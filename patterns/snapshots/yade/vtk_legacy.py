@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.text_bodies import Text, open_text, read_body
-from patterns.snapshots.yade_vtk_files import Piece
+from patterns.snapshots.dumps.text_bodies import Text, open_text, read_body
+from patterns.snapshots.yade.vtk_files import Piece
 
 Floats = NDArray[np.float64]
 

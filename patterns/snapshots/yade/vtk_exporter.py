@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns.snapshots.frame import Frame, Source
-from patterns.snapshots.yade_vtk_files import Piece
-from patterns.snapshots.yade_vtk_pairs import Columns, ends_of, grains_of, make_frame, refuse_strays
+from patterns.snapshots.yade.vtk_files import Piece
+from patterns.snapshots.yade.vtk_pairs import Columns, ends_of, grains_of, make_frame, refuse_strays
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from loops import InputError
 from patterns.snapshots.frame import Frame, Source, with_plain_names
 from patterns.snapshots.tables import Table
-from patterns.snapshots.yade_vtk_files import Piece
+from patterns.snapshots.yade.vtk_files import Piece
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -1,0 +1,1 @@
+"""Text dumps of LAMMPS and LIGGGHTS."""

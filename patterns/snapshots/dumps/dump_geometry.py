@@ -1,0 +1,224 @@
+"""Pairs of grains in a simulation box: cell, images, branches, and which pairs are contacts."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import InputError
+from patterns.snapshots.bodies import index_of
+from patterns.snapshots.dumps.dump_files import Atoms
+from patterns.snapshots.dumps.dump_text import Box
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+FAR = 1e9  # cells that a grain may have wandered; beyond it digits are lost
+
+
+class Space(NamedTuple):
+    """Cell (2, 2) with the vectors as columns, or None; which of them are `periodic`."""
+
+    cell: Floats | None
+    periodic: tuple[bool, bool]
+
+    def images(self, gap: Floats) -> Integers:
+        """(C, 2) array: the whole cells nearest to the vectors `gap` (C, 2)."""
+        if self.cell is None:
+            return np.zeros(gap.shape, dtype=np.int64)
+        nearest = np.rint(gap @ np.linalg.inv(self.cell).T)
+        if np.abs(nearest).max(initial=0.0) > FAR:
+            raise InputError(
+                "positions of the grains",
+                f"centres {np.abs(nearest).max():.3g} periodic cells apart",
+                f"at most {FAR:.3g}",
+                "Check the cell and the positions.",
+            )
+        return np.where(self.periodic, nearest, 0.0).astype(np.int64)
+
+    def shift(self, images: Integers) -> Floats:
+        """(C, 2) array: the vectors of whole cells (length)."""
+        return np.zeros(images.shape) if self.cell is None else images @ self.cell.T
+
+
+def space_of(box: Box | None, atoms: Atoms, given: Floats | None) -> tuple[Space, tuple[str, ...]]:
+    """The periodic cell of a frame.
+
+    A box that is periodic one way alone becomes a cell in which nothing crosses the other way;
+    it is made as high as the grains need.
+
+    Parameters
+    ----------
+    box : Box or None
+        From the header.
+    atoms : Atoms
+        Grains.
+    given : (2, 2) array or None
+        What the user gave; comes first.
+
+    Returns
+    -------
+    space : Space
+        Cell and periodicity.
+    notes : tuple of str
+        What was assumed.
+    """
+    if given is not None:
+        return Space(np.asarray(given, dtype=float), (True, True)), ()
+    if box is None or not any(box.periodic):
+        return Space(None, (False, False)), ()
+    if all(box.periodic):
+        return Space(box.cell, box.periodic), ()
+    free = box.periodic.index(False)
+    across = np.linalg.solve(box.cell, (atoms.x - box.origin).T)[free]
+    reach = 2 * atoms.radii.max() * np.linalg.norm(np.linalg.inv(box.cell)[free])
+    cell = box.cell.copy()
+    cell[:, free] *= max(1.0, float(np.ptp(across) + reach))
+    note = (
+        f"periodic along {'xy'[1 - free]} alone: stress refers to the cell {cell.tolist()}, "
+        "which may hold more than the packing"
+    )
+    return Space(cell, box.periodic), (note,)
+
+
+class Pairs(NamedTuple):
+    """Pairs of grains: indices `i`, `j` (C,), `images` of the second and branches `d` (C, 2)."""
+
+    i: Integers
+    j: Integers
+    images: Integers
+    d: Floats
+
+    def take(self, rows: Mask | Integers) -> Pairs:
+        """Some of the pairs."""
+        return Pairs(self.i[rows], self.j[rows], self.images[rows], self.d[rows])
+
+
+def pairs_of(
+    atoms: Atoms, space: Space, i: Integers, j: Integers, branch: Floats | None = None
+) -> Pairs:
+    """Images and branches of pairs.
+
+    Parameters
+    ----------
+    atoms : Atoms
+        Grains.
+    space : Space
+        Cell.
+    i, j : (C,) array of int
+        Grains of each pair.
+    branch : (C, 2) array, optional
+        From centre i to the image of centre j, as the file has it (length); the nearest image if
+        left out.
+
+    Returns
+    -------
+    Pairs
+        Branches from the centres and images.
+    """
+    raw = atoms.x[j] - atoms.x[i]
+    images = space.images((0.0 if branch is None else branch) - raw)
+    return Pairs(i, j, images, raw + space.shift(images))
+
+
+def normals(d: Floats) -> Floats:
+    """(C, 2) array: unit vectors along `d` (C, 2); of coincident grains zero."""
+    length = np.hypot(d[:, 0], d[:, 1])[:, None]
+    return d / np.where(length > 0, length, 1.0)
+
+
+def gaps(atoms: Atoms, pairs: Pairs) -> Floats:
+    """(C,) array: distances of the centres less the sums of the radii (length)."""
+    reach = atoms.radii[pairs.i] + atoms.radii[pairs.j]
+    return np.asarray(np.hypot(pairs.d[:, 0], pairs.d[:, 1]) - reach)
+
+
+def contact_rows(
+    atoms: Atoms, pairs: Pairs, force: Floats | None
+) -> tuple[Integers, tuple[str, ...]]:
+    """Rows of a list of pairs that are contacts, each once.
+
+    Parameters
+    ----------
+    atoms : Atoms
+        Grains.
+    pairs : Pairs
+        All pairs of the file.
+    force : (C, 2) array or None
+        Their forces.
+
+    Returns
+    -------
+    rows : (K,) array of int
+        The ones kept, in their order.
+    notes : tuple of str
+        What was dropped.
+    """
+    apart = gaps(atoms, pairs) >= 0
+    if force is not None:
+        apart &= (force == 0).all(axis=1)
+    again = _repeated(pairs, len(atoms.ids)) & ~apart
+    notes = []
+    if apart.any():
+        notes.append(f"{np.count_nonzero(apart)} pairs without overlap and force are no contacts")
+    if again.any():
+        notes.append(f"{np.count_nonzero(again)} contacts stand there twice and were taken once")
+    return np.flatnonzero(~apart & ~again), tuple(notes)
+
+
+def _repeated(pairs: Pairs, grain_count: int) -> Mask:
+    """Whether the same contact, in either order, stands in an earlier row."""
+    low, high = np.minimum(pairs.i, pairs.j), np.maximum(pairs.i, pairs.j)
+    key = low * grain_count + high
+    repeated = np.zeros(len(key), dtype=bool)
+    ordered = np.sort(key)
+    twice = ordered[1:][ordered[1:] == ordered[:-1]]
+    if len(twice) == 0:
+        return repeated
+    rows = np.flatnonzero(np.isin(key, twice))
+    # Seen from the lower grain, two contacts of a pair differ by their images.
+    images = np.where((pairs.i > pairs.j)[rows, None], -pairs.images[rows], pairs.images[rows])
+    reach = int(np.abs(images).max())
+    own = np.unique(key[rows], return_inverse=True)[1]
+    for column in images.T:
+        own = own * (2 * reach + 1) + column + reach
+    first = np.unique(own, return_index=True)[1]
+    repeated[np.delete(rows, first)] = True
+    return repeated
+
+
+def require_ids(
+    where: str, names: tuple[str, str], ids: Integers, one: Integers, two: Integers
+) -> tuple[Integers, Integers]:
+    """Grains of the pairs as indices, or `InputError` for ids that no grain has.
+
+    Parameters
+    ----------
+    where : str
+        The place, for messages.
+    names : (str, str)
+        Columns of the ids.
+    ids : (G,) array of int
+        Ids of the grains.
+    one, two : (C,) array of int
+        Ids that the pairs name.
+
+    Returns
+    -------
+    i, j : (C,) array of int
+        Indices of the grains.
+    """
+    found = [index_of(ids, named) for named in (one, two)]
+    for name, named, index in zip(names, (one, two), found, strict=True):
+        if (index < 0).any():
+            row = int(np.argmin(index))
+            raise InputError(
+                f"column {name} of {where}, row {row}",
+                f"grain {named[row]}",
+                "an id of the dump of atoms",
+                "Take both dumps from one step of one run, with all the atoms.",
+            )
+    return found[0], found[1]

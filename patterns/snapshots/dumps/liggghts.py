@@ -1,0 +1,170 @@
+"""LIGGGHTS: `dump custom` of the atoms with `dump local` of `compute pair/gran/local`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import InputError
+from patterns.snapshots.dumps.dump_files import (
+    ATOM_NAMES,
+    Atoms,
+    contacts_beside,
+    frame_pairs,
+    read_atoms,
+)
+from patterns.snapshots.dumps.dump_geometry import (
+    Pairs,
+    Space,
+    contact_rows,
+    normals,
+    pairs_of,
+    space_of,
+)
+from patterns.snapshots.dumps.dump_tables import Forces, contact_table, grain_table
+from patterns.snapshots.dumps.dump_text import DumpFrame, dump_frames, is_dump, read_rows
+from patterns.snapshots.dumps.lammps import check_names
+from patterns.snapshots.dumps.liggghts_columns import CONTACT_NAMES, NONE, Contacts, read_contacts
+from patterns.snapshots.frame import Frame, Source
+
+Floats = NDArray[np.float64]
+
+# Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
+COARSE = 9
+STEPS = 5  # of Newton's method for the cell; it converges in two
+# Overlaps must fit the cell to this share of its size, better than the header.
+FIT = 1e-7
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether the contacts beside this dump are columns of one compute, as LIGGGHTS' are."""
+    if not is_dump(head):
+        return False
+    contacts = contacts_beside(path)
+    if contacts is None:
+        return False
+    try:
+        frames_beside = dump_frames(contacts)
+    except InputError:
+        return False
+    return bool(frames_beside) and _one_compute(frames_beside[0].names)
+
+
+def _one_compute(names: tuple[str, ...]) -> bool:
+    """Whether all columns are those of one compute, ids with forces among them."""
+    numbered = {f"[{k + 1}]" for k in range(len(names))}
+    stems = {name.rpartition("[")[0] for name in names}
+    return len(names) >= 3 and len(stems) == 1 and {n[n.rfind("[") :] for n in names} == numbered
+
+
+def frames(source: Source) -> Iterator[Frame]:
+    """Instants of a dump of atoms, with the dump of their contacts beside it.
+
+    Instants without contacts, as before the grains meet, are left out.
+
+    The contacts are a `dump local` of all columns of `compute pair/gran/local` with at least `id`;
+    which columns hold the forces is told from the grains, and said in the notes. A map gives them
+    by the plain names `id1, id2`, `fx, fy` (total force on atom 1) or its parts `fnx, fny, ftx,
+    fty`, and `delta` (overlap); 'none' for what the dump lacks. Headers have six digits: the cell
+    is found from the overlaps of the contacts that cross its border.
+
+    Parameters
+    ----------
+    source : Source
+        What the user gave.
+
+    Yields
+    ------
+    Frame
+        One per step, total forces on grain 2.
+
+    Raises
+    ------
+    InputError
+        For a missing, damaged or cut dump, frames of different steps, columns that can't be told
+        or don't hold what the map says.
+    """
+    check_names(source, (*ATOM_NAMES, *CONTACT_NAMES))
+    for atom_frame, contact_frame, notes in frame_pairs(source):
+        yield _frame(source, atom_frame, contact_frame, notes)
+
+
+def _frame(
+    source: Source, atom_frame: DumpFrame, contact_frame: DumpFrame, notes: tuple[str, ...]
+) -> Frame:
+    atoms = read_atoms(atom_frame, source.columns)
+    space, said = space_of(atom_frame.box, atoms, source.cell)
+    table = read_rows(contact_frame, contact_frame.names)
+    contacts = read_contacts(table, atoms, space, dict(source.columns))
+    found = ", ".join(f"{name}={c}" for name, c in contacts.columns.items() if c != NONE)
+    said = (f"columns in the order of pair/gran/local: {found}", *notes, *said)
+    box = atom_frame.box
+    if box is not None and box.digits < COARSE and source.cell is None and any(space.periodic):
+        space, note = finer_cell(atoms, space, contacts)
+        said = (*said, note)
+    pairs = pairs_of(atoms, space, contacts.pairs.i, contacts.pairs.j, contacts.pairs.d)
+    force = None if contacts.force is None else -contacts.force
+    rows, row_notes = contact_rows(atoms, pairs, force)
+    if not all(space.periodic):
+        row_notes = (*row_notes, "contacts with walls are not in the dumps: their share is unknown")
+    forces = Forces(None if force is None else force[rows])
+    return Frame(
+        grain_table(atom_frame.where, atoms),
+        contact_table(
+            contact_frame.where, atoms, pairs.take(rows), forces, periodic=space.cell is not None
+        ),
+        space.cell,
+        float(atom_frame.step),
+        (*said, *row_notes),
+    )
+
+
+def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, str]:
+    """The edges of a rectangular cell from the overlaps across its border.
+
+    Centres of a contact with images are `r1 + r2 - delta` apart: least squares for the lengths of
+    the edges, by Newton's method from those of the header.
+
+    Parameters
+    ----------
+    atoms : Atoms
+        Grains.
+    space : Space
+        Cell of the header.
+    contacts : Contacts
+        Pairs, and overlaps if the dump has them.
+
+    Returns
+    -------
+    space : Space
+        The finer cell; the same where the dump doesn't tell it.
+    note : str
+        What was done.
+    """
+    coarse = "cell from a header of six digits: branches across its border are as coarse"
+    across = np.flatnonzero(contacts.pairs.images.any(axis=1))
+    cell = space.cell
+    if cell is None or contacts.overlap is None or len(across) == 0 or cell[0, 1] or cell[1, 0]:
+        return space, f"{coarse}; give --cell or dump delta"
+    pairs: Pairs = contacts.pairs.take(across)
+    length = (atoms.radii[pairs.i] + atoms.radii[pairs.j]) - contacts.overlap[across]
+    raw = atoms.x[pairs.j] - atoms.x[pairs.i]
+    edges = np.diag(cell).copy()
+    # An edge that no contact crosses stays as it is.
+    crossed = pairs.images.any(axis=0)
+    for _ in range(STEPS):
+        d = raw + pairs.images * edges
+        distance = np.hypot(*d.T)
+        slope = (normals(d) * pairs.images)[:, crossed]
+        edges[crossed] += np.linalg.lstsq(slope, length - distance, rcond=None)[0]
+    misfit = np.abs(np.hypot(*(raw + pairs.images * edges).T) - length).max()
+    change = np.abs(edges / np.diag(cell) - 1).max()
+    if misfit > FIT * edges.max() or change > 1e-5:
+        return space, f"{coarse}; overlaps don't fit it better ({misfit:.2g}); give --cell"
+    return Space(np.diag(edges), space.periodic), (
+        f"cell {edges.tolist()} from the overlaps of {len(across)} contacts across its border, "
+        f"which it fits to {misfit:.1g}: the header has six digits"
+    )
