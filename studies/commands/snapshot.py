@@ -53,6 +53,10 @@ def snapshot(
     drop_crossings: Annotated[
         bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
     ] = False,
+    no_figures: Annotated[
+        bool, typer.Option("--no-figures", help="Tables and summary alone, no figures, no report.")
+    ] = False,
+    vtk: Annotated[bool, typer.Option("--vtk", help="Write loops.vtp for ParaView.")] = False,
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
@@ -72,7 +76,7 @@ def snapshot(
         frame,
         drop_crossings,
     )
-    summary = run_snapshot(source, out, force=force, csv=csv)
+    summary = run_snapshot(source, out, force=force, csv=csv, figures=not no_figures, paraview=vtk)
     report(summary, out, json, _snapshot_lines)
 
 
@@ -82,10 +86,11 @@ def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
         f"{summary['grains']} grains, {summary['contacts']} contacts, "
         f"coordination {summary['coordination']:.3f} without {summary['dangling_grains']} dangling",
         f"{summary['loops']} loops, mean order {shown(summary['mean_order'])} ({orders})",
-        f"Euler's formula {'holds' if summary['euler_ok'] else 'FAILS'}; "
-        f"{100 * summary['sliding_fraction']:.1f} % of the contacts slide",
+        f"Euler's formula {'holds' if summary['euler_ok'] else 'FAILS'}",
     ]
-    for closure, shares in summary["unstable_fraction"].items():
+    if "sliding_fraction" in summary:
+        lines.append(f"{100 * summary['sliding_fraction']:.1f} % of the contacts slide")
+    for closure, shares in summary.get("unstable_fraction", {}).items():
         unstable = _grouped(summary, shares)
         text = "  ".join(f"{n}: {100 * share:.2g} %" for n, share in unstable.items())
         lines.append(f"unstable loops by order, {closure}: {text}")

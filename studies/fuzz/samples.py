@@ -51,7 +51,7 @@ def write_samples(folder: Path) -> list[Sample]:
         ("yade-xml", "yade_native/box", "state.xml.gz", {}),
         ("lammps", "lammps", "dump.*", law),
         ("liggghts", "liggghts", "*.dump.gz", law),
-        ("mercury", "mercury", "*.*", law),
+        ("mercury", "mercury", "box.*", law),
     ):
         found = sorted(file for file in (SAMPLE / inner).glob(pattern) if file.suffix != ".md")
         room = _room(folder, name)

@@ -34,14 +34,14 @@ KEYS = [
 ]
 SUMMARY_KEYS = """grains contacts dangling_grains components vertices edges faces euler_ok
 coordination loops orders mean_order area_sum stress sliding_fraction unstable_fraction""".split()
+FIGURES = ("map", "orders", "fabric", "eigenvalues", "directions")
 FILES = {
     "loops.parquet",
     "orders.parquet",
+    "fabric.parquet",
     "summary.json",
-    "map.png",
-    "map.svg",
-    "orders.png",
-    "orders.svg",
+    "report.html",
+    *(f"{name}.{ending}" for name in FIGURES for ending in ("png", "svg")),
 }
 PERIODIC = sample_path("grains_periodic.parquet")
 CELL = ",".join(repr(float(value)) for value in sample_cell().ravel())
@@ -66,7 +66,8 @@ def results(tmp_path_factory):
 
 
 def test_files_and_keys(results):
-    assert {path.name for path in results.iterdir()} == FILES | {"loops.csv", "orders.csv"}
+    tables = {f"{name}.csv" for name in ("loops", "orders", "fabric")}
+    assert {path.name for path in results.iterdir()} == FILES | tables
     summary = json.loads((results / "summary.json").read_text())
     assert set(SUMMARY_KEYS) <= set(summary)
     assert list(summary) == sorted(summary)
@@ -188,7 +189,8 @@ def test_table_of_a_network_whose_loops_are_triangles():
 
 
 def test_json_on_stdout(monkeypatch, tmp_path, capsys):
-    assert run(monkeypatch, "snapshot", write(tmp_path), "--out", tmp_path / "r", "--json") == 0
+    arguments = ("--out", tmp_path / "r", "--json", "--no-figures")
+    assert run(monkeypatch, "snapshot", write(tmp_path), *arguments) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "r" / "summary.json").read_text())
     assert printed["orders"] == {"4": 1}
@@ -200,10 +202,10 @@ def test_json_on_stdout(monkeypatch, tmp_path, capsys):
 
 
 def test_provenance_is_in_every_table_and_figure(results):
-    for name in ("loops", "orders"):
+    for name in ("loops", "orders", "fabric"):
         metadata = pyarrow.parquet.read_schema(results / f"{name}.parquet").metadata
         assert json.loads(metadata[b"grainloops"])["command"] == "grainloops snapshot"
-    for name in ("map", "orders"):
+    for name in FIGURES:
         assert b"grainloops snapshot" in (results / f"{name}.png").read_bytes()
         assert "grainloops snapshot" in (results / f"{name}.svg").read_text()
 
@@ -259,12 +261,39 @@ def test_crossing_branches_are_named(monkeypatch, tmp_path, capsys):
     # On request the lighter one goes; its mate closes two triangles.
     contacts["fn"][-1] = 0.5
     path = write(tmp_path, contacts=contacts)
-    arguments = ("snapshot", path, "--out", tmp_path / "out", "--drop-crossings")
-    assert run(monkeypatch, *arguments) == 0
+    arguments = ("--out", tmp_path / "out", "--drop-crossings", "--no-figures")
+    assert run(monkeypatch, "snapshot", path, *arguments) == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["orders"] == {"3": 2}
     assert summary["contacts"] == 5
     assert "of grains 11-13" in " ".join(summary["notes"])
+
+
+def test_without_forces_the_geometry_comes_out(monkeypatch, tmp_path, capsys):
+    path = write(tmp_path, contacts=changed(CONTACTS, fn=None, fsx=None, fsy=None, kn=None))
+    assert run(monkeypatch, "snapshot", path, "--out", tmp_path / "out") == 0
+    assert "no contact forces" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["orders"] == {"4": 1}
+    absent = ("stress", "sliding_fraction", "unstable_fraction", "mean_kn")
+    assert not set(absent) & set(summary)
+    columns = pd.read_parquet(tmp_path / "out" / "loops.parquet").columns
+    assert "area" in columns
+    assert not [name for name in columns if "lambda" in name or "pressure" in name]
+
+
+def test_several_instants_and_column_maps(monkeypatch, tmp_path, capsys):
+    path = write(tmp_path, grains={("px" if k == "x" else k): v for k, v in GRAINS.items()})
+    arguments = ("snapshot", path, "--out", tmp_path / "out", "--no-figures")
+    assert run(monkeypatch, *arguments) == 2
+    assert "--columns x=COLUMN" in capsys.readouterr().err
+    assert run(monkeypatch, *arguments, "--columns", "x=px", "--frame", "-1") == 0
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {
+        *("loops.parquet", "orders.parquet", "summary.json")
+    }
+    for wrong in ("x", "x=", "x=px,x=y", "=px"):
+        assert run(monkeypatch, *arguments, "--force", "--columns", wrong) == 2
+        assert "--columns" in capsys.readouterr().err
 
 
 def test_results_are_never_lost(monkeypatch, tmp_path, capsys):
@@ -274,8 +303,9 @@ def test_results_are_never_lost(monkeypatch, tmp_path, capsys):
     assert run(monkeypatch, "snapshot", path, "--out", out) == 2
     assert "--force" in capsys.readouterr().err
     assert [file.name for file in out.iterdir()] == ["notes.txt"]
-    assert run(monkeypatch, "snapshot", path, "--out", out, "--force") == 0
-    assert {file.name for file in out.iterdir()} == FILES | {"notes.txt"}
+    assert run(monkeypatch, "snapshot", path, "--out", out, "--force", "--no-figures") == 0
+    plain = {"loops.parquet", "orders.parquet", "summary.json"}
+    assert {file.name for file in out.iterdir()} == plain | {"notes.txt"}
     before = (out / "summary.json").read_bytes()
     # A failing run with --force leaves what was there.
     broken = write(tmp_path, contacts=at(CONTACTS, "id1", 0, 5))
