@@ -11,7 +11,7 @@ import typer
 from loops.errors import InputError
 
 # The readers themselves are loaded only by the commands that read.
-FORMATS = ("table", "yade-vtk", "yade-xml", "lammps", "liggghts", "mercury")
+FORMATS = ("table", "yade-vtk", "yade-xml", "yade-text", "lammps", "liggghts", "mercury")
 Out = Annotated[Path, typer.Option(help="Result folder; created.", show_default=False)]
 Force = Annotated[bool, typer.Option("--force", help="Replace results of the same names.")]
 Csv = Annotated[bool, typer.Option("--csv", help="Write the tables as CSV too.")]

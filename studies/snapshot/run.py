@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
@@ -78,21 +77,31 @@ class SnapshotInput:
 
 
 def run_snapshot(
-    source: SnapshotInput, out: Path, *, force: bool = False, csv: bool = False
+    source: SnapshotInput,
+    out: Path,
+    *,
+    force: bool = False,
+    csv: bool = False,
+    figures: bool = True,
+    paraview: bool = False,
 ) -> dict[str, Any]:
-    """Find the loops of a snapshot, judge each, and write tables, summary and figures.
+    """Find the loops of a snapshot, judge each, and write tables, summary, figures and a report.
 
     Parameters
     ----------
     source : SnapshotInput
         What to read.
     out : Path
-        Result folder: `loops.parquet`, `orders.parquet`, `summary.json`, `map` and `orders` as
-        PNG and SVG.
+        Result folder: `loops.parquet`, `orders.parquet`, `summary.json`; with figures the PNG and
+        SVG of each, `fabric.parquet` and `report.html`; for ParaView `loops.vtp`, `contacts.vtp`.
     force : bool
         Whether results of the same names may be replaced.
     csv : bool
         Whether to write the tables as CSV too.
+    figures : bool
+        Whether to draw figures and write the report that holds them.
+    paraview : bool
+        Whether to write the files for ParaView.
 
     Returns
     -------
@@ -102,7 +111,8 @@ def run_snapshot(
     Raises
     ------
     InputError
-        For bad input, a network with crossing branches, or an `out` that holds files.
+        For bad input, a network with crossing branches, an `out` that holds files, or a missing
+        library.
     """
     with result_folder(out, force=force) as folder:
         snapshot, faces, table = analyse(source)
@@ -110,12 +120,14 @@ def run_snapshot(
         made = provenance("snapshot", asdict(source), UNITS)
         summary["provenance"] = made
         write_table(folder, "loops", table, made, csv=csv)
-        write_table(folder, "orders", _orders(summary, table), made, csv=csv)
+        write_table(folder, "orders", _orders(summary), made, csv=csv)
         write_summary(folder, summary)
-        # Drawing is loaded only when there is something to draw.
-        from studies.snapshot.figures import draw_figures
+        if paraview:
+            from studies.snapshot.paraview import write_paraview
 
-        draw_figures(snapshot, faces, table, summary, folder, made)
+            write_paraview(folder, snapshot, faces, table, made)
+        if figures:
+            _draw(snapshot, faces, table, summary, folder, csv=csv)
     return summary
 
 
@@ -146,15 +158,36 @@ def analyse(source: SnapshotInput) -> tuple[Snapshot, Faces, dict[str, Any]]:
     return snapshot, faces, table
 
 
-def _orders(summary: dict[str, Any], table: dict[str, NDArray[Any]]) -> dict[str, Any]:
+def _draw(
+    snapshot: Snapshot,
+    faces: Faces,
+    table: dict[str, Any],
+    summary: dict[str, Any],
+    folder: Path,
+    *,
+    csv: bool,
+) -> None:
+    """Figures, the numbers behind the rose of contacts, and the report."""
+    # Drawing is loaded only when there is something to draw.
+    from studies.snapshot.figures import draw_figures
+    from studies.snapshot.report import write_report
+    from studies.snapshot.report_map import loops_for_map
+    from studies.snapshot.roses import fabric_table
+
+    made = summary["provenance"]
+    write_table(folder, "fabric", fabric_table(snapshot.graph, summary), made, csv=csv)
+    drawn = draw_figures(snapshot, faces, table, summary, folder, made)
+    title = f"Loops of {made['configuration']['path'].name}"
+    write_report(folder, title, summary, drawn, loops_for_map(snapshot, faces, table), made)
+
+
+def _orders(summary: dict[str, Any]) -> dict[str, Any]:
     """The numbers behind the figure of orders."""
-    orders = [int(n) for n in summary["orders"]]
-    area = [float(table["area"][table["order"] == n].sum()) for n in orders]
     columns: dict[str, Any] = {
-        "order": orders,
+        "order": [int(n) for n in summary["orders"]],
         "loops": list(summary["orders"].values()),
-        "area": area,
+        "area": list(summary["orders_area"].values()),
     }
-    for closure, shares in summary["unstable_fraction"].items():
+    for closure, shares in summary.get("unstable_fraction", {}).items():
         columns[f"{closure}_unstable_fraction"] = list(shares.values())
     return columns

@@ -7,38 +7,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import Faces, Regime, euler_check, love_weber_stress, outline_area
+from loops import Faces, branch_vectors, euler_check, outline_area
+from loops.fabric import direction_tensors, edge_tensors, mean_tensor
 from patterns import Snapshot
-from stability import RTOL
+from studies.snapshot.definitions import GEOMETRY, MECHANICS
+from studies.snapshot.mechanics import mechanics_summary
+from studies.snapshot.statistics import (
+    GROUPS,
+    Groups,
+    axes_block,
+    group_rows,
+    spread,
+    spread_by_group,
+    tensor_block,
+)
 
-DEFINITIONS = {
-    "area_sum": "sum of the areas of the loops",
-    "coordination": "2 edges / vertices, of the network without dangling grains",
-    "coordination_all": "2 contacts / grains, of all grains",
-    "dangling_grains": "grains removed because fewer than two contacts are left to them, "
-    "those without any contact included",
-    "faces": "half-edge cycles of the network, outer ones included",
-    "mean_order_from_coordination": "2 z / (z - 2), exact for one cluster that winds around a "
-    "periodic cell",
-    "mean_unstable_directions": "mean over the loops of an order of the share of directions with "
-    "negative second-order work",
-    "sliding_fraction": "share of the contacts between grains that slide",
-    "stress": "Love-Weber stress of the contacts between grains over `area`: of the periodic cell, "
-    "else of the polygons around the network; row = force, column = branch",
-    "unstable_fraction": "share of the loops of an order with a negative eigenvalue of Ks beyond "
-    "the tolerance, symmetric subspace, spins blocked, contacts flagged sliding as sliding",
-}
+DEFINITIONS = GEOMETRY | MECHANICS
 
 
 def snapshot_summary(
     snapshot: Snapshot, faces: Faces, table: dict[str, NDArray[Any]]
 ) -> dict[str, Any]:
-    """Counts, Euler check, loop orders, stress and unstable fractions of a snapshot.
+    """Counts, Euler check, loop orders, fabric, stress and stability of a snapshot.
 
     Parameters
     ----------
     snapshot : Snapshot
-        Grains, contacts, law and regimes.
+        Grains, contacts; law and regimes if there are forces.
     faces : Faces
         Its faces.
     table : dict of str to array
@@ -47,14 +42,31 @@ def snapshot_summary(
     Returns
     -------
     dict
-        Plain values by key; see `DEFINITIONS`.
+        Plain values by key; see `DEFINITIONS`. Without forces the mechanical keys are absent.
     """
+    area, groups = outline_area(snapshot.graph, faces), group_rows(table["order"])
+    summary = {
+        **_network(snapshot, faces),
+        **_orders(table, groups),
+        **_fabric(snapshot, faces, table, groups),
+        "area": area,
+        "area_sum": float(table["area"].sum()),
+        "notes": list(snapshot.notes),
+        "definitions": DEFINITIONS if snapshot.mechanical else GEOMETRY,
+    }
+    if snapshot.mechanical:
+        summary |= mechanics_summary(snapshot, table, groups, area)
+    return summary
+
+
+def _network(snapshot: Snapshot, faces: Faces) -> dict[str, Any]:
+    """Counts of grains and contacts, Euler's formula, coordination."""
     graph = snapshot.graph
     euler = euler_check(graph, faces)
-    order = table["order"]
-    area = outline_area(graph, faces)
-    z = 2 * euler.edges / euler.vertices if euler.vertices else 0.0
     degree = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count)
+    # Every contact of the pruned network is two half-edges of its faces.
+    inner = np.bincount(faces.grains, minlength=graph.grain_count)
+    z = 2 * euler.edges / euler.vertices if euler.vertices else 0.0
     return {
         "grains": graph.grain_count,
         "contacts": graph.contact_count,
@@ -68,46 +80,55 @@ def snapshot_summary(
         "euler_ok": euler.ok,
         "coordination": z,
         "coordination_all": 2 * graph.contact_count / graph.grain_count,
-        "loops": len(order),
-        "orders": {
-            str(n): int(k) for n, k in zip(*np.unique(order, return_counts=True), strict=True)
-        },
-        "mean_order": float(order.mean()) if len(order) else None,
+        "contacts_per_grain": spread(inner[inner > 0]),
         "mean_order_from_coordination": 2 * z / (z - 2) if z > 2 else None,
-        "area": area,
-        "area_sum": float(table["area"].sum()),
-        "stress": love_weber_stress(graph, area) if area > 0 else None,
-        "mean_kn": float(np.mean(snapshot.law.kn)),
-        "sliding_fraction": float(np.mean(snapshot.regime == Regime.SLIDING)),
-        "unstable_fraction": _by_order(table, _unstable),
-        "mean_unstable_directions": _by_order(table, _directions),
-        "untrusted_loops": {
-            closure: int(np.count_nonzero(np.isnan(table[f"{closure}_lambda_min"])))
-            for closure in ("affine", "traction")
-        },
-        "notes": list(snapshot.notes),
-        "definitions": DEFINITIONS,
     }
 
 
-def _by_order(table: dict[str, NDArray[Any]], measure: Any) -> dict[str, dict[str, float]]:
+def _orders(table: dict[str, NDArray[Any]], groups: Groups) -> dict[str, Any]:
+    """Loops by order, in number and in area."""
+    order, area = table["order"], table["area"]
+    number, by_area = np.bincount(order), np.bincount(order, area)
+    orders = np.flatnonzero(number)
+    names = list(map(str, orders.tolist()))
     return {
-        closure: {
-            str(n): measure(table, closure, table["order"] == n)
-            for n in np.unique(table["order"]).tolist()
-        }
-        for closure in ("affine", "traction")
+        "loops": len(order),
+        "orders": dict(zip(names, number[orders].tolist(), strict=True)),
+        "orders_area": dict(zip(names, by_area[orders].tolist(), strict=True)),
+        "orders_grouped": {name: _group(area, groups[name]) for name in GROUPS},
+        "mean_order": float(order.mean()) if len(order) else None,
+        "mean_order_by_area": float(np.average(order, weights=area)) if len(order) else None,
+        "order_spread": spread(order),
     }
 
 
-def _unstable(table: dict[str, NDArray[Any]], closure: str, rows: NDArray[np.bool_]) -> float:
-    """Share of trusted loops below zero; eigenvalues are over the mean kn, so of order one."""
-    smallest = table[f"{closure}_lambda_min"][rows]
-    known = smallest[~np.isnan(smallest)]
-    return float(np.mean(known < -RTOL)) if len(known) else float("nan")
+def _group(area: NDArray[np.float64], rows: NDArray[np.int64] | slice) -> dict[str, Any]:
+    number, covered = len(area[rows]), float(area[rows].sum())
+    return {
+        "loops": number,
+        "area": covered,
+        "share": number / len(area) if len(area) else None,
+        "area_share": covered / float(area.sum()) if len(area) else None,
+    }
 
 
-def _directions(table: dict[str, NDArray[Any]], closure: str, rows: NDArray[np.bool_]) -> float:
-    share = table[f"{closure}_unstable_fraction"][rows]
-    known = share[~np.isnan(share)]
-    return float(known.mean()) if len(known) else float("nan")
+def _fabric(
+    snapshot: Snapshot, faces: Faces, table: dict[str, NDArray[Any]], groups: Groups
+) -> dict[str, Any]:
+    """How contacts and loops are oriented, and how large and long the loops are."""
+    area, branches = table["area"], branch_vectors(snapshot.graph)
+    directions = direction_tensors(branches)
+    contacts = tensor_block(mean_tensor(directions))
+    by_length = mean_tensor(directions, np.hypot(branches[:, 0], branches[:, 1]))
+    shapes = edge_tensors(branches, faces)
+    return {
+        "contact_fabric": contacts | {"fourier_amplitude": 2 * contacts["anisotropy"]},
+        "contact_fabric_by_length": tensor_block(by_length),
+        "loop_shape": {
+            name: tensor_block(mean_tensor(shapes[rows], area[rows]))
+            for name, rows in groups.items()
+        },
+        "long_axis": axes_block(table["orientation"]),
+        "elongation_by_order": spread_by_group(groups, table["elongation"]),
+        "loop_area_by_order": spread_by_group(groups, area),
+    }

@@ -1,0 +1,170 @@
+"""Displacement gradients: of a loop from its boundary, of a cloud of grains, and their rotation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops.errors import InputError
+from loops.geometry import boundary_vectors, polygon_area
+
+Floats = NDArray[np.float64]
+
+
+def loop_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
+    """Displacement gradient of loops by the boundary formula, `H = -(1/V0) sum u_i (x) B_i`.
+
+    `B_i` are the boundary vectors of the reference polygon (theory note, section 4). The mean of
+    the gradient over the polygon of a displacement that is linear along every side; exact for an
+    affine motion `x = F x0 + c`, where `H = 1 - F`. A translation of either polygon adds nothing.
+
+    Parameters
+    ----------
+    x0 : (..., n, 2) array
+        Reference corners in order, either way round (length).
+    x : (..., n, 2) array
+        The same corners moved (length).
+
+    Returns
+    -------
+    (..., 2, 2) array
+        `H`, positive in compression; row = displacement, column = reference direction.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ or a reference polygon has no area.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops.loop_strain import loop_strain
+    >>> square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    >>> loop_strain(square, square * [0.75, 1.0]).tolist()
+    [[0.25, 0.0], [0.0, 0.0]]
+    """
+    start, end = np.asarray(x0, dtype=float), np.asarray(x, dtype=float)
+    if start.shape != end.shape or start.ndim < 2 or start.shape[-1] != 2:
+        raise InputError(
+            "corners of the loops",
+            f"shapes {start.shape} and {end.shape}",
+            "two arrays of one shape (..., n, 2)",
+            "Give the same grains in the same order.",
+        )
+    area = np.abs(polygon_area(start))
+    if not np.all(area > 0):
+        raise InputError(
+            "reference polygon of a loop",
+            f"area {np.min(area)}",
+            "a positive area",
+            "The centres must not lie on a line.",
+        )
+    u = (end - end[..., :1, :]) - (start - start[..., :1, :])
+    return -np.swapaxes(u, -1, -2) @ boundary_vectors(start) / area[..., None, None]
+
+
+def best_fit_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
+    """Homogeneous displacement gradient that fits the motion of grains best.
+
+    Minimises `sum |x - c - (1 - H) x0|^2` over `H` and `c`: for a sample without a cell, whose
+    walls are not known. Exact for an affine motion.
+
+    Parameters
+    ----------
+    x0 : (..., G, 2) array
+        Reference centres (length).
+    x : (..., G, 2) array
+        Centres of the same grains later (length).
+
+    Returns
+    -------
+    (..., 2, 2) array
+        `H`, positive in compression; row = displacement, column = reference direction.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ or the reference centres lie on a line.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops.loop_strain import best_fit_strain
+    >>> x0 = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    >>> best_fit_strain(x0, x0 @ [[0.75, 0.5], [0.25, 1.25]] + 3.0).round(12).tolist()
+    [[0.25, -0.25], [-0.5, -0.25]]
+    """
+    start, end = np.asarray(x0, dtype=float), np.asarray(x, dtype=float)
+    if start.shape != end.shape or start.ndim < 2 or start.shape[-1] != 2:
+        raise InputError(
+            "centres",
+            f"shapes {start.shape} and {end.shape}",
+            "one shape (..., G, 2)",
+            "Pair them.",
+        )
+    if start.shape[-2] < 3:
+        raise InputError("centres", f"{start.shape[-2]} grains", "at least 3", "Add grains.")
+    r = start - start.mean(axis=-2, keepdims=True)
+    u = end - start
+    u = u - u.mean(axis=-2, keepdims=True)
+    spread = np.swapaxes(r, -1, -2) @ r
+    trace = np.trace(spread, axis1=-2, axis2=-1)
+    # Centres on a line leave the gradient across it open.
+    if not np.all(np.linalg.det(spread) > 1e-20 * trace**2):
+        raise InputError(
+            "centres", "all on a line", "grains that span the plane", "Give more grains."
+        )
+    moment = np.swapaxes(u, -1, -2) @ r
+    return -np.swapaxes(np.linalg.solve(spread, np.swapaxes(moment, -1, -2)), -1, -2)
+
+
+def rotation_and_stretch(H: ArrayLike) -> tuple[Floats, Floats]:
+    """Split `F = 1 - H` into a rotation and a stretch, `F = R U` (polar decomposition).
+
+    Parameters
+    ----------
+    H : (..., 2, 2) array
+        Displacement gradient, positive in compression, `det F > 0`.
+
+    Returns
+    -------
+    angle : (...) array
+        Angle of `R`, radians in (-pi, pi], counter-clockwise positive.
+    strain : (..., 2, 2) array
+        `1 - U`, symmetric, positive in compression; what `H` becomes without the rotation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops.loop_strain import rotation_and_stretch
+    >>> turned = np.array([[0.0, -1.0], [1.0, 0.0]]) @ np.diag([0.5, 1.0])
+    >>> angle, strain = rotation_and_stretch(np.eye(2) - turned)
+    >>> round(float(np.degrees(angle)), 12), strain.round(12).tolist()
+    (90.0, [[0.5, 0.0], [0.0, 0.0]])
+    """
+    # 1 - U from H itself: with U from F, strains of 1e-10 would lose ten digits.
+    gradient = np.asarray(H, dtype=float)
+    spin = gradient[..., 0, 1] - gradient[..., 1, 0]
+    trace = 2.0 - gradient[..., 0, 0] - gradient[..., 1, 1]
+    angle = np.arctan2(spin, trace)
+    back = rotation_minus_one(-angle)
+    strain = gradient + back @ gradient - back
+    return angle, 0.5 * (strain + np.swapaxes(strain, -1, -2))
+
+
+def rotation_minus_one(angle: ArrayLike) -> Floats:
+    """`R - 1` of rotations by `angle`, to full relative precision for small ones.
+
+    Parameters
+    ----------
+    angle : (...) array
+        Radians, counter-clockwise positive.
+
+    Returns
+    -------
+    (..., 2, 2) array
+        The rotation matrix less the identity.
+    """
+    turn = np.asarray(angle, dtype=float)
+    s, versine = np.sin(turn), 2.0 * np.sin(0.5 * turn) ** 2
+    return np.stack([np.stack([-versine, -s], axis=-1), np.stack([s, -versine], axis=-1)], axis=-2)

@@ -1,0 +1,293 @@
+"""What becomes of the loops of a snapshot: they survive, split, merge, change, are born or die.
+
+A loop is the set of its half-edges, its sides each with a direction. Loops of two snapshots
+overlap where they share half-edges; the connected parts of this overlap say what happened. Take
+away every contact that only one of the snapshots has, and each part is one face of what is left:
+the earlier loops of the part had merged into it, and it was then divided into the later ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from loops.contact_matching import ContactMatch
+from loops.faces import Faces
+
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+class Fate(IntEnum):
+    """What happened to a loop between two snapshots, see `loop_fates`."""
+
+    SURVIVED = 0
+    SPLIT = 1
+    MERGED = 2
+    CHANGED = 3
+    DIED = 4
+    BORN = 5
+
+
+@dataclass(frozen=True, eq=False)
+class LoopFates:
+    """The loops of two snapshots and how they follow from each other.
+
+    Loops are numbered as in `Faces.loops`: earlier ones 0..L0-1, later ones 0..L1-1.
+
+    Attributes
+    ----------
+    contacts : ContactMatch
+        The contacts that the snapshots share.
+    before, after : (L0,), (L1,) array of int8
+        `Fate` of each earlier loop, and of each later one: how it came to be.
+    successor : (L0,) array of int
+        The later loop that shares most half-edges with each earlier one, the first of several;
+        -1 if there is none.
+    predecessor : (L1,) array of int
+        The same the other way.
+    shared : (L0,) array of int
+        Half-edges that each earlier loop shares with its successor.
+    order_before, order_after : (L0,), (L1,) array of int
+        Orders of the loops.
+    """
+
+    contacts: ContactMatch
+    before: NDArray[np.int8]
+    after: NDArray[np.int8]
+    successor: Integers
+    predecessor: Integers
+    shared: Integers
+    order_before: Integers
+    order_after: Integers
+
+
+def loop_fates(contacts: ContactMatch, before: Faces, after: Faces) -> LoopFates:
+    """Say what became of every loop of a snapshot.
+
+    Earlier and later loops that share a half-edge belong to one part, and so on through all loops
+    that are linked in this way. A half-edge of the part is *lone* if no loop of the other snapshot
+    has it, and *inner* if its way back belongs to a loop of the same part and snapshot. A part of
+    k earlier and m later loops
+
+    - `SURVIVED`, 1 to 1: no half-edge is lone;
+    - `SPLIT`, 1 to m >= 2: no earlier half-edge is lone, lone later ones are inner (contacts that
+      closed inside the loop);
+    - `MERGED`, k >= 2 to 1: no later half-edge is lone, lone earlier ones are inner (contacts that
+      opened between the loops);
+    - `DIED`, 1 to 0, and `BORN`, 0 to 1: a loop none of whose half-edges bounds a loop of the other
+      snapshot; it opened to the outside, or closed from there, or all of its contacts are new;
+    - `CHANGED`: anything else with k, m >= 1. Contacts opened and closed in it (an exchange of
+      neighbours, 2 to 2, the commonest), a cluster inside a loop joined it or came loose, or a
+      loop on the border lost only some of its sides to the outside.
+
+    Parameters
+    ----------
+    contacts : ContactMatch
+        From `match_contacts`.
+    before, after : Faces
+        Faces of the two snapshots, from `find_faces`.
+
+    Returns
+    -------
+    LoopFates
+        The fate of every loop of either snapshot.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces
+    >>> from loops.contact_matching import match_contacts
+    >>> from loops.tracking import Fate, loop_fates
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> crossed = square.replace(contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]],
+    ...                          normal_force=[0.0] * 5, shear_force=[0.0] * 5)
+    >>> match = match_contacts(square, range(4), crossed, range(4))
+    >>> fates = loop_fates(match, find_faces(square), find_faces(crossed))
+    >>> [Fate(k).name for k in fates.before], [Fate(k).name for k in fates.after]
+    (['SPLIT'], ['SPLIT', 'SPLIT'])
+    >>> fates.successor.tolist(), fates.predecessor.tolist()
+    ([0], [0, 0])
+    """
+    old, new = (
+        _loop_of_half_edge(before, len(contacts.after)),
+        _loop_of_half_edge(after, len(contacts.before)),
+    )
+    here, there = _shared_half_edges(contacts)
+    both = (old[here] >= 0) & (new[there] >= 0)
+    here, there = here[both], there[both]
+    size, later = len(before.loops), len(after.loops)
+    pair, weight = np.unique(old[here] * max(later, 1) + new[there], return_counts=True)
+    a, b = np.divmod(pair, max(later, 1))
+    links = csr_array((np.ones(len(a)), (a, size + b)), shape=(size + later, size + later))
+    parts, label = connected_components(links, directed=False)
+    fate = _classify(
+        parts, _lone(old, here, label[:size], parts), _lone(new, there, label[size:], parts)
+    )
+    successor, shared = _most_shared(a, b, weight, size)
+    predecessor, _ = _most_shared(b, a, weight, later)
+    return LoopFates(
+        contacts=contacts,
+        before=fate[label[:size]],
+        after=fate[label[size:]],
+        successor=successor,
+        predecessor=predecessor,
+        shared=shared,
+        order_before=before.order[before.loops],
+        order_after=after.order[after.loops],
+    )
+
+
+class ExchangeCounts(NamedTuple):
+    """How many loops of one order became loops of another.
+
+    Attributes
+    ----------
+    order_before, order_after : (K,) array of int
+        Order of the earlier loop and of its successor. An order of 0 stands for none: before, of
+        loops that were born; after, of loops that died.
+    loops : (K,) array of int
+        Number of loops.
+    """
+
+    order_before: Integers
+    order_after: Integers
+    loops: Integers
+
+
+def exchange_counts(fates: LoopFates) -> ExchangeCounts:
+    """Count the loops by order and by the order of their successor.
+
+    Every earlier loop counts once. A loop that split counts with the successor that shares most
+    of its half-edges, and loops that merged count one by one: rows add up to the earlier loops,
+    columns do not add up to the later ones.
+
+    Parameters
+    ----------
+    fates : LoopFates
+        From `loop_fates`.
+
+    Returns
+    -------
+    ExchangeCounts
+        Pairs of orders that occur, ascending.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces
+    >>> from loops.contact_matching import match_contacts
+    >>> from loops.tracking import exchange_counts, loop_fates
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> faces = find_faces(square)
+    >>> fates = loop_fates(match_contacts(square, range(4), square, range(4)), faces, faces)
+    >>> [part.tolist() for part in exchange_counts(fates)]
+    [[4], [4], [1]]
+    """
+    followed = fates.successor >= 0
+    next_order = np.zeros_like(fates.order_before)
+    next_order[followed] = fates.order_after[fates.successor[followed]]
+    born = fates.order_after[fates.after == Fate.BORN]
+    earlier = np.concatenate([fates.order_before, np.zeros_like(born)])
+    later = np.concatenate([next_order, born])
+    size = int(later.max(initial=0)) + 1
+    pair, loops = np.unique(earlier * size + later, return_counts=True)
+    return ExchangeCounts(*np.divmod(pair, size), loops)
+
+
+def exchange_matrix(counts: ExchangeCounts, last: int | None = None) -> Integers:
+    """Exchange matrix between orders, `M[order before, order after]`.
+
+    Parameters
+    ----------
+    counts : ExchangeCounts
+        From `exchange_counts`; of several intervals at once if their arrays are joined.
+    last : int, optional
+        Orders beyond it count as this one. The largest order if left out.
+
+    Returns
+    -------
+    (last + 1, last + 1) array of int
+        Indexed by the orders themselves; row 0 holds loops born, column 0 loops that died.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops.tracking import ExchangeCounts, exchange_matrix
+    >>> counts = ExchangeCounts(np.array([3, 9]), np.array([4, 0]), np.array([2, 1]))
+    >>> exchange_matrix(counts, last=4)[3:].tolist()
+    [[0, 0, 0, 0, 2], [1, 0, 0, 0, 0]]
+    """
+    before, after = counts.order_before, counts.order_after
+    if last is None:
+        last = int(max(before.max(initial=0), after.max(initial=0)))
+    matrix = np.zeros((last + 1, last + 1), dtype=np.int64)
+    np.add.at(matrix, (np.minimum(before, last), np.minimum(after, last)), counts.loops)
+    return matrix
+
+
+def _loop_of_half_edge(faces: Faces, contacts: int) -> Integers:
+    """(2 C,) array: loop that each half-edge bounds, -1 if it bounds none."""
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(len(faces.loops))
+    loop = np.full(2 * contacts, -1)
+    loop[2 * faces.contacts + ~faces.forward] = np.repeat(row, faces.order)
+    return loop
+
+
+def _shared_half_edges(contacts: ContactMatch) -> tuple[Integers, Integers]:
+    """Both half-edges of every shared contact, in the earlier and in the later snapshot."""
+    c = contacts.shared
+    side = np.array([0, 1])
+    here = 2 * c[:, None] + side
+    there = 2 * contacts.after[c, None] + (side ^ contacts.reversed[c, None])
+    return here.ravel(), there.ravel()
+
+
+class _Part(NamedTuple):
+    """Loops of each part, their lone half-edges, and how many of these are not inner."""
+
+    loops: Integers
+    lone: Integers
+    border: Integers
+
+
+def _lone(loop: Integers, shared: Integers, label: Integers, parts: int) -> _Part:
+    part = np.full(len(loop), -1)
+    part[loop >= 0] = label[loop[loop >= 0]]
+    back = part.reshape(-1, 2)[:, ::-1].ravel()
+    lone = loop >= 0
+    lone[shared] = False
+    return _Part(
+        loops=np.bincount(label, minlength=parts),
+        lone=np.bincount(part[lone], minlength=parts),
+        border=np.bincount(part[lone & (back != part)], minlength=parts),
+    )
+
+
+def _classify(parts: int, old: _Part, new: _Part) -> NDArray[np.int8]:
+    kept, complete = old.lone == 0, new.lone == 0
+    fate = np.full(parts, Fate.CHANGED, dtype=np.int8)
+    fate[(old.loops == 1) & (new.loops == 1) & kept & complete] = Fate.SURVIVED
+    fate[(old.loops == 1) & (new.loops > 1) & kept & (new.border == 0)] = Fate.SPLIT
+    fate[(old.loops > 1) & (new.loops == 1) & complete & (old.border == 0)] = Fate.MERGED
+    fate[new.loops == 0] = Fate.DIED
+    fate[old.loops == 0] = Fate.BORN
+    return fate
+
+
+def _most_shared(
+    one: Integers, other: Integers, weight: Integers, count: int
+) -> tuple[Integers, Integers]:
+    """For each of `count` loops the one it shares most half-edges with, and how many."""
+    order = np.lexsort((other, -weight, one))
+    found, first = np.unique(one[order], return_index=True)
+    partner, most = np.full(count, -1), np.zeros(count, dtype=np.int64)
+    partner[found], most[found] = other[order[first]], weight[order[first]]
+    return partner, most

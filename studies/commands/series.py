@@ -1,0 +1,132 @@
+"""`grainloops series`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from studies.commands.common import (
+    FORMATS,
+    Csv,
+    Json,
+    Out,
+    cell_of,
+    columns_of,
+    report,
+    shown,
+)
+
+# So many notes are printed.
+NOTES = 8
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command()(series)
+
+
+def series(
+    paths: Annotated[
+        list[Path], typer.Argument(help="Files of the snapshots, in order; all frames of each.")
+    ],
+    out: Out,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes on this machine; by default one a core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work."),
+    ] = None,
+    format: Annotated[
+        str, typer.Option(help=f"auto, by the content; or {', '.join(FORMATS)}.")
+    ] = "auto",
+    columns: Annotated[
+        str | None, typer.Option(metavar="NAME=COLUMN,...", help="Columns by their plain names.")
+    ] = None,
+    cell: Annotated[
+        str | None,
+        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell of every snapshot."),
+    ] = None,
+    cells: Annotated[
+        Path | None,
+        typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
+    ] = None,
+    kn: Annotated[float | None, typer.Option(help="Normal stiffness the files lack.")] = None,
+    kt: Annotated[float | None, typer.Option(help="Shear stiffness the files lack.")] = None,
+    mu: Annotated[float | None, typer.Option(help="Friction (tan) the files lack.")] = None,
+    drop_crossings: Annotated[
+        bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
+    ] = False,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="Leave out snapshots that can't be read.")
+    ] = False,
+    figures: Annotated[bool, typer.Option(help="Draw the figures.")] = True,
+    animation: Annotated[bool, typer.Option("--animation", help="Draw an animation.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the results of another series.")
+    ] = False,
+    csv: Csv = False,
+    json: Json = False,
+) -> None:
+    """Follow the loops through a series of snapshots; the same command goes on after a stop."""
+    from studies.series import SeriesInput, run_series
+
+    source = SeriesInput(
+        tuple(paths),
+        format,
+        columns_of(columns),
+        cell_of(cell),
+        cells,
+        kn,
+        kt,
+        mu,
+        drop_crossings,
+    )
+    try:
+        summary = run_series(
+            source,
+            out,
+            workers=workers,
+            scheduler=scheduler,
+            skip_bad=skip_bad,
+            force=force,
+            csv=csv,
+            figures=figures,
+            animation=animation,
+        )
+    except KeyboardInterrupt:
+        typer.echo(
+            "grainloops: interrupted; what is finished is kept, the same command goes on.", err=True
+        )
+        raise typer.Exit(130) from None
+    report(summary, out, json, _series_lines)
+
+
+def _series_lines(summary: dict[str, Any]) -> list[str]:
+    fates = "  ".join(f"{name}: {count}" for name, count in summary["fates"].items())
+    lines = [
+        f"{summary['snapshots']} snapshots, {summary['loops']} loops in all",
+        f"loops in {summary['intervals']} intervals: {fates}",
+    ]
+    for when in ("first", "last"):
+        row = summary[when]
+        lines.append(
+            f"{when} snapshot: {row['loops']} loops, mean order {shown(row['mean_order'])}, "
+            f"coordination {shown(row['coordination'])}"
+        )
+    strain = "  ".join(f"{name} = {_strain(summary, name)}" for name in ("H11", "H22"))
+    lines.append(f"strain between them: {strain}")
+    lines += [
+        f"skipped: snapshot {one['snapshot']} ({one['name']}), {one['reason']}"
+        for one in summary["skipped"]
+    ]
+    lines += [f"note: {note}" for note in summary["notes"][:NOTES]]
+    more = len(summary["notes"]) - NOTES
+    return lines + ([f"{more} more notes in summary.json"] if more > 0 else [])
+
+
+def _strain(summary: dict[str, Any], name: str) -> str:
+    value = summary["last"][name]
+    return "-" if value is None else f"{value:.6f}"

@@ -1,0 +1,225 @@
+"""An animation of a series: its loops frame by frame, coloured by order and by stability."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+from studies.output import as_json
+from studies.series.loop_polygons import (
+    LAST_ORDER,
+    ORDER_COLOURS,
+    loop_drawer,
+)
+from studies.series.tracked import TrackedState
+from studies.style import DIVERGING, figure_of, new_figure, styled
+
+Floats = NDArray[np.float64]
+# Bounds of the file: at most so many frames of so many dots each way.
+MOST_FRAMES = 60
+PANEL, DPI = 4.6, 110  # inches, dots per inch
+FRAMES_PER_SECOND = 4
+
+
+class Frame(NamedTuple):
+    """One picture of an animation.
+
+    Attributes
+    ----------
+    state : TrackedState
+        The snapshot and its faces.
+    title : str
+        What stands above it, the strain for instance.
+    smallest : (L,) array or None
+        Smallest eigenvalue of each loop, for a second panel.
+    """
+
+    state: TrackedState
+    title: str
+    smallest: Floats | None = None
+
+
+def picked_frames(count: int) -> list[int]:
+    """Places of the snapshots to show: all of a short series, evenly spread ones of a long one.
+
+    Parameters
+    ----------
+    count : int
+        Number of snapshots.
+
+    Returns
+    -------
+    list of int
+        At most 60, the first and the last among them.
+
+    Examples
+    --------
+    >>> from studies.series.animation import picked_frames
+    >>> picked_frames(3), len(picked_frames(1000)), picked_frames(1000)[-1]
+    ([0, 1, 2], 60, 999)
+    """
+    return (
+        np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round()).astype(int).tolist()
+    )
+
+
+@styled()
+def animate_series(folder: Path, frames: Iterable[Frame], source: Mapping[str, Any]) -> list[str]:
+    """Write `animation.gif`, and `animation.mp4` where the program ffmpeg is at hand.
+
+    Frames are drawn as they come, one snapshot in memory at a time. Colours keep their meaning,
+    those of the eigenvalues from the first frame on.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to write; the files get their names when they are complete.
+    frames : iterable of Frame
+        At least one, all with `smallest` or none; `picked_frames` keeps them few.
+    source : mapping
+        Provenance, written into the files.
+
+    Returns
+    -------
+    list of str
+        Names of the files.
+    """
+    drawn = iter(frames)
+    scene = _Scene(next(drawn))
+    partial = {folder / f".partial-{name}": folder / name for name in _names()}
+    try:
+        with ExitStack() as stack:
+            writers = [_writer(path, source) for path in partial]
+            for path, writer in zip(partial, writers, strict=True):
+                stack.enter_context(writer.saving(scene.figure, str(path), DPI))
+            _grab(writers)
+            for frame in drawn:
+                scene.show(frame)
+                _grab(writers)
+        for path, final in partial.items():
+            os.replace(path, final)
+    finally:
+        for path in partial:
+            path.unlink(missing_ok=True)
+    return [final.name for final in partial.values()]
+
+
+def _grab(writers: list[AbstractMovieWriter]) -> None:
+    for writer in writers:
+        writer.grab_frame()
+
+
+def _names() -> list[str]:
+    return ["animation.gif", *(["animation.mp4"] if FFMpegWriter.isAvailable() else [])]
+
+
+def _writer(path: Path, source: Mapping[str, Any]) -> AbstractMovieWriter:
+    if path.suffix == ".gif":
+        return _Gif(FRAMES_PER_SECOND, as_json(source))
+    return FFMpegWriter(fps=FRAMES_PER_SECOND, metadata={"comment": as_json(source)})
+
+
+class _Gif(AbstractMovieWriter):
+    """A GIF with its provenance in the comment, which matplotlib's own writer leaves out."""
+
+    def __init__(self, fps: int, comment: str) -> None:
+        super().__init__(fps=fps)
+        self._comment = comment
+        self._pictures: list[Image.Image] = []
+
+    def setup(self, fig: Figure, outfile: str | Path, dpi: float | None = None) -> None:
+        super().setup(fig, outfile, dpi)
+
+    def grab_frame(self, **savefig_kwargs: Any) -> None:
+        pixels = BytesIO()
+        self.fig.savefig(pixels, format="rgba", dpi=self.dpi, **savefig_kwargs)
+        picture = Image.frombytes("RGBA", self.frame_size, pixels.getvalue())
+        self._pictures.append(picture.convert("RGB").quantize(256))
+
+    def finish(self) -> None:
+        first, *rest = self._pictures
+        first.save(
+            self.outfile,
+            save_all=True,
+            append_images=rest,
+            duration=1000 // self.fps,
+            loop=0,
+            comment=self._comment,
+        )
+
+
+class _Scene:
+    """The figure that frames are drawn into, one after the other."""
+
+    def __init__(self, frame: Frame) -> None:
+        panels = 1 if frame.smallest is None else 2
+        extent = np.ptp(frame.state.snapshot.graph.x, axis=0)
+        # A panel less its colour bar, with room for the title.
+        height = float(np.clip((PANEL - 1.2) * extent[1] / extent[0] + 0.9, 2.0, 1.5 * PANEL))
+        self.figure: Figure = new_figure(PANEL * panels, height)
+        self._axes = list(self.figure.subplots(1, panels, squeeze=False)[0])
+        colours: list[tuple[Colormap, Normalize]] = [
+            (ListedColormap(ORDER_COLOURS), _order_scale())
+        ]
+        if frame.smallest is not None:
+            colours.append((mpl.colormaps[DIVERGING], _stability_scale(frame.smallest)))
+        self._colours = colours
+        self._drawn: list[Any] = []
+        self.show(frame)
+        for (palette, scale), ax in zip(colours, self._axes, strict=True):
+            _colour_bar(ScalarMappable(scale, palette), ax)
+
+    def show(self, frame: Frame) -> None:
+        """Replace the loops by those of a frame."""
+        for artist in self._drawn:
+            artist.remove()
+        state = frame.state
+        draw = loop_drawer(state.snapshot, state.faces)
+        values: list[NDArray[Any]] = [np.minimum(state.faces.order[state.faces.loops], LAST_ORDER)]
+        if frame.smallest is not None:
+            values.append(frame.smallest)
+        self._drawn = [
+            draw(ax, value, *colours)
+            for ax, value, colours in zip(self._axes, values, self._colours, strict=True)
+        ]
+        self.figure.suptitle(frame.title)
+
+
+def _order_scale() -> Normalize:
+    return BoundaryNorm(np.arange(2.5, LAST_ORDER + 1), len(ORDER_COLOURS))
+
+
+def _stability_scale(smallest: Floats) -> Normalize:
+    """Zero in the middle; the negative side, often empty at first, reaches a quarter as far."""
+    known = smallest[np.isfinite(smallest) & (smallest > 0)]
+    high = float(np.percentile(known, 95)) if len(known) else 1.0
+    return TwoSlopeNorm(0.0, vmin=-0.25 * high, vmax=high)
+
+
+def _colour_bar(colours: ScalarMappable, ax: Axes) -> None:
+    ordered = isinstance(colours.norm, BoundaryNorm)
+    extend = "neither" if ordered else "both"
+    bar = figure_of(ax).colorbar(colours, ax=ax, shrink=0.75, extend=extend)
+    if ordered:
+        names = [*map(str, range(3, LAST_ORDER)), f"{LAST_ORDER}+"]
+        bar.set_ticks(range(3, LAST_ORDER + 1), labels=names)
+        bar.set_label("loop order (grains)")
+    else:
+        low, high = colours.get_clim()
+        ticks = [low, 0.0, 0.5 * high, high]
+        bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
+        bar.set_label(r"smallest eigenvalue of $K_s$ / mean $k_n$")

@@ -1,0 +1,88 @@
+"""The table of contents of a series' folder: which series it holds, and whether it may go on."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from loops import InputError
+from studies.output import as_json
+from studies.series.plan import PlannedSnapshot, SeriesInput
+
+NAME = "series.json"
+HOW = ("format", "columns", "cell", "kn", "kt", "mu", "drop_crossings")
+
+
+def open_folder(
+    out: Path, series: SeriesInput, planned: Sequence[PlannedSnapshot], *, force: bool
+) -> None:
+    """Create the folder of a series, or take up the one that an earlier run began.
+
+    The same series, read in the same way, goes on; snapshots may follow after its last one.
+
+    Parameters
+    ----------
+    out : Path
+        The folder.
+    series : SeriesInput
+        How the snapshots are read.
+    planned : sequence of PlannedSnapshot
+        The snapshots.
+    force : bool
+        Whether another series' results may be replaced.
+
+    Raises
+    ------
+    InputError
+        If `out` is a file or can't be written, or holds anything else and `force` is false.
+    """
+    contents = _contents(series, planned)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}", "a file", "a folder", "Name another place.")
+    if not force and out.is_dir() and any(out.iterdir()):
+        _require_same(out, contents)
+    partial = out / f".{NAME}-{os.getpid()}"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        partial.write_text(as_json(contents) + "\n")
+        os.replace(partial, out / NAME)
+    except OSError as error:
+        raise InputError(
+            f"--out {out}", error.strerror or str(error), "a place to write", "Name another place."
+        ) from None
+
+
+def _contents(series: SeriesInput, planned: Sequence[PlannedSnapshot]) -> dict[str, Any]:
+    how = {name: getattr(series, name) for name in HOW}
+    cells = None if series.cells is None else series.cells.name
+    return {"read": how | {"cells": cells}, "snapshots": [one.name for one in planned]}
+
+
+def _require_same(out: Path, contents: dict[str, Any]) -> None:
+    try:
+        before = json.loads((out / NAME).read_text())
+        read, names = before["read"], before["snapshots"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(
+            f"--out {out}",
+            "a folder that holds other files",
+            "a new or empty folder, or one that a series was begun in",
+            "Name another place, or give --force to replace results of the same names.",
+        ) from None
+    now = json.loads(as_json(contents))
+    differing = [
+        f"--{name.replace('_', '-')}" for name in now["read"] if now["read"][name] != read.get(name)
+    ]
+    if now["snapshots"][: len(names)] != names:
+        differing.append("other snapshots")
+    # Where nothing is finished there is nothing to lose: a first try with a wrong option.
+    if differing and any(out.glob("*/part-*.parquet")):
+        raise InputError(
+            f"--out {out}",
+            f"a folder with another series ({', '.join(differing)})",
+            "the same series, or more snapshots after its last one",
+            "Name another place, or give --force to replace its results.",
+        )

@@ -1,0 +1,147 @@
+"""Parts of a Parquet dataset: each written whole or not at all, and recognised when finished."""
+
+from __future__ import annotations
+
+import json
+import os
+import uuid
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet
+
+from loops import InputError
+from studies.output import as_json
+
+KEY = b"grainloops"
+# Readers of a folder of Parquet files pass over names that begin with a dot.
+UNFINISHED = ".unfinished"
+
+
+def write_part(path: Path, columns: Mapping[str, Any], about: Mapping[str, Any]) -> None:
+    """Write one part under a temporary name, then give it its own.
+
+    Parameters
+    ----------
+    path : Path
+        The part; its folder is created. A part of this name is replaced in one step.
+    columns : mapping of str to array
+        Columns of equal length; pyarrow arrays allowed.
+    about : mapping
+        Plain values kept in the part's metadata; `read_about` gives them back.
+    """
+    table = pa.table({name: pa.array(values) for name, values in columns.items()})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # Two workers may be at the same part when one was given up for lost.
+    partial = path.with_name(f"{UNFINISHED}-{uuid.uuid4().hex}")
+    try:
+        with open(partial, "wb") as file:
+            metadata = {KEY: as_json(about).encode()}
+            pyarrow.parquet.write_table(table.replace_schema_metadata(metadata), file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def read_about(path: Path) -> dict[str, Any] | None:
+    """What was kept in a part's metadata; None if there is no such part, or no whole one.
+
+    Parameters
+    ----------
+    path : Path
+        The part.
+
+    Returns
+    -------
+    dict or None
+        As given to `write_part`; numbers that were not finite are None.
+    """
+    try:
+        metadata = pyarrow.parquet.read_schema(path).metadata or {}
+        about: dict[str, Any] = json.loads(metadata[KEY])
+    except (OSError, pa.ArrowException, KeyError, ValueError):
+        return None
+    return about
+
+
+def is_finished(path: Path, fingerprint: str) -> bool:
+    """Whether the part is there and was made from the same input by the same configuration."""
+    about = read_about(path)
+    return about is not None and about.get("fingerprint") == fingerprint
+
+
+def keep_only(folder: Path, parts: set[str]) -> None:
+    """Remove parts of other names, and what interrupted runs left.
+
+    Parameters
+    ----------
+    folder : Path
+        A dataset; it need not exist.
+    parts : set of str
+        Names of the parts that belong to it.
+    """
+    for path in folder.glob("part-*.parquet"):
+        if path.name not in parts:
+            path.unlink()
+    remove_unfinished(folder)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what interrupted runs left in a dataset."""
+    for path in folder.glob(f"{UNFINISHED}-*"):
+        path.unlink(missing_ok=True)
+
+
+def require_one_schema(paths: list[Path]) -> None:
+    """Check that all parts have the same columns of the same types.
+
+    Parameters
+    ----------
+    paths : list of Path
+        The parts.
+
+    Raises
+    ------
+    InputError
+        If a part differs from the first one: some snapshots have forces and others have none.
+    """
+    schemas = [pyarrow.parquet.read_schema(path) for path in paths]
+    for path, schema in zip(paths, schemas, strict=True):
+        if not schema.equals(schemas[0]):
+            differing = set(schema.names) ^ set(schemas[0].names)
+            raise InputError(
+                f"columns of {path}",
+                f"others than in {paths[0].name} ({', '.join(sorted(differing))})",
+                "the same columns in every part",
+                "Put snapshots with forces and without them in two series.",
+            )
+
+
+def write_csv(paths: list[Path], out: Path) -> None:
+    """All parts as one CSV file, part by part; lists are joined by blanks.
+
+    Parameters
+    ----------
+    paths : list of Path
+        The parts.
+    out : Path
+        The CSV file.
+    """
+    with open(out, "w", newline="") as file:
+        for number, frame in enumerate(_frames(paths)):
+            frame.to_csv(file, index=False, header=number == 0)
+
+
+def _frames(paths: list[Path]) -> Iterator[pd.DataFrame]:
+    for path in paths:
+        table = pyarrow.parquet.read_table(path)
+        frame = table.to_pandas()
+        for field in table.schema:
+            if pa.types.is_large_list(field.type) or pa.types.is_list(field.type):
+                frame[field.name] = [" ".join(map(str, row)) for row in frame[field.name]]
+        yield frame

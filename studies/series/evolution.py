@@ -1,0 +1,225 @@
+"""The numbers of a series: one row a snapshot, one row an interval, and the two put together.
+
+How the pieces of a series chain: `TrackedState` is a snapshot with its faces; `evolution_row` sums
+it up. For two neighbours `track_loops` says what became of every loop, `increments` what the
+survived ones went through, `interval_row` sums both up and `exchange_counts` counts orders.
+Snapshots and intervals are independent tasks; `evolution_table` joins their rows, adding up the
+strain, and `draw_series` and `animate_series` draw the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import Regime, euler_check, love_weber_stress, outline_area
+from loops.loop_strain import best_fit_strain, rotation_and_stretch
+from loops.tracking import Fate, LoopFates
+from stability import COMPONENTS, RTOL
+from studies.series.increments import PREDICTIONS
+from studies.series.tracked import TrackedState
+
+Floats = NDArray[np.float64]
+# Orders told apart; the last one stands for all beyond.
+LAST_ORDER = 6
+CLOSURES = ("affine", "traction")
+
+
+def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, Any]:
+    """Sum up one snapshot of a series.
+
+    Parameters
+    ----------
+    state : TrackedState
+        The snapshot and its faces.
+    table : mapping of str to array
+        From `loop_table`: `order`, `area`, and if there are forces `*_lambda_min`.
+
+    Returns
+    -------
+    dict
+        Plain numbers: `step`, `grains`, `contacts`, `loops`, `area`, `coordination` (without
+        dangling grains), `mean_order`, `share_3 .. share_6` of the loops in number and
+        `area_share_3 .. area_share_6` in area, 6 standing for 6 and beyond; with forces also
+        `S11 .. S22` (Love-Weber stress of the contacts between grains over `area`, force per
+        length, compression positive), `sliding_fraction`, `affine_unstable` and
+        `traction_unstable` (shares of the loops with a negative eigenvalue of Ks, spins blocked).
+        None where there is no such number.
+    """
+    snapshot, graph = state.snapshot, state.snapshot.graph
+    euler, area = euler_check(graph, state.faces), outline_area(graph, state.faces)
+    row: dict[str, Any] = {
+        "step": snapshot.step,
+        "grains": graph.grain_count,
+        "contacts": graph.contact_count,
+        "loops": len(state.faces.loops),
+        "area": area,
+        "coordination": _ratio(2 * euler.edges, euler.vertices),
+        "mean_order": _ratio(float(np.sum(table["order"])), len(table["order"])),
+        **_shares(np.asarray(table["order"]), np.asarray(table["area"])),
+    }
+    if snapshot.regime is None:
+        return row
+    stress = love_weber_stress(graph, area).ravel().tolist() if area > 0 else [None] * 4
+    row |= {f"S{ij}": value for ij, value in zip(COMPONENTS, stress, strict=True)}
+    sliding = int(np.count_nonzero(snapshot.regime == Regime.SLIDING))
+    row["sliding_fraction"] = _ratio(sliding, graph.contact_count)
+    for closure in CLOSURES:
+        smallest = np.asarray(table[f"{closure}_lambda_min"])
+        known = smallest[np.isfinite(smallest)]
+        unstable = int(np.count_nonzero(known < -RTOL))
+        row[f"{closure}_unstable"] = _ratio(unstable, len(known))
+    return row
+
+
+def interval_row(
+    before: TrackedState, after: TrackedState, fates: LoopFates, table: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Sum up what happened between two snapshots of a series.
+
+    Parameters
+    ----------
+    before, after : TrackedState
+        The two instants.
+    fates : LoopFates
+        From `track_loops`.
+    table : mapping of str to array
+        From `increments`.
+
+    Returns
+    -------
+    dict
+        Plain numbers: `dH11 .. dH22` and `strain_from`, see `sample_strain`; `opened`, `closed`
+        contacts; loops by fate, `survived`, `split`, `merged`, `changed`, `died` of the earlier
+        ones, `born` of the later ones; with forces also `negative_W2`, survived loops whose
+        corotated second-order work was negative, and for every prediction
+        `*_negative_negative`, `*_negative_positive`, `*_positive_negative`,
+        `*_positive_positive`: loops by the sign of the actual, then of the predicted work, those
+        that did not move or have no prediction left out.
+    """
+    H, source = sample_strain(before, after)
+    row: dict[str, Any] = dict(
+        zip((f"dH{ij}" for ij in COMPONENTS), H.ravel().tolist(), strict=True)
+    )
+    row |= {"strain_from": source, "opened": fates.contacts.opened, "closed": fates.contacts.closed}
+    for fate in Fate:
+        loops = fates.after if fate == Fate.BORN else fates.before
+        row[fate.name.lower()] = int(np.count_nonzero(loops == fate))
+    if "W2" in table:
+        row["negative_W2"] = int(np.count_nonzero(table["W2"] < 0))
+        for name in PREDICTIONS:
+            row |= _signs(name, np.asarray(table["W2"]), np.asarray(table[name]))
+    return row
+
+
+def sample_strain(
+    before: TrackedState, after: TrackedState
+) -> tuple[Floats, Literal["cell", "grains", "unknown"]]:
+    """Displacement gradient of the sample between two snapshots.
+
+    Parameters
+    ----------
+    before, after : TrackedState
+        The two instants.
+
+    Returns
+    -------
+    H : (2, 2) array
+        Positive in compression; not a number if unknown.
+    source : {'cell', 'grains', 'unknown'}
+        From the periodic cell, where the lattice vectors nearest to the earlier ones are taken (a
+        code may flip a tilted cell); else the best fit to the motion of all grains that both have
+        (rattlers included); unknown with fewer than three of them.
+    """
+    one, two = before.snapshot, after.snapshot
+    if one.graph.cell is not None and two.graph.cell is not None:
+        lattice = np.rint(np.linalg.solve(two.graph.cell, one.graph.cell))
+        return np.eye(2) - two.graph.cell @ lattice @ np.linalg.inv(one.graph.cell), "cell"
+    _, here, there = np.intersect1d(one.ids, two.ids, assume_unique=True, return_indices=True)
+    if len(here) < 3:
+        return np.full((2, 2), np.nan), "unknown"
+    return best_fit_strain(one.graph.x[here], two.graph.x[there]), "grains"
+
+
+def evolution_table(
+    rows: Sequence[Mapping[str, Any]], intervals: Sequence[Mapping[str, Any]]
+) -> dict[str, list[Any]]:
+    """Join the rows of a series to one table.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        From `evolution_row`, in the order of the series.
+    intervals : sequence of mapping
+        From `interval_row`, between each and the next.
+
+    Returns
+    -------
+    dict of str to list
+        One row a snapshot: its own columns; `H11 .. H22`, the displacement gradient since the
+        first snapshot, `F = F_n ... F_1`; `shear_strain`, the accumulated `(e1 - e2)/2` of the
+        intervals' stretches, which grows whatever the direction of loading; and the interval that
+        led to it. None where there is no such number, and for the interval of the first row.
+
+    Examples
+    --------
+    >>> from studies.series.evolution import evolution_table
+    >>> half = {"dH11": 0.5, "dH12": 0.0, "dH21": 0.0, "dH22": 0.0}
+    >>> table = evolution_table([{"loops": 3}, {"loops": 2}, {"loops": 2}], [half, half])
+    >>> table["H11"], table["shear_strain"], table["dH11"]
+    ([0.0, 0.5, 0.75], [0.0, 0.25, 0.5], [None, 0.5, 0.5])
+    """
+    joined = [dict(row) for row in rows]
+    F, shear = np.eye(2), 0.0
+    for k, row in enumerate(joined):
+        interval: Mapping[str, Any] = intervals[k - 1] if k else {}
+        if interval:
+            H = np.array([_number(interval[f"dH{ij}"]) for ij in COMPONENTS]).reshape(2, 2)
+            F = (np.eye(2) - H) @ F
+            shear += _shear(H)
+        total = (np.eye(2) - F).ravel().tolist()
+        row |= {f"H{ij}": value for ij, value in zip(COMPONENTS, total, strict=True)}
+        row["shear_strain"] = float(shear)
+        row |= interval
+    names = dict.fromkeys(name for row in joined for name in row)
+    return {name: [row.get(name) for row in joined] for name in names}
+
+
+def _shear(H: Floats) -> float:
+    """Half the difference of the principal stretches."""
+    _, e = rotation_and_stretch(H)
+    return float(np.hypot(0.5 * (e[0, 0] - e[1, 1]), e[0, 1]))
+
+
+def _number(value: float | None) -> float:
+    # JSON has no number for what is unknown.
+    return np.nan if value is None else value
+
+
+def _ratio(part: float, whole: float) -> float | None:
+    return part / whole if whole else None
+
+
+def _shares(order: NDArray[np.int64], area: Floats) -> dict[str, float | None]:
+    pooled = np.minimum(order, LAST_ORDER)
+    row: dict[str, float | None] = {}
+    for n in range(3, LAST_ORDER + 1):
+        row[f"share_{n}"] = _ratio(int(np.count_nonzero(pooled == n)), len(order))
+    for n in range(3, LAST_ORDER + 1):
+        row[f"area_share_{n}"] = _ratio(float(area[pooled == n].sum()), float(area.sum()))
+    return row
+
+
+def _signs(name: str, actual: Floats, predicted: Floats) -> dict[str, int]:
+    """Loops by the signs of actual and predicted work; without either a loop is left out."""
+    known = np.isfinite(predicted) & (actual != 0)
+    a, p = actual < 0, predicted < 0
+    return {
+        f"{name}_negative_negative": int(np.count_nonzero(known & a & p)),
+        f"{name}_negative_positive": int(np.count_nonzero(known & a & ~p)),
+        f"{name}_positive_negative": int(np.count_nonzero(known & ~a & p)),
+        f"{name}_positive_positive": int(np.count_nonzero(known & ~a & ~p)),
+    }

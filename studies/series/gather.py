@@ -1,0 +1,190 @@
+"""What all snapshots of a series come to: evolution, exchange of orders, summary, figures."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.tracking import ExchangeCounts, Fate
+from studies.output import provenance, write_summary, write_table
+from studies.series.dataset import UNFINISHED, keep_only, read_about, require_one_schema, write_csv
+from studies.series.evolution import evolution_table
+from studies.series.plan import PlannedSnapshot, SeriesInput
+from studies.series.tasks import Failure, SnapshotTask, pairs
+
+UNITS = (
+    "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
+    "mean kn; work per area; angles in degrees"
+)
+SUMMARY = "summary.json"
+# What the parts of each dataset keep beside their rows.
+About = dict[str, list[dict[str, Any]]]
+DEFINITIONS = {
+    "files": "tables and figures of the whole series; its parts are in loops and increments",
+    "fates": "loops by what became of them in all intervals; born counts later loops, the others "
+    "earlier ones",
+    "intervals": "pairs of successive snapshots",
+    "loops": "of all snapshots together",
+    "work_map": "snapshots of the interval mapped: the one with most loops of negative W2",
+    "skipped": "snapshots that could not be read; the interval goes over them",
+}
+
+
+def gather(
+    series: SeriesInput,
+    planned: Sequence[PlannedSnapshot],
+    failures: Sequence[Failure],
+    out: Path,
+    *,
+    csv: bool,
+    figures: bool,
+    animation: bool,
+) -> dict[str, Any]:
+    """Put the finished parts of a series together.
+
+    Parameters
+    ----------
+    series : SeriesInput
+        What was asked.
+    planned : sequence of PlannedSnapshot
+        The snapshots whose parts are there.
+    failures : sequence of Failure
+        Why others are not.
+    out : Path
+        Result folder of the series.
+    csv : bool
+        Whether to write the tables as CSV too.
+    figures, animation : bool
+        Whether to draw.
+
+    Returns
+    -------
+    dict
+        The summary.
+
+    Raises
+    ------
+    InputError
+        If the snapshots don't have the same columns.
+    """
+    datasets = {
+        "loops": [SnapshotTask(one, out).part for one in planned],
+        "increments": [task.part for task in pairs(planned, out)],
+    }
+    for name, parts in datasets.items():
+        keep_only(out / name, {part.name for part in parts})
+        require_one_schema(parts)
+    about = {name: [read_about(part) or {} for part in parts] for name, parts in datasets.items()}
+    evolution, exchange = _evolution(planned, about), _exchange(planned, about)
+    made = provenance("series", asdict(series), UNITS)
+    summary = _summary(evolution, about, failures) | {"provenance": made}
+    with _put_in_place(out) as folder:
+        write_table(folder, "evolution", evolution, made, csv=csv)
+        write_table(folder, "exchange", exchange, made, csv=csv)
+        if csv:
+            for name, parts in datasets.items():
+                write_csv(parts, folder / f"{name}.csv")
+        if figures:
+            # Drawing is loaded only when there is something to draw.
+            from studies.series.draw import draw
+
+            draw(folder, planned, out, evolution, exchange, _mapped(evolution), made)
+        if animation:
+            from studies.series.draw import animate
+
+            animate(folder, planned, out, evolution, made)
+        summary["files"] = sorted(path.name for path in folder.iterdir())
+        write_summary(folder, summary)
+    return summary
+
+
+def _mapped(evolution: dict[str, list[Any]]) -> int | None:
+    """The interval with most loops of negative work, the first of several."""
+    negative = evolution.get("negative_W2", ())[1:]
+    return int(np.argmax(negative)) if negative else None
+
+
+def _places(evolution: dict[str, list[Any]], interval: int | None) -> list[int] | None:
+    return None if interval is None else evolution["snapshot"][interval : interval + 2]
+
+
+def remove_gathered(out: Path) -> None:
+    """Remove what an earlier run gathered, and what was left of one: it may not hold any more."""
+    shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+    summary = out / SUMMARY
+    if not summary.is_file():
+        return
+    try:
+        files = json.loads(summary.read_text())["files"]
+    except (ValueError, KeyError, TypeError):
+        files = []  # of another command, which --force replaces
+    for name in files:
+        (out / Path(name).name).unlink(missing_ok=True)
+    summary.unlink()
+
+
+@contextmanager
+def _put_in_place(out: Path) -> Iterator[Path]:
+    """A folder within `out`, its files moved to `out` when all are written, the summary last."""
+    partial = out / UNFINISHED
+    partial.mkdir()
+    try:
+        yield partial
+        for file in sorted(partial.iterdir(), key=lambda file: (file.name == SUMMARY, file.name)):
+            os.replace(file, out / file.name)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _evolution(planned: Sequence[PlannedSnapshot], about: About) -> dict[str, list[Any]]:
+    rows = [
+        {"snapshot": one.number, "name": one.name} | kept["row"]
+        for one, kept in zip(planned, about["loops"], strict=True)
+    ]
+    return evolution_table(rows, [kept["row"] for kept in about["increments"]])
+
+
+def _exchange(planned: Sequence[PlannedSnapshot], about: About) -> dict[str, NDArray[np.int64]]:
+    """One row a pair of orders that occurs in an interval."""
+    rows = [
+        (one.number, other.number, *counts)
+        for (one, other), kept in zip(pairwise(planned), about["increments"], strict=True)
+        for counts in zip(*(kept["exchange"][name] for name in ExchangeCounts._fields), strict=True)
+    ]
+    columns = np.array(rows, dtype=np.int64).reshape(len(rows), 2 + len(ExchangeCounts._fields)).T
+    return dict(
+        zip(("snapshot_before", "snapshot_after", *ExchangeCounts._fields), columns, strict=True)
+    )
+
+
+def _summary(
+    evolution: dict[str, list[Any]], about: About, failures: Sequence[Failure]
+) -> dict[str, Any]:
+    intervals = [kept["row"] for kept in about["increments"]]
+    names = [fate.name.lower() for fate in Fate]
+    return {
+        "snapshots": len(about["loops"]),
+        "intervals": len(intervals),
+        "loops": sum(evolution["loops"]),
+        "files": "tables and figures of the whole series; its parts are in loops and increments",
+        "fates": {name: sum(row[name] for row in intervals) for name in names},
+        "first": {name: column[0] for name, column in evolution.items()},
+        "last": {name: column[-1] for name, column in evolution.items()},
+        "skipped": [
+            {"snapshot": one.number, "name": one.name, "reason": f"{one.where}: got {one.received}"}
+            for one in failures
+        ],
+        "work_map": _places(evolution, _mapped(evolution)),
+        "notes": list(dict.fromkeys(note for kept in about["loops"] for note in kept["notes"])),
+        "definitions": DEFINITIONS,
+    }

@@ -1,0 +1,213 @@
+"""The two tasks of a series: the loops of one snapshot, and what became of them by the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loops import InputError, find_faces
+from loops.tracking import LoopFates, exchange_counts
+from studies.series.dataset import write_part
+from studies.series.evolution import evolution_row, interval_row
+from studies.series.increments import increments
+from studies.series.plan import PlannedSnapshot
+from studies.series.tracked import TrackedState, track_loops
+from studies.snapshot.table import loop_table
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a task could not be done: an `InputError` in parts that travel between processes.
+
+    Attributes
+    ----------
+    number : int
+        The snapshot's place in the series.
+    name : str
+        Its file.
+    where, received, expected, remedy : str
+        As in `InputError`.
+    skippable : bool
+        Whether the other snapshots can do without it: true if it can't be read, false if its
+        results can't be written.
+    """
+
+    number: int
+    name: str
+    where: str
+    received: str
+    expected: str
+    remedy: str
+    skippable: bool = True
+
+    def error(self) -> InputError:
+        """Return the error itself, to raise where the tasks are handed out."""
+        skip = "; --skip-bad goes on without this one" if self.skippable else ""
+        return InputError(
+            f"snapshot {self.number} ({self.name}): {self.where}",
+            self.received,
+            self.expected,
+            f"{self.remedy} What is finished is kept{skip}.",
+        )
+
+
+@dataclass(frozen=True)
+class SnapshotTask:
+    """The loops of one snapshot.
+
+    Attributes
+    ----------
+    planned : PlannedSnapshot
+        What to read.
+    out : Path
+        Result folder of the series, absolute.
+    """
+
+    planned: PlannedSnapshot
+    out: Path
+
+    @property
+    def part(self) -> Path:
+        """Where the result goes."""
+        return self.out / "loops" / f"part-{self.planned.number:05d}.parquet"
+
+    @property
+    def fingerprint(self) -> str:
+        """Of what the result depends on."""
+        return self.planned.fingerprint
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return self.planned.name
+
+
+@dataclass(frozen=True)
+class PairTask:
+    """What became of the loops of one snapshot by the next one.
+
+    Attributes
+    ----------
+    before, after : PlannedSnapshot
+        What to read.
+    out : Path
+        Result folder of the series, absolute.
+    """
+
+    before: PlannedSnapshot
+    after: PlannedSnapshot
+    out: Path
+
+    @property
+    def part(self) -> Path:
+        """Where the result goes."""
+        numbers = f"{self.before.number:05d}-{self.after.number:05d}"
+        return self.out / "increments" / f"part-{numbers}.parquet"
+
+    @property
+    def fingerprint(self) -> str:
+        """Of what the result depends on."""
+        return f"{self.before.fingerprint}-{self.after.fingerprint}"
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return f"{self.before.name} to {self.after.name}"
+
+
+def pairs(planned: Sequence[PlannedSnapshot], out: Path) -> list[PairTask]:
+    """Tasks of each snapshot with the next."""
+    return [PairTask(before, after, out) for before, after in pairwise(planned)]
+
+
+def do_snapshot(task: SnapshotTask) -> Failure | None:
+    """Write the loops of one snapshot, one row each, with the row of the series beside them.
+
+    Parameters
+    ----------
+    task : SnapshotTask
+        What to do; doing it again writes the same.
+
+    Returns
+    -------
+    Failure or None
+        Why it could not be done.
+    """
+    return _done_or_failed(_write_snapshot, task, task.planned)
+
+
+def _write_snapshot(task: SnapshotTask) -> None:
+    state = state_of(task.planned)
+    table = loop_table(state.snapshot, state.faces)
+    row = evolution_row(state, table)
+    rows, step = len(table["loop"]), state.snapshot.step
+    place = {
+        "snapshot": np.full(rows, task.planned.number),
+        "step": np.full(rows, np.nan if step is None else float(step)),
+    }
+    about = {"fingerprint": task.fingerprint, "row": row, "notes": state.snapshot.notes}
+    write_part(task.part, place | table, about)
+
+
+def do_pair(task: PairTask) -> Failure | None:
+    """Write what became of the loops of one snapshot, one row each, and the exchange of orders.
+
+    Parameters
+    ----------
+    task : PairTask
+        What to do; doing it again writes the same.
+
+    Returns
+    -------
+    Failure or None
+        Why it could not be done.
+    """
+    return _done_or_failed(_write_pair, task, task.after)
+
+
+def _write_pair(task: PairTask) -> None:
+    before, after, fates = tracked(task)
+    table = increments(before, after, fates)
+    rows = len(table["loop_before"])
+    place = {
+        "snapshot_before": np.full(rows, task.before.number),
+        "snapshot_after": np.full(rows, task.after.number),
+    }
+    about = {
+        "fingerprint": task.fingerprint,
+        "row": interval_row(before, after, fates, table),
+        "exchange": exchange_counts(fates)._asdict(),
+    }
+    write_part(task.part, place | table, about)
+
+
+def _done_or_failed(
+    write: Callable[[Any], None], task: SnapshotTask | PairTask, planned: PlannedSnapshot
+) -> Failure | None:
+    try:
+        write(task)
+    except InputError as error:
+        parts = error.where, error.received, error.expected, error.remedy
+        return Failure(planned.number, planned.name, *parts)
+    except OSError as error:
+        # What goes wrong with reading is an InputError already.
+        parts = str(task.part), error.strerror or str(error), "a place to write", "Make room."
+        return Failure(planned.number, planned.name, *parts, skippable=False)
+    return None
+
+
+def tracked(task: PairTask) -> tuple[TrackedState, TrackedState, LoopFates]:
+    """Two successive snapshots, and what became of the loops between them."""
+    before, after = state_of(task.before), state_of(task.after)
+    return before, after, track_loops(before, after)
+
+
+def state_of(planned: PlannedSnapshot) -> TrackedState:
+    """A snapshot and its faces; `InputError` as `SnapshotInput.read`."""
+    snapshot = planned.source.read()
+    return TrackedState(snapshot, find_faces(snapshot.graph))

@@ -1,0 +1,81 @@
+"""What the keys of a snapshot's summary mean."""
+
+GEOMETRY = {
+    "area": "of the periodic cell, else within the polygons around the network",
+    "area_sum": "sum of the areas of the loops",
+    "components": "connected parts of the network without dangling grains",
+    "contact_fabric": "mean of n (x) n over the contacts between grains; std of each component "
+    "over the contacts; anisotropy: difference of the principal values; direction of the larger "
+    "one, degrees to axis 1; fourier_amplitude: a of the density of contact directions "
+    "(1 + a cos 2(theta - direction))/(2 pi), twice the anisotropy",
+    "contact_fabric_by_length": "as contact_fabric, each contact weighted by its branch length",
+    "contacts": "contacts between grains",
+    "contacts_per_grain": "spread over the grains of the network without dangling ones; its mean "
+    "is coordination",
+    "coordination": "2 edges / vertices, of the network without dangling grains",
+    "coordination_all": "2 contacts / grains, of all grains",
+    "dangling_grains": "grains removed because fewer than two contacts are left to them, "
+    "those without any contact included",
+    "edges": "contacts of the network without dangling grains",
+    "elongation_by_order": "spread of the ratio of the principal axes of the loops' areas",
+    "euler_ok": "whether Euler's formula holds for every component",
+    "faces": "half-edge cycles of the network, outer ones included",
+    "grains": "all grains",
+    "long_axis": "mean orientation of the loops' long axes, degrees to axis 1, by doubled angles; "
+    "resultant from 0 (no axis preferred) to 1 (all alike); std: sqrt(-2 ln resultant)/2, degrees",
+    "loop_area_by_order": "spread of the area of the loops",
+    "loop_shape": "mean over the loops, weighted by area, of sum e (x) e / sum |e|^2 over the "
+    "edges e of a loop: half the unit tensor for a regular polygon of any order; else as "
+    "contact_fabric",
+    "loops": "bounded faces",
+    "mean_order": "mean number of grains of a loop",
+    "mean_order_by_area": "the same, each loop weighted by its area",
+    "mean_order_from_coordination": "2 z / (z - 2), exact for one cluster that winds around a "
+    "periodic cell",
+    "order_spread": "spread of the orders of the loops",
+    "orders": "number of loops of each order",
+    "orders_area": "area of the loops of each order",
+    "orders_grouped": "loops and area of orders 3, 4, 5 and of 6 and beyond, and their shares",
+    "rattlers": "grains without any contact with a grain; contacts with walls don't count",
+    "spread": "mean, std (of the values, not of their mean), quartiles and number of what is "
+    "known; by order: 3, 4, 5, 6 and beyond, all",
+    "vertices": "grains of the network without dangling ones",
+    "wall_contacts": "contacts of grains with walls: they belong to no loop",
+}
+MECHANICS = {
+    "boundary_area": "area that stress_walls and stress_total are taken over",
+    "boundary_area_is": "which area that is: within the box of upright walls, else as area",
+    "boundary_share": "share of the mean stress that contacts with walls carry: "
+    "tr stress_walls / tr stress_total, whatever the area",
+    "cone_opening": "spread of the opening (degrees) over the loops that have a cone of negative "
+    "second-order work in the plane of (11, 22) strains",
+    "eigenvalues": "spread of the three eigenvalues of Ks over the mean kn, symmetric subspace, "
+    "spins blocked",
+    "mean_kn": "mean normal stiffness of the contacts",
+    "mean_unstable_directions": "mean over the loops of an order of the share of directions with "
+    "negative second-order work",
+    "normal_force": "spread over the contacts between grains",
+    "sliding_by_order": "spread over the loops of the share of their contacts that slide",
+    "sliding_contacts": "share of the contacts between grains that slide, with the standard error "
+    "sqrt(p (1 - p)/n) as if they were independent",
+    "sliding_fraction": "share of the contacts between grains that slide",
+    "soft_loops": "of the unstable loops: mean orientation of their long axes and of soft_angle, "
+    "the axis of compression in the mode of the smallest eigenvalue; as long_axis",
+    "stress": "Love-Weber stress of the contacts between grains over area; row = force, "
+    "column = branch",
+    "stress_by_order": "pressure, deviator and tensor of the loops' stress, each contact shared "
+    "half and half between its two loops; mean and std weighted by area, quartiles not",
+    "stress_loops": "sum of stress times area over the loops, over area: lacks dangling "
+    "contacts, and half of each contact on the outline",
+    "stress_total": "stress of the contacts between grains and with walls over boundary_area",
+    "stress_walls": "(1/boundary_area) sum f (x) branch over the contacts with walls, branch from "
+    "the wall to the grain's centre, f on the grain",
+    "unstable_by_order": "share of the loops that are unstable, by groups of orders, with the "
+    "standard error sqrt(p (1 - p)/n) as if loops were independent",
+    "unstable_directions": "spread over the loops of the share of directions with negative "
+    "second-order work",
+    "unstable_fraction": "share of the loops of an order with a negative eigenvalue of Ks beyond "
+    "the tolerance, symmetric subspace, spins blocked, contacts flagged sliding as sliding",
+    "untrusted_loops": "loops whose tangent is not trusted: left out wherever it is needed",
+    "wall_force": "spread of the size of the forces of the walls",
+}

@@ -1,0 +1,155 @@
+"""Statistics of a snapshot that need forces: stress, sliding, stability by order of the loops."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import Regime, love_weber_stress
+from loops.fabric import mean_tensor
+from patterns import Snapshot
+from stability import RTOL
+from studies.snapshot.boundary import wall_summary
+from studies.snapshot.statistics import (
+    Groups,
+    axes_block,
+    share,
+    share_by_group,
+    spread,
+    spread_by_group,
+)
+
+Floats = NDArray[np.float64]
+Table = dict[str, Any]
+CLOSURES = ("affine", "traction")
+EIGENVALUES = ("lambda_min", "lambda_mid", "lambda_max")
+STRESSES = ("stress_11", "stress_12", "stress_21", "stress_22")
+
+
+def unstable_loops(table: Table, closure: str) -> NDArray[np.bool_]:
+    """Loops with an eigenvalue of Ks below zero, beyond the tolerance.
+
+    Parameters
+    ----------
+    table : dict of str to array
+        From `loop_table`; eigenvalues over the mean kn, so of order one.
+    closure : str
+        'affine' or 'traction'.
+
+    Returns
+    -------
+    (L,) array of bool
+        False where the tangent is not trusted.
+    """
+    unstable: NDArray[np.bool_] = table[f"{closure}_lambda_min"] < -RTOL
+    return unstable
+
+
+def mechanics_summary(
+    snapshot: Snapshot, table: Table, groups: Groups, area: float
+) -> dict[str, Any]:
+    """Stress, sliding and stability of a snapshot with forces.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        With forces and law.
+    table : dict of str to array
+        From `loop_table`.
+    groups : dict
+        From `group_rows`.
+    area : float
+        Area of the sample.
+
+    Returns
+    -------
+    dict
+        Plain values by key; see `DEFINITIONS`.
+    """
+    law, regime = snapshot.mechanics()
+    sliding = regime == Regime.SLIDING
+    return {
+        "stress": love_weber_stress(snapshot.graph, area) if area > 0 else None,
+        "stress_loops": _loop_stress(table) / area if area > 0 else None,
+        "mean_kn": float(np.mean(law.kn)),
+        "normal_force": spread(snapshot.graph.normal_force),
+        "sliding_fraction": float(np.mean(sliding)),
+        "sliding_contacts": share(sliding),
+        "sliding_by_order": spread_by_group(groups, table["sliding_contacts"] / table["order"]),
+        "stress_by_order": _stress_by_group(table, groups),
+        "untrusted_loops": {
+            closure: int(np.count_nonzero(np.isnan(table[f"{closure}_lambda_min"])))
+            for closure in CLOSURES
+        },
+        **_stability(table, groups),
+        **wall_summary(snapshot, area),
+    }
+
+
+def _loop_stress(table: Table) -> Floats:
+    """Sum of stress times area over the loops."""
+    sums = [float(np.dot(table[name], table["area"])) for name in STRESSES]
+    return np.reshape(sums, (2, 2))
+
+
+def _stress_by_group(table: Table, groups: Groups) -> dict[str, Any]:
+    """Area-weighted pressure, deviator and mean stress tensor of each group of orders."""
+    area = table["area"]
+    parts: dict[str, Any] = {
+        name: spread_by_group(groups, table[name], area) for name in ("pressure", "deviator")
+    }
+    tensors = np.stack([table[name] for name in STRESSES], axis=1).reshape(-1, 2, 2)
+    means = {name: mean_tensor(tensors[rows], area[rows]) for name, rows in groups.items()}
+    parts["tensor"] = {
+        name: {"mean": found.mean, "std": found.std, "count": found.number}
+        for name, found in means.items()
+    }
+    return parts
+
+
+def _stability(table: Table, groups: Groups) -> dict[str, Any]:
+    """What the tangents tell, by closure and order."""
+    order = table["order"]
+    found: dict[str, Any] = {
+        name: {}
+        for name in (
+            *("unstable_fraction", "mean_unstable_directions", "unstable_by_order"),
+            *("unstable_directions", "cone_opening", "eigenvalues", "soft_loops"),
+        )
+    }
+    for closure in CLOSURES:
+        unstable, known = unstable_loops(table, closure), ~np.isnan(table[f"{closure}_lambda_min"])
+        directions = table[f"{closure}_unstable_fraction"]
+        opening = table[f"{closure}_cone_opening"]
+        found["unstable_fraction"][closure] = _mean_by_order(order, unstable, known)
+        found["mean_unstable_directions"][closure] = _mean_by_order(
+            order, directions, ~np.isnan(directions)
+        )
+        found["unstable_by_order"][closure] = share_by_group(groups, unstable, known)
+        found["unstable_directions"][closure] = spread_by_group(groups, directions)
+        # Where there is no cone there is no opening: stable loops don't count as zero.
+        found["cone_opening"][closure] = spread_by_group(
+            groups, np.where(opening > 0, opening, np.nan)
+        )
+        found["eigenvalues"][closure] = {
+            name: spread_by_group(groups, table[f"{closure}_{name}"]) for name in EIGENVALUES
+        }
+        found["soft_loops"][closure] = {
+            "long_axis": axes_block(table["orientation"][unstable]),
+            "soft_angle": axes_block(table[f"{closure}_soft_angle"][unstable]),
+        }
+    return found
+
+
+def _mean_by_order(
+    order: NDArray[np.int64], values: NDArray[Any], known: NDArray[np.bool_]
+) -> dict[str, float]:
+    """Mean for each order, of what is known."""
+    number = np.bincount(order, known)
+    total = np.bincount(order, np.where(known, values, 0.0))
+    orders = np.flatnonzero(np.bincount(order))
+    with np.errstate(invalid="ignore"):
+        means = total[orders] / number[orders]
+    return dict(zip(map(str, orders.tolist()), means.tolist(), strict=True))

@@ -1,0 +1,245 @@
+"""Figures and animation of a series: what they show is what the tables say."""
+
+import json
+from itertools import pairwise
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image
+
+from loops import LinearFrictional, Regime, find_faces, polygon_area
+from loops.tracking import ExchangeCounts, Fate, exchange_counts
+from patterns import Snapshot, synthetic_network
+from studies.output import provenance
+from studies.series.animation import MOST_FRAMES, Frame, animate_series, picked_frames
+from studies.series.evolution import evolution_row, evolution_table, interval_row
+from studies.series.figures import (
+    ORDERS,
+    draw_series,
+    exchange_heatmap,
+    fates_over_strain,
+    orders_over_strain,
+    stress_strain,
+)
+from studies.series.increments import PREDICTIONS, increments
+from studies.series.tracked import TrackedState, track_loops
+from studies.series.work_figures import MappedInterval, work_map, work_signs
+
+SOURCE = provenance("series", {}, "as the input's")
+
+
+def state(graph, *, mechanical=True):
+    count = graph.contact_count
+    snapshot = Snapshot(
+        graph=graph,
+        law=LinearFrictional(np.ones(count), np.full(count, 0.4), np.full(count, 0.5))
+        if mechanical
+        else None,
+        regime=np.full(count, Regime.ELASTIC, dtype=np.int8) if mechanical else None,
+        ids=np.arange(graph.grain_count),
+        wall_contacts=0,
+        notes=(),
+    )
+    return TrackedState(snapshot, find_faces(graph))
+
+
+def plain_table(tracked):
+    loops = tracked.faces.loops
+    smallest = np.linspace(-0.1, 1.0, len(loops))
+    return {
+        "order": tracked.faces.order[loops],
+        "area": tracked.faces.area[loops],
+        "affine_lambda_min": smallest,
+        "traction_lambda_min": smallest,
+    }
+
+
+class Series:
+    """Four snapshots of a network that is sheared at random and loses contacts."""
+
+    def __init__(self, *, mechanical=True):
+        rng = np.random.default_rng(4)
+        graph = synthetic_network(150, seed=6, periodic=True, coordination=4.6)
+        self.states = [state(graph, mechanical=mechanical)]
+        for _ in range(3):
+            keep = rng.random(graph.contact_count) > 0.05
+            x = graph.x * [1.01, 0.99] + 1e-3 * rng.standard_normal(graph.x.shape)
+            cell = graph.cell * [[1.01], [0.99]]
+            force = graph.normal_force[keep] * rng.uniform(0.8, 1.2, np.count_nonzero(keep))
+            graph = graph.replace(
+                x=x,
+                x0=x,
+                cell=cell,
+                cell0=cell,
+                contacts=graph.contacts[keep],
+                images=graph.images[keep],
+                normal_force=force,
+                shear_force=graph.shear_force[keep],
+            )
+            self.states.append(state(graph, mechanical=mechanical))
+        pairs = list(pairwise(self.states))
+        self.fates = [track_loops(*pair) for pair in pairs]
+        self.tables = [increments(*p, f) for p, f in zip(pairs, self.fates, strict=True)]
+        self.evolution = evolution_table(
+            [evolution_row(one, plain_table(one)) for one in self.states],
+            [
+                interval_row(*p, f, t)
+                for p, f, t in zip(pairs, self.fates, self.tables, strict=True)
+            ],
+        )
+        parts = zip(*map(exchange_counts, self.fates), strict=True)
+        self.exchange = ExchangeCounts(*map(np.concatenate, parts))
+        self.joined = {
+            name: np.concatenate([table[name] for table in self.tables]) for name in self.tables[0]
+        }
+        self.mapped = MappedInterval(self.states[0], self.fates[0], self.tables[0])
+
+
+@pytest.fixture(scope="module")
+def series():
+    return Series()
+
+
+def draw(folder, series):
+    return draw_series(
+        folder, series.evolution, series.exchange, series.joined, series.mapped, SOURCE
+    )
+
+
+def test_every_figure_is_drawn_with_its_provenance(tmp_path, series):
+    names = draw(tmp_path, series)
+    assert names == [
+        *("orders_over_strain", "fates", "exchange"),
+        *("stress_strain", "work_signs", "work_map"),
+    ]
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"{name}.{ending}" for name in names for ending in ("png", "svg")
+    }
+    for name in names:
+        assert b"grainloops series" in (tmp_path / f"{name}.png").read_bytes()
+        with Image.open(tmp_path / f"{name}.png") as picture:
+            # Something is there: many colours, not one flat page.
+            assert len(picture.convert("RGB").getcolors(2**24)) > 20
+
+
+def test_without_forces_and_of_one_snapshot(tmp_path):
+    bare = Series(mechanical=False)
+    assert draw(tmp_path, bare) == ["orders_over_strain", "fates", "exchange"]
+    one = evolution_table([evolution_row(bare.states[0], plain_table(bare.states[0]))], [])
+    nothing = ExchangeCounts(*(np.zeros(0, dtype=int) for _ in range(3)))
+    assert draw_series(tmp_path, one, nothing, {}, None, SOURCE) == ["orders_over_strain"]
+
+
+def test_orders_and_stress_lines(series):
+    left, right = orders_over_strain(series.evolution).axes
+    for ax, kind in ((left, "share"), (right, "area_share")):
+        assert len(ax.lines) == len(ORDERS)
+        for line, order in zip(ax.lines, ORDERS, strict=True):
+            np.testing.assert_array_equal(line.get_xdata(), series.evolution["shear_strain"])
+            np.testing.assert_array_equal(line.get_ydata(), series.evolution[f"{kind}_{order}"])
+        low, high = ax.get_ylim()
+        assert low == 0
+        assert max(line.get_ydata().max() for line in ax.lines) < high
+    stress, shares = stress_strain(series.evolution).axes
+    np.testing.assert_array_equal(stress.lines[1].get_ydata(), series.evolution["S22"])
+    worked = shares.lines[2].get_ydata()
+    assert np.isnan(worked[0])
+    assert worked[2] == np.mean(series.tables[1]["W2"] < 0)
+
+
+def test_fates_stack_up_to_one(series):
+    ax = fates_over_strain(series.evolution)
+    heights = np.array([[bar.get_height() for bar in bars] for bars in ax.containers])
+    np.testing.assert_allclose(heights.sum(axis=0), 1, rtol=1e-14)
+    survived = [np.mean(fates.before == Fate.SURVIVED) for fates in series.fates]
+    np.testing.assert_allclose(heights[0], survived, rtol=1e-14)
+
+
+def test_exchange_numbers(series):
+    ax = exchange_heatmap(series.exchange)
+    written = sum(int(text.get_text()) for text in ax.texts)
+    assert written == series.exchange.loops.sum()
+    shares = np.asarray(ax.images[0].get_array())
+    filled = shares.sum(axis=1) > 0
+    np.testing.assert_allclose(shares.sum(axis=1)[filled], 1, rtol=1e-14)
+    triangles = series.exchange.order_before == 3
+    stayed = series.exchange.loops[triangles & (series.exchange.order_after == 3)].sum()
+    assert shares[0, 0] == stayed / series.exchange.loops[triangles].sum()
+
+
+def test_work_is_drawn_where_it_was_done(series):
+    ax = work_map(series.mapped)
+    (drawn,) = ax.collections
+    loops = series.mapped.before.faces
+    areas = [float(polygon_area(path.vertices[:-1])) for path in drawn.get_paths()]
+    work = np.full(len(loops.loops), np.nan)
+    work[series.tables[0]["loop_before"]] = series.tables[0]["w2"]
+    assert np.count_nonzero(np.isnan(work)) == np.count_nonzero(
+        series.fates[0].before != Fate.SURVIVED
+    )
+    # Polygons come order by order: compared loop by loop through their areas.
+    values = np.ma.filled(drawn.get_array(), np.nan)
+    found, expected = np.argsort(areas), np.argsort(loops.area[loops.loops])
+    np.testing.assert_array_equal(values[found], work[expected])
+    np.testing.assert_allclose(np.sort(areas), np.sort(loops.area[loops.loops]), rtol=1e-9)
+
+
+def test_work_histogram_counts_every_known_loop_once(series):
+    axes = work_signs(series.joined).axes
+    assert len(axes) == len(PREDICTIONS)
+    for ax, name in zip(axes, PREDICTIONS, strict=True):
+        known = np.isfinite(series.joined[name])
+        # The second of the stacked steps starts where the first ends.
+        assert sum(bar.get_height() for bar in ax.patches) == np.count_nonzero(known)
+        predicted, actual = series.joined[name][known] < 0, series.joined["W2"][known] < 0
+        assert 0 < np.count_nonzero(actual) < len(actual)
+        assert f"{predicted[actual].mean():.0%} of $w_2 < 0$" in ax.get_title()
+        assert f"{(~predicted[~actual]).mean():.0%} of $w_2 > 0$" in ax.get_title()
+
+
+@pytest.mark.parametrize("stability", [False, True])
+def test_animation(tmp_path, series, stability):
+    frames = (
+        Frame(one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None)
+        for k, one in enumerate(series.states)
+    )
+    names = animate_series(tmp_path, frames, SOURCE)
+    assert {path.name for path in tmp_path.iterdir()} == set(names)
+    assert "animation.gif" in names
+    with Image.open(tmp_path / "animation.gif") as gif:
+        assert gif.n_frames == len(series.states)
+        assert json.loads(gif.info["comment"])["command"] == "grainloops series"
+        assert max(gif.size) < 1200
+        pictures = []
+        for k in range(gif.n_frames):
+            gif.seek(k)
+            pictures.append(np.asarray(gif.convert("RGB")).astype(int))
+    for one, other in pairwise(pictures):
+        assert np.abs(one - other).max() > 100
+
+
+def test_an_animation_that_fails_leaves_nothing(tmp_path, series):
+    def frames():
+        yield Frame(series.states[0], "first")
+        raise OSError("gone")
+
+    with pytest.raises(OSError, match="gone"):
+        animate_series(tmp_path, frames(), SOURCE)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_long_series_show_few_frames():
+    picked = picked_frames(1000)
+    assert len(picked) == MOST_FRAMES
+    assert (picked[0], picked[-1]) == (0, 999)
+    assert len(set(np.diff(picked))) <= 2
+    assert picked_frames(1) == [0]
+    assert picked_frames(MOST_FRAMES) == list(range(MOST_FRAMES))
+
+
+def test_callers_settings_are_left_alone(series):
+    before = dict(mpl.rcParams)
+    work_map(series.mapped)
+    exchange_heatmap(series.exchange)
+    assert dict(mpl.rcParams) == before

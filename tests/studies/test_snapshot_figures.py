@@ -1,0 +1,141 @@
+"""Figures of a snapshot hold the numbers they claim; runs with and without them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from loops import find_faces
+from patterns import read_snapshot, sample_cell, sample_path
+from studies.snapshot import SnapshotInput, run_snapshot
+from studies.snapshot.eigenvalues import eigenvalue_distribution
+from studies.snapshot.figures import draw_figures, order_bars
+from studies.snapshot.roses import fabric_rose, fabric_table, unstable_rose
+from studies.snapshot.summary import snapshot_summary
+from studies.snapshot.table import loop_table
+
+PERIODIC = sample_path("grains_periodic.parquet")
+CELL = tuple(sample_cell().ravel().tolist())
+
+
+@pytest.fixture(scope="module")
+def sample():
+    snapshot = read_snapshot(PERIODIC, cell=sample_cell())
+    faces = find_faces(snapshot.graph)
+    table = loop_table(snapshot, faces)
+    return snapshot, faces, table, snapshot_summary(snapshot, faces, table)
+
+
+def bars(ax, container=0):
+    """Angle, height and width of each bar."""
+    return np.array(
+        [
+            (b.get_x() + b.get_width() / 2, b.get_height(), b.get_width())
+            for b in ax.containers[container]
+        ]
+    ).T
+
+
+def test_rose_of_contacts_is_a_density_and_its_second_harmonic(sample):
+    snapshot, _, _, summary = sample
+    ax = fabric_rose(snapshot.graph, summary).axes[0]
+    angle, height, width = bars(ax)
+    assert np.sum(height * width) == pytest.approx(1.0, rel=1e-12)
+    np.testing.assert_allclose(height[: len(height) // 2], height[len(height) // 2 :])
+    curve = ax.lines[0].get_xydata()
+    assert np.trapezoid(curve[:, 1], curve[:, 0]) == pytest.approx(1.0, rel=1e-12)
+    # The bars' own second harmonic, up to their width: sinc(width) of it is left.
+    harmonic = 2 * np.sum(height * width * np.exp(2j * angle)) / np.sinc(width[0] / np.pi)
+    drawn = np.sum(curve[:-1, 1] * np.exp(2j * curve[:-1, 0])) * 2 * (2 * np.pi / 720)
+    assert abs(harmonic - drawn) < 0.01
+    numbers = fabric_table(snapshot.graph, summary)
+    assert numbers["count"].sum() == snapshot.graph.contact_count
+    np.testing.assert_allclose(numbers["density"], height[: len(height) // 2])
+    at = np.interp(np.radians(numbers["angle"]), curve[:, 0], curve[:, 1])
+    np.testing.assert_allclose(numbers["second_order"], at, rtol=1e-4)
+
+
+def test_rose_of_unstable_loops(sample):
+    _, _, table, summary = sample
+    soft, long = unstable_rose(table, summary).axes
+    for ax in (soft, long):
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == [
+            "affine, 0 loops",
+            "traction, 7 loops",
+        ]
+        assert not bars(ax, 0)[1].any()
+        _, height, width = bars(ax, 1)
+        assert np.sum(height * width) == pytest.approx(1.0, rel=1e-12)
+    # The mean axis ends at its resultant of the outer circle, either way.
+    block = summary["soft_loops"]["traction"]["soft_angle"]
+    angle, reach = soft.lines[0].get_xydata().T
+    assert np.degrees(angle[0]) == pytest.approx(block["direction"])
+    np.testing.assert_allclose(reach, block["resultant"] * soft.get_ylim()[1])
+
+
+def test_histograms_hold_every_loop(sample):
+    _, _, table, _ = sample
+    figure = eigenvalue_distribution(table)
+    for ax in figure.axes:
+        shares = [
+            patch.get_data().values.sum() for patch in ax.patches if hasattr(patch, "get_data")
+        ]
+        np.testing.assert_allclose(shares, 1.0, rtol=1e-12)
+        assert len(shares) == 4
+    legend = [text.get_text() for text in figure.axes[5].get_legend().get_texts()]
+    assert legend == ["order 3: 0 %", "order 4: 0.49 %", "order 5: 0.51 %", "order 6+: 1.2 %"]
+
+
+def test_bars_of_orders(sample):
+    _, _, table, summary = sample
+    ax = order_bars(summary, table)
+    for container in (0, 1):
+        assert bars(ax, container)[1].sum() == pytest.approx(1.0, rel=1e-12)
+    assert bars(ax, 2)[1].sum() == pytest.approx(7 / len(table["loop"]), rel=1e-12)
+
+
+def test_stable_and_untrusted_loops_are_drawn_too(sample):
+    snapshot, faces, table, _ = sample
+    stable = dict(table)
+    for closure in ("affine", "traction"):
+        values = np.abs(table[f"{closure}_lambda_min"])
+        stable[f"{closure}_lambda_min"] = np.where(table["order"] == 5, np.nan, values)
+    summary = snapshot_summary(snapshot, faces, stable)
+    unstable_rose(stable, summary).draw_without_rendering()
+    eigenvalue_distribution(stable).draw_without_rendering()
+
+
+def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
+    snapshot, faces, *_ = sample
+    bare = replace(snapshot, law=None, regime=None)
+    table = loop_table(bare, faces)
+    summary = snapshot_summary(bare, faces, table)
+    drawn = draw_figures(bare, faces, table, summary, tmp_path, {"command": "grainloops"})
+    assert [path.stem for *_, path in drawn] == ["map", "orders", "fabric"]
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"{name}.{ending}" for name in ("map", "orders", "fabric") for ending in ("png", "svg")
+    }
+
+
+def test_a_run_without_figures_but_for_paraview(tmp_path):
+    pytest.importorskip("vtkmodules")
+    source = SnapshotInput(PERIODIC, cell=CELL)
+    summary = run_snapshot(source, tmp_path / "out", figures=False, paraview=True)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *("loops.parquet", "orders.parquet", "summary.json", "loops.vtp", "contacts.vtp")
+    }
+    orders = pd.read_parquet(tmp_path / "out" / "orders.parquet")
+    assert orders["loops"].sum() == summary["loops"]
+    assert orders["area"].sum() == pytest.approx(summary["area_sum"], rel=1e-12)
+
+
+def test_report_of_a_run(tmp_path):
+    """The whole way: the page holds the figures and the map."""
+    source = SnapshotInput(sample_path("grains_biaxial.csv.gz"))
+    run_snapshot(source, tmp_path / "out")
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert text.count("data:image/png;base64,") == 5
+    assert "<title>Loops of grains_biaxial.csv.gz</title>" in text
+    assert 'id="map-data"' in text
+    assert "Love-Weber" in text

@@ -1,0 +1,203 @@
+"""The page of a run: whole, self-contained, and its map the table's numbers."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from loops import find_faces, polygon_area
+from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
+from studies.output import provenance
+from studies.snapshot.report import write_report
+from studies.snapshot.report_map import MOST_LOOPS, LoopsForMap, encoded, loops_for_map
+from studies.snapshot.report_tables import mapping_table, summary_tables, value_text
+from studies.snapshot.table import loop_table
+
+MADE = provenance("snapshot", {"path": "a <b>.csv", "columns": {"x": "px"}}, "as the input's")
+KINDS = {"f4": "<f4", "f8": "<f8", "i4": "<i4"}
+VOID = {"meta", "img", "input", "br", "link"}
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
+)
+
+
+class Strict(HTMLParser):
+    """Every element is closed in turn; ids are unique; text by element."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids, self.links, self.cells = [], [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+        assert len(set(self.ids)) == len(self.ids)
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in VOID:
+            self.open.append(tag)
+        given = dict(attrs)
+        self.ids += [given["id"]] if "id" in given else []
+        self.links += [given[k] for k in ("href", "src") if k in given]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.cells.append(data)
+
+
+def map_data(text):
+    """The arrays in a page, decoded."""
+    content = json.loads(re.search(r'id="map-data">(.*?)</script>', text, re.S).group(1))
+
+    def decoded(array):
+        return np.frombuffer(base64.b64decode(array["data"]), KINDS[array["type"]])
+
+    for name in ("offsets", "corners", "grains"):
+        content[name] = decoded(content[name])
+    content["columns"] = {name: decoded(array) for name, array in content["columns"].items()}
+    return content
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    snapshot = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
+    faces = find_faces(snapshot.graph)
+    table = loop_table(snapshot, faces)
+    figure = folder / "pixel.png"
+    figure.write_bytes(PIXEL)
+    summary = {
+        "grains": 2000,
+        "stress": np.eye(2),
+        "missing": float("nan"),
+        "orders": {str(n): n for n in range(3, 15)},
+        "eigenvalues": {"affine": {"3": {"mean": 0.123456789, "count": 2}, "all": {"mean": None}}},
+        "notes": ["1 < 2 & so on"],
+        "definitions": {"grains": "all <grains>"},
+    }
+    loops = loops_for_map(snapshot, faces, table)
+    path = write_report(
+        folder, "Loops & more", summary, [("One", "a <pixel>", figure)], loops, MADE
+    )
+    return path, table
+
+
+def test_page_is_whole_and_self_contained(page):
+    text = page[0].read_text(encoding="utf-8")
+    parsed = Strict(text)
+    assert not re.search(r"https?:|url\(|@import|fetch\(", text)
+    assert all(link.startswith(("#", "data:")) for link in parsed.links)
+    assert {link[1:] for link in parsed.links if link[0] == "#"} <= set(parsed.ids)
+    assert "default-src 'none'" in text
+    assert base64.b64encode(PIXEL).decode() in text
+    assert "<title>Loops &amp; more</title>" in text
+    assert "a <b>" not in text
+    for cell in ("2000", "[[1, 0], [0, 1]]", "–", "0.123457", "all <grains>", "a <b>.csv", "x=px"):
+        assert cell in parsed.cells, cell
+    assert "<p>1 &lt; 2 &amp; so on.</p>" in text
+
+
+def test_map_holds_the_table(page):
+    path, table = page
+    data = map_data(path.read_text(encoding="utf-8"))
+    assert data["count"] == len(table["loop"])
+    assert set(data["columns"]) == set(table) - {"grains"}
+    for name, values in data["columns"].items():
+        given = np.asarray(table[name])
+        if np.issubdtype(given.dtype, np.floating):
+            np.testing.assert_array_equal(values, given.astype(np.float32))
+        else:
+            np.testing.assert_array_equal(values, given)
+    ids = np.split(data["grains"], data["offsets"][1:-1])
+    assert [row.tolist() for row in ids] == table["grains"].to_pylist()
+    corners = data["corners"].astype(float).reshape(-1, 2)
+    areas = [polygon_area(part) for part in np.split(corners, data["offsets"][1:-1])]
+    np.testing.assert_allclose(areas, table["area"], rtol=1e-3, atol=1e-3 * table["area"].mean())
+    assert data["colour_by"][:2] == ["order", "traction_lambda_min"]
+    assert "loop" not in data["colour_by"]
+
+
+def test_large_ids_are_not_cut_off():
+    assert encoded(np.array([2**40, 1]))["type"] == "f8"
+    assert encoded(np.array([2**31 - 1]))["type"] == "i4"
+    assert encoded(np.empty(0, dtype=int)) == {"type": "i4", "data": ""}
+
+
+def test_a_sentence_instead_of_too_many_loops(tmp_path):
+    many = LoopsForMap(np.arange(MOST_LOOPS + 2), np.zeros((0, 2)), np.zeros(0, dtype=int))
+    for summary, loops in (({}, many), ({"loops": MOST_LOOPS + 1}, None)):
+        text = write_report(tmp_path, "t", summary, [], loops, MADE).read_text()
+        Strict(text)
+        assert f"{MOST_LOOPS + 1} loops are more than the {MOST_LOOPS}" in text
+        assert "<canvas" not in text
+    text = write_report(tmp_path, "t", {"loops": 5}, [], None, MADE).read_text()
+    assert "<canvas" not in text
+    assert "more than" not in text
+
+
+def test_a_page_of_fifty_thousand_loops_stays_small(tmp_path):
+    graph = synthetic_network(58_000, seed=1, periodic=True)
+    snapshot = Snapshot(graph, None, None, np.arange(graph.grain_count) + 10**6, 0, ())
+    faces = find_faces(graph)
+    assert 0.98 * MOST_LOOPS < len(faces.loops) <= MOST_LOOPS
+    columns = {"order": faces.order[faces.loops]}
+    columns |= {f"c{k}": faces.area[faces.loops] for k in range(30)}
+    loops = loops_for_map(snapshot, faces, columns)
+    path = write_report(tmp_path, "t", {"a": 1}, [], loops, MADE)
+    assert path.stat().st_size < 15e6
+
+
+def test_tables_of_nested_numbers():
+    text = mapping_table({"affine": {"3": {"mean": 1.5}, "all": {"mean": 2.0, "count": 7}}})
+    assert Strict(text).cells == ["mean", "count", "affine", "3", "1.5", "affine", "all", "2", "7"]
+    text = summary_tables({"b": {"x": 1}, "a": True, "notes": ["hidden"]})
+    assert Strict(text).cells == ["a", "yes", "x", "1"]
+    assert mapping_table({"affine": {}}) == "<p>–</p>"
+    assert value_text(np.array([1e-7, np.inf])) == "[1e-07, –]"
+
+
+NODE = shutil.which("node")
+PROBE = """
+const fs = require("fs"), m = {exports: {}};
+const [script, page] = [process.argv[1], process.argv[2]].map((f) => fs.readFileSync(f, "utf8"));
+new Function("module", script)(m);
+const loops = m.exports.readLoops(page.match(/id="map-data">(.*?)<\\/script>/s)[1]);
+const x = loops.columns.x, y = loops.columns.y, found = [];
+for (let k = 0; k < loops.count; k++)
+  found.push(m.exports.loopAt(loops, x[k] - loops.origin[0], y[k] - loops.origin[1]));
+const colours = Object.fromEntries(loops.colour_by.map((name) => {
+  const c = m.exports.colouring(loops, name);
+  return [name, [Math.min(...c.shade), Math.max(...c.shade), c.palette.length]];
+}));
+const outside = m.exports.loopAt(loops, 1e9, 0), row = m.exports.rowOf(loops, 7);
+console.log(JSON.stringify({found, colours, outside, row}));
+"""
+
+
+@pytest.mark.skipif(NODE is None, reason="no node to run the script with")
+def test_script_finds_the_loop_under_the_pointer(page):
+    path, table = page
+    script = Path(__file__).parents[2] / "studies" / "snapshot" / "report.js"
+    done = subprocess.run(
+        [NODE, "-e", PROBE, str(script), str(path)], capture_output=True, text=True, check=True
+    )
+    result = json.loads(done.stdout)
+    # The centroid of a loop may lie outside it where it is not convex.
+    found = np.array(result["found"])
+    hit = found == np.arange(len(found))
+    assert hit[np.asarray(table["order"]) == 3].all()
+    assert hit.mean() > 0.97
+    assert result["outside"] == -1
+    for low, high, size in result["colours"].values():
+        assert -1 <= low <= high < size
+    row = dict(result["row"])
+    assert float(row["pressure"]) == pytest.approx(table["pressure"][7], rel=1e-5)
+    assert row["grains"] == " ".join(map(str, table["grains"].to_pylist()[7]))
