@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import tempfile
 import time
 import traceback
@@ -125,5 +124,3 @@ def warm_up(samples: list[Sample]) -> None:
     """
     for sample in samples:
         read_snapshot(sample.path, **sample.options)
-    if any(sample.name == "yade-vtk" for sample in samples):
-        sys.stderr.flush()

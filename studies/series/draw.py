@@ -16,6 +16,7 @@ from studies.series.animation import Frame, animate_series, picked_frames
 from studies.series.figures import draw_series
 from studies.series.increments import PREDICTIONS, increments
 from studies.series.plan import PlannedSnapshot
+from studies.series.report import series_report
 from studies.series.tasks import PairTask, SnapshotTask, pairs, state_of, tracked
 from studies.series.work_figures import MappedInterval
 
@@ -30,9 +31,9 @@ def draw(
     evolution: Mapping[str, Sequence[Any]],
     exchange: Mapping[str, NDArray[np.int64]],
     mapped: int | None,
-    source: dict[str, Any],
+    summary: dict[str, Any],
 ) -> None:
-    """Draw a series as PNG and SVG.
+    """Draw a series as PNG and SVG, and write the page that shows it all.
 
     Parameters
     ----------
@@ -46,13 +47,16 @@ def draw(
         Tables of the series.
     mapped : int, optional
         Which interval to draw a map of.
-    source : dict
-        Provenance, written into the files.
+    summary : dict
+        Of the series, with the provenance that is written into the files.
     """
     tasks = pairs(planned, out)
+    source = summary["provenance"]
     counts = ExchangeCounts(*(exchange[name] for name in ExchangeCounts._fields))
     interval = None if mapped is None else _interval(tasks[mapped])
     draw_series(folder, evolution, counts, _joined(tasks), interval, source)
+    part = None if mapped is None else SnapshotTask(planned[mapped], out).part
+    series_report(folder, summary, interval, part, source)
 
 
 def animate(
@@ -66,8 +70,10 @@ def animate(
 
     Parameters
     ----------
-    folder, planned, out, evolution, source
+    folder, planned, out, evolution
         See `draw`.
+    source : dict
+        Provenance.
     """
     animate_series(folder, _frames(planned, out, evolution), source)
 

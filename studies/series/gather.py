@@ -94,15 +94,15 @@ def gather(
         if csv:
             for name, parts in datasets.items():
                 write_csv(parts, folder / f"{name}.csv")
-        if figures:
-            # Drawing is loaded only when there is something to draw.
-            from studies.series.draw import draw
-
-            draw(folder, planned, out, evolution, exchange, _mapped(evolution), made)
         if animation:
+            # Drawing is loaded only when there is something to draw.
             from studies.series.draw import animate
 
             animate(folder, planned, out, evolution, made)
+        if figures:
+            from studies.series.draw import draw
+
+            draw(folder, planned, out, evolution, exchange, _mapped(evolution), summary)
         summary["files"] = sorted(path.name for path in folder.iterdir())
         write_summary(folder, summary)
     return summary

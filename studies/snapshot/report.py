@@ -13,6 +13,8 @@ from studies.snapshot.report_map import MOST_LOOPS, LoopsForMap, packed
 from studies.snapshot.report_tables import definitions_list, plain_table, summary_tables
 
 HERE = Path(__file__).parent
+# Of a figure's pixels, of which there are 300 to the inch.
+SHOWN = 0.5
 # The page asks nothing of any network, and browsers hold it to that.
 POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; "
 POLICY += "script-src 'unsafe-inline'"
@@ -128,15 +130,24 @@ def _map_section(loops: LoopsForMap | None, count: int) -> str:
 
 def _figure(title: str, caption: str, path: Path) -> str:
     kind = mimetypes.guess_type(path.name)[0] or "image/png"
-    data = f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
+    content = path.read_bytes()
+    data = f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
     said = escape(f"{title}. {caption}")
     shown = (
         f'<video controls src="{data}"></video>'
         if kind.startswith("video/")
-        else f'<img src="{data}" alt="{said}">'
+        else f'<img src="{data}" alt="{said}"{_width(kind, content)}>'
     )
     told = f"<b>{escape(title)}.</b> {escape(caption)}"
     return f"<figure>{shown}<figcaption>{told}</figcaption></figure>"
+
+
+def _width(kind: str, content: bytes) -> str:
+    """Width of a PNG on the page, so that letters are of one size in all figures."""
+    if kind != "image/png":
+        return ""
+    pixels = int.from_bytes(content[16:20], "big")
+    return f' width="{round(SHOWN * pixels)}"'
 
 
 def _plain(provenance: Mapping[str, Any]) -> dict[str, Any]:

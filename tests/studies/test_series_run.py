@@ -291,7 +291,9 @@ def test_what_was_gathered_before_goes_with_its_snapshots(tmp_path):
     """Tables and figures of the shorter series don't stay beside the longer one's."""
     paths, out = write_series(tmp_path / "run", 3), tmp_path / "out"
     summary = run(paths[:2], out, csv=True, figures=True)
-    assert {"loops.csv", "orders_over_strain.png", "work_map.svg"} <= set(summary["files"])
+    files = {"loops.csv", "orders_over_strain.png", "work_map.svg", "report.html"}
+    assert files <= set(summary["files"])
+    assert "traction_free_W2" in (out / "report.html").read_text()
     assert {path.name for path in out.iterdir()} == {
         *summary["files"],
         *("series.json", "summary.json", "loops", "increments"),
