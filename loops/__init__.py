@@ -7,11 +7,13 @@ from loops.closures import (
     macroscopic_tangent,
     traction_tangent,
 )
+from loops.contact_matching import ContactMatch, match_contacts
 from loops.contact_state import ContactState, contact_state
 from loops.contact_tangent import contact_tangent, translational_blocks
 from loops.crossings import find_crossings
 from loops.errors import InputError
 from loops.exchange import from_networkx, to_networkx
+from loops.fabric import axial_mean, direction_tensors, edge_tensors, mean_tensor, principal
 from loops.faces import FaceKind, Faces, euler_check, faces_by_order, find_faces
 from loops.geometry import (
     boundary_vectors,
@@ -29,27 +31,34 @@ from loops.graph import (
 )
 from loops.laws import ContactLaw, HertzMindlin, LinearFrictional, Regime, RollingResistance
 from loops.loop_batches import LoopBatch, loop_batches
+from loops.loop_strain import best_fit_strain, loop_strain, rotation_and_stretch
 from loops.outline import outline_area
 from loops.planarity import crossing_contacts_to_drop
 from loops.pruning import prune_dangling
 from loops.stress import contact_forces, love_weber_stress, nominal_stress
+from loops.tracking import Fate, LoopFates, exchange_counts, exchange_matrix, loop_fates
 
 __all__ = [
     "ContactLaw",
+    "ContactMatch",
     "ContactState",
     "FaceKind",
     "Faces",
+    "Fate",
     "GrainGraph",
     "HertzMindlin",
     "InputError",
     "LinearFrictional",
     "LoopBatch",
+    "LoopFates",
     "MacroTangent",
     "Regime",
     "RollingResistance",
     "affine_tangent",
     "assemble_sparse_tangent",
     "assemble_tangent",
+    "axial_mean",
+    "best_fit_strain",
     "boundary_vectors",
     "branch_vectors",
     "contact_forces",
@@ -57,23 +66,33 @@ __all__ = [
     "contact_state",
     "contact_tangent",
     "crossing_contacts_to_drop",
+    "direction_tensors",
+    "edge_tensors",
     "euler_check",
+    "exchange_counts",
+    "exchange_matrix",
     "faces_by_order",
     "find_crossings",
     "find_faces",
     "from_networkx",
     "loop_batches",
+    "loop_fates",
+    "loop_strain",
     "love_weber_stress",
     "macroscopic_tangent",
+    "match_contacts",
+    "mean_tensor",
     "nominal_stress",
     "outline_area",
     "polygon_area",
     "polygon_centroid",
     "polygon_perimeter",
     "polygon_shape",
+    "principal",
     "prune_dangling",
     "reference_branch_vectors",
     "reference_volume",
+    "rotation_and_stretch",
     "to_networkx",
     "traction_tangent",
     "translational_blocks",
