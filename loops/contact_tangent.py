@@ -131,6 +131,35 @@ def translational_compliances(state: ContactState, law: ContactLaw, regime: Regi
         return _to_global(state, inverse / det[..., None, None])
 
 
+def compliance_growth(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
+    """Factor by which the inversion of each block amplifies rounding.
+
+    The sum of the terms of its determinant over the determinant: 1 where nothing cancels, large
+    where `kt` and `N/l` nearly do.
+
+    Parameters
+    ----------
+    state : ContactState
+        Contacts.
+    law : ContactLaw
+        Their law.
+    regime : (..., C) array of int8
+        Their regime.
+
+    Returns
+    -------
+    (..., C) array
+        At least 1; infinite where the block is singular.
+    """
+    a = _local_block(state, law, regime)
+    material = np.abs(a[..., 1, 1] + state.normal_force / state.length)
+    turning = material + np.abs(state.normal_force / state.length)
+    terms = np.abs(a[..., 0, 0]) * turning + np.abs(a[..., 0, 1] * a[..., 1, 0])
+    det = np.abs(a[..., 0, 0] * a[..., 1, 1] - a[..., 0, 1] * a[..., 1, 0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(det > 0, terms / det, np.inf)
+
+
 def contact_tangent(state: ContactState, law: ContactLaw, regime: Regimes) -> ContactTangent:
     """Tangent of the contacts with translations and spins.
 

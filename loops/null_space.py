@@ -90,7 +90,10 @@ def solve_through_null_space(
     matrix = np.where(finite[:, None, None], matrix, 0.0)
     inverse, condition = _bordered_inverse(matrix, known)
     regular = condition * tolerance < 1
-    x = np.where(regular[:, None, None], inverse, 0.0) @ rhs
+    inverse = np.where(regular[:, None, None], inverse, 0.0)
+    x = inverse @ rhs
+    # One step of refinement: an inverse alone leaves a residual of condition times rounding.
+    x = x + inverse @ (rhs - matrix @ x)
     nullity = np.full(len(matrix), 0 if known is None else known.shape[-1])
     ambiguity = np.zeros(len(matrix))
     rest = np.flatnonzero(~regular)

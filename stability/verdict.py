@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from loops import MacroTangent
 from loops.errors import InputError
 from stability.spectra import RTOL, flutter_pairs, operator_norm, spectrum, symmetric_modes
 from stability.subspaces import as_operator, restrict
@@ -32,7 +33,7 @@ class Verdict:
     margin : float
         lambda_min(Ks)/|K|, dimensionless, |K| the Frobenius norm; 0 for the zero operator.
     tolerance : float
-        Half-width of the undetermined band of `margin`.
+        Half-width of the undetermined band of `margin`: `rtol` plus the error over |K|.
     witness : ndarray, shape (m,)
         Unit direction of lambda_min(Ks) in the components of the subspace.
     subspace : str
@@ -74,20 +75,30 @@ class Verdict:
         )
 
 
-def judge(K: ArrayLike, subspace: str | None = None, rtol: float = RTOL) -> Verdict:
+def judge(
+    K: ArrayLike | MacroTangent,
+    subspace: str | None = None,
+    rtol: float = RTOL,
+    error: float | None = None,
+) -> Verdict:
     """Judge one operator.
 
     Definiteness comes from the eigenvalues of Ks on the whole subspace: pairs of directions would
-    not do. The entries are taken as known to rtol |K|, so lambda_min within that is undetermined.
+    not do. The entries are taken as known to rtol |K| and to the error of the solve they come
+    from: lambda_min within their sum is undetermined.
 
     Parameters
     ----------
-    K : array_like, shape (m, m), or (4, 4) with a subspace
-        The operator as it stands, or the macroscopic tangent A to be restricted.
+    K : array_like, shape (m, m), or (4, 4) with a subspace, or MacroTangent
+        The operator as it stands, or the macroscopic tangent A to be restricted; with the tangent
+        of a closure goes the error bound that its solver states.
     subspace : {'diagonal', 'symmetric', 'full'}, optional
         Where to restrict a macroscopic tangent; None judges K as it is.
     rtol : float
         Tolerance relative to the Frobenius norm.
+    error : float, optional
+        Bound on the error of K, Frobenius, in its unit; that of a `MacroTangent` if left out,
+        else 0.
 
     Returns
     -------
@@ -109,6 +120,8 @@ def judge(K: ArrayLike, subspace: str | None = None, rtol: float = RTOL) -> Verd
     >>> print(judge([[3.0, 0.0], [0.0, 4.0]]))
     stable (given): lambda_min/|K| = 0.6 (tolerance 1e-12) along (1, 0); spectrum of K: no loss
     """
+    known = _error(K) if error is None else float(error)
+    K = K.matrix if isinstance(K, MacroTangent) else K
     operator = as_operator(K) if subspace is None else restrict(K, subspace)
     if operator.ndim != 2:
         raise InputError(
@@ -120,14 +133,15 @@ def judge(K: ArrayLike, subspace: str | None = None, rtol: float = RTOL) -> Verd
     values, vectors = symmetric_modes(operator)
     eigenvalues = spectrum(operator)
     norm = float(operator_norm(operator))
-    status = cast(Status, statuses(values[0], norm, rtol).item())
-    pairs = flutter_pairs(operator, rtol)
+    status = cast(Status, statuses(values[0], norm, rtol, known).item())
+    tolerance = rtol + known / norm if norm > 0.0 else rtol
+    pairs = flutter_pairs(operator, tolerance)
     # A stable Ks excludes divergence exactly; say so in spite of round-off at the tolerance.
-    singular = (eigenvalues.real <= rtol * norm) & ~pairs
+    singular = (eigenvalues.real <= tolerance * norm) & ~pairs
     return Verdict(
         status=status,
         margin=float(values[0]) / norm if norm != 0.0 else 0.0,
-        tolerance=rtol,
+        tolerance=tolerance,
         witness=_read_only(vectors[:, 0]),
         subspace=subspace or "given",
         divergence=bool(singular.any()) and status != "stable",
@@ -137,7 +151,9 @@ def judge(K: ArrayLike, subspace: str | None = None, rtol: float = RTOL) -> Verd
     )
 
 
-def statuses(lambda_min: ArrayLike, norm: ArrayLike, rtol: float = RTOL) -> NDArray[np.str_]:
+def statuses(
+    lambda_min: ArrayLike, norm: ArrayLike, rtol: float = RTOL, error: ArrayLike = 0.0
+) -> NDArray[np.str_]:
     """Status of many operators at once, by the rule of `judge`.
 
     Parameters
@@ -148,6 +164,8 @@ def statuses(lambda_min: ArrayLike, norm: ArrayLike, rtol: float = RTOL) -> NDAr
         Frobenius norm of each K, in the same unit.
     rtol : float
         Half-width of the undetermined band, relative to the norm.
+    error : array_like, shape (...)
+        What the error of the solve adds to it, in the unit of K: `MacroTangent.error`.
 
     Returns
     -------
@@ -158,12 +176,20 @@ def statuses(lambda_min: ArrayLike, norm: ArrayLike, rtol: float = RTOL) -> NDAr
     --------
     >>> statuses([0.2, -0.2, 1e-14, float("nan")], 1.0).tolist()
     ['stable', 'unstable', 'undetermined', 'undetermined']
+    >>> statuses(-0.2, 1.0, error=[0.1, 0.3]).tolist()
+    ['unstable', 'undetermined']
     """
     smallest, size = np.asarray(lambda_min, np.float64), np.asarray(norm, np.float64)
-    known = np.isfinite(smallest) & np.isfinite(size)
-    band = rtol * np.where(known, size, 0.0)
+    bound = np.asarray(error, np.float64)
+    known = np.isfinite(smallest) & np.isfinite(size) & np.isfinite(bound)
+    band = rtol * np.where(known, size, 0.0) + np.where(known, bound, 0.0)
     decided = [known & (smallest > band), known & (smallest < -band)]
     return np.select(decided, ["stable", "unstable"], "undetermined")
+
+
+def _error(K: ArrayLike | MacroTangent) -> float:
+    """Error bound that comes with K; a batch is refused later, where its shape is known."""
+    return float(np.max(K.error, initial=0.0)) if isinstance(K, MacroTangent) else 0.0
 
 
 def _read_only(array: _Array) -> _Array:

@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from loops.errors import InputError
-from studies.commands import diamond, domain, polygon, series, snapshot
+from studies.commands import bench, diamond, domain, polygon, series, snapshot
 
 app = typer.Typer(
     invoke_without_command=True,
@@ -27,7 +27,7 @@ def grainloops(context: typer.Context) -> None:
         typer.echo(context.get_help())
 
 
-for command in (snapshot, series, diamond, polygon, domain):
+for command in (snapshot, series, diamond, polygon, domain, bench):
     command.register(app)
 
 

@@ -24,7 +24,7 @@ def affine_tangent_50(
     shear: Floats,
     kn: Any,
     kt: Any,
-    mu: float,
+    mu: Any,
     regime: Sequence[int] | NDArray[np.int8],
 ) -> Any:
     """Affine tangent of a ring, `(1/V0) sum k_ik d0_j d0_l`, with 50 digits.
@@ -37,7 +37,7 @@ def affine_tangent_50(
         Forces of the contacts (c, c+1), compression positive.
     kn, kt : float or (n,) array
         Stiffness (force per length).
-    mu : float
+    mu : float or (n,) array
         Friction of sliding contacts.
     regime : (n,) array of int
         1 elastic, 2 sliding.
@@ -50,10 +50,10 @@ def affine_tangent_50(
     import mpmath as mp
 
     with mp.workdps(DIGITS):
-        now, reference = _exact(x), _exact(x0)
+        now, reference = exact_points(x), exact_points(x0)
         out = mp.zeros(4, 4)
-        volume, n = _area(reference), len(reference)
-        for c, k in enumerate(_blocks(now, normal, shear, kn, kt, mu, regime)):
+        volume, n = area_50(reference), len(reference)
+        for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
             d0 = [reference[(c + 1) % n][a] - reference[c][a] for a in range(2)]
             for p in range(4):
                 for q in range(4):
@@ -68,7 +68,7 @@ def traction_tangent_50(
     shear: Floats,
     kn: Any,
     kt: Any,
-    mu: float,
+    mu: Any,
     regime: Sequence[int] | NDArray[np.int8],
 ) -> Any:
     """Traction tangent of a ring with spins blocked, with 50 digits.
@@ -86,15 +86,15 @@ def traction_tangent_50(
     import mpmath as mp
 
     with mp.workdps(DIGITS):
-        now, reference = _exact(x), _exact(x0)
+        now, reference = exact_points(x), exact_points(x0)
         n = len(reference)
         system = mp.zeros(2 * n + 4, 2 * n + 4)
-        for c, k in enumerate(_blocks(now, normal, shear, kn, kt, mu, regime)):
+        for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
             _assemble(system, k, c, (c + 1) % n)
-        _load(system, reference)
+        load_50(system, reference)
         # Hold grain 0: its two rows follow from the others.
         small = system[2:, 2:]
-        volume, out = _area(reference), mp.matrix(4, 4)
+        volume, out = area_50(reference), mp.matrix(4, 4)
         for q in range(4):
             rhs = mp.zeros(2 * n + 2, 1)
             rhs[2 * n - 2 + q] = -volume
@@ -144,7 +144,8 @@ def symmetric_spectrum_50(matrix: Any) -> Floats:
         return np.array(sorted(float(values[i]) for i in range(3)))
 
 
-def _exact(points: Floats) -> list[list[Any]]:
+def exact_points(points: Floats) -> list[list[Any]]:
+    """Points (n, 2) as 50-digit numbers, taken as exact."""
     import mpmath as mp
 
     return [[mp.mpf(float(value)) for value in row] for row in points]
@@ -156,15 +157,17 @@ def _at(value: Any, c: int) -> Any:
     return mp.mpf(float(value if np.ndim(value) == 0 else value[c]))
 
 
-def _area(x0: list[list[Any]]) -> Any:
+def area_50(x0: list[list[Any]]) -> Any:
+    """Area of a polygon."""
     n = len(x0)
     pairs = [(x0[c], x0[(c + 1) % n]) for c in range(n)]
     return sum(a[0] * b[1] - a[1] * b[0] for a, b in pairs) / 2
 
 
-def _blocks(
-    x: list[list[Any]], normal: Floats, shear: Floats, kn: Any, kt: Any, mu: float, regime: Any
+def contact_blocks_50(
+    x: list[list[Any]], normal: Floats, shear: Floats, kn: Any, kt: Any, mu: Any, regime: Any
 ) -> list[Any]:
+    """Tangent blocks of a ring's contacts, `f' = -k d'`, 2 x 2 each."""
     n = len(x)
     return [
         _block(
@@ -205,13 +208,16 @@ def _assemble(system: Any, k: Any, i: int, j: int) -> None:
             system[2 * j + a, 2 * i + b] -= k[a, b]
 
 
-def _load(system: Any, x0: list[list[Any]]) -> None:
-    """Boundary vectors: forces `-P B_i`, and the displacement gradient of the polygon."""
-    n = len(x0)
+def load_50(system: Any, x0: list[list[Any]]) -> None:
+    """Boundary vectors: forces `-P B_i`, and the displacement gradient of the polygon.
+
+    They go into the last four rows and columns.
+    """
+    n, first = len(x0), system.rows - 4
     for i in range(n):
         before, after = x0[i - 1], x0[(i + 1) % n]
         boundary = [(after[1] - before[1]) / 2, -(after[0] - before[0]) / 2]
         for a in range(2):
             for b in range(2):
-                system[2 * i + a, 2 * n + 2 * a + b] += boundary[b]
-                system[2 * n + 2 * a + b, 2 * i + a] += boundary[b]
+                system[2 * i + a, first + 2 * a + b] += boundary[b]
+                system[first + 2 * a + b, 2 * i + a] += boundary[b]

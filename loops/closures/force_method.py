@@ -10,7 +10,9 @@ from loops.geometry import outward, polygon_centroid
 Floats = NDArray[np.float64]
 
 
-def force_method(compliance: Floats, x0: Floats, volume: Floats) -> tuple[Floats, Floats]:
+def force_method(
+    compliance: Floats, x0: Floats, volume: Floats, growth: Floats
+) -> tuple[Floats, Floats]:
     """Traction tangent of a ring with spins blocked, from 2x2 inverses alone.
 
     Equilibrium leaves one unknown vector per loop, `f_c = f^ - P m_c` with
@@ -28,18 +30,23 @@ def force_method(compliance: Floats, x0: Floats, volume: Floats) -> tuple[Floats
         Reference centres (length).
     volume : (...) array
         Reference area V0 (length squared).
+    growth : (..., n) array
+        Relative error of each compliance in units of rounding, see `compliance_growth`.
 
     Returns
     -------
     matrix : (..., 4, 4) array
         `A` in the order (11, 12, 21, 22); not finite if a block or C is singular.
     condition : (...) array
-        Amplification of rounding errors. The terms of C exceed C by
-        `|A| (1/V0) sum |k^-1| |m|^2` where the closure prevents the motion of soft contacts; the
-        error grows with its square at worst.
+        Amplification of rounding errors. A change of one compliance changes C by itself times
+        `(m_c - g)^2`, `g` the change of the redundant force: the sum of these sizes over V0, times
+        `|A|`. Counted in lengths of either axis's own: the flatness of a loop along an axis costs
+        nothing.
     """
     centred = x0 - polygon_centroid(x0)[..., None, :]
     m = outward(x0, 0.5 * (centred + np.roll(centred, -1, axis=-2)))
+    scale = np.sqrt((m * m).mean(axis=-2))
+    m = m / scale[..., None, :]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # single[i, a, j] = sum k^-1_ia m_j, and the ring's own compliance, sum k^-1.
         single = np.einsum("...cik,...cj->...ikj", compliance, m, optimize=True)
@@ -49,10 +56,19 @@ def force_method(compliance: Floats, x0: Floats, volume: Floats) -> tuple[Floats
         left = np.einsum("...iaj,...ab->...ijb", single, closure)
         right = np.einsum("...ijb,...bkl->...ijkl", left, single)
         c = (double - right).reshape(*compliance.shape[:-3], 4, 4) / volume[..., None, None]
-        matrix = _inverse(c)
-        terms = np.linalg.norm(compliance, axis=(-2, -1)) * (m * m).sum(axis=-1)
-        excess = np.linalg.norm(matrix, axis=(-2, -1)) * terms.sum(axis=-1) / volume
-    return matrix, np.where(np.isfinite(excess), excess * excess, np.inf)
+        scaled = _inverse(c)
+        size = np.linalg.norm(scaled, axis=(-2, -1))
+        columns = np.concatenate([scale, scale], axis=-1)
+        matrix = scaled / (columns[..., :, None] * columns[..., None, :])
+        lever = np.linalg.norm(closure, axis=(-2, -1)) * np.sqrt(
+            (single * single).sum(axis=(-3, -2, -1))
+        )
+        reach = np.linalg.norm(m, axis=-1) + lever[..., None]
+        terms = growth * np.linalg.norm(compliance, axis=(-2, -1)) * reach * reach
+        # The error of the scaled operator, in the norm of the operator itself.
+        share = size / (scale.min(axis=-1) ** 2 * np.linalg.norm(matrix, axis=(-2, -1)))
+        condition = size * terms.sum(axis=-1) / volume * share
+    return matrix, np.where(np.isfinite(condition), condition, np.inf)
 
 
 def _inverse_2x2(a: Floats) -> Floats:

@@ -18,6 +18,10 @@ Spins = Literal["blocked", "affine", "free"]
 RESIDUAL_LIMIT = 1e-8
 AMBIGUITY_LIMIT = 1e-6
 
+# Unit of rounding times what a few operations per entry make of it; against 50 digits the error of
+# operators and eigenvalues stays below half of this times the condition.
+ROUNDING = 8 * float(np.finfo(np.float64).eps)
+
 
 @dataclass(frozen=True, eq=False)
 class MacroTangent:
@@ -42,8 +46,8 @@ class MacroTangent:
     residual : (...) array
         Relative residual of the solve; 0 where nothing is solved.
     trusted : (...) array of bool
-        False where the solve has no answer (residual above 1e-8) or more than one (a null vector
-        of the system that changes the stress).
+        False where the solve has no answer (residual above 1e-8), more than one (a null vector of
+        the system that changes the stress), or no digit left (`error` as large as the operator).
     """
 
     matrix: Floats
@@ -53,6 +57,19 @@ class MacroTangent:
     condition: Floats
     residual: Floats
     trusted: NDArray[np.bool_]
+
+    @property
+    def error(self) -> Floats:
+        """(...) bound on the error of the operator from rounding, Frobenius (force per length).
+
+        `8 eps condition |A|`: an eigenvalue of Ks within it has no sign. Infinite where the
+        operator is not trusted.
+        """
+        size = np.linalg.norm(
+            np.where(self.trusted[..., None, None], self.matrix, 0.0), axis=(-2, -1)
+        )
+        bound = ROUNDING * np.where(self.trusted, self.condition, 0.0) * size
+        return np.where(self.trusted, bound, np.inf)
 
     def __str__(self) -> str:
         good = int(np.count_nonzero(self.trusted))
@@ -71,7 +88,7 @@ def solved(
     residual: Floats,
     ambiguity: Floats,
 ) -> MacroTangent:
-    """Tangent from a solve; not a number where it is inconsistent or ambiguous.
+    """Tangent from a solve; not a number where it is inconsistent, ambiguous or without a digit.
 
     Parameters
     ----------
@@ -87,6 +104,7 @@ def solved(
     """
     finite = np.isfinite(matrix).all(axis=(-1, -2))
     trusted = finite & (residual <= RESIDUAL_LIMIT) & (ambiguity <= AMBIGUITY_LIMIT)
+    trusted = trusted & (ROUNDING * condition < 1.0)
     matrix = np.where(trusted[..., None, None], matrix, np.nan)
     volume = np.broadcast_to(volume, trusted.shape)
     return MacroTangent(matrix, closure, spins, volume, condition, residual, trusted)

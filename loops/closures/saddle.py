@@ -68,6 +68,10 @@ def saddle_solve(
     size = np.linalg.norm(stress, axis=(-2, -1))
     with np.errstate(divide="ignore"):
         condition = found.condition * np.maximum(1.0, 1.0 / size)
+    # Where every contact is open the operator is zero and exact.
+    empty = largest == 0
+    stress = np.where(empty[..., None, None], 0.0, stress)
+    condition = np.where(empty, 1.0, condition)
     return stress * (stiffness / volume)[..., None, None], condition, found
 
 

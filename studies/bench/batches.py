@@ -1,0 +1,194 @@
+"""One loop at a time or many at once; single or double precision; compiled or plain."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import GrainGraph, macroscopic_tangent
+from patterns.hard_cases import hard_case
+from stability import restrict, symmetric_spectrum
+from stability.loop_stability import loop_stability
+from studies.bench.hard_tangents import exact_answer
+from studies.bench.measure import Row, largest, measured
+from studies.fifty_digits import affine_tangent_50, as_array, traction_tangent_50
+from studies.loop_batch import KN, KT, MU, Batch, random_batch
+
+Floats = NDArray[np.float64]
+CLOSURES = ("affine", "traction")
+SIZES = (1, 10, 100, 1000, 10_000)
+OVERLAPS = (1e-1, 1e-3, 1e-5, 1e-7)
+
+
+def batch_sizes(quick: bool) -> list[Row]:
+    """Time per hexagon over the size of the batch, with the error against 50 digits.
+
+    Parameters
+    ----------
+    quick : bool
+        Smaller batches.
+
+    Returns
+    -------
+    list of Row
+    """
+    rows = []
+    whole = random_batch(SIZES[-1], 6, seed=9)
+    for closure, solver in (("affine", affine_tangent_50), ("traction", traction_tangent_50)):
+        g = whole.graph
+        exact = as_array(
+            solver(g.x[0], g.x0[0], g.normal_force[0], g.shear_force[0], KN, KT, MU,
+                   whole.regime[0])
+        )  # fmt: skip
+        for size in SIZES[: 3 if quick else None]:
+            batch = first(whole, size)
+            found = tangents(batch, closure)[0]
+            error = np.linalg.norm(found - exact) / np.linalg.norm(exact)
+            rows.append(
+                measured(
+                    partial(tangents, batch, closure),
+                    size,
+                    quick=quick,
+                    group="batch or one by one",
+                    method=f"{closure} tangent",
+                    setting=f"{size:,} at once",
+                    error=largest(error),
+                    oracle="50 digits, first loop",
+                )
+            )
+    return rows
+
+
+def precisions(quick: bool) -> list[Row]:
+    """The affine tangent of a stiff sliding hexagon in single and in double precision.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer copies.
+
+    Returns
+    -------
+    list of Row
+        The error is that of the smallest eigenvalue of Ks over the overlap, the size of what
+        `N/l` adds to it: 1 means that nothing is known of it.
+    """
+    case, copies = hard_case("stiff-sliding-grains"), 100 if quick else 20_000
+    rows = []
+    for overlap in OVERLAPS:
+        scene = case.build(overlap)
+        answer = exact_answer(scene, "affine", "symmetric")
+        assert answer is not None
+        for dtype in (np.float32, np.float64):
+            inputs = kernel_inputs(scene.graph, copies, dtype)
+            values = plain_kernel(*kernel_inputs(scene.graph, 1, dtype))
+            gap = abs(float(values[0, 0]) - answer.spectrum[0]) / overlap
+            rows.append(
+                measured(
+                    partial(plain_kernel, *inputs),
+                    copies,
+                    quick=quick,
+                    group="precision",
+                    method=np.dtype(dtype).name,
+                    setting=f"overlap {overlap:.0e}",
+                    error=gap,
+                    oracle="50 digits",
+                    default=dtype is np.float64,
+                )
+            )
+    return rows
+
+
+def compiled_modes(quick: bool) -> list[Row]:
+    """Eigenvalues, cones and fractions of many tangents, plain and compiled.
+
+    Parameters
+    ----------
+    quick : bool
+        Only the plain way: compiling takes seconds.
+
+    Returns
+    -------
+    list of Row
+    """
+    batch = random_batch(200 if quick else 20_000, 6, seed=13)
+    matrices = tangents(batch, "affine")
+    exact = symmetric_spectrum(restrict(matrices, "symmetric"))
+    size = np.abs(exact).max(axis=1, keepdims=True)
+    rows = []
+    for compiled in (False,) if quick else (False, True):
+        found = loop_stability(matrices, compiled=compiled).eigenvalues
+        rows.append(
+            measured(
+                partial(loop_stability, matrices, compiled=compiled),
+                len(matrices),
+                quick=quick,
+                group="compiled or plain",
+                method="modes, compiled" if compiled else "modes, numpy",
+                setting=f"{len(matrices):,} loops",
+                error=largest(np.abs(found - exact) / size),
+                oracle="LAPACK",
+            )
+        )
+    return rows
+
+
+def first(batch: Batch, count: int) -> Batch:
+    """The first loops of a batch; a single one without batch axes."""
+    g, at = batch.graph, 0 if count == 1 else slice(count)
+    part = GrainGraph(g.x[at], g.radii[at], g.contacts, g.normal_force[at], g.shear_force[at])
+    return Batch(part, batch.law, batch.regime[at])
+
+
+def tangents(batch: Batch, closure: Any) -> Floats:
+    """(L, 4, 4) tangents of a batch."""
+    found = macroscopic_tangent(batch.graph, batch.law, closure, regime=batch.regime).matrix
+    return found.reshape(-1, 4, 4)
+
+
+def kernel_inputs(graph: GrainGraph, copies: int, dtype: Any) -> tuple[NDArray[Any], ...]:
+    """Branches, reference branches, forces and area, of so many copies, in a precision."""
+    i, j = graph.contacts.T
+    d, d0 = graph.x[j] - graph.x[i], graph.x0[j] - graph.x0[i]
+    a, b = graph.x0[i], graph.x0[j]
+    area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
+    arrays = (d, d0, graph.normal_force, graph.shear_force, np.array(area))
+    return tuple(np.repeat(v[None], copies, axis=0).astype(dtype) for v in arrays)
+
+
+def plain_kernel(
+    d: NDArray[Any], d0: NDArray[Any], N: NDArray[Any], T: NDArray[Any], area: NDArray[Any]
+) -> NDArray[Any]:
+    """Eigenvalues of Ks of rings whose contacts all slide, every step in the inputs' precision.
+
+    Parameters
+    ----------
+    d, d0 : (L, n, 2) array
+        Branches and reference branches.
+    N, T : (L, n) array
+        Forces, `kn = 1`.
+    area : (L,) array
+        Reference areas.
+
+    Returns
+    -------
+    (L, 3) array
+        In the symmetric subspace, ascending.
+    """
+    length = np.hypot(d[..., 0], d[..., 1])
+    n = d / length[..., None]
+    t = np.stack([-n[..., 1], n[..., 0]], axis=-1)
+    along = n + np.sign(T)[..., None] * d.dtype.type(0.5) * t
+    k = along[..., :, None] * n[..., None, :]
+    k = k - (N / length)[..., None, None] * (t[..., :, None] * t[..., None, :])
+    k = k + (T / length)[..., None, None] * (n[..., :, None] * t[..., None, :])
+    pair = d0[..., :, None] * d0[..., None, :]
+    A = np.einsum("lcik,lcjm->lijkm", k, pair, optimize=True).reshape(-1, 4, 4)
+    A = A / area[:, None, None]
+    half = np.sqrt(d.dtype.type(0.5))
+    basis = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, half, half, 0]], dtype=d.dtype)
+    K = basis @ A @ basis.T
+    return np.linalg.eigvalsh((K + np.swapaxes(K, -1, -2)) / 2)

@@ -1,0 +1,155 @@
+"""Closures: force method, saddle system, least squares; where the force method gives way."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import GrainGraph, assemble_tangent, boundary_vectors, polygon_area, traction_tangent
+from loops.closures.traction import FORCE_METHOD_LIMIT, SADDLE_GAIN
+from studies.bench.measure import Row, largest, least_seconds, measured
+from studies.fifty_digits import as_array, traction_tangent_50
+from studies.loop_batch import KN, KT, MU, Batch, random_batch
+
+Floats = NDArray[np.float64]
+ORACLE = "primal system, 50 digits"
+LIMITS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)
+
+
+def closure_methods(quick: bool) -> list[Row]:
+    """Time and error of the traction closure of rings, soft and stiff together.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer loops.
+
+    Returns
+    -------
+    list of Row
+    """
+    rows = _of_order(6, 200 if quick else 2000, 8 if quick else 60, quick)
+    return rows if quick else rows + _of_order(20, 300, 12, quick)
+
+
+def _of_order(order: int, loops: int, checked: int, quick: bool) -> list[Row]:
+    batch = random_batch(loops, order, seed=7)
+    exact = _exact(batch, checked)
+    rows, group = [], f"closures, n = {order}"
+    for method in ("force", "saddle", "auto"):
+        found = _solve(batch, method)
+        rows.append(
+            measured(
+                partial(_solve, batch, method),
+                len(found),
+                quick=quick,
+                group=group,
+                method={"force": "force method", "saddle": "dense saddle"}.get(method, "both"),
+                setting=f"method='{method}'",
+                error=_error(found, exact),
+                oracle=ORACLE,
+                default=method == "auto",
+            )
+        )
+    few = _part(batch, max(60, checked))
+    rows.append(
+        measured(
+            partial(least_squares, few),
+            len(few.regime),
+            quick=quick,
+            group=group,
+            method="least squares",
+            setting="numpy lstsq, one by one",
+            error=_error(least_squares(few), exact),
+            oracle=ORACLE,
+        )
+    )
+    return rows + (_limits(batch, exact, quick) if order == 6 else [])
+
+
+def least_squares(batch: Batch) -> Floats:
+    """Traction tangents by the minimum-norm solution of the saddle system.
+
+    Parameters
+    ----------
+    batch : Batch
+        Rings.
+
+    Returns
+    -------
+    (L, 4, 4) array
+    """
+    graph = batch.graph
+    K = assemble_tangent(graph, batch.law, regime=batch.regime)
+    area, n = polygon_area(graph.x0), graph.grain_count
+    B = np.zeros((len(K), 2 * n, 4))
+    for a in range(2):
+        B[:, a::2, 2 * a : 2 * a + 2] = boundary_vectors(graph.x0)
+    out = np.empty((len(K), 4, 4))
+    for k in range(len(K)):
+        system = np.block([[K[k], B[k]], [B[k].T, np.zeros((4, 4))]])
+        rhs = np.vstack([np.zeros((2 * n, 4)), -area[k] * np.eye(4)])
+        out[k] = np.linalg.lstsq(system, rhs)[0][2 * n :]
+    return out
+
+
+def _limits(batch: Batch, exact: dict[int, Floats], quick: bool) -> list[Row]:
+    """The choice of `auto` for other limits, put together from both methods' results and times."""
+    force = traction_tangent(batch.graph, batch.law, regime=batch.regime, method="force")
+    saddle = traction_tangent(batch.graph, batch.law, regime=batch.regime, method="saddle")
+    seconds = [
+        least_seconds(partial(_solve, batch, name), quick=quick) for name in ("force", "saddle")
+    ]
+    rows = []
+    for limit in LIMITS:
+        poor = ~(force.condition <= limit)
+        taken = poor & (SADDLE_GAIN * saddle.condition < force.condition)
+        matrix = np.where(taken[:, None, None], saddle.matrix, force.matrix)
+        time = seconds[0] + seconds[1] * float(poor.mean())
+        rows.append(
+            Row(
+                group="closure switch",
+                method="force, saddle beyond the limit",
+                setting=f"condition {limit:.0e}",
+                items=len(poor),
+                seconds_per_item=time / len(poor),
+                error=_error(matrix, exact),
+                peak_bytes=float("nan"),
+                oracle=ORACLE,
+                default=limit == FORCE_METHOD_LIMIT,
+            )
+        )
+    return rows
+
+
+def _solve(batch: Batch, method: Any) -> Floats:
+    return traction_tangent(batch.graph, batch.law, regime=batch.regime, method=method).matrix
+
+
+def _part(batch: Batch, count: int) -> Batch:
+    g = batch.graph
+    part = GrainGraph(
+        g.x[:count], g.radii[:count], g.contacts, g.normal_force[:count], g.shear_force[:count]
+    )
+    return Batch(part, batch.law, batch.regime[:count])
+
+
+def _exact(batch: Batch, count: int) -> dict[int, Floats]:
+    g = batch.graph
+    return {
+        k: as_array(
+            traction_tangent_50(
+                g.x[k], g.x0[k], g.normal_force[k], g.shear_force[k], KN, KT, MU, batch.regime[k]
+            )
+        )
+        for k in range(count)
+    }
+
+
+def _error(found: Floats, exact: dict[int, Floats]) -> float:
+    """Largest error over the operator's norm."""
+    gaps = [np.linalg.norm(found[k] - A) / np.linalg.norm(A) for k, A in exact.items()]
+    return largest(np.array(gaps))

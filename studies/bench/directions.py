@@ -1,0 +1,100 @@
+"""Second-order work over directions of the plane: sampled, or the cone in closed form."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stability import plane_cone, polar_diagram, symmetric_spectrum
+from studies.bench.measure import Row, largest, measured
+from studies.fifty_digits import DIGITS
+
+Floats = NDArray[np.float64]
+ORACLE = "cone in closed form, 50 digits"
+COUNTS = (36, 360, 3600, 36_000)
+DRAWN = 360
+
+
+def direction_methods(quick: bool) -> list[Row]:
+    """Error of the unstable fraction and of the smallest W2 over the number of directions.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer directions.
+
+    Returns
+    -------
+    list of Row
+    """
+    rng = np.random.default_rng(2)
+    operators = rng.standard_normal((40, 2, 2)) + 0.5 * np.eye(2)
+    exact = np.array([_exact(K) for K in operators])
+    open_cone = (exact[:, 0] > 0.0) & (exact[:, 0] < 1.0)
+    operators, exact = operators[open_cone], exact[open_cone]
+    rows = []
+    for count in COUNTS[: 2 if quick else None]:
+        found = _sampled(operators, count)
+        for k, what in enumerate(("fraction", "smallest W2")):
+            rows.append(
+                _row(f"sampled: {what}", f"{count:,} directions", _sampled, operators, count,
+                     found[:, k] - exact[:, k], quick)
+            )  # fmt: skip
+    found = _closed(operators)
+    for k, what in enumerate(("fraction", "smallest W2")):
+        rows.append(
+            _row(f"closed: {what}", "plane_cone, eigvalsh", _closed, operators, None,
+                 found[:, k] - exact[:, k], quick, default=True)
+        )  # fmt: skip
+    return rows
+
+
+def _sampled(operators: Floats, count: int) -> Floats:
+    """(K, 2) share of directions with W2 < 0, and the smallest W2 per unit strain rate."""
+    diagram = polar_diagram(operators, directions=count)
+    e = diagram.direction
+    work = np.einsum("di,kij,dj->kd", e, operators, e, optimize=True)
+    return np.stack([(diagram.work < 0.0).mean(axis=1), work.min(axis=1)], axis=1)
+
+
+def _closed(operators: Floats) -> Floats:
+    opening = plane_cone(operators).opening / np.pi
+    return np.stack([opening, symmetric_spectrum(operators)[:, 0]], axis=1)
+
+
+def _exact(K: Floats) -> tuple[float, float]:
+    import mpmath as mp
+
+    with mp.workdps(DIGITS):
+        (a, b), (c, d) = ((mp.mpf(float(v)) for v in row) for row in K)
+        mean, radius = (a + d) / 2, mp.sqrt(((a - d) / 2) ** 2 + ((b + c) / 2) ** 2)
+        if radius <= abs(mean):
+            return float(mean < 0), float(mean - radius)
+        return float(mp.acos(mean / radius) / mp.pi), float(mean - radius)
+
+
+def _row(
+    method: str,
+    setting: str,
+    work: Any,
+    operators: Floats,
+    count: int | None,
+    gap: Floats,
+    quick: bool,
+    default: bool = False,
+) -> Row:
+    call = partial(work, operators) if count is None else partial(work, operators, count)
+    return measured(
+        call,
+        len(operators),
+        quick=quick,
+        group="directions",
+        method=method,
+        setting=setting,
+        error=largest(np.abs(gap)),
+        oracle=ORACLE,
+        default=default,
+    )

@@ -1,0 +1,206 @@
+"""Oracles of the bench: tangents of rings with 50 digits, long and freely rolling ones too."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import LinearFrictional, contact_state
+from loops.contact_tangent import contact_regime
+from patterns.hard_cases import Scene
+from studies.fifty_digits import (
+    DIGITS,
+    affine_tangent_50,
+    area_50,
+    contact_blocks_50,
+    exact_points,
+    load_50,
+    traction_tangent_50,
+)
+
+Floats = NDArray[np.float64]
+
+# Rings up to this long are solved grain by grain; longer ones by their compliance.
+SHORT = 12
+
+
+def tangent_50(scene: Scene, closure: str) -> Any:
+    """Tangent of a ring under a closure with 50 digits, its doubles taken as exact.
+
+    Parameters
+    ----------
+    scene : Scene
+        One ring with the linear-frictional law; spins blocked, or free up to 12 grains.
+    closure : {'affine', 'traction'}
+        Closure.
+
+    Returns
+    -------
+    mpmath.matrix or None
+        4 x 4, order (11, 12, 21, 22); None for freely rolling rings of more than 12 grains.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If the system is singular with 50 digits too.
+    """
+    graph, law = scene.graph, scene.law
+    assert isinstance(law, LinearFrictional)
+    regime = contact_regime(contact_state(graph), law, scene.regime)
+    # Infinite friction never slides; its value does not enter.
+    mu = np.where(np.isfinite(law.mu), law.mu, 0.0)
+    state = (graph.x, graph.x0, graph.normal_force, graph.shear_force, law.kn, law.kt)
+    short = graph.grain_count <= SHORT
+    if scene.spins == "free":
+        return _free(scene, regime, closure) if short else None
+    if closure == "affine":
+        return affine_tangent_50(*state, mu, regime)
+    if short:
+        return traction_tangent_50(*state, mu, regime)
+    return compliance_tangent_50(*state, mu, regime)
+
+
+def compliance_tangent_50(
+    x: Floats,
+    x0: Floats,
+    normal: Floats,
+    shear: Floats,
+    kn: Any,
+    kt: Any,
+    mu: Any,
+    regime: NDArray[np.int8],
+) -> Any:
+    """Traction tangent of a ring by its one redundant force (theory note, section 4), 50 digits.
+
+    Parameters
+    ----------
+    x, x0, normal, shear, kn, kt, mu, regime
+        As for `studies.fifty_digits.affine_tangent_50`.
+
+    Returns
+    -------
+    mpmath.matrix
+        4 x 4, order (11, 12, 21, 22).
+    """
+    import mpmath as mp
+
+    with mp.workdps(DIGITS):
+        now, reference = exact_points(x), exact_points(x0)
+        n = len(reference)
+        total, double, single = mp.zeros(2, 2), mp.zeros(4, 4), mp.zeros(2, 4)
+        for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
+            a, b = reference[c], reference[(c + 1) % n]
+            m = [(a[1] + b[1]) / 2, -(a[0] + b[0]) / 2]
+            soft = k**-1
+            total += soft
+            for i in range(2):
+                for p in range(4):
+                    # Column p = (k, l) of the stress loads the contact with P_kl m_l along k.
+                    single[i, p] += soft[i, p // 2] * m[p % 2]
+                    for j in range(2):
+                        double[2 * i + j, p] += soft[i, p // 2] * m[j] * m[p % 2]
+        moments = _transposed_single(now, reference, normal, shear, kn, kt, mu, regime)
+        compliance = (double - moments * total**-1 * single) / area_50(reference)
+        return compliance**-1
+
+
+def _transposed_single(
+    now: Any, reference: Any, normal: Any, shear: Any, kn: Any, kt: Any, mu: Any, regime: Any
+) -> Any:
+    """(4, 2) `sum k^-1_ia m_j` in row (i, j)."""
+    import mpmath as mp
+
+    n, out = len(reference), mp.zeros(4, 2)
+    for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
+        a, b = reference[c], reference[(c + 1) % n]
+        m, soft = [(a[1] + b[1]) / 2, -(a[0] + b[0]) / 2], k**-1
+        for i in range(2):
+            for j in range(2):
+                for p in range(2):
+                    out[2 * i + j, p] += soft[i, p] * m[j]
+    return out
+
+
+def _free(scene: Scene, regime: NDArray[np.int8], closure: str) -> Any:
+    """Relaxed spins, elastic contacts, equal radii; the gear mode of even ones is held."""
+    import mpmath as mp
+
+    graph, law = scene.graph, scene.law
+    assert isinstance(law, LinearFrictional)
+    with mp.workdps(DIGITS):
+        now, reference = exact_points(graph.x), exact_points(graph.x0)
+        n = len(now)
+        forces = (graph.normal_force, graph.shear_force)
+        blocks = contact_blocks_50(now, *forces, law.kn, law.kt, 0.0, regime)
+        full = mp.zeros(3 * n + 4, 3 * n + 4)
+        for c, k in enumerate(blocks):
+            i, j = c, (c + 1) % n
+            _add_rolling(full, k, now, i, j, n, mp.mpf(float(graph.shear_force[c])), law, c)
+        load_50(full, reference)
+        held = 2 * n + 1 if n % 2 == 0 else 2 * n
+        if closure == "traction":
+            return _reduced(full, [*range(2, 2 * n), *range(held, 3 * n + 4)], area_50(reference))
+        return _affine_free(full, reference, list(range(held, 3 * n)))
+
+
+def _add_rolling(
+    full: Any, k: Any, x: Any, i: int, j: int, n: int, T: Any, law: LinearFrictional, c: int
+) -> None:
+    """One elastic contact's share of `(forces, moments) = K (u, w)`."""
+    import mpmath as mp
+
+    d = [x[j][0] - x[i][0], x[j][1] - x[i][1]]
+    length = mp.sqrt(d[0] ** 2 + d[1] ** 2)
+    normal, tangent = [d[0] / length, d[1] / length], [-d[1] / length, d[0] / length]
+    kt = mp.mpf(float(np.broadcast_to(law.kt, n)[c]))
+    arm = length / 2
+    for a in range(2):
+        for b in range(2):
+            for row, s in ((i, -1), (j, 1)):
+                full[2 * row + a, 2 * j + b] += s * k[a, b]
+                full[2 * row + a, 2 * i + b] -= s * k[a, b]
+        for grain in (i, j):
+            full[2 * j + a, 2 * n + grain] -= kt * arm * tangent[a]
+            full[2 * i + a, 2 * n + grain] += kt * arm * tangent[a]
+            moment = T * normal[a] / 2 - arm * kt * tangent[a]
+            full[2 * n + grain, 2 * j + a] += moment
+            full[2 * n + grain, 2 * i + a] -= moment
+    for grain in (i, j):
+        for other in (i, j):
+            full[2 * n + grain, 2 * n + other] += arm * arm * kt
+
+
+def _reduced(full: Any, kept: list[int], volume: Any) -> Any:
+    import mpmath as mp
+
+    size = len(kept)
+    small = mp.matrix(size, size)
+    for p, row in enumerate(kept):
+        for q, column in enumerate(kept):
+            small[p, q] = full[row, column]
+    inverse = small**-1
+    return -volume * inverse[size - 4 :, size - 4 :]
+
+
+def _affine_free(full: Any, reference: Any, spins: list[int]) -> Any:
+    """Centres follow `u = -H x0`; stress by virtual work, `V P_ij = -sum F_i x0_j`."""
+    import mpmath as mp
+
+    n = len(reference)
+    motion = mp.zeros(2 * n, 4)
+    for g in range(n):
+        for a in range(2):
+            for b in range(2):
+                motion[2 * g + a, 2 * a + b] = -reference[g][b]
+    translations = full[: 2 * n, : 2 * n]
+    coupling, moments = mp.zeros(2 * n, len(spins)), mp.zeros(len(spins), 2 * n)
+    own = mp.zeros(len(spins), len(spins))
+    for p, spin in enumerate(spins):
+        for row in range(2 * n):
+            coupling[row, p], moments[p, row] = full[row, spin], full[spin, row]
+        for q, other in enumerate(spins):
+            own[p, q] = full[spin, other]
+    forces = translations * motion - coupling * (own**-1 * (moments * motion))
+    return motion.T * forces / area_50(reference)

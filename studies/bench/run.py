@@ -1,0 +1,194 @@
+"""From the methods and the hard cases to tables, figures and the page."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from patterns.hard_cases import HARD_CASES
+from studies.bench.groups import GROUPS, HARD, SMALLEST, by_group, chosen_groups, knee
+from studies.bench.hard_paths import loop_letters, path_rows
+from studies.bench.hard_tangents import read_letters, tangent_rows
+from studies.bench.measure import Row, table
+from studies.output import provenance, result_folder, write_summary, write_table
+from studies.smallest_model import rows as smallest_model_rows
+
+UNITS = "seconds of processor time per item, bytes; errors relative or absolute as each row says"
+
+
+class Results(NamedTuple):
+    """What a run found.
+
+    Attributes
+    ----------
+    rows : list of Row
+        Methods.
+    tangents, paths : list of dict
+        Hard cases that end in a tangent, and in a path.
+    letters : dict of str to dict of str to str
+        By case: what its states say of the contacts, and whether its loops are found.
+    smallest : list of dict
+        The smallest model beside the full one, see `studies.smallest_model`.
+    """
+
+    rows: list[Row]
+    tangents: list[dict[str, Any]]
+    paths: list[dict[str, Any]]
+    letters: dict[str, dict[str, str]]
+    smallest: list[dict[str, Any]]
+
+
+def run_bench(
+    out: Path,
+    *,
+    quick: bool = False,
+    only: str | None = None,
+    force: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Measure every method with a choice, run the hard cases, write what came out.
+
+    Parameters
+    ----------
+    out : Path
+        Result folder: `bench`, `hard_tangents`, `hard_paths`, `smallest_model` (Parquet and CSV),
+        `summary.json`, `accuracy.md` and its figures.
+    quick : bool
+        Smaller sizes and fewer settings; nothing is compiled, no path of the hard cases followed.
+    only : str, optional
+        Names of groups separated by commas, see `studies.bench.groups`.
+    force : bool
+        Whether results of the same names may be replaced.
+    progress : callable, optional
+        Told the name of each group before it runs.
+
+    Returns
+    -------
+    dict
+        The summary.
+
+    Raises
+    ------
+    InputError
+        For an unknown group, or an `out` that holds files.
+    """
+    names = chosen_groups(only)
+    with result_folder(out, force=force) as folder:
+        results = collect(names, quick, progress)
+        asked: dict[str, Any] = {"quick": True} if quick else {}
+        asked |= {} if only is None else {"only": only}
+        made = provenance("bench", {**machine(), **asked}, UNITS)
+        summary = summarise(results) | {"provenance": made}
+        if results.rows:
+            write_table(folder, "bench", table(results.rows), made, csv=True)
+        others = {
+            "hard_tangents": results.tangents,
+            "hard_paths": results.paths,
+            "smallest_model": results.smallest,
+        }
+        for name, found in others.items():
+            if found:
+                columns = {key: [row[key] for row in found] for key in found[0]}
+                write_table(folder, name, columns, made, csv=True)
+        write_summary(folder, summary)
+        # Drawing is loaded only when there is something to draw.
+        from studies.bench.figures import draw_figures
+        from studies.bench.page import page
+
+        drawn = draw_figures(results, folder, made)
+        (folder / "accuracy.md").write_text(page(results, made, drawn, prefix=""))
+    return summary
+
+
+def collect(
+    names: tuple[str, ...], quick: bool, progress: Callable[[str], None] | None = None
+) -> Results:
+    """Run groups.
+
+    Parameters
+    ----------
+    names : tuple of str
+        From `chosen_groups`.
+    quick : bool
+        Smaller sizes.
+    progress : callable, optional
+        Told each name.
+
+    Returns
+    -------
+    Results
+    """
+    results = Results([], [], [], {}, [])
+    for name in names:
+        if progress is not None:
+            progress(name)
+        for methods in GROUPS.get(name, ()):
+            results.rows.extend(methods(quick))
+        if name == HARD:
+            _hard_cases(results, quick)
+        if name == SMALLEST and not quick:
+            results.smallest.extend(smallest_model_rows(repeats=1))
+    return results
+
+
+def summarise(results: Results) -> dict[str, Any]:
+    """Defaults and knees by group, and the hard cases' answers.
+
+    Parameters
+    ----------
+    results : Results
+        From `collect`.
+
+    Returns
+    -------
+    dict
+    """
+    groups = {}
+    for name, rows in by_group(results.rows).items():
+        defaults = [row for row in rows if row.default]
+        groups[name] = {"knee": asdict(knee(rows)), "defaults": [asdict(row) for row in defaults]}
+    wrong = [row for row in results.tangents if row["answer"] != row["expected"]]
+    missed = [row for row in results.paths if not row["expected_met"]]
+    bounded = [r for r in results.tangents if np.isfinite(r["operator_error"])]
+    return {
+        "groups": groups,
+        "hard_cases": {
+            "cases": len({r["case"] for r in results.tangents + results.paths}),
+            "tangents": len(results.tangents),
+            "unexpected": [f"{r['case']} {r['value']:g} {r['closure']}" for r in wrong],
+            "wrong_signs": sum(
+                r["answer"] in "su" and r["exact"] in "su" and r["answer"] != r["exact"]
+                for r in results.tangents
+            ),
+            "over_bound": sum(r["operator_error"] > r["bound"] for r in bounded),
+            "paths_missed": [f"{r['case']} {r['value']:g}" for r in missed],
+            "letters": results.letters,
+        },
+    }
+
+
+def machine() -> dict[str, Any]:
+    """What the times depend on, without names."""
+    return {
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+    }
+
+
+def _hard_cases(results: Results, quick: bool) -> None:
+    for case in HARD_CASES:
+        if case.kind == "tangent":
+            results.tangents.extend(tangent_rows(case, 3 if quick else 1))
+            results.letters[case.name] = read_letters(case)
+        elif case.kind == "faces":
+            results.letters[case.name] = {"loops": loop_letters(case)}
+        elif not quick:
+            results.paths.extend(path_rows(case))

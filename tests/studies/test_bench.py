@@ -1,0 +1,163 @@
+"""The bench: its oracles against each other, its methods, a quick run, the page in the docs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from loops import InputError, affine_tangent, traction_tangent
+from patterns import synthetic_network
+from patterns.hard_cases import HARD_CASES, hard_case
+from patterns.hard_cases.networks import parallel_half_edges
+from stability import imhof_fraction, restrict, symmetric_spectrum
+from studies.bench import run_bench
+from studies.bench.batches import kernel_inputs, plain_kernel
+from studies.bench.closures import least_squares
+from studies.bench.directions import direction_methods
+from studies.bench.eigenvalues import closed_form, jacobi, sample
+from studies.bench.faces import follow_by_angle, follow_by_key, follow_exactly
+from studies.bench.fractions import SPECTRA, fraction_50, imhof
+from studies.bench.groups import GROUPS, chosen_groups
+from studies.bench.measure import Row, measured
+from studies.bench.oracles import compliance_tangent_50, tangent_50
+from studies.fifty_digits import as_array, traction_tangent_50
+from studies.loop_batch import random_batch
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_two_ways_to_fifty_digits_agree():
+    """Force method and primal system, both with 50 digits: 40 of them in common."""
+    import mpmath as mp
+
+    batch = random_batch(1, 5, seed=4)
+    g = batch.graph
+    state = (g.x[0], g.x0[0], g.normal_force[0], g.shear_force[0], 1.0, 0.4, 0.5, batch.regime[0])
+    with mp.workdps(50):
+        gap = mp.norm(compliance_tangent_50(*state) - traction_tangent_50(*state))
+        assert gap < mp.mpf(10) ** -35
+
+
+@pytest.mark.parametrize("order", [3, 4, 5])
+@pytest.mark.parametrize("closure", [affine_tangent, traction_tangent])
+def test_oracle_of_freely_rolling_rings(order, closure):
+    """Against the least-squares solve in double precision, which shares nothing with it."""
+    scene = hard_case("gear-mode").build(order)
+    exact = as_array(tangent_50(scene, closure.__name__.removesuffix("_tangent")))
+    found = closure(scene.graph, scene.law, spins="free").matrix
+    np.testing.assert_allclose(found, exact, atol=1e-13)
+
+
+def test_oracle_of_the_fraction_agrees_with_imhof():
+    exact = [fraction_50(spectrum) for spectrum in SPECTRA]
+    np.testing.assert_allclose(imhof_fraction(SPECTRA), exact, atol=1e-15)
+    np.testing.assert_allclose(imhof(SPECTRA, 0.25), exact, atol=1e-15)
+    assert np.abs(imhof(SPECTRA, 2.0) - exact).max() > 1e-4
+
+
+def test_methods_of_eigenvalues_agree_as_far_as_they_reach():
+    K = sample(50)
+    exact = symmetric_spectrum(K)
+    np.testing.assert_allclose(jacobi(K, 5), exact, atol=3e-15)
+    np.testing.assert_allclose(closed_form(K), exact, atol=1e-7)
+    assert np.abs(jacobi(K, 2) - exact).max() > 1e-8
+
+
+def test_least_squares_agrees_with_the_closure():
+    batch = random_batch(5, 6, seed=2)
+    found = traction_tangent(batch.graph, batch.law, regime=batch.regime).matrix
+    gap = np.linalg.norm(least_squares(batch) - found, axis=(1, 2))
+    assert (gap < 1e-10 * np.linalg.norm(found, axis=(1, 2))).all()
+
+
+def test_the_plain_kernel_is_the_affine_tangent():
+    scene = hard_case("stiff-sliding-grains").build(1e-2)
+    K = restrict(affine_tangent(scene.graph, scene.law).matrix, "symmetric")
+    found = plain_kernel(*kernel_inputs(scene.graph, 2, np.float64))
+    np.testing.assert_allclose(found[1], symmetric_spectrum(K), atol=1e-14)
+    assert plain_kernel(*kernel_inputs(scene.graph, 1, np.float32)).dtype == np.float32
+
+
+def test_orders_of_half_edges():
+    network = synthetic_network(60, coordination=4.0, seed=1)
+    exact = follow_exactly(network)
+    assert (follow_by_key(network) == exact).all()
+    assert (follow_by_angle(network) == exact).all()
+    hub = parallel_half_edges(1.0).graph
+    assert (follow_by_key(hub) == follow_exactly(hub)).all()
+    # Angles in floating point put spokes a rounding apart in the wrong order.
+    assert (follow_by_angle(hub) != follow_exactly(hub)).any()
+
+
+def test_sampled_directions_converge_and_the_cone_is_exact():
+    rows = direction_methods(quick=True)
+    sampled = [row.error for row in rows if row.method == "sampled: fraction"]
+    assert sampled[1] < 0.2 * sampled[0]
+    assert max(row.error for row in rows if row.default) < 1e-15
+
+
+def test_a_row_counts_time_per_item_and_memory():
+    row = measured(lambda: np.ones(125_000), 10, quick=True, group="g", method="m", setting="s",
+                   error=0.0, oracle="o")  # fmt: skip
+    assert isinstance(row, Row)
+    assert 0.0 < row.seconds_per_item < 1.0
+    assert 1.0e6 <= row.peak_bytes < 1.1e6
+
+
+def test_groups_are_chosen_by_name():
+    assert set(chosen_groups(None)) == {*GROUPS, "hard-cases", "smallest-model"}
+    with pytest.raises(InputError, match="hard-cases"):
+        chosen_groups("paths,nothing")
+
+
+def test_a_quick_run_writes_everything(tmp_path):
+    out = tmp_path / "bench"
+    summary = run_bench(out, quick=True, only="eigenvalues,batches,precision")
+    table = pq.read_table(out / "bench.parquet").to_pydict()
+    assert set(table) == set(Row.__dataclass_fields__)
+    assert (np.array(table["seconds_per_item"]) > 0.0).all()
+    names = {"bench.csv", "accuracy.md", "pareto.png", "batches.png", "summary.json"}
+    assert names <= {path.name for path in out.iterdir()}
+    written = json.loads((out / "summary.json").read_text())["groups"]
+    assert written.keys() == summary["groups"].keys()
+    assert [row["method"] for row in summary["groups"]["eigenvalues"]["defaults"]] == ["LAPACK"]
+    assert "## Speed against error" in (out / "accuracy.md").read_text()
+
+
+def test_the_command_refuses_unknown_groups(tmp_path):
+    import typer
+
+    from studies.commands import bench
+
+    app = typer.Typer()
+    bench.register(app)
+    result = CliRunner().invoke(app, ["--out", str(tmp_path / "o"), "--only", "speed"])
+    assert isinstance(result.exception, InputError)
+    assert not (tmp_path / "o").exists()
+    result = CliRunner().invoke(app, ["--out", str(tmp_path / "o"), "--quick", "--only", "faces"])
+    assert result.exit_code == 0
+    assert "key, then exact" in result.output
+    faces = json.loads((tmp_path / "o" / "summary.json").read_text())["groups"]["faces"]
+    assert faces["defaults"][0]["error"] == 0.0
+
+
+@pytest.mark.slow
+def test_the_hard_cases_as_the_command_runs_them(tmp_path):
+    summary = run_bench(tmp_path / "bench", quick=True, only="hard-cases")["hard_cases"]
+    assert summary["unexpected"] == [] and summary["paths_missed"] == []
+    assert summary["wrong_signs"] == summary["over_bound"] == 0
+    text = (tmp_path / "bench" / "accuracy.md").read_text()
+    assert "stiff-sliding-grains" in text and (tmp_path / "bench" / "stiff.png").exists()
+
+
+def test_the_page_in_the_docs_tells_every_case():
+    text = (DOCS / "accuracy.md").read_text()
+    for case in HARD_CASES:
+        assert f"**{case.name}**" in text
+    for name in ("pareto", "batches", "stiff"):
+        assert f"figures/accuracy-{name}.png" in text
+        assert (DOCS / "figures" / f"accuracy-{name}.png").exists()
+    assert ", 0 of them wrongly" in text
