@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Status = Literal["unique", "none", "several"]
 
 # Up to this number of combinations of regimes all are tried; beyond it, pivoting.
-ENUMERATION_LIMIT = 1024
+ENUMERATION_LIMIT = 256
 # Relative to the largest rate: sign conditions, and when two solutions are the same.
 SIGN_TOLERANCE = 1e-10
 SAME_RATES = 1e-8
@@ -50,7 +50,8 @@ class EdgeRates:
     shear : (m,) array
         Shear force as if the contact stuck.
     strength : (m,) array
-        Shear force it could carry, `mu N'`, with `N' = -kn un'` as if closed.
+        Shear force it could carry, `mu N'`, with `N' = -kn un'` as if closed; infinite for a
+        contact inside its cone, which sticks whatever the rates.
     """
 
     un: Floats
@@ -103,22 +104,22 @@ class RateProblem(Generic[AnyTrial]):
         pivoting found.
     singular : int
         Combinations whose equations have no single answer.
+    tried : int
+        Combinations whose rates were solved for; 1 where no contact has a choice.
+    combinations : float
+        How many combinations of regimes the contacts at the edge have.
     """
 
     status: Status
     solutions: tuple[RateSolution[AnyTrial], ...]
     exhaustive: bool
     singular: int
+    tried: int
+    combinations: float
 
     @property
     def taken(self) -> RateSolution[AnyTrial]:
-        """The solution that a path takes.
-
-        Raises
-        ------
-        IndexError
-            If there is none.
-        """
+        """The solution that a path takes; `IndexError` if there is none."""
         return self.solutions[0]
 
 
@@ -131,13 +132,14 @@ def solve_rate_problem(
 ) -> RateProblem[AnyTrial]:
     """Find the regimes that agree with the rates they cause.
 
-    Sticking agrees while the shear rate stays within the cone, sliding while sticking would leave
-    it, parting while the branch lengthens (theory note, sections 2 and 6).
+    Where no contact has a choice one solve answers. Sticking agrees while the shear rate stays
+    within the cone, sliding while sticking would leave it, parting while the branch lengthens
+    (theory note, sections 2 and 6).
 
     Of several solutions the first is the one in which contacts with as many options take the same
     regime (the symmetric one), then the one whose rates are closest in direction to `direction`
     (continuity), then the one with most preferred choices. Of combinations with the same rates,
-    which differ in neutral contacts alone, that with most preferred choices stands for all.
+    differing in neutral contacts, that with most preferred choices stands for all.
 
     Parameters
     ----------
@@ -166,33 +168,38 @@ def solve_rate_problem(
     >>> found.status, found.taken.choices[0].regime.name
     ('unique', 'SLIDING')
     """
-    count = int(np.prod([float(len(choices)) for choices in options]))
+    count = float(np.prod([float(len(choices)) for choices in options]))
     exhaustive = count <= ENUMERATION_LIMIT
-    singular = 0
+    singular, trials = 0, 0
     agreeing: list[RateSolution[AnyTrial]] = []
     tried: Iterable[tuple[Choice, ...]] = (
         product(*options) if exhaustive else _pivots(options, rates_for, tuple(preferred))
     )
     for choices in tried:
         rates = rates_for(choices)
+        trials += 1
         if not rates.trusted:
-            singular += 1
+            singular += _admissible(choices, rates.edge)
         elif all(_agreement(options, choices, rates.edge)):
             agreeing.append(RateSolution(choices, rates))
     distinct = _distinct(agreeing, preferred)
     distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
     status: Status = "none" if not distinct else "unique" if len(distinct) == 1 else "several"
-    return RateProblem(status, tuple(distinct), exhaustive, singular)
+    return RateProblem(status, tuple(distinct), exhaustive, singular, trials, count)
+
+
+def _admissible(choices: tuple[Choice, ...], edge: EdgeRates) -> bool:
+    """Whether the state itself allows the regimes: nothing slides inside its cone."""
+    slides = [choice.regime == Regime.SLIDING for choice in choices]
+    return not np.isposinf(edge.strength[slides]).any()
 
 
 def _agreement(
     options: Sequence[Sequence[Choice]], choices: tuple[Choice, ...], edge: EdgeRates
 ) -> list[bool]:
     """Whether each contact's choice agrees with the rates."""
-    size = max(
-        np.abs(np.concatenate([edge.un, edge.shear, edge.strength])).max(initial=0.0), 1e-300
-    )
-    tol = SIGN_TOLERANCE * size
+    every = np.abs(np.concatenate([edge.un, edge.shear, edge.strength]))
+    tol = SIGN_TOLERANCE * max(every[~np.isinf(every)].max(initial=0.0), 1e-300)
     return [
         _agrees(can, choice, edge.un[k], edge.shear[k], edge.strength[k], tol)
         for k, (can, choice) in enumerate(zip(options, choices, strict=True))

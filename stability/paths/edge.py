@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops.laws.protocol import Regime
 from stability.paths.model import PathModel
-from stability.paths.rates import UNIT_PARAMETER, Gauge, Rates, state_rates
+from stability.paths.orbits import asked_first, edge_orbits
+from stability.paths.rates import Rates, state_rates
+from stability.paths.solve import UNIT_PARAMETER, Gauge
 from stability.paths.state import (
     Mode,
     PathState,
@@ -31,10 +32,14 @@ from stability.rate_problem import (
 )
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 # A contact within this fraction of mu N of yield, or of r_i + r_j of touching, is at the edge.
 YIELD_BAND = 1e-10
 TOUCH_BAND = 1e-13
+
+# What a contact inside its cone is asked when all are: only sticking can agree.
+INSIDE = (ELASTIC, LEFT, RIGHT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +64,8 @@ def edge_contacts(model: PathModel, state: PathState, mode: Mode) -> dict[int, t
     Returns
     -------
     dict
-        Options by contact. Frictionless closed contacts slide and are no question.
+        Options by contact. Frictionless closed contacts slide and are no question, and those
+        inside their cone stick: they have options only if the model searches all.
     """
     contacts = contacts_of(model, state, mode)
     moved = relative_displacements(model, state.place)
@@ -73,6 +79,8 @@ def edge_contacts(model: PathModel, state: PathState, mode: Mode) -> dict[int, t
         elif mode.regime[c] != Regime.OPEN and 0 < mu < np.inf:
             if abs(shear[c]) >= mu * normal[c] * (1 - YIELD_BAND):
                 options[c] = (ELASTIC, LEFT if shear[c] > 0 else RIGHT)
+            elif model.search_all:
+                options[c] = INSIDE
     return options
 
 
@@ -87,6 +95,9 @@ def edge_problem(
     gauge: Gauge = UNIT_PARAMETER,
 ) -> RateProblem[EdgeTrial]:
     """Rate problem of one state under a unit rate of the loading parameter.
+
+    Contacts that the model's symmetry sends to each other take the same regime: one of them is
+    asked, and only motions that keep the symmetry are found.
 
     Parameters
     ----------
@@ -106,21 +117,24 @@ def edge_problem(
     RateProblem
     """
     options = edge_contacts(model, state, mode)
-    at_edge = np.array(list(options), dtype=np.int64)
+    orbits = edge_orbits(model, options)
+    inside = np.array([each == INSIDE for each in orbits.options], dtype=bool)
 
     def rates_for(choices: tuple[Choice, ...]) -> EdgeTrial:
-        chosen = _apply(mode, at_edge, choices)
+        chosen = orbits.applied(mode, choices)
         rates = state_rates(model, state, chosen, programme, gauge)
-        edge = _edge_rates(model, rates, at_edge)
+        edge = _edge_rates(model, rates, orbits.asked, inside)
         return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted)
 
-    first = [preferred.get(int(c), _current(mode, int(c))) for c in at_edge]
+    hints = asked_first(model, orbits, preferred)
+    first = [hints.get(int(c), _current(mode, int(c))) for c in orbits.asked]
     first = [
-        choice if choice in options[int(c)] else options[int(c)][0]
-        for c, choice in zip(at_edge, first, strict=True)
+        choice if choice in can else can[0]
+        for can, choice in zip(orbits.options, first, strict=True)
     ]
-    return solve_rate_problem(
-        list(options.values()), rates_for, preferred=first, direction=direction
+    found = solve_rate_problem(orbits.options, rates_for, preferred=first, direction=direction)
+    return replace(
+        found, combinations=float(np.prod([float(len(can)) for can in options.values()]))
     )
 
 
@@ -137,19 +151,14 @@ def _touching(mu: float) -> tuple[Choice, ...]:
     return (LEFT, OPEN) if mu == 0 else (ELASTIC, OPEN, LEFT, RIGHT)
 
 
-def _apply(mode: Mode, contacts: NDArray[np.int64], choices: Sequence[Choice]) -> Mode:
-    regime, side = mode.regime.copy(), mode.side.copy()
-    regime[contacts] = [choice.regime for choice in choices]
-    side[contacts] = [choice.side for choice in choices]
-    return Mode(regime, side)
-
-
 def _current(mode: Mode, c: int) -> Choice:
     regime = Regime(int(mode.regime[c]))
     return Choice(regime, float(mode.side[c]) if regime == Regime.SLIDING else 0.0)
 
 
-def _edge_rates(model: PathModel, rates: Rates, contacts: NDArray[np.int64]) -> EdgeRates:
+def _edge_rates(
+    model: PathModel, rates: Rates, contacts: Integers, inside: NDArray[np.bool_]
+) -> EdgeRates:
     un = model.kn[contacts] * rates.un[contacts]
     shear = -model.kt[contacts] * rates.ut[contacts]
-    return EdgeRates(un, shear, -model.friction[contacts] * un)
+    return EdgeRates(un, shear, np.where(inside, np.inf, -model.friction[contacts] * un))

@@ -16,34 +16,50 @@ from loops.contact_tangent import (
 )
 from loops.laws.protocol import Regimes
 from stability.paths.model import PathModel
+from stability.paths.unknowns import Kind, Unknowns
 
 Floats = NDArray[np.float64]
 
-# Below this determinant of a contact's block, in units of kn^2, its compliance is not used.
-SOFT_BLOCK = 1e-7
+# Below this determinant of a contact's block, in units of kn^2, its compliance is not used: the
+# rates would carry a noise of 1e-16 over it, which the integrator can't tell from their change.
+SOFT_BLOCK = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Closure equations `E z = 0` of the scaled unknowns `z = (H', P'/kn, rest)`.
+    """Closure equations `E z = 0` of the scaled unknowns `z` (r,).
 
     Attributes
     ----------
-    matrix : (R, R + 4) array
+    matrix : (R, r) array
         `E`; four control equations complete it.
-    branch_rate : (C, 2, R + 4) array
+    branch_rate : (C, 2, r) array
         Branch rates `d' = branch_rate @ z`.
-    spin : (G, R + 4) array
+    spin : (G, r) array
         Spins `w = spin @ z`.
+    unknowns : Unknowns
+        What `z` stands for.
     """
 
     matrix: Floats
     branch_rate: Floats
     spin: Floats
+    unknowns: Unknowns
+
+
+def closure_kind(model: PathModel, contacts: ContactState, regime: Regimes) -> Kind:
+    """Which equations serve a state: those of a plain ring need every contact's compliance."""
+    if model.closure == "affine":
+        return "affine"
+    if model.is_plain_ring:
+        k = translational_blocks(contacts, model.law, regime)
+        if (np.abs(np.linalg.det(k)) > SOFT_BLOCK * model.kn**2).all():
+            return "ring"
+    return "saddle"
 
 
 def closure_equations(
-    model: PathModel, H: Floats, contacts: ContactState, regime: Regimes
+    model: PathModel, H: Floats, contacts: ContactState, regime: Regimes, kind: Kind, z: Unknowns
 ) -> Equations:
     """Equations of the model's closure in one state.
 
@@ -57,18 +73,20 @@ def closure_equations(
         Contacts.
     regime : (C,) array of int8
         Their regime.
+    kind : {'affine', 'ring', 'saddle'}
+        From `closure_kind`.
+    z : Unknowns
+        All unknowns of that kind, or those that a symmetry leaves: with fewer unknowns than
+        equations, the equations agree with each other in a symmetric state.
 
     Returns
     -------
     Equations
     """
-    if model.closure == "affine":
-        return _affine(model, H, contacts, regime)
-    if model.is_plain_ring:
-        k = translational_blocks(contacts, model.law, regime)
-        if (np.abs(np.linalg.det(k)) > SOFT_BLOCK * model.kn**2).all():
-            return _ring(model, translational_compliances(contacts, model.law, regime))
-    return saddle_equations(model, H, contacts, regime)
+    if kind == "ring":
+        return _ring(model, translational_compliances(contacts, model.law, regime), z)
+    build = _affine if kind == "affine" else saddle_equations
+    return build(model, H, contacts, regime, z)
 
 
 def loop_spin(H: Floats) -> Floats:
@@ -79,86 +97,63 @@ def loop_spin(H: Floats) -> Floats:
     return 0.5 * np.array([inverse[0, 1], inverse[1, 1], -inverse[0, 0], -inverse[1, 0]])
 
 
-def _affine(model: PathModel, H: Floats, contacts: ContactState, regime: Regimes) -> Equations:
+def _spins(model: PathModel, H: Floats, z: Unknowns) -> Floats:
+    """(G, r) spins: unknown, turning with the loop, or blocked."""
+    if model.spins == "affine":
+        return np.broadcast_to(loop_spin(H) @ z.H, z.w.shape)
+    return z.w
+
+
+def _affine(
+    model: PathModel, H: Floats, contacts: ContactState, regime: Regimes, z: Unknowns
+) -> Equations:
     """`d' = -H' d0` and `P = (1/V0) sum f (x) d0`; with free spins the moments too."""
-    grains, k_unit = model.grain_count, model.stiffness
-    free = model.spins == "free"
-    size = 8 + (grains if free else 0)
-    branch_rate = np.zeros((model.contact_count, 2, size))
-    branch_rate[:, 0, 0:2] = branch_rate[:, 1, 2:4] = -model.d0
-    spin = np.zeros((grains, size))
+    branch_rate = -np.einsum("abr,cb->car", z.H.reshape(2, 2, -1), model.d0)
+    spin = _spins(model, H, z)
     if model.spins == "blocked":
-        k = translational_blocks(contacts, model.law, regime)
-        force_rate = -k @ branch_rate
+        force_rate = -translational_blocks(contacts, model.law, regime) @ branch_rate
     else:
-        if free:
-            spin[:, 8:] = np.eye(grains)
-        else:
-            spin[:, :4] = loop_spin(H)
         blocks = contact_tangent(contacts, model.law, regime)
         force_rate = _force_rate(model, blocks, branch_rate, spin)
-    matrix = np.zeros((size - 4, size))
-    stress_rate = np.einsum("cir,cj->ijr", force_rate, model.d0).reshape(4, size)
-    matrix[:4] = stress_rate / (model.volume * k_unit)
-    matrix[:4, 4:8] -= np.eye(4)
-    if free:
-        matrix[4:] = _moments(model, blocks, branch_rate, spin) / (k_unit * model.volume)
-    return Equations(matrix, branch_rate, spin)
+    stress_rate = np.einsum("cir,cj->ijr", force_rate, model.d0).reshape(4, z.count)
+    rows = [stress_rate / (model.volume * model.stiffness) - z.P]
+    if model.spins == "free":
+        moments = _moments(model, blocks, branch_rate, spin)
+        rows.append(moments / (model.stiffness * model.volume))
+    return Equations(np.concatenate(rows), branch_rate, spin, z)
 
 
-def _ring(model: PathModel, compliance: Floats) -> Equations:
+def _ring(model: PathModel, compliance: Floats, z: Unknowns) -> Equations:
     """One redundant force `f^`: `d' = -k^-1 (f^ - P m)`, `sum d' = 0`, `V0 H = sum d' (x) m`."""
-    L, V = model.length, model.volume
-    m = model.m
-    branch_rate = np.zeros((model.contact_count, 2, 10))
+    pressed = np.einsum("abr,cb->car", z.P.reshape(2, 2, -1), model.m)
     soft = compliance * model.stiffness
-    branch_rate[:, :, 4:8] = (soft[:, :, :, None] * m[:, None, None, :]).reshape(-1, 2, 4)
-    branch_rate[:, :, 8:10] = -soft * L
-    matrix = np.zeros((6, 10))
-    matrix[:2] = branch_rate.sum(axis=0) / L
-    matrix[2:] = np.einsum("cir,cj->ijr", branch_rate, m).reshape(4, 10) / V
-    matrix[2:, :4] -= np.eye(4)
-    return Equations(matrix, branch_rate, np.zeros((model.grain_count, 10)))
+    branch_rate = soft @ (pressed - model.length * z.force)
+    gradient = np.einsum("cir,cj->ijr", branch_rate, model.m).reshape(4, z.count) / model.volume
+    rows = [branch_rate.sum(axis=0) / model.length, gradient - z.H]
+    return Equations(np.concatenate(rows), branch_rate, z.w, z)
 
 
 def saddle_equations(
-    model: PathModel, H: Floats, contacts: ContactState, regime: Regimes
+    model: PathModel, H: Floats, contacts: ContactState, regime: Regimes, z: Unknowns
 ) -> Equations:
     """Grain by grain: `f` in balance with `-P b_i`, `V0 H = -sum u_i (x) b_i`, moments if free."""
     grains, L = model.grain_count, model.length
-    places = slice(8, 8 + 2 * grains)
-    free = model.spins == "free"
-    size = 8 + (3 if free else 2) * grains
     i, j = model.contacts.T
-    branch_rate = np.zeros((model.contact_count, 2, size))
-    each = np.arange(model.contact_count)
-    for axis in range(2):
-        branch_rate[each, axis, 8 + 2 * i + axis] = -L
-        branch_rate[each, axis, 8 + 2 * j + axis] = L
-    spin = np.zeros((grains, size))
-    if free:
-        spin[:, 8 + 2 * grains :] = np.eye(grains)
-    elif model.spins == "affine":
-        spin[:, :4] = loop_spin(H)
+    branch_rate = L * (z.u[j] - z.u[i])
+    spin = _spins(model, H, z)
     blocks = contact_tangent(contacts, model.law, regime)
-    force_rate = _force_rate(model, blocks, branch_rate, spin)
-    matrix = np.zeros((size - 4, size))
-    balance = matrix[: 2 * grains]
-    np.add.at(balance.reshape(grains, 2, size), i, -force_rate / (model.stiffness * L))
-    np.add.at(balance.reshape(grains, 2, size), j, force_rate / (model.stiffness * L))
-    for axis in range(2):
-        balance[axis::2, 4 + 2 * axis : 6 + 2 * axis] -= model.b / L
-        # The mean displacement is free: held at zero.
-        balance[axis::2, 8 + axis : 8 + 2 * grains : 2] += 1.0 / grains
-    gradient = matrix[2 * grains : 2 * grains + 4]
-    gradient[:, :4] = np.eye(4)
-    for a in range(2):
-        gradient[2 * a : 2 * a + 2, places][:, a::2] = model.b.T / L
-    if free:
-        matrix[2 * grains + 4 :] = _moments(model, blocks, branch_rate, spin) / (
-            model.stiffness * model.volume
-        )
-    return Equations(matrix, branch_rate, spin)
+    force_rate = _force_rate(model, blocks, branch_rate, spin) / (model.stiffness * L)
+    # The mean displacement is free: held at zero.
+    balance = np.broadcast_to(z.u.mean(axis=0), (grains, 2, z.count)).copy()
+    balance -= np.einsum("abr,gb->gar", z.P.reshape(2, 2, -1), model.b / L)
+    np.add.at(balance, i, -force_rate)
+    np.add.at(balance, j, force_rate)
+    gradient = z.H + np.einsum("gar,gb->abr", z.u, model.b / L).reshape(4, z.count)
+    rows = [balance.reshape(2 * grains, z.count), gradient]
+    if model.spins == "free":
+        moments = _moments(model, blocks, branch_rate, spin)
+        rows.append(moments / (model.stiffness * model.volume))
+    return Equations(np.concatenate(rows), branch_rate, spin, z)
 
 
 def _force_rate(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from loops import GrainGraph, InputError, LinearFrictional
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import check_choice
+from stability.paths.choice import Choice, model_choice
 from stability.paths.model import path_model
 from stability.paths.path import Path, PathStatus
 from stability.paths.record import Record
@@ -38,6 +40,7 @@ def follow(
     atol: float = 1e-14,
     max_step: float = 0.05,
     max_steps: int = 20_000,
+    model: Choice = "auto",
 ) -> Path:
     """Integrate the rate equations of a graph under loading programmes, with exact events.
 
@@ -76,6 +79,13 @@ def follow(
         Longest step in the space of `H`; events are looked for four times a step.
     max_steps : int
         Accepted steps after which the path is given up.
+    model : {'auto', 'full'}
+        The smallest model that serves: rates in the fields that the symmetry of state and
+        programmes leaves, and one contact of an orbit in the branch search; or all unknowns, and a
+        search over all contacts. `Path.model` says which. The tangents are full in either, so the
+        losses of stability are those of all motions. Motions that break the symmetry are not
+        looked for where a symmetric one goes on: 'branching' events tell where they set in, with
+        spins that are not free.
 
     Returns
     -------
@@ -108,11 +118,12 @@ def follow(
     stages = [stages] if isinstance(stages, Stage) else list(stages)
     _check(stages, closure, spins, contact_on_touch)
     subspace_basis(subspace)
-    model = path_model(graph, law, closure, spins, volume)
+    check_choice("model", model, get_args(Choice))
+    full = path_model(graph, law, closure, spins, volume)
     walk = Walk(
-        model=model,
-        y=initial_state(model, graph),
-        mode=start_mode(model, graph),
+        model=replace(full, search_all=model == "full"),
+        y=initial_state(full, graph),
+        mode=start_mode(full, graph),
         record=Record(),
         subspace=subspace,
         on_touch=contact_on_touch,
@@ -120,9 +131,15 @@ def follow(
         atol=atol,
         max_step=max_step,
         steps_left=max_steps,
+        programmes=tuple(stage.programme for stage in stages),
+        choice=model,
+        periodic=graph.cell is not None,
     )
+    walk.find_symmetry()
+    start = walk.model
     status, message = _walk_all(walk, stages)
-    return walk.record.path(walk.model, status, message, subspace)
+    chosen = model_choice(start, model, walk.searches, walk.kept)
+    return walk.record.path(walk.model, status, message, subspace, chosen)
 
 
 def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:

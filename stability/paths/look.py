@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from loops.contact_state import ContactState
 from stability.paths.model import PathModel
 from stability.paths.motion import forces, stress, unit_rates
-from stability.paths.rates import Gauge, Rates, branching_number, linearise, local_tangent
+from stability.paths.rates import Rates, linearise
+from stability.paths.solve import Gauge
 from stability.paths.state import Mode, PathState, centres, unpack
+from stability.paths.tangent import branching_number, local_tangent
 from stability.programmes import Programme
 
 Floats = NDArray[np.float64]

@@ -13,6 +13,8 @@ from loops.closures import Closure, Spins
 from loops.contact_state import ContactState, contact_state
 from loops.geometry import outward, polygon_centroid, reference_volume, require_loop
 from loops.graph import branch_vectors, reference_branch_vectors
+from loops.symmetry import PointGroup
+from stability.paths.unknowns import Kind, UnknownSets
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -52,6 +54,10 @@ class PathModel:
         Pairs of grains without contact.
     length, stiffness : float
         Scales: square root of V0, mean kn.
+    symmetry : PointGroup or None
+        Symmetry of the state and of its control that the rates keep; all unknowns if None.
+    search_all : bool
+        Whether the branch search tries contacts inside their cone too.
     """
 
     law: LinearFrictional
@@ -67,6 +73,8 @@ class PathModel:
     pairs: Integers
     length: float
     stiffness: float
+    symmetry: PointGroup | None = None
+    search_all: bool = False
 
     @cached_property
     def contact_count(self) -> int:
@@ -123,6 +131,13 @@ class PathModel:
     def is_plain_ring(self) -> bool:
         """Whether one redundant force vector solves the traction closure."""
         return self.spins == "blocked" and self.contact_count == self.grain_count
+
+    @cached_property
+    def unknowns(self) -> dict[Kind, UnknownSets]:
+        """Unknowns by the kind of equations."""
+        kinds: tuple[Kind, ...] = ("affine", "ring", "saddle")
+        free = self.spins == "free"
+        return {kind: UnknownSets(kind, self.grain_count, free, self.symmetry) for kind in kinds}
 
 
 def path_model(
@@ -201,11 +216,12 @@ def with_contact(model: PathModel, pairs: Integers) -> PathModel:
     Returns
     -------
     PathModel
-        With the new contacts last.
+        With the new contacts last, its symmetry to be found again.
     """
     parameters = np.concatenate([np.arange(model.contact_count), np.zeros(len(pairs), dtype=int)])
     return replace(
         model,
+        symmetry=None,
         law=model.law.take(parameters),
         contacts=np.vstack([model.contacts, pairs]),
         d0=np.vstack([model.d0, model.x0[pairs[:, 1]] - model.x0[pairs[:, 0]]]),

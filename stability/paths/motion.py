@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from loops.contact_state import ContactState
 from loops.laws.protocol import Regime
 from stability.paths.model import PathModel
-from stability.paths.rates import Gauge, Linearised, Rates, linearise, local_rates
+from stability.paths.rates import Linearised, Rates, linearise, local_rates
+from stability.paths.solve import Gauge
 from stability.paths.state import Mode, pack, unpack
 from stability.programmes import Programme
 

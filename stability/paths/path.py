@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stability.paths.choice import ModelChoice
 from stability.paths.state import WORK_TERMS
 from stability.spectra import spectrum, symmetric_part, symmetric_spectrum
 from stability.subspaces import COMPONENTS, restrict
@@ -109,10 +110,15 @@ class Path:
     imbalance : (R,) array
         Largest unbalanced force on a grain over `kn sqrt(V0)`, the drift of the traction closure;
         nan under the affine closure, which does not balance the grains.
+    condition : (R,) array
+        Condition number of closure and control together, solved for the rates; large at a limit of
+        the control.
     volume : float
         Reference area V0.
     subspace : str
         Where K is taken.
+    model : ModelChoice
+        What was modelled: see `follow`.
     """
 
     status: PathStatus
@@ -135,8 +141,10 @@ class Path:
     normal_energy: Floats
     tangential_energy: Floats
     imbalance: Floats
+    condition: Floats
     volume: float
     subspace: str
+    model: ModelChoice
 
     def __len__(self) -> int:
         return len(self.parameter)
@@ -212,4 +220,5 @@ class Path:
         table["normal_energy"] = self.normal_energy
         table["tangential_energy"] = self.tangential_energy
         table["energy_error"], table["imbalance"] = self.energy_error, self.imbalance
+        table["condition"] = self.condition
         return table

@@ -15,7 +15,7 @@ from stability.paths.look import Look, look
 from stability.paths.model import PathModel
 from stability.paths.monitors import Monitors, monitor_values, monitors_of
 from stability.paths.motion import gauge_along, y_rates
-from stability.paths.rates import Gauge
+from stability.paths.solve import Gauge
 from stability.paths.state import Mode
 from stability.programmes import Stage
 

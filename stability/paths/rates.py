@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from loops.contact_state import ContactState
 from loops.laws.protocol import Regime
-from loops.null_space import solve_through_null_space
-from stability.paths.equations import Equations, closure_equations, saddle_equations
+from stability.paths.equations import Equations, closure_equations, closure_kind
 from stability.paths.model import PathModel
+from stability.paths.solve import Gauge, Solution, solve_rates
 from stability.paths.state import (
     Mode,
     PathState,
@@ -19,17 +19,10 @@ from stability.paths.state import (
     displacement_gradient,
     with_signs,
 )
+from stability.paths.unknowns import Kind
 from stability.programmes import Programme
 
 Floats = NDArray[np.float64]
-
-# A solve is trusted while its residual and the stress of its null vectors stay below these.
-RESIDUAL_LIMIT = 1e-8
-AMBIGUITY_LIMIT = 1e-6
-
-
-# Loops longer than this are not searched for branching points.
-MOST_GRAINS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,18 +67,6 @@ class Rates:
     trusted: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Gauge:
-    """What fixes the unit of time: `H . H' + parameter * parameter' = 1`."""
-
-    H: Floats
-    parameter: float
-
-
-UNIT_PARAMETER = Gauge(np.zeros(4), 1.0)
-RECEDING = Gauge(np.zeros(4), -1.0)
-
-
 def state_rates(
     model: PathModel, state: PathState, mode: Mode, programme: Programme, gauge: Gauge
 ) -> Rates:
@@ -120,16 +101,20 @@ class Linearised:
         Constants, and the regimes that the equations assume.
     H : (4,) array
         Displacement gradient.
-    contacts : ContactState
-        Contacts with their forces.
+    contacts, signed : ContactState
+        Contacts with their forces; and with the signs of `T` that the law reads.
+    kind : {'affine', 'ring', 'saddle'}
+        Closure equations that serve.
     equations : Equations
-        Closure equations.
+        Those of the rates.
     """
 
     model: PathModel
     mode: Mode
     H: Floats
     contacts: ContactState
+    signed: ContactState
+    kind: Kind
     equations: Equations
 
 
@@ -138,111 +123,20 @@ def linearise(model: PathModel, state: PathState, mode: Mode) -> Linearised:
     H = displacement_gradient(model, state.place)
     contacts = contacts_of(model, state, mode)
     signed = with_signs(contacts, mode)
-    equations = closure_equations(model, H, signed, mode.regime)
-    return Linearised(model, mode, H, contacts, equations)
+    kind = closure_kind(model, signed, mode.regime)
+    rates = model.unknowns[kind].rates
+    equations = closure_equations(model, H, signed, mode.regime, kind, rates)
+    return Linearised(model, mode, H, contacts, signed, kind, equations)
 
 
 def local_rates(local: Linearised, programme: Programme, gauge: Gauge) -> Rates:
     """Rates of a linearised state, see `state_rates`."""
     control = programme.equations(local.H)
-    solution = _solve(local.model, local.equations, control, gauge)
+    solution = solve_rates(local.model, local.equations, control, gauge)
     return _contact_rates(local, solution)
 
 
-def local_tangent(local: Linearised) -> Floats:
-    """(4, 4) macroscopic tangent `A`, `P' = A H'`, of a linearised state; nan if not trusted."""
-    E, unit = local.equations.matrix, local.model.stiffness
-    if len(E) == 4:
-        return E[:, :4] * unit
-    rest = E[:, 4:]
-    found = solve_through_null_space(rest, -E[:, :4], np.eye(4, len(rest)))
-    trusted = found.residual <= RESIDUAL_LIMIT and found.ambiguity <= AMBIGUITY_LIMIT
-    return found.x[:4] * unit if trusted else np.full((4, 4), np.nan)
-
-
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """Scaled unknowns, rate of the parameter, condition, and whether to trust them."""
-
-    z: Floats
-    parameter: float
-    condition: float
-    trusted: bool
-
-
-def branching_number(local: Linearised, programme: Programme, gauge: Gauge) -> float:
-    """A number that changes its sign where other paths branch off.
-
-    The determinant of the grains' balance, control and gauge together, its root of the order of
-    their number. At a limit of the control it does not vanish.
-
-    Parameters
-    ----------
-    local : Linearised
-        Where the path is.
-    programme : Programme
-        Control.
-    gauge : Gauge
-        Direction of the path.
-
-    Returns
-    -------
-    float
-        Not a number where it says nothing: affine closure (its equations determine the rates),
-        free spins (the gear mode is a null vector), open contacts, more than 60 grains.
-    """
-    model, regime = local.model, local.mode.regime
-    small = model.grain_count <= MOST_GRAINS and (regime != Regime.OPEN).all()
-    if model.closure == "affine" or model.spins == "free" or not small:
-        return np.nan
-    signed = with_signs(local.contacts, local.mode)
-    equations = saddle_equations(model, local.H, signed, regime)
-    system, _ = _system(model, equations, programme.equations(local.H), gauge)
-    sign, size = np.linalg.slogdet(system)
-    return float(sign * np.exp(size / len(system)))
-
-
-def _solve(
-    model: PathModel, equations: Equations, control: tuple[Floats, Floats, Floats], gauge: Gauge
-) -> _Solution:
-    system, unit = _system(model, equations, control, gauge)
-    size = len(system) - 1
-    if not np.isfinite(system).all():
-        return _Solution(np.full(size, np.nan), np.nan, np.inf, False)
-    scale = np.abs(system[size]).max()
-    system[size] /= scale
-    rhs = np.zeros((size + 1, 1))
-    rhs[size] = 1.0 / scale
-    seen = np.zeros((9, size + 1))
-    seen[:8, :8] = np.eye(8)
-    seen[8, size] = 1.0
-    found = solve_through_null_space(system, rhs, seen)
-    trusted = bool(found.residual <= RESIDUAL_LIMIT and found.ambiguity <= AMBIGUITY_LIMIT)
-    z = found.x[:, 0]
-    return _Solution(z[:size], float(z[size] * unit), float(found.condition), trusted)
-
-
-def _system(
-    model: PathModel, equations: Equations, control: tuple[Floats, Floats, Floats], gauge: Gauge
-) -> tuple[Floats, float]:
-    """Closure, control and gauge as one square system, and the unit of the loading parameter."""
-    stress, strain, rate = control
-    rows, size = equations.matrix.shape
-    stress = stress * model.stiffness
-    weight = np.maximum(np.abs(stress).max(axis=1), np.abs(strain).max(axis=1))
-    drive = rate / weight
-    unit = 1.0 / np.abs(drive).max()
-    system = np.zeros((size + 1, size + 1))
-    system[:rows, :size] = equations.matrix
-    system[rows:size, :4] = strain / weight[:, None]
-    system[rows:size, 4:8] = stress / weight[:, None]
-    system[rows:size, size] = -drive * unit
-    system[size, :4] = gauge.H
-    system[size, size] = gauge.parameter * unit
-    return system, float(unit)
-
-
-def _contact_rates(local: Linearised, solution: _Solution) -> Rates:
+def _contact_rates(local: Linearised, solution: Solution) -> Rates:
     model, mode, contacts, equations = local.model, local.mode, local.contacts, local.equations
     law, (i, j), z = model.law, model.contacts.T, solution.z
     branch, spin = equations.branch_rate @ z, equations.spin @ z
@@ -257,8 +151,8 @@ def _contact_rates(local: Linearised, solution: _Solution) -> Rates:
     side = np.where(sliding, mode.side, np.sign(contacts.shear_force))
     slip = np.where(np.isfinite(model.mu), side * trial - model.friction * normal, 0.0)
     return Rates(
-        H=z[:4],
-        P=z[4:8] * model.stiffness,
+        H=equations.unknowns.H @ z,
+        P=equations.unknowns.P @ z * model.stiffness,
         parameter=solution.parameter,
         un=un,
         ut=ut,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.laws.protocol import Regime
+from stability.paths.choice import ModelChoice
 from stability.paths.look import Look, imbalance
 from stability.paths.model import PathModel
 from stability.paths.path import Event, EventKind, Path, PathStatus
@@ -46,6 +47,7 @@ class Record:
                 "normal_energy": float((contacts.normal_force**2 / (2 * model.kn)).sum()),
                 "tangential_energy": float((shear**2 / (2 * kt)).sum()),
                 "imbalance": imbalance(model, contacts, seen.P),
+                "condition": seen.rates.condition,
             }
         )
 
@@ -60,7 +62,14 @@ class Record:
         index = max(len(self.rows) - 1, 0)
         self.events.append(Event(kind, float(parameter), self.stage, index, contacts, detail))
 
-    def path(self, model: PathModel, status: PathStatus, message: str, subspace: str) -> Path:
+    def path(
+        self,
+        model: PathModel,
+        status: PathStatus,
+        message: str,
+        subspace: str,
+        chosen: ModelChoice,
+    ) -> Path:
         """The path so far; contacts added on the way are padded as open."""
         count = model.contact_count
         table = {name: [row[name] for row in self.rows] for name in self.rows[0]}
@@ -74,6 +83,7 @@ class Record:
             contacts=model.contacts,
             volume=model.volume,
             subspace=subspace,
+            model=chosen,
             **{name: np.array(values) for name, values in table.items()},
         )
 

@@ -21,7 +21,7 @@ from stability.paths.model import with_contact, without_pairs
 from stability.paths.motion import gauge_along, stress
 from stability.paths.path import PathStatus
 from stability.paths.phase import PhaseEnd, Task, run_phase
-from stability.paths.rates import RECEDING, UNIT_PARAMETER, Gauge
+from stability.paths.solve import RECEDING, UNIT_PARAMETER, Gauge
 from stability.paths.state import (
     Mode,
     contacts_of,
@@ -71,6 +71,8 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
     idle, reach = 0, np.inf
     while True:
         problem = _rate_problem(walk, stage, hints, before)
+        if problem.status == "none" and walk.model.symmetry is not None:
+            problem = _asymmetric(walk, stage, hints, before)
         if problem.status == "none":
             return _no_continuation(walk, stage, problem, hints)
         seen, gauge = _enter(walk, stage, problem, before)
@@ -106,9 +108,23 @@ def _rate_problem(
     direction = None
     if before is not None and len(before.mode.regime) == walk.model.contact_count:
         direction = rate_vector(walk.model, before.rates)
-    return edge_problem(
+    problem = edge_problem(
         walk.model, state, walk.mode, stage.programme, preferred=hints, direction=direction
     )
+    walk.searches.add(problem)
+    return problem
+
+
+def _asymmetric(
+    walk: Walk, stage: Stage, hints: dict[int, Choice], before: Look | None
+) -> RateProblem[EdgeTrial]:
+    """The rate problem of the full model, taken on if it goes on where no symmetric motion does."""
+    small, kept = walk.model, walk.kept
+    walk.drop_symmetry()
+    problem = _rate_problem(walk, stage, hints, before)
+    if problem.status == "none":
+        walk.model, walk.kept = small, kept
+    return problem
 
 
 def _enter(
@@ -199,6 +215,7 @@ def _take_on_contacts(walk: Walk, end: PhaseEnd, hints: dict[int, Choice]) -> No
     walk.mode = Mode(
         np.concatenate([old.regime, regime]), np.concatenate([old.side, np.zeros(new)])
     )
+    walk.find_symmetry()
 
 
 def _no_continuation(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 from loops import GrainGraph, InputError
 from loops.contact_state import contact_state
 from loops.laws.protocol import Regime
+from stability.paths.choice import Choice, Searches
 from stability.paths.look import Look
 from stability.paths.model import PathModel
 from stability.paths.phase import Settings
 from stability.paths.record import Record
 from stability.paths.state import Mode, scales, unpack
+from stability.paths.symmetry import path_symmetry
+from stability.programmes import Programme
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +45,22 @@ class Walk:
     atol: float
     max_step: float
     steps_left: int
+    programmes: tuple[Programme, ...]
+    choice: Choice
+    periodic: bool
+    searches: Searches = field(default_factory=Searches)
+    kept: str = "to the end"
+
+    def find_symmetry(self) -> None:
+        """Look for the symmetry of the state and of what follows, if the model may be smaller."""
+        if self.choice == "auto":
+            group = path_symmetry(self.model, self.y, self.mode, self.programmes, self.periodic)
+            self.model = replace(self.model, symmetry=group)
+
+    def drop_symmetry(self) -> None:
+        """Go on with the full model."""
+        self.model = replace(self.model, symmetry=None)
+        self.kept = f"given up at parameter {self.parameter:.15g}: no symmetric motion goes on"
 
     @property
     def parameter(self) -> float:

@@ -26,6 +26,9 @@ def diamond(
     contact_on_touch: Annotated[
         str, typer.Option(help="When opposite grains meet: ignore, stop or add a contact.")
     ] = "ignore",
+    model: Annotated[
+        str, typer.Option(help="auto, the paper's two freedoms, or full: all of them as a check.")
+    ] = "auto",
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
@@ -34,7 +37,7 @@ def diamond(
     from studies.diamond import DiamondParameters, run_diamond
 
     # The parameters check the words themselves, and say what is expected.
-    words: Any = (closure, sliding, contact_on_touch)
+    words: Any = (closure, sliding, contact_on_touch, model)
     parameters = DiamondParameters(table, alpha0, kappa, phi, confine, *words)
     summary = run_diamond(parameters, out, force=force, csv=csv)
     report(summary, out, json, _diamond_lines)
@@ -46,4 +49,12 @@ def _diamond_lines(summary: dict[str, Any]) -> list[str]:
         f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
         for event in summary["events"]
     ]
+    model = summary["model"]
+    lines.append(
+        f"model {model['choice']}: symmetry {model['symmetry']}, freedoms {model['freedoms']}"
+    )
+    if model["check"] is not None:
+        found = model["check"]["differences"].items()
+        apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in found)
+        lines.append(f"all freedoms against the closed forms: {apart or 'nothing to compare'}")
     return lines + [f"note: {note}" for note in summary["notes"]]

@@ -32,6 +32,9 @@ def polygon(
         str, typer.Option(help="drained, isotropic, isotropic-stress, oedometric or undrained.")
     ] = "drained",
     end: Annotated[float | None, typer.Option(help="Strain E1 where the programme ends.")] = None,
+    model: Annotated[
+        str, typer.Option(help="auto, the smallest that symmetry leaves, or full.")
+    ] = "auto",
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
@@ -43,7 +46,7 @@ def polygon(
         given = "neither" if order is None else "both"
         raise InputError("--order, --compare", given, "one of them", "Write --order 6.")
     # The parameters check the words themselves, and say what is expected.
-    words: Any = (orientation, kappa, phi, closure, spins, confine, programme, end)
+    words: Any = (orientation, kappa, phi, closure, spins, confine, programme, end, model)
     if compare is not None:
         _compare_polygons(compare, words, out, force, csv, json)
         return
@@ -77,6 +80,11 @@ def _polygon_lines(summary: dict[str, Any]) -> list[str]:
     if summary["peak"] is not None:
         peak = summary["peak"]
         lines.append(f"peak of s1 = {peak['s1']:.8f} at E1 = {peak['E1']:.8f}")
+    model = summary["model"]
+    lines.append(
+        f"model {model['choice']}: symmetry {model['symmetry']}, freedoms {model['freedoms']}, "
+        f"contacts {model['contact_orbits']}"
+    )
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 

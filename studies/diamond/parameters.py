@@ -14,6 +14,7 @@ from patterns.diamond import DiamondParameters as LoopParameters
 Closure = Literal["affine", "traction"]
 Sliding = Literal["coulomb", "printed"]
 OnTouch = Literal["ignore", "stop", "add"]
+Model = Literal["auto", "full"]
 TABLES = {1: TABLE_1, 2: TABLE_2}
 OWN = ("alpha0_deg", "kappa", "phi_deg", "confine")
 
@@ -41,6 +42,9 @@ class DiamondParameters:
     contact_on_touch : {'ignore', 'stop', 'add'}
         What follows when opposite grains meet: nothing (the paper), the end of the path, or a
         contact between them that starts unloaded.
+    model : {'auto', 'full'}
+        The paper's diamond, its two freedoms by symmetry; or four grains followed besides, all
+        freedoms and contacts by themselves, to check it.
 
     Raises
     ------
@@ -63,11 +67,13 @@ class DiamondParameters:
     closure: Closure = "affine"
     sliding: Sliding = "coulomb"
     contact_on_touch: OnTouch = "ignore"
+    model: Model = "auto"
 
     def __post_init__(self) -> None:
         _one_of("closure", self.closure, get_args(Closure))
         _one_of("sliding", self.sliding, get_args(Sliding))
         _one_of("contact-on-touch", self.contact_on_touch, get_args(OnTouch))
+        _one_of("model", self.model, get_args(Model))
         own = [name for name in OWN if getattr(self, name) is not None]
         if self.table is not None:
             _one_of("table", self.table, tuple(TABLES))
@@ -120,6 +126,7 @@ class DiamondParameters:
             "closure": self.closure,
             "sliding": self.sliding,
             "contact_on_touch": self.contact_on_touch,
+            "model": self.model,
         }
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.diamond.added_contact import added_table
+from studies.diamond.model import check_model
 from studies.diamond.parameters import DiamondParameters
 from studies.diamond.path import DiamondPath, follow
 from studies.diamond.path_dependence import path_dependence_table
@@ -47,8 +48,10 @@ def run_diamond(
     Raises
     ------
     InputError
-        If `out` holds files and `force` is false.
+        If `out` holds files and `force` is false, or the full model is asked for with the printed
+        rule of sliding.
     """
+    check_model(parameters)
     with result_folder(out, force=force) as folder:
         path = follow(parameters)
         made = provenance("diamond", parameters.described(), UNITS)

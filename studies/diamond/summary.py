@@ -11,6 +11,7 @@ from patterns.diamond import opposite_gaps
 from stability import Verdict, judge, symmetric_part
 from studies.diamond.added_contact import added_summary
 from studies.diamond.events import ROUNDING, event_values, touching_strains
+from studies.diamond.model import model_summary
 from studies.diamond.operators import operators
 from studies.diamond.parameters import DiamondParameters
 from studies.diamond.path import DiamondPath, beyond_yield
@@ -59,7 +60,7 @@ def diamond_summary(path: DiamondPath) -> dict[str, Any]:
     -------
     dict
         `parameters`; `states` I, A and B, null where not reached; `events` in path order; `end`
-        of the path; `verification`; `sliding_rules`, `added_contact`, null where they say
+        of the path; `model`; `verification`; `sliding_rules`, `added_contact`, null where they say
         nothing; `figures`, the paper's numbers and the files; `notes`; `definitions`.
     """
     rows = path_table(path)
@@ -72,6 +73,7 @@ def diamond_summary(path: DiamondPath) -> dict[str, Any]:
             for event in path.events
         ],
         "end": {key: float(rows[key][-1]) for key in (*STATE_VALUES, *ENERGIES)},
+        "model": model_summary(path),
         "verification": verification(path),
         "sliding_rules": rules_summary(path.parameters),
         "added_contact": added_summary(path.parameters) if added else None,

@@ -16,6 +16,7 @@ Orientation = Literal["vertex", "edge"]
 Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]
 ProgrammeName = Literal["drained", "isotropic", "isotropic-stress", "oedometric", "undrained"]
+Model = Literal["auto", "full"]
 SUBSPACES = ("diagonal", "symmetric", "full")
 PROGRAMMES: dict[str, Callable[[], Programme]] = {
     "drained": programmes.drained_biaxial,
@@ -54,6 +55,8 @@ class PolygonParameters:
         'oedometric', 'undrained' (constant area); `H12 = H21 = 0` in all.
     end : float, optional
         E1 where it ends, above `confine` and below 1; `confine + 0.4 (1 - confine)` if left out.
+    model : {'auto', 'full'}
+        The smallest model that the loop's symmetry leaves, or all freedoms and contacts.
 
     Raises
     ------
@@ -76,6 +79,7 @@ class PolygonParameters:
     confine: float = 0.1
     programme: ProgrammeName = "drained"
     end: float | None = None
+    model: Model = "auto"
 
     def __post_init__(self) -> None:
         if not (int(self.order) == self.order and 3 <= self.order <= LONGEST):
@@ -85,6 +89,7 @@ class PolygonParameters:
         one_of("--orientation", self.orientation, get_args(Orientation))
         one_of("--closure", self.closure, get_args(Closure))
         one_of("--spins", self.spins, get_args(Spins))
+        one_of("--model", self.model, get_args(Model))
         one_of("--programme", self.programme, get_args(ProgrammeName))
         inside("--kappa", self.kappa, self.kappa >= 0.0, "a ratio of zero or more")
         inside("--phi", self.phi_deg, 0.0 <= self.phi_deg <= 90.0, "degrees in [0, 90]")
@@ -152,6 +157,7 @@ class PolygonParameters:
             "confine": self.confine,
             "programme": self.programme,
             "end": self.last_strain,
+            "model": self.model,
         }
 
 

@@ -128,6 +128,7 @@ def _attempt(parameters: PolygonParameters, subspace: str, longest: float) -> Pa
             subspace=subspace,
             max_step=longest,
             max_steps=MOST_STEPS,
+            model=parameters.model,
         )
     except InputError:
         raise

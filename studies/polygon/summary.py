@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ DEFINITIONS = {
     "A": "end of the isotropic strain, where the programme starts",
     "peak": "largest s1 on the stage after A, null if s1 only falls or still rises at its end",
     "K": "tangent of the regimes that the path arrives with",
+    "model": "what was modelled, and how much of it the loop's symmetry left out: part of whole",
     "status": "of the path: finished, or why and where it ends before its target",
 }
 
@@ -37,7 +39,7 @@ def polygon_summary(found: PolygonPath) -> dict[str, Any]:
     -------
     dict
         `parameters, critical_strain, events, peak, states` A and end, `status, message, rows,
-        verification, notes, definitions`.
+        model, verification, notes, definitions`.
     """
     path = found.path
     critical = critical_strains(found.parameters)
@@ -51,6 +53,7 @@ def polygon_summary(found: PolygonPath) -> dict[str, Any]:
         "status": path.status,
         "message": path.message,
         "rows": len(path),
+        "model": asdict(path.model),
         "verification": _verification(found, critical),
         "notes": _notes(found, critical, peak),
         "definitions": DEFINITIONS,

@@ -106,12 +106,19 @@ def test_grains_that_touch_from_the_start_are_reported(closure):
 
 def test_singular_relaxation_is_a_limit_of_the_control():
     # Under prescribed strain the relaxed centres of a soft loop branch: the rhombus shears.
-    path = follow(diamond(np.radians(60)), LAW, isotropic(0.5), closure="traction")
+    path = follow(diamond(np.radians(60)), LAW, isotropic(0.5), closure="traction", model="full")
     assert path.status == "control_limit"
     (event,) = path.of_kind("control_limit")
     assert "singular" in event.detail
     # Its stiffness against the shear H21, held at zero, vanishes there.
     assert path.A[event.index, 1, 1] == pytest.approx(0, abs=1e-4)
+
+
+def test_symmetric_unknowns_pass_the_singular_relaxation_and_say_so():
+    path = follow(diamond(np.radians(60)), LAW, isotropic(0.5), closure="traction")
+    assert path.status == "finished"
+    (event,) = path.of_kind("branching")
+    assert event.parameter == pytest.approx(8 / 23, abs=1e-10)
 
 
 @pytest.mark.parametrize("closure", CLOSURES)

@@ -29,8 +29,8 @@ STATE_KEYS = {
     "generic", "work", "stored", "dissipated",
 }  # fmt: skip
 SUMMARY_KEYS = {
-    "parameters", "states", "events", "end", "verification", "sliding_rules", "added_contact",
-    "figures", "notes", "definitions", "provenance",
+    "parameters", "states", "events", "end", "model", "verification", "sliding_rules",
+    "added_contact", "figures", "notes", "definitions", "provenance",
 }  # fmt: skip
 COLUMNS = {
     "stage", "regime", "E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2",

@@ -21,7 +21,7 @@ from studies.polygon.summary import critical_strains, polygon_summary
 from studies.polygon.table import path_table
 
 SUMMARY_KEYS = {
-    "critical_strain", "definitions", "events", "message", "notes", "parameters", "peak",
+    "critical_strain", "definitions", "events", "message", "model", "notes", "parameters", "peak",
     "provenance", "rows", "states", "status", "verification",
 }  # fmt: skip
 EVENT_KEYS = {

@@ -1,0 +1,271 @@
+"""Point symmetry of a loop: which rotations and mirrors leave its state as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops.graph import GrainGraph
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+# Rounding of coordinates and forces, over their size: a state further from symmetric than this is
+# not symmetric. A perturbation of 1e-12 is no rounding.
+ROUNDING = 64 * float(np.finfo(float).eps)
+
+# Entries of a map this close to -1, 0 or 1 are these.
+AXIS_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class PointGroup:
+    """Permutations of grains and contacts, each with the orthogonal map that goes with it.
+
+    Element s sends grain g to `grains[s, g]`, at `maps[s] x_g` about the centre of the loop, and
+    contact c to `contacts[s, c]`. A rotation keeps `T`, a mirror turns its sign (`N` stays), in
+    whichever direction the contact is listed.
+
+    Attributes
+    ----------
+    grains : (S, G) array of int
+        Images of the grains; the identity comes first.
+    contacts : (S, C) array of int
+        Images of the contacts.
+    maps : (S, 2, 2) array
+        Rotations and mirrors.
+    """
+
+    grains: Integers
+    contacts: Integers
+    maps: Floats
+
+    @property
+    def order(self) -> int:
+        """Number of elements S."""
+        return len(self.maps)
+
+    @cached_property
+    def parity(self) -> Floats:
+        """(S,) +1 for a rotation, -1 for a mirror: what happens to `T` and to spins."""
+        return np.asarray(np.sign(np.linalg.det(self.maps)), dtype=float)
+
+    @property
+    def name(self) -> str:
+        """Schoenflies' name in the plane: 'C1', 'C3' (rotations), 'D1', 'D4' (mirrors too)."""
+        rotations = int((self.parity > 0).sum())
+        return f"{'C' if rotations == self.order else 'D'}{rotations}"
+
+    @cached_property
+    def contact_orbits(self) -> Integers:
+        """(C,) for every contact the first one that is its image."""
+        return np.asarray(self.contacts.min(axis=0))
+
+    @cached_property
+    def contact_parity(self) -> Floats:
+        """(C,) sign with which `T` is carried here from the first contact of the orbit.
+
+        0 where a mirror sends the contact to itself, so that `T` vanishes.
+        """
+        here = self.contacts[:, self.contact_orbits] == np.arange(self.contacts.shape[1])
+        return np.asarray((self.parity[:, None] * here).sum(axis=0) / here.sum(axis=0))
+
+    def only(self, chosen: Mask) -> PointGroup:
+        """The elements that are chosen, (S,): a subgroup, if they are closed under product."""
+        return PointGroup(self.grains[chosen], self.contacts[chosen], self.maps[chosen])
+
+    def along_axes(self) -> PointGroup:
+        """The subgroup that sends axis 1 to itself: mirrors in the axes and the half turn."""
+        return self.only((self.maps[:, 0, 1] == 0.0) & (self.maps[:, 1, 0] == 0.0))
+
+
+def loop_symmetry(
+    graph: GrainGraph, even: Sequence[ArrayLike] = (), odd: Sequence[ArrayLike] = ()
+) -> PointGroup:
+    """Point group of a loop's state: centres, reference, radii and forces.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state.
+    even, odd : sequence of (C,) array
+        More numbers of the contacts, which mirrors keep (stiffness, regime) or turn the sign of.
+
+    Returns
+    -------
+    PointGroup
+        The identity alone if the graph's first contacts are no ring, or it is periodic.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph
+    >>> from loops.symmetry import loop_symmetry
+    >>> ring = [[0, 1], [1, 2], [2, 3], [3, 0]]
+    >>> square = GrainGraph(x=[[1, 0], [0, 1], [-1, 0], [0, -1]], radii=[0.75] * 4, contacts=ring)
+    >>> loop_symmetry(square).name
+    'D4'
+    >>> loop_symmetry(square.replace(shear_force=[0.1, -0.1, 0.1, -0.1])).name
+    'D2'
+    """
+    if graph.cell is not None or graph.batch_shape:
+        return identity(graph.grain_count, len(graph.contacts))
+    N, T = graph.normal_force, graph.shear_force
+    force = max(float(np.abs(N).max(initial=0.0)), float(np.abs(T).max(initial=0.0))) or 1.0
+    return point_group(
+        [graph.x, graph.x0],
+        graph.contacts,
+        graph.radii,
+        even=[N / force, *even],
+        odd=[T / force, *odd],
+    )
+
+
+def point_group(
+    configurations: Sequence[Floats],
+    contacts: Integers,
+    radii: Floats,
+    *,
+    even: Sequence[ArrayLike] = (),
+    odd: Sequence[ArrayLike] = (),
+) -> PointGroup:
+    """Point group of configurations of a ring with chords, taken together.
+
+    The 2 n candidates are the turns and reversals of the ring; each fixes its map.
+
+    Parameters
+    ----------
+    configurations : sequence of (G, 2) array
+        Centres, each about its own mean (length).
+    contacts : (C, 2) array of int
+        Contacts (c, c+1) of the ring first.
+    radii : (G,) array
+        Radii (length).
+    even, odd : sequence of (C,) array
+        Numbers of the contacts that mirrors keep, or turn the sign of, in their natural unit:
+        rounding is measured against 1, or the largest of them.
+
+    Returns
+    -------
+    PointGroup
+        The identity alone if the first contacts are no ring.
+    """
+    count = len(radii)
+    if not _is_ring(contacts, count):
+        return identity(count, len(contacts))
+    grains, mirrored = _candidates(count)
+    kept = _same(radii[grains], radii, np.abs(radii).max())
+    grains, mirrored = grains[kept], mirrored[kept]
+    centred = [np.asarray(x - x.mean(axis=0)) for x in configurations]
+    maps = _maps(centred[0], grains, mirrored)
+    kept = np.ones(len(grains), dtype=bool)
+    for x in centred:
+        image = np.einsum("sij,gj->sgi", maps, x)
+        gap = (x[grains] - image).reshape(len(maps), -1)
+        kept &= _same(gap, np.zeros_like(gap), float(np.abs(x).max()))
+    images, found = _contact_images(contacts, grains, count)
+    kept &= found
+    group = PointGroup(grains[kept], images[kept], maps[kept])
+    for values in even:
+        group = group.only(_keeps(group, np.asarray(values, dtype=float), np.ones(group.order)))
+    for values in odd:
+        group = group.only(_keeps(group, np.asarray(values, dtype=float), group.parity))
+    return group
+
+
+def identity(grains: int, contacts: int) -> PointGroup:
+    """The group without symmetry, of so many grains and contacts."""
+    return PointGroup(np.arange(grains)[None], np.arange(contacts)[None], np.eye(2)[None])
+
+
+def invariant_fields(places: Integers, action: Floats) -> Floats:
+    """Orthonormal basis of the fields that a group leaves as they are.
+
+    A field has m numbers at each of I places; element s takes them to the place `places[s]` and
+    applies `action[s]`. The basis has the columns of the group average, orbit by orbit: at one
+    place what its own elements leave unchanged, carried to its images.
+
+    Parameters
+    ----------
+    places : (S, I) array of int
+        Images of the places.
+    action : (S, m, m) array
+        Orthogonal; times a character (+1 or -1) for the fields that change by it.
+
+    Returns
+    -------
+    (I, m, r) array
+        r fields.
+
+    Examples
+    --------
+    Two points that a mirror swaps, with vectors:
+
+    >>> import numpy as np
+    >>> from loops.symmetry import invariant_fields
+    >>> mirror = np.array([np.eye(2), np.diag([-1.0, 1.0])])
+    >>> invariant_fields(np.array([[0, 1], [1, 0]]), mirror).shape
+    (2, 2, 2)
+    """
+    items, width = places.shape[1], action.shape[-1]
+    fields = [np.zeros((items, width, 0))]
+    for first in np.unique(places.min(axis=0)):
+        here = action[places[:, first] == first]
+        values, vectors = np.linalg.eigh(here.mean(axis=0))
+        kept = vectors[:, values > 0.5]
+        field = np.zeros((items, width, kept.shape[1]))
+        field[places[:, first]] = action @ kept
+        fields.append(field / np.sqrt(len(np.unique(places[:, first]))))
+    return np.concatenate(fields, axis=-1)
+
+
+def _is_ring(contacts: Integers, count: int) -> bool:
+    ring = np.column_stack([np.arange(count), np.roll(np.arange(count), -1)])
+    return count >= 3 and len(contacts) >= count and bool((contacts[:count] == ring).all())
+
+
+def _candidates(count: int) -> tuple[Integers, Mask]:
+    """(2 n, n) turns of the ring, then its reversals, and which are reversals."""
+    grain, turn = np.arange(count), np.arange(count)[:, None]
+    grains = np.concatenate([(turn + grain) % count, (turn - grain) % count])
+    return grains, np.arange(2 * count) >= count
+
+
+def _maps(x: Floats, grains: Integers, mirrored: Mask) -> Floats:
+    """(S, 2, 2) rotation, or mirror, that brings the centres closest to their images."""
+    z = x[:, 0] + 1j * x[:, 1]
+    turn = np.where(mirrored, z[grains] @ z, z[grains] @ z.conj())
+    size = np.abs(turn)
+    turn = np.where(size > 0, turn / np.where(size > 0, size, 1.0), 1.0)
+    sign = np.where(mirrored, -1.0, 1.0)
+    maps = np.stack([turn.real, -sign * turn.imag, turn.imag, sign * turn.real], axis=-1)
+    nearest = np.rint(maps)
+    snapped = np.where(np.abs(maps - nearest) <= AXIS_ROUNDING, nearest, maps)
+    return np.asarray(snapped + 0.0).reshape(-1, 2, 2)
+
+
+def _contact_images(contacts: Integers, grains: Integers, count: int) -> tuple[Integers, Mask]:
+    """(S, C) contact between the images of each contact's grains, and (S,) whether all are."""
+    keys = contacts.min(axis=1) * count + contacts.max(axis=1)
+    order = np.argsort(keys)
+    i, j = grains[:, contacts[:, 0]], grains[:, contacts[:, 1]]
+    wanted = np.minimum(i, j) * count + np.maximum(i, j)
+    at = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)
+    images = order[at]
+    return images, np.asarray((keys[images] == wanted).all(axis=1))
+
+
+def _keeps(group: PointGroup, values: Floats, parity: Floats) -> Mask:
+    finite = np.abs(values[np.isfinite(values)])
+    return _same(values[group.contacts], parity[:, None] * values, finite.max(initial=1.0))
+
+
+def _same(a: Floats, b: Floats, size: float) -> Mask:
+    """(S,) rows that agree up to rounding of numbers of that size."""
+    with np.errstate(invalid="ignore"):
+        equal = (a == b) | (np.abs(a - b) <= ROUNDING * size)
+    return np.asarray(equal.all(axis=-1))

@@ -1,0 +1,249 @@
+"""The smallest model gives what the full one gives, to rounding, and says what it left out."""
+
+import numpy as np
+import pytest
+
+from loops import InputError, LinearFrictional
+from loops.symmetry import loop_symmetry
+from patterns import diamond, random_loop, regular_polygon
+from stability import Stage, follow, programmes, rates_at
+from stability.paths.symmetry import keeps_control
+from stability.rate_problem import ELASTIC, LEFT, RIGHT, EdgeRates, solve_rate_problem
+
+CLOSURES = ("affine", "traction")
+SPINS = ("blocked", "affine", "free")
+# Steps of the two differ: only the rows at events are the same states.
+FIELDS = (
+    "parameter",
+    "H",
+    "P",
+    "x",
+    "normal_force",
+    "shear_force",
+    "A",
+    "H_rate",
+    "P_rate",
+    "work",
+)
+LAW = LinearFrictional(kn=1.0, kt=0.8, mu=np.tan(np.radians(20)))
+
+
+def stages(confinement=0.1, end=0.25):
+    return [
+        Stage(programmes.isotropic_strain(), "H11", confinement),
+        Stage(programmes.drained_biaxial(), "H11", end),
+    ]
+
+
+def both(loop, law=LAW, programme=None, **choices):
+    programme = stages() if programme is None else programme
+    return [follow(loop, law, programme, model=model, **choices) for model in ("auto", "full")]
+
+
+def events(path):
+    return [(event.kind, event.contacts) for event in path.events]
+
+
+def largest_difference(small, full):
+    assert (small.status, events(small)) == (full.status, events(full))
+    rows = [[*(event.index for event in path.events), -1] for path in (small, full)]
+    found = 0.0
+    for name in FIELDS:
+        a, b = getattr(small, name)[rows[0]], getattr(full, name)[rows[1]]
+        assert (np.isnan(a) == np.isnan(b)).all(), name
+        scale = max(1.0, np.nanmax(np.abs(b), initial=0.0))
+        found = max(found, np.nanmax(np.abs(a - b), initial=0.0) / scale)
+    return found
+
+
+@pytest.mark.parametrize("spins", SPINS)
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize(("order", "orientation"), [(4, "vertex")])
+def test_short_polygons_to_rounding(order, orientation, closure, spins):
+    small, full = both(
+        regular_polygon(order, orientation=orientation), closure=closure, spins=spins
+    )
+    assert largest_difference(small, full) < 2e-14
+    assert small.model.symmetry.startswith("D2" if order == 4 else "D1")
+    assert full.model.symmetry == "none"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spins", SPINS)
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize("orientation", ["vertex", "edge"])
+@pytest.mark.parametrize("order", [3, 4, 5, 6, 7, 8, 9, 10, 11, 12])
+def test_longer_polygons_to_rounding(order, orientation, closure, spins):
+    small, full = both(
+        regular_polygon(order, orientation=orientation), closure=closure, spins=spins
+    )
+    assert largest_difference(small, full) < 1e-13
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize("alpha0", [35.0])
+def test_diamonds_to_rounding(alpha0, closure):
+    law = LinearFrictional(kn=1.0, kt=0.3, mu=np.tan(np.radians(6)))
+    small, full = both(diamond(np.radians(alpha0)), law, closure=closure)
+    assert largest_difference(small, full) < 2e-14
+    assert (small.model.freedoms, full.model.freedoms) == ("2 of 8", "8 of 8")
+    assert (small.model.contact_orbits, full.model.contact_orbits) == ("1 of 4", "4 of 4")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_contacts_added_in_pairs_keep_the_symmetry(closure):
+    law = LinearFrictional(kn=1.0, kt=0.3, mu=0.3)
+    small, full = both(
+        diamond(np.radians(45)), law, stages(0.32, 0.36), closure=closure, contact_on_touch="add"
+    )
+    assert len(small.contacts) == len(full.contacts) == 6
+    assert largest_difference(small, full) < 1e-13
+    assert small.model.kept == "to the end"
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_loops_without_symmetry_are_the_full_model(seed, closure):
+    loop = random_loop(5, seed, strain=0.02, mu=0.2)
+    small, full = both(
+        loop, programme=Stage(programmes.isotropic_strain(), "H11", 0.04), closure=closure
+    )
+    assert small.model.symmetry == "none"
+    assert small.model.unknowns == full.model.unknowns
+    for name in FIELDS:
+        assert np.array_equal(getattr(small, name), getattr(full, name), equal_nan=True)
+
+
+def test_a_perturbation_of_1e_12_is_modelled():
+    """All four contacts yield at once by symmetry; next to it they need not."""
+    square = regular_polygon(4)
+    x = np.array(square.x)
+    x[0, 0] += 1e-12
+    path = follow(square.replace(x=x, x0=x), LAW, stages(), closure="traction")
+    assert path.model.symmetry == "D1 (order 2)"
+    x[1, 0] += 2e-12
+    path = follow(square.replace(x=x, x0=x), LAW, stages(), closure="traction")
+    assert path.model.symmetry == "none"
+
+
+def test_isotropic_loading_leaves_one_freedom():
+    stage = Stage(programmes.isotropic_strain(), "H11", 0.1)
+    path = follow(regular_polygon(9), LAW, stage, closure="traction", spins="free")
+    assert path.model.symmetry == "D9 (order 18)"
+    assert (path.model.freedoms, path.model.spins) == ("1 of 18", "0 of 9")
+    assert path.model.contact_orbits == "1 of 9"
+    assert path.model.unknowns == "4 of 36"
+
+
+def test_spins_of_a_diamond_vanish_by_symmetry():
+    path = follow(diamond(np.radians(40)), LAW, stages(), closure="traction", spins="free")
+    assert path.model.spins == "0 of 4"
+
+
+@pytest.mark.parametrize("subspace", ["symmetric", "full"])
+def test_the_judged_tangent_is_the_full_one(subspace):
+    """Events outside the symmetric motions are met all the same."""
+    loop = regular_polygon(4, orientation="edge")
+    programme = Stage(programmes.isotropic_strain(), "H11", 0.5)
+    small, full = both(loop, programme=programme, closure="traction", subspace=subspace)
+    assert any(event.kind == "det_Ks_zero" for event in small.events)
+    assert largest_difference(small, full) < 1e-12
+
+
+QUARTER, HALF = np.array([[0.0, -1.0], [1.0, 0.0]]), -np.eye(2)
+MIRROR, DIAGONAL = np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
+KEPT = {
+    "isotropic strain": (programmes.isotropic_strain(), [True, True, True, True]),
+    "isotropic stress": (programmes.isotropic_stress(), [True, True, True, True]),
+    "drained": (programmes.drained_biaxial(), [False, True, True, False]),
+    "undrained": (programmes.undrained(), [False, True, True, False]),
+    "oedometric": (programmes.oedometric(axis=2), [False, True, True, False]),
+    "simple shear": (
+        programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, 0, 0]),
+        [False, True, False, False],
+    ),
+    "pure shear": (
+        programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, 1, 0]),
+        [False, True, False, True],
+    ),
+    "rotation": (
+        programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, -1, 0]),
+        [True, True, False, False],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", KEPT)
+def test_maps_that_keep_a_control(name):
+    programme, expected = KEPT[name]
+    maps = np.array([QUARTER, HALF, MIRROR, DIAGONAL])
+    assert keeps_control(programme, maps).tolist() == expected
+
+
+def test_a_turn_by_a_third_keeps_strain_control_but_not_stress_control_without_shear():
+    c, s = np.cos(2 * np.pi / 3), np.sin(2 * np.pi / 3)
+    third = np.array([[[c, -s], [s, c]]])
+    assert keeps_control(programmes.isotropic_strain(), third).tolist() == [True]
+    assert keeps_control(programmes.isotropic_stress(), third).tolist() == [False]
+
+
+def test_simple_shear_of_a_square_keeps_the_half_turn():
+    shear = programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, 0, 0], "simple shear")
+    programme = [Stage(programmes.isotropic_strain(), "H11", 0.05), Stage(shear, "H12", 0.1)]
+    small, full = both(regular_polygon(4), programme=programme, closure="traction")
+    assert small.model.symmetry == "C2 (order 2)"
+    assert largest_difference(small, full) < 2e-14
+
+
+def test_elastic_states_skip_the_branch_search():
+    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.5)
+    loop = regular_polygon(4, strain=0.05)
+    loop = loop.replace(x0=loop.x, radii=np.full(4, 0.5))
+    small, full = both(loop, law, Stage(programmes.isotropic_strain(), "H11", 0.05))
+    assert small.model.branch_search.startswith("skipped in 1 of 1")
+    assert full.model.branch_search.startswith("skipped in 0 of 1 rate problems; 81 of 81")
+    assert largest_difference(small, full) < 2e-14
+
+
+def test_one_solve_where_no_contact_has_a_choice():
+    loop = regular_polygon(6, strain=0.05)
+    found = rates_at(loop, LAW, programmes.drained_biaxial())
+    assert (found.status, found.tried, found.combinations) == ("unique", 1, 1.0)
+
+
+def test_contacts_inside_their_cone_stick_whatever_the_rates():
+    """Of three regimes each that are tried, sliding is refused by the state, not by the rates."""
+
+    class Trial:
+        edge = EdgeRates(np.zeros(2), np.array([5.0, -5.0]), np.full(2, np.inf))
+        vector = np.ones(1)
+        trusted = True
+
+    found = solve_rate_problem(
+        [(ELASTIC, LEFT, RIGHT)] * 2, lambda choices: Trial(), preferred=[ELASTIC] * 2
+    )
+    assert (found.status, found.tried, found.combinations) == ("unique", 9, 9.0)
+    assert found.taken.choices == (ELASTIC, ELASTIC)
+
+
+def test_orbits_share_their_regime_at_yield():
+    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.1)
+    small, full = both(diamond(np.radians(40)), law)
+    # 4 contacts with 4 regimes at the first touch, with 2 at yield.
+    assert "6 of 272 combinations" in small.model.branch_search
+    assert largest_difference(small, full) < 2e-14
+    (event,) = small.of_kind("yield")
+    assert event.contacts == (0, 1, 2, 3)
+    assert (
+        np.sign(small.shear_force[-1]).tolist()
+        == (
+            np.sign(small.shear_force[-1, 0])
+            * loop_symmetry(diamond(np.radians(40))).contact_parity
+        ).tolist()
+    )
+
+
+def test_an_unknown_model_is_refused():
+    with pytest.raises(InputError, match="model"):
+        follow(regular_polygon(4), LAW, stages(), model="small")

@@ -1,0 +1,76 @@
+"""The study of the smallest model, and the option --model of both commands."""
+
+import json
+from dataclasses import asdict
+
+import pytest
+from typer.testing import CliRunner
+
+from loops import InputError
+from studies.cli import app
+from studies.diamond import DiamondParameters
+from studies.diamond.model import SMALLEST, check_model, model_summary
+from studies.diamond.path import follow as follow_diamond
+from studies.polygon import PolygonParameters
+from studies.polygon.path import follow_polygon
+from studies.smallest_model import Scene, compared
+from studies.smallest_model.figures import draw
+from studies.smallest_model.measure import largest_difference
+
+
+def test_a_row_of_the_study(tmp_path):
+    row = compared(Scene("traction", "free", (4,)), 4)
+    assert (row["symmetry"], row["unknowns_auto"], row["unknowns_full"]) == ("D2 (order 4)", 7, 21)
+    assert row["solves_auto"] < row["solves_full"]
+    assert row["difference"] < 2e-14
+    draw([row], tmp_path, {})
+    assert (tmp_path / "smallest_model.png").stat().st_size > 0
+
+
+def test_paths_with_other_events_are_infinitely_far_apart():
+    one, two = (
+        follow_polygon(PolygonParameters(4, end=end), ("diagonal",)).path for end in (0.15, 0.4)
+    )
+    assert largest_difference(one, two) == float("inf")
+    assert largest_difference(one, one) == 0.0
+
+
+@pytest.mark.parametrize(("table", "closure"), [(1, "affine"), (2, "traction")])
+def test_all_freedoms_of_the_diamond_against_its_closed_forms(table, closure):
+    path = follow_diamond(DiamondParameters(table=table, closure=closure, model="full"))
+    found = model_summary(path)
+    assert (found["choice"], found["freedoms"]) == ("full", "8 of 8")
+    assert sorted(found["check"]["differences"]) == ["A", "B", "I"]
+    assert max(found["check"]["differences"].values()) < 1e-13
+
+
+def test_the_diamond_says_that_it_has_two_freedoms():
+    found = model_summary(follow_diamond(DiamondParameters(table=1)))
+    assert found == {**SMALLEST, "check": None}
+    path = follow_polygon(PolygonParameters(4, end=0.15), ("diagonal",)).path
+    assert set(SMALLEST) == set(asdict(path.model))
+
+
+def test_what_the_full_model_cannot_do_is_refused():
+    with pytest.raises(InputError, match="--sliding"):
+        check_model(DiamondParameters(sliding="printed", model="full"))
+    with pytest.raises(InputError, match="--model"):
+        DiamondParameters(model="small")
+    with pytest.raises(InputError, match="--model"):
+        PolygonParameters(5, model="small")
+
+
+def test_the_command_takes_and_says_the_model(tmp_path):
+    runs = {}
+    for model in ("auto", "full"):
+        out = tmp_path / model
+        words = ["polygon", "--order", "4", "--end", "0.2", "--model", model, "--out", str(out)]
+        result = CliRunner().invoke(app, words)
+        assert result.exit_code == 0
+        assert f"model {model}: symmetry" in result.stdout
+        runs[model] = json.loads((out / "summary.json").read_text())
+    assert runs["auto"]["model"]["freedoms"] == "2 of 8"
+    assert runs["full"]["model"]["freedoms"] == "8 of 8"
+    for event, other in zip(runs["auto"]["events"], runs["full"]["events"], strict=True):
+        assert event["E1"] == pytest.approx(other["E1"], abs=1e-13)
+        assert event["kind"] == other["kind"]
