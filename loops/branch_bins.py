@@ -75,21 +75,42 @@ def cell_branches(graph: GrainGraph) -> Branches:
         Branches, their starts in the unit square.
     """
     i, j = graph.contacts.T
+    u, home, sides = cell_coordinates(graph)
+    reach = np.zeros((graph.contact_count, 2), dtype=np.int64)
+    if home is not None and graph.images is not None:
+        reach = home[j] + graph.images - home[i]
+    vector = u[j] - u[i] + reach
+    return Branches(u[i], vector, graph.contacts, reach, sides)
+
+
+def cell_coordinates(graph: GrainGraph) -> tuple[Floats, Integers | None, Floats]:
+    """Centres in coordinates of the cell or of the bounding box.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state that has contacts.
+
+    Returns
+    -------
+    u : (G, 2) array
+        Coordinates; from 0 to 1 for every grain that has a contact.
+    home : (G, 2) array of int or None
+        Cell that each centre was brought in from; None in the plane.
+    sides : (2,) array
+        Lengths of the cell's sides.
+    """
     if graph.cell is not None and graph.images is not None:
         u = np.linalg.solve(graph.cell, graph.x.T).T
         home = np.floor(u).astype(np.int64)
-        u -= home
-        reach = home[j] + graph.images - home[i]
-        sides = np.hypot(*graph.cell)
-    else:
-        lowest = np.minimum(graph.x[i].min(axis=0), graph.x[j].min(axis=0))
-        extent = np.maximum(graph.x[i].max(axis=0), graph.x[j].max(axis=0)) - lowest
-        # A margin all around, so that rounding puts nothing outside the bins.
-        sides = 1.002 * np.maximum(extent, 1e-9 * extent.max())
-        u = (graph.x - lowest) / sides + 0.001
-        reach = np.zeros((graph.contact_count, 2), dtype=np.int64)
-    vector = u[j] - u[i] + reach
-    return Branches(u[i], vector, graph.contacts, reach, sides)
+        return u - home, home, np.hypot(*graph.cell)
+    touching = np.zeros(graph.grain_count, dtype=bool)
+    touching[graph.contacts] = True
+    lowest, highest = graph.x[touching].min(axis=0), graph.x[touching].max(axis=0)
+    extent = highest - lowest
+    # A margin all around, so that rounding puts nothing outside the bins.
+    sides = 1.002 * np.maximum(extent, 1e-9 * extent.max())
+    return (graph.x - lowest) / sides + 0.001, None, sides
 
 
 def close_branches(branches: Branches) -> Iterator[Pieces]:
@@ -108,7 +129,10 @@ def close_branches(branches: Branches) -> Iterator[Pieces]:
     Pieces
         Pieces in bins with two pieces or more.
     """
-    pieces = _cut(branches, _bin_counts(branches))
+    pieces = _cut(
+        branches,
+        bin_counts(len(branches.vector), np.abs(branches.vector).mean(axis=0), branches.sides),
+    )
     limit = 2 * len(pieces.contact)
     for _ in range(SPLITS):
         size = pieces.bin_sizes()
@@ -121,12 +145,26 @@ def close_branches(branches: Branches) -> Iterator[Pieces]:
     yield pieces
 
 
-def _bin_counts(branches: Branches) -> tuple[int, int]:
-    """Columns and rows: square bins, two contacts in each, fewer bins if branches are long."""
-    contacts = len(branches.vector)
-    width, height = np.maximum(branches.sides, branches.sides.max() / contacts)
+def bin_counts(contacts: int, extent: Floats, sides: Floats) -> tuple[int, int]:
+    """Columns and rows: square bins, two contacts in each, fewer bins if branches are long.
+
+    Parameters
+    ----------
+    contacts : int
+        Number of contacts C.
+    extent : (2,) array
+        Mean extent of a branch along either axis, in coordinates of the cell.
+    sides : (2,) array
+        Lengths of the cell's sides.
+
+    Returns
+    -------
+    (int, int)
+        Columns and rows.
+    """
+    width, height = np.maximum(sides, sides.max() / contacts)
     counts = np.sqrt([0.5 * contacts * width / height, 0.5 * contacts * height / width])
-    crossed = np.abs(branches.vector).sum(axis=0) @ counts
+    crossed = contacts * float(extent @ counts)
     columns, rows = counts * min(1.0, PIECES * contacts / max(crossed, 1.0))
     return max(1, int(columns)), max(1, int(rows))
 

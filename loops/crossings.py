@@ -9,7 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops.branch_bins import ROUND_OFF, Branches, Pieces, cell_branches, close_branches
+from loops.branch_bins import (
+    ROUND_OFF,
+    Branches,
+    Pieces,
+    bin_counts,
+    cell_branches,
+    cell_coordinates,
+    close_branches,
+)
+from loops.compiled import use_compiled
 from loops.graph import GrainGraph
 from loops.pruning import require_one_state
 
@@ -18,9 +27,13 @@ Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 BLOCK = 2**15  # pieces of branches compared at a time
+SAMPLE = 10_000  # branches that the mean extent is taken from, at least
+REPEATS = 8  # times a crossing may be met before the kernel gives up counting
 
 
-def find_crossings(graph: GrainGraph, max_pairs: int = 1000) -> Integers:
+def find_crossings(
+    graph: GrainGraph, max_pairs: int = 1000, *, compiled: bool | None = None
+) -> Integers:
     """Pairs of contacts whose branches meet elsewhere than in a common grain.
 
     They cross, touch (the centre of a grain lies on a branch it has no part in) or overlap along
@@ -35,6 +48,8 @@ def find_crossings(graph: GrainGraph, max_pairs: int = 1000) -> Integers:
         One state, in the plane or in a periodic cell of any shape.
     max_pairs : int
         The search stops once it has found this many pairs; which ones is not said.
+    compiled : bool, optional
+        Whether to take the compiled kernel; by the size of the graph if left out.
 
     Returns
     -------
@@ -58,6 +73,10 @@ def find_crossings(graph: GrainGraph, max_pairs: int = 1000) -> Integers:
     require_one_state(graph)
     if graph.contact_count == 0:
         return np.zeros((0, 2), dtype=np.int64)
+    if use_compiled(compiled, graph.contact_count):
+        pairs = _compiled_crossings(graph, max_pairs)
+        if pairs is not None:
+            return pairs
     branches = cell_branches(graph)
     batches, unsorted = [np.zeros((0, 2), dtype=np.int64)], 0
     for pieces in close_branches(branches):
@@ -70,6 +89,43 @@ def find_crossings(graph: GrainGraph, max_pairs: int = 1000) -> Integers:
                 if len(batches[0]) >= max_pairs:
                     return batches[0][:max_pairs]
     return np.unique(np.concatenate(batches), axis=0)
+
+
+def _compiled_crossings(graph: GrainGraph, max_pairs: int) -> Integers | None:
+    """Crossings by the kernel; None where its bins are too crowded, as in fans around large grains.
+
+    A pair may meet in several bins: it counts once.
+    """
+    from loops.compiled.crossings import crossing_pairs
+    from loops.compiled.kernel import given
+
+    u, home, sides = cell_coordinates(graph)
+    none = np.zeros((0, 2), dtype=np.int64)
+    counts = bin_counts(graph.contact_count, _mean_extent(graph, u, home), sides)
+    limit = min(REPEATS * max_pairs, np.iinfo(np.int64).max)
+    status, pairs = crossing_pairs(
+        given(graph.x, np.float64),
+        given(u, np.float64),
+        given(none if home is None else home, np.int64),
+        given(graph.contacts, np.int64),
+        given(none if graph.images is None else graph.images, np.int64),
+        given(counts, np.int64),
+        limit,
+    )
+    pairs = np.unique(pairs, axis=0)
+    if status < 0 or (status > 0 and len(pairs) < max_pairs):
+        return None
+    return pairs[:max_pairs]
+
+
+def _mean_extent(graph: GrainGraph, u: Floats, home: Integers | None) -> Floats:
+    """Mean extent of a branch along either axis, from every so many contacts."""
+    step = 1 + graph.contact_count // SAMPLE
+    i, j = graph.contacts[::step].T
+    vector = u[j] - u[i]
+    if home is not None and graph.images is not None:
+        vector += home[j] + graph.images[::step] - home[i]
+    return np.asarray(np.abs(vector).mean(axis=0))
 
 
 def _meeting_pairs(branches: Branches, pieces: Pieces) -> Iterator[Integers]:

@@ -9,21 +9,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from loops.compiled import use_compiled
+from loops.face_areas import measured_faces
 from loops.graph import GrainGraph, branch_vectors
 from loops.half_edges import cycles, next_half_edge
-from loops.pruning import component_labels, prune_dangling, require_one_state, winding_ranks
+from loops.pruning import component_counts, component_labels, prune_dangling, require_one_state
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-
-BLOCK = 2**16  # half-edges measured at a time
 
 
 class FaceKind(IntEnum):
@@ -81,7 +79,7 @@ class Faces:
         return np.flatnonzero(self.kind == FaceKind.LOOP)
 
 
-def find_faces(graph: GrainGraph) -> Faces:
+def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
     """Find the loops of a contact graph, and the other faces with them.
 
     Dangling grains are pruned first. A loop may pass a grain twice (a pinch) or a contact twice,
@@ -93,6 +91,9 @@ def find_faces(graph: GrainGraph) -> Faces:
     ----------
     graph : GrainGraph
         One state, in the plane or in a periodic cell.
+    compiled : bool, optional
+        Whether to take the compiled kernel, which gives the same faces, areas to round-off; by the
+        size of the graph if left out.
 
     Returns
     -------
@@ -114,6 +115,10 @@ def find_faces(graph: GrainGraph) -> Faces:
     ([3, 4, 3], [0.5, -1.0, 0.5], [0, 2])
     """
     require_one_state(graph)
+    if use_compiled(compiled, graph.contact_count):
+        faces = _compiled_faces(graph)
+        if faces is not None:
+            return faces
     kept_grains, kept_contacts = prune_dangling(graph)
     kept = np.flatnonzero(kept_contacts)
     branches = branch_vectors(graph)
@@ -121,7 +126,7 @@ def find_faces(graph: GrainGraph) -> Faces:
     offsets, edge = cycles(following)
     grains = graph.contacts[kept].ravel()[edge]
     contacts, sign = kept[edge >> 1], 1 - 2 * (edge & 1)
-    area, winding = _measure(graph, branches, grains, contacts, sign, offsets)
+    area, winding = measured_faces(graph, branches, grains, contacts, sign, offsets)
     label = component_labels(graph.grain_count, graph.contacts[kept], kept_grains)[1]
     return Faces(
         offsets=offsets,
@@ -129,9 +134,27 @@ def find_faces(graph: GrainGraph) -> Faces:
         contacts=contacts,
         forward=sign > 0,
         area=area,
-        kind=_kind(area, winding),
+        kind=_kind(area, np.asarray(winding.any(axis=1))),
         component=label[grains[offsets[:-1]]],
     )
+
+
+def _compiled_faces(graph: GrainGraph) -> Faces | None:
+    """Faces by the kernel; None where two directions are the same, or too close for doubles."""
+    from loops.compiled.faces import plane_faces
+    from loops.compiled.kernel import given
+
+    images = np.zeros((0, 2)) if graph.images is None else graph.images
+    cell = np.zeros((2, 2)) if graph.cell is None else graph.cell
+    good, offsets, grains, contacts, forward, area, winds, component = plane_faces(
+        given(graph.x, np.float64),
+        given(graph.contacts, np.int64),
+        given(images, np.int64),
+        given(cell, np.float64),
+    )
+    if not good:
+        return None
+    return Faces(offsets, grains, contacts, forward, area, _kind(area, winds), component)
 
 
 class LoopGroup(NamedTuple):
@@ -143,13 +166,15 @@ class LoopGroup(NamedTuple):
     face: Integers
 
 
-def faces_by_order(faces: Faces) -> dict[int, LoopGroup]:
+def faces_by_order(faces: Faces, loops: Integers | None = None) -> dict[int, LoopGroup]:
     """Sort the loops by their number of sides, each group one batch.
 
     Parameters
     ----------
     faces : Faces
         Faces of a contact graph.
+    loops : (L,) array of int, optional
+        Some of its loops; all of them if left out.
 
     Returns
     -------
@@ -165,7 +190,7 @@ def faces_by_order(faces: Faces) -> dict[int, LoopGroup]:
     >>> {n: group.grains.tolist() for n, group in faces_by_order(find_faces(square)).items()}
     {3: [[0, 1, 2], [2, 3, 0]]}
     """
-    order, loops = faces.order, faces.loops
+    order, loops = faces.order, faces.loops if loops is None else loops
     groups = {}
     for n in np.unique(order[loops]).tolist():
         face = loops[order[loops] == n]
@@ -203,7 +228,7 @@ class EulerCheck:
         return bool(np.array_equal(self.characteristic, self.expected))
 
 
-def euler_check(graph: GrainGraph, faces: Faces) -> EulerCheck:
+def euler_check(graph: GrainGraph, faces: Faces, *, compiled: bool | None = None) -> EulerCheck:
     """Check the faces by Euler's formula, component by component.
 
     `V - E + F = 2` in the plane, outer cycle included, and for a strip around a periodic cell,
@@ -217,6 +242,8 @@ def euler_check(graph: GrainGraph, faces: Faces) -> EulerCheck:
         The contact graph.
     faces : Faces
         Its faces.
+    compiled : bool, optional
+        Whether to take the compiled kernel; by the size of the graph if left out.
 
     Returns
     -------
@@ -232,58 +259,34 @@ def euler_check(graph: GrainGraph, faces: Faces) -> EulerCheck:
     >>> check.vertices, check.edges, check.faces, check.characteristic.tolist(), check.ok
     (3, 3, 2, [2], True)
     """
-    kept_grains, kept_contacts = prune_dangling(graph)
-    contacts = graph.contacts[kept_contacts]
-    count, label = component_labels(graph.grain_count, contacts, kept_grains)
-    vertices = np.bincount(label[kept_grains], minlength=count)
-    edges = np.bincount(label[contacts[:, 0]], minlength=count)
-    expected = np.full(count, 2)
-    if graph.images is not None:
-        ranks = winding_ranks(contacts, graph.images[kept_contacts], label, count)
-        expected[ranks == 2] = 0
+    if use_compiled(compiled, graph.contact_count):
+        vertices, edges, ranks = _compiled_counts(graph)
+    else:
+        vertices, edges, ranks = component_counts(graph)
+    count = len(vertices)
     return EulerCheck(
         components=count,
         vertices=int(vertices.sum()),
-        edges=len(contacts),
+        edges=int(edges.sum()),
         faces=len(faces.area),
         characteristic=vertices - edges + np.bincount(faces.component, minlength=count),
-        expected=expected,
+        expected=np.where(ranks == 2, 0, 2),
     )
 
 
-def _measure(
-    graph: GrainGraph,
-    branches: Floats,
-    grains: Integers,
-    contacts: Integers,
-    sign: Integers,
-    offsets: Integers,
-) -> tuple[Floats, Integers]:
-    """Signed area of each face and the sum of images along it."""
-    faces = len(offsets) - 1
-    area, winding = np.zeros(faces), np.zeros((faces, 2), dtype=np.int64)
-    # In blocks that stay in the cache.
-    cuts = np.searchsorted(offsets, np.arange(0, offsets[-1], BLOCK))
-    for start, stop in pairwise(np.unique(np.append(cuts, faces)).tolist()):
-        block = slice(offsets[start], offsets[stop])
-        begin = offsets[start:stop] - offsets[start]
-        first = np.repeat(begin, np.diff(offsets[start : stop + 1]))
-        # Corners relative to the first one of their face: no cancellation far from the origin.
-        x = graph.x[grains[block]]
-        x -= x[first]
-        turn = sign[block, None]
-        if graph.images is not None and graph.cell is not None:
-            image = graph.images[contacts[block]] * turn
-            passed = np.cumsum(image, axis=0) - image
-            x += (passed - passed[first]) @ graph.cell.T
-            winding[start:stop] = np.add.reduceat(image, begin)
-        d = branches[contacts[block]] * turn
-        cross = x[:, 0] * d[:, 1] - x[:, 1] * d[:, 0]
-        area[start:stop] = 0.5 * np.add.reduceat(cross, begin)
-    return area, winding
+def _compiled_counts(graph: GrainGraph) -> tuple[Integers, Integers, Integers]:
+    """`component_counts` by the kernel."""
+    from loops.compiled.components import component_counts as kernel
+    from loops.compiled.kernel import given
+
+    images = np.zeros((0, 2)) if graph.images is None else graph.images
+    vertices, edges, ranks = kernel(
+        given(graph.x, np.float64), given(graph.contacts, np.int64), given(images, np.int64)
+    )
+    return vertices, edges, ranks
 
 
-def _kind(area: Floats, winding: Integers) -> NDArray[np.int8]:
-    kind = np.where(area > 0, FaceKind.LOOP, FaceKind.OUTER)
-    kind[winding.any(axis=1)] = FaceKind.WINDING
-    return kind.astype(np.int8)
+def _kind(area: Floats, winds: NDArray[np.bool_]) -> NDArray[np.int8]:
+    kind = np.where(area > 0, np.int8(FaceKind.LOOP), np.int8(FaceKind.OUTER))
+    kind[winds] = FaceKind.WINDING
+    return kind

@@ -34,7 +34,9 @@ class LoopBatch(NamedTuple):
     face: Integers
 
 
-def loop_batches(graph: GrainGraph, faces: Faces, size: int = 2**16) -> Iterator[LoopBatch]:
+def loop_batches(
+    graph: GrainGraph, faces: Faces, size: int = 2**16, loops: Integers | None = None
+) -> Iterator[LoopBatch]:
     """Cut the loops out of a packing, order by order.
 
     Forces keep their values: `N` and `T` of a contact do not depend on its direction. The
@@ -48,6 +50,8 @@ def loop_batches(graph: GrainGraph, faces: Faces, size: int = 2**16) -> Iterator
         Its faces, from `find_faces`.
     size : int
         At most so many loops in a batch, to bound the memory of what is computed on it.
+    loops : (L,) array of int, optional
+        The loops to cut out, as faces; all of them if left out.
 
     Yields
     ------
@@ -63,7 +67,7 @@ def loop_batches(graph: GrainGraph, faces: Faces, size: int = 2**16) -> Iterator
     [[[0, 1, 2], [2, 3, 0]]]
     """
     branches = branch_vectors(graph)
-    for order, group in sorted(faces_by_order(faces).items()):
+    for order, group in faces_by_order(faces, loops).items():
         ring = np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
         for start in range(0, len(group.face), size):
             part = slice(start, start + size)

@@ -108,6 +108,30 @@ def component_labels(grains: int, contacts: Integers, kept: Mask) -> tuple[int, 
     return len(first), numbered
 
 
+def component_counts(graph: GrainGraph) -> tuple[Integers, Integers, Integers]:
+    """Grains, contacts and windings of every component, dangling grains left out.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The contact graph, one state.
+
+    Returns
+    -------
+    vertices, edges, ranks : (count,) array of int
+        Of each component, numbered by its smallest grain; `ranks` from `winding_ranks`, 0 in the
+        plane.
+    """
+    kept_grains, kept_contacts = prune_dangling(graph)
+    contacts = graph.contacts[kept_contacts]
+    count, label = component_labels(graph.grain_count, contacts, kept_grains)
+    vertices = np.bincount(label[kept_grains], minlength=count)
+    edges = np.bincount(label[contacts[:, 0]], minlength=count)
+    if graph.images is None:
+        return vertices, edges, np.zeros(count, dtype=np.int64)
+    return vertices, edges, winding_ranks(contacts, graph.images[kept_contacts], label, count)
+
+
 def winding_ranks(contacts: Integers, images: Integers, label: Integers, count: int) -> Integers:
     """In how many independent directions each component winds around the periodic cell.
 

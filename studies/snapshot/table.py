@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -21,64 +24,106 @@ from loops import (
     polygon_perimeter,
     polygon_shape,
 )
+from loops.compiled import use_compiled
 from patterns import Snapshot
-from stability import restrict, symmetric_spectrum, unstable_fraction
+from stability.loop_stability import loop_stability
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Columns = dict[str, NDArray[Any]]
+
 CLOSURES: tuple[Literal["affine", "traction"], ...] = ("affine", "traction")
-MEASURES = (
-    *("x", "y", "area", "perimeter", "elongation", "orientation"),
-    *("sliding_contacts", "pressure", "deviator"),
-    *("affine_lambda_min", "traction_lambda_min"),
-    *("affine_unstable_fraction", "traction_unstable_fraction", "traction_condition"),
+SHAPE = ("x", "y", "area", "perimeter", "elongation", "orientation")
+STRESS = ("stress_11", "stress_12", "stress_21", "stress_22", "pressure", "deviator")
+STABILITY = (
+    *("lambda_min", "lambda_mid", "lambda_max"),
+    *("unstable_fraction", "cone_opening", "soft_angle"),
 )
+MECHANICS = (
+    "sliding_contacts",
+    *STRESS,
+    *(f"{closure}_{name}" for closure in CLOSURES for name in STABILITY),
+    "traction_condition",
+)
+BLOCK = 2**13  # loops that a thread takes at a time
 
 
 def loop_table(
-    snapshot: Snapshot, faces: Faces, progress: Callable[[int], None] | None = None
+    snapshot: Snapshot,
+    faces: Faces,
+    progress: Callable[[int], None] | None = None,
+    *,
+    compiled: bool | None = None,
+    threads: int | None = None,
 ) -> dict[str, Any]:
-    """Table of the loops of a snapshot.
+    """Table of the loops of a snapshot, one row a loop in the order of `faces.loops`.
+
+    - `loop`, `order`; centroid `x`, `y`, `area`, `perimeter`; `elongation` and `orientation` of the
+      long axis (degrees in (-90, 90] from axis 1);
+    - `grains`: ids in order, counter-clockwise.
+
+    Of a snapshot with forces, besides:
+
+    - `sliding_contacts`; the loop's Love-Weber stress `stress_11` to `stress_22` over its polygon,
+      each contact shared half and half between its two loops, row = force, column = branch;
+      its `pressure` and `deviator` (half the difference of the principal stresses);
+    - for either closure, with spins blocked and contacts flagged sliding in their sliding block:
+      `*_lambda_min`, `*_lambda_mid`, `*_lambda_max`, the eigenvalues of Ks over the mean kn, in the
+      symmetric subspace; `*_unstable_fraction`, the share of its directions with negative
+      second-order work; `*_cone_opening`, that of the cone in the plane of (11, 22) strains
+      (degrees, 0 if there is none); `*_soft_angle`, the direction of the mode of the smallest
+      eigenvalue: the axis of compression, with the sign that makes the principal strain of larger
+      size a compression (degrees in (-90, 90]; of a pure shear either axis);
+    - `traction_condition`, see `MacroTangent`.
 
     Parameters
     ----------
     snapshot : Snapshot
-        Grains, contacts, law and regimes.
+        Grains and contacts; law and regimes if there are forces.
     faces : Faces
         Its faces, from `find_faces`.
     progress : callable, optional
         Told the number of loops done since the last call.
+    compiled : bool, optional
+        Whether to take the compiled kernels; by the number of contacts if left out.
+    threads : int, optional
+        Threads that share the loops, if compiled; as many as there are cores if left out.
 
     Returns
     -------
     dict of str to array
-        Columns, one row a loop in the order of `faces.loops`: `loop`, `order`, centroid `x, y`,
-        `area`, `perimeter`, `elongation`, `orientation` (degrees in (-90, 90] from axis 1),
-        `sliding_contacts`; `pressure` and `deviator` of the loop's Love-Weber stress, each contact
-        shared half and half between its two loops; for both closures `*_lambda_min`, the smallest
-        eigenvalue of Ks over the mean kn, in the symmetric subspace, spins blocked, contacts
-        flagged sliding in their sliding block, `*_unstable_fraction`, the share of directions with
-        negative second-order work, and `traction_condition`, see `MacroTangent`; `grains`, ids in
-        order. Not a number where the tangent is not trusted.
+        The columns; not a number where a tangent is not trusted.
     """
-    kn = float(np.mean(snapshot.law.kn))
+    parts: Iterator[tuple[Any, Columns]]
+    if use_compiled(compiled, snapshot.graph.contact_count):
+        parts = _compiled_parts(snapshot, faces, threads)
+    else:
+        parts = _plain_parts(snapshot, faces)
     count = len(faces.loops)
-    row = np.full(len(faces.kind), -1)
-    row[faces.loops] = np.arange(count)
     table: dict[str, Any] = {"loop": np.arange(count), "order": faces.order[faces.loops]}
-    for name in MEASURES:
+    for name in (*SHAPE, *(MECHANICS if snapshot.mechanical else ())):
         table[name] = np.empty(count, dtype=np.int64 if name == "sliding_contacts" else np.float64)
-    for batch in loop_batches(snapshot.graph, faces):
-        columns = _shape(batch) | _mechanics(snapshot, batch, kn)
-        at = row[batch.face]
+    for at, columns in parts:
         for name, values in columns.items():
             table[name][at] = values
         if progress is not None:
-            progress(len(at))
+            progress(len(columns["area"]))
     table["grains"] = _members(snapshot, faces)
     return table
 
 
-def _shape(batch: LoopBatch) -> dict[str, NDArray[Any]]:
+def _plain_parts(snapshot: Snapshot, faces: Faces) -> Iterator[tuple[Integers, Columns]]:
+    """Rows and columns, order by order, in numpy."""
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(len(faces.loops))
+    for batch in loop_batches(snapshot.graph, faces):
+        columns = _shape(batch)
+        if snapshot.mechanical:
+            columns |= _mechanics(snapshot, batch)
+        yield row[batch.face], columns
+
+
+def _shape(batch: LoopBatch) -> Columns:
     x = batch.graph.x
     centre = polygon_centroid(x)
     elongation, orientation = polygon_shape(x)
@@ -92,23 +137,83 @@ def _shape(batch: LoopBatch) -> dict[str, NDArray[Any]]:
     }
 
 
-def _mechanics(snapshot: Snapshot, batch: LoopBatch, kn: float) -> dict[str, NDArray[Any]]:
-    law, regime = snapshot.law.take(batch.contacts), snapshot.regime[batch.contacts]
-    stress = 0.5 * love_weber_stress(batch.graph)
-    mean = 0.5 * (stress[:, 0, 0] + stress[:, 1, 1])
-    half = 0.5 * (stress[:, 0, 0] - stress[:, 1, 1])
-    columns: dict[str, NDArray[Any]] = {
-        "sliding_contacts": np.count_nonzero(regime == Regime.SLIDING, axis=1),
-        "pressure": mean,
-        "deviator": np.hypot(half, 0.5 * (stress[:, 0, 1] + stress[:, 1, 0])),
-    }
+def _mechanics(snapshot: Snapshot, batch: LoopBatch) -> Columns:
+    law, regime = snapshot.mechanics()
+    own, kn = law.take(batch.contacts), float(np.mean(law.kn))
+    regimes = regime[batch.contacts]
+    columns: Columns = {"sliding_contacts": np.count_nonzero(regimes == Regime.SLIDING, axis=1)}
+    columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
     for closure in CLOSURES:
-        tangent = macroscopic_tangent(batch.graph, law, closure, regime=regime)
-        spectrum = symmetric_spectrum(restrict(tangent.matrix, "symmetric")) / kn
-        columns[f"{closure}_lambda_min"] = spectrum[:, 0]
-        columns[f"{closure}_unstable_fraction"] = unstable_fraction(spectrum)
+        tangent = macroscopic_tangent(batch.graph, own, closure, regime=regimes)
+        columns |= _stability(closure, tangent.matrix, kn, compiled=False)
     columns["traction_condition"] = tangent.condition
     return columns
+
+
+def _compiled_parts(
+    snapshot: Snapshot, faces: Faces, threads: int | None
+) -> Iterator[tuple[slice, Columns]]:
+    """Rows and columns, block by block, by the kernels."""
+    from loops.compiled.packing import compiled_packing
+
+    law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
+    threads = threads or _cores()
+    packing = compiled_packing(snapshot.graph, faces, law, regime, threads)
+    blocks = [slice(k, k + BLOCK) for k in range(0, len(faces.loops), BLOCK)]
+    work = partial(_compiled_columns, snapshot, faces, packing, faces.loops)
+    with ThreadPoolExecutor(threads) as pool:
+        yield from zip(blocks, pool.map(work, blocks), strict=True)
+
+
+def _cores() -> int:
+    """Cores that this process may use, where the system tells; all of them elsewhere."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _compiled_columns(
+    snapshot: Snapshot, faces: Faces, packing: Any, loops: Integers, block: slice
+) -> Columns:
+    from loops.compiled import loop_shapes as kernel
+    from loops.compiled.kernel import given
+    from loops.compiled.loop_tangents import loop_tangents
+
+    chosen = given(loops[block], np.int64)
+    shape = kernel.loop_shapes(*packing, chosen).T
+    columns: Columns = dict(zip(SHAPE, shape, strict=False))
+    columns["orientation"] = np.degrees(columns["orientation"])
+    if not snapshot.mechanical:
+        return columns
+    law, _ = snapshot.mechanics()
+    kn = float(np.mean(law.kn))
+    columns["sliding_contacts"] = shape[kernel.SLIDING]
+    columns |= _stress(shape[kernel.S11 : kernel.S22 + 1].T)
+    tangents = loop_tangents(packing, snapshot.graph, faces, law, chosen)
+    for closure, tangent in zip(CLOSURES, tangents, strict=True):
+        columns |= _stability(closure, tangent.matrix, kn, compiled=True)
+    columns["traction_condition"] = tangents[1].condition
+    return columns
+
+
+def _stress(whole: Floats) -> Columns:
+    """Stress columns from that of contacts counted whole, (L, 4)."""
+    stress = 0.5 * whole.T
+    half, off = 0.5 * (stress[0] - stress[3]), 0.5 * (stress[1] + stress[2])
+    values = (*stress, 0.5 * (stress[0] + stress[3]), np.hypot(half, off))
+    return dict(zip(STRESS, values, strict=True))
+
+
+def _stability(closure: str, tangents: Floats, kn: float, *, compiled: bool) -> Columns:
+    found = loop_stability(tangents / kn, compiled=compiled)
+    values = (
+        *found.eigenvalues.T,
+        found.unstable_fraction,
+        np.degrees(found.cone_opening),
+        np.degrees(found.soft_angle),
+    )
+    names = (f"{closure}_{name}" for name in STABILITY)
+    return dict(zip(names, values, strict=True))
 
 
 def _members(snapshot: Snapshot, faces: Faces) -> pa.ListArray:

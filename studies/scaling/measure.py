@@ -1,0 +1,154 @@
+"""One point of the study in a process of its own: time, memory, and the machine's bandwidth."""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import resource
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loops import find_faces
+from studies.scaling.methods import METHODS, bytes_moved, synthetic_snapshot
+from studies.snapshot.table import loop_table
+
+STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+TRIAD = 2**23  # doubles in each array: larger than any cache
+WARM_UP = 300  # grains
+MB = 2.0**20
+
+
+def measure(what: str, how: str, grains: int, repeats: int) -> dict[str, Any]:
+    """Time one method on a network of its own.
+
+    Parameters
+    ----------
+    what, how : str
+        Key of `METHODS`.
+    grains : int
+        Size of the network.
+    repeats : int
+        Number of timed calls, after a first one that loads what the method needs.
+
+    Returns
+    -------
+    dict
+        `what`, `how`, `grains`, `contacts`; `first_seconds` of the first call; `seconds` and
+        `cpu_seconds`, the least of the others; `peak_mb` of the process; `bytes_per_grain` that the
+        calls took beyond what the process held before, input and programs.
+    """
+    prepare = METHODS[what, how][0]
+    # Loads what the method needs.
+    prepare(synthetic_snapshot(WARM_UP))()
+    snapshot = synthetic_snapshot(grains)
+    work = prepare(snapshot)
+    before = _reset_peak()
+    first, _ = _timed(work)
+    spent = [_timed(work) for _ in range(repeats)]
+    peak = _peak()
+    return {
+        "what": what,
+        "how": how,
+        "grains": snapshot.graph.grain_count,
+        "contacts": snapshot.graph.contact_count,
+        "first_seconds": first,
+        "seconds": min(wall for wall, _ in spent),
+        "cpu_seconds": min(cpu for _, cpu in spent),
+        "peak_mb": peak / MB,
+        "bytes_per_grain": max(peak - before, 0.0) / snapshot.graph.grain_count,
+    }
+
+
+def floor_seconds(grains: int, bandwidth: float) -> dict[str, float]:
+    """Least time that moving input and result through memory takes.
+
+    Parameters
+    ----------
+    grains : int
+        Size of the network.
+    bandwidth : float
+        From `triad_bandwidth`, bytes per second.
+
+    Returns
+    -------
+    dict of str to float
+        Seconds for `faces` and `table`, per grain of a network of this size times its grains.
+    """
+    # Per grain the bytes are the same at any size: a small network tells them.
+    sample = synthetic_snapshot(min(grains, 20_000))
+    faces = find_faces(sample.graph)
+    table = loop_table(sample, faces)
+    share = grains / sample.graph.grain_count / bandwidth
+    return {what: share * bytes_moved(what, sample.graph, faces, table) for what in FLOORS}
+
+
+FLOORS = ("faces", "table")
+
+
+def triad_bandwidth(repeats: int = 7) -> float:
+    """Bandwidth of the memory by `a = b + s c` on one thread, bytes per second.
+
+    Parameters
+    ----------
+    repeats : int
+        Runs, of which the best counts.
+
+    Returns
+    -------
+    float
+        24 bytes a number over the least time.
+    """
+    from studies.scaling.triad import triad
+
+    b, c = np.ones(TRIAD), np.ones(TRIAD)
+    a = np.zeros(TRIAD)
+    triad(a, b, c, 3.0)
+    return 24.0 * TRIAD / min(_timed(lambda: triad(a, b, c, 3.0))[0] for _ in range(repeats))
+
+
+def in_a_process(what: str, how: str, grains: int, repeats: int) -> dict[str, Any]:
+    """`measure` in a fresh process, whose memory is its own.
+
+    Parameters
+    ----------
+    what, how, grains, repeats
+        As for `measure`.
+
+    Returns
+    -------
+    dict
+        The same.
+    """
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(measure, (what, how, grains, repeats))
+
+
+def _timed(work: Any) -> tuple[float, float]:
+    wall, cpu = time.perf_counter(), time.process_time()
+    work()
+    return time.perf_counter() - wall, time.process_time() - cpu
+
+
+def _reset_peak() -> float:
+    """Forget the peak so far, where the system can; bytes held now."""
+    try:
+        # What was freed goes back to the system first: it would pass for memory held.
+        ctypes.CDLL(None).malloc_trim(0)
+        RESET.write_text("5")
+    except (OSError, AttributeError):
+        return _peak()
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return float(pages * os.sysconf("SC_PAGESIZE"))
+
+
+def _peak() -> float:
+    """Largest memory of the process, bytes."""
+    try:
+        line = next(row for row in STATUS.read_text().splitlines() if row.startswith("VmHWM"))
+        return 1024.0 * float(line.split()[1])
+    except OSError:
+        return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -1,0 +1,160 @@
+"""What is timed: faces, crossings, the table of loops and a whole snapshot, each way."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loops import Faces, GrainGraph, LinearFrictional, Regime, find_crossings, find_faces
+from patterns import Snapshot, synthetic_network, write_snapshot
+from studies.output import write_table
+from studies.snapshot.run import SnapshotInput, analyse
+from studies.snapshot.summary import snapshot_summary
+from studies.snapshot.table import loop_table
+
+KN, KT, MU, SLIDING = 1.0, 0.5, 0.5, 0.06
+Work = Callable[[], Any]
+
+
+def synthetic_snapshot(grains: int) -> Snapshot:
+    """A synthetic network as a snapshot, 6 % of its contacts sliding.
+
+    Parameters
+    ----------
+    grains : int
+        Number of grains.
+
+    Returns
+    -------
+    Snapshot
+        Forces of a thousandth of kn times the mean branch.
+    """
+    graph = synthetic_network(grains, seed=1)
+    slides = np.random.default_rng(0).random(graph.contact_count) < SLIDING
+    limit = MU * graph.normal_force
+    shear = np.where(slides, np.sign(graph.shear_force) * limit, 0.9 * graph.shear_force)
+    return Snapshot(
+        graph=graph.replace(shear_force=shear),
+        law=LinearFrictional(kn=np.full(graph.contact_count, KN), kt=KT, mu=MU),
+        regime=np.where(slides, Regime.SLIDING, Regime.ELASTIC).astype(np.int8),
+        ids=np.arange(graph.grain_count),
+        wall_contacts=0,
+        notes=(),
+    )
+
+
+def faces_of(snapshot: Snapshot, *, compiled: bool) -> Work:
+    """Faces by the platform."""
+    return lambda: find_faces(snapshot.graph, compiled=compiled)
+
+
+def crossings_of(snapshot: Snapshot, *, compiled: bool) -> Work:
+    """The search for crossing branches."""
+    return lambda: find_crossings(snapshot.graph, compiled=compiled)
+
+
+def table_of(snapshot: Snapshot, *, compiled: bool) -> Work:
+    """Shape, stress, both tangents, eigenvalues, unstable fractions and cones of all loops."""
+    faces = find_faces(snapshot.graph)
+    return lambda: loop_table(snapshot, faces, compiled=compiled)
+
+
+def whole_snapshot(snapshot: Snapshot) -> Work:
+    """From Parquet to table and summary, as `grainloops snapshot` does it without figures."""
+    # Kept until the process ends.
+    room = tempfile.TemporaryDirectory()
+    path = Path(room.name) / "grains.parquet"
+    write_snapshot(path, snapshot)
+
+    def work() -> None:
+        read, faces, table = analyse(SnapshotInput(path))
+        snapshot_summary(read, faces, table)
+        write_table(Path(room.name), "loops", table, {}, csv=False)
+
+    return work
+
+
+def faces_networkx(snapshot: Snapshot) -> Work:
+    """Faces by networkx: its planar embedding, neighbours put in by angle, nothing pruned."""
+    import networkx as nx
+
+    graph = snapshot.graph
+
+    def work() -> list[list[int]]:
+        around: dict[int, list[tuple[float, int]]] = {}
+        d = graph.x[graph.contacts[:, 1]] - graph.x[graph.contacts[:, 0]]
+        there = np.arctan2(d[:, 1], d[:, 0]).tolist()
+        back = np.arctan2(-d[:, 1], -d[:, 0]).tolist()
+        for (i, j), angle, opposite in zip(graph.contacts.tolist(), there, back, strict=True):
+            around.setdefault(i, []).append((angle, j))
+            around.setdefault(j, []).append((opposite, i))
+        embedding = nx.PlanarEmbedding()
+        for grain, neighbours in around.items():
+            last = None
+            # Clockwise, as networkx wants them.
+            for _, other in sorted(neighbours, reverse=True):
+                embedding.add_half_edge(grain, other, ccw=last)
+                last = other
+        seen: set[tuple[int, int]] = set()
+        return [
+            embedding.traverse_face(i, j, seen) for i, j in embedding.edges if (i, j) not in seen
+        ]
+
+    return work
+
+
+def faces_shapely(snapshot: Snapshot) -> Work:
+    """Faces by shapely's polygonize, corners mapped back to grains by their coordinates."""
+    import shapely
+
+    graph = snapshot.graph
+    lines = shapely.linestrings(graph.x[graph.contacts])
+
+    def work() -> list[list[int]]:
+        polygons = shapely.get_parts(shapely.polygonize(lines))
+        grain = {tuple(x): g for g, x in enumerate(graph.x.tolist())}
+        rings = [ring.tolist() for ring in map(shapely.get_coordinates, polygons)]
+        return [[grain[tuple(corner)] for corner in ring[:-1]] for ring in rings]
+
+    return work
+
+
+def bytes_moved(what: str, graph: GrainGraph, faces: Faces, table: dict[str, Any]) -> int:
+    """Bytes that any program must read and write once: its input and its result.
+
+    Parameters
+    ----------
+    what : {'faces', 'table'}
+        Which result.
+    graph, faces, table
+        Input and results.
+
+    Returns
+    -------
+    int
+        Bytes.
+    """
+    found = [faces.offsets, faces.grains, faces.contacts, faces.forward, faces.area]
+    found += [faces.kind, faces.component]
+    moved = [graph.x, graph.contacts, *found]
+    if what == "table":
+        moved += [graph.normal_force, graph.shear_force, *table.values()]
+    return sum(int(array.nbytes) for array in moved)
+
+
+# What is found, how, and up to how many grains unless told otherwise.
+METHODS: dict[tuple[str, str], tuple[Callable[[Snapshot], Work], float]] = {
+    ("faces", "compiled"): (lambda s: faces_of(s, compiled=True), np.inf),
+    ("faces", "numpy"): (lambda s: faces_of(s, compiled=False), np.inf),
+    ("faces", "networkx"): (faces_networkx, 1e5),
+    ("faces", "shapely"): (faces_shapely, 1e5),
+    ("crossings", "compiled"): (lambda s: crossings_of(s, compiled=True), np.inf),
+    ("crossings", "numpy"): (lambda s: crossings_of(s, compiled=False), np.inf),
+    ("table", "compiled"): (lambda s: table_of(s, compiled=True), np.inf),
+    ("table", "numpy"): (lambda s: table_of(s, compiled=False), 1e6),
+    ("snapshot", "by size"): (whole_snapshot, np.inf),
+}

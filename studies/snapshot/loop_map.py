@@ -1,0 +1,205 @@
+"""The map of a snapshot's loops: by order and by stability."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from loops import Faces, loop_batches
+from patterns import Snapshot
+from studies.style import (
+    BLUE,
+    DIVERGING,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    TWO_COLUMNS,
+    VERMILION,
+    new_figure,
+    styled,
+)
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# Beyond so many loops the polygons are drawn as pixels in the SVG too.
+VECTOR_LIMIT = 20_000
+# Beyond so many loops they are painted into one picture instead of drawn one by one.
+PAINT_LIMIT = 100_000
+# Pixels along the longer side of that picture: as many as a panel has on a page at 600 dpi.
+PIXELS = 1600
+# One colour for each order from 3 on; the last one stands for all beyond.
+ORDER_COLOURS = (BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)
+LAST_ORDER = 3 + len(ORDER_COLOURS) - 1
+
+
+@styled()
+def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
+    """Loops coloured by order, and by the smallest eigenvalue of Ks if there are forces.
+
+    Small packings are drawn loop by loop. Large ones are painted into a picture, each pixel in the
+    colour of the loop that its centre lies in.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        Grains and contacts.
+    faces : Faces
+        Their faces.
+    table : dict of str to array
+        From `loop_table`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One map, or two of one sample side by side.
+    """
+    extent = np.ptp(snapshot.graph.x, axis=0)
+    # A panel is as wide as half the page less its colour bar and labels.
+    ratio = extent[1] / extent[0] if extent[0] > 0 else 1.0
+    height = float(np.clip((0.5 * TWO_COLUMNS - 0.95) * ratio + 0.5, 2.0, 9.0))
+    panels = 2 if snapshot.mechanical else 1
+    figure = new_figure(TWO_COLUMNS * panels / 2, height)
+    axes = figure.subplots(1, panels, squeeze=False)[0]
+    draw = _painter(snapshot, faces) if len(faces.loops) > PAINT_LIMIT else _drawer(snapshot, faces)
+    _by_order(draw, axes[0], table["order"])
+    if snapshot.mechanical:
+        smallest = table["traction_lambda_min"]
+        _by_eigenvalue(draw, axes[1], smallest)
+        _outline(snapshot, faces, axes[1], smallest < 0)
+    return figure
+
+
+def _by_order(draw: Any, ax: Axes, order: Integers) -> None:
+    bounds = np.arange(2.5, LAST_ORDER + 1)
+    colours = draw(
+        ax,
+        np.minimum(order, LAST_ORDER),
+        ListedColormap(ORDER_COLOURS),
+        BoundaryNorm(bounds, len(ORDER_COLOURS)),
+    )
+    bar = _figure(ax).colorbar(colours, ax=ax, ticks=range(3, LAST_ORDER + 1), shrink=0.75)
+    bar.ax.set_yticklabels([*map(str, range(3, LAST_ORDER)), f"{LAST_ORDER}+"])
+    bar.set_label("loop order (grains)")
+
+
+def _by_eigenvalue(draw: Any, ax: Axes, smallest: Floats) -> None:
+    colours = draw(ax, smallest, mpl.colormaps[DIVERGING], _around_zero(smallest))
+    bar = _figure(ax).colorbar(colours, ax=ax, extend="both", shrink=0.75)
+    low, high = colours.get_clim()
+    ticks = [low, 0.5 * low, 0.0, 0.5 * high, high]
+    bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
+    bar.set_label(r"smallest eigenvalue of $K_s$ / mean $k_n$")
+
+
+def _figure(ax: Axes) -> Figure:
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    return figure
+
+
+def _around_zero(values: Floats) -> Normalize:
+    """Zero in the middle of the colours; each side has its own reach, so that few show as well."""
+    known = values[np.isfinite(values)]
+    if not known.any():
+        return TwoSlopeNorm(0.0, vmin=-1.0, vmax=1.0)
+    high = max(np.percentile(known, 98), 0.0)
+    negative = known[known < 0]
+    low = -np.percentile(negative, 10) if len(negative) else 0.0
+    smallest = 0.05 * max(high, low, np.finfo(float).tiny)
+    return TwoSlopeNorm(0.0, vmin=-max(low, smallest), vmax=max(high, smallest))
+
+
+def _drawer(snapshot: Snapshot, faces: Faces) -> Any:
+    """A function that draws every loop as a polygon."""
+    polygons, rows = _polygons(snapshot, faces, faces.loops)
+
+    def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> ScalarMappable:
+        collection = PolyCollection(
+            polygons,
+            array=values[rows],
+            cmap=colours,
+            norm=scale,
+            edgecolors="white",
+            linewidths=0.4 * _line_width(len(polygons)),
+            rasterized=len(polygons) > VECTOR_LIMIT,
+        )
+        ax.add_collection(collection)
+        _label(ax)
+        ax.margins(0.01)
+        ax.autoscale_view()
+        return collection
+
+    return draw
+
+
+def _painter(snapshot: Snapshot, faces: Faces) -> Any:
+    """A function that shows the loops as pixels, painted once for all panels."""
+    from studies.snapshot.paint import paint_loops
+
+    painting = paint_loops(snapshot.graph, faces, PIXELS)
+
+    def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> ScalarMappable:
+        shown = np.append(np.asarray(values, dtype=float), np.nan)[painting.loop]
+        image = ax.imshow(
+            shown,
+            origin="lower",
+            extent=painting.extent,
+            cmap=colours,
+            norm=scale,
+            interpolation="none",
+        )
+        _label(ax)
+        return image
+
+    return draw
+
+
+def _label(ax: Axes) -> None:
+    ax.set(aspect="equal", xlabel=r"$x_1$ (length unit of the input)", ylabel=r"$x_2$")
+
+
+def _outline(snapshot: Snapshot, faces: Faces, ax: Axes, unstable: NDArray[np.bool_]) -> None:
+    """Draw a line around the unstable loops: some are too soft to show by their colour."""
+    picked = faces.loops[unstable]
+    if len(picked) > VECTOR_LIMIT:
+        return
+    polygons, _ = _polygons(snapshot, faces, picked)
+    ax.add_collection(
+        PolyCollection(
+            polygons,
+            facecolors="none",
+            edgecolors=VERMILION,
+            linewidths=0.8 * _line_width(len(faces.loops)),
+            rasterized=len(faces.loops) > VECTOR_LIMIT,
+        ),
+        autolim=False,
+    )
+    handle = Line2D([], [], color=VERMILION, label="unstable, traction closure")
+    ax.legend(handles=[handle], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+
+
+def _line_width(loops: int) -> float:
+    return float(np.clip(60.0 / max(loops, 1) ** 0.5, 0.25, 1.0))
+
+
+def _polygons(snapshot: Snapshot, faces: Faces, loops: Integers) -> tuple[list[Floats], Integers]:
+    """Corners of the loops, and the row of each in the table."""
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(len(faces.loops))
+    polygons: list[Floats] = []
+    rows = [np.empty(0, dtype=np.int64)]
+    for batch in loop_batches(snapshot.graph, faces, loops=loops):
+        polygons.extend(batch.graph.x)
+        rows.append(row[batch.face])
+    return polygons, np.concatenate(rows)

@@ -1,0 +1,144 @@
+"""Loops painted into pixels: which loop holds the centre of each pixel."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import Faces, GrainGraph
+from loops.compiled.kernel import given, kernel
+
+Floats = NDArray[np.float64]
+Long = NDArray[np.int64]
+
+
+class Painting(NamedTuple):
+    """Loops in pixels.
+
+    Attributes
+    ----------
+    loop : (rows, columns) array of int32
+        Loop that holds the centre of each pixel, its place in `faces.loops`; -1 for none. The
+        first row is the lowest.
+    extent : tuple of 4 floats
+        Left, right, bottom and top border of the picture (length).
+    """
+
+    loop: NDArray[np.int32]
+    extent: tuple[float, float, float, float]
+
+
+def paint_loops(graph: GrainGraph, faces: Faces, longest: int) -> Painting:
+    """Paint the loops of a packing, each pixel by the loop that its centre lies in.
+
+    Loops that cross a periodic border are unrolled from their first grain. Of loops inside other
+    ones the last is seen.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The packing, one state.
+    faces : Faces
+        Its faces.
+    longest : int
+        Pixels along the longer side; pixels are square.
+
+    Returns
+    -------
+    Painting
+        The picture.
+    """
+    cell = np.zeros((2, 2)) if graph.cell is None else graph.cell
+    images = np.zeros((0, 2)) if graph.images is None else graph.images
+    corners = _corners(
+        given(graph.x, np.float64),
+        given(images, np.int64),
+        given(cell, np.float64),
+        given(faces.offsets, np.int64),
+        given(faces.grains, np.int64),
+        given(faces.contacts, np.int64),
+        given(faces.forward, np.bool_),
+        given(faces.loops, np.int64),
+    )
+    order = faces.order[faces.loops]
+    offsets = np.concatenate([[0], np.cumsum(order)])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    side = float((high - low).max()) / longest
+    columns, rows = (max(1, math.ceil(float(length) / side)) for length in high - low)
+    loop = _paint((corners - low) / side, offsets, rows, columns)
+    left, bottom = low.tolist()
+    return Painting(loop, (left, left + columns * side, bottom, bottom + rows * side))
+
+
+@kernel
+def _corners(
+    x: Floats,
+    images: Long,
+    cell: Floats,
+    offsets: Long,
+    grains: Long,
+    contacts: Long,
+    forward: NDArray[np.bool_],
+    loops: Long,
+) -> Floats:
+    """Corners of the loops one after the other, unrolled."""
+    total = 0
+    for f in loops:
+        total += offsets[f + 1] - offsets[f]
+    corners = np.empty((total, 2))
+    at = 0
+    for f in loops:
+        p, q = 0, 0
+        for h in range(offsets[f], offsets[f + 1]):
+            corners[at, 0] = x[grains[h], 0] + cell[0, 0] * p + cell[0, 1] * q
+            corners[at, 1] = x[grains[h], 1] + cell[1, 0] * p + cell[1, 1] * q
+            at += 1
+            if len(images):
+                sign = 1 if forward[h] else -1
+                p += sign * images[contacts[h], 0]
+                q += sign * images[contacts[h], 1]
+    return corners
+
+
+@kernel
+def _paint(corners: Floats, offsets: Long, rows: int, columns: int) -> NDArray[np.int32]:
+    """Fill polygons row by row, between the odd and even crossings of the line of centres."""
+    picture = np.full((rows, columns), -1, dtype=np.int32)
+    crossed = np.empty(np.diff(offsets).max() if len(offsets) > 1 else 0)
+    for loop in range(len(offsets) - 1):
+        begin, end = offsets[loop], offsets[loop + 1]
+        low, high = corners[begin, 1], corners[begin, 1]
+        for k in range(begin, end):
+            low, high = min(low, corners[k, 1]), max(high, corners[k, 1])
+        for row in range(max(0, math.ceil(low - 0.5)), min(rows - 1, math.floor(high)) + 1):
+            found = _crossings(corners, begin, end, row + 0.5, crossed)
+            for k in range(0, found - 1, 2):
+                first = max(0, math.ceil(crossed[k] - 0.5))
+                last = min(columns - 1, math.ceil(crossed[k + 1] - 0.5) - 1)
+                for column in range(first, last + 1):
+                    picture[row, column] = loop
+    return picture
+
+
+@kernel
+def _crossings(corners: Floats, begin: int, end: int, height: float, out: Floats) -> int:
+    """Where a polygon's sides cross a height, sorted; two loops agree on the side they share."""
+    found = 0
+    for k in range(begin, end):
+        a, b = k, k + 1 if k + 1 < end else begin
+        if (corners[a, 1] <= height) == (corners[b, 1] <= height):
+            continue
+        if corners[a, 1] > corners[b, 1]:
+            a, b = b, a
+        share = (height - corners[a, 1]) / (corners[b, 1] - corners[a, 1])
+        at = corners[a, 0] + share * (corners[b, 0] - corners[a, 0])
+        place = found
+        while place > 0 and out[place - 1] > at:
+            out[place] = out[place - 1]
+            place -= 1
+        out[place] = at
+        found += 1
+    return found

@@ -1,0 +1,95 @@
+"""The table of loops: both ways to it, its columns, and what stays away without forces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loops import LinearFrictional, Regime, affine_tangent, contact_forces, find_faces, loop_batches
+from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
+from stability import plane_cone, restrict, symmetric_modes
+from studies.snapshot.table import MECHANICS, SHAPE, loop_table
+
+
+def synthetic_snapshot(grains=1500, *, periodic=False):
+    graph = synthetic_network(grains, seed=4, periodic=periodic)
+    slides = np.abs(graph.shear_force) >= 0.4999 * graph.normal_force
+    return Snapshot(
+        graph=graph,
+        law=LinearFrictional(np.full(graph.contact_count, 2.0), 1.0, 0.5),
+        regime=np.where(slides, Regime.SLIDING, Regime.ELASTIC).astype(np.int8),
+        ids=1000 + np.arange(grains),
+        wall_contacts=0,
+        notes=(),
+    )
+
+
+def snapshots():
+    yield synthetic_snapshot()
+    yield synthetic_snapshot(periodic=True)
+    yield read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
+
+
+@pytest.mark.parametrize("snapshot", list(snapshots()), ids=["plane", "torus", "yade"])
+def test_both_ways_give_the_same_table(snapshot):
+    faces = find_faces(snapshot.graph)
+    done = []
+    plain = loop_table(snapshot, faces, compiled=False)
+    fast = loop_table(snapshot, faces, done.append, compiled=True, threads=2)
+    assert sum(done) == len(faces.loops)
+    assert list(plain) == list(fast) == ["loop", "order", *SHAPE, *MECHANICS, "grains"]
+    assert plain.pop("grains").equals(fast.pop("grains"))
+    for name, values in plain.items():
+        assert values.dtype == fast[name].dtype, name
+        if name.endswith(("soft_angle", "orientation")):
+            turn = np.abs(values - fast[name])
+            # Round loops and nearly equal eigenvalues have no direction to speak of.
+            assert np.median(turn) < 1e-10
+            continue
+        size = np.abs(values).max() if "lambda" not in name else 1.0
+        tolerance = 1e-7 if name.endswith(("fraction", "opening")) else 1e-12
+        np.testing.assert_allclose(fast[name], values, rtol=1e-10, atol=tolerance * size)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_without_forces_the_mechanical_columns_are_absent(compiled):
+    snapshot = replace(synthetic_snapshot(), law=None, regime=None)
+    faces = find_faces(snapshot.graph)
+    table = loop_table(snapshot, faces, compiled=compiled)
+    assert list(table) == ["loop", "order", *SHAPE, "grains"]
+    np.testing.assert_allclose(table["area"], faces.area[faces.loops], rtol=1e-12)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_columns_of_one_loop(compiled):
+    snapshot = synthetic_snapshot(300)
+    graph, faces = snapshot.graph, find_faces(snapshot.graph)
+    table = loop_table(snapshot, faces, compiled=compiled)
+    batch = next(loop_batches(graph, faces))
+    row = np.flatnonzero(faces.loops == batch.face[0])[0]
+    force, x = contact_forces(batch.graph)[0], batch.graph.x[0]
+    d = np.roll(x, -1, axis=0) - x
+    stress = 0.5 * force.T @ d / table["area"][row]
+    names = ("stress_11", "stress_12", "stress_21", "stress_22")
+    assert [table[name][row] for name in names] == pytest.approx(stress.ravel(), abs=1e-15)
+    principal = np.linalg.eigvalsh(0.5 * (stress + stress.T))
+    assert table["pressure"][row] == pytest.approx(principal.mean(), abs=1e-15)
+    assert table["deviator"][row] == pytest.approx(0.5 * np.ptp(principal), abs=1e-15)
+    assert table["sliding_contacts"][row] == np.sum(
+        snapshot.regime[batch.contacts[0]] == Regime.SLIDING
+    )
+    assert table["grains"][int(row)].as_py() == (1000 + batch.grains[0]).tolist()
+
+    law = snapshot.law.take(batch.contacts)
+    a = affine_tangent(batch.graph, law, regime=snapshot.regime[batch.contacts]).matrix[0]
+    values, vectors = symmetric_modes(restrict(a, "symmetric"))
+    found = [table[f"affine_lambda_{name}"][row] for name in ("min", "mid", "max")]
+    assert found == pytest.approx(values / 2.0, abs=1e-14)
+    opening = np.degrees(plane_cone(restrict(a, "diagonal")).opening)
+    assert table["affine_cone_opening"][row] == pytest.approx(opening, abs=1e-12)
+    soft = vectors[:, 0]
+    strain = np.array([[soft[0], soft[2] / 2**0.5], [soft[2] / 2**0.5, soft[1]]])
+    principal, axes = np.linalg.eigh(strain)
+    axis = axes[:, np.argmax(np.abs(principal))]
+    angle = np.degrees(np.arctan2(axis[1], axis[0]))
+    assert (table["affine_soft_angle"][row] - angle + 90) % 180 - 90 == pytest.approx(0, abs=1e-9)

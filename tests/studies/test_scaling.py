@@ -1,0 +1,62 @@
+"""The scaling study on tiny sizes: the same loops each way, and a page of the run's numbers."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from loops import find_faces
+from patterns import synthetic_network
+from studies.scaling import __main__ as study
+from studies.scaling.methods import METHODS, bytes_moved, synthetic_snapshot
+from studies.snapshot.table import loop_table
+
+
+def turned(cycle):
+    """A cycle from its smallest grain on."""
+    at = cycle.index(min(cycle))
+    return (*cycle[at:], *cycle[:at])
+
+
+def test_the_other_tools_find_the_same_faces():
+    """In a dense network: of dangling chains networkx makes part of the faces around them."""
+    graph = synthetic_network(300, seed=1, coordination=5.5)
+    snapshot = replace(synthetic_snapshot(300), graph=graph)
+    faces = find_faces(graph)
+    bounds = faces.offsets[faces.loops], faces.offsets[faces.loops + 1]
+    loops = {turned(faces.grains[a:b].tolist()) for a, b in zip(*bounds, strict=True)}
+    for how in ("networkx", "shapely"):
+        found = [list(cycle) for cycle in METHODS["faces", how][0](snapshot)()]
+        either_way = {turned(cycle) for cycle in found} | {turned(cycle[::-1]) for cycle in found}
+        assert loops <= either_way, how
+        assert len(found) == len(loops) + (how == "networkx")  # the outside
+
+
+def test_bytes_are_those_of_input_and_result():
+    snapshot = synthetic_snapshot(200)
+    graph, faces = snapshot.graph, find_faces(snapshot.graph)
+    half_edges, count = len(faces.grains), len(faces.area)
+    expected = 16 * 200 + 16 * graph.contact_count + 17 * half_edges + 8 * (count + 1) + 17 * count
+    assert bytes_moved("faces", graph, faces, {}) == expected
+    table = loop_table(snapshot, faces)
+    assert bytes_moved("table", graph, faces, table) > expected + 16 * graph.contact_count
+
+
+@pytest.mark.slow
+def test_a_run_on_tiny_sizes(tmp_path):
+    out, docs = tmp_path / "out", tmp_path / "docs"
+    study.main(out, grains="200,400", repeats=1, slow_up_to=200, docs=docs)
+    table = pyarrow.parquet.read_table(out / "scaling.parquet").to_pandas()
+    ways = set(zip(table["what"], table["how"], table["grains"], strict=True))
+    assert ("faces", "shapely", 200) in ways and ("faces", "shapely", 400) not in ways
+    assert {(what, how) for what, how, _ in ways} == set(METHODS)
+    assert (table["seconds"] > 0).all() and np.isfinite(table["bytes_per_grain"]).all()
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["bandwidth"] > 1e8
+    assert summary["floors"]["table"]["400"] > summary["floors"]["faces"]["400"] > 0
+    page = (docs / "performance.md").read_text()
+    assert "times faster than shapely at 200 grains" in page
+    assert max(map(len, page.splitlines())) < 140
+    assert (docs / "figures" / "scaling.png").read_bytes()[:4] == b"\x89PNG"
