@@ -100,7 +100,7 @@ def translational_blocks(state: ContactState, law: ContactLaw, regime: Regimes) 
     >>> translational_blocks(state, law, law.regime(state)).round(12).tolist()
     [[[1.0, 0.0], [0.0, 0.25]]]
     """
-    return _to_global(state, _local_block(state, law, regime))
+    return _to_global(state, local_blocks(state, law, regime))
 
 
 def translational_compliances(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
@@ -122,7 +122,7 @@ def translational_compliances(state: ContactState, law: ContactLaw, regime: Regi
     (..., C, 2, 2) array
         `k^-1` in the global frame (length per force); not finite where `k` is singular.
     """
-    a = _local_block(state, law, regime)
+    a = local_blocks(state, law, regime)
     det = a[..., 0, 0] * a[..., 1, 1] - a[..., 0, 1] * a[..., 1, 0]
     inverse = np.empty_like(a)
     inverse[..., 0, 0], inverse[..., 1, 1] = a[..., 1, 1], a[..., 0, 0]
@@ -151,7 +151,7 @@ def compliance_growth(state: ContactState, law: ContactLaw, regime: Regimes) -> 
     (..., C) array
         At least 1; infinite where the block is singular.
     """
-    a = _local_block(state, law, regime)
+    a = local_blocks(state, law, regime)
     material = np.abs(a[..., 1, 1] + state.normal_force / state.length)
     turning = material + np.abs(state.normal_force / state.length)
     terms = np.abs(a[..., 0, 0]) * turning + np.abs(a[..., 0, 1] * a[..., 1, 0])
@@ -206,8 +206,27 @@ def contact_tangent(state: ContactState, law: ContactLaw, regime: Regimes) -> Co
     )
 
 
-def _local_block(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
-    """Block in the frame (n, t): material stiffness, then `-N/l` and `T/l` from its turning."""
+def local_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
+    """Translational block of each contact in its own frame (n, t).
+
+    Material stiffness of the law, with the shear lever `g`, then `-N/l` and `T/l` from the turning
+    of the frame (theory note, section 2).
+
+    Parameters
+    ----------
+    state : ContactState
+        Contacts, batch axes `...` allowed.
+    law : ContactLaw
+        Their law.
+    regime : (..., C) array of int8
+        Their regimes.
+
+    Returns
+    -------
+    (..., C, 2, 2) array
+        Rows: force on j along n, t; columns: relative displacement along n, t (force per length),
+        compression positive.
+    """
     local = law.local_stiffness(state, regime)
     g, _, _ = law.shear_kinematics(state)
     local[..., :, 1] *= g[..., None]

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet
 
@@ -171,10 +170,16 @@ def write_table(
     """
     table = pa.table({key: pa.array(value) for key, value in columns.items()})
     metadata = {b"grainloops": as_json(source).encode()}
-    pyarrow.parquet.write_table(table.replace_schema_metadata(metadata), folder / f"{name}.parquet")
+    # Columns of measurements hardly repeat: a dictionary of their values only costs time.
+    repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
+    pyarrow.parquet.write_table(
+        table.replace_schema_metadata(metadata),
+        folder / f"{name}.parquet",
+        use_dictionary=repeating,
+    )
     if csv:
         frame = table.to_pandas()
         for key in frame.columns:
             if frame[key].dtype == object and isinstance(frame[key].iloc[0], np.ndarray):
                 frame[key] = [" ".join(map(str, row)) for row in frame[key]]
-        pd.DataFrame(frame).to_csv(folder / f"{name}.csv", index=False)
+        frame.to_csv(folder / f"{name}.csv", index=False)

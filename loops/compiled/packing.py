@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from loops.compiled.kernel import given
 from loops.contact_state import ContactState
-from loops.contact_tangent import _local_block
+from loops.contact_tangent import local_blocks
 from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw, Regimes
@@ -87,7 +87,7 @@ def compiled_packing(
             return
         state, own = _state(graph, part, d), law.take(np.arange(part.start, part.stop))
         regimes[part] = own.regime(state) if regime is None else regime[part]
-        rows[part, 2:6] = _local_block(state, own, regimes[part]).reshape(-1, 4)
+        rows[part, 2:6] = local_blocks(state, own, regimes[part]).reshape(-1, 4)
         rows[part, 6], rows[part, 7] = state.normal_force, state.shear_force
 
     with ThreadPoolExecutor(threads) as pool:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
 from loops.errors import InputError
 from patterns.diamond.arguments import FloatArray, finite
@@ -218,6 +217,9 @@ def _turns_back(p: DiamondParameters, direction: int, B: DrainedState) -> bool:
 
 def _stick_angle(p: DiamondParameters, alpha_B: float) -> float:
     """Angle where slip of falling alpha stops, `kappa l = mu N cot(alpha + phi)`; NaN if none."""
+    # Slow to load, and needed by paths alone.
+    from scipy.optimize import brentq
+
     f = p.confinement * np.sin(p.alpha0)
 
     def slip(theta: float) -> float:

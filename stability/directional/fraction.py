@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm, qmc
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime, macroscopic_tangent
 from loops.closures import Closure, Spins
@@ -156,6 +155,9 @@ def _sampled(
     branches: Branches, K: Floats, elastic: Floats, scramblings: int, seed: int
 ) -> tuple[Floats, Floats]:
     """(4, ...) fractions by quasi-random directions, and the error of the first."""
+    # Slow to load, and needed for few scenes.
+    from scipy.stats import norm, qmc
+
     Ks, m = symmetric_part(K), K.shape[-1]
     known = np.isfinite(elastic)
     means = []

@@ -49,7 +49,7 @@ SIZES = {
     "functions take batches, and all loops of one order go together.",
     "precision": "Single precision gains little time and loses what `N/l` adds to the "
     "eigenvalues of stiff grains: of an overlap of 1e-7 a digit is left. Double is the default.",
-    "compiled or plain": "The compiled way is taken from 50,000 contacts on (`compiled=None`); "
+    "compiled or plain": "The compiled way is taken from 200,000 contacts on (`compiled=None`); "
     "below, loading numba costs more than it saves. Both give the same.",
 }
 

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from studies.output import as_json
-from studies.series.loop_polygons import (
+from studies.series.tracked import TrackedState
+from studies.snapshot.loop_map import (
     LAST_ORDER,
     ORDER_COLOURS,
     loop_drawer,
 )
-from studies.series.tracked import TrackedState
 from studies.style import DIVERGING, figure_of, new_figure, styled
 
 Floats = NDArray[np.float64]

@@ -143,7 +143,8 @@ def do_snapshot(task: SnapshotTask) -> Failure | None:
 
 def _write_snapshot(task: SnapshotTask) -> None:
     state = state_of(task.planned)
-    table = loop_table(state.snapshot, state.faces)
+    # Tasks run side by side, each on one core.
+    table = loop_table(state.snapshot, state.faces, threads=1)
     row = evolution_row(state, table)
     rows, step = len(table["loop"]), state.snapshot.step
     place = {

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from loops.tracking import LoopFates
 from studies.series.increments import PREDICTIONS
-from studies.series.loop_polygons import loop_drawer
 from studies.series.tracked import TrackedState
+from studies.snapshot.loop_map import loop_drawer
 from studies.style import (
     BLUE,
     DIVERGING,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import matplotlib as mpl
@@ -71,7 +72,7 @@ def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
     panels = 2 if snapshot.mechanical else 1
     figure = new_figure(TWO_COLUMNS * panels / 2, height)
     axes = figure.subplots(1, panels, squeeze=False)[0]
-    draw = _painter(snapshot, faces) if len(faces.loops) > PAINT_LIMIT else _drawer(snapshot, faces)
+    draw = loop_drawer(snapshot, faces)
     _by_order(draw, axes[0], table["order"])
     if snapshot.mechanical:
         smallest = table["traction_lambda_min"]
@@ -120,7 +121,27 @@ def _around_zero(values: Floats) -> Normalize:
     return TwoSlopeNorm(0.0, vmin=-max(low, smallest), vmax=max(high, smallest))
 
 
-def _drawer(snapshot: Snapshot, faces: Faces) -> Any:
+def loop_drawer(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMappable]:
+    """Prepare the loops of a snapshot for drawing, once for all panels.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        Grains and contacts.
+    faces : Faces
+        Their faces.
+
+    Returns
+    -------
+    callable
+        `draw(ax, values, colours, scale)` with one value a loop, in the order of `faces.loops`,
+        a colour map and its scale; returns what was drawn. Polygons, or pixels for many loops.
+    """
+    many = len(faces.loops) > PAINT_LIMIT
+    return _painter(snapshot, faces) if many else _polygon_drawer(snapshot, faces)
+
+
+def _polygon_drawer(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMappable]:
     """A function that draws every loop as a polygon."""
     polygons, rows = _polygons(snapshot, faces, faces.loops)
 
@@ -143,7 +164,7 @@ def _drawer(snapshot: Snapshot, faces: Faces) -> Any:
     return draw
 
 
-def _painter(snapshot: Snapshot, faces: Faces) -> Any:
+def _painter(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMappable]:
     """A function that shows the loops as pixels, painted once for all panels."""
     from studies.snapshot.paint import paint_loops
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -116,10 +117,13 @@ def run_snapshot(
     """
     with result_folder(out, force=force) as folder:
         snapshot, faces, table = analyse(source)
-        summary = snapshot_summary(snapshot, faces, table)
         made = provenance("snapshot", asdict(source), UNITS)
+        # Of a million grains, writing takes a third as long as summing up, on another core.
+        with ThreadPoolExecutor(1) as other:
+            written = other.submit(write_table, folder, "loops", table, made, csv=csv)
+            summary = snapshot_summary(snapshot, faces, table)
+            written.result()
         summary["provenance"] = made
-        write_table(folder, "loops", table, made, csv=csv)
         write_table(folder, "orders", _orders(summary), made, csv=csv)
         write_summary(folder, summary)
         if paraview:

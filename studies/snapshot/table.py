@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from loops import (
     Faces,
     LoopBatch,
+    MacroTangent,
     Regime,
     loop_batches,
     love_weber_stress,
@@ -92,7 +93,8 @@ def loop_table(
     Returns
     -------
     dict of str to array
-        The columns; not a number where a tangent is not trusted.
+        The columns; not a number where a tangent is not trusted, or where the sign of the
+        smallest eigenvalue is within its error bound.
     """
     parts: Iterator[tuple[Any, Columns]]
     if use_compiled(compiled, snapshot.graph.contact_count):
@@ -145,7 +147,7 @@ def _mechanics(snapshot: Snapshot, batch: LoopBatch) -> Columns:
     columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
     for closure in CLOSURES:
         tangent = macroscopic_tangent(batch.graph, own, closure, regime=regimes)
-        columns |= _stability(closure, tangent.matrix, kn, compiled=False)
+        columns |= _stability(closure, tangent, kn, compiled=False)
     columns["traction_condition"] = tangent.condition
     return columns
 
@@ -191,7 +193,7 @@ def _compiled_columns(
     columns |= _stress(shape[kernel.S11 : kernel.S22 + 1].T)
     tangents = loop_tangents(packing, snapshot.graph, faces, law, chosen)
     for closure, tangent in zip(CLOSURES, tangents, strict=True):
-        columns |= _stability(closure, tangent.matrix, kn, compiled=True)
+        columns |= _stability(closure, tangent, kn, compiled=True)
     columns["traction_condition"] = tangents[1].condition
     return columns
 
@@ -204,8 +206,10 @@ def _stress(whole: Floats) -> Columns:
     return dict(zip(STRESS, values, strict=True))
 
 
-def _stability(closure: str, tangents: Floats, kn: float, *, compiled: bool) -> Columns:
-    found = loop_stability(tangents / kn, compiled=compiled)
+def _stability(closure: str, tangent: MacroTangent, kn: float, *, compiled: bool) -> Columns:
+    found = loop_stability(tangent.matrix / kn, compiled=compiled)
+    # A sign that rounding could have turned is no sign.
+    unsure = np.abs(found.eigenvalues[:, 0]) * kn <= tangent.error
     values = (
         *found.eigenvalues.T,
         found.unstable_fraction,
@@ -213,7 +217,8 @@ def _stability(closure: str, tangents: Floats, kn: float, *, compiled: bool) -> 
         np.degrees(found.soft_angle),
     )
     names = (f"{closure}_{name}" for name in STABILITY)
-    return dict(zip(names, values, strict=True))
+    known = (np.where(unsure, np.nan, value) for value in values)
+    return dict(zip(names, known, strict=True))
 
 
 def _members(snapshot: Snapshot, faces: Faces) -> pa.ListArray:

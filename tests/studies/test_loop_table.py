@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional, Regime, affine_tangent, contact_forces, find_faces, loop_batches
-from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
+from patterns import (
+    Snapshot,
+    diamond,
+    read_snapshot,
+    sample_cell,
+    sample_path,
+    synthetic_network,
+)
 from stability import plane_cone, restrict, symmetric_modes
 from studies.snapshot.table import MECHANICS, SHAPE, loop_table
 
@@ -93,3 +100,21 @@ def test_columns_of_one_loop(compiled):
     axis = axes[:, np.argmax(np.abs(principal))]
     angle = np.degrees(np.arctan2(axis[1], axis[0]))
     assert (table["affine_soft_angle"][row] - angle + 90) % 180 - 90 == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_no_sign_within_the_error_bound(compiled):
+    """A diamond at its threshold E = kappa/(1 + kappa), half-way, and beyond."""
+    kappa = 0.25
+    for strain, expected in ((0.5, 1.0), (1.0, np.nan), (1.5, -1.0)):
+        E = strain * kappa / (1 + kappa)
+        loop = diamond(np.pi / 4, E1=E, E2=E)
+        law = LinearFrictional(kn=np.ones(4), kt=np.full(4, kappa), mu=np.full(4, np.inf))
+        elastic = np.full(4, Regime.ELASTIC, dtype=np.int8)
+        snapshot = Snapshot(loop, law, elastic, np.arange(4), 0, ())
+        table = loop_table(snapshot, find_faces(loop), compiled=compiled)
+        for closure in ("affine", "traction"):
+            assert np.array_equal(
+                np.sign(table[f"{closure}_lambda_min"]), [expected], equal_nan=True
+            )
+            assert np.isnan(table[f"{closure}_unstable_fraction"][0]) == np.isnan(expected)
