@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Protocol
@@ -14,13 +13,13 @@ from patterns.snapshots import plain
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.contact_geometry import as_cell
 from patterns.snapshots.dumps import lammps, liggghts
+from patterns.snapshots.dumps.text_bodies import head_of
 from patterns.snapshots.frame import Frame, Source
+from patterns.snapshots.instants import Instants
 from patterns.snapshots.mercury import mercury_dpm
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.table_files import require_file
 from patterns.snapshots.yade import text, vtk, xml_save
-
-HEAD = 4096  # bytes that tell a format
 
 
 class Format(Protocol):
@@ -29,8 +28,11 @@ class Format(Protocol):
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether a file of this name that begins so is in this format."""
 
-    def frames(self, source: Source) -> Iterator[Frame]:
-        """Read the instants of a file, one after the other."""
+    def frames(self, source: Source) -> Instants:
+        """Find the instants of a file, without reading their rows.
+
+        A damaged one is counted, and raises `InputError` when it is read.
+        """
 
 
 # The first one that recognises a file takes it.
@@ -58,7 +60,7 @@ def read_snapshot(
     columns: Mapping[str, str] | None = None,
     frame: int | None = None,
 ) -> Snapshot:
-    """Read one instant of a simulation.
+    """Read one instant of a simulation, of a file with several that one alone.
 
     Plain tables (CSV, Parquet, npz, HDF5), columns by name. Grains: `id`, `x`, `y`, `radius`
     (length); rows with `type` 1 are walls. Contacts: `id1`, `id2`; optional are the branch
@@ -163,16 +165,16 @@ def count_frames(
     Returns
     -------
     int
-        1 for tables, which hold one each.
+        1 for tables, which hold one each. The instants are not read: a damaged one counts.
 
     Raises
     ------
     InputError
-        See `read_snapshot`.
+        For a missing or empty file, and for one with no instant that has contacts.
     """
     source = _source(path, contacts, None, columns)
     reader = format_of(source.path, format)
-    return 1 if reader is plain else sum(1 for _ in reader.frames(source))
+    return len(reader.frames(source))
 
 
 def format_of(path: Path, name: str = "auto") -> Format:
@@ -200,7 +202,7 @@ def format_of(path: Path, name: str = "auto") -> Format:
             raise InputError("--format", repr(name), f"auto, {', '.join(FORMATS)}", "Take one.")
         return FORMATS[name]
     require_file(path)
-    head = _head(path)
+    head = head_of(path)
     for reader in FORMATS.values():
         if reader.recognises(path, head):
             return reader
@@ -210,17 +212,6 @@ def format_of(path: Path, name: str = "auto") -> Format:
         f"one of the formats {', '.join(FORMATS)}",
         "Name its format by --format, or export plain tables.",
     )
-
-
-def _head(path: Path) -> bytes:
-    with open(path, "rb") as file:
-        head = file.read(HEAD)
-    if not head.startswith(b"\x1f\x8b"):
-        return head
-    try:
-        return zlib.decompressobj(wbits=31).decompress(head, HEAD)
-    except zlib.error:
-        return head
 
 
 def _source(
@@ -234,25 +225,19 @@ def _source(
     )
 
 
-def _choose(path: Path, frames: Iterator[Frame], number: int | None) -> Frame:
-    """One of the frames; without a number the only one."""
-    kept: list[Frame] = []
-    count = 0
-    for count, frame in enumerate(frames, start=1):
-        if number is None and count > 1:
-            raise InputError(
-                str(path),
-                "several instants",
-                "one",
-                "Give --frame 0 for the first, --frame -1 for the last; for all: series.",
-            )
-        if number is not None and number >= 0 and count - 1 < number:
-            continue
-        if number == count - 1:
-            return frame
-        kept = [*kept, frame][number or -1 :]
-    if kept and (number is None or count >= -number):
-        return kept[0]
-    raise InputError(
-        f"--frame {number}", f"{path} has {count}", f"a number below {count}", "Count from 0."
-    )
+def _choose(path: Path, instants: Instants, number: int | None) -> Frame:
+    """One of the instants; without a number the only one."""
+    count = len(instants)
+    if number is None and count > 1:
+        raise InputError(
+            str(path),
+            f"{count} instants",
+            "one",
+            "Give --frame 0 for the first, --frame -1 for the last; for all: series.",
+        )
+    number = number or 0
+    if not -count <= number < count:
+        raise InputError(
+            f"--frame {number}", f"{path} has {count}", f"a number below {count}", "Count from 0."
+        )
+    return instants[number]

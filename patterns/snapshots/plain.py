@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from patterns.snapshots.frame import Frame, Source, with_plain_names
+from patterns.snapshots.instants import Instants
 from patterns.snapshots.table_files import ARRAY_FILES, ENDINGS, as_table, read_arrays
 from patterns.snapshots.tables import Table, read_table
 
@@ -22,7 +23,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return path.name.lower().endswith(ENDINGS)
 
 
-def frames(source: Source) -> Iterator[Frame]:
+def frames(source: Source) -> Instants:
     """The one instant of a pair of tables, or of a file that holds both.
 
     CSV, CSV.gz, Parquet, npz or HDF5, columns by name as in `Frame`; a column map gives them
@@ -36,27 +37,25 @@ def frames(source: Source) -> Iterator[Frame]:
     source : Source
         What the user gave.
 
-    Yields
-    ------
-    Frame
-        One.
-
-    Raises
-    ------
-    InputError
-        For a missing, empty, truncated or damaged file.
+    Returns
+    -------
+    Instants
+        One; reading it raises `InputError` for a missing, empty, truncated or damaged file.
     """
+    return Instants([partial(_frame, source)])
+
+
+def _frame(source: Source) -> Frame:
     if source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES):
         arrays = read_arrays(source.path)
         if any(name.startswith("contacts/") for name in arrays):
             cell = arrays.get("cell") if source.cell is None else source.cell
             tables = _group(source, arrays, "grains"), _group(source, arrays, "contacts")
-            yield Frame(*with_plain_names(source, *tables), cell=cell)
-            return
+            return Frame(*with_plain_names(source, *tables), cell=cell)
     contacts = source.contacts or beside(source.path, "contacts")
     tables = read_table(source.path), read_table(contacts)
     cell, step = _cell_beside(source.path)
-    yield Frame(
+    return Frame(
         *with_plain_names(source, *tables),
         cell=cell if source.cell is None else source.cell,
         step=step,

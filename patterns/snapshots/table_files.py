@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import tokenize
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -129,7 +132,10 @@ def whole_file(path: Path) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except Exception as error:  # numpy alone raises SyntaxError and TokenError on some
+    except (
+        *(pyarrow.ArrowException, OSError, EOFError, zlib.error, zipfile.BadZipFile),
+        *(ValueError, KeyError, RuntimeError, NotImplementedError, UnicodeDecodeError),
+    ) as error:
         raise InputError(
             str(path),
             f"an unreadable or truncated file ({error})",
@@ -157,7 +163,10 @@ def _read_npz(path: Path) -> Arrays:
     with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
         if not isinstance(file, np.lib.npyio.NpzFile):
             raise ValueError("one array, not an archive of arrays")
-        return {name: file[name] for name in file.files}
+        try:
+            return {name: file[name] for name in file.files}
+        except (SyntaxError, tokenize.TokenError) as error:  # numpy parses headers as Python
+            raise ValueError(f"a damaged header, {error}") from None
 
 
 def _read_hdf5(path: Path) -> Arrays:

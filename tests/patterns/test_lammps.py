@@ -46,7 +46,7 @@ def read(path, **source):
 
 
 def notes(path, **source):
-    return " | ".join(next(lammps.frames(Source(path, **source))).notes)
+    return " | ".join(lammps.frames(Source(path, **source))[0].notes)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.2, -0.15])
@@ -233,7 +233,7 @@ def test_diameters_and_a_cell_from_the_user(tmp_path):
 def test_normals_of_walls_point_into_the_grains(tmp_path):
     own = Packing.of(read_snapshot(sample_path()))
     path, _ = write_lammps(tmp_path, own, extra=lammps_walls(own))
-    table = next(lammps.frames(Source(path))).contacts
+    table = lammps.frames(Source(path))[0].contacts
     walls = table.integers("id1") < 0
     normal, branch = table.columns("nx", "ny")[walls], table.columns("branch_x", "branch_y")[walls]
     force = table.columns("fx_on_2", "fy_on_2")[walls]

@@ -26,7 +26,7 @@ def test_normal_force_by_its_size_alone(tmp_path):
     path, _ = write_lammps(tmp_path, own, keep=["patom1", "patom2", "dx", "dy", "force"])
     with pytest.raises(InputError, match=r"none that form a force along the branch.*force=COLUMN"):
         read(path)
-    frame = next(lammps.frames(Source(path, columns={"force": "c_pair[3]"})))
+    frame = lammps.frames(Source(path, columns={"force": "c_pair[3]"}))[0]
     assert frame.contacts.column("fn") == pytest.approx(own.graph.normal_force, rel=1e-13)
     assert not frame.contacts.has("fx_on_2")
     assert "no tangential force" in " ".join(frame.notes)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,10 +13,13 @@ from numpy.typing import NDArray
 from loops import InputError
 from patterns.snapshots.bodies import refuse_repeated
 from patterns.snapshots.dumps.dump_text import Box, DumpFrame, dump_frames, read_rows
-from patterns.snapshots.frame import Source
+from patterns.snapshots.frame import Frame, Source
+from patterns.snapshots.instants import Instants, refusal
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Frames = list[DumpFrame | InputError]
+ReadPair = Callable[[Source, DumpFrame, DumpFrame, tuple[str, ...]], Frame]
 
 ATOM_WORDS = ("atoms", "atom", "grains", "particles")
 CONTACT_WORDS = ("contacts", "contact", "local", "pairs", "pair")
@@ -58,7 +62,7 @@ def contacts_beside(path: Path) -> Path | None:
     return None
 
 
-def frame_pairs(source: Source) -> Iterator[tuple[DumpFrame, DumpFrame, tuple[str, ...]]]:
+def dump_instants(source: Source, read: ReadPair) -> Instants:
     """Frames of the atoms with those of the contacts at the same step.
 
     Instants without contacts, as before the grains meet, are left out.
@@ -67,52 +71,77 @@ def frame_pairs(source: Source) -> Iterator[tuple[DumpFrame, DumpFrame, tuple[st
     ----------
     source : Source
         What the user gave.
+    read : callable
+        Reads one instant from `source`, its frame of atoms, that of its contacts, and notes.
 
-    Yields
-    ------
-    atoms, contacts : DumpFrame
-        One step.
-    notes : tuple of str
-        What was left aside.
+    Returns
+    -------
+    Instants
+        One a step. Reading it raises `InputError` if it is damaged or missing among the contacts.
 
     Raises
     ------
     InputError
-        If a dump is missing or damaged, is of the other kind, or lacks a step of the other.
+        If a dump is missing, of the other kind, or without contacts at any instant.
     """
-    contacts_path = source.contacts or contacts_beside(source.path)
-    if contacts_path is None:
+    atoms, contacts, contacts_path = _both_dumps(source)
+    of_step = {frame.step: frame for frame in contacts if isinstance(frame, DumpFrame)}
+    steps = {frame.step for frame in atoms if isinstance(frame, DumpFrame)}
+    unused = sorted(set(of_step) - steps)
+    notes: tuple[str, ...] = ()
+    if unused:
+        notes = (f"{len(unused)} steps of {contacts_path} have no atoms, such as {unused[0]}",)
+    readers: list[Callable[[], Frame]] = []
+    empty = 0
+    for frame in atoms:
+        if isinstance(frame, InputError):
+            readers.append(refusal(frame))
+        elif frame.step not in of_step:
+            readers.append(refusal(_no_step(source, frame, contacts, contacts_path)))
+        elif is_empty(of_step[frame.step]):
+            empty += 1
+        else:
+            said = notes + left_out(empty)
+            readers.append(partial(_read_pair, source, read, frame, of_step[frame.step], said))
+    if not readers:
+        raise no_contacts(contacts_path)
+    return Instants(readers)
+
+
+def _both_dumps(source: Source) -> tuple[Frames, Frames, Path]:
+    """Headers of the atoms, of their contacts, and where those are."""
+    path = source.contacts or contacts_beside(source.path)
+    if path is None:
         raise InputError(
             f"contacts of {source.path}",
             "no dump of contacts beside it",
             "a 'dump local', such as dump.contacts.0 beside dump.atoms.0",
             "Name it by --contacts.",
         )
-    atoms, contacts = dump_frames(source.path), dump_frames(contacts_path)
+    atoms, contacts = dump_frames(source.path), dump_frames(path)
     _require_kind(atoms, atom=True)
     _require_kind(contacts, atom=False)
-    of_step = {frame.step: frame for frame in contacts}
-    unused = sorted(set(of_step) - {frame.step for frame in atoms})
-    notes: tuple[str, ...] = ()
-    if unused:
-        notes = (f"{len(unused)} steps of {contacts_path} have no atoms, such as {unused[0]}",)
-    empty: list[DumpFrame] = []
-    for frame in atoms:
-        other = of_step.get(frame.step)
-        if other is None:
-            raise InputError(
-                str(contacts_path),
-                f"steps {_some(sorted(of_step))}",
-                f"step {frame.step} of {source.path}",
-                "Take both dumps from the same steps of one run.",
-            )
-        _require_one_box(frame, other)
-        if is_empty(other):
-            empty.append(other)
-            continue
-        yield frame, other, notes + left_out(len(empty))
-    if len(empty) == len(atoms):
-        raise no_contacts(contacts_path)
+    return atoms, contacts, path
+
+
+def _no_step(source: Source, frame: DumpFrame, contacts: Frames, path: Path) -> InputError:
+    """What is wrong with contacts that lack a step: a damaged header, else the step itself."""
+    damaged = [other for other in contacts if isinstance(other, InputError)]
+    if damaged:
+        return damaged[0]
+    return InputError(
+        str(path),
+        f"steps {_some(sorted(f.step for f in contacts if isinstance(f, DumpFrame)))}",
+        f"step {frame.step} of {source.path}",
+        "Take both dumps from the same steps of one run.",
+    )
+
+
+def _read_pair(
+    source: Source, read: ReadPair, atoms: DumpFrame, contacts: DumpFrame, notes: tuple[str, ...]
+) -> Frame:
+    _require_one_box(atoms, contacts)
+    return read(source, atoms, contacts, notes)
 
 
 def is_empty(frame: DumpFrame) -> bool:
@@ -135,9 +164,9 @@ def _some(steps: list[int]) -> str:
     return shown if len(steps) <= 3 else f"{shown}, ..., {steps[-1]}"
 
 
-def _require_kind(frames: list[DumpFrame], *, atom: bool) -> None:
+def _require_kind(frames: Frames, *, atom: bool) -> None:
     for frame in frames:
-        if (frame.label == "ATOMS") != atom:
+        if isinstance(frame, DumpFrame) and (frame.label == "ATOMS") != atom:
             raise InputError(
                 frame.where,
                 f"a dump of {frame.label}",

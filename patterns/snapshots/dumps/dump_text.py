@@ -17,6 +17,7 @@ from patterns.snapshots.tables import Table
 Floats = NDArray[np.float64]
 
 ITEM = b"ITEM: "
+START = b"ITEM: TIMESTEP"
 
 
 class Box(NamedTuple):
@@ -69,11 +70,16 @@ class DumpFrame:
 
 def is_dump(head: bytes) -> bool:
     """Whether a file that begins so is a text dump."""
-    return head.startswith((b"ITEM: TIMESTEP", b"ITEM: UNITS"))
+    return head.startswith((START, b"ITEM: UNITS"))
 
 
-def dump_frames(path: Path) -> list[DumpFrame]:
-    """Headers of all frames of a dump.
+def first_frame(path: Path, head: bytes) -> DumpFrame:
+    """Header of the first frame, from the first bytes of a dump; `InputError` if it is none."""
+    return _frame(path, head, 0)
+
+
+def dump_frames(path: Path) -> list[DumpFrame | InputError]:
+    """Headers of all frames of a dump; their rows are passed over, not read.
 
     Parameters
     ----------
@@ -82,17 +88,20 @@ def dump_frames(path: Path) -> list[DumpFrame]:
 
     Returns
     -------
-    list of DumpFrame
-        In the order of the file.
+    list of DumpFrame or InputError
+        In the order of the file; the error is what is wrong with a header, such as of a file that
+        ends within one.
 
     Raises
     ------
     InputError
-        If the file is no dump, ends within a header, or has a step twice.
+        If the file is missing or empty, or has a step twice.
     """
     frames = list(_walk(path, open_text(path)))
     seen: set[int] = set()
     for frame in frames:
+        if isinstance(frame, InputError):
+            continue
         if frame.step in seen:
             raise InputError(
                 str(path), f"step {frame.step} twice", "each step once", "Part the runs."
@@ -135,22 +144,32 @@ def read_rows(frame: DumpFrame, wanted: Sequence[str]) -> Table:
     return table
 
 
-def _walk(path: Path, text: Text) -> Iterator[DumpFrame]:
+def _walk(path: Path, text: Text) -> Iterator[DumpFrame | InputError]:
     at = 0
-    while at < len(text):
-        if not is_dump(text[at : at + 14]):
-            if not text[at:].strip():
-                return
-            raise InputError(
-                str(path), f"{text[at : at + 40]!r}", "ITEM: TIMESTEP", "Give a text dump."
-            )
-        frame = _frame(path, text, at)
-        yield frame
-        at = frame.span[1]
+    while 0 <= at < len(text):
+        try:
+            frame = _frame(path, text, at)
+        except InputError as error:
+            if text[at:].strip():
+                yield error
+            at = _next_start(text, at)
+        else:
+            yield frame
+            at = frame.span[1]
+
+
+def _next_start(text: Text, at: int) -> int:
+    """Where the frame after a damaged one starts, -1 for nowhere."""
+    # The damaged header has a TIMESTEP of its own, perhaps after UNITS.
+    if is_dump(text[at : at + len(START)]):
+        at = text.find(START, at) + 1 or len(text)
+    return text.find(START, at)
 
 
 def _frame(path: Path, text: Text, at: int) -> DumpFrame:
     """Read the header that starts there."""
+    if not is_dump(text[at : at + len(START)]):
+        raise InputError(str(path), f"{text[at : at + 40]!r}", START.decode(), "Give a text dump.")
     values: dict[bytes, list[bytes]] = {}
     label = b""
     while True:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +10,13 @@ from numpy.typing import NDArray
 from loops import InputError
 from patterns.snapshots.dumps.column_guess import Guess, guess_columns
 from patterns.snapshots.dumps.column_search import CONTACT_NAMES, NONE
-from patterns.snapshots.dumps.dump_files import ATOM_NAMES, frame_pairs, read_atoms
+from patterns.snapshots.dumps.dump_files import ATOM_NAMES, dump_instants, read_atoms
 from patterns.snapshots.dumps.dump_geometry import contact_rows, space_of
 from patterns.snapshots.dumps.dump_tables import Forces, contact_table, grain_table
 from patterns.snapshots.dumps.dump_text import DumpFrame, is_dump, read_rows
 from patterns.snapshots.dumps.lammps_walls import WALL_NAMES, read_walls
 from patterns.snapshots.frame import Frame, Source
+from patterns.snapshots.instants import Instants
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return is_dump(head)
 
 
-def frames(source: Source) -> Iterator[Frame]:
+def frames(source: Source) -> Instants:
     """Instants of a dump of atoms, with the dump of their contacts beside it.
 
     Instants without contacts, as before the grains meet, are left out.
@@ -44,20 +44,20 @@ def frames(source: Source) -> Iterator[Frame]:
     source : Source
         What the user gave.
 
-    Yields
-    ------
-    Frame
-        One per step, total forces on grain 2.
+    Returns
+    -------
+    Instants
+        One per step, total forces on grain 2. Reading it raises `InputError` for a frame that is
+        damaged, cut or of another step, columns that can't be told or don't hold what the map
+        says.
 
     Raises
     ------
     InputError
-        For a missing, damaged or cut dump, frames of different steps, columns that can't be told
-        or don't hold what the map says.
+        For a missing dump or one without contacts, a name of the map that nothing reads.
     """
     check_names(source, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
-    for atom_frame, contact_frame, notes in frame_pairs(source):
-        yield _frame(source, atom_frame, contact_frame, notes)
+    return dump_instants(source, _frame)
 
 
 def check_names(source: Source, known: tuple[str, ...]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from patterns.snapshots.dumps.dump_files import (
     ATOM_NAMES,
     Atoms,
     contacts_beside,
-    frame_pairs,
+    dump_instants,
     read_atoms,
 )
 from patterns.snapshots.dumps.dump_geometry import (
@@ -25,10 +24,12 @@ from patterns.snapshots.dumps.dump_geometry import (
     space_of,
 )
 from patterns.snapshots.dumps.dump_tables import Forces, contact_table, grain_table
-from patterns.snapshots.dumps.dump_text import DumpFrame, dump_frames, is_dump, read_rows
+from patterns.snapshots.dumps.dump_text import DumpFrame, first_frame, is_dump, read_rows
 from patterns.snapshots.dumps.lammps import check_names
 from patterns.snapshots.dumps.liggghts_columns import CONTACT_NAMES, NONE, Contacts, read_contacts
+from patterns.snapshots.dumps.text_bodies import head_of
 from patterns.snapshots.frame import Frame, Source
+from patterns.snapshots.instants import Instants
 
 Floats = NDArray[np.float64]
 
@@ -47,10 +48,9 @@ def recognises(path: Path, head: bytes) -> bool:
     if contacts is None:
         return False
     try:
-        frames_beside = dump_frames(contacts)
+        return _one_compute(first_frame(contacts, head_of(contacts)).names)
     except InputError:
         return False
-    return bool(frames_beside) and _one_compute(frames_beside[0].names)
 
 
 def _one_compute(names: tuple[str, ...]) -> bool:
@@ -60,7 +60,7 @@ def _one_compute(names: tuple[str, ...]) -> bool:
     return len(names) >= 3 and len(stems) == 1 and {n[n.rfind("[") :] for n in names} == numbered
 
 
-def frames(source: Source) -> Iterator[Frame]:
+def frames(source: Source) -> Instants:
     """Instants of a dump of atoms, with the dump of their contacts beside it.
 
     Instants without contacts, as before the grains meet, are left out.
@@ -76,20 +76,20 @@ def frames(source: Source) -> Iterator[Frame]:
     source : Source
         What the user gave.
 
-    Yields
-    ------
-    Frame
-        One per step, total forces on grain 2.
+    Returns
+    -------
+    Instants
+        One per step, total forces on grain 2. Reading it raises `InputError` for a frame that is
+        damaged, cut or of another step, columns that can't be told or don't hold what the map
+        says.
 
     Raises
     ------
     InputError
-        For a missing, damaged or cut dump, frames of different steps, columns that can't be told
-        or don't hold what the map says.
+        For a missing dump or one without contacts, a name of the map that nothing reads.
     """
     check_names(source, (*ATOM_NAMES, *CONTACT_NAMES))
-    for atom_frame, contact_frame, notes in frame_pairs(source):
-        yield _frame(source, atom_frame, contact_frame, notes)
+    return dump_instants(source, _frame)
 
 
 def _frame(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import mmap
 import re
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from patterns.snapshots.tables import Table
 
 # What is searched and sliced alike: the map of a file, or what a gzip file holds.
 Text = bytes | mmap.mmap
+
+HEAD = 4096  # bytes that tell a format
 
 
 def open_text(path: Path) -> Text:
@@ -48,6 +51,29 @@ def open_text(path: Path) -> Text:
     if not content:
         raise InputError(str(path), "an empty file", "a snapshot's file", "Export it again.")
     return content
+
+
+def head_of(path: Path) -> bytes:
+    """First bytes of a file, unpacked if it is gzip.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    bytes
+        At most `HEAD` of them.
+    """
+    with open(path, "rb") as file:
+        head = file.read(HEAD)
+    if not head.startswith(b"\x1f\x8b"):
+        return head
+    try:
+        return zlib.decompressobj(wbits=31).decompress(head, HEAD)
+    except zlib.error:
+        return head
 
 
 def line_at(text: Text, start: int) -> tuple[bytes, int]:

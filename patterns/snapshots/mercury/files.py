@@ -62,25 +62,39 @@ def data_head(line: bytes) -> Head | None:
         return None
 
 
-def data_blocks(path: Path) -> Iterator[Block]:
-    """Frames of a `.data` file.
+def data_blocks(path: Path) -> list[Block | InputError]:
+    """Frames of a `.data` file; their rows are counted, not read.
 
     Parameters
     ----------
     path : Path
         The file, plain or gzip.
 
-    Yields
-    ------
-    Block
-        Rows of the grains, in the order of the file.
+    Returns
+    -------
+    list of Block or InputError
+        Rows of the grains, in the order of the file. The last may be what is wrong with a frame:
+        of another layout, or cut. What follows it can't be found.
 
     Raises
     ------
     InputError
-        If the file is missing or damaged, is of another layout or ends within a frame.
+        If the file is missing or empty.
     """
-    text = open_text(path)
+    return _until_fault(_data_blocks(path, open_text(path)))
+
+
+def _until_fault(blocks: Iterator[Block]) -> list[Block | InputError]:
+    found: list[Block | InputError] = []
+    try:
+        for block in blocks:
+            found.append(block)
+    except InputError as error:
+        found.append(error)
+    return found
+
+
+def _data_blocks(path: Path, text: Text) -> Iterator[Block]:
     # A frame has no mark but its length: the ends of all lines tell where it stops.
     ends = np.flatnonzero(np.frombuffer(text, dtype=np.uint8) == ord("\n"))
     line = 0
@@ -117,27 +131,39 @@ def data_blocks(path: Path) -> Iterator[Block]:
             )
         yield Block(where, head.time, DATA_COLUMNS[width], text, span)
         line += head.grains + 1
+    rest = text[int(ends[-1]) + 1 if len(ends) else 0 :]
+    if rest.strip():
+        raise InputError(
+            str(path),
+            f"a last line {rest[:60]!r} without its end",
+            "complete lines",
+            "Write it again.",
+        )
 
 
-def fstat_blocks(path: Path) -> Iterator[Block]:
-    """Frames of an `.fstat` file.
+def fstat_blocks(path: Path) -> list[Block | InputError]:
+    """Frames of an `.fstat` file; their rows are passed over, not read.
 
     Parameters
     ----------
     path : Path
         The file, plain or gzip.
 
-    Yields
-    ------
-    Block
-        Rows of the contacts, in the order of the file.
+    Returns
+    -------
+    list of Block or InputError
+        Rows of the contacts, in the order of the file. The last may be what is wrong with a frame
+        that doesn't begin with comments; what follows it is not looked at.
 
     Raises
     ------
     InputError
-        If the file is missing or damaged, or doesn't begin with comments.
+        If the file is missing or empty.
     """
-    text = open_text(path)
+    return _until_fault(_fstat_blocks(path, open_text(path)))
+
+
+def _fstat_blocks(path: Path, text: Text) -> Iterator[Block]:
     at = 0
     while at < len(text):
         first, at = line_at(text, at)
@@ -151,7 +177,14 @@ def fstat_blocks(path: Path) -> Iterator[Block]:
                 str(path), repr(first[:60]), "a comment '# time ...'", "Give MercuryDPM's .fstat."
             ) from None
         for _ in range(COMMENTS - 1):
-            at = line_at(text, at)[1]
+            line, at = line_at(text, at)
+            if not line.startswith(b"#") or text[at - 1 : at] != b"\n":
+                raise InputError(
+                    f"{path}, time {time:g}",
+                    "a header that breaks off",
+                    f"{COMMENTS} lines of comments",
+                    "The file is cut short: write it again.",
+                )
         stop = text.find(b"#", at)
         stop = len(text) if stop < 0 else stop
         yield Block(f"{path}, time {time:g}", time, FSTAT_COLUMNS, text, (at, stop))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from patterns.snapshots.dumps.dump_files import Atoms, left_out, no_contacts
 from patterns.snapshots.dumps.dump_geometry import Pairs, Space, contact_rows, normals, pairs_of
 from patterns.snapshots.dumps.dump_tables import Forces, Wall, contact_table, grain_table
 from patterns.snapshots.frame import Frame, Source
+from patterns.snapshots.instants import Instants, refusal
 from patterns.snapshots.mercury.files import (
     DATA_COLUMNS,
     HEADERS,
@@ -42,7 +44,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return width in DATA_COLUMNS and HEADERS[width] == first.width
 
 
-def frames(source: Source) -> Iterator[Frame]:
+def frames(source: Source) -> Instants:
     """Instants of a `.data` file, with the `.fstat` file beside it.
 
     Instants without contacts, as before the grains meet, are left out. Grains are numbered from 0
@@ -55,29 +57,36 @@ def frames(source: Source) -> Iterator[Frame]:
     source : Source
         What the user gave.
 
-    Yields
-    ------
-    Frame
-        One per time, total forces on grain 2.
+    Returns
+    -------
+    Instants
+        One per time, total forces on grain 2. Reading it raises `InputError` for a frame that is
+        damaged, cut or missing in the other file, unknown grains, normals that don't lie along
+        the branches.
 
     Raises
     ------
     InputError
-        For a missing, damaged or cut file, times of one file that the other lacks, unknown grains,
-        normals that don't lie along the branches.
+        For a missing file, or one without contacts.
     """
-    contacts = source.contacts or fstat_beside(source.path)
-    blocks = fstat_blocks(contacts)
-    found, empty = 0, 0
+    path = source.contacts or fstat_beside(source.path)
+    blocks = fstat_blocks(path)
+    readers: list[Callable[[], Frame]] = []
+    start = empty = 0
     for grains in data_blocks(source.path):
-        block = _at_time(grains, blocks, contacts)
-        if block.span[0] == block.span[1]:
-            empty += 1
+        if isinstance(grains, InputError):
+            readers.append(refusal(grains))
             continue
-        found += 1
-        yield _frame(source, grains, block, left_out(empty))
-    if not found:
-        raise no_contacts(contacts)
+        start, block = _at_time(grains, blocks, start, path)
+        if isinstance(block, InputError):
+            readers.append(refusal(block))
+        elif block.span[0] == block.span[1]:
+            empty += 1
+        else:
+            readers.append(partial(_frame, source, grains, block, left_out(empty)))
+    if not readers:
+        raise no_contacts(path)
+    return Instants(readers)
 
 
 def fstat_beside(path: Path) -> Path:
@@ -94,16 +103,24 @@ def fstat_beside(path: Path) -> Path:
     )
 
 
-def _at_time(grains: Block, blocks: Iterator[Block], path: Path) -> Block:
-    """The next frame of contacts at the time of the grains; earlier ones are passed over."""
+def _at_time(
+    grains: Block, blocks: list[Block | InputError], start: int, path: Path
+) -> tuple[int, Block | InputError]:
+    """Contacts at the time of the grains, at `start` or later, and where to go on from.
+
+    Earlier ones are passed over; without any, what is wrong.
+    """
     passed: list[float] = []
-    for block in blocks:
+    for k in range(start, len(blocks)):
+        block = blocks[k]
+        if isinstance(block, InputError):
+            return start, block
         if abs(block.time - grains.time) <= TIME_TOLERANCE * max(abs(grains.time), 1e-300):
-            return block
+            return k + 1, block
         passed.append(block.time)
         if block.time > grains.time:
             break
-    raise InputError(
+    return start, InputError(
         str(path),
         f"frames at {', '.join(f'{time:g}' for time in passed[:3])}" if passed else "no frame",
         f"one at {grains.where}",

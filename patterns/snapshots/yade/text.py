@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from loops import InputError
-from patterns.snapshots.frame import Frame, Source
+from patterns.snapshots.frame import Source
+from patterns.snapshots.instants import Instants
 
 START = b"#format "
 
@@ -16,7 +16,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.startswith(START)
 
 
-def frames(source: Source) -> Iterator[Frame]:
+def frames(source: Source) -> Instants:
     """Refuse: these files have no contacts, and six digits are too few to find them.
 
     Parameters

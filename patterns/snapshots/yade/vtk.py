@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from loops import InputError
 from patterns.snapshots.dumps.text_bodies import open_text
 from patterns.snapshots.frame import Frame, Source
+from patterns.snapshots.instants import Instants
 from patterns.snapshots.yade.shear import shear_signs
 from patterns.snapshots.yade.vtk_exporter import exporter_frame
 from patterns.snapshots.yade.vtk_files import Piece, read_piece
@@ -33,7 +34,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return b"<VTKFile" in head and any(b'type="' + kind + b'"' in head for kind in kinds)
 
 
-def frames(source: Source) -> Iterator[Frame]:
+def frames(source: Source) -> Instants:
     """The one instant of a pair of VTK files.
 
     The main file is that of the spheres, `...spheres.N.vtu`, with `...intrs.N.vtp` beside it; or a
@@ -45,22 +46,22 @@ def frames(source: Source) -> Iterator[Frame]:
     source : Source
         What the user gave.
 
-    Yields
-    ------
-    Frame
-        One; `step` is the number in the file's name.
-
-    Raises
-    ------
-    InputError
-        For missing, damaged or truncated files, files of two instants, and contacts across a
-        periodic border, which these files garble.
+    Returns
+    -------
+    Instants
+        One; `step` is the number in the file's name. Reading it raises `InputError` for missing,
+        damaged or truncated files, files of two instants, and contacts across a periodic border,
+        which these files garble.
     """
+    return Instants([partial(_frame, source)])
+
+
+def _frame(source: Source) -> Frame:
     path = source.path
     name = path.name.lower().removesuffix(".gz")
     if name.endswith(".vtk"):
-        yield exporter_frame(source, read_legacy(path), read_legacy(_contacts_path(source, ".vtk")))
-        return
+        contacts = _contacts_path(source, ".vtk")
+        return exporter_frame(source, read_legacy(path), read_legacy(contacts))
     if name.endswith(".vtm"):
         path, contacts = _blocks(path)
     elif name.endswith(".vtu"):
@@ -69,7 +70,7 @@ def frames(source: Source) -> Iterator[Frame]:
         raise InputError(
             str(path), "a file of lines", "the file of the spheres, ...spheres.N.vtu", "Name it."
         )
-    yield _recorder_frame(source, read_piece(path), read_piece(contacts))
+    return _recorder_frame(source, read_piece(path), read_piece(contacts))
 
 
 def _contacts_path(source: Source, ending: str) -> Path:

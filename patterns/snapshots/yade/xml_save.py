@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from patterns.snapshots.frame import Frame, Source, with_plain_names
+from patterns.snapshots.instants import Instants
 from patterns.snapshots.tables import Table
 from patterns.snapshots.yade.scene import BINARY, ROOT, Scene, read_scene
 
@@ -27,7 +27,7 @@ def recognises(path: Path, head: bytes) -> bool:
     )
 
 
-def frames(source: Source) -> Iterator[Frame]:
+def frames(source: Source) -> Instants:
     """The one instant of a save.
 
     Spheres are grains, all other bodies walls. The branch of a wall contact runs along the normal
@@ -38,18 +38,14 @@ def frames(source: Source) -> Iterator[Frame]:
     source : Source
         What the user gave.
 
-    Yields
-    ------
-    Frame
-        One; `step` is Yade's iteration.
-
-    Raises
-    ------
-    InputError
-        For a binary save, a damaged or truncated file, another serialisation (the message names
-        what is missing), clumps, no interaction with forces.
+    Returns
+    -------
+    Instants
+        One; `step` is Yade's iteration. Reading it raises `InputError` for a binary save, a
+        damaged or truncated file, another serialisation (the message names what is missing),
+        clumps, no interaction with forces.
     """
-    yield frame_of_scene(source, read_scene(source.path))
+    return Instants([lambda: frame_of_scene(source, read_scene(source.path))])
 
 
 def frame_of_scene(source: Source, scene: Scene) -> Frame:
