@@ -90,7 +90,7 @@ def traction_tangent_50(
         n = len(reference)
         system = mp.zeros(2 * n + 4, 2 * n + 4)
         for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
-            _assemble(system, k, c, (c + 1) % n)
+            assemble_50(system, k, c, (c + 1) % n)
         load_50(system, reference)
         # Hold grain 0: its two rows follow from the others.
         small = system[2:, 2:]
@@ -189,17 +189,25 @@ def _block(
 ) -> Any:
     import mpmath as mp
 
-    d = [xj[0] - xi[0], xj[1] - xi[1]]
-    length = mp.sqrt(d[0] ** 2 + d[1] ** 2)
-    n = mp.matrix([d[0] / length, d[1] / length])
-    t = mp.matrix([-n[1], n[0]])
+    length, n, t = frame_50(xi, xj)
     geometric = -normal / length * t * t.T + shear / length * n * t.T
     if regime == 1:
         return kn * n * n.T + kt * t * t.T + geometric
     return kn * n * n.T + mp.sign(shear) * mu * kn * t * n.T + geometric
 
 
-def _assemble(system: Any, k: Any, i: int, j: int) -> None:
+def frame_50(xi: list[Any], xj: list[Any]) -> tuple[Any, Any, Any]:
+    """Length, normal and tangent of the branch from `xi` to `xj`."""
+    import mpmath as mp
+
+    d = mp.matrix([xj[0] - xi[0], xj[1] - xi[1]])
+    length = mp.sqrt(d[0] ** 2 + d[1] ** 2)
+    n = d / length
+    return length, n, mp.matrix([-n[1], n[0]])
+
+
+def assemble_50(system: Any, k: Any, i: int, j: int) -> None:
+    """Add the block `f' = -k d'` of the contact of grains i and j to a ring's system."""
     for a in range(2):
         for b in range(2):
             system[2 * i + a, 2 * i + b] += k[a, b]

@@ -19,6 +19,10 @@ import pyarrow.parquet
 from loops import InputError
 
 SIGNS = "forces, stresses and strains positive in compression; angles counter-clockwise"
+UNITS_OF_A_LOOP = (
+    "dimensionless: lengths over l0 (two radii), forces over kn l0, stresses over kn; "
+    "angles in degrees"
+)
 
 
 def provenance(command: str, configuration: Mapping[str, Any], units: str) -> dict[str, Any]:

@@ -131,6 +131,26 @@ def figure_of(ax: Axes) -> Figure:
     return cast(Figure, ax.figure)
 
 
+def write_above(ax: Axes, x: float, text: str, **look: Any) -> None:
+    """Write a text above axes, centred on a position along the first axis.
+
+    Parameters
+    ----------
+    ax : Axes
+        Below the text.
+    x : float
+        The position, in the unit of the first axis.
+    text : str
+        What to write.
+    **look
+        Colour, size or weight of the text, as matplotlib names them.
+    """
+    ax.annotate(
+        text, (x, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
+        ha="center", va="bottom", **look,
+    )  # fmt: skip
+
+
 def save_figure(fig: Figure, folder: Path, name: str, source: Mapping[str, Any]) -> None:
     """Save a figure as PNG (300 dpi) and SVG, its provenance in the metadata of both.
 

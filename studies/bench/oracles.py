@@ -14,8 +14,10 @@ from studies.fifty_digits import (
     DIGITS,
     affine_tangent_50,
     area_50,
+    assemble_50,
     contact_blocks_50,
     exact_points,
+    frame_50,
     load_50,
     traction_tangent_50,
 )
@@ -89,38 +91,20 @@ def compliance_tangent_50(
     with mp.workdps(DIGITS):
         now, reference = exact_points(x), exact_points(x0)
         n = len(reference)
-        total, double, single = mp.zeros(2, 2), mp.zeros(4, 4), mp.zeros(2, 4)
+        total, double = mp.zeros(2, 2), mp.zeros(4, 4)
+        single, moments = mp.zeros(2, 4), mp.zeros(4, 2)
         for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
             a, b = reference[c], reference[(c + 1) % n]
             m = [(a[1] + b[1]) / 2, -(a[0] + b[0]) / 2]
+            # Row (k, l): the stress loads the contact with P_kl m_l along k.
+            lever = mp.matrix([[m[0], 0], [m[1], 0], [0, m[0]], [0, m[1]]])
             soft = k**-1
             total += soft
-            for i in range(2):
-                for p in range(4):
-                    # Column p = (k, l) of the stress loads the contact with P_kl m_l along k.
-                    single[i, p] += soft[i, p // 2] * m[p % 2]
-                    for j in range(2):
-                        double[2 * i + j, p] += soft[i, p // 2] * m[j] * m[p % 2]
-        moments = _transposed_single(now, reference, normal, shear, kn, kt, mu, regime)
+            single += soft * lever.T
+            moments += lever * soft
+            double += lever * soft * lever.T
         compliance = (double - moments * total**-1 * single) / area_50(reference)
         return compliance**-1
-
-
-def _transposed_single(
-    now: Any, reference: Any, normal: Any, shear: Any, kn: Any, kt: Any, mu: Any, regime: Any
-) -> Any:
-    """(4, 2) `sum k^-1_ia m_j` in row (i, j)."""
-    import mpmath as mp
-
-    n, out = len(reference), mp.zeros(4, 2)
-    for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
-        a, b = reference[c], reference[(c + 1) % n]
-        m, soft = [(a[1] + b[1]) / 2, -(a[0] + b[0]) / 2], k**-1
-        for i in range(2):
-            for j in range(2):
-                for p in range(2):
-                    out[2 * i + j, p] += soft[i, p] * m[j]
-    return out
 
 
 def _free(scene: Scene, regime: NDArray[np.int8], closure: str) -> Any:
@@ -137,7 +121,8 @@ def _free(scene: Scene, regime: NDArray[np.int8], closure: str) -> Any:
         full = mp.zeros(3 * n + 4, 3 * n + 4)
         for c, k in enumerate(blocks):
             i, j = c, (c + 1) % n
-            _add_rolling(full, k, now, i, j, n, mp.mpf(float(graph.shear_force[c])), law, c)
+            assemble_50(full, k, i, j)
+            _add_rolling(full, now, i, j, n, mp.mpf(float(graph.shear_force[c])), law, c)
         load_50(full, reference)
         held = 2 * n + 1 if n % 2 == 0 else 2 * n
         if closure == "traction":
@@ -146,21 +131,15 @@ def _free(scene: Scene, regime: NDArray[np.int8], closure: str) -> Any:
 
 
 def _add_rolling(
-    full: Any, k: Any, x: Any, i: int, j: int, n: int, T: Any, law: LinearFrictional, c: int
+    full: Any, x: Any, i: int, j: int, n: int, T: Any, law: LinearFrictional, c: int
 ) -> None:
-    """One elastic contact's share of `(forces, moments) = K (u, w)`."""
+    """What `assemble_50` leaves of one elastic contact in `(forces, moments) = K (u, w)`."""
     import mpmath as mp
 
-    d = [x[j][0] - x[i][0], x[j][1] - x[i][1]]
-    length = mp.sqrt(d[0] ** 2 + d[1] ** 2)
-    normal, tangent = [d[0] / length, d[1] / length], [-d[1] / length, d[0] / length]
+    length, normal, tangent = frame_50(x[i], x[j])
     kt = mp.mpf(float(np.broadcast_to(law.kt, n)[c]))
     arm = length / 2
     for a in range(2):
-        for b in range(2):
-            for row, s in ((i, -1), (j, 1)):
-                full[2 * row + a, 2 * j + b] += s * k[a, b]
-                full[2 * row + a, 2 * i + b] -= s * k[a, b]
         for grain in (i, j):
             full[2 * j + a, 2 * n + grain] -= kt * arm * tangent[a]
             full[2 * i + a, 2 * n + grain] += kt * arm * tangent[a]

@@ -16,6 +16,16 @@ Out = Annotated[Path, typer.Option(help="Result folder; created.", show_default=
 Force = Annotated[bool, typer.Option("--force", help="Replace results of the same names.")]
 Csv = Annotated[bool, typer.Option("--csv", help="Write the tables as CSV too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
+Format = Annotated[str, typer.Option(help=f"auto, by the content; or {', '.join(FORMATS)}.")]
+Columns = Annotated[
+    str | None, typer.Option(metavar="NAME=COLUMN,...", help="Columns by their plain names.")
+]
+Kn = Annotated[float | None, typer.Option(help="Normal stiffness the input lacks.")]
+Kt = Annotated[float | None, typer.Option(help="Shear stiffness the input lacks.")]
+Mu = Annotated[float | None, typer.Option(help="Friction (tan) the input lacks.")]
+DropCrossings = Annotated[
+    bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
+]
 
 
 def numbers(name: str, text: str | None) -> tuple[float, ...] | None:

@@ -8,9 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from studies.commands.common import (
-    FORMATS,
+    Columns,
     Csv,
+    DropCrossings,
+    Format,
     Json,
+    Kn,
+    Kt,
+    Mu,
     Out,
     cell_of,
     columns_of,
@@ -39,12 +44,8 @@ def series(
         str | None,
         typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work."),
     ] = None,
-    format: Annotated[
-        str, typer.Option(help=f"auto, by the content; or {', '.join(FORMATS)}.")
-    ] = "auto",
-    columns: Annotated[
-        str | None, typer.Option(metavar="NAME=COLUMN,...", help="Columns by their plain names.")
-    ] = None,
+    format: Format = "auto",
+    columns: Columns = None,
     cell: Annotated[
         str | None,
         typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell of every snapshot."),
@@ -53,12 +54,10 @@ def series(
         Path | None,
         typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
     ] = None,
-    kn: Annotated[float | None, typer.Option(help="Normal stiffness the files lack.")] = None,
-    kt: Annotated[float | None, typer.Option(help="Shear stiffness the files lack.")] = None,
-    mu: Annotated[float | None, typer.Option(help="Friction (tan) the files lack.")] = None,
-    drop_crossings: Annotated[
-        bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
-    ] = False,
+    kn: Kn = None,
+    kt: Kt = None,
+    mu: Mu = None,
+    drop_crossings: DropCrossings = False,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Leave out snapshots that can't be read.")
     ] = False,

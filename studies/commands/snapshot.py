@@ -8,10 +8,15 @@ from typing import Annotated, Any
 import typer
 
 from studies.commands.common import (
-    FORMATS,
+    Columns,
     Csv,
+    DropCrossings,
     Force,
+    Format,
     Json,
+    Kn,
+    Kt,
+    Mu,
     Out,
     cell_of,
     columns_of,
@@ -38,21 +43,15 @@ def snapshot(
         str | None,
         typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
     ] = None,
-    kn: Annotated[float | None, typer.Option(help="Normal stiffness the file lacks.")] = None,
-    kt: Annotated[float | None, typer.Option(help="Shear stiffness the file lacks.")] = None,
-    mu: Annotated[float | None, typer.Option(help="Friction (tan) the file lacks.")] = None,
-    format: Annotated[
-        str, typer.Option(help=f"auto, by the content; or {', '.join(FORMATS)}.")
-    ] = "auto",
-    columns: Annotated[
-        str | None, typer.Option(metavar="NAME=COLUMN,...", help="Columns by their plain names.")
-    ] = None,
+    kn: Kn = None,
+    kt: Kt = None,
+    mu: Mu = None,
+    format: Format = "auto",
+    columns: Columns = None,
     frame: Annotated[
         int | None, typer.Option(help="Instant of a file with several: 0 the first, -1 the last.")
     ] = None,
-    drop_crossings: Annotated[
-        bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
-    ] = False,
+    drop_crossings: DropCrossings = False,
     no_figures: Annotated[
         bool, typer.Option("--no-figures", help="Tables and summary alone, no figures, no report.")
     ] = False,

@@ -22,6 +22,7 @@ from studies.style import (
     axes_or_new,
     new_figure,
     styled,
+    write_above,
 )
 
 Floats = NDArray[np.float64]
@@ -110,10 +111,7 @@ def draw_cone(path: DiamondPath, ax: Axes | None = None) -> Axes:
     ax.plot(E1, rows["loading_alphaE_deg"], color=BLUE, label="loading direction")
     for name, row in path.marks.items():
         ax.axvline(E1[row], color=GREY, linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
-        ax.annotate(
-            name, (E1[row], 1.0), (0, 2), xycoords=("data", "axes fraction"),
-            textcoords="offset points", ha="center", va="bottom", fontweight="bold",
-        )  # fmt: skip
+        write_above(ax, E1[row], name, fontweight="bold")
     ax.set(xlabel=STRAIN, ylabel=r"$\alpha_E$ (degrees)", xlim=(0.0, None), ylim=(0.0, 180.0))
     ax.set_yticks(np.arange(0, 181, 45))
     ax.legend(loc="lower left")

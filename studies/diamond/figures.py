@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from stability import spectrum, symmetric_spectrum
 from studies.diamond.comparisons import draw_added_contact, draw_sliding_rules
@@ -114,10 +115,7 @@ def draw_axial_stress(path: DiamondPath, ax: Axes | None = None) -> Axes:
     ):
         if rows.any():
             ax.plot(states.E1, np.where(rows, states.s1, np.nan), color=colour, label=label)
-    mark_states(path, ax, states.s1)
-    mark_overlap(path, ax)
-    ax.set(xlabel=STRAIN, ylabel="stress over $k_n$ (–)", xlim=(0.0, None))
-    ax.margins(y=0.16)
+    _over_strain(path, ax, states.s1, "stress over $k_n$ (–)", 0.16)
     ax.legend(loc="lower right")
     return ax
 
@@ -142,10 +140,7 @@ def draw_determinant(path: DiamondPath, ax: Axes | None = None) -> Axes:
     ax.axhline(0.0, color=GREY, linewidth=0.6)
     ax.plot(E1, broken(path, found.det_K), color=BLUE, label=r"$\det K$")
     ax.plot(E1, broken(path, found.det_Ks), color=ORANGE, linestyle=DASHED, label=r"$\det K_s$")
-    mark_states(path, ax, found.det_K)
-    mark_overlap(path, ax)
-    ax.set(xlabel=STRAIN, ylabel="determinant (–)", xlim=(0.0, None))
-    ax.margins(y=0.1)
+    _over_strain(path, ax, found.det_K, "determinant (–)", 0.1)
     ax.legend(loc="best")
     return ax
 
@@ -169,20 +164,9 @@ def draw_eigenvalues(path: DiamondPath, ax: Axes | None = None) -> Axes:
     values, symmetric = spectrum(path.operators.K).real, symmetric_spectrum(path.operators.K)
     E1 = broken(path, path.states.E1)
     ax.axhline(0.0, color=GREY, linewidth=0.6)
-    for k in range(2):
-        label = "$K$", "$K_s$"
-        ax.plot(E1, broken(path, values[:, k]), color=BLUE, label=label[0] if k == 0 else None)
-        ax.plot(
-            E1,
-            broken(path, symmetric[:, k]),
-            color=ORANGE,
-            linestyle=DASHED,
-            label=label[1] if k == 0 else None,
-        )
-    mark_states(path, ax, symmetric[:, 0])
-    mark_overlap(path, ax)
-    ax.set(xlabel=STRAIN, ylabel="eigenvalues (–)", xlim=(0.0, None))
-    ax.margins(y=0.1)
+    ax.plot(E1, broken(path, values), color=BLUE, label=["$K$", None])
+    ax.plot(E1, broken(path, symmetric), color=ORANGE, linestyle=DASHED, label=["$K_s$", None])
+    _over_strain(path, ax, symmetric[:, 0], "eigenvalues (–)", 0.1)
     ax.legend(loc="center left", bbox_to_anchor=(0.0, 0.62))
     return ax
 
@@ -219,6 +203,16 @@ def draw_split(path: DiamondPath) -> Figure:
     fig.legend(*handles, loc="outside lower left", ncols=3)
     _draw_nonsymmetry(path, axes["n"])
     return fig
+
+
+def _over_strain(
+    path: DiamondPath, ax: Axes, marked: NDArray[np.float64], ylabel: str, margin: float
+) -> None:
+    """Axes over the axial strain: named states on one curve, opposite grains, titles."""
+    mark_states(path, ax, marked)
+    mark_overlap(path, ax)
+    ax.set(xlabel=STRAIN, ylabel=ylabel, xlim=(0.0, None))
+    ax.margins(y=margin)
 
 
 def _draw_nonsymmetry(path: DiamondPath, ax: Axes) -> None:

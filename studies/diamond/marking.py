@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from patterns.diamond import opposite_gaps
 from studies.diamond.path import DiamondPath
-from studies.style import BLACK, GREY, LIGHT_GREY
+from studies.style import BLACK, GREY, LIGHT_GREY, write_above
 
 Floats = NDArray[np.float64]
 STRAIN = r"axial strain $E_1$ (–)"
@@ -46,15 +46,15 @@ def broken(path: DiamondPath, values: Floats) -> Floats:
     ----------
     path : DiamondPath
         From `follow`.
-    values : ndarray (n,)
-        One of its columns.
+    values : ndarray (n, ...)
+        One of its columns, or several side by side.
 
     Returns
     -------
-    ndarray (m,)
+    ndarray (m, ...)
     """
-    parts = [np.append(values[rows], np.nan) for rows in smooth_rows(path)]
-    return np.concatenate(parts)[:-1]
+    _, *jumps = (rows.start for rows in smooth_rows(path))
+    return np.insert(values, jumps, np.nan, axis=0)
 
 
 def mark_states(path: DiamondPath, ax: Axes, values: Floats, below: str = "") -> None:
@@ -101,14 +101,5 @@ def mark_overlap(path: DiamondPath, ax: Axes) -> None:
         ax.axvspan(E1[first], E1[last - 1], color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
     first, last = edges[0], edges[-1] - 1
     said = "share a contact" if path.states.chords.any() else "overlap"
-    ax.annotate(
-        f"opposite grains {said}",
-        (0.5 * (E1[first] + E1[last]), 1.0),
-        (0, 2),
-        xycoords=("data", "axes fraction"),
-        textcoords="offset points",
-        ha="center",
-        va="bottom",
-        color=GREY,
-        fontsize=7,
-    )
+    middle = 0.5 * (E1[first] + E1[last])
+    write_above(ax, middle, f"opposite grains {said}", color=GREY, fontsize=7)

@@ -14,12 +14,7 @@ from studies.diamond.path_dependence import path_dependence_table
 from studies.diamond.polar import polar_table
 from studies.diamond.summary import diamond_summary
 from studies.diamond.table import path_table, snapshot_tables
-from studies.output import provenance, result_folder, write_summary, write_table
-
-UNITS = (
-    "dimensionless: lengths over l0 (two radii), forces over kn l0, stresses over kn; "
-    "angles in degrees"
-)
+from studies.output import UNITS_OF_A_LOOP, provenance, result_folder, write_summary, write_table
 
 
 def run_diamond(
@@ -54,7 +49,7 @@ def run_diamond(
     check_model(parameters)
     with result_folder(out, force=force) as folder:
         path = follow(parameters)
-        made = provenance("diamond", parameters.described(), UNITS)
+        made = provenance("diamond", parameters.described(), UNITS_OF_A_LOOP)
         summary = {**diamond_summary(path), "provenance": made}
         for name, columns in tables(path).items():
             write_table(folder, name, columns, made, csv=csv)

@@ -15,9 +15,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from patterns.diamond import critical_strain, isotropic_stress
+from patterns.diamond.strain_lines import Floats, line_states
 from studies.domain.losses import first_losses
 from studies.domain.parameters import Case
-from studies.strain_lines import Floats, line_states
+from studies.domain.table import rows_of
 from studies.style import (
     BLACK,
     LIGHT_GREY,
@@ -139,7 +140,7 @@ def draw_domain(
     ax = axes_or_new(ax)
     for case in cases:
         colour = (colours or _colours(cases))[case.kappa]
-        own = _rows(table, case)
+        own = rows_of(table, case)
         for kind, style in (("det_Ks_zero", "-"), ("det_K_zero", "--")):
             curve = own[(own.contacts == "sticking") & (own.kind == kind)]
             ax.plot(curve.s1, curve.s2, style, color=colour, linewidth=1.0)
@@ -185,14 +186,8 @@ def _yielding(bound: pd.DataFrame) -> tuple[Floats, Floats]:
 
 def _zoom(ax: Axes, table: pd.DataFrame, cases: Sequence[Case]) -> None:
     """Limits around the curves of sticking contacts."""
-    own = pd.concat([_rows(table, case) for case in cases])
+    own = pd.concat([rows_of(table, case) for case in cases])
     sticking = own[own.contacts == "sticking"]
     for values, limit in ((sticking.s1, ax.set_xlim), (sticking.s2, ax.set_ylim)):
         margin = 0.1 * (values.max() - values.min())
         limit(values.min() - margin, values.max() + margin)
-
-
-def _rows(table: pd.DataFrame, case: Case) -> pd.DataFrame:
-    alpha0, phi = (round(float(np.degrees(x)), 12) for x in (case.alpha0, case.phi))
-    same = (table.alpha0_deg == alpha0) & (table.kappa == case.kappa) & (table.phi_deg == phi)
-    return table[same]

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.domain.parameters import Case
-from studies.strain_lines import (
+from patterns.diamond.strain_lines import (
     Floats,
     StrainLine,
     bisect,
@@ -22,6 +21,7 @@ from studies.strain_lines import (
     strain_line,
     yield_position,
 )
+from studies.domain.parameters import Case
 
 # Points of a line among which the first change of sign of det Ks is looked for.
 POINTS = 256

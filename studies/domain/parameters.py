@@ -25,6 +25,17 @@ class Case(NamedTuple):
         """Coefficient of friction; infinite where nothing slides."""
         return float(np.tan(self.phi)) if self.phi < 0.5 * np.pi else float("inf")
 
+    def described(self) -> dict[str, float]:
+        """The diamond as the table and the summary name it, angles in degrees.
+
+        Returns
+        -------
+        dict
+            `alpha0_deg, kappa, phi_deg`.
+        """
+        alpha0, phi = (round(float(np.degrees(angle)), 12) for angle in (self.alpha0, self.phi))
+        return {"alpha0_deg": alpha0, "kappa": self.kappa, "phi_deg": phi}
+
 
 TABLES = tuple(Case(table.alpha0, table.kappa, table.phi) for table in (TABLE_1, TABLE_2))
 
@@ -96,19 +107,8 @@ class DomainParameters:
         -------
         dict
         """
-        cases = [
-            {
-                "alpha0_deg": _degrees(case.alpha0),
-                "kappa": case.kappa,
-                "phi_deg": _degrees(case.phi),
-            }
-            for case in self.cases()
-        ]
+        cases = [case.described() for case in self.cases()]
         return {"cases": cases, "directions": self.directions}
-
-
-def _degrees(angle: float) -> float:
-    return round(float(np.degrees(angle)), 12)
 
 
 def _each(

@@ -10,7 +10,7 @@ import pandas as pd
 
 from patterns.diamond import critical_strain
 from studies.domain.parameters import Case, DomainParameters
-from studies.domain.table import KINDS, domain_table
+from studies.domain.table import KINDS, domain_table, rows_of
 from studies.output import provenance, result_folder, write_summary, write_table
 
 UNITS = "dimensionless: forces over kn l0, stresses over kn; angles in degrees"
@@ -86,14 +86,11 @@ def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> dict[st
 
 
 def _case(table: pd.DataFrame, case: Case) -> dict[str, Any]:
-    alpha0, phi = (round(float(np.degrees(x)), 12) for x in (case.alpha0, case.phi))
-    rows = (table.alpha0_deg == alpha0) & (table.kappa == case.kappa) & (table.phi_deg == phi)
+    groups = rows_of(table, case).groupby("contacts")
     return {
-        "alpha0_deg": alpha0,
-        "kappa": case.kappa,
-        "phi_deg": phi,
+        **case.described(),
         "isotropic_strain": float(critical_strain(case.kappa)),
-        "contacts": {str(name): _contacts(own) for name, own in table[rows].groupby("contacts")},
+        "contacts": {str(name): _contacts(own) for name, own in groups},
     }
 
 

@@ -14,9 +14,9 @@ from patterns.diamond import (
     material_asymmetry,
     opposite_gaps,
 )
+from patterns.diamond.strain_lines import Floats, LineStates, line_states
 from studies.domain.losses import Losses, first_losses
 from studies.domain.parameters import Case
-from studies.strain_lines import Floats, LineStates, line_states
 
 KINDS = ("det_Ks_zero", "det_K_zero")
 
@@ -49,6 +49,24 @@ def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
+def rows_of(table: pd.DataFrame, case: Case) -> pd.DataFrame:
+    """The rows of one diamond.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `domain_table`.
+    case : Case
+        The diamond.
+
+    Returns
+    -------
+    DataFrame
+    """
+    named = case.described()
+    return table[(table[list(named)] == list(named.values())).all(axis=1)]
+
+
 def _rows(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
     u = getattr(losses, kind)
     found = np.isfinite(u)
@@ -57,9 +75,7 @@ def _rows(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
     det_K, asymmetry = _determinant_and_asymmetry(case, state, np.where(sliding, line.sense, 0.0))
     gaps = np.minimum(*opposite_gaps(state.E1, state.E2, case.alpha0))
     columns: dict[str, Any] = {
-        "alpha0_deg": round(float(np.degrees(case.alpha0)), 12),
-        "kappa": case.kappa,
-        "phi_deg": round(float(np.degrees(case.phi)), 12),
+        **case.described(),
         "contacts": "frictional" if np.isfinite(losses.mu) else "sticking",
         "kind": kind,
         "programme_deg": np.degrees(losses.programme[found]),

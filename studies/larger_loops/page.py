@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 from studies.larger_loops.numbers import KAPPA, LONGER
-from studies.paper.page import markdown_table
+from studies.paper.page import markdown_table, wrapped
 
 HEAD = """# Larger loops
 
@@ -120,13 +119,13 @@ def _thresholds(numbers: dict[str, Any]) -> str:
     table = markdown_table([*head, "error, paths", "error, operators"], rows)
     square = numbers["square"]
     edge = "none" if square["diagonal"] is None else f"{square['diagonal']:.10f}"
-    said = _wrapped(
+    said = wrapped(
         "The isotropic strain at which Ks first loses definiteness in (11, 22), a corner on axis "
         "1. Paths: the event `det_Ks_zero` that `stability.follow` locates on an isotropic strain "
         "path; operators: a root on the closure's operator. Errors are the largest over the orders "
         "of the row."
     )
-    aside = _wrapped(
+    aside = wrapped(
         "Every loop of four and more grains has the threshold of the diamond once its centres may "
         "relax; the triangle is the stable loop. Two remarks. With spins blocked the form over all "
         "four components is lost at κ/(1 + κ) for every n, the triangle too, along the rotation of "
@@ -176,7 +175,7 @@ def _paths(numbers: dict[str, Any]) -> str:
         rows.append(cells)
     one = ["yield E1", "peak E1", "peak s1", "end, E1"]
     head = ["n", *(f"affine: {one[0]}", *one[1:]), *(f"traction: {one[0]}", *one[1:])]
-    said = _wrapped(
+    said = wrapped(
         f"Drained biaxial paths after a confinement of E = 0.1: κ = {KAPPA:g}, 20 degrees of "
         "friction, spins blocked, E1 driven to 0.5. `yield`: the first contacts reach |T| = mu N. "
         "`peak`: the largest axial stress after the confinement, if the path passes it. Under the "
@@ -185,7 +184,7 @@ def _paths(numbers: dict[str, Any]) -> str:
         "its peak where a contact opens. Under the affine closure "
         "pentagons and longer loops harden on."
     )
-    early = _wrapped(
+    early = wrapped(
         "Some long loops have no way on where their first group of contacts yields: with these "
         "contacts sliding, the relaxed loop can carry neither more strain nor this lateral stress "
         "(`control_limit`), or no set of sliding contacts agrees with the motion that it causes "
@@ -203,7 +202,7 @@ def _paths(numbers: dict[str, Any]) -> str:
 
 
 def _cost(slopes: dict[str, float]) -> str:
-    said = _wrapped(
+    said = wrapped(
         "By the force method a loop's tangent costs 2x2 inverses only. Measured, the time for a "
         f"tangent grows as n to the power {slopes['tangent']:.2f} (n = 80 to 1000), and that of a "
         f"whole path as n to the power {slopes['path']:.2f} (n = 50 to 200: below a thousand "
@@ -218,9 +217,3 @@ def _error(value: float) -> str:
 
 def _short(value: float | None) -> str:
     return "-" if value is None else f"{value:.5f}"
-
-
-def _wrapped(text: str) -> str:
-    """A paragraph of lines up to 100 characters."""
-    words = " ".join(text.split())
-    return textwrap.fill(words, 100, break_long_words=False, break_on_hyphens=False) + "\n"

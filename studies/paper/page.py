@@ -25,11 +25,11 @@ def page(numbers: dict[str, Any]) -> str:
     """
     sections = [
         HEAD,
-        f"## In short\n\n{_wrapped(verdict(numbers))}",
+        f"## In short\n\n{wrapped(verdict(numbers))}",
         _equations(numbers["equations"]),
         *(_table(table, numbers["tables"][table]) for table in POINT_B),
         _figures(numbers),
-        "## Departures\n\n" + "\n".join(_wrapped(text) for text in departures(numbers)),
+        "## Departures\n\n" + "\n".join(wrapped(text) for text in departures(numbers)),
     ]
     return "\n".join(sections)
 
@@ -83,6 +83,29 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([first, "|" + "---|" * len(head), *others])
 
 
+def wrapped(text: str) -> str:
+    """A paragraph of lines up to 100 characters.
+
+    Parameters
+    ----------
+    text : str
+        Its words; line breaks between them do not matter.
+
+    Returns
+    -------
+    str
+        Ends with a line break.
+
+    Examples
+    --------
+    >>> from studies.paper.page import wrapped
+    >>> print(wrapped("one   paragraph"), end="")
+    one paragraph
+    """
+    words = " ".join(text.split())
+    return textwrap.fill(words, 100, break_long_words=False, break_on_hyphens=False) + "\n"
+
+
 def _equations(residuals: dict[str, float]) -> str:
     rows = [[number, said, held, rounding(residuals[key])] for number, said, held, key in EQUATIONS]
     table = markdown_table(["equation", "what", "held against", "largest difference"], rows)
@@ -94,7 +117,7 @@ def _table(table: int, found: dict[str, Any]) -> str:
     return (
         f"## Table {table}: {GIVEN[table]}\n\n"
         f"{_states(found)}\n\n"
-        f"{_wrapped(f'Events in order, with E1: {events}.')}\n"
+        f"{wrapped(f'Events in order, with E1: {events}.')}\n"
         f"{_checks(found)}\n"
     )
 
@@ -129,14 +152,8 @@ def _figures(numbers: dict[str, Any]) -> str:
     said, parts = beside_figures(numbers), ["## Figures\n"]
     for number, table, name, caption in FIGURES:
         image = f"![{caption}](figures/{figure_file(table, name)})"
-        parts.append(f"### {number}\n\n{image}\n\n{_wrapped(f'{caption} {said[number, table]}')}")
+        parts.append(f"### {number}\n\n{image}\n\n{wrapped(f'{caption} {said[number, table]}')}")
     return "\n".join(parts)
-
-
-def _wrapped(text: str) -> str:
-    """A paragraph of lines up to 100 characters."""
-    words = " ".join(text.split())
-    return textwrap.fill(words, 100, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
 def _value(value: float) -> str:

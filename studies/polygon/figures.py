@@ -28,6 +28,7 @@ from studies.style import (
     figure_of,
     save_figure,
     styled,
+    write_above,
 )
 
 STRAIN = "axial strain $E_1$ (–)"
@@ -112,13 +113,11 @@ def draw_stress_strain(found: PolygonPath, ax: Axes | None = None) -> Axes:
         ("$s_1$, open contacts", PURPLE, opens),
     ):
         if rows.any():
-            shown = np.where(rows, s1, np.nan)
-            ax.plot(E1, shown, color=colour, label=label)
+            ax.plot(E1, np.where(rows, s1, np.nan), color=colour, label=label)
     peak = axial_peak(found)
     if peak is not None:
         ax.plot(peak["E1"], peak["s1"], "o", color=BLACK, markerfacecolor="white", label="peak")
-    _mark(found, ax)
-    ax.set(xlabel=STRAIN, ylabel="stress over $k_n$ (–)", xlim=(0.0, None))
+    _over_strain(found, ax, "stress over $k_n$ (–)")
     ax.margins(y=0.12)
     ax.legend(loc="best")
     return ax
@@ -142,16 +141,10 @@ def draw_eigenvalues(found: PolygonPath, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax)
     path, E1 = found.path, broken(found, found.path.H[:, 0])
     ax.axhline(0.0, color=GREY, linewidth=0.6)
-    for k in range(2):
-        first = k == 0
-        values = broken(found, path.eigenvalues[:, k].real)
-        ax.plot(E1, values, color=BLUE, label="$K$" if first else None)
-        values = broken(found, path.symmetric_eigenvalues[:, k])
-        style: Any = (0, (3, 2))
-        label = "$K_s$" if first else None
-        ax.plot(E1, values, color=ORANGE, linestyle=style, label=label)
-    _mark(found, ax)
-    ax.set(xlabel=STRAIN, ylabel="eigenvalues over $k_n$ (–)", xlim=(0.0, None))
+    ax.plot(E1, broken(found, path.eigenvalues.real), color=BLUE, label=["$K$", None])
+    symmetric = broken(found, path.symmetric_eigenvalues)
+    ax.plot(E1, symmetric, color=ORANGE, dashes=(3, 2), label=["$K_s$", None])
+    _over_strain(found, ax, "eigenvalues over $k_n$ (–)")
     ax.margins(y=0.1)
     ax.legend(loc="best")
     return ax
@@ -175,8 +168,7 @@ def draw_cone(found: PolygonPath, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax)
     opening = broken(found, path_table(found)["cone_opening_deg"])
     ax.plot(broken(found, found.path.H[:, 0]), opening, color=VERMILION)
-    _mark(found, ax)
-    ax.set(xlabel=STRAIN, ylabel="opening of the cone (degrees)", xlim=(0.0, None))
+    _over_strain(found, ax, "opening of the cone (degrees)")
     ax.set(ylim=(-3.0, 183.0), yticks=np.arange(0, 181, 45))
     return ax
 
@@ -203,8 +195,7 @@ def draw_unstable_fraction(found: PolygonPath, ax: Axes | None = None) -> Axes:
         share = broken(found, 100.0 * table[f"unstable_fraction_{subspace}"])
         line: Any = style
         ax.plot(E1, share, color=colour, linestyle=line, label=label)
-    _mark(found, ax)
-    ax.set(xlabel=STRAIN, ylabel="unstable directions (%)", xlim=(0.0, None))
+    _over_strain(found, ax, "unstable directions (%)")
     ax.set_ylim(bottom=-1.0)
     ax.legend(loc="best")
     return ax
@@ -217,24 +208,22 @@ def broken(found: PolygonPath, values: NDArray[np.float64]) -> NDArray[np.float6
     ----------
     found : PolygonPath
         Its rows.
-    values : (R,) array
-        One a row.
+    values : (R, ...) array
+        One a row, or several side by side.
 
     Returns
     -------
-    (R + gaps,) array
+    (R + gaps, ...) array
     """
     regime = found.path.regime
     jumps = np.flatnonzero((regime[1:] != regime[:-1]).any(axis=1)) + 1
-    return np.insert(values.astype(float), jumps, np.nan)
+    return np.insert(values.astype(float), jumps, np.nan, axis=0)
 
 
-def _mark(found: PolygonPath, ax: Axes) -> None:
-    """A dashed line at A."""
+def _over_strain(found: PolygonPath, ax: Axes, ylabel: str) -> None:
+    """Titles of axes over the axial strain; a dashed line at A."""
+    ax.set(xlabel=STRAIN, ylabel=ylabel, xlim=(0.0, None))
     if "A" in found.marks:
         E1 = found.path.H[found.marks["A"], 0]
         ax.axvline(E1, color=GREY, linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
-        ax.annotate(
-            "A", (E1, 1.0), (0, 2), xycoords=("data", "axes fraction"),
-            textcoords="offset points", ha="center", va="bottom", fontweight="bold",
-        )  # fmt: skip
+        write_above(ax, E1, "A", fontweight="bold")

@@ -5,17 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from studies.output import provenance, result_folder, write_summary, write_table
+from studies.output import UNITS_OF_A_LOOP, provenance, result_folder, write_summary, write_table
 from studies.polygon.comparison import ComparisonParameters, compare, compared_tables
 from studies.polygon.parameters import PolygonParameters
 from studies.polygon.path import follow_polygon
 from studies.polygon.summary import polygon_summary
 from studies.polygon.table import path_table
-
-UNITS = (
-    "dimensionless: lengths over l0 (two radii), forces over kn l0, stresses over kn; "
-    "angles in degrees"
-)
 
 
 def run_polygon(
@@ -46,7 +41,7 @@ def run_polygon(
     """
     with result_folder(out, force=force) as folder:
         found = follow_polygon(parameters)
-        made = provenance("polygon", parameters.described(), UNITS)
+        made = provenance("polygon", parameters.described(), UNITS_OF_A_LOOP)
         summary = {**polygon_summary(found), "provenance": made}
         write_table(folder, "path", path_table(found), made, csv=csv)
         write_summary(folder, summary)
@@ -84,7 +79,7 @@ def run_comparison(
     """
     with result_folder(out, force=force) as folder:
         compared = compare(parameters)
-        made = provenance("polygon --compare", parameters.described(), UNITS)
+        made = provenance("polygon --compare", parameters.described(), UNITS_OF_A_LOOP)
         summary = {**compared.summary(), "provenance": made}
         for name, columns in compared_tables(compared).items():
             write_table(folder, name, columns, made, csv=csv)

@@ -8,8 +8,8 @@ import numpy as np
 
 from loops import LinearFrictional, Regime, affine_tangent
 from patterns import diamond
+from patterns.diamond.strain_lines import Floats, LineStates, half_diagonals
 from stability import Stage, follow, programmes, restrict
-from studies.strain_lines import Floats, LineStates, half_diagonals
 from studies.yade_diamond.probes import KAPPA, Probe, exact_states
 from studies.yade_diamond.replay import replayed_shear
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.strain_lines import half_diagonals, line_states, strain_line
+from patterns.diamond.strain_lines import half_diagonals, line_states, strain_line
 from studies.yade_diamond.probes import KAPPA, UNIT, read_table
 from studies.yade_diamond.replay import replayed_shear
 

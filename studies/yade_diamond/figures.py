@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from studies.strain_lines import Floats
+from patterns.diamond.strain_lines import Floats
 from studies.style import (
     BLACK,
     BLUE,

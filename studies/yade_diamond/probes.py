@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.laws.linear_frictional import ShearIncrement
-from studies.strain_lines import (
+from patterns.diamond.strain_lines import (
     Floats,
     LineStates,
     StrainLine,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from loops.laws.linear_frictional import ShearIncrement
-from studies.strain_lines import Floats, StrainLine
+from patterns.diamond.strain_lines import Floats, StrainLine
 from studies.yade_diamond.probes import KAPPA
 
 
