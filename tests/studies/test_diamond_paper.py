@@ -26,6 +26,8 @@ def test_every_equation_holds():
     assert set(residuals) == {key for *_, key in EQUATIONS}
     # (8b) is a derivative of an interpolant of degree 16.
     assert residuals.pop("8b") < 1e-11
+    # The force method is let go up to a condition of 1e4: (25), (26) on a thousand diamonds.
+    assert residuals.pop("25-26") < 3e-14
     assert max(residuals.values()) < 1e-14
 
 
