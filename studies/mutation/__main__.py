@@ -45,7 +45,12 @@ def main(
         copies = [_copy(Path(scratch) / f"copy{k}") for k in range(workers)]
         covering = record_covering(copies[0], tests.split())
         drawn, equivalent = _draw(only, sample, seed)
-        rows = list(_try_all(drawn, covering, copies))
+        rows = []
+        for row in _try_all(drawn, covering, copies):
+            rows.append(row)
+            if row["outcome"] in ("survived", "uncovered"):
+                typer.echo(f"{row['outcome']:<9} {row['file']}:{row['line']} {row['operator']}")
+                typer.echo(f"          {row['before']}")
         counts = Counter(row["outcome"] for row in rows)
         seen = counts["noticed"] + counts["timeout"]
         configuration = {"sample": sample, "seed": seed, "only": only, "tests": tests}
@@ -66,10 +71,6 @@ def main(
             csv=True,
         )
         write_summary(folder, summary)
-    for row in rows:
-        if row["outcome"] in ("survived", "uncovered"):
-            typer.echo(f"{row['outcome']:<9} {row['file']}:{row['line']} {row['operator']}")
-            typer.echo(f"          {row['before']}")
     typer.echo(f"noticed {seen} of {len(rows)}: {summary['score']:.3f}   {dict(counts)}")
 
 
