@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import platform
-import textwrap
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from loops.compiled import LARGE
-from studies.paper.page import markdown_table
+from studies.paper.page import markdown_table, wrapped
 
 HEAD = """# Performance
 
@@ -70,7 +69,7 @@ def performance_page(
 
 def _said(bandwidth: float, repeats: int) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in machine().items())
-    return _wrapped(
+    return wrapped(
         "Synthetic plane networks, 1.85 contacts and 0.85 loops a grain, 6 % of the contacts "
         "sliding. Each point is a process of its own; its time is the least of "
         f"{repeats} calls after a first one. The table holds shape, stress, both tangents, the "
@@ -115,20 +114,15 @@ def _ratios(rows: Rows) -> str:
             sentences.append(f"{ratio:.0f} times faster than {how} at {n:,} grains")
     if not sentences:
         return ""
-    return _wrapped(f"The compiled faces are {', '.join(sentences)}, in the same run.")
+    return wrapped(f"The compiled faces are {', '.join(sentences)}, in the same run.")
 
 
 def _ways() -> str:
-    return _wrapped(
-        f"The kernels are used from {LARGE:,} contacts on: below, loading them takes longer than "
-        "they save. `compiled=True` and `compiled=False` of `find_faces`, `find_crossings` and "
+    return wrapped(
+        f"The kernels are used from {LARGE:,} contacts on: below, they save less than a second. "
+        "`compiled=True` and `compiled=False` of `find_faces`, `find_crossings` and "
         "`loop_table` force either way; the results are the same, floating-point numbers to "
-        "round-off. The first call in a fresh installation compiles them, some seconds each; "
+        "round-off. The first call in a fresh installation compiles them, half a minute in all; "
         "the code is then kept beside the package, in the user's cache if the package cannot be "
         "written, or where `NUMBA_CACHE_DIR` says."
     )
-
-
-def _wrapped(text: str) -> str:
-    words = " ".join(text.split())
-    return textwrap.fill(words, 100, break_long_words=False, break_on_hyphens=False) + "\n"
