@@ -26,7 +26,10 @@ from studies.mutation.mutants import Mutant, mutants_of
 from studies.output import provenance, result_folder, write_summary, write_table
 
 ROOT = Path(__file__).parents[2]
-COPIED = ("loops", "patterns", "stability", "studies", "tests", "pyproject.toml", "README.md")
+COPIED = (
+    *("loops", "patterns", "stability", "studies", "tests", "docs"),
+    *("pyproject.toml", "README.md"),
+)
 # Tests of one mutant take no more than this together, and are stopped after ten times as long.
 SECONDS = 30.0
 
