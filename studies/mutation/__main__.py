@@ -40,14 +40,20 @@ def main(
     seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 1,
     only: Annotated[str, typer.Option(help="Files whose path holds this text.")] = "",
     tests: Annotated[str, typer.Option(help="What pytest gets, by blanks; its own choice.")] = "",
+    kernels: Annotated[
+        bool, typer.Option("--kernels", help="The compiled kernels, run as plain Python.")
+    ] = False,
     workers: Annotated[int, typer.Option(help="Processes.")] = 2,
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
 ) -> None:
     """Draw mutants of loops/ and stability/ and count those that the tests notice."""
+    if kernels:
+        # Machine code is out of coverage's sight, and its cache does not see every change.
+        os.environ["NUMBA_DISABLE_JIT"] = "1"
     with result_folder(out, force=force) as folder, tempfile.TemporaryDirectory() as scratch:
         copies = [_copy(Path(scratch) / f"copy{k}") for k in range(workers)]
         covering = record_covering(copies[0], tests.split())
-        drawn, equivalent = _draw(only, sample, seed)
+        drawn, equivalent = _draw(only, sample, seed, kernels=kernels)
         rows = []
         for row in _try_all(drawn, covering, copies):
             rows.append(row)
@@ -57,6 +63,7 @@ def main(
         counts = Counter(row["outcome"] for row in rows)
         seen = counts["noticed"] + counts["timeout"]
         configuration = {"sample": sample, "seed": seed, "only": only, "tests": tests}
+        configuration["kernels"] = kernels
         summary: dict[str, Any] = {
             "mutants": len(rows),
             "equivalent": equivalent,
@@ -88,13 +95,13 @@ def _copy(place: Path) -> Path:
     return place
 
 
-def _draw(only: str, sample: int, seed: int) -> tuple[list[Mutant], int]:
+def _draw(only: str, sample: int, seed: int, *, kernels: bool) -> tuple[list[Mutant], int]:
     """Mutants to try, and how many were left out as equivalent."""
     files = sorted(
         str(path.relative_to(ROOT))
         for folder in FOLDERS
         for path in (ROOT / folder).rglob("*.py")
-        if only in str(path.relative_to(ROOT))
+        if only in str(path.relative_to(ROOT)) and ("compiled" in path.parts) == kernels
     )
     known = tomllib.loads((Path(__file__).parent / "equivalent.toml").read_text())
     names = {entry["name"] for entry in known.get("mutant", [])}

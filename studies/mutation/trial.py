@@ -23,6 +23,9 @@ LIBRARIES = (
     *("pyarrow.parquet", "pandas", "shapely", "matplotlib.figure", "scipy.spatial"),
 )
 
+# Kernels run as plain Python warn where machine integers wrap around.
+RAW = ("-W", "ignore::RuntimeWarning")
+
 
 def load_libraries() -> None:
     """Import what the tests need from others, nothing of the project."""
@@ -86,7 +89,9 @@ def _run(copy: Path, tests: list[str]) -> None:
         os.dup2(quiet, 2)
         import pytest
 
-        status = int(pytest.main([*tests, "-x", "-q", "-p", "no:cacheprovider", "-p", "no:cov"]))
+        status = int(
+            pytest.main([*tests, "-x", "-q", "-p", "no:cacheprovider", "-p", "no:cov", *RAW])
+        )
     finally:
         os._exit(status)
 

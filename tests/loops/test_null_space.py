@@ -50,6 +50,9 @@ def test_known_null_vectors_give_the_same_answer():
     rhs = np.array([[1.0], [0.0], [-1.0]])
     plain = solve_through_null_space(batch, rhs, np.eye(3))
     quick = solve_through_null_space(batch, rhs, np.eye(3), known)
+    assert (quick.nullity == 1).all()
+    each = np.broadcast_to(known, (*batch.shape[:-2], 3, 1))
+    assert (solve_through_null_space(batch, rhs, np.eye(3), each).nullity == 1).all()
     np.testing.assert_allclose(quick.x, plain.x, atol=1e-14)
     assert plain.nullity.tolist() == quick.nullity.tolist() == [1] * 5
     # Observed as a whole the translation is an ambiguity; known ones are vouched for.

@@ -377,3 +377,13 @@ def test_loops_survive_without_a_change():
     assert [new[k] for k in fates.successor] == old
     matrix = exchange_matrix(exchange_counts(fates))
     assert np.count_nonzero(matrix - np.diag(np.diag(matrix))) == 0
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_contacts_are_matched_in_any_unit_of_length(unit):
+    """Half a cell is the limit of a contact's motion, whatever the cell is measured in."""
+    graph = synthetic_network(60, seed=3, periodic=True)
+    scaled = graph.replace(x=unit * graph.x, radii=unit * graph.radii, cell=unit * graph.cell)
+    moved = scaled.replace(x=scaled.x + 0.1 * unit * np.sin(np.arange(60.0))[:, None])
+    match = match_contacts(scaled, range(60), moved, range(60))
+    assert match.after.tolist() == list(range(graph.contact_count))

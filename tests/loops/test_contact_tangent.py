@@ -1,0 +1,55 @@
+"""Blocks of a law whose normal force answers to shear: the protocol allows it."""
+
+import numpy as np
+
+from loops import (
+    GrainGraph,
+    LinearFrictional,
+    Regime,
+    contact_state,
+    contact_tangent,
+    translational_blocks,
+)
+
+
+class Dilating(LinearFrictional):
+    """`N' = -kn un' - c ut'`, `T' = -e un' - kt ut'`: all four entries of D differ."""
+
+    def local_stiffness(self, state, regime):
+        D = super().local_stiffness(state, regime).copy()
+        D[..., 0, 1] += 0.3
+        D[..., 1, 0] -= 0.2
+        return D
+
+
+def test_spins_and_translations_meet_every_entry_of_the_law():
+    rng = np.random.default_rng(4)
+    angle = rng.uniform(0, 2 * np.pi, 6)
+    n = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    t = np.stack([-n[:, 1], n[:, 0]], axis=-1)
+    length = rng.uniform(0.8, 1.0, 6)
+    x = np.concatenate([np.zeros((1, 2)), length[:, None] * n])
+    radii = np.concatenate([[0.6], rng.uniform(0.4, 0.6, 6)])
+    N, T = rng.uniform(0.1, 0.3, 6), rng.uniform(-0.1, 0.1, 6)
+    star = GrainGraph(
+        x=x,
+        radii=radii,
+        contacts=[[0, k] for k in range(1, 7)],
+        normal_force=N,
+        shear_force=T,
+    )
+    law, elastic = Dilating(kn=1.2, kt=0.5), np.full(6, Regime.ELASTIC, dtype=np.int8)
+    state = contact_state(star)
+    blocks = contact_tangent(state, law, elastic)
+    D = np.array([[1.2, 0.3], [-0.2, 0.5]])
+    # A spin w of grain i shears by ut' = -a_i w: the force on j changes by -D (0, ut').
+    for q, arm in ((blocks.q_i, state.arm_i), (blocks.q_j, state.arm_j)):
+        expected = arm[:, None] * (D[0, 1] * n + D[1, 1] * t)
+        np.testing.assert_allclose(q, expected, rtol=1e-13)
+    # A parting d' changes the force by -(D (un', ut')) in (n, t), and (n, t) turns by t.d'/l.
+    frame = np.stack([n, t], axis=-1)
+    turn = np.zeros((6, 2, 2))
+    turn[:, 0, 1], turn[:, 1, 1] = T / length, -N / length
+    expected = frame @ (D + turn) @ np.swapaxes(frame, -1, -2)
+    found = translational_blocks(state, law, elastic)
+    np.testing.assert_allclose(found, expected, atol=1e-13)
