@@ -233,3 +233,28 @@ def test_rigid_turn_of_a_periodic_or_free_loop_changes_nothing(spins):
         assert path.shear_force[-1] == pytest.approx(-0.3 * 0.9 * 0.5, abs=1e-12)
     else:
         assert path.shear_force[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("model", ["auto", "full"])
+def test_relaxed_grains_stay_around_their_centroid(model):
+    """The traction closure leaves a translation open: none is made up."""
+    law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(8.0)))
+    loop = regular_polygon(5)
+    path = follow(loop, law, [isotropic(0.1), drained(0.2)], closure="traction", model=model)
+    assert len(path.of_kind("yield")) > 0
+    assert np.abs(path.x.mean(axis=1) - loop.x.mean(axis=0)).max() < 1e-12
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize(("length", "kn"), [(0.01, 1e6), (1e3, 1e-3)])
+def test_a_path_is_the_same_in_other_units(closure, length, kn):
+    mu, stages = np.tan(np.radians(8.0)), [isotropic(0.1), drained(0.2)]
+    loop = regular_polygon(4)
+    plain = follow(loop, LinearFrictional(kn=1.0, kt=0.2, mu=mu), stages, closure=closure)
+    scaled = GrainGraph(x=length * loop.x, radii=length * loop.radii, contacts=loop.contacts)
+    law = LinearFrictional(kn=kn, kt=0.2 * kn, mu=mu)
+    path = follow(scaled, law, stages, closure=closure)
+    assert [event.kind for event in path.events] == [event.kind for event in plain.events]
+    for event, other in zip(path.events, plain.events, strict=True):
+        np.testing.assert_allclose(path.H[event.index], plain.H[other.index], atol=1e-12)
+        np.testing.assert_allclose(path.P[event.index] / kn, plain.P[other.index], atol=1e-12)
