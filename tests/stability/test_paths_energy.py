@@ -120,3 +120,19 @@ def test_two_orders_of_loading_one_contact(gap):
     assert shear_first.H[-1] == pytest.approx(press_first.H[-1], abs=1e-13)
     assert abs(shear_first.shear_force[-1, 0]) == pytest.approx(kt * angle, abs=1e-14)
     assert abs(press_first.shear_force[-1, 0]) == pytest.approx(kt * (1 - D) * angle, abs=1e-14)
+
+
+def test_what_a_parting_contact_still_held_is_dissipated():
+    """Without a friction limit contacts part with shear force left in their springs."""
+    stages = [
+        Stage(programmes.isotropic_strain(), "H11", 0.05),
+        Stage(programmes.proportional_strain(0.5, -0.5), "H11", 0.09),
+        Stage(programmes.isotropic_strain(rate=-1.0), "H11", -0.03),
+    ]
+    path = follow(regular_polygon(4), LinearFrictional(kn=1.0, kt=0.3, mu=np.inf), stages)
+    (opening,) = path.of_kind("opening")
+    held = path.shear_force[opening.index]
+    assert np.abs(held).min() > 0.01
+    assert np.abs(path.shear_force[-1]).max() == 0.0
+    assert path.work[-1, 3] == pytest.approx((held**2 / (2 * 0.3)).sum(), rel=1e-13)
+    assert np.abs(path.energy_error).max() < 1e-14
