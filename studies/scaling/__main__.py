@@ -62,14 +62,14 @@ def main(
     grains: Annotated[str, typer.Option(help="Sizes, by commas.")] = "1000,10000,100000,1000000",
     repeats: Annotated[int, typer.Option(help="Timed calls.")] = 3,
     slow_up_to: Annotated[
-        int, typer.Option(help="Largest size for networkx and shapely.")
+        int, typer.Option(help="Largest size for shapely.")
     ] = 100_000,
     docs: Annotated[Path | None, typer.Option(help="Write performance.md here too.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
 ) -> None:
     """Measure, and write the table, the figure and, if asked for, the page."""
     sizes = [int(size) for size in grains.split(",")]
-    limits: dict[str, float] = {"networkx": slow_up_to, "shapely": slow_up_to}
+    limits: dict[str, float] = {"shapely": slow_up_to}
     with result_folder(out, force=force) as folder:
         rows, floors, bandwidth = run(sizes, repeats, limits, _tell)
         configuration = {"grains": sizes, "repeats": repeats, "slow_up_to": slow_up_to}

@@ -149,11 +149,11 @@ def bytes_moved(what: str, graph: GrainGraph, faces: Faces, table: dict[str, Any
 # What is found, how, and up to how many grains unless told otherwise.
 METHODS: dict[tuple[str, str], tuple[Callable[[Snapshot], Work], float]] = {
     ("faces", "compiled"): (lambda s: faces_of(s, compiled=True), np.inf),
-    ("faces", "numpy"): (lambda s: faces_of(s, compiled=False), np.inf),
+    ("faces", "numpy"): (lambda s: faces_of(s, compiled=False), 1e6),
     ("faces", "networkx"): (faces_networkx, 1e5),
     ("faces", "shapely"): (faces_shapely, 1e5),
     ("crossings", "compiled"): (lambda s: crossings_of(s, compiled=True), np.inf),
-    ("crossings", "numpy"): (lambda s: crossings_of(s, compiled=False), np.inf),
+    ("crossings", "numpy"): (lambda s: crossings_of(s, compiled=False), 1e6),
     ("table", "compiled"): (lambda s: table_of(s, compiled=True), np.inf),
     ("table", "numpy"): (lambda s: table_of(s, compiled=False), 1e6),
     ("snapshot", "by size"): (whole_snapshot, np.inf),

@@ -1,0 +1,33 @@
+"""The band within which an operator is undecided: relative to its norm, and on both sides of it."""
+
+import numpy as np
+import pytest
+
+from stability.destabilising import control_status, softening_control
+
+TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_band_is_relative_to_the_operator(unit):
+    # Norm 1 in these units, so that the band is rtol itself.
+    above, below = unit * np.diag([1.0, -1e-2]), unit * np.diag([1.0, -1e-4])
+    assert control_status(above, rtol=1e-3) == "found"
+    assert control_status(below, rtol=1e-3) == "singular"
+    assert softening_control(above, rtol=1e-3).status == "found"
+    np.testing.assert_allclose(softening_control(above, rtol=1e-3).work, -1e-2 * unit, rtol=1e-12)
+    assert softening_control(below, rtol=1e-3).status == "undetermined"
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_within_the_band_nothing_is_determined(sign):
+    # Regular through the skew part alone: Ks is zero, or has one zero eigenvalue.
+    for Ks in ([0.0, 0.0], [0.0, 0.5], [1e-4, 0.5]):
+        assert control_status(TURN + sign * np.diag(Ks), rtol=1e-3) == "undetermined"
+    assert control_status(TURN + sign * np.diag([0.1, 0.5]), rtol=1e-3) == "definite"
+
+
+def test_extreme_eigenvalues_decide_in_space():
+    assert control_status(np.diag([-1.0, -1.0, 2.0])) == "found"
+    assert control_status(np.diag([-2.0, 1.0, 1.0])) == "found"
+    assert control_status(np.diag([-3.0, -2.0, -1.0])) == "definite"

@@ -1,0 +1,188 @@
+"""Event functions of paths where strain shears, forces carry T, and units or origin differ."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from loops import GrainGraph, LinearFrictional, Regime, macroscopic_tangent
+from patterns import diamond, regular_polygon
+from stability import Stage, follow, programmes
+from stability.paths.events import record_changes, record_jumps
+from stability.paths.model import path_model
+from stability.paths.monitors import _area_ratio
+from stability.paths.state import Mode, initial_state
+from stability.paths.symmetry import path_symmetry
+from stability.spectra import symmetric_spectrum
+from stability.subspaces import restrict
+
+CLOSURES = ("affine", "traction")
+ELASTIC = LinearFrictional(kn=1.0, kt=0.2)
+SHEAR = programmes.combination(np.zeros((4, 4)), np.eye(4), [0.3, 1, 0.4, -0.2], "shear")
+
+
+def isotropic(E):
+    return Stage(programmes.isotropic_strain(), "H11", E)
+
+
+def closest_to_zero(values):
+    return float(values[np.abs(values).argmin()])
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize(
+    ("alpha0", "subspace", "programme", "ends"),
+    [
+        (45.0, "diagonal", programmes.oedometric(), (0.23, 0.245)),
+        (45.0, "symmetric", programmes.oedometric(), (0.23, 0.245)),
+        (50.0, "full", SHEAR, (0.095, 0.105)),
+    ],
+)
+def test_symmetric_part_vanishes_where_contacts_carry_shear(
+    closure, alpha0, subspace, programme, ends
+):
+    graph = diamond(np.radians(alpha0))
+    quantity = "H12" if programme is SHEAR else "H11"
+
+    def to(end):
+        stages = [isotropic(0.1), Stage(programme, quantity, end)]
+        return follow(graph, ELASTIC, stages, closure=closure, subspace=subspace)
+
+    def smallest(end):
+        path = to(end)
+        state = graph.replace(
+            x=path.x[-1], normal_force=path.normal_force[-1], shear_force=path.shear_force[-1]
+        )
+        A = macroscopic_tangent(state, ELASTIC, closure, regime=path.regime[-1]).matrix
+        return float(symmetric_spectrum(restrict(A, subspace))[0])
+
+    path = to(ends[1])
+    (event,) = path.of_kind("det_Ks_zero")
+    K = restrict(path.A[event.index], subspace)
+    norm = np.linalg.norm(K)
+    assert np.abs(path.shear_force[event.index]).max() > 0.01
+    # T makes K nonsymmetric: neither its triangle nor its determinant tells.
+    assert np.abs(K - K.T).max() > 1e-3 * norm
+    assert abs(closest_to_zero(np.linalg.eigvalsh(0.5 * (K + K.T)))) < 1e-12 * norm
+    expected = brentq(smallest, *ends, xtol=1e-12)
+    component = ("H11", "H12").index(quantity)
+    assert path.H[event.index, component] == pytest.approx(expected, abs=1e-11)
+
+
+def test_area_ratio_is_the_determinant_of_a_sheared_loop():
+    for H in np.random.default_rng(3).uniform(-0.9, 0.9, (5, 4)):
+        expected = np.linalg.det(np.eye(2) - H.reshape(2, 2))
+        assert _area_ratio(H) == pytest.approx(expected, abs=1e-15)
+    # F = ((1, -1), (-1, 1)) is a line.
+    assert _area_ratio(np.array([0.0, 1.0, 1.0, 0.0])) == 0.0
+
+
+def scaled(graph, length):
+    return GrainGraph(x=length * graph.x, radii=length * graph.radii, contacts=graph.contacts)
+
+
+def opening_and_closing():
+    out = Stage(programmes.oedometric(rate=-1), "H11", -0.2)
+    return [isotropic(0.1), out, Stage(programmes.oedometric(), "H11", 0.1)]
+
+
+CASES = {
+    "opening": (regular_polygon(4), opening_and_closing(), {}),
+    "added": (diamond(np.radians(35)), [isotropic(0.2)], {"contact_on_touch": "add"}),
+    "added at once": (diamond(np.radians(60)), [isotropic(0.1)], {"contact_on_touch": "add"}),
+    "free spins": (regular_polygon(5), [isotropic(0.1), Stage(SHEAR, "H12", 0.02)],
+                   {"spins": "free"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize(("length", "kn"), [(1e-3, 1e6), (1e3, 1e-3)])
+@pytest.mark.parametrize("case", CASES)
+def test_events_are_the_same_in_other_units(case, length, kn, closure):
+    graph, stages, options = CASES[case]
+    mu = np.tan(np.radians(30.0))
+    plain = follow(
+        graph, LinearFrictional(kn=1.0, kt=0.2, mu=mu), stages, closure=closure, **options
+    )
+    law = LinearFrictional(kn=kn, kt=0.2 * kn, mu=mu)
+    path = follow(scaled(graph, length), law, stages, closure=closure, **options)
+    told = [(event.kind, event.contacts) for event in path.events]
+    assert told == [(event.kind, event.contacts) for event in plain.events]
+    for event, other in zip(path.events, plain.events, strict=True):
+        np.testing.assert_allclose(path.H[event.index], plain.H[other.index], atol=1e-11)
+    np.testing.assert_allclose(path.P[-1] / kn, plain.P[-1], atol=1e-11)
+    np.testing.assert_allclose(
+        path.shear_force[-1] / (kn * length), plain.shear_force[-1], atol=1e-11
+    )
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_a_loop_off_the_origin_has_the_same_path(closure):
+    graph, stages = regular_polygon(4), [isotropic(0.1), Stage(programmes.oedometric(), "H11", 0.2)]
+    law = LinearFrictional(kn=1.0, kt=0.2, mu=0.1)
+    moved = GrainGraph(
+        x=graph.x + np.array([3.0, -2.0]), radii=graph.radii, contacts=graph.contacts
+    )
+    plain, path = (follow(each, law, stages, closure=closure) for each in (graph, moved))
+    assert path.status == plain.status == "finished"
+    np.testing.assert_allclose(path.P[-1], plain.P[-1], atol=1e-12)
+    np.testing.assert_allclose(path.H[-1], plain.H[-1], atol=1e-12)
+    assert [e.kind for e in path.events] == [e.kind for e in plain.events]
+
+
+class Noted:
+    """A record that keeps what it is told."""
+
+    def __init__(self):
+        self.told = []
+
+    def event(self, kind, parameter, contacts=(), detail=""):
+        self.told.append((kind, contacts, detail))
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_a_jump_counts_negative_eigenvalues(size):
+    before, after = size * np.diag([1.0, 2, 3, 4]), size * np.diag([-1.0, 2, 3, 4])
+    record = Noted()
+    record_jumps(record, before, after, 0.0, "full")
+    assert [kind for kind, _, _ in record.told] == ["det_Ks_zero", "det_K_zero"]
+    assert record.told[0][2] == "jump: 0 to 1 negative eigenvalues"
+    record_jumps(quiet := Noted(), before, 2 * before, 0.0, "full")
+    record_jumps(quiet, before, size * np.diag([0.0, 2, 3, 4]), 0.0, "full")
+    assert quiet.told == []
+
+
+@pytest.mark.parametrize(
+    ("status", "detail"), [("unique", ""), ("several", "the rate problem has 2 solutions")]
+)
+def test_several_solutions_are_told(status, detail):
+    old = Mode(np.array([Regime.ELASTIC] * 2, dtype=np.int8), np.zeros(2))
+    new = Mode(np.array([Regime.ELASTIC, Regime.SLIDING], dtype=np.int8), np.array([0.0, 1.0]))
+    problem = SimpleNamespace(status=status, solutions=[None, None])
+    record_changes(record := Noted(), old, new, 0.0, problem)
+    assert record.told == [("yield", (1,), detail)]
+
+
+def group_of(graph, law, shear=0.0, side=None):
+    model = path_model(graph, law, "affine", "blocked", None)
+    y = initial_state(model, graph.replace(shear_force=np.array([shear, 0.0, 0.0, 0.0])))
+    kind = Regime.ELASTIC if side is None else Regime.SLIDING
+    mode = Mode(np.full(4, kind, dtype=np.int8), np.zeros(4) if side is None else np.array(side))
+    return path_symmetry(model, y, mode, [programmes.isotropic_strain()])
+
+
+def test_sides_count_only_where_there_is_friction():
+    square = regular_polygon(4)
+    smooth, rough = (LinearFrictional(kn=1.0, kt=0.2, mu=mu) for mu in (0.0, 0.3))
+    assert group_of(square, smooth, side=[1.0, 1.0, 1.0, 1.0]).name == "D4"
+    assert group_of(square, rough, side=[1.0, 1.0, 1.0, 1.0]).name == "C4"
+
+
+@pytest.mark.parametrize(("length", "kn"), [(1e-3, 1e-3), (1.0, 1.0), (1e3, 1e3)])
+def test_shear_that_breaks_the_symmetry_does_so_in_any_units(length, kn):
+    law = LinearFrictional(kn=kn, kt=0.2 * kn)
+    square = scaled(regular_polygon(4), length)
+    assert group_of(square, law).name == "D4"
+    assert group_of(square, law, shear=1e-18 * kn * length).name == "D4"
+    assert group_of(square, law, shear=1e-10 * kn * length) is None
