@@ -61,9 +61,7 @@ def main(
     out: Annotated[Path, typer.Option(help="Result folder.")],
     grains: Annotated[str, typer.Option(help="Sizes, by commas.")] = "1000,10000,100000,1000000",
     repeats: Annotated[int, typer.Option(help="Timed calls.")] = 3,
-    slow_up_to: Annotated[
-        int, typer.Option(help="Largest size for shapely.")
-    ] = 100_000,
+    slow_up_to: Annotated[int, typer.Option(help="Largest size for shapely.")] = 100_000,
     docs: Annotated[Path | None, typer.Option(help="Write performance.md here too.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
 ) -> None:

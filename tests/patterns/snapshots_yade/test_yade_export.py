@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from patterns.snapshots.tables import read_table
-from patterns.snapshots.yade.yade_export import export_tables
 from patterns.snapshots.yade.scene import read_scene
+from patterns.snapshots.yade.yade_export import export_tables
 from tests.patterns.snapshots_yade.yade_samples import BOX, PERIODIC, cycles, table_of
 
 Box = types.SimpleNamespace
