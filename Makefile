@@ -17,7 +17,7 @@ demo: $(INSTALLED)
 	@find $(CURDIR)/$(OUT) -name '*.png' | sort | sed 's/^/  /'
 
 test: $(INSTALLED)
-	$(RUN) pytest
+	$(RUN) pytest -n 2
 
 lint: $(INSTALLED)
 	$(RUN) ruff check .

@@ -55,6 +55,11 @@ def open_folder(
         ) from None
 
 
+def has_parts(out: Path) -> bool:
+    """Whether anything is finished in the folder of a series."""
+    return any(out.glob("*/part-*.parquet"))
+
+
 def _contents(series: SeriesInput, planned: Sequence[PlannedSnapshot]) -> dict[str, Any]:
     how = {name: getattr(series, name) for name in HOW}
     cells = None if series.cells is None else series.cells.name
@@ -79,7 +84,7 @@ def _require_same(out: Path, contents: dict[str, Any]) -> None:
     if now["snapshots"][: len(names)] != names:
         differing.append("other snapshots")
     # Where nothing is finished there is nothing to lose: a first try with a wrong option.
-    if differing and any(out.glob("*/part-*.parquet")):
+    if differing and has_parts(out):
         raise InputError(
             f"--out {out}",
             f"a folder with another series ({', '.join(differing)})",

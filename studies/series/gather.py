@@ -176,7 +176,6 @@ def _summary(
         "snapshots": len(about["loops"]),
         "intervals": len(intervals),
         "loops": sum(evolution["loops"]),
-        "files": "tables and figures of the whole series; its parts are in loops and increments",
         "fates": {name: sum(row[name] for row in intervals) for name in names},
         "first": {name: column[0] for name, column in evolution.items()},
         "last": {name: column[-1] for name, column in evolution.items()},

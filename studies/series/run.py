@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from studies.series.contents import NAME, open_folder
+from loops import InputError
+from studies.series.contents import NAME, has_parts, open_folder
 from studies.series.gather import gather, remove_gathered
 from studies.series.plan import PlannedSnapshot, SeriesInput, plan_series
 from studies.series.scheduler import Runner, do_tasks, open_runner
@@ -62,10 +64,16 @@ def run_series(
     """
     planned = plan_series(series)
     out = out.absolute()
+    new = not out.exists()
     open_folder(out, series, planned, force=force)
     remove_gathered(out)
-    with open_runner(workers, scheduler, _needed(planned, out)) as runner:
-        good, failures = _do_all(runner, planned, out, skip_bad=skip_bad)
+    try:
+        with open_runner(workers, scheduler, _needed(planned, out)) as runner:
+            good, failures = _do_all(runner, planned, out, skip_bad=skip_bad)
+    except InputError:
+        if new and not has_parts(out):
+            shutil.rmtree(out)
+        raise
     return gather(series, good, failures, out, csv=csv, figures=figures, animation=animation)
 
 

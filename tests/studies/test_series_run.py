@@ -314,7 +314,7 @@ def test_a_full_disk_is_no_bad_snapshot(tmp_path, paths, monkeypatch):
     with pytest.raises(InputError, match="No space left on device, expected a place") as error:
         run(paths[:2], tmp_path / "out", skip_bad=True)
     assert "--skip-bad" not in str(error.value)
-    assert set(contents(tmp_path / "out")) == {"series.json"}
+    assert set(contents(tmp_path / "out")) == set()
 
 
 def test_snapshots_may_follow(tmp_path, paths, result):
@@ -344,6 +344,21 @@ def test_a_first_try_with_a_wrong_option_binds_nobody(tmp_path, paths, result):
         run(paths, tmp_path / "out", cell=(1e-3, 0, 0, 1e-3))
     run(paths, tmp_path / "out")
     assert contents(tmp_path / "out") == contents(result)
+
+
+def test_a_run_that_could_not_begin_leaves_nothing(tmp_path):
+    bad = tmp_path / "grains_00.csv"
+    bad.write_text("id,x\n")
+    (tmp_path / "contacts_00.csv").write_text("id1,id2\n")
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match="grains_00"):
+        run([bad], out)
+    assert not out.exists()
+    # A folder that was there stays.
+    out.mkdir()
+    with pytest.raises(InputError, match="grains_00"):
+        run([bad], out)
+    assert out.exists()
 
 
 def test_a_folder_of_other_files_is_refused(tmp_path, paths):
