@@ -2,7 +2,9 @@
 
 from loops.assembly import assemble_sparse_tangent, assemble_tangent
 from loops.closures import (
+    Closure,
     MacroTangent,
+    Spins,
     affine_tangent,
     macroscopic_tangent,
     traction_tangent,
@@ -39,6 +41,7 @@ from loops.stress import contact_forces, love_weber_stress, nominal_stress
 from loops.tracking import Fate, LoopFates, exchange_counts, exchange_matrix, loop_fates
 
 __all__ = [
+    "Closure",
     "ContactLaw",
     "ContactMatch",
     "ContactState",
@@ -54,6 +57,7 @@ __all__ = [
     "MacroTangent",
     "Regime",
     "RollingResistance",
+    "Spins",
     "affine_tangent",
     "assemble_sparse_tangent",
     "assemble_tangent",

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 
+from loops.arrays import Floats, Integers
 from loops.contact_state import contact_state
 from loops.contact_tangent import (
     ContactTangent,
@@ -18,8 +19,6 @@ from loops.contact_tangent import (
 from loops.errors import InputError
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
-
-Floats = NDArray[np.float64]
 
 
 def assemble_tangent(
@@ -116,7 +115,7 @@ def assemble_sparse_tangent(
     return sparse.coo_array((values, (rows, columns)), shape=(size, size)).tocsr()
 
 
-def assemble_elements(element: Floats, contacts: NDArray[np.int64], grains: int) -> Floats:
+def assemble_elements(element: Floats, contacts: Integers, grains: int) -> Floats:
     """Dense tangent from the element matrices of the contacts.
 
     Parameters
@@ -175,7 +174,7 @@ def _elements(graph: GrainGraph, law: ContactLaw, spins: bool, regime: ArrayLike
     return translational_elements(translational_blocks(state, law, regimes))
 
 
-def _freedoms(contacts: NDArray[np.int64], grains: int, spins: bool) -> NDArray[np.int64]:
+def _freedoms(contacts: Integers, grains: int, spins: bool) -> Integers:
     """(C, 4) or (C, 6) freedoms of each contact's two grains."""
     i, j = contacts.T
     freedoms = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1], axis=1)
@@ -184,7 +183,7 @@ def _freedoms(contacts: NDArray[np.int64], grains: int, spins: bool) -> NDArray[
     return freedoms
 
 
-def _places(freedoms: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _places(freedoms: Integers) -> tuple[Integers, Integers]:
     """Rows and columns of the element matrices' entries, flattened."""
     size = freedoms.shape[1]
     rows = np.repeat(freedoms, size, axis=1).ravel()

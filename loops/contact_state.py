@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from loops.arrays import Floats
 from loops.graph import GrainGraph, contact_frame
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats, Regimes
 from loops.contact_state import ContactState
-from loops.laws.protocol import ContactLaw, Regimes
-
-Floats = NDArray[np.float64]
+from loops.laws.protocol import ContactLaw
 
 
 @dataclass(frozen=True, eq=False)

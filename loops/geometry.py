@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from loops.errors import InputError
 from loops.graph import GrainGraph
-
-Floats = NDArray[np.float64]
 
 
 def polygon_area(x: Floats) -> Floats:

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from loops.arrays import Floats, Integers
 from loops.errors import InputError
 from loops.validation import check_branches, check_graph
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def _frozen(values: ArrayLike, dtype: type) -> NDArray[Any]:

@@ -6,12 +6,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Integers
 from loops.faces import Faces, faces_by_order
 from loops.graph import GrainGraph, branch_vectors
-
-Integers = NDArray[np.int64]
 
 
 class LoopBatch(NamedTuple):

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.errors import InputError
 from loops.geometry import boundary_vectors, polygon_area
-
-Floats = NDArray[np.float64]
 
 
 def loop_strain(x0: ArrayLike, x: ArrayLike) -> Floats:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from loops.arrays import Floats, Integers
 
 # Singular values below this fraction of the largest count as zero. Rounding leaves about
 # size * eps = 1e-15 to 1e-13 there (loops of 3 to 200 grains).
@@ -33,7 +32,7 @@ class LeastSquares:
     """
 
     x: Floats
-    nullity: NDArray[np.int64]
+    nullity: Integers
     condition: Floats
     residual: Floats
     ambiguity: Floats
@@ -127,7 +126,7 @@ def _bordered_inverse(matrix: Floats, known: Floats | None) -> tuple[Floats, Flo
 
 def _by_singular_values(
     matrix: Floats, rhs: Floats, observed: Floats, tolerance: float
-) -> tuple[Floats, NDArray[np.int64], Floats, Floats]:
+) -> tuple[Floats, Integers, Floats, Floats]:
     u, s, vt = np.linalg.svd(matrix)
     null = s <= tolerance * s[:, :1]
     inverse = np.where(null, 0.0, 1.0 / np.where(null, 1.0, s))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.contact_state import contact_state
 from loops.geometry import polygon_area, reference_volume, require_loop
 from loops.graph import GrainGraph, branch_vectors, reference_branch_vectors
-
-Floats = NDArray[np.float64]
 
 
 def contact_forces(graph: GrainGraph) -> Floats:

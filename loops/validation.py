@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.errors import InputError
 
 
@@ -57,7 +58,7 @@ def _check_shapes(graph: Any) -> None:
         ) from None
 
 
-def _check_cell(name: str, cell: NDArray[np.float64]) -> None:
+def _check_cell(name: str, cell: Floats) -> None:
     if not (np.isfinite(cell).all() and (np.linalg.det(cell) != 0).all()):
         raise InputError(
             name, str(cell.tolist()), "independent cell vectors as columns", "Correct the cell."
@@ -83,9 +84,7 @@ def _check_grains(graph: Any) -> None:
         )
 
 
-def _finite(
-    what: str, item: str, ok: NDArray[np.bool_], value: NDArray[np.float64], axes: int
-) -> None:
+def _finite(what: str, item: str, ok: Flags, value: Floats, axes: int) -> None:
     if ok.all():
         return
     index = _first(~ok)
@@ -142,7 +141,7 @@ def _check_duplicates(graph: Any) -> None:
 
 
 def find_duplicate(
-    contacts: NDArray[np.int64], images: NDArray[np.int64] | None, grain_count: int
+    contacts: Integers, images: Integers | None, grain_count: int
 ) -> tuple[int, int] | None:
     """Find two contacts that join the same two grains through the same image.
 
@@ -181,9 +180,7 @@ def find_duplicate(
     return int(rows[earlier[later[0]]]), int(rows[later[0]])
 
 
-def _images_from_lower_grain(
-    contacts: NDArray[np.int64], images: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _images_from_lower_grain(contacts: Integers, images: Integers) -> Integers:
     """Images as seen from the lower grain; of a grain's own images, one of the two signs."""
     i, j = contacts.T
     backwards = (images[:, 0] < 0) | ((images[:, 0] == 0) & (images[:, 1] < 0))
@@ -191,7 +188,7 @@ def _images_from_lower_grain(
     return np.where(flip[:, None], -images, images)
 
 
-def check_branches(what: str, contacts: NDArray[np.int64], branches: NDArray[np.float64]) -> None:
+def check_branches(what: str, contacts: Integers, branches: Floats) -> None:
     """Raise `InputError` if a contact joins two grains with the same centre.
 
     Parameters
@@ -221,6 +218,6 @@ def check_branches(what: str, contacts: NDArray[np.int64], branches: NDArray[np.
     )
 
 
-def _first(mask: NDArray[np.bool_]) -> tuple[int, ...]:
+def _first(mask: Flags) -> tuple[int, ...]:
     """Index of the first true entry."""
     return tuple(int(k) for k in np.unravel_index(np.argmax(mask), mask.shape))

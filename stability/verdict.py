@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops import MacroTangent
+from loops.arrays import Floats
 from loops.errors import InputError
 from stability.spectra import RTOL, flutter_pairs, operator_norm, spectrum, symmetric_modes
 from stability.subspaces import as_operator, restrict
@@ -51,12 +52,12 @@ class Verdict:
     status: Status
     margin: float
     tolerance: float
-    witness: NDArray[np.float64]
+    witness: Floats
     subspace: str
     divergence: bool
     flutter: bool
     eigenvalues: NDArray[np.complex128]
-    symmetric_eigenvalues: NDArray[np.float64]
+    symmetric_eigenvalues: Floats
 
     @property
     def mode(self) -> Mode:

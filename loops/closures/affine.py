@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.closures.macro_tangent import MacroTangent, Spins, check_choice, solved
 from loops.closures.spins import affine_spin
 from loops.contact_state import contact_state
@@ -20,8 +21,6 @@ from loops.geometry import reference_volume
 from loops.graph import GrainGraph, reference_branch_vectors
 from loops.laws.protocol import ContactLaw
 from loops.null_space import solve_through_null_space
-
-Floats = NDArray[np.float64]
 
 
 def affine_tangent(

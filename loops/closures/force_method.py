@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from loops.geometry import outward, polygon_centroid
-
-Floats = NDArray[np.float64]
 
 
 def force_method(

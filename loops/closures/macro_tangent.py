@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats
 from loops.errors import InputError
 
-Floats = NDArray[np.float64]
 Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]
 
@@ -56,7 +55,7 @@ class MacroTangent:
     volume: Floats
     condition: Floats
     residual: Floats
-    trusted: NDArray[np.bool_]
+    trusted: Flags
 
     @property
     def error(self) -> Floats:

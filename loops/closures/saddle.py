@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from loops.geometry import boundary_vectors
 from loops.null_space import LeastSquares, solve_through_null_space
-
-Floats = NDArray[np.float64]
 
 
 def saddle_solve(

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from loops.graph import GrainGraph, branch_vectors, reference_branch_vectors
-
-Floats = NDArray[np.float64]
 
 
 def deformation_gradient(graph: GrainGraph) -> Floats:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.assembly import assemble_elements, assemble_tangent, translational_elements
 from loops.closures.force_method import force_method
 from loops.closures.macro_tangent import (
@@ -30,7 +31,6 @@ from loops.geometry import polygon_area, require_loop
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 
-Floats = NDArray[np.float64]
 Method = Literal["auto", "force", "saddle"]
 
 # Up to this amplification the force method's error stays below 1e-13 (stiff sliding rings, against

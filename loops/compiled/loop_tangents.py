@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats, Integers
 from loops.closures.macro_tangent import RESIDUAL_LIMIT, MacroTangent, solved
 from loops.closures.traction import FORCE_METHOD_LIMIT, SADDLE_GAIN, traction_tangent
 from loops.compiled.kernel import given
@@ -17,9 +17,6 @@ from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 from loops.loop_batches import loop_batches
 from loops.null_space import NULL_TOLERANCE
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def loop_tangents(

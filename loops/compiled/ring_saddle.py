@@ -5,19 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.compiled.kernel import kernel
 from loops.compiled.ring_tangents import block_and_inverse
-
-Floats = NDArray[np.float64]
-Long = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 @kernel
 def ring_saddles(
-    rows: Floats, offsets: Long, contacts: Long, forward: Mask, loops: Long
+    rows: Floats, offsets: Integers, contacts: Integers, forward: Flags, loops: Integers
 ) -> tuple[Floats, Floats, Floats]:
     """Traction tangents as `saddle_solve` has them, spins blocked.
 
@@ -75,8 +71,8 @@ def ring_saddles(
 @kernel
 def _assemble(
     rows: Floats,
-    contacts: Long,
-    forward: Mask,
+    contacts: Integers,
+    forward: Flags,
     begin: int,
     end: int,
     system: Floats,
@@ -116,8 +112,8 @@ def _assemble(
 @kernel
 def _load(
     rows: Floats,
-    contacts: Long,
-    forward: Mask,
+    contacts: Integers,
+    forward: Flags,
     begin: int,
     end: int,
     length: float,
@@ -148,7 +144,7 @@ def _with_border(system: Floats, out: Floats) -> None:
 
 
 @kernel
-def _invert(a: Floats, pivots: Long) -> bool:
+def _invert(a: Floats, pivots: Integers) -> bool:
     """Inverse in place by elimination with pivots; False if there is none."""
     size = len(a)
     for column in range(size):

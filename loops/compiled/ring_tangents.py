@@ -10,18 +10,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.compiled.kernel import kernel
-
-Floats = NDArray[np.float64]
-Long = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 @kernel
 def ring_tangents(
-    rows: Floats, offsets: Long, contacts: Long, forward: Mask, loops: Long
+    rows: Floats, offsets: Integers, contacts: Integers, forward: Flags, loops: Integers
 ) -> tuple[Floats, Floats, Floats]:
     """Affine and traction tangents, by the sum and by the force method.
 
@@ -85,7 +81,7 @@ def ring_tangents(
 
 @kernel
 def _measure(
-    rows: Floats, contacts: Long, forward: Mask, begin: int, end: int
+    rows: Floats, contacts: Integers, forward: Flags, begin: int, end: int
 ) -> tuple[float, float, float, float, float]:
     """Area of a loop, its centroid from the first corner, mean sizes of m along either axis."""
     x, y, double, moment_x, moment_y = 0.0, 0.0, 0.0, 0.0, 0.0
