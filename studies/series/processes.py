@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import signal
@@ -11,7 +12,9 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import connection
-from typing import TypeVar
+from typing import Any, TypeVar
+
+import numpy as np
 
 from loops import InputError
 
@@ -20,6 +23,13 @@ Answer = TypeVar("Answer")
 THREADS = (
     *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"),
     *("VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS"),
+)
+
+# How OpenBLAS calls its number of threads, in numpy's wheels and elsewhere.
+BLAS = tuple(
+    (f"{prefix}openblas_get_num_threads{suffix}", f"{prefix}openblas_set_num_threads{suffix}")
+    for prefix in ("scipy_", "")
+    for suffix in ("64_", "")
 )
 
 
@@ -132,6 +142,34 @@ def _interrupts_ignored() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Linear algebra of numpy in one thread, in whatever process the task is done.
+
+    How OpenBLAS shares out a decomposition changes its last digit, from some 40 unknowns on; the
+    same bytes must come from one process, several, or a cluster of other machines.
+    """
+    get, put = _blas_threads()
+    before = get()
+    put(1)
+    try:
+        yield
+    finally:
+        put(before)
+
+
+def _blas_threads() -> tuple[Any, Any]:
+    """How many threads numpy's OpenBLAS takes, to ask and to set; nothing for other libraries."""
+    try:
+        library = ctypes.CDLL(np.linalg._umath_linalg.__file__)
+    except (OSError, AttributeError):
+        library = None
+    for get, put in BLAS:
+        if hasattr(library, get) and hasattr(library, put):
+            return getattr(library, get), getattr(library, put)
+    return (lambda: 1), (lambda number: None)
 
 
 def _end_with_parent() -> None:

@@ -16,6 +16,7 @@ from studies.series.dataset import write_part
 from studies.series.evolution import evolution_row, interval_row
 from studies.series.increments import increments
 from studies.series.plan import PlannedSnapshot
+from studies.series.processes import one_blas_thread
 from studies.series.tracked import TrackedState, track_loops
 from studies.snapshot.table import loop_table
 
@@ -191,7 +192,8 @@ def _done_or_failed(
     write: Callable[[Any], None], task: SnapshotTask | PairTask, planned: PlannedSnapshot
 ) -> Failure | None:
     try:
-        write(task)
+        with one_blas_thread():
+            write(task)
     except InputError as error:
         parts = error.where, error.received, error.expected, error.remedy
         return Failure(planned.number, planned.name, *parts)

@@ -22,10 +22,9 @@ import studies
 from loops import InputError, find_faces
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.cli import main
-from studies.series import SeriesInput, run_series
+from studies.series import SeriesInput, processes, run_series
 from studies.series.cells import number_of
 from studies.series.fingerprint import fingerprints
-from studies.series.processes import processes, run_in_processes
 from studies.snapshot import SnapshotInput
 from studies.snapshot.table import loop_table
 
@@ -189,6 +188,22 @@ def test_parts_without_loops_have_the_same_columns(paths, tmp_path):
 def test_processes_give_the_same_bytes(paths, result, tmp_path):
     run(paths, tmp_path / "out", workers=2)
     assert contents(tmp_path / "out") == contents(result)
+
+
+def test_blas_threads_change_no_digit():
+    """With the threads left alone this singular-value decomposition depends on them."""
+    matrix = np.random.default_rng(0).normal(size=(150, 150))
+    get, put = processes._blas_threads()
+    before, digests = get(), []
+    try:
+        for threads in (1, 2, 4):
+            put(threads)
+            with processes.one_blas_thread():
+                digests.append(np.linalg.svd(matrix)[0].tobytes())
+            assert get() == threads
+    finally:
+        put(before)
+    assert digests[0] == digests[1] == digests[2]
 
 
 def test_one_snapshot_is_a_series_too(paths, tmp_path):
@@ -446,8 +461,8 @@ def test_the_command(paths, result, tmp_path, monkeypatch, capsys):
 
 def test_a_worker_that_ends_by_itself():
     """As the system ends a process when the memory is used up."""
-    with pytest.raises(InputError, match="smaller --workers"), processes(1) as pool:
-        list(run_in_processes(pool, os._exit, [1]))
+    with pytest.raises(InputError, match="smaller --workers"), processes.processes(1) as pool:
+        list(processes.run_in_processes(pool, os._exit, [1]))
 
 
 @pytest.mark.parametrize(
