@@ -1,0 +1,170 @@
+"""What the six commands answer in small runs, as plain values that JSON holds."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib.figure
+import numpy as np
+import pandas as pd
+import pytest
+
+from patterns import sample_cell, sample_path
+from studies.cli import main
+
+# Rows kept of a long table: evenly spread, with the first and the last.
+ROWS = 9
+# Measured by a clock, or words for a reader: a run may change them.
+LEFT_OUT = {
+    *("definitions", "notes", "version", "signs", "units", "python", "numpy", "processor", "cores"),
+    *("seconds_per_item", "peak_bytes", "knee", "path", "paths", "name", "source", "seconds"),
+}
+KEPT = "id1 id2 fn fsx fsy kn ks mu sliding".split()
+PERIODIC = ",".join(repr(float(value)) for value in sample_cell().ravel())
+
+
+def command(folder: Path, *arguments: object) -> dict[str, Any]:
+    """Answer of a command: its summary, its tables and the names of its files."""
+    out = folder / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["grainloops", *map(str, arguments), "--out", str(out)])
+        # Drawing is left out, the names of the figures stay.
+        patch.setattr(matplotlib.figure.Figure, "savefig", lambda _, path, **how: touch(path))
+        with pytest.raises(SystemExit) as stop:
+            main()
+    if stop.value.code != 0:
+        raise RuntimeError(f"{arguments}: exit status {stop.value.code}")
+    return answer(out)
+
+
+def touch(path: Any) -> None:
+    Path(path).touch()
+
+
+def answer(out: Path) -> dict[str, Any]:
+    """Summary, tables and files of a result folder."""
+    names = sorted(str(p.relative_to(out)) for p in out.rglob("*") if p.is_file())
+    tables = {
+        name.removesuffix(".parquet"): table(pd.read_parquet(out / name))
+        for name in names
+        if name.endswith(".parquet") and not name.startswith(".")
+    }
+    summary = json.loads((out / "summary.json").read_text())
+    files = [name for name in names if not Path(name).name.startswith(".")]
+    return {"files": files, "summary": plain(summary), "tables": tables}
+
+
+def table(frame: pd.DataFrame) -> dict[str, Any]:
+    """Some rows of each column; of all of them the scale, by which numbers are compared.
+
+    The rows of a polygon's path are the steps of the integrator, which a change of rounding moves:
+    of these only the ends of its stages are kept.
+    """
+    by_steps = {"stage", "parameter"} <= set(frame.columns)
+    count = len(frame)
+    kept = sorted({round(k) for k in np.linspace(0, count - 1, min(ROWS, count))})
+    if by_steps:
+        turns = np.flatnonzero(frame["stage"].to_numpy()[1:] != frame["stage"].to_numpy()[:-1])
+        kept = sorted({0, *turns.tolist(), count - 1})
+    columns = {
+        str(name): {"type": kind(frame[name]), **column(frame[name], kept, sums=not by_steps)}
+        for name in frame.columns
+        if name not in LEFT_OUT
+    }
+    return {"columns": columns} | ({} if by_steps else {"rows": count})
+
+
+def column(values: pd.Series, kept: list[int], *, sums: bool) -> dict[str, Any]:
+    found: dict[str, Any] = {"values": plain(values.iloc[kept].tolist())}
+    if not sums:
+        return found
+    if values.dtype.kind == "f":
+        finite = values[np.isfinite(values)]
+        found |= {"scale": float(finite.abs().max()) if len(finite) else 0.0}
+        found |= {"finite": len(finite), "sum": math.fsum(finite)}
+    elif values.dtype.kind in "iub":
+        found |= {"sum": int(values.sum())}
+    return found
+
+
+def kind(values: pd.Series) -> str:
+    """`float`, `integer`, `flag`, `text` or `list`, whatever the file's own type."""
+    named = {"f": "float", "i": "integer", "u": "integer", "b": "flag"}.get(values.dtype.kind)
+    if named or not len(values):
+        return named or "text"
+    return "text" if isinstance(values.iloc[0], str) else "list"
+
+
+def plain(value: Any) -> Any:
+    """Values that JSON holds, without what a run may change; numbers not finite become text."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items() if k not in LEFT_OUT}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(one) for one in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
+
+
+def write_series(folder: Path, count: int) -> list[Path]:
+    """Snapshots made of the sample: compressed a little more each, with contacts lost."""
+    grains = pd.read_csv(sample_path())[["id", "type", "x", "y", "radius"]]
+    contacts = pd.read_csv(sample_path("contacts_biaxial.csv.gz"))[KEPT]
+    order = np.random.default_rng(5).permutation(len(contacts))
+    paths = []
+    for k in range(count):
+        moved = grains.assign(x=grains.x * (1 + 0.001 * k), y=grains.y * (1 - 0.002 * k))
+        paths.append(folder / f"grains_{k:02d}.csv")
+        moved.to_csv(paths[-1], index=False)
+        left = contacts.iloc[np.sort(order[15 * k :])]
+        left.to_csv(folder / f"contacts_{k:02d}.csv", index=False)
+    return paths
+
+
+def series(folder: Path) -> dict[str, Any]:
+    return command(folder, "series", *write_series(folder, 3), "--workers", 1)
+
+
+def on(*arguments: object) -> Callable[[Path], dict[str, Any]]:
+    return lambda folder: command(folder, *arguments)
+
+
+def sample(name: str) -> Path:
+    return Path(sample_path(name))
+
+
+BENCH = "closures,eigenvalues,fractions,directions,hard-cases"
+OWN = ("--alpha0", 60, "--kappa", 0.3, "--phi", 10, "--confine", 0.05)
+CASES: dict[str, Callable[[Path], dict[str, Any]]] = {
+    "diamond-table1": on("diamond", "--table", 1),
+    "diamond-table2": on("diamond", "--table", 2),
+    "diamond-table1-printed": on("diamond", "--table", 1, "--sliding", "printed"),
+    "diamond-table2-add": on("diamond", "--table", 2, "--contact-on-touch", "add"),
+    "diamond-own-stop": on("diamond", *OWN, "--contact-on-touch", "stop"),
+    "diamond-own-traction": on("diamond", *OWN, "--closure", "traction"),
+    "diamond-table1-full": on("diamond", "--table", 1, "--model", "full"),
+    "polygon-5": on("polygon", "--order", 5),
+    "polygon-6-edge-free": on(
+        *("polygon", "--order", 6, "--orientation", "edge", "--spins", "free"),
+        *("--closure", "traction"),
+    ),
+    "polygon-4-oedometric": on("polygon", "--order", 4, "--programme", "oedometric"),
+    "polygon-compare": on("polygon", "--compare", "3-5"),
+    "domain": on("domain", "--directions", 91, "--alpha0", "45,60"),
+    "snapshot-periodic": on(
+        "snapshot", sample("grains_periodic.parquet"), "--cell", PERIODIC, "--no-figures"
+    ),
+    "snapshot-biaxial": on("snapshot", sample("grains_biaxial.csv.gz")),
+    "series": series,
+    "bench": on("bench", "--quick", "--only", BENCH),
+    "bench-hard-cases": on("bench", "--only", "hard-cases"),
+}
+# Too long for every run.
+SLOW = {"bench-hard-cases"}
