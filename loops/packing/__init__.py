@@ -1,0 +1,30 @@
+"""A packing as one sparse system: who carries, assembly, factorisation, loops in place."""
+
+from loops.packing.carrying import Carrying
+from loops.packing.factor import Factor, factorised
+from loops.packing.system import (
+    PackingSystem,
+    assembled,
+    balancing_forces,
+    contact_blocks,
+    in_freedoms,
+    packing_system,
+    relative_motion,
+    stress_rate,
+)
+from loops.packing.walls import PlaneContacts
+
+__all__ = [
+    "Carrying",
+    "Factor",
+    "PackingSystem",
+    "PlaneContacts",
+    "assembled",
+    "balancing_forces",
+    "contact_blocks",
+    "factorised",
+    "in_freedoms",
+    "packing_system",
+    "relative_motion",
+    "stress_rate",
+]

@@ -1,0 +1,200 @@
+"""The linear system of a packing: contacts as springs between freedoms, sparse, with spins.
+
+Every contact has the relative motion `r = (d', w_i, w_j)` and answers with `s = (f', m_i', m_j')`,
+`s = -S r`; `G` gives the relative motions from the grains' freedoms, `-G^T s` the external forces
+that balance contact forces. A displacement gradient `H'` (compression positive) adds
+`r = (-H' d, 0, 0)`, so the motion of the grains beyond the affine one solves
+
+    K v = -G^T S r_aff + loads,    K = G^T S G
+
+moment rows included. Spins and moments are scaled by the mean radius, so all freedoms are lengths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from loops.arrays import Flags, Floats, Integers
+from loops.contact_state import ContactState, contact_state
+from loops.contact_tangent import contact_regime, contact_tangent
+from loops.errors import InputError
+from loops.graph import GrainGraph, branch_vectors
+from loops.laws.protocol import ContactLaw, Regime, Regimes
+from loops.packing.carrying import Carrying, carrying_grains
+from loops.packing.walls import PlaneContacts, plane_stiffness
+from loops.pruning import require_one_state
+
+
+@dataclass(frozen=True, eq=False)
+class PackingSystem:
+    """Carrying contacts of a packing and the freedoms of their grains.
+
+    `freedom` (G, 3) numbers the unknowns of each grain (x, y, spin times `length`), -1 where it
+    has none; `ends` (E, 6) those of each contact in the order x_i, y_i, x_j, y_j, w_i, w_j.
+    `contacts` (C',) are the contacts of the graph, wall contacts follow behind them in all arrays
+    of length E. `unit` is a typical stiffness, `volume` the area that stresses refer to.
+    """
+
+    graph: GrainGraph
+    law: ContactLaw
+    carrying: Carrying
+    contacts: Integers
+    branches: Floats
+    stiffness: Floats
+    regime: Regimes
+    freedom: Integers
+    ends: Integers
+    size: int
+    length: float
+    unit: float
+    volume: float
+    planes: PlaneContacts | None
+
+
+def packing_system(
+    graph: GrainGraph,
+    law: ContactLaw,
+    *,
+    regime: ArrayLike | None = None,
+    planes: PlaneContacts | None = None,
+    held: ArrayLike | None = None,
+    volume: float | None = None,
+) -> PackingSystem:
+    """Prune, number the freedoms and evaluate the contacts; `held` (G,) grains move affinely."""
+    require_one_state(graph)
+    state = contact_state(graph)
+    regimes = np.broadcast_to(contact_regime(state, law, regime), graph.contacts.shape[:1])
+    fixed = np.zeros(graph.grain_count, dtype=bool) if held is None else np.asarray(held, bool)
+    carrying = carrying_grains(graph, regimes != Regime.OPEN, _supports(fixed, planes))
+    kept = np.flatnonzero(carrying.contacts)
+    freedom, size = _freedoms(carrying, fixed)
+    length = float(graph.radii[carrying.grains].mean())
+    blocks = contact_blocks(state, law, regimes)[kept]
+    branches, pairs = branch_vectors(graph)[kept], graph.contacts[kept]
+    ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
+    if planes is not None:
+        planes = planes.take(carrying.grains[planes.grain])
+        blocks = np.concatenate([blocks, plane_stiffness(planes, graph.radii)])
+        branches = np.concatenate([branches, planes.branch])
+        ends = np.concatenate([ends, _plane_ends(freedom, planes)])
+        regimes = np.concatenate([regimes[kept], planes.regime])
+    else:
+        regimes = regimes[kept]
+    scale = np.array([1.0, 1.0, 1.0 / length, 1.0 / length])
+    blocks = scale[:, None] * blocks * scale
+    unit = float(np.abs(blocks[:, :2, :2]).sum(axis=(1, 2)).mean()) / 2.0 if len(blocks) else 0.0
+    if not unit > 0:
+        raise InputError(
+            "packing", "no contact that resists", "contacts with stiffness", "See the law."
+        )
+    return PackingSystem(
+        graph=graph,
+        law=law,
+        carrying=carrying,
+        contacts=kept,
+        branches=branches,
+        stiffness=blocks,
+        regime=np.asarray(regimes, dtype=np.int8),
+        freedom=freedom,
+        ends=ends,
+        size=size,
+        length=length,
+        unit=unit,
+        volume=_volume(graph, volume),
+        planes=planes,
+    )
+
+
+def contact_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
+    """(C, 4, 4) stiffness `S` of each contact, `(f', m_i', m_j') = -S (d', w_i, w_j)`."""
+    tangent = contact_tangent(state, law, regime)
+    blocks = np.empty((*state.length.shape, 4, 4))
+    blocks[:, :2, :2] = tangent.k
+    blocks[:, :2, 2], blocks[:, :2, 3] = -tangent.q_i, -tangent.q_j
+    blocks[:, 2, :2], blocks[:, 3, :2] = tangent.p_i, tangent.p_j
+    blocks[:, 2:, 2:] = tangent.c
+    return blocks
+
+
+def relative_motion(system: PackingSystem, v: Floats, strain_rate: Floats | None = None) -> Floats:
+    """(E, 4) or (E, 4, k): motions `r` of the contacts from the freedoms, and from `H'`."""
+    padded = np.concatenate([v, np.zeros((1, *v.shape[1:]))])
+    at = padded[system.ends]
+    r = np.concatenate([at[:, 2:4] - at[:, :2], at[:, 4:]], axis=1)
+    if strain_rate is not None:
+        r[:, :2] -= np.tensordot(system.branches, strain_rate, (1, 1))
+    return r
+
+
+def in_freedoms(system: PackingSystem, rows: Integers, vectors: Floats) -> sparse.csr_array:
+    """(k, size): vectors `g` (k, 4) on the motions `r` of some contacts, as rows `G^T g`."""
+    entries = np.concatenate([-vectors[:, :2], vectors], axis=1)
+    ends = system.ends[rows]
+    inside = ends >= 0
+    start = np.concatenate([[0], np.cumsum(inside.sum(axis=1))])
+    shape = (len(rows), system.size)
+    return sparse.csr_array((entries[inside], ends[inside], start), shape=shape)
+
+
+def balancing_forces(system: PackingSystem, s: Floats) -> Floats:
+    """(size,) or (size, k): external forces `-G^T s` that contact forces `s` (E, 4[, k]) ask for.
+
+    Force `f` of i on j needs `+f` on i and `-f` on j from outside, and the opposite of moments.
+    """
+    parts = np.concatenate([s[:, :2], -s], axis=1).reshape(system.ends.size, *s.shape[2:])
+    inside = np.flatnonzero(system.ends.ravel() >= 0)
+    rows = system.ends.ravel()[inside]
+    spread = sparse.csr_array(
+        (np.ones(len(rows)), (rows, inside)), shape=(system.size, system.ends.size)
+    )
+    return np.asarray(spread @ parts)
+
+
+def assembled(system: PackingSystem, stiffness: Floats | None = None) -> sparse.csc_array:
+    """`K = G^T S G`, (size, size), nonsymmetric; `stiffness` in place of the system's own."""
+    blocks = system.stiffness if stiffness is None else stiffness
+    d = np.array([[-1, 0, 1, 0, 0, 0], [0, -1, 0, 1, 0, 0], [0] * 4 + [1, 0], [0] * 5 + [1.0]])
+    elements = d.T @ blocks @ d
+    rows = np.repeat(system.ends, 6, axis=1)
+    columns = np.tile(system.ends, (1, 6))
+    inside = (rows >= 0) & (columns >= 0)
+    places = (rows[inside], columns[inside])
+    values = elements.reshape(len(elements), 36)[inside]
+    return sparse.coo_array((values, places), shape=(system.size, system.size)).tocsc()
+
+
+def stress_rate(system: PackingSystem, s: Floats) -> Floats:
+    """Nominal stress rate `P' = (1/V) sum f' (x) d`, (2, 2) or (2, 2, k)."""
+    return np.einsum("ei...,ej->ij...", s[:, :2], system.branches) / system.volume
+
+
+def _freedoms(carrying: Carrying, fixed: Flags) -> tuple[Integers, int]:
+    moves = np.repeat(carrying.grains[:, None], 3, axis=1)
+    moves[fixed, :2] = False
+    freedom = np.full(moves.shape, -1)
+    size = int(np.count_nonzero(moves))
+    freedom[moves] = np.arange(size)
+    return freedom, size
+
+
+def _supports(fixed: Flags, planes: PlaneContacts | None) -> Integers:
+    walls = 0 if planes is None else np.bincount(planes.grain, minlength=len(fixed))
+    return 2 * fixed.astype(np.int64) + walls
+
+
+def _plane_ends(freedom: Integers, planes: PlaneContacts) -> Integers:
+    own = freedom[planes.grain]
+    none = np.full((len(own), 2), -1)
+    return np.column_stack([own[:, :2], none, own[:, 2], none[:, 0]])
+
+
+def _volume(graph: GrainGraph, volume: float | None) -> float:
+    if volume is None and graph.cell is not None:
+        volume = float(abs(np.linalg.det(graph.cell)))
+    if volume is None or not (np.isfinite(volume) and volume > 0):
+        raise InputError("volume", repr(volume), "a positive area", "Give the sample's area.")
+    return volume

@@ -1,0 +1,160 @@
+"""Contacts of a packing that stand at yield, and the packing's answer for given regimes of them.
+
+Contact c at yield has `w_c = s (T'_sliding - T')`, its distance from the cone, and `z_c`, what
+slip takes off its shear force, `s T' = s T'_sticking - z_c`; both are not negative and one is zero.
+From the relative motion `r` they are `w_c - z_c = g_c . r`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops.arrays import Flags, Floats, Integers
+from loops.contact_state import contact_state
+from loops.graph import GrainGraph
+from loops.laws.protocol import ContactLaw, Regime
+from loops.packing import (
+    Factor,
+    PackingSystem,
+    PlaneContacts,
+    balancing_forces,
+    contact_blocks,
+    factorised,
+    in_freedoms,
+    packing_system,
+    relative_motion,
+    stress_rate,
+)
+
+# H' = e_i (x) e_j for the four components in the order 11, 12, 21, 22.
+UNIT_STRAINS: Floats = np.moveaxis(np.eye(4).reshape(4, 2, 2), 0, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class YieldEdge:
+    """Candidates for sliding; `system` has them sticking.
+
+    `rows` (m,) are their places among the system's contacts, `gauge` (m, 4) the vectors `g`,
+    `push` (m, 4) the contact forces of a unit of `s T'`, `sliding` (m, 4, 4) their blocks when
+    they slide. `settled` counts contacts within the band that are no candidates: both contacts of
+    a grain with two carry the same force, so their ratio `T/N` is one of the geometry.
+    """
+
+    system: PackingSystem
+    rows: Integers
+    gauge: Floats
+    push: Floats
+    sliding: Floats
+    settled: int
+
+
+@dataclass(frozen=True, eq=False)
+class LinearAnswer:
+    """Answer of the packing to unit `H'` with given regimes, `(..., 4)` in 11, 12, 21, 22."""
+
+    factor: Factor
+    motion: Floats
+    relative: Floats
+    forces: Floats
+    stress: Floats
+
+
+def yield_edge(
+    graph: GrainGraph,
+    law: ContactLaw,
+    *,
+    yield_band: float,
+    regime: ArrayLike | None = None,
+    planes: PlaneContacts | None = None,
+    held: ArrayLike | None = None,
+    volume: float | None = None,
+) -> YieldEdge:
+    """Find the contacts with `|T| >= yield_band mu N`, and those that `regime` has sliding."""
+    state = contact_state(graph)
+    loaded = replace(state, shear_force=state.shear_force / yield_band)
+    regimes = law.regime(loaded)
+    if regime is not None:
+        given = np.asarray(regime, dtype=np.int8)
+        regimes = np.where(given == Regime.ELASTIC, regimes, given).astype(np.int8)
+    # Without a shear force there is no side to slide to: frictionless contacts always slide.
+    at_yield = (regimes == Regime.SLIDING) & (state.shear_force != 0)
+    base = np.where(at_yield, Regime.ELASTIC, regimes).astype(np.int8)
+    system = packing_system(graph, law, regime=base, planes=planes, held=held, volume=volume)
+    settled = at_yield & _of_two_contact_grains(system)
+    rows = np.flatnonzero((at_yield & ~settled)[system.contacts])
+    c = system.contacts[rows]
+    sign = np.sign(state.shear_force[c])
+    scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
+    elastic = law.local_stiffness(state, base)[c, 1]
+    slides = law.local_stiffness(state, np.where(at_yield, regimes, base))[c, 1]
+    g, b_i, b_j = (factor[c] for factor in law.shear_kinematics(state))
+    zero = np.zeros((len(c), 2))
+    normal = np.hstack([state.n[c], zero])
+    shear = np.column_stack([g[:, None] * state.t[c], -b_i, -b_j])
+    gauge = (elastic - slides)[:, :1] * normal + (elastic - slides)[:, 1:] * shear
+    push = np.column_stack([state.t[c], -state.arm_i[c], -state.arm_j[c]])
+    sliding = contact_blocks(state, law, np.where(at_yield, regimes, base).astype(np.int8))[c]
+    return YieldEdge(
+        system,
+        rows,
+        sign[:, None] * gauge * scale,
+        sign[:, None] * push * scale,
+        scale[:, None] * sliding * scale,
+        int(np.count_nonzero(settled[system.contacts])),
+    )
+
+
+def stiffness_of(edge: YieldEdge, active: Flags) -> Floats:
+    """(E, 4, 4) blocks with the active candidates sliding."""
+    blocks = edge.system.stiffness.copy()
+    blocks[edge.rows[active]] = edge.sliding[active]
+    return blocks
+
+
+def linear_answer(edge: YieldEdge, active: Flags) -> LinearAnswer:
+    """Factorise with the active candidates sliding and answer the four unit strains."""
+    system, blocks = edge.system, stiffness_of(edge, active)
+    factor = factorised(system, blocks)
+    affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
+    motion = factor.solve(balancing_forces(system, blocks @ affine), refinements=2)
+    relative = relative_motion(system, motion, UNIT_STRAINS)
+    forces = -blocks @ relative
+    stress = stress_rate(system, forces).reshape(4, 4)
+    return LinearAnswer(factor, motion, relative, forces, stress)
+
+
+def condensed(
+    edge: YieldEdge, active: Flags, answer: LinearAnswer, chosen: Integers
+) -> tuple[Floats, Floats]:
+    """What the chosen candidates' exchanged variables do: (k, k) matrix and (4, k) stress.
+
+    The variable of a sticking candidate is its `z`, that of a sliding one its `w`; either takes
+    off `s T'`. The matrix gives the other one of each pair.
+    """
+    system, rows = edge.system, edge.rows[chosen]
+    loads = -in_freedoms(system, rows, edge.push[chosen]).T
+    motion = answer.factor.solve(loads.toarray(), refinements=0)
+    side = np.where(active[chosen], -1.0, 1.0)[:, None]
+    matrix = np.eye(len(chosen)) + side * (in_freedoms(system, rows, edge.gauge[chosen]) @ motion)
+    blocks = stiffness_of(edge, active)
+    lines = np.einsum("eij,ek->ejik", blocks[:, :2], system.branches)
+    stress = balancing_forces(system, lines.reshape(len(blocks), 4, 4)).T @ motion
+    own = np.einsum("ki,kj->ijk", edge.push[chosen, :2], system.branches[rows]).reshape(4, -1)
+    return matrix, (stress - own) / system.volume
+
+
+def sided(edge: YieldEdge, active: Flags, relative: Floats) -> Floats:
+    """(m,) or (m, k): `w` of sticking candidates and `z` of sliding ones from motions `r`."""
+    side = np.where(active, -1.0, 1.0).reshape(-1, *[1] * (relative.ndim - 2))
+    return side * np.einsum("ci,ci...->c...", edge.gauge, relative[edge.rows])
+
+
+def _of_two_contact_grains(system: PackingSystem) -> Flags:
+    graph = system.graph
+    degree = np.bincount(graph.contacts[system.contacts].ravel(), minlength=graph.grain_count)
+    if system.planes is not None:
+        degree += np.bincount(system.planes.grain, minlength=graph.grain_count)
+    return np.asarray((degree[graph.contacts] == 2).any(axis=1))

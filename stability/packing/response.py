@@ -1,0 +1,293 @@
+"""The rate problem of a packing: motion, spins and force rates that a strain rate asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops.arrays import Flags, Floats, Regimes
+from loops.errors import InputError
+from loops.graph import GrainGraph, branch_vectors
+from loops.laws.protocol import ContactLaw, Regime
+from loops.packing import PackingSystem, PlaneContacts, balancing_forces
+from stability.packing.complementarity import (
+    Complementarity,
+    basic_values,
+    solve_complementarity,
+)
+from stability.packing.edge import (
+    LinearAnswer,
+    YieldEdge,
+    condensed,
+    linear_answer,
+    sided,
+    stiffness_of,
+    yield_edge,
+)
+
+Status = Literal["unique", "none", "several found", "not converged"]
+
+# Wrong signs below this share of the largest rate are rounding.
+AGREEMENT = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class PackingResponse:
+    """Rates of a packing under a strain rate `H'`, compression positive.
+
+    Attributes
+    ----------
+    status : {'unique', 'none', 'several found', 'not converged'}
+        `unique`: every start of the search led to this solution. `several found`: it led to more
+        than one; this one slips least. `none`: proved, by enumeration or by a linear programme,
+        that no combination of regimes agrees. `not converged`: none was found, without a proof.
+        In the last two the rates are those of the best regimes met, wrong in some contacts.
+    proof : str
+        What stands behind the number of solutions: 'enumeration', 'positive definite',
+        'infeasible', or '' for the starts alone.
+    residual : float
+        Out-of-balance force rate with every contact in the regime that its own rates ask for, over
+        that of the affine motion.
+    disagreeing : int
+        Candidates whose regime doesn't agree with their rates.
+    strain_rate, stress_rate : (2, 2) array
+        `H'` and nominal stress rate `P'` (force per length), whichever was given.
+    motion : (G, 2) array
+        `u'` of the centres beyond the affine motion `-H' x`; 0 for grains that carry nothing.
+    spin : (G,) array
+        Rates of rotation, counter-clockwise; 0 for grains that carry nothing.
+    branch_rate, force_rate : (C, 2) array
+        `d'` and `f'` of every contact; those that carry nothing follow `H'` and have no force.
+    regime : (C,) array of int8
+        `Regime` taken by each contact.
+    sliding, candidates, settled : int
+        Contacts that slide, that might, and that stand at yield by the geometry of a grain with
+        two contacts: they stick.
+    solutions : int
+        Distinct solutions found.
+    system : PackingSystem
+        The carrying part; `system.carrying` counts rattlers and floating clusters.
+    """
+
+    status: Status
+    proof: str
+    residual: float
+    disagreeing: int
+    strain_rate: Floats
+    stress_rate: Floats
+    motion: Floats
+    spin: Floats
+    branch_rate: Floats
+    force_rate: Floats
+    regime: Regimes
+    sliding: int
+    candidates: int
+    settled: int
+    solutions: int
+    system: PackingSystem
+
+    def __str__(self) -> str:
+        return (
+            f"packing response: {self.status}, residual {self.residual:.1e}, {self.sliding} of "
+            f"{self.candidates} contacts at yield slide"
+        )
+
+
+class PackingRates:
+    """The rate problem of one state, prepared for any number of strain rates."""
+
+    def __init__(self, edge: YieldEdge) -> None:
+        self.edge = edge
+        self.none = np.zeros(len(edge.rows), dtype=bool)
+        self.elastic = linear_answer(edge, self.none)
+        every = np.arange(len(edge.rows))
+        self.matrix, self.stress = condensed(edge, self.none, self.elastic, every)
+
+    def response(
+        self, strain_rate: ArrayLike, stress_rate: ArrayLike | None = None, starts: int = 3
+    ) -> PackingResponse:
+        """Answer one programme, see `packing_response`."""
+        H, P = checked_control(strain_rate, stress_rate)
+        q, M = self._controlled(H.ravel(), P.ravel())
+        found = solve_complementarity(q, M, starts)
+        active = found.active[0] if len(found.active) else self._best(q, M)
+        answer = linear_answer(self.edge, active) if active.any() else self.elastic
+        return _response(self.edge, answer, active, found, controlled_strain(answer, H, P))
+
+    def _controlled(self, H: Floats, P: Floats) -> tuple[Floats, Floats]:
+        """`q` and `M` of the candidates, strain components that the stress drives eliminated."""
+        unit = sided(self.edge, self.none, self.elastic.relative)
+        f, c = np.isnan(H), ~np.isnan(H)
+        A, Q = self.elastic.stress, self.stress
+        solved = np.linalg.solve(
+            A[np.ix_(f, f)], np.column_stack([P[f] - A[np.ix_(f, c)] @ H[c], -Q[f]])
+        )
+        q = unit[:, c] @ H[c] + unit[:, f] @ solved[:, 0]
+        return q, self.matrix + unit[:, f] @ solved[:, 1:]
+
+    def _best(self, q: Floats, M: Floats) -> Flags:
+        """Regimes of a problem without a solution: candidates that disagree are left sticking."""
+        allowed = np.diag(M) > 0
+        for _ in range(20):
+            kept = np.flatnonzero(allowed)
+            found = solve_complementarity(q[kept], M[np.ix_(kept, kept)], 1)
+            if len(found.active):
+                active = self.none.copy()
+                active[kept[found.active[0]]] = True
+                return active
+            values = basic_values(q, M, allowed & (q < 0))
+            wrong = np.flatnonzero(allowed & ~(values >= 0))
+            allowed[wrong[np.argsort(values[wrong])[: max(1, len(wrong) // 4)]]] = False
+        return self.none
+
+
+def packing_response(
+    graph: GrainGraph,
+    law: ContactLaw,
+    strain_rate: ArrayLike,
+    *,
+    stress_rate: ArrayLike | None = None,
+    yield_band: float = 0.99,
+    regime: ArrayLike | None = None,
+    planes: PlaneContacts | None = None,
+    held: ArrayLike | None = None,
+    volume: float | None = None,
+    starts: int = 3,
+) -> PackingResponse:
+    """Rates of all grains and contacts of a packing, spins free, under a strain rate.
+
+    Centres move by `x' = -H' x + u'`, `u'` periodic, and `K [u', w] = -F_aff(H')` with the
+    contacts' tangents. Contacts at yield slide where that dissipates and stick otherwise: a
+    complementarity problem, condensed on these contacts.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        A periodic packing, or one with walls or held grains; one state.
+    law : ContactLaw
+        Contact law.
+    strain_rate : (2, 2) array
+        `H'`, compression positive; not a number where the stress is controlled instead.
+    stress_rate : (2, 2) array, optional
+        `P'` of these components; zero if left out.
+    yield_band : float
+        Contacts with `|T| >= yield_band mu N` may slide.
+    regime : (C,) array of Regime, optional
+        Flags of a DEM code: contacts flagged sliding may slide as well, open ones are left out.
+    planes : PlaneContacts, optional
+        Contacts with walls.
+    held : (G,) array of bool, optional
+        Grains whose centres follow the affine motion, as the outline where walls aren't known.
+    volume : float, optional
+        Area that stresses refer to; that of the cell if left out.
+    starts : int
+        Starts of the search for solutions.
+
+    Returns
+    -------
+    PackingResponse
+
+    Raises
+    ------
+    InputError
+        If the packing floats, a control is not a number or given twice, or `volume` is missing.
+
+    Examples
+    --------
+    A square lattice of discs under uniaxial compression:
+
+    >>> import numpy as np
+    >>> from loops import GrainGraph, LinearFrictional
+    >>> lattice = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5] * 4,
+    ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+    ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
+    >>> found = packing_response(lattice, LinearFrictional(1.0, 0.5, 0.5), [[1, 0], [0, 0]])
+    >>> found.status, found.stress_rate.round(9).tolist()
+    ('unique', [[1.0, 0.0], [0.0, 0.0]])
+    """
+    checked_control(strain_rate, stress_rate)
+    edge = yield_edge(
+        graph,
+        law,
+        yield_band=yield_band,
+        regime=regime,
+        planes=planes,
+        held=held,
+        volume=volume,
+    )
+    return PackingRates(edge).response(strain_rate, stress_rate, starts)
+
+
+def checked_control(strain: ArrayLike, stress: ArrayLike | None) -> tuple[Floats, Floats]:
+    """`H'` with gaps where the stress drives, and `P'` there."""
+    H = np.asarray(strain, dtype=float)
+    P = np.zeros((2, 2)) if stress is None else np.asarray(stress, dtype=float)
+    driven = np.isnan(H)
+    if H.shape != (2, 2) or np.isinf(H).any():
+        raise InputError(
+            "strain_rate", f"{H.tolist()}", "(2, 2) finite numbers, or nan for stress control", "."
+        )
+    if P.shape != (2, 2) or not np.isfinite(P[driven]).all():
+        raise InputError("stress_rate", f"{P.tolist()}", "a number where the strain is nan", ".")
+    return H, P
+
+
+def controlled_strain(answer: LinearAnswer, H: Floats, P: Floats) -> Floats:
+    """(2, 2) strain rate with the gaps filled by what the stress asks for."""
+    h, p, A = H.ravel().copy(), P.ravel(), answer.stress
+    f, c = np.isnan(h), ~np.isnan(h)
+    h[f] = np.linalg.solve(A[np.ix_(f, f)], p[f] - A[np.ix_(f, c)] @ h[c])
+    return h.reshape(2, 2)
+
+
+def _response(
+    edge: YieldEdge, answer: LinearAnswer, active: Flags, found: Complementarity, H: Floats
+) -> PackingResponse:
+    system, graph = edge.system, edge.system.graph
+    relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
+    wrong = sided(edge, active, relative)
+    scale = np.abs(wrong).max(initial=0.0)
+    disagreeing = wrong < -AGREEMENT * scale
+    lawful = stiffness_of(edge, active ^ disagreeing)
+    left = balancing_forces(system, -np.einsum("eij,ej->ei", lawful, relative))
+    affine = balancing_forces(
+        system, edge.system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
+    )
+    size = float(np.linalg.norm(affine))
+    v = np.append(answer.motion @ H.ravel(), 0.0)[system.freedom]
+    n = len(system.contacts)
+    branch_rate = -branch_vectors(graph) @ H.T
+    branch_rate[system.contacts] = relative[:n, :2]
+    force_rate = np.zeros((graph.contact_count, 2))
+    force_rate[system.contacts] = forces[:n, :2]
+    regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+    regime[system.contacts] = system.regime[:n]
+    regime[system.contacts[edge.rows[active]]] = Regime.SLIDING
+    return PackingResponse(
+        status=_status(found),
+        proof=found.proof,
+        residual=float(np.linalg.norm(left)) / size if size > 0 else 0.0,
+        disagreeing=int(np.count_nonzero(disagreeing)),
+        strain_rate=H,
+        stress_rate=(answer.stress @ H.ravel()).reshape(2, 2),
+        motion=v[:, :2],
+        spin=v[:, 2] / system.length,
+        branch_rate=branch_rate,
+        force_rate=force_rate,
+        regime=regime,
+        sliding=int(np.count_nonzero(active)),
+        candidates=len(edge.rows),
+        settled=edge.settled,
+        solutions=len(found.active),
+        system=system,
+    )
+
+
+def _status(found: Complementarity) -> Status:
+    if len(found.active):
+        return "unique" if len(found.active) == 1 else "several found"
+    return "none" if found.proof else "not converged"

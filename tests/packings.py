@@ -1,0 +1,86 @@
+"""Small periodic packings for tests, and their own path by another route."""
+
+import numpy as np
+from scipy.optimize import fsolve
+
+from loops import LinearFrictional, Regime, branch_vectors, contact_state
+from patterns.synthetic import synthetic_network
+
+LAW = LinearFrictional(1.0, 0.5, 0.5, "radii")
+
+
+def packing(grains=16, seed=1, share=0.9, sliding=0.0, law=LAW):
+    """A periodic packing whose contacts are inside the cone up to `share`, some on it."""
+    cell = [[4.0, 0.3], [-0.2, 3.7]] if grains < 20 else [[6.0, 0.5], [0.0, 5.0]]
+    graph = synthetic_network(grains, seed=seed, cell=cell, coordination=4.8)
+    rng = np.random.default_rng(seed)
+    normal = 0.01 * rng.uniform(0.5, 1.5, graph.contact_count)
+    ratio = share * rng.uniform(-1, 1, graph.contact_count)
+    at_yield = rng.random(graph.contact_count) < sliding
+    ratio = np.where(at_yield, np.sign(ratio), ratio)
+    return graph.replace(normal_force=normal, shear_force=ratio * float(law.mu) * normal)
+
+
+def forces_after(graph, law, regime, H, u, w):
+    """Branches and forces after a step: `N` exact, `T` from the turned branch and the spins."""
+    d0 = branch_vectors(graph)
+    i, j = graph.contacts.T
+    d = d0 - d0 @ H.T + u[j] - u[i]
+    l0, length = np.linalg.norm(d0, axis=1), np.linalg.norm(d, axis=1)
+    turn = np.arctan2(d0[:, 0] * d[:, 1] - d0[:, 1] * d[:, 0], np.sum(d0 * d, axis=1))
+    radii = graph.radii[i], graph.radii[j]
+    if law.shear_increment == "radii":
+        slip = (radii[0] + radii[1]) * turn - radii[0] * w[i] - radii[1] * w[j]
+    else:
+        mean = 0.5 * (l0 + length)
+        arms = 0.5 * (mean + radii[0] - radii[1]), 0.5 * (mean + radii[1] - radii[0])
+        slip = mean * turn - arms[0] * w[i] - arms[1] * w[j]
+    N = graph.normal_force - law.kn * (length - l0)
+    stuck = graph.shear_force - law.kt * slip
+    T = np.where(regime == Regime.SLIDING, np.sign(graph.shear_force) * law.mu * N, stuck)
+    n = d / length[:, None]
+    force = N[:, None] * n + T[:, None] * np.column_stack([-n[:, 1], n[:, 0]])
+    arms = 0.5 * (length + radii[0] - radii[1]), 0.5 * (length + radii[1] - radii[0])
+    load = np.zeros((graph.grain_count, 3))
+    np.add.at(load[:, :2], j, force)
+    np.add.at(load[:, :2], i, -force)
+    np.add.at(load[:, 2], i, -arms[0] * T)
+    np.add.at(load[:, 2], j, -arms[1] * T)
+    return d, force, load, np.abs(stuck) - law.mu * N
+
+
+def step(graph, law, regime, H, guess):
+    """Equilibrium after the displacement gradient `H`; the first state's loads stay."""
+    shape = (graph.grain_count, 3)
+    still = np.zeros(shape)
+    start = forces_after(graph, law, regime, np.zeros((2, 2)), still[:, :2], still[:, 2])[2]
+    loose = np.bincount(graph.contacts.ravel(), minlength=len(still)) == 0
+
+    def unbalance(flat):
+        v = flat.reshape(shape)
+        left = forces_after(graph, law, regime, H, v[:, :2], v[:, 2])[2] - start
+        left[loose] = v[loose]
+        left[0, :2] += v[0, :2]
+        return left.ravel()
+
+    v, _, found, message = fsolve(unbalance, guess.ravel(), full_output=True, xtol=1e-14)
+    assert np.abs(unbalance(v)).max() < 1e-13 or found == 1, message
+    v = v.reshape(shape)
+    return forces_after(graph, law, regime, H, v[:, :2], v[:, 2])
+
+
+def balanced(graph):
+    """The same packing with the forces nearest to its own that leave every grain in balance."""
+    state, (i, j) = contact_state(graph), graph.contacts.T
+    count = graph.contact_count
+    matrix = np.zeros((graph.grain_count, 3, 2, count))
+    for c in range(count):
+        frame = np.column_stack([state.n[c], state.t[c]])
+        matrix[j[c], :2, :, c] += frame
+        matrix[i[c], :2, :, c] -= frame
+        matrix[i[c], 2, 1, c] -= state.arm_i[c]
+        matrix[j[c], 2, 1, c] -= state.arm_j[c]
+    matrix = matrix.reshape(-1, 2 * count)
+    forces = np.concatenate([graph.normal_force, graph.shear_force])
+    forces -= np.linalg.pinv(matrix) @ (matrix @ forces)
+    return graph.replace(normal_force=forces[:count], shear_force=forces[count:])

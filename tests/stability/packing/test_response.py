@@ -1,0 +1,145 @@
+"""The packing's rate problem against its own path, a dense solve, rotations and bounds."""
+
+import numpy as np
+import pytest
+
+from loops import (
+    GrainGraph,
+    InputError,
+    LinearFrictional,
+    Regime,
+    affine_tangent,
+    assemble_tangent,
+    branch_vectors,
+    contact_forces,
+    contact_state,
+    contact_tangent,
+)
+from stability.packing import packing_response
+from tests.packings import LAW, balanced, packing, step
+
+H = np.array([[0.8, 0.3], [-0.1, -0.5]])
+
+
+@pytest.mark.parametrize("increment", ["branch", "radii"])
+@pytest.mark.parametrize("sliding", [0.0, 0.3])
+def test_rates_are_the_slope_of_the_packings_own_path(increment, sliding):
+    law = LinearFrictional(1.0, 0.5, 0.5, increment)
+    graph = packing(24, seed=3, sliding=sliding)
+    found = packing_response(graph, law, H, yield_band=1.0)
+    assert found.status == "unique" and found.residual < 1e-9
+    assert (found.sliding > 0) == (sliding > 0)
+    guess = np.column_stack([found.motion, found.spin])
+    errors = []
+    for dt in (4e-4, 2e-4, 1e-4):
+        _, force, _, excess = step(graph, law, found.regime, dt * H, dt * guess)
+        rate = (force - contact_forces(graph)) / dt
+        errors.append(np.abs(rate - found.force_rate).max())
+        # Sticking would leave the cone where the rate problem says sliding, and only there.
+        slides = found.regime == Regime.SLIDING
+        assert (excess[slides] > 0).all() and (excess[~slides] < 1e-14).all()
+    # One-sided differences: the error halves with the step.
+    assert np.allclose(np.divide(errors[:-1], errors[1:]), 2.0, atol=0.1)
+
+
+def test_sparse_answer_is_the_dense_one():
+    graph = packing(30, seed=2)
+    found = packing_response(graph, LAW, H)
+    K = assemble_tangent(graph, LAW, spins=True)
+    t = contact_tangent(contact_state(graph), LAW, np.ones(graph.contact_count, dtype=np.int8))
+    stretch = -branch_vectors(graph) @ H.T
+    force = -np.einsum("cij,cj->ci", t.k, stretch)
+    loads = np.zeros((graph.grain_count, 3))
+    i, j = graph.contacts.T
+    np.add.at(loads, i, np.column_stack([force, np.sum(t.p_i * stretch, axis=1)]))
+    np.add.at(loads, j, np.column_stack([-force, np.sum(t.p_j * stretch, axis=1)]))
+    flat = np.concatenate([loads[:, :2].ravel(), loads[:, 2]])
+    v = np.linalg.lstsq(K, -flat, rcond=1e-11)[0]
+    u, w = v[: 2 * len(loads)].reshape(-1, 2), v[2 * len(loads) :]
+    total = stretch + u[j] - u[i]
+    rate = -np.einsum("cij,cj->ci", t.k, total) + t.q_i * w[i, None] + t.q_j * w[j, None]
+    assert np.abs(flat).max() > 0.1
+    assert np.allclose(rate, found.force_rate, atol=1e-9)
+
+
+def test_a_rotation_turns_forces_and_nothing_else():
+    graph, spin = balanced(packing(24, seed=5)), np.array([[0.0, -1.0], [1.0, 0.0]])
+    for increment in ("branch", "radii"):
+        law = LinearFrictional(1.0, 0.5, np.inf, increment)
+        found = packing_response(graph, law, -spin)
+        assert np.abs(found.motion).max() < 1e-9
+        assert np.allclose(found.spin[found.system.carrying.grains], 1.0, atol=1e-9)
+        turned, c = contact_forces(graph) @ spin.T, found.system.contacts
+        assert np.allclose(found.force_rate[c], turned[c], atol=1e-11)
+
+
+def test_relaxed_grains_do_no_more_work_than_affine_ones():
+    law = LinearFrictional(1.0, 0.5)
+    for seed in range(4):
+        graph = packing(30, seed=seed, share=0.0)
+        work = np.sum(packing_response(graph, law, H).stress_rate * H)
+        assert 0 < work < H.ravel() @ affine_tangent(graph, law).matrix @ H.ravel()
+
+
+def test_stress_control_meets_the_strain_that_it_causes():
+    graph = packing(30, seed=2, sliding=0.3)
+    mixed = packing_response(
+        graph, LAW, [[np.nan, 0.0], [0.0, 1.0]], stress_rate=[[0.25, 9.0], [9.0, 9.0]]
+    )
+    assert mixed.status == "unique" and mixed.sliding > 0
+    assert mixed.stress_rate[0, 0] == pytest.approx(0.25, abs=1e-9)
+    again = packing_response(graph, LAW, mixed.strain_rate)
+    assert np.allclose(again.force_rate, mixed.force_rate, atol=1e-9)
+
+
+def test_rates_do_not_depend_on_units_or_place():
+    graph = packing(24, seed=3, sliding=0.3)
+    found = packing_response(graph, LAW, H)
+    x, cell = 1e-3 * (graph.x + 64.0), 1e-3 * graph.cell
+    moved = graph.replace(
+        x=x,
+        x0=x,
+        radii=1e-3 * graph.radii,
+        cell=cell,
+        cell0=cell,
+        normal_force=1e3 * graph.normal_force,
+        shear_force=1e3 * graph.shear_force,
+    )
+    scaled = packing_response(moved, LinearFrictional(1e6, 5e5, 0.5, "radii"), H)
+    assert scaled.sliding == found.sliding
+    assert np.allclose(scaled.stress_rate, 1e6 * found.stress_rate, rtol=1e-9)
+
+
+def test_what_carries_nothing_changes_nothing():
+    graph = packing(24, seed=3)
+    more = GrainGraph(
+        x=np.vstack([graph.x, [[50.0, 50.0], graph.x[0] + 0.1, graph.x[0] + 0.2]]),
+        radii=np.append(graph.radii, [0.5, 0.5, 0.5]),
+        contacts=np.vstack([graph.contacts, [[0, 25], [25, 26]]]),
+        normal_force=np.append(graph.normal_force, [1.0, 1.0]),
+        shear_force=np.append(graph.shear_force, [0.0, 0.0]),
+        images=np.vstack([graph.images, [[0, 0]] * 2]),
+        cell=graph.cell,
+    )
+    one, two = packing_response(graph, LAW, H), packing_response(more, LAW, H)
+    assert two.system.carrying.rattlers == one.system.carrying.rattlers + 3
+    assert np.allclose(two.stress_rate, one.stress_rate, atol=1e-12)
+    assert (two.force_rate[-2:] == 0).all()
+
+
+def test_what_floats_or_has_no_area_is_refused():
+    graph = packing(24, seed=3)
+    plane = GrainGraph(graph.x, graph.radii, graph.contacts[:0])
+    with pytest.raises(InputError, match="clusters that float"):
+        packing_response(plane, LAW, H, volume=1.0)
+    triangle = GrainGraph([[0, 0], [1, 0], [0, 1]], [0.6] * 3, [[0, 1], [1, 2], [2, 0]])
+    with pytest.raises(InputError, match="float"):
+        packing_response(triangle, LAW, H, volume=1.0)
+    held = [True, True, False]
+    with pytest.raises(InputError, match="volume"):
+        packing_response(triangle, LAW, H, held=held)
+    assert packing_response(triangle, LAW, H, held=held, volume=0.5).status == "unique"
+    with pytest.raises(InputError, match="strain_rate"):
+        packing_response(graph, LAW, [1.0, 2.0])
+    with pytest.raises(InputError, match="stress_rate"):
+        packing_response(graph, LAW, np.full((2, 2), np.nan), stress_rate=[[np.nan] * 2] * 2)
