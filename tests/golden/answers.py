@@ -140,7 +140,7 @@ def sample(name: str) -> Path:
     return Path(sample_path(name))
 
 
-BENCH = "closures,eigenvalues,fractions,directions,hard-cases"
+BENCH = "eigenvalues,directions,hard-cases"
 OWN = ("--alpha0", 60, "--kappa", 0.3, "--phi", 10, "--confine", 0.05)
 CASES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "diamond-table1": on("diamond", "--table", 1),
@@ -164,7 +164,15 @@ CASES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "snapshot-biaxial": on("snapshot", sample("grains_biaxial.csv.gz")),
     "series": series,
     "bench": on("bench", "--quick", "--only", BENCH),
-    "bench-hard-cases": on("bench", "--only", "hard-cases"),
+    "bench-all-hard-cases": on("bench", "--only", "closures,fractions,hard-cases"),
 }
-# Too long for every run.
-SLOW = {"bench-hard-cases"}
+# Too long for every run: `pytest -m slow tests/golden`.
+SLOW = {
+    *(
+        "bench-all-hard-cases",
+        "diamond-own-traction",
+        "diamond-table1-full",
+        "diamond-table1-printed",
+    ),
+    *("diamond-table2", "polygon-4-oedometric", "polygon-6-edge-free", "polygon-compare"),
+}

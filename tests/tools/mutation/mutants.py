@@ -74,20 +74,7 @@ class Mutant(NamedTuple):
 
 
 def mutants_of(root: Path, file: str) -> list[Mutant]:
-    """Every mutant of a file.
-
-    Parameters
-    ----------
-    root : Path
-        The repository.
-    file : str
-        Path in it.
-
-    Returns
-    -------
-    list of Mutant
-        By operator and place.
-    """
+    """Every mutant of a file."""
     source = (root / file).read_text()
     lines = source.splitlines()
     found = []
@@ -105,20 +92,7 @@ def mutants_of(root: Path, file: str) -> list[Mutant]:
 
 
 def mutated(source: str, mutant: Mutant) -> str:
-    """The source with the change.
-
-    Parameters
-    ----------
-    source : str
-        Text of the file.
-    mutant : Mutant
-        From `mutants_of`.
-
-    Returns
-    -------
-    str
-        Text of the mutant.
-    """
+    """The source with the change."""
     operator = next(one for _, name, one in _operators() if name == mutant.operator)
     changed = mutate_code(source, operator, mutant.occurrence)
     if changed is None or changed == source:

@@ -39,26 +39,8 @@ class Covering(NamedTuple):
 
 
 def record_covering(root: Path, tests: list[str]) -> Covering:
-    """Run the tests once under coverage; the few that fail under it are left out.
-
-    Parameters
-    ----------
-    root : Path
-        A copy of the repository.
-    tests : list of str
-        What to give to pytest; empty for its own choice.
-
-    Returns
-    -------
-    Covering
-        Lines and durations.
-
-    Raises
-    ------
-    RuntimeError
-        If more than one in ten fail: mutants say nothing then.
-    """
-    command = [sys.executable, "-m", "studies.mutation.recorder", *tests]
+    """Run the tests once under coverage; the few that fail under it are left out."""
+    command = [sys.executable, "-m", "tests.tools.mutation.recorder", *tests]
     command += [f"--cov={folder}" for folder in FOLDERS]
     command += ["--cov-context=test", "--cov-report=", "-q", "-p", "no:cacheprovider"]
     environment = {**os.environ, "PYTHONPATH": str(root)}
@@ -69,18 +51,7 @@ def record_covering(root: Path, tests: list[str]) -> Covering:
 
 
 def read_covering(root: Path) -> Covering:
-    """What `record_covering` left in the folder.
-
-    Parameters
-    ----------
-    root : Path
-        The copy that was run.
-
-    Returns
-    -------
-    Covering
-        Lines and durations.
-    """
+    """What `record_covering` left in the folder."""
     data = coverage.CoverageData(basename=str(root / ".coverage"))
     data.read()
     seconds = json.loads((root / RECORD).read_text())

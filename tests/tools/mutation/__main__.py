@@ -1,4 +1,4 @@
-"""Run the mutation check: `python -m studies.mutation --out DIR [--sample 500]`."""
+"""Run the mutation check: `python -m tests.tools.mutation --out DIR [--sample 500]`."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from studies.mutation.covering import FOLDERS, Covering, record_covering
-from studies.mutation.mutants import Mutant, mutants_of
 from studies.output import provenance, result_folder, write_summary, write_table
+from tests.tools.mutation.covering import FOLDERS, Covering, record_covering
+from tests.tools.mutation.mutants import Mutant, mutants_of
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 COPIED = (
     *("loops", "patterns", "stability", "studies", "tests", "docs"),
     *("pyproject.toml", "README.md"),
@@ -148,7 +148,7 @@ def _trier(copy: Path) -> subprocess.Popen[str]:
     """A process that tries mutants in its own copy; one thread, since it forks."""
     single = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
     return subprocess.Popen(
-        [sys.executable, "-m", "studies.mutation.trial", str(copy)],
+        [sys.executable, "-m", "tests.tools.mutation.trial", str(copy)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

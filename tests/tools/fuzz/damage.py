@@ -18,18 +18,6 @@ def damaged(rng: np.random.Generator, content: bytes) -> bytes:
 
     One to five times: bytes changed, put in, taken out, a part cut off at the end, tokens written
     over, or a stretch repeated or swapped with another.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of the damage.
-    content : bytes
-        The whole file.
-
-    Returns
-    -------
-    bytes
-        Another file, or by chance the same.
     """
     if content.startswith(GZIP) and rng.random() < 0.7:
         return gzip.compress(_hurt(rng, gzip.decompress(content)), compresslevel=1)

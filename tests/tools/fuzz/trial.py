@@ -13,8 +13,8 @@ import numpy as np
 
 from loops import InputError
 from patterns import read_snapshot
-from studies.fuzz.damage import damaged
-from studies.fuzz.samples import Sample
+from tests.tools.fuzz.damage import damaged
+from tests.tools.fuzz.samples import Sample
 
 # What a child leaves with.
 OUTCOMES = {0: "snapshot", 1: "clear error", 2: "exception", 3: "half-written"}
@@ -22,22 +22,7 @@ SECONDS = 20.0
 
 
 def try_one(sample: Sample, seed: int, *, whole: bool) -> tuple[str, str]:
-    """Damage a sample and read it.
-
-    Parameters
-    ----------
-    sample : Sample
-        The healthy one; it is not touched.
-    seed : int
-        Of the damage.
-    whole : bool
-        Whether to run the whole study on it, and look at what it leaves behind.
-
-    Returns
-    -------
-    outcome, message : str
-        'snapshot', 'clear error', 'exception', 'half-written', 'crash' or 'hang'; what was said.
-    """
+    """Damage a sample and read it."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         path = _damaged_copy(sample, seed, folder)
@@ -115,12 +100,6 @@ def _wait(child: int) -> str:
 
 
 def warm_up(samples: list[Sample]) -> None:
-    """Load the readers' libraries once: each child then starts with them.
-
-    Parameters
-    ----------
-    samples : list of Sample
-        Healthy ones: one that can't be read is an error of its own.
-    """
+    """Load the readers' libraries once: each child then starts with them."""
     for sample in samples:
         read_snapshot(sample.path, **sample.options)

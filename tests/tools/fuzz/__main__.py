@@ -1,4 +1,4 @@
-"""Run the fuzzer: `python -m studies.fuzz --out DIR [--inputs 10000]`."""
+"""Run the fuzzer: `python -m tests.tools.fuzz --out DIR [--inputs 10000]`."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from studies.fuzz.samples import Sample, write_samples
-from studies.fuzz.trial import try_one, warm_up
 from studies.output import provenance, result_folder, write_summary
+from tests.tools.fuzz.samples import Sample, write_samples
+from tests.tools.fuzz.trial import try_one, warm_up
 
 GOOD = ("snapshot", "clear error")
 # Every so many inputs the whole study runs on the damaged file.
@@ -52,24 +52,7 @@ def main(
 def fuzz(
     samples: list[Sample], inputs: int, seed: int
 ) -> tuple[dict[str, dict[str, int]], list[dict[str, Any]]]:
-    """Try so many damaged versions of each sample.
-
-    Parameters
-    ----------
-    samples : list of Sample
-        Healthy ones.
-    inputs : int
-        How many of each.
-    seed : int
-        Of the first; the others follow.
-
-    Returns
-    -------
-    counts : dict
-        Outcomes by format.
-    bad : list of dict
-        Format, seed, outcome and message of each that is neither a snapshot nor a clear error.
-    """
+    """Try so many damaged versions of each sample."""
     counts: dict[str, dict[str, int]] = {}
     bad: list[dict[str, Any]] = []
     with Progress(console=Console(stderr=True), transient=True) as bar:

@@ -1,4 +1,4 @@
-"""Try mutants: `python -m studies.mutation.trial COPY`, tasks and outcomes as lines of JSON.
+"""Try mutants: `python -m tests.tools.mutation.trial COPY`, tasks and outcomes as lines of JSON.
 
 Each mutant's tests run in a child process that is forked with the libraries loaded.
 """
@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-from studies.mutation.mutants import Mutant, mutated
+from tests.tools.mutation.mutants import Mutant, mutated
 
 # Loaded once in the parent, so that a trial costs the tests alone.
 LIBRARIES = (
@@ -34,24 +34,7 @@ def load_libraries() -> None:
 
 
 def noticed(copy: Path, mutant: Mutant | None, tests: list[str], limit: float) -> str:
-    """Whether the tests notice a mutant.
-
-    Parameters
-    ----------
-    copy : Path
-        A copy of the repository, whose file is changed and put back.
-    mutant : Mutant or None
-        The change; None for none, which no test may notice.
-    tests : list of str
-        Ids of the tests to run, until one fails.
-    limit : float
-        Seconds after which they are stopped.
-
-    Returns
-    -------
-    str
-        'noticed', 'timeout' (noticed as well: it hangs), 'survived', or 'uncovered' without tests.
-    """
+    """Whether the tests notice a mutant."""
     if not tests:
         return "uncovered"
     if mutant is None:
@@ -82,7 +65,7 @@ def _run(copy: Path, tests: list[str]) -> None:
         os.chdir(copy)
         sys.path.insert(0, str(copy))
         sys.dont_write_bytecode = True
-        for name in [name for name in sys.modules if name.split(".")[0] == "studies"]:
+        for name in [name for name in sys.modules if name.split(".")[0] in ("studies", "tests")]:
             del sys.modules[name]
         quiet = os.open(os.devnull, os.O_WRONLY)
         os.dup2(quiet, 1)

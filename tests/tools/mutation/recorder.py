@@ -1,4 +1,4 @@
-"""Run pytest and write down how long each test took: `python -m studies.mutation.recorder ...`."""
+"""Run pytest and write down how long each test took."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.mutation.covering import RECORD
+from tests.tools.mutation.covering import RECORD
 
 
 class Recorder:

@@ -10,15 +10,15 @@ import pytest
 
 from loops import InputError
 from patterns import read_snapshot
-from studies.fuzz import trial
-from studies.fuzz.damage import damaged
-from studies.fuzz.samples import write_samples
+from tests.tools.fuzz import trial
+from tests.tools.fuzz.damage import damaged
+from tests.tools.fuzz.samples import write_samples
 
 ROOT = Path(__file__).parents[2]
 
 
 def run(out, inputs):
-    command = [sys.executable, "-m", "studies.fuzz", "--out", str(out), "--inputs", str(inputs)]
+    command = [sys.executable, "-m", "tests.tools.fuzz", "--out", str(out), "--inputs", str(inputs)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads((out / "summary.json").read_text())
@@ -59,7 +59,7 @@ def test_each_outcome_is_seen(tmp_path, fault, outcome):
     """A reader with a fault of each kind, in a process of its own: the fuzzer forks."""
     script = (
         "import os, sys, time; from pathlib import Path; from loops import InputError\n"
-        "from studies.fuzz import trial; from studies.fuzz.samples import Sample\n"
+        "from tests.tools.fuzz import trial; from tests.tools.fuzz.samples import Sample\n"
         f"def faulty(path, **_):\n    {fault}\n"
         "trial.read_snapshot = faulty\ntrial.SECONDS = 1.0\n"
         "sample = Sample('csv', Path(sys.argv[1]) / 'grains_1.csv', {})\n"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.mutation.mutants import Mutant, mutants_of, mutated
+from tests.tools.mutation.mutants import Mutant, mutants_of, mutated
 
 ROOT = Path(__file__).parents[2]
 SOURCE = '''"""A sum."""
@@ -61,8 +61,9 @@ def test_good_tests_notice_and_poor_ones_do_not(place):
         "def test_poor():\n    total(-9, 1, 1)\n"
     )
     script = (
-        "import sys; from pathlib import Path; from studies.mutation.mutants import mutants_of\n"
-        "from studies.mutation.trial import noticed\n"
+        "import sys; from pathlib import Path\n"
+        "from tests.tools.mutation.mutants import mutants_of\n"
+        "from tests.tools.mutation.trial import noticed\n"
         "place = Path(sys.argv[1])\n"
         "for mutant in [m for m in mutants_of(place, 'loops/total.py') if not m.occurrence][:4]:\n"
         "    for test in ('good', 'poor'):\n"

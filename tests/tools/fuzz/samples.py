@@ -21,18 +21,7 @@ class Sample(NamedTuple):
 
 
 def write_samples(folder: Path) -> list[Sample]:
-    """Write one snapshot of each format.
-
-    Parameters
-    ----------
-    folder : Path
-        Where; each gets a folder of its own.
-
-    Returns
-    -------
-    list of Sample
-        What to read, and with which options.
-    """
+    """Write one snapshot of each format."""
     biaxial = read_snapshot(sample_path())
     samples = []
     for ending in ("csv", "parquet"):
