@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from loops.compiled import use_compiled
 from loops.face_areas import measured_faces
 from loops.graph import GrainGraph, branch_vectors
-from loops.half_edges import cycles, next_half_edge
+from loops.half_edges import cycles, half_edges_by_grain, next_half_edge
 from loops.pruning import component_counts, component_labels, prune_dangling, require_one_state
 
 Floats = NDArray[np.float64]
@@ -37,8 +37,9 @@ class Faces:
     """Every half-edge cycle of the pruned contact graph.
 
     Face f holds the half-edges `offsets[f]` to `offsets[f + 1]`, in order, itself on their left:
-    counter-clockwise around a loop. It starts at its smallest half-edge (first by contact number,
-    then i to j before j to i), and faces are numbered by that half-edge.
+    counter-clockwise around a loop. It starts at its smallest grain (where it passes it twice, on
+    the way to the smaller next one), and faces are numbered by that grain, then by the next: the
+    order of the contacts and their directions do not matter.
 
     Attributes
     ----------
@@ -112,7 +113,7 @@ def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
     ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
     >>> faces = find_faces(square)
     >>> faces.order.tolist(), faces.area.tolist(), faces.loops.tolist()
-    ([3, 4, 3], [0.5, -1.0, 0.5], [0, 2])
+    ([3, 3, 4], [0.5, 0.5, -1.0], [0, 1])
     """
     require_one_state(graph)
     if use_compiled(compiled, graph.contact_count):
@@ -123,7 +124,11 @@ def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
     kept = np.flatnonzero(kept_contacts)
     branches = branch_vectors(graph)
     following = next_half_edge(graph.grain_count, graph.contacts[kept], kept, branches[kept])
-    offsets, edge = cycles(following)
+    order = half_edges_by_grain(graph, kept)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    offsets, member = cycles(rank[following[order]])
+    edge = order[member]
     grains = graph.contacts[kept].ravel()[edge]
     contacts, sign = kept[edge >> 1], 1 - 2 * (edge & 1)
     area, winding = measured_faces(graph, branches, grains, contacts, sign, offsets)
@@ -188,7 +193,7 @@ def faces_by_order(faces: Faces, loops: Integers | None = None) -> dict[int, Loo
     >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
     ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
     >>> {n: group.grains.tolist() for n, group in faces_by_order(find_faces(square)).items()}
-    {3: [[0, 1, 2], [2, 3, 0]]}
+    {3: [[0, 1, 2], [0, 2, 3]]}
     """
     order, loops = faces.order, faces.loops if loops is None else loops
     groups = {}

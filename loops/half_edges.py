@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.errors import InputError
+from loops.graph import GrainGraph
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -106,6 +107,16 @@ def _sorted_exactly(
         return -1 if turn > 0 else 1
 
     return sorted(tied.tolist(), key=cmp_to_key(compare))
+
+
+def half_edges_by_grain(graph: GrainGraph, kept: Integers) -> Integers:
+    """Half-edges of the kept contacts by first grain, second grain and image: no two are alike."""
+    first = graph.contacts[kept].ravel()
+    second = graph.contacts[kept, ::-1].ravel()
+    if graph.images is None:
+        return np.argsort(first * graph.grain_count + second)
+    step = np.column_stack([graph.images[kept], -graph.images[kept]]).reshape(-1, 2)
+    return np.lexsort((step[:, 1], step[:, 0], second, first))
 
 
 def cycles(following: Integers) -> tuple[Integers, Integers]:

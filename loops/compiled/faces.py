@@ -48,10 +48,10 @@ def plane_faces(
     network, degree = prune(local_network(x, contacts))
     d, local_images = local_branches(network, images, cell)
     following, good = following_half_edges(network.ends, degree, d)
-    begin, member, smallest = _walk(following, network.contact)
+    begin, member = _walk(following, network, local_images)
     area, winds = _measure(begin, member, d, local_images)
     label = component_labels(network.ends, network.place, degree)
-    order = _by_smallest(smallest, 2 * len(contacts))
+    order = _by_first(begin, member, network, local_images)
     component = np.empty(len(order), dtype=np.int64)
     for f in range(len(order)):
         h = member[begin[order[f]]]
@@ -61,25 +61,25 @@ def plane_faces(
 
 
 @kernel
-def _walk(following: Integers, number: Integers) -> tuple[Integers, Integers, Integers]:
-    """Cycles of the permutation, which is used up.
+def _walk(
+    following: Integers, network: LocalNetwork, images: Integers
+) -> tuple[Integers, Integers]:
+    """Cycles of the permutation, which is used up: where each begins, its members from the first.
 
-    Where each begins, its members from the smallest on as the graph numbers them, that smallest.
+    The first of a cycle is the one of `Faces`: smallest grain, then smallest next grain.
     """
     begin = np.empty(len(following) + 1, dtype=np.int32)
-    smallest = np.empty(len(following), dtype=np.int32)
     member = np.empty(len(following), dtype=np.int32)
     faces, k = 0, 0
-    for first in range(len(following)):
-        if following[first] < 0:
+    for any_one in range(len(following)):
+        if following[any_one] < 0:
             continue
         begin[faces] = k
-        start, least = first, 2 * number[first >> 1] + (first & 1)
-        h = following[first]
-        while h != first:
-            own = 2 * number[h >> 1] + (h & 1)
-            if own < least:
-                start, least = h, own
+        start = any_one
+        h = following[any_one]
+        while h != any_one:
+            if _before(h, start, network, images):
+                start = h
             h = following[h]
         h = start
         while following[h] >= 0:
@@ -88,10 +88,30 @@ def _walk(following: Integers, number: Integers) -> tuple[Integers, Integers, In
             ahead = following[h]
             following[h] = -1
             h = ahead
-        smallest[faces] = least
         faces += 1
     begin[faces] = k
-    return begin[: faces + 1].copy(), member, smallest[:faces].copy()
+    return begin[: faces + 1].copy(), member
+
+
+@kernel
+def _grain(network: LocalNetwork, half_edge: int) -> int:
+    """Grain that a half-edge leaves, in the graph's numbers."""
+    return network.grain[network.ends[half_edge >> 1, half_edge & 1]]
+
+
+@kernel
+def _before(a: int, b: int, network: LocalNetwork, images: Integers) -> bool:
+    """Whether half-edge a comes before b: by first grain, second grain, image."""
+    one, other = _grain(network, a), _grain(network, b)
+    if one == other:
+        one, other = _grain(network, a ^ 1), _grain(network, b ^ 1)
+    if one != other or len(images) == 0:
+        return one < other
+    sign_a, sign_b = 1 - 2 * (a & 1), 1 - 2 * (b & 1)
+    one, other = sign_a * images[a >> 1, 0], sign_b * images[b >> 1, 0]
+    if one == other:
+        one, other = sign_a * images[a >> 1, 1], sign_b * images[b >> 1, 1]
+    return one < other
 
 
 @kernel
@@ -116,17 +136,31 @@ def _measure(begin: Integers, member: Integers, d: Floats, images: Integers) -> 
 
 
 @kernel
-def _by_smallest(smallest: Integers, half_edges: int) -> Integers:
-    """Faces by their smallest half-edge."""
-    face_of = np.full(half_edges, -1, dtype=np.int32)
-    for f in range(len(smallest)):
-        face_of[smallest[f]] = f
-    order = np.empty(len(smallest), dtype=np.int32)
-    f = 0
-    for face in face_of:
-        if face >= 0:
-            order[f] = face
-            f += 1
+def _by_first(
+    begin: Integers, member: Integers, network: LocalNetwork, images: Integers
+) -> Integers:
+    """Faces by their first half-edge: sorted by its second grain, then by its first."""
+    faces = len(begin) - 1
+    order, other = np.arange(faces).astype(np.int32), np.empty(faces, dtype=np.int32)
+    for flip in (1, 0):
+        start = np.zeros(len(network.grain) + 1, dtype=np.int32)
+        for f in range(faces):
+            start[_grain(network, member[begin[f]] ^ flip) + 1] += 1
+        for g in range(len(network.grain)):
+            start[g + 1] += start[g]
+        for f in order:
+            g = _grain(network, member[begin[f]] ^ flip)
+            other[start[g]] = f
+            start[g] += 1
+        order, other = other, order
+    # Only images are left to tell apart two with both grains in common.
+    for k in range(1, faces if len(images) else 0):
+        late, at = order[k], k
+        first = member[begin[late]]
+        while at > 0 and _before(first, member[begin[order[at - 1]]], network, images):
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = late
     return order
 
 

@@ -46,7 +46,7 @@ def read_bodies(table: Table) -> Bodies:
     Returns
     -------
     Bodies
-        In the order of the table.
+        By ascending id: the number of a loop must not depend on the order of a file.
 
     Raises
     ------
@@ -58,6 +58,9 @@ def read_bodies(table: Table) -> Bodies:
     refuse_repeated(table, ids)
     is_wall = table.integers("type") == WALL if table.has("type") else np.zeros(len(ids), bool)
     x, radii = table.columns("x", "y")[~is_wall], table.column("radius")[~is_wall]
+    if (ids[1:] < ids[:-1]).any():
+        order, grains = np.argsort(ids), np.argsort(ids[~is_wall])
+        ids, is_wall, x, radii = ids[order], is_wall[order], x[grains], radii[grains]
     bodies = Bodies(ids, is_wall, x, radii)
     if len(radii) == 0:
         raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")

@@ -37,9 +37,9 @@ def orders(graph):
 
 def test_triangle_has_a_loop_and_an_outside():
     faces = find_faces(network([[0, 0], [2, 0], [0, 2]], [[0, 1], [2, 1], [2, 0]]))
-    assert faces.grains.tolist() == [0, 1, 2, 1, 0, 2]
-    assert faces.contacts.tolist() == [0, 1, 2, 0, 2, 1]
-    assert faces.forward.tolist() == [True, False, True, False, False, True]
+    assert faces.grains.tolist() == [0, 1, 2, 0, 2, 1]
+    assert faces.contacts.tolist() == [0, 1, 2, 2, 1, 0]
+    assert faces.forward.tolist() == [True, False, True, False, True, False]
     assert faces.offsets.tolist() == [0, 3, 6]
     assert faces.area.tolist() == [2.0, -2.0]
     assert faces.kind.tolist() == [FaceKind.LOOP, FaceKind.OUTER]

@@ -26,7 +26,6 @@ def test_against_a_walk_over_dictionaries(grains, periodic):
         graph = synthetic_network(grains, seed=seed, periodic=periodic, coordination=coordination)
         graph = renumbered(graph, seed)
         faces, expected = find_faces(graph), reference_faces(graph)
-        # The reference, too, starts at the smallest half-edge and goes on to the next smallest.
         assert half_edge_cycles(faces) == [face.half_edges for face in expected]
         assert faces.grains.tolist() == [g for face in expected for g in face.grains]
         wound = np.array([any(face.winding) for face in expected], dtype=bool)
@@ -141,3 +140,26 @@ def test_faces_do_not_depend_on_numbering_rotation_mirror_or_the_cells_origin(pe
         back = np.array([[1, -1], [0, 1]])
         images = graph.images @ back.T
         assert_same(network(graph.x, graph.contacts, images, graph.cell @ other), graph)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("periodic", [False, True])
+def test_neither_order_nor_direction_of_contacts_numbers_the_faces(periodic, compiled):
+    """Pinches, bridges and, in small cells, several contacts between the same two grains."""
+    for seed, grains in enumerate([3, 5, 8, 60, 300]):
+        graph = synthetic_network(grains, seed=seed, periodic=periodic, coordination=3.2)
+        faces = find_faces(graph, compiled=compiled)
+        first = faces.grains[faces.offsets[:-1]]
+        assert (np.diff(first) >= 0).all()
+        assert (first == np.minimum.reduceat(faces.grains, faces.offsets[:-1])).all()
+        rng = np.random.default_rng(seed)
+        order = rng.permutation(graph.contact_count)
+        contacts, back = graph.contacts[order], rng.random(graph.contact_count) < 0.5
+        images = None if graph.images is None else graph.images[order]
+        contacts[back] = contacts[back, ::-1]
+        if images is not None:
+            images[back] *= -1
+        other = find_faces(network(graph.x, contacts, images, graph.cell), compiled=compiled)
+        for name in ("offsets", "grains", "area", "kind", "component"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(faces, name), name)
+        np.testing.assert_array_equal(order[other.contacts], faces.contacts)

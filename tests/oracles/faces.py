@@ -8,7 +8,7 @@ from itertools import pairwise
 
 @dataclass(frozen=True)
 class ReferenceFace:
-    half_edges: tuple[tuple[int, bool], ...]  # (contact, forward), from the smallest one on
+    half_edges: tuple[tuple[int, bool], ...]  # (contact, forward), from the first one on
     grains: tuple[int, ...]
     area: float
     winding: tuple[int, int]
@@ -29,7 +29,7 @@ def kept_contacts(contacts):
 
 
 def reference_faces(graph):
-    """Every face of the graph as a `ReferenceFace`, in no particular order."""
+    """Every face of the graph as a `ReferenceFace`, in canonical order."""
     contacts = kept_contacts(graph.contacts.tolist())
     images = graph.images.tolist() if graph.images is not None else [(0, 0)] * graph.contact_count
     (a, b), (c, d) = graph.cell.tolist() if graph.cell is not None else ((0, 0), (0, 0))
@@ -54,7 +54,8 @@ def reference_faces(graph):
         return turned[turned.index((k, not forward)) - 1]
 
     faces, seen = [], set()
-    for first in sorted(steps, key=lambda name: (name[0], not name[1])):
+    # By first grain, second grain, image.
+    for first in sorted(steps, key=lambda name: (*steps[name][:2], steps[name][3])):
         walk = []
         while first not in seen:
             seen.add(first)
