@@ -4,34 +4,44 @@ Every function takes plain arrays with leading batch axes: a macroscopic tangent
 the component order (11, 12, 21, 22), or an operator `K (..., m, m)` already restricted.
 """
 
-from stability import programmes
-from stability.cones import PlaneCone, plane_cone
-from stability.control_programmes import strain_driven, stress_driven
-from stability.destabilising import LinearControl, destabilising_control, softening_control
-from stability.directional import BranchFraction, DirectionalWork, branch_fraction, directional_work
-from stability.paths import Event, Path, follow, rates_at
-from stability.programmes import Programme, Stage
-from stability.rate_problem import RateProblem, RateSolution
-from stability.second_order_work import (
-    PolarDiagram,
-    alpha_e,
-    normalised_second_order_work,
-    polar_diagram,
-    second_order_work,
-)
-from stability.spectra import (
-    RTOL,
-    bromwich_margin,
-    flutter_pairs,
-    operator_norm,
-    spectrum,
-    symmetric_modes,
-    symmetric_part,
-    symmetric_spectrum,
-)
-from stability.subspaces import COMPONENTS, restrict, rotate_tangent, subspace_basis
-from stability.unstable_fraction import imhof_fraction, unstable_fraction
-from stability.verdict import Verdict, judge, statuses
+from typing import TYPE_CHECKING
+
+from loops.lazy import lazy_face
+
+if TYPE_CHECKING:
+    from stability import programmes
+    from stability.cones import PlaneCone, plane_cone
+    from stability.control_programmes import strain_driven, stress_driven
+    from stability.destabilising import LinearControl, destabilising_control, softening_control
+    from stability.directional import (
+        BranchFraction,
+        DirectionalWork,
+        branch_fraction,
+        directional_work,
+    )
+    from stability.paths import Event, Path, follow, rates_at
+    from stability.programmes import Programme, Stage
+    from stability.rate_problem import RateProblem, RateSolution
+    from stability.second_order_work import (
+        PolarDiagram,
+        alpha_e,
+        normalised_second_order_work,
+        polar_diagram,
+        second_order_work,
+    )
+    from stability.spectra import (
+        RTOL,
+        bromwich_margin,
+        flutter_pairs,
+        operator_norm,
+        spectrum,
+        symmetric_modes,
+        symmetric_part,
+        symmetric_spectrum,
+    )
+    from stability.subspaces import COMPONENTS, restrict, rotate_tangent, subspace_basis
+    from stability.unstable_fraction import imhof_fraction, unstable_fraction
+    from stability.verdict import Verdict, judge, statuses
 
 __all__ = [
     "COMPONENTS",
@@ -77,3 +87,5 @@ __all__ = [
     "symmetric_spectrum",
     "unstable_fraction",
 ]
+
+lazy_face(__name__, __file__)

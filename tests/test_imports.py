@@ -72,7 +72,9 @@ def import_graph(root: Path) -> "nx.DiGraph[str]":
     modules = room_modules(root)
     graph = nx.DiGraph()
     for module, path in modules.items():
-        for node in executed_nodes(ast.parse(path.read_text(encoding="utf-8"))):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        # What a face shows it imports sooner or later.
+        for node in ast.walk(tree) if path.stem == "__init__" else executed_nodes(tree):
             for name in import_targets(node, module, path.stem == "__init__"):
                 # `from a import b` depends on the module a.b, or on a where b is a name within it.
                 target = name if name in modules else name.rpartition(".")[0]

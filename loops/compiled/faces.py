@@ -148,9 +148,9 @@ def _by_first(
             start[_grain(network, member[begin[f]] ^ flip) + 1] += 1
         for g in range(len(network.grain)):
             start[g + 1] += start[g]
-        for f in order:
-            g = _grain(network, member[begin[f]] ^ flip)
-            other[start[g]] = f
+        for face in order:
+            g = _grain(network, member[begin[face]] ^ flip)
+            other[start[g]] = face
             start[g] += 1
         order, other = other, order
     # Only images are left to tell apart two with both grains in common.

@@ -1,0 +1,77 @@
+"""A room is loaded when it is used: the faces bring nothing with them, and hide nothing."""
+
+import importlib
+import pkgutil
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+import loops
+import patterns
+import stability
+from patterns import sample_path
+
+ROOMS = (loops, patterns, stability)
+HEAVY = {"matplotlib", "networkx", "numba", "pandas", "scipy", "sympy"}
+
+
+def loaded_by(code):
+    """Modules of the rooms, and heavy packages, that a fresh process has after `code`."""
+    after = "\nimport sys\nprint(); print(*sys.modules)"
+    run = subprocess.run(
+        [sys.executable, "-c", code + after], capture_output=True, text=True, check=True
+    )
+    names = run.stdout.splitlines()[-1].split()
+    rooms = {room.__name__ for room in ROOMS} | {"studies"}
+    return {name for name in names if name.split(".")[0] in rooms | HEAVY | {"numpy"}}
+
+
+def command(*arguments):
+    call = f"import sys\nsys.argv = {['grainloops', *map(str, arguments)]}\n"
+    return call + "from studies.cli import main\ntry:\n    main()\nexcept SystemExit:\n    pass"
+
+
+def test_a_face_alone_loads_nothing():
+    expected = {"loops", "loops.lazy", "patterns", "stability"}
+    assert loaded_by("import loops, patterns, stability") == expected
+
+
+def test_a_name_loads_its_module():
+    loaded = loaded_by("from loops import polygon_area")
+    assert "loops.geometry" in loaded
+    assert not loaded & {*HEAVY, "loops.faces", "loops.closures", "loops.crossings"}
+
+
+@pytest.mark.parametrize("room", ROOMS, ids=lambda room: room.__name__)
+def test_a_face_shows_all_its_names_whatever_was_imported_before(room):
+    for found in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+        importlib.import_module(found.name)
+    assert sorted(room.places) == sorted(room.__all__)
+    assert set(room.__all__) <= set(dir(room))
+    modules = [name for name in room.__all__ if isinstance(getattr(room, name), ModuleType)]
+    assert modules == (["programmes"] if room is stability else [])
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        room.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("name", ["", "snapshot", "series", "diamond", "polygon", "domain"])
+def test_help_loads_no_numbers(name):
+    loaded = loaded_by(command(*filter(None, [name, "--help"])))
+    assert not loaded & {*HEAVY, "numpy", "patterns", "stability"}
+
+
+def test_a_snapshot_loads_what_it_needs(tmp_path):
+    path = sample_path("grains_biaxial.csv.gz")
+    loaded = loaded_by(command("snapshot", path, "--no-figures", "--out", tmp_path / "out"))
+    assert {"loops.faces", "patterns.snapshots", "stability.loop_stability"} <= loaded
+    unused = {"matplotlib", "networkx", "numba", "sympy", "patterns.diamond", "patterns.polygons"}
+    unused |= {"stability.paths", "stability.directional", "studies.series", "studies.bench"}
+    assert not loaded & unused
+
+
+def test_the_diamond_loads_no_snapshots(tmp_path):
+    loaded = loaded_by(command("diamond", "--no-figures", "--out", tmp_path / "out"))
+    unused = {"matplotlib", "sympy", "patterns.snapshots", "loops.faces", "loops.tracking"}
+    assert not loaded & {*unused, "studies.snapshot", "studies.series"}
