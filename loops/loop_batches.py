@@ -62,7 +62,7 @@ def loop_batches(
     >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
     ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
     >>> [batch.grains.tolist() for batch in loop_batches(square, find_faces(square))]
-    [[[0, 1, 2], [2, 3, 0]]]
+    [[[0, 1, 2], [0, 2, 3]]]
     """
     branches = branch_vectors(graph)
     for order, group in faces_by_order(faces, loops).items():
