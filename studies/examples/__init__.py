@@ -1,0 +1,40 @@
+"""Short studies: one question, one figure and the numbers behind it.
+
+Run one with `python -m studies.examples.NAME RESULT_FOLDER`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from studies.output import as_json, provenance, result_folder, write_summary, write_table
+from studies.style import save_figure
+
+
+def save(
+    out: Path,
+    name: str,
+    figure: Figure,
+    numbers: Mapping[str, Any],
+    columns: Mapping[str, Any],
+    units: str = "dimensionless",
+) -> dict[str, Any]:
+    """Write figure, table and `summary.json`, each with what made it; the numbers again."""
+    made = provenance(f"example {name}", {}, units)
+    with result_folder(out, force=True) as folder:
+        write_table(folder, name, columns, made, csv=True)
+        write_summary(folder, {**numbers, "provenance": made})
+        save_figure(figure, folder, name, made)
+    return dict(numbers)
+
+
+def run(main: Callable[[Path], Mapping[str, Any]]) -> None:
+    """Run an example on the folder that the command line names, and print its numbers."""
+    if len(sys.argv) != 2:
+        sys.exit(f"usage: python -m {main.__globals__['__spec__'].name} RESULT_FOLDER")
+    print(as_json(main(Path(sys.argv[1]))))

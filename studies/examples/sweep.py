@@ -1,0 +1,108 @@
+"""Where do 100,000 random diamonds yield, and what does it cost to know?
+
+Point B, where all four contacts slide under constant s2, from the exact solution for all diamonds
+at once (`patterns.diamond.drained_end`), against scipy's `solve_ivp` on (33), one path at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.integrate import solve_ivp
+
+from loops.arrays import Floats
+from patterns.diamond import TABLE_1, drained_end
+from studies.examples import run, save
+from studies.style import LINE_COLOURS, SEQUENTIAL, TWO_COLUMNS, new_figure, styled
+
+# Ranges of alpha0, kappa, phi and the isotropic strain at A; degrees.
+LOW, HIGH = np.array([5.0, 0.05, 1.0, 1e-4]), np.array([85.0, 1.5, 35.0, 0.5])
+METHODS = (("RK45", 1e-3), ("DOP853", 1e-8), ("DOP853", 1e-12))
+
+
+def random_diamonds(count: int, seed: int = 1) -> Floats:
+    """(count, 4): alpha0, kappa, phi, confinement; radians."""
+    drawn = np.random.default_rng(seed).uniform(LOW, HIGH, (count, 4))
+    drawn[:, [0, 2]] = np.radians(drawn[:, [0, 2]])
+    return drawn
+
+
+def point_b_by_steps(diamond: Floats, method: str, rtol: float) -> list[float]:
+    """E1, E2, s1 at yield by `solve_ivp`; NaN if the diamond folds first."""
+    alpha0, kappa, phi, E = diamond.tolist()
+    t0, sin0, cos0, mu = math.tan(alpha0), math.sin(alpha0), math.cos(alpha0), math.tan(phi)
+    s2 = E * t0
+
+    # Plain floats: half the time of numpy's scalars.
+    def rates(E1: float, y: Floats) -> tuple[float, float]:
+        E1, (E2, s1) = float(E1), y.tolist()
+        t = t0 * (1.0 - E2) / (1.0 - E1)
+        cos2, p1, p2 = 1.0 / (1.0 + t * t), s1 / (1.0 - E2), s2 / (1.0 - E1)
+        K22 = cos2 * (t * t + kappa - t * p1) * t0
+        return -cos2 * ((1.0 - kappa) * t + t * t * p1) / K22, (kappa - cos2 * t * (p2 + p1)) / K22
+
+    def friction(E1: float, y: Floats) -> float:
+        E1, (E2, s1) = float(E1), y.tolist()
+        a = math.atan2((1.0 - E2) * sin0, (1.0 - E1) * cos0)
+        N = s1 * sin0 * math.cos(a) + s2 * cos0 * math.sin(a)
+        return mu * N - abs(s1 * sin0 * math.sin(a) - s2 * cos0 * math.cos(a))
+
+    friction.terminal = True  # type: ignore[attr-defined]
+    start, span = np.array([E, E / t0]), (E, 1.0 - 1e-9)
+    found = solve_ivp(rates, span, start, method, events=friction, rtol=rtol, atol=1e-3 * rtol)
+    return [found.t_events[0][0], *found.y_events[0][0]] if found.status == 1 else [np.nan] * 3
+
+
+def compare(diamonds: Floats, paths: int) -> tuple[dict[str, int], list[dict[str, Any]]]:
+    """How the paths end; time a path and difference at B from the exact sweep, by method."""
+    start = perf_counter()
+    end = drained_end(*diamonds.T)
+    seconds = (perf_counter() - start) / len(diamonds)
+    names, counts = np.unique(end.status, return_counts=True)
+    picked = np.flatnonzero(end.status == "yield")[:paths]
+    exact = np.stack([end.state.E1, end.state.E2, end.state.s1], axis=-1)[picked]
+    rows: list[dict[str, Any]] = [
+        {"method": "exact, all at once", "seconds": seconds, "error": 0.0}
+    ]
+    for method, rtol in METHODS:
+        start = perf_counter()
+        found = np.array([point_b_by_steps(diamonds[k], method, rtol) for k in picked])
+        seconds, error = (perf_counter() - start) / len(picked), np.nanmax(np.abs(found - exact))
+        rows.append({"method": f"{method}, {rtol:g}", "seconds": seconds, "error": float(error)})
+    return dict(zip(names.tolist(), counts.tolist(), strict=True)), rows
+
+
+@styled()
+def draw(rows: list[dict[str, Any]]) -> Figure:
+    """E1 at B over angle and stiffness with the friction of Table 1; difference over time."""
+    figure = new_figure(TWO_COLUMNS, 2.8)
+    left, right = figure.subplots(1, 2)
+    alpha0, kappa = np.radians(np.linspace(5.0, 85.0, 161)), np.linspace(0.05, 1.5, 161)
+    end = drained_end(alpha0, kappa[:, None], TABLE_1.phi, TABLE_1.confinement)
+    mesh = left.pcolormesh(np.degrees(alpha0), kappa, end.state.E1, cmap=SEQUENTIAL,
+                           rasterized=True, shading="auto")  # fmt: skip
+    figure.colorbar(mesh, ax=left, label="$E_1$ at B")
+    left.set(xlabel=r"$\alpha_0$ (degrees)", ylabel=r"$\kappa$ (blank: no yield)")
+    for row, colour in zip(rows, LINE_COLOURS, strict=False):
+        at = (row["seconds"], max(row["error"], 1e-16))
+        right.loglog(*at, "o", color=colour, label=row["method"])
+    right.set(xlabel="time per path (s)", ylabel="largest difference at B")
+    right.legend()
+    return figure
+
+
+def main(out: Path, diamonds: int = 100_000, paths: int = 300) -> dict[str, Any]:
+    """Sweep, compare, write the table and the figure."""
+    status, rows = compare(random_diamonds(diamonds), paths)
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    numbers = {"diamonds": diamonds, "status": status, "methods": rows}
+    return save(out, "sweep", draw(rows), numbers, columns, "dimensionless, seconds")
+
+
+if __name__ == "__main__":
+    run(main)

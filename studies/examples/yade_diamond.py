@@ -1,0 +1,145 @@
+"""Does Yade find the same forces in the diamond as the closed forms?
+
+Thirteen straight strain paths of four discs computed with Yade, with either shear increment,
+sticking and sliding. They agree to Yade's own step: each step adds the displacement of a step at
+the geometry it finds, the first one too, so its error is of first order, and replaying that rule
+gives Yade's forces to rounding.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from loops.laws.linear_frictional import ShearIncrement
+from patterns import sample_path
+from patterns.diamond.strain_lines import (
+    Floats,
+    LineStates,
+    StrainLine,
+    half_diagonals,
+    line_states,
+    strain_line,
+)
+from studies.examples import run, save
+from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
+
+KAPPA, UNIT = 0.2, 1e5 * 0.02  # kt/kn; kn l0 in newton
+CONFINING_STEPS, NO_SLIDING = 3000, 1e6
+
+
+class Probe(NamedTuple):
+    """A path of Yade beside the exact states at its strains; forces over `kn l0`."""
+
+    line: StrainLine
+    u: Floats
+    exact: LineStates
+    forces: dict[str, tuple[Floats, Floats]]  # Yade's, exact
+    steps: Any
+    mu: float
+    increment: ShearIncrement
+
+
+def probe_of(rows: pd.DataFrame) -> Probe:
+    """The records of one path, without its isotropic stage."""
+    first = rows.step[rows.step <= CONFINING_STEPS + 1].max()
+    rows = rows[rows.step >= first].sort_values("step")
+    key = rows.iloc[0]
+    alpha0, mu = np.radians(key.a0_deg), key.mu if key.mu < NO_SLIDING else np.inf
+    increment: ShearIncrement = "radii" if key.agr else "branch"
+    E1, E2 = rows.E1.to_numpy(), rows.E2.to_numpy()
+    line = strain_line(alpha0, E1[0], E2[0], np.radians(key.probe_deg))
+    u = half_diagonals(alpha0, E1, E2) @ line.direction
+    exact = line_states(line, u, KAPPA, mu, increment)
+    ours = (2 * np.sin(alpha0) * exact.s1, 2 * np.cos(alpha0) * exact.s2, exact.N, exact.T)
+    yade = (rows[name].fillna(0.0).to_numpy() / UNIT for name in
+            ("Fx_right", "Fy_top", "Fn_RT", "Fs_RT"))  # fmt: skip
+    forces = dict(zip(("F1", "F2", "N", "T"), zip(yade, ours, strict=True), strict=True))
+    return Probe(line, u, exact, forces, (rows.step - first).to_numpy(), float(mu), increment)
+
+
+def probes() -> list[Probe]:
+    """All paths of the sample."""
+    keys = ["a0_deg", "mu", "agr", "E0", "probe_deg"]
+    tables = (pd.read_csv(sample_path("yade_diamond") / f"{name}.csv.gz")
+              for name in ("probes", "probes_large"))  # fmt: skip
+    return [probe_of(own) for table in tables for _, own in table.groupby(keys)]
+
+
+def error(probe: Probe, name: str) -> float:
+    """Largest difference of a force over its largest value; 0 on lines that do not turn."""
+    yade, ours = probe.forces[name]
+    size = np.abs(ours).max()
+    return float(np.abs(yade - ours).max() / size) if size > 1e-9 * probe.exact.N.max() else 0.0
+
+
+def replayed_shear(line: StrainLine, rise: float, steps: int, mu: float, increment: str) -> Floats:
+    """Yade's shear force by its own rule and step: cut back to Coulomb's cone once a step."""
+    u = line.start + rise * np.arange(steps + 1) / steps
+    length = np.hypot(line.distance, u)
+    angle = line.sense * np.arctan(u / (line.distance if line.sense else 1.0))
+    turn = np.diff(angle, prepend=angle[0])
+    swept = KAPPA * line.sense * line.distance * rise / steps / length
+    added = swept / length if increment == "radii" else swept
+    cone = np.full_like(length, np.inf) if np.isinf(mu) else mu * np.maximum(1.0 - length, 0.0)
+    # Turned by subtracting its cross product with the turn, then projected.
+    factor, T, shear = np.cos(turn) + np.sin(turn) ** 2, 0.0, np.empty(steps + 1)
+    for k, (growth, step, limit) in enumerate(zip(factor, added, cone, strict=True)):
+        T = min(max(T * growth + step, -limit), limit)
+        shear[k] = T
+    return shear
+
+
+def replay_error(probe: Probe) -> float:
+    """Yade's rule replayed against Yade, over the largest N."""
+    rise, steps = float(probe.u[-1] - probe.u[0]), int(probe.steps[-1])
+    shear = replayed_shear(probe.line, rise, steps, probe.mu, probe.increment)[probe.steps]
+    return float(np.abs(shear - probe.forces["T"][0]).max() / probe.exact.N.max())
+
+
+def step_errors() -> dict[int, float]:
+    """Relative error of T at the end of one path, by its number of steps."""
+    found = {}
+    for record in pd.read_csv(sample_path("yade_diamond") / "convergence.csv").itertuples():
+        alpha0 = np.radians(record.a0_deg)
+        line = strain_line(alpha0, record.E0, record.E0, np.radians(record.probe_deg))
+        u = half_diagonals(alpha0, record.E1, record.E2) @ line.direction
+        exact = float(line_states(line, u, KAPPA).T)
+        found[int(record.n_probe_steps)] = abs(record.Fs_RT / UNIT / exact - 1.0)
+    return found
+
+
+@styled()
+def draw(found: list[Probe], steps: dict[int, float]) -> Figure:
+    """Shear forces of Yade on the exact curves, and Yade's error over its steps."""
+    figure = new_figure(TWO_COLUMNS, 2.8)
+    left, right = figure.subplots(1, 2)
+    for probe in found:
+        yade, ours = probe.forces["T"]
+        colour = VERMILION if np.isfinite(probe.mu) else BLUE
+        left.plot(probe.u - probe.u[0], ours, color=colour, linewidth=0.8)
+        left.plot((probe.u - probe.u[0])[::5], yade[::5], ".", color=colour, markersize=3)
+    left.set(xlabel="way along the line", ylabel="T (Yade: dots; exact: lines)")
+    right.loglog(list(steps), list(steps.values()), "o-", color=BLUE)
+    right.loglog(list(steps), [1.0 / n for n in steps], "--", color=GREY)
+    right.set(xlabel="Yade's steps", ylabel="relative error of T (dashed: first order)")
+    return figure
+
+
+def main(out: Path) -> dict[str, Any]:
+    """Compare every path, write the errors and the figure."""
+    found, steps = probes(), step_errors()
+    columns: dict[str, Any] = {f"error_{k}": [error(p, k) for p in found] for k in found[0].forces}
+    columns |= {"increment": [p.increment for p in found], "mu": [p.mu for p in found]}
+    columns["replay_T"] = [replay_error(p) for p in found]
+    largest = {k: max(v) for k, v in columns.items() if k not in ("increment", "mu")}
+    numbers = {"probes": len(found), "largest": largest, "error_by_steps": steps}
+    return save(out, "yade_diamond", draw(found, steps), numbers, columns)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,1 +1,0 @@
-"""Flutter: complex eigenvalues of loops over T/N, N/l and asymmetry."""
