@@ -77,6 +77,29 @@ def solve_from(q: Floats, M: Floats, active: Flags) -> tuple[Flags | None, int]:
     return best ^ flips, steps + pivots
 
 
+def nearest_regimes(q: Floats, M: Floats, rounds: int = 30) -> Flags:
+    """Active set for a problem without a solution: a few contacts are kept from sliding.
+
+    First those that soften on their own (`M_cc <= 0`), then, as long as the others have no
+    solution, the worst third of those that disagree.
+    """
+    allowed = np.diag(M) > 0
+    active = np.zeros(len(q), dtype=bool)
+    for _ in range(rounds):
+        kept = np.flatnonzero(allowed)
+        part, block = q[kept], M[np.ix_(kept, kept)]
+        found, _ = solve_from(part, block, np.zeros(len(kept), dtype=bool))
+        if found is not None:
+            active[kept[found]] = True
+            break
+        best, _, _ = _newton(part, block, np.zeros(len(kept), dtype=bool))
+        values = np.nan_to_num(basic_values(part, block, best), nan=-np.inf)
+        wrong = np.flatnonzero(values < 0)
+        worst = wrong[np.argsort(values[wrong])[: max(1, len(wrong) // 3)]]
+        allowed[kept[worst]] = False
+    return active
+
+
 def lemke(q: Floats, M: Floats) -> tuple[Flags | None, int]:
     """Lemke's method with the covering vector of ones: the active set, None if it ends on a ray.
 

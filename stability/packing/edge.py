@@ -119,7 +119,7 @@ def linear_answer(edge: YieldEdge, active: Flags) -> LinearAnswer:
     system, blocks = edge.system, stiffness_of(edge, active)
     factor = factorised(system, blocks)
     affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
-    motion = factor.solve(balancing_forces(system, blocks @ affine), refinements=2)
+    motion = factor.solve(balancing_forces(system, blocks @ affine))
     relative = relative_motion(system, motion, UNIT_STRAINS)
     forces = -blocks @ relative
     stress = stress_rate(system, forces).reshape(4, 4)

@@ -15,7 +15,7 @@ from loops.laws.protocol import ContactLaw, Regime
 from loops.packing import PackingSystem, PlaneContacts, balancing_forces
 from stability.packing.complementarity import (
     Complementarity,
-    basic_values,
+    nearest_regimes,
     solve_complementarity,
 )
 from stability.packing.edge import (
@@ -113,7 +113,7 @@ class PackingRates:
         H, P = checked_control(strain_rate, stress_rate)
         q, M = self._controlled(H.ravel(), P.ravel())
         found = solve_complementarity(q, M, starts)
-        active = found.active[0] if len(found.active) else self._best(q, M)
+        active = found.active[0] if len(found.active) else nearest_regimes(q, M)
         answer = linear_answer(self.edge, active) if active.any() else self.elastic
         return _response(self.edge, answer, active, found, controlled_strain(answer, H, P))
 
@@ -127,21 +127,6 @@ class PackingRates:
         )
         q = unit[:, c] @ H[c] + unit[:, f] @ solved[:, 0]
         return q, self.matrix + unit[:, f] @ solved[:, 1:]
-
-    def _best(self, q: Floats, M: Floats) -> Flags:
-        """Regimes of a problem without a solution: candidates that disagree are left sticking."""
-        allowed = np.diag(M) > 0
-        for _ in range(20):
-            kept = np.flatnonzero(allowed)
-            found = solve_complementarity(q[kept], M[np.ix_(kept, kept)], 1)
-            if len(found.active):
-                active = self.none.copy()
-                active[kept[found.active[0]]] = True
-                return active
-            values = basic_values(q, M, allowed & (q < 0))
-            wrong = np.flatnonzero(allowed & ~(values >= 0))
-            allowed[wrong[np.argsort(values[wrong])[: max(1, len(wrong) // 4)]]] = False
-        return self.none
 
 
 def packing_response(

@@ -1,0 +1,157 @@
+"""What every loop of a packing does under the packing's response."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from loops.arrays import Floats
+from loops.contact_state import contact_state
+from loops.faces import Faces
+from loops.geometry import boundary_vectors, polygon_area
+from loops.graph import branch_vectors
+from loops.loop_batches import LoopBatch, loop_batches
+from loops.stress import contact_forces
+from stability.packing.response import PackingResponse
+
+QUARTER_TURN: Floats = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class LoopRates:
+    """Rates of the loops of a packing, in the order of `Faces.loops`.
+
+    Where a loop has a contact that carries nothing its rates are not numbers.
+
+    Attributes
+    ----------
+    strain : (L, 2, 2) array
+        Displacement gradient `H'` of the polygon from the branch rates (boundary formula).
+    stress : (L, 2, 2) array
+        Nominal stress rate `P' = (1/(2 V)) sum f' (x) d`, contacts shared with the neighbours.
+    second_order_work : (L,) array
+        `W2 = (P' - theta' J P) : sym H'`, in the frame that turns with the loop.
+    normalised_work : (L,) array
+        The same over the norms of its two factors.
+    additive_work : (L,) array
+        `w = -(1/(2 V)) sum f'.d'`: areas times `w` sum to the sample's `V P':H'`.
+    nonaffinity : (L,) array
+        `|sym H'_loop - sym H'| / |sym H'|`.
+    opening, closing : (L,) array
+        Time until the first contact has lost its force, and until the first gap across the loop has
+        closed, in the unit of time of `H'`; infinite if none does.
+    area : (L,) array
+        Areas of the polygons.
+    """
+
+    strain: Floats
+    stress: Floats
+    second_order_work: Floats
+    normalised_work: Floats
+    additive_work: Floats
+    nonaffinity: Floats
+    opening: Floats
+    closing: Floats
+    area: Floats
+
+
+def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
+    """Read the loops' rates from the packing's.
+
+    Parameters
+    ----------
+    response : PackingResponse
+        From `packing_response`.
+    faces : Faces
+        Faces of the same graph.
+
+    Returns
+    -------
+    LoopRates
+    """
+    graph, count = response.system.graph, len(faces.loops)
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(count)
+    parts = _Parts(response)
+    out = {name: np.empty((count, 2, 2)) for name in ("strain", "stress")}
+    out |= {name: np.empty(count) for name in LoopRates.__annotations__ if name not in out}
+    for batch in loop_batches(graph, faces):
+        for name, values in parts.of(batch).items():
+            out[name][row[batch.face]] = values
+    return LoopRates(**out)
+
+
+class _Parts:
+    """What a response gives to loops: rates of branches, forces and normal forces."""
+
+    def __init__(self, response: PackingResponse) -> None:
+        graph = response.system.graph
+        state = contact_state(graph)
+        self.response = response
+        self.forces, self.branches = contact_forces(graph), branch_vectors(graph)
+        self.carries = np.zeros(graph.contact_count, dtype=bool)
+        self.carries[response.system.contacts] = True
+        turn = np.sum(state.t * response.branch_rate, axis=1) / state.length
+        normal = np.sum(state.n * response.force_rate, axis=1) + state.shear_force * turn
+        self.losing = _time(state.normal_force, normal)
+
+    def of(self, batch: LoopBatch) -> dict[str, Floats]:
+        """Fields of `LoopRates` for loops of one order."""
+        c, x, response = batch.contacts, batch.graph.x, self.response
+        known = self.carries[c].all(axis=1)
+        sides = np.roll(x, -1, axis=1) - x
+        # Whether a loop's sides run along its contacts or against them.
+        along = np.sign(np.sum(sides * self.branches[c], axis=2, keepdims=True))
+        stretch = along * response.branch_rate[c]
+        force, rate = along * self.forces[c], along * response.force_rate[c]
+        area = polygon_area(x)
+        v = np.cumsum(stretch, axis=1) - stretch
+        strain = -np.swapaxes(v, 1, 2) @ boundary_vectors(x) / area[:, None, None]
+        half = 0.5 / area[:, None, None]
+        stress = half * np.swapaxes(rate, 1, 2) @ sides
+        spin = 0.5 * (strain[:, 0, 1] - strain[:, 1, 0])
+        held = half * np.swapaxes(force, 1, 2) @ sides
+        turned = stress - spin[:, None, None] * (QUARTER_TURN @ held)
+        e = 0.5 * (strain + np.swapaxes(strain, 1, 2))
+        whole = 0.5 * (response.strain_rate + response.strain_rate.T)
+        work = np.sum(turned * e, axis=(1, 2))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            sizes = np.linalg.norm(turned, axis=(1, 2)) * np.linalg.norm(e, axis=(1, 2))
+            normalised = work / sizes
+            nonaffinity = np.linalg.norm(e - whole, axis=(1, 2)) / np.linalg.norm(whole)
+        columns = {
+            "strain": strain,
+            "stress": stress,
+            "second_order_work": work,
+            "normalised_work": normalised,
+            "additive_work": -np.sum(rate * stretch, axis=(1, 2)) / (2 * area),
+            "nonaffinity": nonaffinity,
+            "opening": self.losing[c].min(axis=1),
+            "closing": _first_closing(x, batch.graph.radii, v),
+        }
+        for values in columns.values():
+            values[~known] = np.nan
+        return columns | {"area": area}
+
+
+def _time(left: Floats, rate: Floats) -> Floats:
+    """Time until what is left is gone; infinite where it grows."""
+    falls = rate < 0
+    return np.where(falls, np.maximum(left, 0.0) / np.where(falls, -rate, 1.0), np.inf)
+
+
+def _first_closing(x: Floats, radii: Floats, v: Floats) -> Floats:
+    """Earliest closing of a gap between grains of a loop that aren't neighbours along it."""
+    n = x.shape[1]
+    first = np.full(len(x), np.inf)
+    for apart in range(2, n // 2 + 1):
+        other = (np.arange(n) + apart) % n
+        d, rate = x[:, other] - x, v[:, other] - v
+        length = np.linalg.norm(d, axis=2)
+        gap = length - radii - radii[:, other]
+        closing = np.sum(d * rate, axis=2) / np.where(length > 0, length, 1.0)
+        # Grains that overlap without a contact of their own, or meet themselves, have no gap.
+        time = np.where(gap > 0, _time(gap, closing), np.inf)
+        first = np.minimum(first, time.min(axis=1))
+    return first

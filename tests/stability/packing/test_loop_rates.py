@@ -1,0 +1,90 @@
+"""What loops do under a packing's response: sums over loops, rotations, straight motion."""
+
+import numpy as np
+import pytest
+
+from loops import GrainGraph, LinearFrictional, branch_vectors, find_faces, love_weber_stress
+from stability.packing import loop_rates, packing_response
+from tests.packings import LAW, balanced, packing
+
+H = np.array([[0.8, 0.3], [-0.1, -0.5]])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_additive_work_sums_to_the_samples(seed):
+    graph = packing(30, seed=seed, sliding=0.2)
+    found = packing_response(graph, LAW, H)
+    loops = loop_rates(found, find_faces(graph))
+    assert not np.isnan(loops.additive_work).any()
+    whole = found.system.volume * np.sum(found.stress_rate * H)
+    assert np.sum(loops.area * loops.additive_work) == pytest.approx(whole, rel=1e-12)
+    # Products of the loops' means don't.
+    means = np.sum(loops.stress * loops.strain, axis=(1, 2))
+    assert abs(np.sum(loops.area * means) - whole) > 1e-3 * abs(whole)
+
+
+def test_loops_tile_the_strain_and_the_stress():
+    graph = packing(30, seed=4)
+    found = packing_response(graph, LAW, H)
+    loops = loop_rates(found, find_faces(graph))
+    share = loops.area / found.system.volume
+    assert share.sum() == pytest.approx(1.0, abs=1e-12)
+    assert np.allclose(np.tensordot(share, loops.strain, 1), H, atol=1e-12)
+    assert np.allclose(np.tensordot(share, loops.stress, 1), found.stress_rate, atol=1e-12)
+
+
+def test_a_rotation_does_no_corotated_work():
+    graph = balanced(packing(24, seed=5))
+    law = LinearFrictional(1.0, 0.5, np.inf, "radii")
+    found = packing_response(graph, law, [[0.0, 1.0], [-1.0, 0.0]])
+    loops = loop_rates(found, find_faces(graph))
+    nominal = np.sum(loops.stress * loops.strain, axis=(1, 2))
+    assert np.abs(nominal).min() > 1e-5 and abs(love_weber_stress(graph)).max() > 1e-3
+    assert np.abs(loops.second_order_work).max() < 1e-12
+
+
+def test_times_of_opening_and_closing_are_those_of_straight_motion():
+    graph = packing(30, seed=3)
+    shrunk = graph.replace(radii=0.6 * graph.radii)
+    found = packing_response(shrunk, LAW, H)
+    faces = find_faces(shrunk)
+    loops = loop_rates(found, faces)
+    d, rate = branch_vectors(graph), found.branch_rate
+    lengthening = np.sum(d * rate, axis=1) / np.linalg.norm(d, axis=1)
+    for row, face in enumerate(faces.loops):
+        part = slice(faces.offsets[face], faces.offsets[face + 1])
+        c, along = faces.contacts[part], np.where(faces.forward[part], 1.0, -1.0)[:, None]
+        losing = graph.normal_force[c] / lengthening[c]
+        assert loops.opening[row] == pytest.approx(losing[lengthening[c] > 0].min(initial=np.inf))
+        if len(c) == 4:
+            grains, sides, turns = faces.grains[part], along * d[c], along * rate[c]
+            times = [np.inf]
+            for k in (0, 1):
+                across, growth = sides[k] + sides[k + 1], turns[k] + turns[k + 1]
+                length = np.linalg.norm(across)
+                gap = length - shrunk.radii[grains[k]] - shrunk.radii[grains[k + 2]]
+                closing = -across @ growth / length
+                times += [gap / closing] if gap > 0 and closing > 0 else []
+            assert loops.closing[row] == pytest.approx(min(times))
+            assert len(times) > 1 or gap < 0 or np.isinf(loops.closing[row])
+    assert np.isfinite(loops.closing).sum() > 3 and np.isfinite(loops.opening).sum() > 3
+    assert np.isinf(loops.closing[np.diff(faces.offsets)[faces.loops] == 3]).all()
+
+
+def test_loops_of_what_carries_nothing_have_no_rates():
+    graph = packing(24, seed=3)
+    triangle = graph.x[0] + 0.01 * np.array([[30.0, 0.0], [31.0, 0.0], [30.0, 1.0]])
+    more = GrainGraph(
+        x=np.vstack([graph.x, triangle]),
+        radii=np.append(graph.radii, [0.01] * 3),
+        contacts=np.vstack([graph.contacts, [[24, 25], [25, 26], [24, 26]]]),
+        normal_force=np.append(graph.normal_force, [0.0] * 3),
+        shear_force=np.append(graph.shear_force, [0.0] * 3),
+        images=np.vstack([graph.images, [[0, 0]] * 3]),
+        cell=graph.cell,
+    )
+    found = packing_response(more, LAW, H)
+    loops = loop_rates(found, find_faces(more))
+    assert (found.system.carrying.clusters, found.system.carrying.clustered) == (1, 3)
+    assert np.flatnonzero(np.isnan(loops.second_order_work)).size == 1
+    assert np.isfinite(loops.area).all()
