@@ -74,8 +74,8 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
     row = np.full(len(faces.kind), -1)
     row[faces.loops] = np.arange(count)
     parts = _Parts(response)
-    out = {name: np.empty((count, 2, 2)) for name in ("strain", "stress")}
-    out |= {name: np.empty(count) for name in LoopRates.__annotations__ if name not in out}
+    out: dict[str, Floats] = {name: np.empty(count) for name in LoopRates.__annotations__}
+    out |= {name: np.empty((count, 2, 2)) for name in ("strain", "stress")}
     for batch in loop_batches(graph, faces):
         for name, values in parts.of(batch).items():
             out[name][row[batch.face]] = values
