@@ -2,89 +2,50 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops.arrays import Flags, Floats
 from loops.errors import InputError
 
-FloatArray = NDArray[np.float64]
+Check = Callable[[str, ArrayLike], Floats]
 
 
-def finite(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as a float64 array, every entry finite.
+def _checked(holds: Callable[[Floats], Flags], expected: str) -> Check:
+    def check(name: str, value: ArrayLike) -> Floats:
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(name, repr(value), expected, f"Correct {name}.") from None
+        for within, wanted in ((np.isfinite, "a finite number"), (holds, expected)):
+            wrong = np.argwhere(~np.atleast_1d(within(array)))
+            if len(wrong):
+                first = tuple(wrong[0].tolist())
+                where = name if array.ndim == 0 else f"{name}{list(first)}"
+                received = f"{np.atleast_1d(array)[first]:.17g}"
+                raise InputError(where, received, wanted, f"Correct {name}.")
+        return array
 
-    Examples
-    --------
-    >>> finite("E1", 0.25).tolist()
-    0.25
-    """
-    array = np.asarray(value, dtype=np.float64)
-    _demand(np.isfinite(array), name, array, "a finite number")
-    return array
-
-
-def nonnegative(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as a finite float64 array, every entry zero or more."""
-    array = finite(name, value)
-    _demand(array >= 0.0, name, array, "zero or more")
-    return array
+    return check
 
 
-def positive(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as a finite float64 array, every entry above zero."""
-    array = finite(name, value)
-    _demand(array > 0.0, name, array, "a positive number")
-    return array
-
-
-def acute_angle(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as angles strictly between 0 and 90 degrees, in radians."""
-    array = finite(name, value)
-    inside = (array > 0.0) & (array < np.pi / 2)
-    _demand(inside, name, array, "an angle between 0 and pi/2 radians (0 and 90 degrees), both out")
-    return array
-
-
-def friction_angle(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as friction angles in [0, pi/2] radians; pi/2 means that nothing slides."""
-    array = finite(name, value)
-    inside = (array >= 0.0) & (array <= np.pi / 2)
-    _demand(inside, name, array, "an angle from 0 to pi/2 radians (0 to 90 degrees)")
-    return array
-
-
-def drained_kappa(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as stiffness ratios in [0, 1000]; the cost of a drained path grows with it."""
-    array = finite(name, value)
-    _demand((array >= 0.0) & (array <= 1000.0), name, array, "a stiffness ratio from 0 to 1000")
-    return array
-
-
-def strain(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as compressive strains below 1, where the side length would vanish."""
-    array = finite(name, value)
-    _demand(array < 1.0, name, array, "a compressive strain below 1")
-    return array
-
-
-def confining_strain(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as isotropic compressive strains in [0, 1)."""
-    array = finite(name, value)
-    _demand((array >= 0.0) & (array < 1.0), name, array, "a compressive strain in [0, 1)")
-    return array
-
-
-def sliding_sign(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as the sign of T in a sliding contact, every entry +1 or -1."""
-    array = finite(name, value)
-    _demand(np.abs(array) == 1.0, name, array, "+1 or -1, the sign of T")
-    return array
-
-
-def _demand(holds: NDArray[np.bool_], name: str, array: FloatArray, expected: str) -> None:
-    if np.all(holds):
-        return
-    first = tuple(int(i) for i in np.argwhere(~np.atleast_1d(holds))[0])
-    where = name if array.ndim == 0 else f"{name}{list(first)}"
-    value = np.atleast_1d(array)[first]
-    raise InputError(where, f"{value:.17g}", expected, f"Correct {name}.")
+# Each takes the argument's name and value, and returns a float64 array or raises `InputError`.
+finite = _checked(np.isfinite, "a finite number")
+nonnegative = _checked(lambda a: a >= 0.0, "zero or more")
+positive = _checked(lambda a: a > 0.0, "a positive number")
+acute_angle = _checked(
+    lambda a: (a > 0.0) & (a < np.pi / 2),
+    "an angle between 0 and pi/2 radians (0 and 90 degrees), both out",
+)
+# pi/2 means that nothing slides.
+friction_angle = _checked(
+    lambda a: (a >= 0.0) & (a <= np.pi / 2), "an angle from 0 to pi/2 radians (0 to 90 degrees)"
+)
+# The cost of a drained path grows with the ratio.
+drained_kappa = _checked(lambda a: (a >= 0.0) & (a <= 1000.0), "a stiffness ratio from 0 to 1000")
+# At 1 the side length would vanish.
+strain = _checked(lambda a: a < 1.0, "a compressive strain below 1")
+confining_strain = _checked(lambda a: (a >= 0.0) & (a < 1.0), "a compressive strain in [0, 1)")
+sliding_sign = _checked(lambda a: np.abs(a) == 1.0, "+1 or -1, the sign of T")

@@ -12,11 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from loops.arrays import Floats
 from loops.errors import InputError
-from patterns.diamond.arguments import FloatArray, finite
-from patterns.diamond.drained_batch import drained_end
-from patterns.diamond.drained_shear import advance_shear
-from patterns.diamond.drained_state import DrainedState, drained_state, turning_stiffness
+from patterns.diamond.arguments import finite
+from patterns.diamond.drained_end import (
+    DrainedState,
+    advance_shear,
+    drained_end,
+    drained_state,
+    turning_stiffness,
+)
 from patterns.diamond.tables import DiamondParameters
 
 
@@ -164,7 +169,49 @@ def drained_states_after_turn(
     return state, regime.reshape(turn.shape)
 
 
-def _on_path(path: DrainedPath, turn: ArrayLike) -> FloatArray:
+def printed_states_after_turn(path: DrainedPath, turn: ArrayLike) -> DrainedState:
+    """States where sliding contacts follow (8c) as printed, after the branch has turned by `turn`.
+
+    Beyond B the printed rule adds `-mu N'` to `T` where alpha grows and N falls: with
+    `T = T_B - mu (N - N_B)` balance (12b) gives `N (sin a + mu cos a) = f + (T_B + mu N_B) cos a`,
+    and `|T|` leaves Coulomb's cone. Where alpha falls N grows, and the rule is Coulomb's.
+
+    Parameters
+    ----------
+    path : DrainedPath
+        Path that yields, from `drained_path`.
+    turn : array_like (...)
+        Turns of the branch since A, radians.
+
+    Returns
+    -------
+    DrainedState
+
+    Raises
+    ------
+    InputError
+        If a turn is not on the path.
+
+    Examples
+    --------
+    >>> from patterns.diamond import TABLE_1
+    >>> path = drained_path(TABLE_1)
+    >>> state = printed_states_after_turn(path, path.end.turn + np.array([0.0, 0.2]))
+    >>> (state.T / state.N / TABLE_1.mu).round(3).tolist()
+    [1.0, 1.272]
+    """
+    exact, regime = drained_states_after_turn(path, turn)
+    if path.direction < 0:
+        return exact
+    p, B = path.parameters, path.end
+    f = p.confinement * np.sin(p.alpha0)
+    held = B.T + p.mu * B.N
+    N = (f + held * np.cos(exact.alpha)) / (np.sin(exact.alpha) + p.mu * np.cos(exact.alpha))
+    T = np.where(regime == "sliding", held - p.mu * N, exact.T)
+    return drained_state(np.asarray(p.alpha0), np.asarray(p.confinement), exact.turn, T)
+
+
+def _on_path(path: DrainedPath, turn: ArrayLike) -> Floats:
     """Turns as an array, every one on the path."""
     turn, alpha0 = finite("turn", turn), path.parameters.alpha0
     last = 0.5 * np.pi if path.direction > 0 else 0.0
@@ -179,7 +226,7 @@ def _on_path(path: DrainedPath, turn: ArrayLike) -> FloatArray:
     return turn
 
 
-def _shear_and_regime(path: DrainedPath, turn: FloatArray) -> tuple[FloatArray, NDArray[np.str_]]:
+def _shear_and_regime(path: DrainedPath, turn: Floats) -> tuple[Floats, NDArray[np.str_]]:
     """Shear force and regime after turns (n,): elastic from A, sliding from B, stuck again."""
     p, stick_turn = path.parameters, path.stick_angle - path.parameters.alpha0
     if path.status == "opening":
@@ -195,13 +242,13 @@ def _shear_and_regime(path: DrainedPath, turn: FloatArray) -> tuple[FloatArray, 
     return T, regime
 
 
-def _elastic_shear(p: DiamondParameters, start: float, T: float, turn: FloatArray) -> FloatArray:
+def _elastic_shear(p: DiamondParameters, start: float, T: float, turn: Floats) -> Floats:
     """Shear force after turns (n,) from the angle `start`, where it was `T`."""
     same, f = np.ones_like(turn), p.confinement * np.sin(p.alpha0)
     return advance_shear(T * same, start * same, turn, f * same, p.kappa * same)
 
 
-def _sliding_shear(path: DrainedPath, alpha: FloatArray) -> FloatArray:
+def _sliding_shear(path: DrainedPath, alpha: Floats) -> Floats:
     """`T = s mu N` with `N = f/(sin a - s mu cos a)`; zero without lateral force."""
     p, s = path.parameters, path.direction
     force = p.confinement * np.sin(p.alpha0) * np.sin(p.phi)

@@ -1,4 +1,4 @@
-"""Geometry, balance and measures of the diamond (Nicot et al. 2016, equations 11 to 21).
+"""Geometry and balance of the diamond (11) to (21), and the diamond as a grain graph.
 
 Four equal discs form a rhombus of side `l`; `alpha` is the angle between a branch and axis 1.
 Forces and strains are positive in compression. `T` is positive when `alpha` grows
@@ -10,100 +10,105 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from patterns.diamond.arguments import FloatArray, finite, positive
+from loops import GrainGraph, InputError
+from loops.arrays import Floats
+from patterns.diamond.arguments import acute_angle, finite, nonnegative, positive, strain
+
+CONTACTS = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+
+# As alpha grows, branches (0, 1) and (2, 3) turn clockwise and the two others counter-clockwise;
+# the graph counts T along the counter-clockwise tangent, the diamond along growing alpha.
+SHEAR_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
+
+# Strains of a diamond that barely touches give an overlap of zero up to this rounding.
+ROUNDING = 4.0 * np.finfo(np.float64).eps
 
 
-def side_lengths(length: ArrayLike, alpha: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Diagonals of the rhombus, `L1 = 2 l cos(alpha)` and `L2 = 2 l sin(alpha)` (11).
+def diamond(
+    alpha0: ArrayLike,
+    *,
+    E1: ArrayLike = 0.0,
+    E2: ArrayLike = 0.0,
+    T: ArrayLike = 0.0,
+    radius: ArrayLike = 0.5,
+    kn: ArrayLike = 1.0,
+) -> GrainGraph:
+    """The diamond of four equal grains at strains `E1`, `E2`, centred on the origin.
+
+    Grains run counter-clockwise: 0 right, 1 top, 2 left, 3 bottom. Contacts are (0, 1), (1, 2),
+    (2, 3), (3, 0). In the reference the grains barely touch, `l0 = 2 radius`. The normal force
+    follows from the positions, `N = kn (l0 - l)` (8a); the shear force is the caller's, because
+    it depends on the path. Nothing is said of opposite grains: see `opposite_gaps`.
 
     Parameters
     ----------
-    length : array_like (...)
-        Branch length.
-    alpha : array_like (...)
-        Branch angle to axis 1, radians.
+    alpha0 : array_like (...)
+        Reference angle between branch and axis 1 in (0, pi/2), radians.
+    E1, E2 : array_like (...)
+        Strains of the diagonals below 1, compression positive.
+    T : array_like (...)
+        Shear force in every contact, positive when alpha grows (unit of `kn * radius`).
+    radius : array_like (...)
+        Radius of the grains, positive.
+    kn : array_like (...)
+        Normal stiffness, positive. 1 gives dimensionless forces when `radius` is 0.5.
 
     Returns
     -------
-    L1, L2 : ndarray (...)
-        In the unit of `length`.
+    GrainGraph
+        Batch axes are the broadcast shape of the arguments.
 
     Raises
     ------
     InputError
-        If `length` is not positive or `alpha` is not finite.
+        If an argument leaves its range, or the strains open the contacts.
 
     Examples
     --------
-    >>> L1, L2 = side_lengths(1.0, np.pi / 6)
-    >>> round(float(L1), 12), round(float(L2), 12)
-    (1.732050807569, 1.0)
+    >>> graph = diamond(np.pi / 4, E1=0.3, E2=0.3)
+    >>> graph.normal_force.round(12).tolist()
+    [0.3, 0.3, 0.3, 0.3]
+    >>> diamond(np.radians([35.0, 45.0, 55.0])).batch_shape
+    (3,)
     """
-    length, alpha = positive("length", length), finite("alpha", alpha)
-    return 2.0 * length * np.cos(alpha), 2.0 * length * np.sin(alpha)
+    alpha0, radius = acute_angle("alpha0", alpha0), positive("radius", radius)
+    E1, E2, T = strain("E1", E1), strain("E2", E2), finite("T", T)
+    alpha0, E1, E2, T, radius, kn = np.broadcast_arrays(
+        alpha0, E1, E2, T, radius, positive("kn", kn)
+    )
+    N = kn * 2.0 * radius * _closed_overlap(E1, E2, alpha0)
+    cos, sin = np.cos(alpha0), np.sin(alpha0)
+    return GrainGraph(
+        x=_centres(2.0 * radius * (1.0 - E1) * cos, 2.0 * radius * (1.0 - E2) * sin),
+        x0=_centres(2.0 * radius * cos, 2.0 * radius * sin),
+        radii=radius[..., None] * np.ones(4),
+        contacts=CONTACTS,
+        normal_force=N[..., None] * np.ones(4),
+        shear_force=T[..., None] * SHEAR_SIGNS,
+    )
 
 
-def side_rates(
-    length: ArrayLike,
-    alpha: ArrayLike,
-    length_rate: ArrayLike,
-    alpha_rate: ArrayLike,
-) -> tuple[FloatArray, FloatArray]:
-    """Rates of the diagonals (15).
-
-    Parameters
-    ----------
-    length, alpha : array_like (...)
-        Branch length and angle (radians).
-    length_rate, alpha_rate : array_like (...)
-        Their rates.
-
-    Returns
-    -------
-    L1_rate, L2_rate : ndarray (...)
-
-    Examples
-    --------
-    >>> rate1, rate2 = side_rates(1.0, 0.0, -0.1, 0.2)
-    >>> float(rate1), float(rate2)
-    (-0.2, 0.4)
-    """
-    length, alpha = positive("length", length), finite("alpha", alpha)
-    length_rate = finite("length_rate", length_rate)
-    turn = length * finite("alpha_rate", alpha_rate)
-    c, s = np.cos(alpha), np.sin(alpha)
-    return 2.0 * (length_rate * c - turn * s), 2.0 * (length_rate * s + turn * c)
+def _centres(half1: Floats, half2: Floats) -> Floats:
+    """Centres (..., 4, 2) of a rhombus with half diagonals `half1`, `half2`."""
+    zero = np.zeros_like(half1)
+    x = np.stack([half1, zero, -half1, zero], axis=-1)
+    y = np.stack([zero, half2, zero, -half2], axis=-1)
+    return np.stack([x, y], axis=-1)
 
 
-def branch_from_sides(L1: ArrayLike, L2: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Branch length and angle of a rhombus with diagonals `L1`, `L2`: the inverse of (11).
-
-    Parameters
-    ----------
-    L1, L2 : array_like (...)
-        Diagonals, positive.
-
-    Returns
-    -------
-    length, alpha : ndarray (...)
-        Branch length in the unit of `L1`; angle in radians.
-
-    Raises
-    ------
-    InputError
-        If a diagonal is not positive.
-
-    Examples
-    --------
-    >>> length, alpha = branch_from_sides(6.0, 8.0)
-    >>> float(length), round(float(np.tan(alpha)), 12)
-    (5.0, 1.333333333333)
-    """
-    L1, L2 = positive("L1", L1), positive("L2", L2)
-    return 0.5 * np.hypot(L1, L2), np.arctan2(L2, L1)
+def _closed_overlap(E1: Floats, E2: Floats, alpha0: Floats) -> Floats:
+    overlap = overlap_ratio(E1, E2, alpha0)
+    if np.any(overlap < -ROUNDING):
+        raise InputError(
+            "E1, E2",
+            f"strains that part the grains by {-float(np.min(overlap)):.3g} of the branch",
+            "strains under which every contact still touches (l <= 2 radius)",
+            "Compress the diamond, or leave the open contacts out.",
+        )
+    return np.maximum(overlap, 0.0)
 
 
-def external_forces(N: ArrayLike, T: ArrayLike, alpha: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def external_forces(N: ArrayLike, T: ArrayLike, alpha: ArrayLike) -> tuple[Floats, Floats]:
     """External forces that balance the contacts, compression positive (12).
 
     Parameters
@@ -129,90 +134,127 @@ def external_forces(N: ArrayLike, T: ArrayLike, alpha: ArrayLike) -> tuple[Float
     return 2.0 * (N * c + T * s), 2.0 * (N * s - T * c)
 
 
-def contact_forces(F1: ArrayLike, F2: ArrayLike, alpha: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Contact forces under external forces `F1`, `F2`: the inverse of (12).
+def angle_from_strains(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> Floats:
+    """Branch angle, `tan(alpha) = tan(alpha0) (1 - E2)/(1 - E1)` (below (26)).
 
     Parameters
     ----------
-    F1, F2 : array_like (...)
-        External forces along axes 1 and 2, compression positive.
-    alpha : array_like (...)
-        Branch angle, radians.
+    E1, E2 : array_like (...)
+        Strains below 1, compression positive.
+    alpha0 : array_like (...)
+        Reference angle in (0, pi/2), radians.
 
     Returns
     -------
-    N, T : ndarray (...)
+    alpha : ndarray (...)
+        Radians.
+
+    Raises
+    ------
+    InputError
+        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
 
     Examples
     --------
-    >>> N, T = contact_forces(2.0, -1.0, 0.0)
-    >>> float(N), float(T)
-    (1.0, 0.5)
+    >>> round(float(np.degrees(angle_from_strains(0.5, 0.0, np.arctan(0.5)))), 10)
+    45.0
     """
-    F1, F2, alpha = finite("F1", F1), finite("F2", F2), finite("alpha", alpha)
-    c, s = np.cos(alpha), np.sin(alpha)
-    return 0.5 * (F1 * c + F2 * s), 0.5 * (F1 * s - F2 * c)
+    E1, E2 = strain("E1", E1), strain("E2", E2)
+    alpha0 = acute_angle("alpha0", alpha0)
+    return np.arctan2((1.0 - E2) * np.sin(alpha0), (1.0 - E1) * np.cos(alpha0))
 
 
-def force_rates(
-    N_rate: ArrayLike,
-    T_rate: ArrayLike,
-    alpha_rate: ArrayLike,
-    F1: ArrayLike,
-    F2: ArrayLike,
-    alpha: ArrayLike,
-) -> tuple[FloatArray, FloatArray]:
-    """Rates of the external forces (13): the contact law's part and the turning of the branch.
+def overlap_ratio(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> Floats:
+    """Overlap of a contact over the reference branch, `1 - l/l0`; also `N/(kn l0)` by (8a).
+
+    Written from `l0^2 - l^2`, so that it keeps its relative accuracy at stiff grains, where
+    `l` and `l0` agree to many digits.
 
     Parameters
     ----------
-    N_rate, T_rate, alpha_rate : array_like (...)
-        Rates of the contact forces and of the branch angle.
-    F1, F2 : array_like (...)
-        External forces now.
-    alpha : array_like (...)
-        Branch angle now, radians.
+    E1, E2 : array_like (...)
+        Strains below 1, compression positive.
+    alpha0 : array_like (...)
+        Reference angle in (0, pi/2), radians.
 
     Returns
     -------
-    F1_rate, F2_rate : ndarray (...)
+    overlap : ndarray (...)
+        Positive in compression, negative where the contact has opened.
+
+    Raises
+    ------
+    InputError
+        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
 
     Examples
     --------
-    >>> rate1, rate2 = force_rates(0.0, 0.0, 0.1, 3.0, 2.0, np.pi / 4)
-    >>> round(float(rate1), 12), round(float(rate2), 12)
-    (-0.2, 0.3)
+    >>> round(float(overlap_ratio(0.3, 0.3, 0.6)), 12)
+    0.3
     """
-    material1, material2 = external_forces(N_rate, T_rate, alpha)
-    alpha_rate = finite("alpha_rate", alpha_rate)
-    return material1 - finite("F2", F2) * alpha_rate, material2 + finite("F1", F1) * alpha_rate
+    E1, E2 = strain("E1", E1), strain("E2", E2)
+    alpha0 = acute_angle("alpha0", alpha0)
+    c, s = np.cos(alpha0), np.sin(alpha0)
+    branch = np.hypot((1.0 - E1) * c, (1.0 - E2) * s)
+    return (E1 * (2.0 - E1) * c**2 + E2 * (2.0 - E2) * s**2) / (1.0 + branch)
 
 
-def contact_displacement_rates(
-    shortening1_rate: ArrayLike, shortening2_rate: ArrayLike, alpha: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Relative displacement rates at a contact from the shortening rates of the diagonals (16).
+def opposite_gaps(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
+    """Gaps between opposite grains over the reference branch, `(L_k - l0)/l0`.
+
+    The paper lets opposite grains overlap; a negative gap says where it does (theory note
+    section 9).
 
     Parameters
     ----------
-    shortening1_rate, shortening2_rate : array_like (...)
-        Rates of `Delta_k = L_k0 - L_k`, positive in compression.
-    alpha : array_like (...)
-        Branch angle, radians.
+    E1, E2 : array_like (...)
+        Strains below 1, compression positive.
+    alpha0 : array_like (...)
+        Reference angle in (0, pi/2), radians.
 
     Returns
     -------
-    un_rate, ut_rate : ndarray (...)
-        `un' = l'` (positive when the grains part) and `ut' = -l alpha'`.
+    gap1, gap2 : ndarray (...)
+        Along axis 1 (right and left grains) and along axis 2 (top and bottom grains).
+
+    Raises
+    ------
+    InputError
+        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
 
     Examples
     --------
-    >>> un, ut = contact_displacement_rates(2.0, 4.0, 0.0)
-    >>> float(un), float(ut)
-    (-1.0, 2.0)
+    >>> gap1, gap2 = opposite_gaps(0.0, 0.0, np.pi / 6)
+    >>> round(float(gap1), 12), round(float(gap2), 12)
+    (0.732050807569, -0.0)
     """
-    D1 = finite("shortening1_rate", shortening1_rate)
-    D2 = finite("shortening2_rate", shortening2_rate)
-    alpha = finite("alpha", alpha)
-    c, s = np.cos(alpha), np.sin(alpha)
-    return -0.5 * (c * D1 + s * D2), -0.5 * (s * D1 - c * D2)
+    E1, E2 = strain("E1", E1), strain("E2", E2)
+    alpha0 = acute_angle("alpha0", alpha0)
+    return (
+        2.0 * (1.0 - E1) * np.cos(alpha0) - 1.0,
+        2.0 * (1.0 - E2) * np.sin(alpha0) - 1.0,
+    )
+
+
+def opposite_contact_strain(alpha0: ArrayLike) -> Floats:
+    """Isotropic strain at which a pair of opposite grains first touches (theory note section 9)."""
+    alpha0 = acute_angle("alpha0", alpha0)
+    return 1.0 - 0.5 / np.minimum(np.sin(alpha0), np.cos(alpha0))
+
+
+def work_shear_then_compress(
+    length: ArrayLike, alpha: ArrayLike, compression: ArrayLike, kn: ArrayLike, kt: ArrayLike
+) -> Floats:
+    """Work of turning the branch at its full length, then shortening it (9)."""
+    arc = positive("length", length) * finite("alpha", alpha)
+    compression = finite("compression", compression)
+    return 0.5 * (nonnegative("kt", kt) * arc**2 + nonnegative("kn", kn) * compression**2)
+
+
+def work_compress_then_shear(
+    length: ArrayLike, alpha: ArrayLike, compression: ArrayLike, kn: ArrayLike, kt: ArrayLike
+) -> Floats:
+    """Work of shortening the branch, then turning it at the shorter length (10)."""
+    length, compression = positive("length", length), finite("compression", compression)
+    arc = (length - compression) * finite("alpha", alpha)
+    return 0.5 * (nonnegative("kn", kn) * compression**2 + nonnegative("kt", kt) * arc**2)

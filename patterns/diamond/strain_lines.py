@@ -27,23 +27,7 @@ HALVINGS = 64
 
 @dataclass(frozen=True, eq=False)
 class StrainLine:
-    """Straight strain paths of diamonds from states with `T = 0`; arrays (...).
-
-    Attributes
-    ----------
-    alpha0 : ndarray (...)
-        Reference angle, radians.
-    direction : ndarray (..., 2)
-        Unit direction in half diagonals (X, Y).
-    foot : ndarray (..., 2)
-        Point of the line nearest to the origin.
-    distance : ndarray (...)
-        `d`, its distance from the origin, over `l0`.
-    sense : ndarray (...)
-        `o`: +1 where alpha grows along the line, -1 where it falls, 0 where it stays.
-    start : ndarray (...)
-        `u` at the start.
-    """
+    """Straight strain paths of diamonds from states with `T = 0`; arrays (...)."""
 
     alpha0: Floats
     direction: Floats
@@ -72,14 +56,7 @@ class StrainLine:
 
 @dataclass(frozen=True, eq=False)
 class LineStates:
-    """States on strain lines; arrays (...). Forces over `kn l0`, stresses over `kn`, radians.
-
-    Attributes
-    ----------
-    E1, E2, alpha, length, N, T, s1, s2 : ndarray (...)
-        Strains, branch, contact forces and stresses, compression positive; open contacts carry
-        nothing.
-    """
+    """States on strain lines; arrays (...). Forces over `kn l0`, stresses over `kn`, radians."""
 
     E1: Floats
     E2: Floats
@@ -92,27 +69,7 @@ class LineStates:
 
 
 def strain_line(alpha0: ArrayLike, E1: ArrayLike, E2: ArrayLike, angle: ArrayLike) -> StrainLine:
-    """Line from the strains `(E1, E2)` in the direction `(cos(angle), sin(angle))`.
-
-    Parameters
-    ----------
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-    E1, E2 : array_like (...)
-        Strains at the start, where `T = 0`: the virgin loop or an isotropic strain.
-    angle : array_like (...)
-        Direction in the (E1, E2) plane, radians.
-
-    Returns
-    -------
-    StrainLine
-
-    Examples
-    --------
-    >>> line = strain_line(np.pi / 4, 0.0, 0.0, np.pi / 2)  # E2 alone
-    >>> round(float(line.distance), 12), float(line.sense)
-    (0.707106781187, -1.0)
-    """
+    """Line from the strains `(E1, E2)` in the direction `(cos(angle), sin(angle))`."""
     alpha0, E1, E2, angle = (
         np.asarray(x, dtype=float) for x in np.broadcast_arrays(alpha0, E1, E2, angle)
     )
@@ -134,13 +91,7 @@ def strain_line(alpha0: ArrayLike, E1: ArrayLike, E2: ArrayLike, angle: ArrayLik
 
 
 def half_diagonals(alpha0: ArrayLike, E1: ArrayLike, E2: ArrayLike) -> Floats:
-    """Half diagonals (..., 2) over `l0`, `((1 - E1) cos a0, (1 - E2) sin a0)`.
-
-    Examples
-    --------
-    >>> half_diagonals(np.pi / 3, 0.5, 0.0).round(6).tolist()
-    [0.25, 0.866025]
-    """
+    """Half diagonals (..., 2) over `l0`, `((1 - E1) cos a0, (1 - E2) sin a0)`."""
     X, Y = (1.0 - np.asarray(E1)) * np.cos(alpha0), (1.0 - np.asarray(E2)) * np.sin(alpha0)
     return np.stack(np.broadcast_arrays(X, Y), axis=-1)
 
@@ -148,30 +99,7 @@ def half_diagonals(alpha0: ArrayLike, E1: ArrayLike, E2: ArrayLike) -> Floats:
 def sticking_shear(
     line: StrainLine, u: ArrayLike, kappa: ArrayLike, increment: ShearIncrement = "branch"
 ) -> Floats:
-    """Shear force at `u` where the contacts have stuck from the start.
-
-    Parameters
-    ----------
-    line : StrainLine
-        Lines (...).
-    u : array_like (...)
-        Lengths along them.
-    kappa : array_like (...)
-        Stiffness ratio `kt/kn`.
-    increment : {'branch', 'radii'}
-        `l d(alpha)` (the paper's law) or `2 r d(alpha)`.
-
-    Returns
-    -------
-    T : ndarray (...)
-        Over `kn l0`, positive when alpha grows.
-
-    Examples
-    --------
-    >>> line = strain_line(np.pi / 4, 0.0, 0.0, 0.0)  # E1 alone
-    >>> round(float(sticking_shear(line, 0.0, 0.2)), 12)
-    0.124645048028
-    """
+    """Shear force at `u` where the contacts have stuck from the start."""
     d = np.where(line.distance > 0.0, line.distance, 1.0)
     scale, primitive = (d, np.arcsinh) if increment == "branch" else (1.0, np.arctan)
     turned = primitive(np.asarray(u) / d) - primitive(line.start / d)
@@ -185,27 +113,6 @@ def yield_position(
 
     From the start on `|T| - mu N` is negative up to one root: it falls at most until slip would
     dissipate, and rises from there on.
-
-    Parameters
-    ----------
-    line : StrainLine
-        Lines (...) that start in contact.
-    kappa, mu : array_like (...)
-        Stiffness ratio and coefficient of friction, which may be infinite: then NaN.
-    increment : {'branch', 'radii'}
-        As in `sticking_shear`.
-
-    Returns
-    -------
-    u : ndarray (...)
-
-    Examples
-    --------
-    >>> line = strain_line(np.pi / 4, 0.0, 0.0, 0.0)
-    >>> u = yield_position(line, 0.2, 0.25)
-    >>> state = line_states(line, u, 0.2, 0.25)
-    >>> round(float(state.T / state.N), 12)
-    0.25
     """
     mu, kappa = np.asarray(mu, dtype=float), np.asarray(kappa, dtype=float)
     slides = np.isfinite(mu) & (line.sense != 0.0) & (line.distance < 1.0)
@@ -220,25 +127,7 @@ def yield_position(
 
 
 def bisect(rising: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
-    """Roots of functions that are negative at `low` and not beyond the root; arrays (...).
-
-    Parameters
-    ----------
-    rising : callable
-        Values (...) at arguments (...).
-    low, high : ndarray (...)
-        Bracket.
-
-    Returns
-    -------
-    root : ndarray (...)
-        To rounding; `low` where the function is positive from there on.
-
-    Examples
-    --------
-    >>> bisect(lambda x: x**2 - 2.0, np.array([0.0]), np.array([2.0])).tolist()
-    [1.4142135623730951]
-    """
+    """Roots of functions that are negative at `low` and not beyond the root; arrays (...)."""
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         beyond = rising(middle) >= 0.0
@@ -253,30 +142,7 @@ def line_states(
     mu: ArrayLike = np.inf,
     increment: ShearIncrement = "branch",
 ) -> LineStates:
-    """States at `u`: sticking up to yield, then `T = s mu N`, nothing once open.
-
-    Parameters
-    ----------
-    line : StrainLine
-        Lines (...).
-    u : array_like (...)
-        Lengths along them.
-    kappa, mu : array_like (...)
-        Stiffness ratio and coefficient of friction.
-    increment : {'branch', 'radii'}
-        As in `sticking_shear`.
-
-    Returns
-    -------
-    LineStates
-
-    Examples
-    --------
-    >>> line = strain_line(np.pi / 4, 0.0, 0.0, np.pi / 4)  # isotropic strain
-    >>> state = line_states(line, line.start + 0.3, 0.2)
-    >>> round(float(state.E1), 12), round(float(state.s1), 12)
-    (0.3, 0.3)
-    """
+    """States at `u`: sticking up to yield, then `T = s mu N`, nothing once open."""
     u = np.asarray(u, dtype=float)
     length = np.hypot(line.distance, u)
     N = np.maximum(1.0 - length, 0.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from patterns.diamond.arguments import acute_angle, confining_strain, drained_kappa, friction_angle
-from patterns.diamond.isotropic import isotropic_strain
+from patterns.diamond.tangents import isotropic_strain
 
 _CHECKS = {
     "alpha0": acute_angle,

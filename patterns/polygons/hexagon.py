@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError
+from patterns.diamond import overlap_ratio
 from patterns.diamond.arguments import acute_angle, finite, positive
 from patterns.diamond.arguments import strain as checked_strain
-from patterns.diamond.measures import overlap_ratio
 from patterns.polygons.ring import Floats, ring_contacts
 
 # As alpha grows, branches (0, 1) and (3, 4) turn clockwise, (2, 3) and (5, 0) counter-clockwise;

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from patterns.diamond import DiamondParameters as LoopParameters
-from patterns.diamond import opposite_contact_strain, opposite_gaps
+from patterns.diamond import opposite_gaps
+from patterns.diamond.geometry import opposite_contact_strain
 from studies.diamond.operators import Operators, operators
 from studies.diamond.pieces import Piece, grid
 from studies.diamond.states import States

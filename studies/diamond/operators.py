@@ -12,12 +12,11 @@ from patterns.diamond import (
     determinant_elastic,
     determinant_sliding,
     elastic_moduli,
-    geometric_asymmetry,
     geometric_tangent,
-    material_asymmetry,
     material_tangent,
     sliding_moduli,
 )
+from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
 from studies.diamond.states import States, chord_forces
 
 Floats = NDArray[np.float64]

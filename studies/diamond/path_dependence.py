@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from patterns.diamond import DiamondParameters as LoopParameters
-from patterns.diamond import work_compress_then_shear, work_shear_then_compress
+from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
 
 Floats = NDArray[np.float64]
 Leg = Literal["shear", "compress"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns.diamond import DiamondParameters as LoopParameters
-from patterns.diamond import contact_displacement_rates
+from patterns.diamond.forces import contact_displacement_rates
 from studies.diamond.operators import Operators, operators
 from studies.diamond.states import States
 

@@ -11,12 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from loops import GrainGraph
 from patterns import diamond
 from patterns.diamond import DiamondParameters as LoopParameters
-from patterns.diamond import (
-    angle_from_strains,
-    external_forces,
-    opposite_gaps,
-    overlap_ratio,
-)
+from patterns.diamond import angle_from_strains, external_forces, opposite_gaps, overlap_ratio
 
 Floats = NDArray[np.float64]
 OPPOSITE = ((0, 2), (1, 3))

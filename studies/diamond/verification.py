@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 
 from loops import LinearFrictional, Regime, macroscopic_tangent
 from patterns.diamond import DiamondParameters as LoopParameters
-from patterns.diamond import drained_slope, isotropic_tangent
+from patterns.diamond import isotropic_tangent
+from patterns.diamond.tangents import drained_slope
 from stability import bromwich_margin, restrict
 from stability.spectra import operator_norm
 from studies.diamond.drained import drained_pieces

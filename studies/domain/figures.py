@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from loops.arrays import Floats
 from patterns.diamond import critical_strain, isotropic_stress
-from patterns.diamond.strain_lines import Floats, line_states
+from patterns.diamond.strain_lines import line_states
 from studies.domain.losses import first_losses
 from studies.domain.parameters import Case
 from studies.domain.table import rows_of

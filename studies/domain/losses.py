@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from patterns.diamond.strain_lines import (
-    Floats,
     StrainLine,
     bisect,
     sticking_shear,

@@ -7,14 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from patterns.diamond import (
-    determinant_elastic,
-    determinant_sliding,
-    geometric_asymmetry,
-    material_asymmetry,
-    opposite_gaps,
-)
-from patterns.diamond.strain_lines import Floats, LineStates, line_states
+from loops.arrays import Floats
+from patterns.diamond import determinant_elastic, determinant_sliding, opposite_gaps
+from patterns.diamond.strain_lines import LineStates, line_states
+from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
 from studies.domain.losses import Losses, first_losses
 from studies.domain.parameters import Case
 

@@ -15,10 +15,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from loops.arrays import Floats
 from loops.laws.linear_frictional import ShearIncrement
 from patterns import sample_path
 from patterns.diamond.strain_lines import (
-    Floats,
     LineStates,
     StrainLine,
     half_diagonals,

@@ -6,12 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph, contact_forces, contact_frame
-from patterns.diamond import (
-    TABLE_1,
-    TABLE_2,
+from patterns.diamond import TABLE_1, TABLE_2, drained_path, drained_states_after_turn
+from patterns.diamond.forces import (
     contact_displacement_rates,
-    drained_path,
-    drained_states_after_turn,
     force_rates,
     side_lengths,
     side_rates,

@@ -9,15 +9,8 @@ from numpy.typing import NDArray
 
 from loops import GrainGraph
 from patterns import diamond
-from patterns.diamond import (
-    branch_from_sides,
-    contact_forces,
-    elastic_moduli,
-    external_forces,
-    sliding_moduli,
-    strains,
-    stresses,
-)
+from patterns.diamond import elastic_moduli, external_forces, sliding_moduli
+from patterns.diamond.forces import branch_from_sides, contact_forces, strains, stresses
 
 Floats = NDArray[np.float64]
 COUNT, SEED = 1000, 20160801

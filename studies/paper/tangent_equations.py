@@ -9,24 +9,28 @@ from numpy.typing import NDArray
 
 from loops import LinearFrictional, Regime, macroscopic_tangent, nominal_stress
 from patterns.diamond import (
-    congruence,
     critical_strain,
-    determinant,
     determinant_elastic,
     determinant_sliding,
+    geometric_tangent,
+    isotropic_tangent,
+    material_tangent,
+    tangent,
+)
+from patterns.diamond.forces import (
+    congruence,
     force_geometric_tangent,
     force_material_tangent,
     force_rates,
     force_tangent,
+    lagrangian_tangent,
+    side_rates,
+)
+from patterns.diamond.tangents import (
+    determinant,
     geometric_asymmetry,
     geometric_softening,
-    geometric_tangent,
     isotropic_determinant,
-    isotropic_tangent,
-    lagrangian_tangent,
-    material_tangent,
-    side_rates,
-    tangent,
 )
 from stability import bromwich_margin, restrict, second_order_work, symmetric_part
 from studies.paper.differences import difference, operator_difference

@@ -17,9 +17,7 @@ from patterns.diamond import (
     TABLE_2,
     DiamondParameters,
     angle_from_strains,
-    contact_forces,
     determinant_sliding,
-    drained_slope,
     drained_states,
     elastic_moduli,
     external_forces,
@@ -28,7 +26,9 @@ from patterns.diamond import (
     tangent,
 )
 from patterns.diamond import drained_path as exact_drained_path
-from patterns.diamond.graph import SHEAR_SIGNS
+from patterns.diamond.forces import contact_forces
+from patterns.diamond.geometry import SHEAR_SIGNS
+from patterns.diamond.tangents import drained_slope
 from stability import Stage, follow, programmes
 
 CLOSURES = ("affine", "traction")

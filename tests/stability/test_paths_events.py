@@ -11,11 +11,10 @@ from patterns.diamond import (
     DiamondParameters,
     determinant_elastic,
     drained_states,
-    opposite_contact_strain,
     overlap_ratio,
 )
 from patterns.diamond import drained_path as exact_drained_path
-from patterns.diamond.graph import SHEAR_SIGNS
+from patterns.diamond.geometry import SHEAR_SIGNS, opposite_contact_strain
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.locate import first_crossing, polish
 

@@ -7,7 +7,7 @@ from loops import LinearFrictional
 from patterns import diamond, regular_polygon
 from patterns.diamond import DiamondParameters, angle_from_strains
 from patterns.diamond import drained_path as exact_drained_path
-from patterns.diamond.graph import SHEAR_SIGNS
+from patterns.diamond.geometry import SHEAR_SIGNS
 from stability import Stage, follow, programmes
 
 CLOSURES = ("affine", "traction")

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from patterns.diamond import drained_path, tangent, work_compress_then_shear
-from patterns.diamond import work_shear_then_compress as shear_then_compress
+from patterns.diamond import drained_path, tangent
+from patterns.diamond.geometry import work_compress_then_shear
+from patterns.diamond.geometry import work_shear_then_compress as shear_then_compress
 from stability import symmetric_part
 from studies.diamond import DiamondParameters
 from studies.diamond.events import event_values

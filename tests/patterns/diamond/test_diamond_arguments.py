@@ -11,16 +11,15 @@ from patterns.diamond import (
     critical_strain,
     determinant_sliding,
     diamond,
-    drained_slope,
     elastic_moduli,
     isotropic_strain,
-    lagrangian_tangent,
     overlap_ratio,
-    side_lengths,
     sliding_moduli,
     tangent,
-    work_shear_then_compress,
 )
+from patterns.diamond.forces import lagrangian_tangent, side_lengths
+from patterns.diamond.geometry import work_shear_then_compress
+from patterns.diamond.tangents import drained_slope
 
 BAD_CALLS = {
     "angle zero": (lambda: diamond(0.0), r"alpha0: got 0, expected an angle between"),

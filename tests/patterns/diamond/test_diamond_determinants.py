@@ -7,23 +7,23 @@ import sympy as sp
 from patterns.diamond import (
     TABLE_1,
     TABLE_2,
-    branch_from_sides,
     critical_strain,
-    determinant,
     determinant_elastic,
     determinant_sliding,
-    drained_slope,
     elastic_moduli,
     external_forces,
-    geometric_softening,
-    isotropic_determinant,
     isotropic_strain,
     isotropic_stress,
     isotropic_tangent,
-    side_lengths,
     sliding_moduli,
-    stresses,
     tangent,
+)
+from patterns.diamond.forces import branch_from_sides, side_lengths, stresses
+from patterns.diamond.tangents import (
+    determinant,
+    drained_slope,
+    geometric_softening,
+    isotropic_determinant,
 )
 from tests.oracles import diamond_symbolic as symbolic
 

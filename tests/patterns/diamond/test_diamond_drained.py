@@ -9,19 +9,21 @@ from patterns.diamond import (
     TABLE_1,
     TABLE_2,
     DiamondParameters,
-    branch_from_sides,
-    contact_displacement_rates,
     drained_path,
-    drained_slope,
     drained_states,
     drained_states_after_turn,
     elastic_moduli,
     external_forces,
-    side_lengths,
     sliding_moduli,
-    stresses,
     tangent,
 )
+from patterns.diamond.forces import (
+    branch_from_sides,
+    contact_displacement_rates,
+    side_lengths,
+    stresses,
+)
+from patterns.diamond.tangents import drained_slope
 
 TWENTY_DIGITS = [
     (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),

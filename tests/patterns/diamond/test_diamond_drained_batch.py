@@ -7,8 +7,7 @@ from scipy.special import gamma
 
 from loops import InputError
 from patterns.diamond import drained_end, tangent
-from patterns.diamond.drained_growing import _Bracket
-from patterns.diamond.drained_shear import advance_shear
+from patterns.diamond.drained_end import _Bracket, advance_shear
 from tests.oracles import diamond_mpmath as oracle
 
 

@@ -6,20 +6,22 @@ from mpmath import mp, mpf
 
 from patterns.diamond import (
     angle_from_strains,
+    external_forces,
+    isotropic_stress,
+    opposite_gaps,
+    overlap_ratio,
+)
+from patterns.diamond.forces import (
     branch_from_sides,
     contact_displacement_rates,
     contact_forces,
-    external_forces,
     force_rates,
-    isotropic_stress,
-    opposite_contact_strain,
-    opposite_gaps,
-    overlap_ratio,
     side_lengths,
     side_rates,
     strains,
     stresses,
 )
+from patterns.diamond.geometry import opposite_contact_strain
 
 SMALL_STEPS = np.array([1e-2, 5e-3, 2.5e-3, 1.25e-3])
 

@@ -15,15 +15,13 @@ from loops import (
 )
 from patterns.diamond import (
     angle_from_strains,
-    branch_from_sides,
     diamond,
     elastic_moduli,
     external_forces,
-    side_lengths,
     sliding_moduli,
-    stresses,
     tangent,
 )
+from patterns.diamond.forces import branch_from_sides, side_lengths, stresses
 
 
 def random_graphs(seed, count):

@@ -5,24 +5,25 @@ import pytest
 
 from patterns.diamond import (
     angle_from_strains,
-    branch_from_sides,
-    congruence,
     elastic_moduli,
     external_forces,
+    geometric_tangent,
+    material_tangent,
+    sliding_moduli,
+    tangent,
+)
+from patterns.diamond.forces import (
+    branch_from_sides,
+    congruence,
     force_geometric_tangent,
     force_material_tangent,
     force_tangent,
-    geometric_asymmetry,
-    geometric_tangent,
     lagrangian_tangent,
-    material_asymmetry,
-    material_tangent,
     side_lengths,
-    sliding_moduli,
     strains,
     stresses,
-    tangent,
 )
+from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
 from tests.oracles import diamond_symbolic as symbolic
 
 STEPS = np.array([4e-3, 2e-3, 1e-3, 5e-4])

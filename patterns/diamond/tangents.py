@@ -1,0 +1,477 @@
+"""The diamond's dimensionless tangent `s' = K E'`, its two origins and determinants (25) to (43).
+
+`s_k = S_k/kn`. K equals the generic macroscopic tangent restricted to (11, 22) with the bounding
+box `L10 L20` as reference volume. Compression positive, radians; arguments broadcast. `alpha` is
+the current branch angle, `angle_from_strains` of the strains.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops.arrays import Floats
+from loops.errors import InputError
+from patterns.diamond.arguments import acute_angle, finite, nonnegative, sliding_sign, strain
+from patterns.diamond.geometry import angle_from_strains
+
+
+def elastic_moduli(kappa: ArrayLike) -> tuple[Floats, Floats]:
+    """Moduli of elastic contacts, `Lambda1 = Lambda2 = kappa`.
+
+    Parameters
+    ----------
+    kappa : array_like (...)
+        Stiffness ratio `kt/kn`, zero or more.
+
+    Returns
+    -------
+    lambda1, lambda2 : ndarray (...)
+
+    Raises
+    ------
+    InputError
+        If `kappa` is negative or not finite.
+
+    Examples
+    --------
+    >>> [float(x) for x in elastic_moduli(0.2)]
+    [0.2, 0.2]
+    """
+    kappa = nonnegative("kappa", kappa)
+    return kappa, kappa
+
+
+def sliding_moduli(alpha: ArrayLike, mu: ArrayLike, s: ArrayLike) -> tuple[Floats, Floats]:
+    """Moduli of sliding contacts, `Lambda1 = s mu / tan(alpha)`, `Lambda2 = -s mu tan(alpha)`.
+
+    The paper's `zeta_n zeta_t` is read as `s = sign(T)`, which keeps `|T| = mu N` also when the
+    contact unloads (theory note section 9).
+
+    Parameters
+    ----------
+    alpha : array_like (...)
+        Branch angle in (0, pi/2), radians.
+    mu : array_like (...)
+        Friction coefficient `tan(phi_g)`, zero or more.
+    s : array_like (...)
+        Sign of T, +1 or -1.
+
+    Returns
+    -------
+    lambda1, lambda2 : ndarray (...)
+
+    Raises
+    ------
+    InputError
+        If `alpha` leaves (0, pi/2), `mu` is negative, or `s` is not a sign.
+
+    Examples
+    --------
+    >>> [round(float(x), 12) for x in sliding_moduli(np.pi / 4, 0.1, 1)]
+    [0.1, -0.1]
+    """
+    t = np.tan(acute_angle("alpha", alpha))
+    friction = sliding_sign("s", s) * nonnegative("mu", mu)
+    return friction / t, -friction * t
+
+
+def material_tangent(
+    E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike, lambda1: ArrayLike, lambda2: ArrayLike
+) -> Floats:
+    """Material part `Kmat`, from the contact law alone (27).
+
+    Parameters
+    ----------
+    E1, E2 : array_like (...)
+        Strains below 1.
+    alpha0 : array_like (...)
+        Reference angle in (0, pi/2), radians.
+    lambda1, lambda2 : array_like (...)
+        Moduli from `elastic_moduli` or `sliding_moduli`.
+
+    Returns
+    -------
+    K : ndarray (..., 2, 2)
+        `Kmat12 - Kmat21` is 0 when elastic and `s mu` when sliding (29).
+
+    Raises
+    ------
+    InputError
+        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
+
+    Examples
+    --------
+    >>> material_tangent(0.0, 0.0, np.pi / 4, 0.2, 0.2).round(12).tolist()
+    [[0.6, 0.4], [0.4, 0.6]]
+    """
+    alpha = angle_from_strains(E1, E2, alpha0)
+    lambda1, lambda2 = finite("lambda1", lambda1), finite("lambda2", lambda2)
+    t0, c, s = np.tan(np.asarray(alpha0)), np.cos(alpha), np.sin(alpha)
+    return matrix(
+        (c**2 + lambda1 * s**2) / t0,
+        (1.0 - lambda2) * c * s,
+        (1.0 - lambda1) * c * s,
+        (s**2 + lambda2 * c**2) * t0,
+    )
+
+
+def geometric_tangent(
+    E1: ArrayLike, E2: ArrayLike, s1: ArrayLike, s2: ArrayLike, alpha0: ArrayLike
+) -> Floats:
+    """Geometric part `Kgeo`, from the stresses carried while the branches turn (28).
+
+    Parameters
+    ----------
+    E1, E2 : array_like (...)
+        Strains below 1.
+    s1, s2 : array_like (...)
+        Dimensionless stresses, compression positive.
+    alpha0 : array_like (...)
+        Reference angle in (0, pi/2), radians.
+
+    Returns
+    -------
+    K : ndarray (..., 2, 2)
+        Symmetric if and only if `T = 0` (30), (31): `Kgeo12 - Kgeo21 = -T/(kn l)`.
+
+    Raises
+    ------
+    InputError
+        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
+
+    Examples
+    --------
+    >>> geometric_tangent(0.5, 0.5, 0.2, 0.1, np.pi / 4).round(12).tolist()
+    [[-0.1, 0.1], [0.2, -0.2]]
+    """
+    alpha = angle_from_strains(E1, E2, alpha0)
+    t0, c, s = np.tan(np.asarray(alpha0)), np.cos(alpha), np.sin(alpha)
+    p1 = finite("s1", s1) / (1.0 - np.asarray(E2))
+    p2 = finite("s2", s2) / (1.0 - np.asarray(E1))
+    return matrix(-c * s * p2 / t0, c**2 * p2, s**2 * p1, -c * s * p1 * t0)
+
+
+def tangent(
+    E1: ArrayLike,
+    E2: ArrayLike,
+    s1: ArrayLike,
+    s2: ArrayLike,
+    alpha0: ArrayLike,
+    lambda1: ArrayLike,
+    lambda2: ArrayLike,
+) -> Floats:
+    """Dimensionless tangent `K = Kmat + Kgeo` of `s' = K E'` (25), (26).
+
+    Parameters
+    ----------
+    E1, E2 : array_like (...)
+        Strains below 1, compression positive.
+    s1, s2 : array_like (...)
+        Dimensionless stresses `S/kn`, compression positive.
+    alpha0 : array_like (...)
+        Reference angle in (0, pi/2), radians.
+    lambda1, lambda2 : array_like (...)
+        Moduli from `elastic_moduli` or `sliding_moduli`.
+
+    Returns
+    -------
+    K : ndarray (..., 2, 2)
+        `K = K^/kn`; the printed `K = kn K^` before (26) is a misprint.
+
+    Raises
+    ------
+    InputError
+        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
+
+    Examples
+    --------
+    At the end of the confinement of Table 1 the determinant is `0.2 - 0.3/0.7`:
+
+    >>> K = tangent(0.3, 0.3, 0.3, 0.3, np.pi / 4, 0.2, 0.2)
+    >>> round(float(np.linalg.det(K)), 12), round(0.2 - 0.3 / 0.7, 12)
+    (-0.228571428571, -0.228571428571)
+    """
+    return material_tangent(E1, E2, alpha0, lambda1, lambda2) + geometric_tangent(
+        E1, E2, s1, s2, alpha0
+    )
+
+
+def determinant(
+    E1: ArrayLike,
+    E2: ArrayLike,
+    s1: ArrayLike,
+    s2: ArrayLike,
+    alpha: ArrayLike,
+    lambda1: ArrayLike,
+    lambda2: ArrayLike,
+) -> Floats:
+    """`det K` for any pair of moduli (34)."""
+    alpha = acute_angle("alpha", alpha)
+    lambda1, lambda2 = finite("lambda1", lambda1), finite("lambda2", lambda2)
+    c, s = np.cos(alpha), np.sin(alpha)
+    turning = geometric_asymmetry(E1, E2, s1, s2, alpha)
+    return (
+        s**2 * lambda1
+        + c**2 * lambda2
+        - geometric_softening(E1, E2, s1, s2, alpha)
+        + (lambda1 - lambda2) * c * s * turning
+    )
+
+
+def determinant_elastic(
+    E1: ArrayLike,
+    E2: ArrayLike,
+    s1: ArrayLike,
+    s2: ArrayLike,
+    alpha: ArrayLike,
+    kappa: ArrayLike,
+) -> Floats:
+    """`det K = kappa - N/(kn l)` of elastic contacts (35).
+
+    Parameters
+    ----------
+    E1, E2, s1, s2, alpha : array_like (...)
+        As in `determinant`.
+    kappa : array_like (...)
+        Stiffness ratio `kt/kn`, zero or more.
+
+    Returns
+    -------
+    det_K : ndarray (...)
+        Vanishes where the geometric softening equals `kappa` (37).
+
+    Raises
+    ------
+    InputError
+        If a strain reaches 1, `alpha` leaves (0, pi/2) or `kappa` is negative.
+
+    Examples
+    --------
+    >>> round(float(determinant_elastic(0.3, 0.3, 0.3, 0.3, np.pi / 4, 0.2)), 12)
+    -0.228571428571
+    """
+    return nonnegative("kappa", kappa) - geometric_softening(E1, E2, s1, s2, alpha)
+
+
+def determinant_sliding(
+    E1: ArrayLike,
+    E2: ArrayLike,
+    s1: ArrayLike,
+    s2: ArrayLike,
+    alpha: ArrayLike,
+    mu: ArrayLike,
+    s: ArrayLike,
+) -> Floats:
+    """`det K` of sliding contacts (36), `s = sign(T)` in place of `zeta_n zeta_t`.
+
+    Where `T = s mu N` it equals `-(1 + mu^2) N/(kn l)`: never positive.
+
+    Parameters
+    ----------
+    E1, E2, s1, s2, alpha : array_like (...)
+        As in `determinant`.
+    mu : array_like (...)
+        Friction coefficient, zero or more.
+    s : array_like (...)
+        Sign of T, +1 or -1.
+
+    Returns
+    -------
+    det_K : ndarray (...)
+
+    Raises
+    ------
+    InputError
+        If a strain reaches 1, `alpha` leaves (0, pi/2), `mu` is negative or `s` is not a sign.
+
+    Examples
+    --------
+    >>> round(float(determinant_sliding(0.3, 0.3, 0.3, 0.3, np.pi / 4, 0.1, 1)), 12)
+    -0.428571428571
+    """
+    turning = geometric_asymmetry(E1, E2, s1, s2, alpha)
+    return material_asymmetry(mu, s) * turning - geometric_softening(E1, E2, s1, s2, alpha)
+
+
+def geometric_softening(
+    E1: ArrayLike, E2: ArrayLike, s1: ArrayLike, s2: ArrayLike, alpha: ArrayLike
+) -> Floats:
+    """Left side of (37), `cos a sin a (s2/(1-E1) + s1/(1-E2))`; equal to `N/(kn l)`.
+
+    Balance (12) cancels T from it: an elastic diamond loses `det K` at one branch length,
+    `l/l0 = 1/(1 + kappa)`, whatever its angle and shear force.
+    """
+    alpha = acute_angle("alpha", alpha)
+    p1, p2 = _current_stresses(E1, E2, s1, s2)
+    return np.cos(alpha) * np.sin(alpha) * (p2 + p1)
+
+
+def material_asymmetry(mu: ArrayLike, s: ArrayLike) -> Floats:
+    """`Kmat12 - Kmat21 = s mu` of sliding contacts (29); elastic ones have none."""
+    return sliding_sign("s", s) * nonnegative("mu", mu)
+
+
+def geometric_asymmetry(
+    E1: ArrayLike, E2: ArrayLike, s1: ArrayLike, s2: ArrayLike, alpha: ArrayLike
+) -> Floats:
+    """`Kgeo12 - Kgeo21 = cos^2(a) s2/(1-E1) - sin^2(a) s1/(1-E2)`, equal to `-T/(kn l)`.
+
+    It vanishes where (30) holds, that is where `T = 0` (31).
+    """
+    alpha = acute_angle("alpha", alpha)
+    p1, p2 = _current_stresses(E1, E2, s1, s2)
+    return np.cos(alpha) ** 2 * p2 - np.sin(alpha) ** 2 * p1
+
+
+def drained_slope(K: ArrayLike) -> Floats:
+    """Slope `ds1/dE1 = det K / K22` under constant `s2` (33)."""
+    K = finite("K", K)
+    if K.shape[-2:] != (2, 2):
+        raise InputError("K", f"shape {K.shape}", "(..., 2, 2)", "Reshape it.")
+    det_K = K[..., 0, 0] * K[..., 1, 1] - K[..., 0, 1] * K[..., 1, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return det_K / (K[..., 1, 1] + 0.0)
+
+
+def _current_stresses(
+    E1: ArrayLike, E2: ArrayLike, s1: ArrayLike, s2: ArrayLike
+) -> tuple[Floats, Floats]:
+    E1, E2 = strain("E1", E1), strain("E2", E2)
+    return finite("s1", s1) / (1.0 - E2), finite("s2", s2) / (1.0 - E1)
+
+
+def isotropic_stress(E: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
+    """Stresses on the path, `s1 = E/tan(alpha0)` and `s2 = E tan(alpha0)` (39).
+
+    Equal only at 45 degrees: isotropic is the strain, not the stress (theory note section 9).
+
+    Parameters
+    ----------
+    E : array_like (...)
+        Isotropic strain below 1, compression positive.
+    alpha0 : array_like (...)
+        Reference angle in (0, pi/2), radians.
+
+    Returns
+    -------
+    s1, s2 : ndarray (...)
+        Dimensionless, compression positive.
+
+    Raises
+    ------
+    InputError
+        If `E` reaches 1 or `alpha0` leaves (0, pi/2).
+
+    Examples
+    --------
+    >>> s1, s2 = isotropic_stress(0.2, np.arctan(0.5))
+    >>> round(float(s1), 12), round(float(s2), 12)
+    (0.4, 0.1)
+    """
+    E, t0 = strain("E", E), np.tan(acute_angle("alpha0", alpha0))
+    return E / t0, E * t0
+
+
+def isotropic_strain(s1: ArrayLike, alpha0: ArrayLike) -> Floats:
+    """Strain that carries the axial stress `s1` on the path: the inverse of (39a).
+
+    Parameters
+    ----------
+    s1 : array_like (...)
+        Dimensionless axial stress, compression positive.
+    alpha0 : array_like (...)
+        Reference angle in (0, pi/2), radians.
+
+    Returns
+    -------
+    E : ndarray (...)
+
+    Raises
+    ------
+    InputError
+        If `alpha0` leaves (0, pi/2), or no strain below 1 carries `s1`.
+
+    Examples
+    --------
+    Table 2 of the paper:
+
+    >>> round(float(isotropic_strain(0.35, np.radians(35.0))), 5)
+    0.24507
+    """
+    t0 = np.tan(acute_angle("alpha0", alpha0))
+    return strain("isotropic strain under s1", finite("s1", s1) * t0)
+
+
+def isotropic_tangent(E: ArrayLike, alpha0: ArrayLike, kappa: ArrayLike) -> Floats:
+    """Elastic tangent on the path (38), (40); at 45 degrees (43), at the critical strain (42).
+
+    Parameters
+    ----------
+    E : array_like (...)
+        Isotropic strain below 1.
+    alpha0 : array_like (...)
+        Reference angle in (0, pi/2), radians.
+    kappa : array_like (...)
+        Stiffness ratio `kt/kn`, zero or more.
+
+    Returns
+    -------
+    K : ndarray (..., 2, 2)
+        Symmetric. At 45 degrees its eigenvalues are 1 and `kappa - E/(1-E)`.
+
+    Raises
+    ------
+    InputError
+        If `E` reaches 1, `alpha0` leaves (0, pi/2) or `kappa` is negative.
+
+    Examples
+    --------
+    At the critical strain and 45 degrees K is half the all-ones matrix:
+
+    >>> isotropic_tangent(critical_strain(0.2), np.pi / 4, 0.2).round(12).tolist()
+    [[0.5, 0.5], [0.5, 0.5]]
+    """
+    alpha0 = acute_angle("alpha0", alpha0)
+    excess = isotropic_determinant(E, kappa)
+    c, s, t0 = np.cos(alpha0), np.sin(alpha0), np.tan(alpha0)
+    coupling = (1.0 - excess) * c * s
+    return matrix(c**2 / t0 + excess * c * s, coupling, coupling, s**2 * t0 + excess * c * s)
+
+
+def isotropic_determinant(E: ArrayLike, kappa: ArrayLike) -> Floats:
+    """`det K = kappa - E/(1-E)` on the path, whatever the reference angle (below (43))."""
+    E = strain("E", E)
+    return nonnegative("kappa", kappa) - E / (1.0 - E)
+
+
+def critical_strain(kappa: ArrayLike) -> Floats:
+    """Isotropic strain `E* = kappa/(1 + kappa)` at which `det K` vanishes (41).
+
+    Parameters
+    ----------
+    kappa : array_like (...)
+        Stiffness ratio `kt/kn`, zero or more.
+
+    Returns
+    -------
+    E : ndarray (...)
+
+    Raises
+    ------
+    InputError
+        If `kappa` is negative.
+
+    Examples
+    --------
+    >>> float(critical_strain(1.0))
+    0.5
+    """
+    kappa = nonnegative("kappa", kappa)
+    return kappa / (1.0 + kappa)
+
+
+def matrix(k11: Floats, k12: Floats, k21: Floats, k22: Floats) -> Floats:
+    """Operators (..., 2, 2) of four broadcasting components (...)."""
+    components = np.stack(np.broadcast_arrays(k11, k12, k21, k22), axis=-1)
+    return components.reshape((*components.shape[:-1], 2, 2))
