@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import sys
-from typing import Any
+import warnings
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import typer
 
 from loops.errors import InputError
 from studies.commands import bench, diamond, domain, polygon, series, snapshot
+from studies.commands.common import forget_output
 
 app = typer.Typer(
     invoke_without_command=True,
@@ -18,11 +22,19 @@ app = typer.Typer(
     help="Stability of grain loops in two-dimensional granular media. Angles in degrees; "
     "forces, stresses and strains positive in compression.",
 )
+# No error is longer than a screen: the middle of what was received is left out.
+LONGEST = 1000
 
 
 @app.callback()
-def grainloops(context: typer.Context) -> None:
-    """Show the help when no command is given."""
+def grainloops(
+    context: typer.Context,
+    show_version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
+) -> None:
+    """Show the version, or the help when no command is given."""
+    if show_version:
+        typer.echo(f"grainloops {version('grainloops')}")
+        raise typer.Exit
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
 
@@ -37,6 +49,11 @@ UsageError: Any = typer.BadParameter.__base__
 
 def main() -> None:
     """Run the command; bad input gives one line on stderr and exit status 2."""
+    if not sys.warnoptions:
+        # Warnings are for who writes code; what a user should know stands in the notes.
+        warnings.simplefilter("ignore")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         status = app(standalone_mode=False)
     except InputError as error:
@@ -46,12 +63,18 @@ def main() -> None:
     except (typer.Abort, KeyboardInterrupt):
         typer.echo("grainloops: interrupted; nothing was written.", err=True)
         sys.exit(130)
+    except (OSError, MemoryError) as error:
+        forget_output()
+        _fail(str(error) or "out of memory", status=1)
     sys.exit(status if isinstance(status, int) else 0)
 
 
-def _fail(message: str) -> None:
-    typer.echo(f"grainloops: {' '.join(message.split())}", err=True)
-    sys.exit(2)
+def _fail(message: str, status: int = 2) -> None:
+    line = " ".join(message.split())
+    if len(line) > LONGEST:
+        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+    typer.echo(f"grainloops: {line}", err=True)
+    sys.exit(status)
 
 
 if __name__ == "__main__":

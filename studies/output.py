@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
-import tempfile
+import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
+from glob import escape
+from hashlib import blake2b
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 import pyarrow as pa
@@ -18,124 +23,214 @@ import pyarrow.parquet
 
 from loops import InputError
 
+try:
+    import fcntl
+except ImportError:  # Windows has no such locks: two runs at once are not told apart there
+    fcntl = None  # type: ignore[assignment]
+
 SIGNS = "forces, stresses and strains positive in compression; angles counter-clockwise"
 UNITS_OF_A_LOOP = (
     "dimensionless: lengths over l0 (two radii), forces over kn l0, stresses over kn; "
     "angles in degrees"
 )
+SUMMARY = "summary.json"
+# A series keeps what it is in this file, and its parts in these folders.
+SERIES, DATASETS = "series.json", ("loops", "increments")
+# Seconds within which a folder beside the results may belong to a run that has just begun.
+JUST_MADE = 2.0
+PACKAGES = ("loops", "patterns", "stability", "studies")
 
 
 def provenance(command: str, configuration: Mapping[str, Any], units: str) -> dict[str, Any]:
-    """What made a result: command, configuration, version, units and sign convention.
-
-    Parameters
-    ----------
-    command : str
-        The command's name.
-    configuration : mapping
-        Its arguments.
-    units : str
-        Units of the results.
-
-    Returns
-    -------
-    dict
-        Plain values, for JSON and for the metadata of tables and figures.
-    """
-    try:
-        number = version("grainloops")
-    except PackageNotFoundError:
-        number = "not installed"
+    """What made a result: plain values, for JSON and for the metadata of tables and figures."""
     return {
         "command": f"grainloops {command}",
         "configuration": dict(configuration),
-        "version": number,
+        "version": _version(),
         "units": units,
         "signs": SIGNS,
     }
 
 
+def _version() -> str:
+    try:
+        return version("grainloops")
+    except PackageNotFoundError:
+        return "not installed"
+
+
+@cache
+def code_version() -> str:
+    """Version and a digest of the sources of all rooms: the version does not tell changed code."""
+    root, digest = Path(__file__).resolve().parents[1], blake2b(digest_size=6)
+    for file in sorted(file for room in PACKAGES for file in (root / room).rglob("*.py")):
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    return f"{_version()} (code {digest.hexdigest()})"
+
+
 @contextmanager
 def result_folder(out: Path, *, force: bool) -> Iterator[Path]:
-    """Folder to write into; its files move to `out` only when everything has been written.
+    """A folder beside `out` to write into, put in its place when everything has been written.
 
-    Parameters
-    ----------
-    out : Path
-        Where the results go; created. With `force`, files of the same names are replaced and
-        others stay.
-    force : bool
-        Whether results may be replaced.
-
-    Yields
-    ------
-    Path
-        A temporary folder beside `out`.
-
-    Raises
-    ------
-    InputError
-        If `out` is a file, or holds files and `force` is false.
+    With `force` what an earlier run wrote into `out`, by whichever command, is removed; files that
+    no command wrote stay. Of two runs into one place the one that ends first has it.
     """
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}", "a file", "a folder", "Name another place.")
-    if not force and out.is_dir() and any(out.iterdir()):
-        raise InputError(
-            f"--out {out}",
-            "a folder that holds files",
-            "a new or empty folder",
-            "Name another place, or give --force to replace results of the same names.",
-        )
-    try:
+    require_folder(out, force=force)
+    with errors_of(out):
+        out = out.resolve()
         out.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-    except OSError as error:
-        raise InputError(
-            f"--out {out}", error.strerror or str(error), "a place to write", "Name another place."
-        ) from None
+        _remove_abandoned(out)
+        partial = out.parent / f".{out.name}-{uuid4().hex[:8]}"
+        partial.mkdir()
     try:
-        yield partial
-        out.mkdir(exist_ok=True)
-        for file in sorted(partial.iterdir()):
-            os.replace(file, out / file.name)
+        with errors_of(out), folder_lock(partial):
+            yield partial
+            _list_files(partial)
+            _put_in_place(partial, out, force=force)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
-    """Write `summary.json` with sorted plain keys; numbers that are not finite become null.
+def require_folder(out: Path, *, force: bool) -> None:
+    """Refuse a file, and without `force` a folder that holds anything."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}", "a file", "a folder", "Name another place.")
+    if (name := readable(out.absolute())) != str(out.absolute()):
+        # Parquet files can't be written there.
+        raise InputError(f"--out {name}", "bytes that are no text", "UTF-8", "Name another place.")
+    if not force and out.is_dir() and any(out.iterdir()):
+        remedy = "Name another place, or give --force to replace the results in it."
+        received = "a folder that holds files"
+        raise InputError(f"--out {out}", received, "a new or empty folder", remedy)
 
-    Parameters
-    ----------
-    folder : Path
-        Where.
-    summary : mapping
-        Plain values and arrays.
+
+@contextmanager
+def errors_of(out: Path) -> Iterator[None]:
+    """A full disk or a forbidden place in one line; what goes wrong with reading is told before."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        said = f"no {error.filename or error}: removed while the run went on"
+        remedy = "Give the same command again."
+        raise InputError(f"--out {out}", said, "a folder that stays", remedy) from None
+    except OSError as error:
+        said, remedy = error.strerror or str(error), "Make room, or name another place."
+        raise InputError(f"--out {out}", said, "a place to write", remedy) from None
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[bool]:
+    """Hold a folder until the block or the process ends; False where there are no locks.
+
+    An `InputError` says that another run holds it.
     """
-    (folder / "summary.json").write_text(as_json(summary) + "\n")
+    file = os.open(folder, os.O_RDONLY) if fcntl is not None else None
+    try:
+        try:
+            if file is not None:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            locked = file is not None
+        except BlockingIOError:
+            received, remedy = "a folder that another run writes to", "Wait, or name another place."
+            raise InputError(f"--out {folder}", received, "a free one", remedy) from None
+        except OSError:  # a file system without locks
+            locked = False
+        yield locked
+    finally:
+        if file is not None:
+            os.close(file)
+
+
+def _remove_abandoned(out: Path) -> None:
+    """Remove what killed runs left beside `out`: nobody holds it."""
+    for left in out.parent.glob(f".{escape(out.name)}-{'[0-9a-f]' * 8}"):
+        with suppress(InputError, OSError), folder_lock(left) as locked:
+            # A run that has just made its folder has not locked it yet.
+            if locked and time.time() - left.stat().st_mtime > JUST_MADE:
+                shutil.rmtree(left, ignore_errors=True)
+
+
+def _list_files(folder: Path) -> None:
+    """Add the names of the other files to the summary, for whoever replaces them."""
+    if (folder / SUMMARY).is_file():
+        summary = json.loads((folder / SUMMARY).read_text())
+        files = sorted(file.name for file in folder.iterdir() if file.name != SUMMARY)
+        write_summary(folder, summary | {"files": files})
+
+
+def _put_in_place(partial: Path, out: Path, *, force: bool) -> None:
+    if not out.exists():
+        with suppress(FileExistsError):
+            return _rename(partial, out)
+    with folder_lock(out):
+        if force:
+            remove_results(out)
+        elif any(out.iterdir()):
+            raise InputError(
+                f"--out {out}",
+                "the results of another run, which ended first",
+                "a new or empty folder",
+                "Name another place, or give --force to replace them.",
+            )
+        move_files(partial, out)
+
+
+def _rename(partial: Path, out: Path) -> None:
+    try:
+        partial.rename(out)
+    except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise FileExistsError from None
+        raise
+
+
+def move_files(partial: Path, out: Path) -> None:
+    """Give every file of a folder its place in another one, the summary last."""
+    for file in sorted(partial.iterdir(), key=lambda file: (file.name == SUMMARY, file.name)):
+        os.replace(file, out / file.name)
+
+
+def remove_results(out: Path) -> None:
+    """Remove what any command wrote into a folder, the parts of a series among it."""
+    remove_listed(out)
+    if (out / SERIES).is_file():
+        (out / SERIES).unlink()
+        for dataset in DATASETS:
+            for part in (out / dataset).glob("part-*.parquet"):
+                part.unlink()
+            with suppress(OSError):
+                (out / dataset).rmdir()
+
+
+def remove_listed(out: Path) -> None:
+    """Remove the summary of a folder and the files that it lists."""
+    try:
+        files = json.loads((out / SUMMARY).read_text())["files"]
+    except (OSError, ValueError, KeyError, TypeError):
+        files = []
+    for name in (*files, SUMMARY):
+        path = out / str(name)
+        if path.parent == out and path.is_file():
+            path.unlink()
+
+
+def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
+    """Write `summary.json` with sorted plain keys; numbers that are not finite become null."""
+    (folder / SUMMARY).write_text(as_json(summary) + "\n")
 
 
 def as_json(summary: Mapping[str, Any]) -> str:
-    """JSON text with sorted keys; arrays become lists, numbers that are not finite null.
+    """Strict JSON with sorted keys; arrays become lists, numbers that are not finite null.
 
-    Parameters
-    ----------
-    summary : mapping
-        Plain values and arrays.
-
-    Returns
-    -------
-    str
-        Strict JSON.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from studies.output import as_json
     >>> as_json({"b": np.array([1.0, np.nan]), "a": np.int64(3)}).split()
     ['{', '"a":', '3,', '"b":', '[', '1.0,', 'null', ']', '}']
     """
     return json.dumps(_plain(summary), indent=2, sort_keys=True, allow_nan=False)
+
+
+def readable(name: str | Path) -> str:
+    """The name of a file as text that can be written anywhere, whatever its bytes."""
+    return str(name).encode("utf-8", "backslashreplace").decode()
 
 
 def _plain(value: Any) -> Any:
@@ -150,27 +245,16 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     if isinstance(value, Path):
-        return str(value)
+        return readable(value)
     return value
 
 
 def write_table(
     folder: Path, name: str, columns: Mapping[str, Any], source: Mapping[str, Any], *, csv: bool
 ) -> None:
-    """Write a table as Parquet, and as CSV on request, its provenance in the Parquet metadata.
+    """Write a table as Parquet, its provenance in the metadata, and as CSV on request.
 
-    Parameters
-    ----------
-    folder : Path
-        Where.
-    name : str
-        Name without its ending.
-    columns : mapping of str to array
-        Columns of equal length; pyarrow arrays allowed.
-    source : mapping
-        From `provenance`.
-    csv : bool
-        Whether to write `name.csv` too; lists are joined by blanks there.
+    Lists are joined by blanks in the CSV.
     """
     table = pa.table({key: pa.array(value) for key, value in columns.items()})
     metadata = {b"grainloops": as_json(source).encode()}

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -76,11 +79,24 @@ def shown(value: float | None) -> str:
 def report(
     summary: dict[str, Any], out: Path, json: bool, lines: Callable[[dict[str, Any]], list[str]]
 ) -> None:
-    """Print the summary, as JSON or as the lines made of it and the place of the results."""
-    if json:
-        from studies.output import as_json
+    """Print the summary, as JSON or as the lines made of it and the place of the results.
 
-        typer.echo(as_json(summary))
-        return
-    for line in [*lines(summary), f"results in {out}"]:
-        typer.echo(line)
+    The results are in their place by then: who stops reading changes nothing.
+    """
+    if json:
+        text = (out / "summary.json").read_text().rstrip()
+    else:
+        text = "\n".join([*lines(summary), f"results in {out}"])
+    try:
+        typer.echo(text)
+    except OSError as error:
+        forget_output()
+        if not isinstance(error, BrokenPipeError):
+            typer.echo(f"grainloops: {error.strerror}; the results are in {out}", err=True)
+            raise typer.Exit(1) from None
+
+
+def forget_output() -> None:
+    """What could not be printed is not tried again when the process ends."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from loops import InputError
-from studies.output import provenance
+from studies.output import code_version
 
 
 class Named(Protocol):
@@ -165,7 +165,7 @@ def _check_workers(client: Any, address: str, paths: Sequence[Path]) -> None:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError:
         raise _no_scheduler(address, "a scheduler without workers") from None
-    expected = _version()
+    expected = code_version()
     for worker, (version, missing) in client.run(_probe([str(path) for path in paths])).items():
         where = f"Dask worker {worker}"
         if version != expected:
@@ -173,7 +173,7 @@ def _check_workers(client: Any, address: str, paths: Sequence[Path]) -> None:
                 where,
                 f"grainloops {version}" if version else "no grainloops",
                 f"grainloops {expected}, as here",
-                "Install the same version for the workers.",
+                "Install the same version for the workers, and start them again.",
             )
         if missing:
             raise InputError(
@@ -184,19 +184,15 @@ def _check_workers(client: Any, address: str, paths: Sequence[Path]) -> None:
             )
 
 
-def _version() -> str:
-    return str(provenance("series", {}, "")["version"])
-
-
 def _probe(paths: list[str]) -> Callable[[], tuple[str | None, str | None]]:
     # A function within a function travels as code: it runs where grainloops is missing too.
     def probe() -> tuple[str | None, str | None]:
         import os
 
         try:
-            from studies.output import provenance
+            from studies.output import code_version
 
-            version = str(provenance("series", {}, "")["version"])
+            version = code_version()
         except ImportError:
             version = None
         missing = [path for path in paths if not os.path.exists(path)]

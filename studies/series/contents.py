@@ -4,55 +4,40 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from loops import InputError
-from studies.output import as_json
+from studies.output import SERIES, as_json, remove_listed, remove_results
+from studies.series.dataset import UNFINISHED
 from studies.series.plan import PlannedSnapshot, SeriesInput
 
-NAME = "series.json"
 HOW = ("format", "columns", "cell", "kn", "kt", "mu", "drop_crossings")
 
 
 def open_folder(
     out: Path, series: SeriesInput, planned: Sequence[PlannedSnapshot], *, force: bool
 ) -> None:
-    """Create the folder of a series, or take up the one that an earlier run began.
+    """Begin a series in a folder, or take up the one that an earlier run began there.
 
-    The same series, read in the same way, goes on; snapshots may follow after its last one.
-
-    Parameters
-    ----------
-    out : Path
-        The folder.
-    series : SeriesInput
-        How the snapshots are read.
-    planned : sequence of PlannedSnapshot
-        The snapshots.
-    force : bool
-        Whether another series' results may be replaced.
-
-    Raises
-    ------
-    InputError
-        If `out` is a file or can't be written, or holds anything else and `force` is false.
+    The same series, read in the same way, goes on; snapshots may follow after its last one. With
+    `force` what any command wrote there before is removed.
     """
     contents = _contents(series, planned)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}", "a file", "a folder", "Name another place.")
-    if not force and out.is_dir() and any(out.iterdir()):
-        _require_same(out, contents)
-    partial = out / f".{NAME}-{os.getpid()}"
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        partial.write_text(as_json(contents) + "\n")
-        os.replace(partial, out / NAME)
-    except OSError as error:
-        raise InputError(
-            f"--out {out}", error.strerror or str(error), "a place to write", "Name another place."
-        ) from None
+    if any(out.iterdir()):
+        try:
+            _require_same(out, contents)
+        except InputError:
+            if not force:
+                raise
+            remove_results(out)
+    remove_listed(out)
+    shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+    partial = out / f".{SERIES}"
+    partial.write_text(as_json(contents) + "\n")
+    os.replace(partial, out / SERIES)
 
 
 def has_parts(out: Path) -> bool:
@@ -68,7 +53,7 @@ def _contents(series: SeriesInput, planned: Sequence[PlannedSnapshot]) -> dict[s
 
 def _require_same(out: Path, contents: dict[str, Any]) -> None:
     try:
-        before = json.loads((out / NAME).read_text())
+        before = json.loads((out / SERIES).read_text())
         read, names = before["read"], before["snapshots"]
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(

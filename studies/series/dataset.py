@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import uuid
@@ -66,6 +67,14 @@ def read_about(path: Path) -> dict[str, Any] | None:
         about: dict[str, Any] = json.loads(metadata[KEY])
     except (OSError, pa.ArrowException, KeyError, ValueError):
         return None
+    return about
+
+
+def require_about(path: Path) -> dict[str, Any]:
+    """As `read_about`, of a part that must be there."""
+    about = read_about(path)
+    if about is None:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
     return about
 
 

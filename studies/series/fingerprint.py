@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from studies.output import as_json, provenance
+from studies.output import as_json, code_version, provenance
 from studies.snapshot import SnapshotInput
 
 # Files of one snapshot are named alike but for what they hold and for their endings.
@@ -30,7 +30,7 @@ def fingerprints(sources: Sequence[SnapshotInput]) -> list[str]:
     Returns
     -------
     list of str
-        Of the place in the series, the version, how the snapshot is read, and of each of its files
+        Of the place in the series, the code, how the snapshot is read, and of each of its files
         the name, the size and the time of the last change.
     """
     folders = {folder: _by_name(folder) for folder in {source.path.parent for source in sources}}
@@ -43,7 +43,7 @@ def fingerprints(sources: Sequence[SnapshotInput]) -> list[str]:
 def _digest(number: int, source: SnapshotInput, files: list[Path]) -> str:
     how = asdict(source) | {"path": source.path.name}
     states = [(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files]
-    made = provenance("series", {"number": number, "source": how, "files": states}, "")
+    made = provenance("series", {"number": number, "source": how, "files": states}, code_version())
     return hashlib.blake2b(as_json(made).encode(), digest_size=16).hexdigest()
 
 

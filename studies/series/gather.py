@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,8 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.tracking import ExchangeCounts, Fate
-from studies.output import provenance, write_summary, write_table
-from studies.series.dataset import UNFINISHED, keep_only, read_about, require_one_schema, write_csv
+from studies.output import move_files, provenance, write_summary, write_table
+from studies.series.dataset import (
+    UNFINISHED,
+    keep_only,
+    require_about,
+    require_one_schema,
+    write_csv,
+)
 from studies.series.evolution import evolution_table
 from studies.series.plan import PlannedSnapshot, SeriesInput
 from studies.series.tasks import Failure, SnapshotTask, pairs
@@ -26,7 +30,6 @@ UNITS = (
     "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
     "mean kn; work per area; angles in degrees"
 )
-SUMMARY = "summary.json"
 # What the parts of each dataset keep beside their rows.
 About = dict[str, list[dict[str, Any]]]
 DEFINITIONS = {
@@ -84,7 +87,7 @@ def gather(
     for name, parts in datasets.items():
         keep_only(out / name, {part.name for part in parts})
         require_one_schema(parts)
-    about = {name: [read_about(part) or {} for part in parts] for name, parts in datasets.items()}
+    about = {name: [require_about(part) for part in parts] for name, parts in datasets.items()}
     evolution, exchange = _evolution(planned, about), _exchange(planned, about)
     made = provenance("series", asdict(series), UNITS)
     summary = _summary(evolution, about, failures) | {"provenance": made}
@@ -118,21 +121,6 @@ def _places(evolution: dict[str, list[Any]], interval: int | None) -> list[int] 
     return None if interval is None else evolution["snapshot"][interval : interval + 2]
 
 
-def remove_gathered(out: Path) -> None:
-    """Remove what an earlier run gathered, and what was left of one: it may not hold any more."""
-    shutil.rmtree(out / UNFINISHED, ignore_errors=True)
-    summary = out / SUMMARY
-    if not summary.is_file():
-        return
-    try:
-        files = json.loads(summary.read_text())["files"]
-    except (ValueError, KeyError, TypeError):
-        files = []  # of another command, which --force replaces
-    for name in files:
-        (out / Path(name).name).unlink(missing_ok=True)
-    summary.unlink()
-
-
 @contextmanager
 def _put_in_place(out: Path) -> Iterator[Path]:
     """A folder within `out`, its files moved to `out` when all are written, the summary last."""
@@ -140,8 +128,7 @@ def _put_in_place(out: Path) -> Iterator[Path]:
     partial.mkdir()
     try:
         yield partial
-        for file in sorted(partial.iterdir(), key=lambda file: (file.name == SUMMARY, file.name)):
-            os.replace(file, out / file.name)
+        move_files(partial, out)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

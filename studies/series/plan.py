@@ -7,6 +7,7 @@ from pathlib import Path
 
 from loops import InputError
 from patterns import count_frames
+from studies.output import readable
 from studies.series.cells import cells_by_number, number_of
 from studies.series.fingerprint import fingerprints
 from studies.snapshot import SnapshotInput
@@ -70,7 +71,7 @@ class PlannedSnapshot:
     def name(self) -> str:
         """File and frame, for messages and tables."""
         frame = self.source.frame
-        return self.source.path.name + (f", frame {frame}" if frame is not None else "")
+        return readable(self.source.path.name) + (f", frame {frame}" if frame is not None else "")
 
 
 def plan_series(series: SeriesInput) -> tuple[PlannedSnapshot, ...]:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from loops import InputError
-from studies.series.contents import NAME, has_parts, open_folder
-from studies.series.gather import gather, remove_gathered
+from studies.output import SERIES, errors_of, folder_lock, require_folder
+from studies.series.contents import has_parts, open_folder
+from studies.series.gather import gather
 from studies.series.plan import PlannedSnapshot, SeriesInput, plan_series
 from studies.series.scheduler import Runner, do_tasks, open_runner
 from studies.series.tasks import Failure, SnapshotTask, do_pair, do_snapshot, pairs
@@ -64,22 +65,27 @@ def run_series(
     """
     planned = plan_series(series)
     out = out.absolute()
-    new = not out.exists()
-    open_folder(out, series, planned, force=force)
-    remove_gathered(out)
-    try:
-        with open_runner(workers, scheduler, _needed(planned, out)) as runner:
-            good, failures = _do_all(runner, planned, out, skip_bad=skip_bad)
-    except InputError:
-        if new and not has_parts(out):
-            shutil.rmtree(out)
-        raise
-    return gather(series, good, failures, out, csv=csv, figures=figures, animation=animation)
+    require_folder(out, force=True)
+    with errors_of(out):
+        new = not out.exists()
+        out.mkdir(parents=True, exist_ok=True)
+        with folder_lock(out):
+            open_folder(out, series, planned, force=force)
+            try:
+                with open_runner(workers, scheduler, _needed(planned, out)) as runner:
+                    good, failures = _do_all(runner, planned, out, skip_bad=skip_bad)
+            except InputError:
+                if new and not has_parts(out):
+                    shutil.rmtree(out)
+                raise
+            return gather(
+                series, good, failures, out, csv=csv, figures=figures, animation=animation
+            )
 
 
 def _needed(planned: Sequence[PlannedSnapshot], out: Path) -> list[Path]:
     """Files that whoever does the tasks must see."""
-    return [out / NAME, *dict.fromkeys(one.source.path for one in planned)]
+    return [out / SERIES, *dict.fromkeys(one.source.path for one in planned)]
 
 
 def _do_all(

@@ -5,6 +5,7 @@ import gzip
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ import studies
 from loops import InputError, find_faces
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.cli import main
+from studies.output import folder_lock, result_folder, write_summary
 from studies.series import SeriesInput, processes, run_series
 from studies.series.cells import number_of
 from studies.series.fingerprint import fingerprints
@@ -593,3 +595,37 @@ def test_the_number_of_a_snapshot(tmp_path):
     assert number_of(SnapshotInput(tmp_path / "run2" / "grains_05.h5")) == 5
     assert number_of(SnapshotInput(tmp_path / "grains.12.csv.gz")) == 12
     assert number_of(SnapshotInput(tmp_path / "dump.atoms.40000")) == 40000
+
+
+def test_a_folder_removed_while_gathering_is_one_line(paths, tmp_path, monkeypatch):
+    from studies.series import gather
+
+    def write_table(folder, *args, **how):
+        shutil.rmtree(tmp_path / "out")
+
+    monkeypatch.setattr(gather, "write_table", write_table)
+    with pytest.raises(InputError, match=r"--out .*: got no .*removed while the run went on"):
+        run(paths[:1], tmp_path / "out")
+
+
+def test_two_runs_of_one_series_at_once(paths, result):
+    before = contents(result)
+    with folder_lock(result), pytest.raises(InputError, match="another run writes to"):
+        run(paths, result)
+    assert contents(result) == before
+
+
+def test_force_leaves_nothing_of_another_series_or_command(paths, tmp_path):
+    out = tmp_path / "out"
+    with result_folder(out, force=False) as folder:
+        (folder / "map.png").touch()
+        write_summary(folder, {})
+    with pytest.raises(InputError, match="holds other files"):
+        run(paths[:2], out)
+    run(paths[:2], out, force=True)
+    assert not (out / "map.png").exists()
+    run(paths[2:3], out, force=True)
+    assert sorted(contents(out)) == [
+        *("evolution.parquet", "exchange.parquet", "loops/part-00000.parquet"),
+        *("series.json", "summary.json"),
+    ]
