@@ -26,6 +26,11 @@ from studies.commands.common import (
 
 # Loop orders from this one on are printed together.
 LAST_SHOWN = 7
+JUDGES = {
+    "affine": "affine closure, spins blocked",
+    "traction": "traction closure, spins blocked",
+    "traction_free": "traction closure, spins free",
+}
 
 
 def register(app: typer.Typer) -> None:
@@ -80,7 +85,7 @@ def snapshot(
 
 
 def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
-    orders = "  ".join(f"{n}: {count:.0f}" for n, count in _grouped(summary, None).items())
+    orders = "  ".join(f"{n}: {count}" for n, count in _grouped(summary["orders"]).items())
     lines = [
         f"{summary['grains']} grains, {summary['contacts']} contacts, "
         f"coordination {summary['coordination']:.3f} without {summary['dangling_grains']} dangling",
@@ -89,21 +94,34 @@ def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
     ]
     if "sliding_fraction" in summary:
         lines.append(f"{100 * summary['sliding_fraction']:.1f} % of the contacts slide")
-    for closure, shares in summary.get("unstable_fraction", {}).items():
-        unstable = _grouped(summary, shares)
-        text = "  ".join(f"{n}: {100 * share:.2g} %" for n, share in unstable.items())
-        lines.append(f"unstable loops by order, {closure}: {text}")
+    if "unstable_by_order" in summary:
+        lines += _verdicts(summary)
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
-def _grouped(summary: dict[str, Any], shares: dict[str, float] | None) -> dict[str, float]:
-    """Loops of orders 3 to 6 and beyond; with shares, their mean over the loops of each group."""
-    counts: dict[str, float] = {}
-    sums: dict[str, float] = {}
-    for n, count in summary["orders"].items():
+def _verdicts(summary: dict[str, Any]) -> list[str]:
+    """Shares of unstable loops, with what each assumes."""
+    from studies.snapshot.definitions import BLOCKED, FREED, WORTH
+
+    lines = ["unstable loops by order:"]
+    for judge, name in JUDGES.items():
+        text = "  ".join(
+            f"{group}: {_percent(share['mean'])}"
+            for group, share in summary["unstable_by_order"][judge].items()
+        )
+        unknown = summary["untrusted_loops"][judge]
+        lines.append(f"  {name:<32} {text}" + (f"  ({unknown} undetermined)" if unknown else ""))
+    return [*lines, f"spins blocked: {BLOCKED}", f"spins free: {FREED}", WORTH]
+
+
+def _percent(share: float) -> str:
+    return "-" if share != share else f"{100 * share:.3g} %"
+
+
+def _grouped(orders: dict[str, int]) -> dict[str, int]:
+    """Loops of orders 3 to 6 and beyond."""
+    counts: dict[str, int] = {}
+    for n, count in orders.items():
         group = n if int(n) < LAST_SHOWN else f"{LAST_SHOWN}+"
         counts[group] = counts.get(group, 0) + count
-        sums[group] = sums.get(group, 0.0) + count * (0.0 if shares is None else shares[n])
-    if shares is None:
-        return counts
-    return {group: sums[group] / counts[group] for group in counts}
+    return counts

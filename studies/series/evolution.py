@@ -21,11 +21,11 @@ from loops.tracking import Fate, LoopFates
 from stability import COMPONENTS, RTOL
 from studies.series.increments import PREDICTIONS
 from studies.series.tracked import TrackedState
+from studies.snapshot.mechanics import JUDGES
 
 Floats = NDArray[np.float64]
 # Orders told apart; the last one stands for all beyond.
 LAST_ORDER = 6
-CLOSURES = ("affine", "traction")
 
 
 def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, Any]:
@@ -45,8 +45,9 @@ def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, An
         dangling grains), `mean_order`, `share_3 .. share_6` of the loops in number and
         `area_share_3 .. area_share_6` in area, 6 standing for 6 and beyond; with forces also
         `S11 .. S22` (Love-Weber stress of the contacts between grains over `area`, force per
-        length, compression positive), `sliding_fraction`, `affine_unstable` and
-        `traction_unstable` (shares of the loops with a negative eigenvalue of Ks, spins blocked).
+        length, compression positive), `sliding_fraction`, `affine_unstable`,
+        `traction_unstable` (shares of the loops with a negative eigenvalue of Ks, spins blocked)
+        and `traction_free_unstable` (spins free).
         None where there is no such number.
     """
     snapshot, graph = state.snapshot, state.snapshot.graph
@@ -67,11 +68,11 @@ def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, An
     row |= {f"S{ij}": value for ij, value in zip(COMPONENTS, stress, strict=True)}
     sliding = int(np.count_nonzero(snapshot.regime == Regime.SLIDING))
     row["sliding_fraction"] = _ratio(sliding, graph.contact_count)
-    for closure in CLOSURES:
-        smallest = np.asarray(table[f"{closure}_lambda_min"])
+    for judge in JUDGES:
+        smallest = np.asarray(table[f"{judge}_lambda_min"])
         known = smallest[np.isfinite(smallest)]
         unstable = int(np.count_nonzero(known < -RTOL))
-        row[f"{closure}_unstable"] = _ratio(unstable, len(known))
+        row[f"{judge}_unstable"] = _ratio(unstable, len(known))
     return row
 
 

@@ -1,5 +1,16 @@
 """What the keys of a snapshot's summary mean."""
 
+# What the verdicts on loops assume, and what they are worth.
+BLOCKED = "every grain is held from turning, which leaves nearly every loop of any packing stable"
+FREED = (
+    "grains turn freely and the loop is cut out of its packing, which makes nearly every loop of "
+    "five grains and more unstable; inside a packing the other grains hold it"
+)
+WORTH = (
+    "neither says what a loop does in its packing: grainloops series compares both with the work "
+    "that loops really did"
+)
+
 GEOMETRY = {
     "area": "of the periodic cell, else within the polygons around the network",
     "area_sum": "sum of the areas of the loops",
@@ -49,8 +60,8 @@ MECHANICS = {
     "tr stress_walls / tr stress_total, whatever the area",
     "cone_opening": "spread of the opening (degrees) over the loops that have a cone of negative "
     "second-order work in the plane of (11, 22) strains",
-    "eigenvalues": "spread of the three eigenvalues of Ks over the mean kn, symmetric subspace, "
-    "spins blocked",
+    "eigenvalues": "spread of the three eigenvalues of Ks over the mean kn, symmetric subspace; "
+    "spins blocked, of traction_free free",
     "mean_kn": "mean normal stiffness of the contacts",
     "mean_unstable_directions": "mean over the loops of an order of the share of directions with "
     "negative second-order work",
@@ -74,8 +85,10 @@ MECHANICS = {
     "standard error sqrt(p (1 - p)/n) as if loops were independent",
     "unstable_directions": "spread over the loops of the share of directions with negative "
     "second-order work",
-    "unstable_fraction": "share of the loops of an order with a negative eigenvalue of Ks beyond "
-    "the tolerance, symmetric subspace, spins blocked, contacts flagged sliding as sliding",
-    "untrusted_loops": "loops whose tangent is not trusted: left out wherever it is needed",
+    "unstable_loops": "share of the loops of an order with a negative eigenvalue of Ks beyond the "
+    "tolerance, symmetric subspace, contacts flagged sliding as sliding; affine and traction: "
+    f"{BLOCKED}; traction_free: {FREED}",
+    "untrusted_loops": "loops whose tangent is not trusted, or the sign of whose smallest "
+    "eigenvalue is within its error: left out wherever it is needed",
     "wall_force": "spread of the size of the forces of the walls",
 }

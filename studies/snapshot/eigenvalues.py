@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from studies.snapshot.mechanics import CLOSURES, EIGENVALUES, unstable_loops
+from studies.snapshot.mechanics import JUDGES, unstable_loops
 from studies.snapshot.statistics import GROUPS, Groups, group_rows
+from studies.snapshot.table import EIGENVALUES
 from studies.style import (
     BLUE,
     GREEN,
@@ -25,6 +26,11 @@ from studies.style import (
 Floats = NDArray[np.float64]
 COLOURS = dict(zip(GROUPS, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
 NAMES = ("smallest", "middle", "largest")
+TITLES = {
+    "affine": "affine, spins blocked",
+    "traction": "traction, spins blocked",
+    "traction_free": "traction, spins free",
+}
 BINS = 60
 # The axes leave out this share of the loops at either end; the first and the last bin hold them.
 TAIL = 0.002
@@ -34,7 +40,7 @@ NEGATIVE = 0.15
 
 @styled()
 def eigenvalue_distribution(table: dict[str, Any]) -> Figure:
-    """Histograms of the three eigenvalues of Ks, one row a closure, one colour a group of orders.
+    """Histograms of the three eigenvalues of Ks, a row a closure, a colour a group of orders.
 
     Parameters
     ----------
@@ -44,14 +50,14 @@ def eigenvalue_distribution(table: dict[str, Any]) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Six panels; grey marks negative values, the legends tell the share of loops there.
+        Nine panels; grey marks negative values, the legends tell the share of loops there.
     """
-    figure = new_figure(TWO_COLUMNS, 4.2)
-    panels = figure.subplots(2, 3, sharey=True)
+    figure = new_figure(TWO_COLUMNS, 5.6)
+    panels = figure.subplots(len(JUDGES), 3, sharey=True)
     groups = group_rows(table["order"])
     for k, (name, shown) in enumerate(zip(EIGENVALUES, NAMES, strict=True)):
-        edges = _edges(np.concatenate([table[f"{closure}_{name}"] for closure in CLOSURES]))
-        for row, closure in enumerate(CLOSURES):
+        edges = _edges(np.concatenate([table[f"{closure}_{name}"] for closure in JUDGES]))
+        for row, closure in enumerate(JUDGES):
             ax = panels[row, k]
             for group in GROUPS:
                 values = table[f"{closure}_{name}"][groups[group]]
@@ -59,10 +65,10 @@ def eigenvalue_distribution(table: dict[str, Any]) -> Figure:
             ax.set(yscale="log", xlim=(edges[0], edges[-1]))
             if edges[0] < 0:
                 ax.axvspan(edges[0], 0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
-            if row == 1:
+            if row == len(JUDGES) - 1:
                 ax.set_xlabel(shown)
             if k == 0:
-                ax.set_ylabel(f"{closure} closure\nshare of the loops per bin")
+                ax.set_ylabel(f"{TITLES[closure]}\nshare of the loops per bin")
             if k == 2:
                 _legend(ax, table, closure, groups)
     figure.supxlabel(r"eigenvalue of $K_s$ / mean $k_n$", fontsize=8)

@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from loops import Faces
 from patterns import Snapshot
+from studies.snapshot.definitions import BLOCKED, FREED
 from studies.snapshot.eigenvalues import eigenvalue_distribution
 from studies.snapshot.loop_map import loop_map
 from studies.snapshot.roses import fabric_rose, unstable_rose
@@ -104,7 +105,8 @@ _FABRIC = (
 )
 _EIGENVALUES = (
     "Eigenvalues of the symmetric part of the loops' tangents over the mean normal stiffness, by "
-    "order of the loops; grey: negative, the loop is unstable."
+    "order of the loops; grey: negative, the loop is unstable. Spins blocked: " + BLOCKED + ". "
+    "Spins free: " + FREED + "."
 )
 _ROSE = (
     "Soft directions and long axes of the unstable loops; a thick line shows the mean axis, as "
@@ -140,9 +142,9 @@ def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None =
     area = np.array(list(summary["orders_area"].values()))
     ax.bar(orders - 0.2, number, 0.4, color=SKY, label="in number")
     ax.bar(orders + 0.2, area / area.sum(), 0.4, color=ORANGE, label="in area")
-    if "unstable_fraction" in summary:
-        unstable = np.array(list(summary["unstable_fraction"]["traction"].values()))
-        label = "unstable, in number\n(traction closure)"
+    if "unstable_loops" in summary:
+        unstable = np.array(list(summary["unstable_loops"]["traction"].values()))
+        label = "unstable, in number\n(traction closure, spins blocked)"
         ax.bar(orders - 0.2, number * unstable, 0.4, color=VERMILION, label=label)
     mean = summary["mean_order"]
     ax.axvline(mean, color=GREY, linewidth=0.8, linestyle="--", label=f"mean order {mean:.2f}")

@@ -206,7 +206,7 @@ def _outline(snapshot: Snapshot, faces: Faces, ax: Axes, unstable: NDArray[np.bo
         ),
         autolim=False,
     )
-    handle = Line2D([], [], color=VERMILION, label="unstable, traction closure")
+    handle = Line2D([], [], color=VERMILION, label="unstable, traction closure, spins blocked")
     ax.legend(handles=[handle], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
 
 

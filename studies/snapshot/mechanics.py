@@ -20,11 +20,13 @@ from studies.snapshot.statistics import (
     spread,
     spread_by_group,
 )
+from studies.snapshot.table import EIGENVALUES, FREE
 
 Floats = NDArray[np.float64]
 Table = dict[str, Any]
 CLOSURES = ("affine", "traction")
-EIGENVALUES = ("lambda_min", "lambda_mid", "lambda_max")
+# Whatever judges a loop: both closures with blocked spins, and the traction closure with free ones.
+JUDGES = (*CLOSURES, FREE)
 STRESSES = ("stress_11", "stress_12", "stress_21", "stress_22")
 
 
@@ -36,7 +38,7 @@ def unstable_loops(table: Table, closure: str) -> NDArray[np.bool_]:
     table : dict of str to array
         From `loop_table`; eigenvalues over the mean kn, so of order one.
     closure : str
-        'affine' or 'traction'.
+        'affine', 'traction' or 'traction_free'.
 
     Returns
     -------
@@ -80,8 +82,7 @@ def mechanics_summary(
         "sliding_by_order": spread_by_group(groups, table["sliding_contacts"] / table["order"]),
         "stress_by_order": _stress_by_group(table, groups),
         "untrusted_loops": {
-            closure: int(np.count_nonzero(np.isnan(table[f"{closure}_lambda_min"])))
-            for closure in CLOSURES
+            judge: int(np.count_nonzero(np.isnan(table[f"{judge}_lambda_min"]))) for judge in JUDGES
         },
         **_stability(table, groups),
         **wall_summary(snapshot, area),
@@ -112,30 +113,29 @@ def _stress_by_group(table: Table, groups: Groups) -> dict[str, Any]:
 def _stability(table: Table, groups: Groups) -> dict[str, Any]:
     """What the tangents tell, by closure and order."""
     order = table["order"]
+    keys = ("unstable_loops", "unstable_by_order", "eigenvalues", "mean_unstable_directions")
     found: dict[str, Any] = {
-        name: {}
-        for name in (
-            *("unstable_fraction", "mean_unstable_directions", "unstable_by_order"),
-            *("unstable_directions", "cone_opening", "eigenvalues", "soft_loops"),
-        )
+        key: {} for key in (*keys, "unstable_directions", "cone_opening", "soft_loops")
     }
+    for judge in JUDGES:
+        unstable, known = unstable_loops(table, judge), ~np.isnan(table[f"{judge}_lambda_min"])
+        found["unstable_loops"][judge] = _mean_by_order(order, unstable, known)
+        found["unstable_by_order"][judge] = share_by_group(groups, unstable, known)
+        found["eigenvalues"][judge] = {
+            name: spread_by_group(groups, table[f"{judge}_{name}"]) for name in EIGENVALUES
+        }
     for closure in CLOSURES:
-        unstable, known = unstable_loops(table, closure), ~np.isnan(table[f"{closure}_lambda_min"])
+        unstable = unstable_loops(table, closure)
         directions = table[f"{closure}_unstable_fraction"]
         opening = table[f"{closure}_cone_opening"]
-        found["unstable_fraction"][closure] = _mean_by_order(order, unstable, known)
         found["mean_unstable_directions"][closure] = _mean_by_order(
             order, directions, ~np.isnan(directions)
         )
-        found["unstable_by_order"][closure] = share_by_group(groups, unstable, known)
         found["unstable_directions"][closure] = spread_by_group(groups, directions)
         # Where there is no cone there is no opening: stable loops don't count as zero.
         found["cone_opening"][closure] = spread_by_group(
             groups, np.where(opening > 0, opening, np.nan)
         )
-        found["eigenvalues"][closure] = {
-            name: spread_by_group(groups, table[f"{closure}_{name}"]) for name in EIGENVALUES
-        }
         found["soft_loops"][closure] = {
             "long_axis": axes_block(table["orientation"][unstable]),
             "soft_angle": axes_block(table[f"{closure}_soft_angle"][unstable]),

@@ -25,7 +25,7 @@ Integers = NDArray[np.int64]
 MOST_LOOPS = 50_000
 SHADES = 64
 # Columns offered first for the colours.
-FIRST = ("order", "traction_lambda_min", "affine_lambda_min", "traction_unstable_fraction", "w2")
+FIRST = ("order", "traction_lambda_min", "traction_free_lambda_min", "affine_lambda_min", "w2")
 
 
 @dataclass(frozen=True, eq=False)

@@ -192,6 +192,6 @@ def _orders(summary: dict[str, Any]) -> dict[str, Any]:
         "loops": list(summary["orders"].values()),
         "area": list(summary["orders_area"].values()),
     }
-    for closure, shares in summary.get("unstable_fraction", {}).items():
-        columns[f"{closure}_unstable_fraction"] = list(shares.values())
+    for judge, shares in summary.get("unstable_loops", {}).items():
+        columns[f"{judge}_unstable_loops"] = list(shares.values())
     return columns

@@ -24,6 +24,7 @@ from loops import (
     polygon_centroid,
     polygon_perimeter,
     polygon_shape,
+    traction_tangent,
 )
 from loops.compiled import use_compiled
 from patterns import Snapshot
@@ -36,15 +37,16 @@ Columns = dict[str, NDArray[Any]]
 CLOSURES: tuple[Literal["affine", "traction"], ...] = ("affine", "traction")
 SHAPE = ("x", "y", "area", "perimeter", "elongation", "orientation")
 STRESS = ("stress_11", "stress_12", "stress_21", "stress_22", "pressure", "deviator")
-STABILITY = (
-    *("lambda_min", "lambda_mid", "lambda_max"),
-    *("unstable_fraction", "cone_opening", "soft_angle"),
-)
+EIGENVALUES = ("lambda_min", "lambda_mid", "lambda_max")
+STABILITY = (*EIGENVALUES, *("unstable_fraction", "cone_opening", "soft_angle"))
+# The traction closure once more, its grains free to turn: the loop cut out of its packing.
+FREE = "traction_free"
 MECHANICS = (
     "sliding_contacts",
     *STRESS,
     *(f"{closure}_{name}" for closure in CLOSURES for name in STABILITY),
     "traction_condition",
+    *(f"{FREE}_{name}" for name in EIGENVALUES),
 )
 BLOCK = 2**13  # loops that a thread takes at a time
 
@@ -75,7 +77,9 @@ def loop_table(
       (degrees, 0 if there is none); `*_soft_angle`, the direction of the mode of the smallest
       eigenvalue: the axis of compression, with the sign that makes the principal strain of larger
       size a compression (degrees in (-90, 90]; of a pure shear either axis);
-    - `traction_condition`, see `MacroTangent`.
+    - `traction_condition`, see `MacroTangent`;
+    - `traction_free_lambda_min`, `*_mid`, `*_max`: the same eigenvalues under the traction closure
+      with spins free, as if the loop were cut out of its packing.
 
     Parameters
     ----------
@@ -110,8 +114,29 @@ def loop_table(
             table[name][at] = values
         if progress is not None:
             progress(len(columns["area"]))
+    if snapshot.mechanical:
+        for at, columns in _free_parts(snapshot, faces):
+            for name, values in columns.items():
+                table[name][at] = values
     table["grains"] = _members(snapshot, faces)
     return table
+
+
+def _free_parts(snapshot: Snapshot, faces: Faces) -> Iterator[tuple[Integers, Columns]]:
+    """Rows and eigenvalues with free spins, some loops of one order at a time."""
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(len(faces.loops))
+    law, regime = snapshot.mechanics()
+    kn = float(np.mean(law.kn))
+    for k in range(0, len(faces.loops), BLOCK):
+        for batch in loop_batches(snapshot.graph, faces, loops=faces.loops[k : k + BLOCK]):
+            own, regimes = law.take(batch.contacts), regime[batch.contacts]
+            tangent = traction_tangent(batch.graph, own, spins="free", regime=regimes)
+            found = _stability(FREE, tangent, kn, compiled=False)
+            yield (
+                row[batch.face],
+                {f"{FREE}_{name}": found[f"{FREE}_{name}"] for name in EIGENVALUES},
+            )
 
 
 def _plain_parts(snapshot: Snapshot, faces: Faces) -> Iterator[tuple[Integers, Columns]]:

@@ -33,7 +33,7 @@ from studies.snapshot.table import loop_table
 PERIODIC = sample_path("grains_periodic.parquet")
 MECHANICAL = [
     *("stress", "stress_loops", "mean_kn", "normal_force", "sliding_fraction", "sliding_contacts"),
-    *("sliding_by_order", "stress_by_order", "untrusted_loops", "unstable_fraction"),
+    *("sliding_by_order", "stress_by_order", "untrusted_loops", "unstable_loops"),
     *("mean_unstable_directions", "unstable_by_order", "unstable_directions", "cone_opening"),
     *("eigenvalues", "soft_loops"),
 ]

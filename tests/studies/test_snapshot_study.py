@@ -1,4 +1,5 @@
 import json
+import shutil
 import sys
 
 import numpy as np
@@ -7,9 +8,16 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from loops import LinearFrictional, Regime, find_faces, love_weber_stress
+from loops import (
+    LinearFrictional,
+    Regime,
+    find_faces,
+    loop_batches,
+    love_weber_stress,
+    traction_tangent,
+)
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
-from stability import imhof_fraction
+from stability import imhof_fraction, restrict, symmetric_part
 from studies.cli import main
 from studies.fifty_digits import as_array, traction_tangent_50
 from studies.snapshot.table import loop_table
@@ -33,7 +41,7 @@ KEYS = [
     "traction_unstable_fraction",
 ]
 SUMMARY_KEYS = """grains contacts dangling_grains components vertices edges faces euler_ok
-coordination loops orders mean_order area_sum stress sliding_fraction unstable_fraction""".split()
+coordination loops orders mean_order area_sum stress sliding_fraction unstable_loops""".split()
 FIGURES = ("map", "orders", "fabric", "eigenvalues", "directions")
 FILES = {
     "loops.parquet",
@@ -92,20 +100,59 @@ def test_summary_of_the_periodic_sample(results):
     assert s["area_sum"] == pytest.approx(area, rel=1e-12)
     expected = np.array(json.loads(sample_path("macro.json").read_text())["stress"])
     np.testing.assert_allclose(s["stress"], expected, rtol=0, atol=1e-12 * expected.max())
-    assert s["untrusted_loops"] == {"affine": 0, "traction": 0}
+    assert (s["untrusted_loops"]["affine"], s["untrusted_loops"]["traction"]) == (0, 0)
     assert s["provenance"]["configuration"]["cell"] == sample_cell().ravel().tolist()
 
 
-def test_unstable_fraction_counts_the_tables_negative_eigenvalues(results):
+def test_unstable_loops_count_the_tables_negative_eigenvalues(results):
     summary = json.loads((results / "summary.json").read_text())
     table = pd.read_parquet(results / "loops.parquet")
+    orders = pd.read_parquet(results / "orders.parquet")
+    assert not [name for name in orders.columns if name.endswith("unstable_fraction")]
+    for closure in ("affine", "traction", "traction_free"):
+        known = table[table[f"{closure}_lambda_min"].notna()]
+        share = (known[f"{closure}_lambda_min"] < 0).groupby(known["order"]).mean()
+        found = {n: one for n, one in summary["unstable_loops"][closure].items() if one is not None}
+        assert found == {str(n): pytest.approx(value) for n, value in share.items()}
+        column = orders.set_index("order")[f"{closure}_unstable_loops"].dropna()
+        assert found == {str(n): value for n, value in column.items()}
     for closure in ("affine", "traction"):
         share = (table[f"{closure}_lambda_min"] < 0).groupby(table["order"]).mean()
-        found = summary["unstable_fraction"][closure]
+        found = summary["unstable_loops"][closure]
         assert found == {str(n): pytest.approx(value) for n, value in share.items()}
         unstable = table[f"{closure}_lambda_min"] < 0
         assert ((table[f"{closure}_unstable_fraction"] > 0) == unstable).all()
     assert (table["traction_lambda_min"] < 0).sum() == 7
+
+
+def test_free_spins_beside_blocked_ones(results, capsys, monkeypatch):
+    """Cut out of its packing every known loop of five and more is unstable, none of three."""
+    table = pd.read_parquet(results / "loops.parquet")
+    smallest, order = table["traction_free_lambda_min"], table["order"]
+    snapshot = read_snapshot(PERIODIC, cell=sample_cell())
+    natural = np.full(len(table), np.nan)
+    faces = find_faces(snapshot.graph)
+    for batch in loop_batches(snapshot.graph, faces):
+        own, regime = snapshot.law.take(batch.contacts), snapshot.regime[batch.contacts]
+        tangent = traction_tangent(batch.graph, own, spins="free", regime=regime)
+        trusted = np.isfinite(tangent.matrix[:, 0, 0])
+        values = np.full(len(trusted), np.nan)
+        Ks = symmetric_part(restrict(tangent.matrix[trusted], "symmetric"))
+        values[trusted] = np.linalg.eigvalsh(Ks)[:, 0]
+        values[np.abs(values) <= tangent.error] = np.nan
+        natural[np.searchsorted(faces.loops, batch.face)] = values / np.mean(snapshot.law.kn)
+    np.testing.assert_allclose(smallest, natural, rtol=1e-9, atol=1e-12)
+    assert (smallest[(order == 3) & smallest.notna()] > 0).all()
+    assert (smallest[(order >= 5) & smallest.notna()] < 0).all()
+    ordered = ("traction_free_lambda_min", "traction_free_lambda_mid", "traction_free_lambda_max")
+    known = table.loc[smallest.notna(), list(ordered)].to_numpy()
+    assert (np.diff(known, axis=1) >= 0).all()
+    assert run(monkeypatch, "snapshot", PERIODIC, "--cell", CELL, "--out", results / "again",
+               "--no-figures") == 0  # fmt: skip
+    said = capsys.readouterr().out
+    assert "held from turning" in said
+    assert "cut out of its packing" in said
+    shutil.rmtree(results / "again")
 
 
 def test_table_against_fifty_digits(results):
@@ -275,7 +322,7 @@ def test_without_forces_the_geometry_comes_out(monkeypatch, tmp_path, capsys):
     assert "no contact forces" in capsys.readouterr().out
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["orders"] == {"4": 1}
-    absent = ("stress", "sliding_fraction", "unstable_fraction", "mean_kn")
+    absent = ("stress", "sliding_fraction", "unstable_loops", "mean_kn")
     assert not set(absent) & set(summary)
     columns = pd.read_parquet(tmp_path / "out" / "loops.parquet").columns
     assert "area" in columns
