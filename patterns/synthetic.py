@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats, Integers
 from loops.errors import InputError
 from loops.graph import GrainGraph
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from patterns.arguments import whole
 
 ROW_HEIGHT = np.sqrt(3) / 2
 # Three discs of this radius around a unit triangle's corners are still missed by every line.
@@ -78,7 +77,8 @@ def synthetic_network(
     >>> graph.grain_count, graph.contact_count
     (100, 185)
     """
-    _check(grains, coordination, jitter, friction)
+    grains, seed = whole("grains", grains, 2), whole("seed", seed, 0)
+    _check(coordination, jitter, friction)
     rng = np.random.default_rng(seed)
     periodic = periodic or cell is not None
     box = None if cell is None else _checked_cell(cell)
@@ -109,9 +109,8 @@ def synthetic_network(
     )
 
 
-def _check(grains: int, coordination: float, jitter: float, friction: float) -> None:
+def _check(coordination: float, jitter: float, friction: float) -> None:
     for name, value, expected, ok in (
-        ("grains", grains, "at least 2", grains >= 2),
         ("coordination", coordination, "a number from 0 to 6", 0 <= coordination <= 6),
         ("jitter", jitter, "0 <= jitter < sqrt(3)/4", 0 <= jitter < LARGEST_JITTER),
         ("friction", friction, "a finite number, at least 0", 0 <= friction < np.inf),

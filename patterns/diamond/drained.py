@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats
 from loops.errors import InputError
-from patterns.diamond.arguments import finite
+from patterns.arguments import finite
 from patterns.diamond.drained_end import (
     DrainedState,
     advance_shear,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError
 from loops.arrays import Floats
-from patterns.diamond.arguments import acute_angle, finite, nonnegative, positive, strain
+from patterns.arguments import acute_angle, finite, nonnegative, positive, strain
 
 CONTACTS = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
 

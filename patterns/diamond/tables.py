@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patterns.diamond.arguments import acute_angle, confining_strain, drained_kappa, friction_angle
+from patterns.arguments import acute_angle, confining_strain, drained_kappa, friction_angle
 from patterns.diamond.tangents import isotropic_strain
 
 _CHECKS = {

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.errors import InputError
-from patterns.diamond.arguments import acute_angle, finite, nonnegative, sliding_sign, strain
+from patterns.arguments import acute_angle, finite, nonnegative, sliding_sign, strain
 from patterns.diamond.geometry import angle_from_strains
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from loops import InputError
-from patterns.hard_cases import forces, networks, paths, shapes
+from patterns.hard_cases import paths, scenes
 from patterns.hard_cases.case import HardCase
 
 EXPONENTS = range(1, 13)
@@ -13,123 +13,123 @@ HARD_CASES: tuple[HardCase, ...] = (
         "flat-diamond",
         "branch angle near 0: entries of K from alpha0 to 1/alpha0",
         "tangent", "alpha0 (rad)", (1e-1, 1e-3, 1e-5, 1e-7, 1e-9),
-        shapes.flat_diamond, {"affine": "sss??", "traction": "sss??"},
+        scenes.flat_diamond, {"affine": "sss??", "traction": "sss??"},
     ),
     HardCase(
         "steep-diamond",
         "branch angle near 90 degrees",
         "tangent", "90 deg - alpha0 (rad)", (1e-1, 1e-3, 1e-5, 1e-7, 1e-9),
-        shapes.steep_diamond, {"affine": "sss??", "traction": "sss??"},
+        scenes.steep_diamond, {"affine": "sss??", "traction": "sss??"},
     ),
     HardCase(
         "soft-in-shear",
         "kappa near 0, N/l at half of it",
         "tangent", "kappa", (1e-1, 1e-4, 1e-8, 1e-11, 1e-13, 0.0),
-        forces.soft_in_shear, {"affine": "ssss??", "traction": "ssss??"},
+        scenes.soft_in_shear, {"affine": "ssss??", "traction": "ssss??"},
     ),
     HardCase(
         "stiff-in-shear",
         "kappa above 1",
         "tangent", "kappa", (2.0, 1e3, 1e6, 1e9, 1e12),
-        forces.stiff_in_shear, {"affine": "sssss", "traction": "sssss"},
+        scenes.stiff_in_shear, {"affine": "sssss", "traction": "sssss"},
     ),
     HardCase(
         "frictionless",
         "mu = 0: every loaded contact slides",
         "tangent", "overlap", (1e-1, 1e-4, 1e-8, 1e-11, 1e-14),
-        forces.frictionless, {"affine": "uuuu?", "traction": "uuuu?", "regime": "sssss"},
+        scenes.frictionless, {"affine": "uuuu?", "traction": "uuuu?", "regime": "sssss"},
     ),
     HardCase(
         "infinite-friction",
         "mu infinite: elastic whatever the shear force",
         "tangent", "T/(kn l0)", (0.0, 0.1, 1.0, 10.0),
-        forces.infinite_friction,
+        scenes.infinite_friction,
         {"affine": "ssuu", "traction": "ssuu", "regime": "eeee"},
     ),
     HardCase(
         "nearly-open",
         "N near 0: contacts about to open",
         "tangent", "overlap", (1e-2, 1e-8, 1e-12, 1e-15, 0.0),
-        forces.nearly_open, {"affine": "sssss", "traction": "sssss", "regime": "eeeee"},
+        scenes.nearly_open, {"affine": "sssss", "traction": "sssss", "regime": "eeeee"},
     ),
     HardCase(
         "stiff-sliding-grains",
         "N/l down to 1e-12, every contact sliding",
         "tangent", "overlap", tuple(10.0**-k for k in EXPONENTS),
-        forces.stiff_sliding_grains, {"affine": "s" * 12, "traction": "u" * 12},
+        scenes.stiff_sliding_grains, {"affine": "s" * 12, "traction": "u" * 12},
     ),
     HardCase(
         "stiff-sliding-diamond",
         "N/l down to 1e-12, a sliding loop with a cone under both closures",
         "tangent", "overlap", tuple(10.0**-k for k in EXPONENTS),
-        forces.stiff_sliding_diamond, {"affine": "u" * 12, "traction": "u" * 12},
+        scenes.stiff_sliding_diamond, {"affine": "u" * 12, "traction": "u" * 12},
     ),
     HardCase(
         "stiff-grains",
         "N/l down to 1e-12, nothing sliding",
         "tangent", "overlap", tuple(10.0**-k for k in EXPONENTS),
-        forces.stiff_grains, {"affine": "s" * 12, "traction": "s" * 12},
+        scenes.stiff_grains, {"affine": "s" * 12, "traction": "s" * 12},
     ),
     HardCase(
         "next-to-yield",
         "T within 1e-14 of mu N, on either side and on it",
         "tangent", "T/(mu N) - 1", (-1e-8, -1e-12, -1e-14, 0.0, 1e-14),
-        forces.next_to_yield,
+        scenes.next_to_yield,
         {"affine": "sssuu", "traction": "sssuu", "regime": "eeess", "edge": "nyyyy"},
     ),
     HardCase(
         "at-threshold",
         "det K through zero",
         "tangent", "E/E* - 1", (-1e-2, -1e-8, -1e-11, 0.0, 1e-11, 1e-8, 1e-2),
-        forces.at_threshold, {"affine": "sss?uuu", "traction": "sss?uuu"},
+        scenes.at_threshold, {"affine": "sss?uuu", "traction": "sss?uuu"},
     ),
     HardCase(
         "squashed-hexagon",
         "nearly collinear branches: a loop almost without area",
         "tangent", "height", (1e-1, 1e-3, 1e-5, 1e-7, 1e-9),
-        shapes.squashed_hexagon, {"affine": "sss??", "traction": "sss??"},
+        scenes.squashed_hexagon, {"affine": "sss??", "traction": "sss??"},
     ),
     HardCase(
         "unequal-sizes",
         "size ratios of 1e3 and more",
         "tangent", "ratio", (10.0, 1e3, 1e6),
-        shapes.unequal_sizes, {"affine": "sss", "traction": "sss"},
+        scenes.unequal_sizes, {"affine": "sss", "traction": "sss"},
     ),
     HardCase(
         "coincident-grains",
         "two centres at one place: no branch, no direction",
         "tangent", "distance", (1e-1, 1e-4, 1e-8, 1e-15, 0.0),
-        shapes.coincident_grains, {"affine": "sssse", "traction": "sssse"},
+        scenes.coincident_grains, {"affine": "sssse", "traction": "sssse"},
     ),
     HardCase(
         "order",
         "loops of 3 to 200 grains",
         "tangent", "grains", (3, 4, 12, 50, 200),
-        shapes.ring_of, {"affine": "susss", "traction": "suuuu"},
+        scenes.ring_of, {"affine": "susss", "traction": "suuuu"},
     ),
     HardCase(
         "gear-mode",
         "free spins: a null vector of the grains that the loop must not feel",
         "tangent", "grains", (3, 4, 6, 12, 200),
-        shapes.freely_rolling, {"affine": "sssss", "traction": "ssuuu"},
+        scenes.freely_rolling, {"affine": "sssss", "traction": "ssuuu"},
     ),
     HardCase(
         "singular-contact",
         "a contact's own block is singular under the traction closure",
         "tangent", "kt/(N/l) - 1", (1e-2, 1e-6, 1e-12, 0.0, -1e-6),
-        forces.singular_contact, {"affine": "sssss", "traction": "sssss"},
+        scenes.singular_contact, {"affine": "sssss", "traction": "sssss"},
     ),
     HardCase(
         "double-eigenvalue",
         "two eigenvalues of Ks that nearly coincide",
         "tangent", "split", (1e-2, 1e-8, 1e-14, 0.0),
-        forces.double_eigenvalue, {"affine": "ssss", "traction": "ssss"},
+        scenes.double_eigenvalue, {"affine": "ssss", "traction": "ssss"},
     ),
     HardCase(
         "parallel-half-edges",
         "branches that leave a grain in nearly the same direction",
         "faces", "units in the last place", (1e9, 1e3, 1.0, 0.0),
-        networks.parallel_half_edges, {"loops": "yyye"},
+        scenes.parallel_half_edges, {"loops": "yyye"},
     ),
     HardCase(
         "yield-together",
@@ -170,29 +170,7 @@ HARD_CASES: tuple[HardCase, ...] = (
 
 
 def hard_case(name: str) -> HardCase:
-    """The hard case of that name.
-
-    Parameters
-    ----------
-    name : str
-        From `HARD_CASES`.
-
-    Returns
-    -------
-    HardCase
-
-    Raises
-    ------
-    InputError
-        If there is none.
-
-    Examples
-    --------
-    >>> from patterns.hard_cases import hard_case
-    >>> case = hard_case("gear-mode")
-    >>> case.kind, case.build(6).graph.grain_count
-    ('tangent', 6)
-    """
+    """The hard case of that name."""
     for case in HARD_CASES:
         if case.name == name:
             return case

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError, polygon_centroid
-from patterns.polygons.polydisperse import cyclic_directions
-from patterns.polygons.ring import Floats, Integers, compressed_ring
+from loops.arrays import Flags, Floats, Integers
+from patterns.arguments import finite, nonnegative, positive, whole
+from patterns.polygons.ring import compressed_ring
+from patterns.polygons.shapes import cyclic_directions
 
 STEPS = 60  # of the walk from the polygon on a circle
 ROUNDS = 50  # of walks for loops that have not come out
@@ -78,9 +80,14 @@ def random_loop(
     >>> loops.batch_shape, bool((opposite_gap(loops.replace(x=loops.x0)) >= 0).all())
     ((3,), True)
     """
-    _check(order, polydispersity, mu, radius)
+    order, seed = whole("order", order, 3), whole("seed", seed, 0)
+    sizes = size if isinstance(size, tuple | list) else (size,)
+    batch = tuple(whole("size", count, 0) for count in sizes)
+    radius, mu = float(positive("radius", radius)), float(nonnegative("mu", mu))
+    if not 0.0 <= finite("polydispersity", polydispersity) < 1.0:
+        expected = "a number from 0, below 1"
+        raise InputError("polydispersity", str(polydispersity), expected, "Change the argument.")
     rng = np.random.default_rng(seed)
-    batch = (size,) if isinstance(size, int) else tuple(size)
     radii, directions = _draw(rng, int(np.prod(batch)), order, convex, polydispersity)
     mobilised = mu * rng.uniform(-1.0, 1.0, (*batch, order))
     sides = radii + np.roll(radii, -1, axis=-1)
@@ -90,17 +97,6 @@ def random_loop(
     return compressed_ring(
         x0.reshape(*batch, order, 2), radius * radii.reshape(*batch, order), strain, kn, mobilised
     )
-
-
-def _check(order: int, polydispersity: float, mu: float, radius: float) -> None:
-    for name, value, ok, expected in (
-        ("order", order, int(order) == order and order >= 3, "a whole number of at least 3"),
-        ("polydispersity", polydispersity, 0 <= polydispersity < 1, "a number from 0, below 1"),
-        ("mu", mu, 0 <= mu < np.inf, "a finite number, zero or more"),
-        ("radius", radius, 0 < radius < np.inf, "a positive length"),
-    ):
-        if not ok:
-            raise InputError(name, str(value), expected, "Change the argument.")
 
 
 def _draw(
@@ -126,9 +122,7 @@ def _draw(
     )
 
 
-def _walk(
-    rng: np.random.Generator, radii: Floats, convex: bool
-) -> tuple[Floats, NDArray[np.bool_]]:
+def _walk(rng: np.random.Generator, radii: Floats, convex: bool) -> tuple[Floats, Flags]:
     """Branch directions at the end of the walk, and whether they make a loop as wanted.
 
     Within the walk the loops are the last axis, for speed, and edges are complex numbers.

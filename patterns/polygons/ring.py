@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from loops import GrainGraph, InputError
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from loops import GrainGraph
+from loops.arrays import Flags, Floats, Integers
+from patterns.arguments import positive
+from patterns.arguments import strain as compressive
 
 # Closer to a branch than this share of the longest branch, a centre lies on it.
 ON_BRANCH = 1e-12
@@ -19,14 +19,6 @@ def ring_contacts(order: int) -> Integers:
     return np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
 
 
-def checked_strain(strain: ArrayLike) -> Floats:
-    """Isotropic strains as an array, or `InputError` if one is not below 1."""
-    compression = np.asarray(strain, dtype=float)
-    if not np.all(compression < 1):
-        raise InputError("strain", str(strain), "values below 1", "Compress the loop less.")
-    return compression
-
-
 def compressed_ring(
     x0: Floats, radii: ArrayLike, strain: ArrayLike, kn: ArrayLike, mobilised: ArrayLike = 0.0
 ) -> GrainGraph:
@@ -34,34 +26,11 @@ def compressed_ring(
 
     The branch of contact c shrinks by the factor `1 - E`, so `N = kn (r_i + r_j) E` and no force
     in extension; written so, `N` keeps its digits at stiff grains.
-
-    Parameters
-    ----------
-    x0 : (..., n, 2) array
-        Centres of the barely touching loop, in order (length).
-    radii : (..., n) array
-        Radii (length).
-    strain : (...) array
-        Isotropic strain E, compression positive, below 1.
-    kn : (...) array
-        Normal stiffness (force per length).
-    mobilised : (..., n) array
-        `T/N` of the contacts.
-
-    Returns
-    -------
-    GrainGraph
-        Batch axes are those of all arguments together.
-
-    Raises
-    ------
-    InputError
-        If a strain is not below 1.
     """
-    compression = checked_strain(strain)
+    compression, kn = compressive("strain", strain), positive("kn", kn)
     size = np.asarray(radii, dtype=float)
     touching = size + np.roll(size, -1, axis=-1)
-    closed = np.maximum(compression * np.asarray(kn, dtype=float), 0.0)
+    closed = np.maximum(compression * kn, 0.0)
     x = x0 * (1 - compression)[..., None, None]
     normal = closed[..., None] * touching
     normal = np.broadcast_to(normal, np.broadcast_shapes(normal.shape, x.shape[:-1]))
@@ -103,7 +72,7 @@ def opposite_gap(graph: GrainGraph) -> Floats:
     return np.asarray(np.min(gap, axis=-1, initial=np.inf))
 
 
-def is_simple(x: Floats) -> NDArray[np.bool_]:
+def is_simple(x: Floats) -> Flags:
     """Whether polygons (..., n, 2) neither cross nor touch themselves.
 
     No two sides cross, and no corner lies on a side that it doesn't end.

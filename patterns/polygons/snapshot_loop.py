@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import Faces, GrainGraph, InputError, LinearFrictional, branch_vectors
+from loops.arrays import Integers, Regimes
 from patterns.polygons.ring import ring_contacts
 from patterns.snapshots.snapshot import Snapshot
-
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +33,7 @@ class SnapshotLoop:
 
     graph: GrainGraph
     law: LinearFrictional
-    regime: NDArray[np.int8]
+    regime: Regimes
     ids: Integers
     grains: Integers
     contacts: Integers
@@ -73,7 +71,7 @@ def loop_of_snapshot(snapshot: Snapshot, faces: Faces, loop: int) -> SnapshotLoo
     True
     """
     count = len(faces.loops)
-    if not 0 <= loop < count or int(loop) != loop:
+    if not (0 <= loop < count and int(loop) == loop):
         raise InputError("loop", str(loop), f"a number from 0 to {count - 1}", "Pick a loop.")
     start, end = faces.offsets[faces.loops[loop] + np.arange(2)]
     grains, contacts = faces.grains[start:end], faces.contacts[start:end]

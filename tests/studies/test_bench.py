@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from loops import InputError, affine_tangent, traction_tangent
 from patterns import synthetic_network
 from patterns.hard_cases import HARD_CASES, hard_case
-from patterns.hard_cases.networks import parallel_half_edges
+from patterns.hard_cases.scenes import parallel_half_edges
 from stability import imhof_fraction, restrict, symmetric_spectrum
 from studies.bench import run_bench
 from studies.bench.batches import kernel_inputs, plain_kernel

@@ -1,4 +1,4 @@
-"""Arguments of the diamond's functions: float arrays, checked once at the door."""
+"""Arguments of the patterns' functions: float arrays, checked once at the door."""
 
 from __future__ import annotations
 
@@ -49,3 +49,15 @@ drained_kappa = _checked(lambda a: (a >= 0.0) & (a <= 1000.0), "a stiffness rati
 strain = _checked(lambda a: a < 1.0, "a compressive strain below 1")
 confining_strain = _checked(lambda a: (a >= 0.0) & (a < 1.0), "a compressive strain in [0, 1)")
 sliding_sign = _checked(lambda a: np.abs(a) == 1.0, "+1 or -1, the sign of T")
+
+
+def whole(name: str, value: int, least: int) -> int:
+    """Return `value` as a whole number of at least `least`."""
+    expected = f"a whole number of {'at least ' + str(least) if least else 'zero or more'}"
+    try:
+        ok = int(value) == value and value >= least
+    except (TypeError, ValueError, OverflowError):
+        ok = False
+    if not ok:
+        raise InputError(name, repr(value), expected, f"Correct {name}.")
+    return int(value)

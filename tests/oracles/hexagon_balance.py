@@ -17,17 +17,7 @@ Floats = NDArray[np.float64]
 
 
 class HexagonForces(NamedTuple):
-    """External forces on the hexagon, all pushing inward.
-
-    Attributes
-    ----------
-    F1 : (...) array
-        On either grain on axis 1, along axis 1.
-    F2 : (...) array
-        On the two grains above axis 1 together, and on those below, along axis 2.
-    G : (...) array
-        On each of these four grains along axis 1.
-    """
+    """External forces on the hexagon, all pushing inward."""
 
     F1: Floats
     F2: Floats
@@ -35,27 +25,7 @@ class HexagonForces(NamedTuple):
 
 
 def hexagon_lengths(length: ArrayLike, axial: ArrayLike, alpha: ArrayLike) -> tuple[Floats, Floats]:
-    """Extent of the hexagon, `L1 = l2 + 2 l cos(alpha)` and `L2 = 2 l sin(alpha)`.
-
-    Parameters
-    ----------
-    length, axial : (...) array
-        Branches `l` (inclined) and `l2` (axial), length.
-    alpha : (...) array
-        Angle of the inclined branches to axis 1.
-
-    Returns
-    -------
-    L1, L2 : (...) array
-        Between outermost centres (length).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> L1, L2 = hexagon_lengths(1.0, 1.0, np.pi / 3)
-    >>> round(float(L1), 12), round(float(L2), 12)
-    (2.0, 1.732050807569)
-    """
+    """Extent of the hexagon, `L1 = l2 + 2 l cos(alpha)` and `L2 = 2 l sin(alpha)`."""
     side = np.asarray(length, dtype=float)
     return np.asarray(axial, dtype=float) + 2.0 * side * np.cos(alpha), 2.0 * side * np.sin(alpha)
 
@@ -69,25 +39,6 @@ def hexagon_external_forces(
     `G = N2 - F1/2`. The H-model pushes along axis 1 on the two outer grains alone, `G = 0`:
     `N2 = N1 cos a + T1 sin a`. A uniform stress on the polygon pushes half as much on each of
     the four others, `G = F1/2`: `N2 = 2 (N1 cos a + T1 sin a)`.
-
-    Parameters
-    ----------
-    N1, T1, N2 : (...) array
-        Contact forces.
-    alpha : (...) array
-        Angle of the inclined branches to axis 1.
-
-    Returns
-    -------
-    HexagonForces
-        `F1`, `F2`, `G` (force).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> forces = hexagon_external_forces(1.0, 0.0, 1.0, np.pi / 3)
-    >>> [round(float(force), 12) for force in forces]
-    [1.0, 1.732050807569, 0.5]
     """
     normal, shear = np.asarray(N1, dtype=float), np.asarray(T1, dtype=float)
     c, s = np.cos(alpha), np.sin(alpha)
@@ -102,27 +53,6 @@ def hexagon_contact_forces(
     """Contact forces in balance with external ones: the hexagon is statically determinate.
 
     `N1 = (F1 cos a + F2 sin a)/2`, `T1 = (F1 sin a - F2 cos a)/2`, `N2 = F1/2 + G`.
-
-    Parameters
-    ----------
-    F1, F2 : (...) array
-        External forces, see `HexagonForces`.
-    alpha : (...) array
-        Angle of the inclined branches to axis 1.
-    G : (...) array
-        External axial force on each of the four inner grains; 0 in the H-model.
-
-    Returns
-    -------
-    N1, T1, N2 : (...) array
-        Contact forces.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> forces = hexagon_contact_forces(1.0, np.sqrt(3.0), np.pi / 3, G=0.5)
-    >>> [abs(round(float(force), 12)) for force in forces]
-    [1.0, 0.0, 1.0]
     """
     f1, f2 = np.asarray(F1, dtype=float), np.asarray(F2, dtype=float)
     c, s = np.cos(alpha), np.sin(alpha)
@@ -136,27 +66,6 @@ def hexagon_stress(
 
     `P11 = (F1 L10 + 2 G l20)/V0` and `P22 = F2 L20/V0` with `V0 = L20 (L10 + l20)/2`; under
     uniform stress `P11 = 2 F1/L20`.
-
-    Parameters
-    ----------
-    forces : HexagonForces
-        External forces.
-    L10, L20 : (...) array
-        Reference extent (length), see `hexagon_lengths`.
-    axial0 : (...) array
-        Reference axial branch `l20` (length).
-
-    Returns
-    -------
-    P11, P22 : (...) array
-        Force per length, compression positive.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> P11, P22 = hexagon_stress(HexagonForces(1.0, np.sqrt(3.0), 0.5), 2.0, np.sqrt(3.0), 1.0)
-    >>> round(float(P11), 12), round(float(P22), 12)
-    (1.154700538379, 1.154700538379)
     """
     w1, w2, axial = (np.asarray(value, dtype=float) for value in (L10, L20, axial0))
     volume = 0.5 * w2 * (w1 + axial)

@@ -1,0 +1,355 @@
+"""Loops of grains in closed form: regular, equilateral, of unequal discs, the H-model's hexagon."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops import GrainGraph, InputError, polygon_area, polygon_centroid
+from loops.arrays import Floats
+from patterns.arguments import acute_angle, finite, positive, whole
+from patterns.arguments import strain as compressive
+from patterns.diamond import overlap_ratio
+from patterns.polygons.ring import compressed_ring, is_simple, ring_contacts
+
+Orientation = Literal["vertex", "edge"]
+# A gap left to the closing two branches below this many branches leaves their direction open.
+OPEN_DIRECTION = 1e-9
+# Newton halves its distance at least, and ends quadratically: far more than it ever takes.
+NEWTON_STEPS = 200
+# As alpha grows, branches (0, 1) and (3, 4) turn clockwise, (2, 3) and (5, 0) counter-clockwise;
+# the graph counts T along the counter-clockwise tangent, the hexagon along growing alpha.
+SHEAR_SIGNS = np.array([1.0, 0.0, -1.0, 1.0, 0.0, -1.0])
+AXIAL = np.array([False, True, False, False, True, False])
+
+# Strains of a hexagon that barely touches give an overlap of zero up to this rounding.
+ROUNDING = 4.0 * np.finfo(np.float64).eps
+
+
+def regular_polygon(
+    order: int,
+    *,
+    orientation: Orientation = "vertex",
+    strain: ArrayLike = 0.0,
+    radius: float = 0.5,
+    kn: ArrayLike = 1.0,
+) -> GrainGraph:
+    """Regular equilateral loop of equal grains under isotropic compression.
+
+    The reference is the barely touching loop, `l0 = 2 r`; the current state is scaled by
+    `1 - strain`, so that `N = kn l0 strain` and `T = 0` (theory note, section 7).
+
+    Parameters
+    ----------
+    order : int
+        Number of grains n, at least 3.
+    orientation : {'vertex', 'edge'}
+        A corner on axis 1, or an edge across it.
+    strain : (...) array
+        Isotropic strain `E1 = E2`, compression positive, below 1; gives the batch axes.
+    radius : float
+        Radius of the grains (length).
+    kn : (...) array
+        Normal stiffness (force per length).
+
+    Returns
+    -------
+    GrainGraph
+        Grains counter-clockwise, contacts (c, c+1), centre of the polygon at the origin.
+
+    Raises
+    ------
+    InputError
+        For an order below 3, an unknown orientation or a strain that is not below 1.
+
+    Examples
+    --------
+    >>> from patterns import regular_polygon
+    >>> hexagon = regular_polygon(6, strain=0.1)
+    >>> hexagon.x.round(12)[0].tolist(), hexagon.normal_force.round(12)[0].tolist()
+    ([0.9, 0.0], 0.1)
+    """
+    order = whole("order", order, 3)
+    if orientation not in get_args(Orientation):
+        raise InputError(
+            "orientation", repr(orientation), "'vertex' or 'edge'", "Pick one of these."
+        )
+    half = np.pi / order
+    angles = 2 * half * np.arange(order) + (half if orientation == "edge" else 0.0)
+    radius = float(positive("radius", radius))
+    x0 = radius / np.sin(half) * np.column_stack([np.cos(angles), np.sin(angles)])
+    return compressed_ring(x0, np.full(order, radius), strain, kn)
+
+
+def equilateral_polygon(
+    angles: ArrayLike, *, strain: ArrayLike = 0.0, radius: float = 0.5, kn: ArrayLike = 1.0
+) -> GrainGraph:
+    """Equilateral loop of equal grains with given branch directions.
+
+    Of the n branch directions n - 2 are free, those of contacts 0 to n - 3. Contacts n - 2 and
+    n - 1 follow: they bridge the gap that the others leave, turned by the same angle to either
+    side of it, and meet in a corner that turns left (every polygon has such corners: number the
+    grains so that grain n - 1 sits in one). The reference barely touches; nothing is said of
+    opposite grains, see `opposite_gap`.
+
+    Parameters
+    ----------
+    angles : (..., n - 2) array
+        Directions of the first branches, from grain c to grain c + 1, to axis 1 (radians,
+        counter-clockwise positive). From turning angles: their cumulative sum.
+    strain : (...) array
+        Isotropic strain `E1 = E2`, compression positive, below 1.
+    radius : float
+        Radius of the grains (length); the branches are `2 r` long.
+    kn : (...) array
+        Normal stiffness (force per length).
+
+    Returns
+    -------
+    GrainGraph
+        Grains counter-clockwise, contacts (c, c+1), centroid at the origin, `T = 0`.
+
+    Raises
+    ------
+    InputError
+        If the closing two branches are too short for the gap, or there is no gap and their
+        direction is open; if the polygon crosses or touches itself, or runs clockwise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from patterns import equilateral_polygon
+    >>> house = equilateral_polygon(np.radians([0, 90, 150]))
+    >>> np.degrees(np.arctan2(*np.diff(house.x, axis=0).T[::-1])).round(9).tolist()
+    [0.0, 90.0, 150.0, -136.254244388]
+    """
+    given, radius = finite("angles", angles), float(positive("radius", radius))
+    if given.ndim == 0 or given.shape[-1] < 1:
+        expected = "n - 2 finite branch directions, n >= 3"
+        raise InputError("angles", str(angles), expected, "Give the directions.")
+    directions = np.concatenate([given, _closing(given)], axis=-1)
+    units = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
+    corners = 2.0 * radius * (np.cumsum(units, axis=-2) - units)
+    _check_outline(corners)
+    x0 = corners - polygon_centroid(corners)[..., None, :]
+    return compressed_ring(x0, np.full(directions.shape[-1], radius), strain, kn)
+
+
+def _closing(directions: Floats) -> Floats:
+    """(..., 2) directions of two unit branches that lead back to the start."""
+    gap = -np.stack([np.cos(directions).sum(axis=-1), np.sin(directions).sum(axis=-1)], axis=-1)
+    size = np.hypot(gap[..., 0], gap[..., 1])
+    # The closing two may be one straight line, up to rounding.
+    if not (size <= 2.0 * (1.0 + 4.0 * np.finfo(float).eps)).all():
+        raise InputError(
+            "angles",
+            f"branches that leave a gap of {float(size.max()):.6g} branches",
+            "a gap that the two closing branches can bridge, at most 2",
+            "Turn the branches more.",
+        )
+    if not (size > OPEN_DIRECTION).all():
+        raise InputError(
+            "angles",
+            "branches that close by themselves",
+            "a gap for the two closing branches",
+            "Give the directions of all branches but the last two.",
+        )
+    half = np.arctan2(np.sqrt(np.maximum((2.0 - size) * (2.0 + size), 0.0)), size)
+    middle = np.arctan2(gap[..., 1], gap[..., 0])
+    return np.stack([middle - half, middle + half], axis=-1)
+
+
+def _check_outline(corners: Floats) -> None:
+    for ok, received in (
+        (is_simple(corners), "a polygon that crosses or touches itself"),
+        (polygon_area(corners) > 0, "a clockwise polygon"),
+    ):
+        if not ok.all():
+            raise InputError(
+                "angles", received, "a counter-clockwise outline", "Correct the directions."
+            )
+
+
+def polydisperse_polygon(
+    radii: ArrayLike, *, strain: ArrayLike = 0.0, kn: ArrayLike = 1.0
+) -> GrainGraph:
+    """Barely touching loop of unequal discs whose centres lie on a circle.
+
+    Branches are `r_i + r_(i+1)` long. A convex polygon on a circle with such sides always exists
+    and is unique: the longest branch is shorter than its two neighbours together. The circle's
+    centre lies outside the polygon where one branch is long against the others. Equal radii give
+    `regular_polygon`. Nothing is said of opposite grains, which may overlap beside small grains:
+    see `opposite_gap`.
+
+    Parameters
+    ----------
+    radii : (..., n) array
+        Radii of the grains in order (length, positive), n >= 3.
+    strain : (...) array
+        Isotropic strain `E1 = E2`, compression positive, below 1.
+    kn : (...) array
+        Normal stiffness (force per length).
+
+    Returns
+    -------
+    GrainGraph
+        Grains counter-clockwise, grain 0 in the direction of axis 1 from the circle's centre,
+        contacts (c, c+1), centroid at the origin, `N = kn (r_i + r_j) strain`, `T = 0`.
+
+    Raises
+    ------
+    InputError
+        For fewer than three radii, or one that is not positive and finite.
+
+    Examples
+    --------
+    >>> from patterns import polydisperse_polygon
+    >>> from loops import contact_frame
+    >>> contact_frame(polydisperse_polygon([1, 2, 1, 3]))[0].round(12).tolist()
+    [3.0, 3.0, 4.0, 4.0]
+    """
+    size = positive("radii", radii)
+    if size.ndim == 0 or size.shape[-1] < 3:
+        raise InputError("radii", str(radii), "at least three positive lengths", "Correct them.")
+    sides = size + np.roll(size, -1, axis=-1)
+    directions = cyclic_directions(sides)
+    edges = sides[..., None] * np.stack([np.cos(directions), np.sin(directions)], axis=-1)
+    corners = np.cumsum(edges, axis=-2) - edges
+    x0 = corners - polygon_centroid(corners)[..., None, :]
+    return compressed_ring(x0, size, strain, kn)
+
+
+def cyclic_directions(sides: Floats) -> Floats:
+    """Directions of the sides of the polygon on a circle, the first corner towards axis 1.
+
+    Half the angle `b` at the circle's centre over the longest side s solves
+    `b + sum asin((s_i/s) sin b) = pi`, summed over the other sides. The left side is concave with
+    the one root in (0, pi), beyond pi/2 where the centre is outside: Newton from the left stays on
+    the left.
+    """
+    longest = np.argmax(sides, axis=-1)[..., None]
+    ratio = sides / np.take_along_axis(sides, longest, axis=-1)
+    other = np.arange(sides.shape[-1]) != longest
+    half = np.pi / np.where(other, ratio, 1.0).sum(axis=-1, keepdims=True)
+    for _ in range(NEWTON_STEPS):
+        step = _newton_step(half, ratio, other)
+        half = half + step
+        if (np.abs(step) <= 2.0 * np.finfo(float).eps * half).all():
+            break
+    halves = np.where(other, _half_angle(half, ratio)[0], half)
+    return np.cumsum(2.0 * halves, axis=-1) - halves + 0.5 * np.pi
+
+
+def _newton_step(half: Floats, ratio: Floats, other: Floats) -> Floats:
+    angle, slope = _half_angle(half, ratio)
+    value = np.where(other, angle, half).sum(axis=-1, keepdims=True) - np.pi
+    slope = np.where(other, slope, 1.0).sum(axis=-1, keepdims=True)
+    return -value / slope
+
+
+def _half_angle(half: Floats, ratio: Floats) -> tuple[Floats, Floats]:
+    """`asin(ratio sin b)` and its slope in b, without cancellation where the ratio is near 1."""
+    sine, cosine = np.sin(half), np.cos(half)
+    root = np.hypot(cosine, np.sqrt((1.0 - ratio) * (1.0 + ratio)) * sine)
+    return np.arctan2(ratio * sine, root), ratio * cosine / root
+
+
+def hexagon(
+    alpha0: ArrayLike,
+    *,
+    E1: ArrayLike = 0.0,
+    E2: ArrayLike = 0.0,
+    E_axial: ArrayLike | None = None,
+    T: ArrayLike = 0.0,
+    radius: ArrayLike = 0.5,
+    kn: ArrayLike = 1.0,
+) -> GrainGraph:
+    """The hexagon of the H-model: four branches at +-alpha to axis 1, two along it.
+
+    Grains run counter-clockwise: 0 right, 1 and 2 above, 3 left, 4 and 5 below. Contacts 1 and 4
+    are axial. In the reference six equal grains barely touch, all branches `l0 = 2 radius`; at
+    60 degrees it is the regular hexagon. The strains give the extent, `L_k = L_k0 (1 - E_k)`;
+    under an isotropic strain `E1 = E2` the hexagon is scaled. How `E1` is shared between axial
+    and inclined branches is the hexagon's one inner freedom: evenly (the affine closure) unless
+    `E_axial` says otherwise. Normal forces follow from the positions, `N = kn (l0 - l)`; whether
+    they are in balance is for the closed forms of the tests to say.
+
+    Parameters
+    ----------
+    alpha0 : (...) array
+        Reference angle of the inclined branches to axis 1 in (0, pi/2), radians.
+    E1, E2 : (...) array
+        Strains of the extent below 1, compression positive.
+    E_axial : (...) array, optional
+        Strain of the axial branches below 1; `E1` if left out.
+    T : (...) array
+        Shear force in the inclined contacts, positive when alpha grows (force).
+    radius : (...) array
+        Radius of the grains (length).
+    kn : (...) array
+        Normal stiffness (force per length).
+
+    Returns
+    -------
+    GrainGraph
+        Centred on the origin; batch axes are the broadcast shape of the arguments.
+
+    Raises
+    ------
+    InputError
+        If an argument leaves its range, the strains open a contact, or the axial branches take
+        up all of the length.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from patterns import hexagon
+    >>> hexagon(np.pi / 3, E1=0.1, E2=0.1).normal_force.round(12).tolist()
+    [0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
+    """
+    axial = E1 if E_axial is None else E_axial
+    alpha0, E1, E2, axial, T, radius, kn = np.broadcast_arrays(
+        acute_angle("alpha0", alpha0),
+        compressive("E1", E1),
+        compressive("E2", E2),
+        compressive("E_axial", axial),
+        finite("T", T),
+        positive("radius", radius),
+        positive("kn", kn),
+    )
+    l0, cos, sin = 2.0 * radius, np.cos(alpha0), np.sin(alpha0)
+    # Strain of the inclined branches along axis 1, from L10 E1 = 2 l0 cos(alpha0) E + l0 E_axial.
+    inclined = E1 + (E1 - axial) / (2.0 * cos)
+    if not (inclined < 1).all():
+        raise InputError(
+            "E1, E_axial",
+            "axial branches as long as the hexagon",
+            "a strain E1 that leaves room for the inclined branches",
+            "Compress the axial branches more.",
+        )
+    overlap = np.where(AXIAL, axial[..., None], overlap_ratio(inclined, E2, alpha0)[..., None])
+    if (overlap < -ROUNDING).any():
+        raise InputError(
+            "E1, E2, E_axial",
+            f"strains that part the grains by {-float(overlap.min()):.3g} of the branch",
+            "strains under which every contact still touches",
+            "Compress the hexagon.",
+        )
+    return GrainGraph(
+        x=_centres(l0 * (1 - axial), l0 * (1 - inclined) * cos, l0 * (1 - E2) * sin),
+        x0=_centres(l0, l0 * cos, l0 * sin),
+        radii=radius[..., None] * np.ones(6),
+        contacts=ring_contacts(6),
+        normal_force=(kn * l0)[..., None] * np.maximum(overlap, 0.0),
+        shear_force=T[..., None] * SHEAR_SIGNS,
+    )
+
+
+def _centres(axial: Floats, along: Floats, across: Floats) -> Floats:
+    """Centres (..., 6, 2) from the axial branch and the projections of an inclined one."""
+    inner, outer, zero = 0.5 * axial, 0.5 * axial + along, np.zeros_like(axial)
+    x = np.stack([outer, inner, -inner, -outer, -inner, inner], axis=-1)
+    y = np.stack([zero, across, across, zero, -across, -across], axis=-1)
+    return np.stack([x, y], axis=-1)
