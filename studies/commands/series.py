@@ -25,6 +25,17 @@ from studies.commands.common import (
 
 # So many notes are printed.
 NOTES = 8
+PREDICTORS = {
+    "affine": "affine closure, blocked",
+    "traction": "traction closure, blocked",
+    "traction_free": "traction closure, free spins",
+    "affine_lambda_min": "unstable, affine, blocked",
+    "traction_lambda_min": "unstable, traction, blocked",
+    "traction_free_lambda_min": "unstable, traction, free spins",
+    "persistence": "its work in the interval before",
+    "order": "number of grains",
+    "sliding": "number of sliding contacts",
+}
 
 
 def register(app: typer.Typer) -> None:
@@ -117,6 +128,8 @@ def _series_lines(summary: dict[str, Any]) -> list[str]:
         )
     strain = "  ".join(f"{name} = {_strain(summary, name)}" for name in ("H11", "H22"))
     lines.append(f"strain between them: {strain}")
+    if "skill" in summary:
+        lines += _skill_lines(summary["skill"])
     lines += [
         f"skipped: snapshot {one['snapshot']} ({one['name']}), {one['reason']}"
         for one in summary["skipped"]
@@ -129,3 +142,19 @@ def _series_lines(summary: dict[str, Any]) -> list[str]:
 def _strain(summary: dict[str, Any], name: str) -> str:
     value = summary["last"][name]
     return "-" if value is None else f"{value:.6f}"
+
+
+def _skill_lines(skill: dict[str, Any]) -> list[str]:
+    """What each prediction is worth, beside the base rate and persistence."""
+    base = skill["traction"]["base"]
+    if base is None:
+        return []
+    lines = [
+        f"{100 * base:.1f} % of the loops that survived and moved did negative second-order work "
+        "(base rate); how well it is foreseen:",
+        f"  {'':<32} precision  recall    AUC",
+    ]
+    for name, row in skill.items():
+        values = "  ".join(f"{shown(row[key]):>7}" for key in ("precision", "recall", "auc"))
+        lines.append(f"  {PREDICTORS.get(name, name):<32}  {values}")
+    return [*lines, "  (an AUC of 0.5 is chance; precision is to be held against the base rate)"]

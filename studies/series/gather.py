@@ -24,6 +24,7 @@ from studies.series.dataset import (
 )
 from studies.series.evolution import evolution_table
 from studies.series.plan import PlannedSnapshot, SeriesInput
+from studies.series.skill import mean_skill, skill_table
 from studies.series.tasks import Failure, SnapshotTask, pairs
 
 UNITS = (
@@ -39,6 +40,13 @@ DEFINITIONS = {
     "intervals": "pairs of successive snapshots",
     "loops": "of all snapshots together",
     "work_map": "snapshots of the interval mapped: the one with most loops of negative W2",
+    "skill": "how well each predictor foresees the survived loops of negative corotated work W2, "
+    "means over the intervals weighted by loops. base: share of such loops among those that moved; "
+    "coverage: share of these that have a prediction; agreement, precision, recall: of its sign; "
+    "auc: chance that of two loops the one of negative work is ranked first, 0.5 by chance; "
+    "rank_correlation: Spearman's. affine, traction (blocked spins), traction_free foretell from "
+    "the strain that the loop really took; *_lambda_min, order and sliding (contacts) from the "
+    "earlier snapshot alone; persistence from the loop's own work in the interval before",
     "skipped": "snapshots that could not be read; the interval goes over them",
 }
 
@@ -90,10 +98,15 @@ def gather(
     about = {name: [require_about(part) for part in parts] for name, parts in datasets.items()}
     evolution, exchange = _evolution(planned, about), _exchange(planned, about)
     made = provenance("series", asdict(series), UNITS)
+    skill = skill_table(datasets["increments"], datasets["loops"])
     summary = _summary(evolution, about, failures) | {"provenance": made}
+    if skill["predictor"]:
+        summary["skill"] = mean_skill(skill)
     with _put_in_place(out) as folder:
         write_table(folder, "evolution", evolution, made, csv=csv)
         write_table(folder, "exchange", exchange, made, csv=csv)
+        if skill["predictor"]:
+            write_table(folder, "skill", skill, made, csv=csv)
         if csv:
             for name, parts in datasets.items():
                 write_csv(parts, folder / f"{name}.csv")

@@ -63,10 +63,8 @@ def series_report(
     ]
     loops = None if mapped is None or part is None else _loops(mapped, part)
     title = f"Loops of {summary['snapshots']} snapshots"
-    counted = dict(summary) | ({} if loops is None else {"loops": len(loops)})
-    write_report(
-        folder, title, counted | {"loops_in_all": summary["loops"]}, figures, loops, source
-    )
+    count = 0 if mapped is None else len(mapped.before.faces.loops)
+    write_report(folder, title, summary, figures, loops, source, count)
 
 
 def _loops(mapped: MappedInterval, part: Path) -> LoopsForMap | None:

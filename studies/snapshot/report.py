@@ -62,6 +62,7 @@ def write_report(
     figures: Sequence[tuple[str, str, Path]],
     loops: LoopsForMap | None,
     provenance: Mapping[str, Any],
+    count: int | None = None,
 ) -> Path:
     """Write `report.html`: one file that needs nothing else, no network either.
 
@@ -81,6 +82,8 @@ def write_report(
         stands in its place.
     provenance : mapping
         From `studies.output.provenance`.
+    count : int, optional
+        Loops of the snapshot on the map, if the summary tells of several.
 
     Returns
     -------
@@ -88,7 +91,7 @@ def write_report(
         The page.
     """
     sections = {
-        "Map": _map_section(loops, summary.get("loops", 0)),
+        "Map": _map_section(loops, summary.get("loops", 0) if count is None else count),
         "Figures": "\n".join(_figure(*figure) for figure in figures),
         "Notes": "".join(f"<p>{escape(str(note))}.</p>" for note in summary.get("notes", ())),
         "Numbers": summary_tables(summary),

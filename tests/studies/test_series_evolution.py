@@ -294,6 +294,7 @@ def plain_table(tracked):
         "area": tracked.faces.area[loops],
         "affine_lambda_min": np.abs(smallest),
         "traction_lambda_min": smallest,
+        "traction_free_lambda_min": smallest,
     }
 
 
@@ -320,7 +321,8 @@ def test_evolution_row(packing):
 def test_a_snapshot_without_loops_has_no_shares():
     chain = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5] * 2, contacts=[[0, 1]])
     empty = {name: np.zeros(0) for name in ("order", "area", "affine_lambda_min")}
-    row = evolution_row(state(chain), empty | {"traction_lambda_min": np.zeros(0)})
+    empty |= {name: np.zeros(0) for name in ("traction_lambda_min", "traction_free_lambda_min")}
+    row = evolution_row(state(chain), empty)
     names = ("mean_order", "share_3", "area_share_6", "coordination", "S11", "affine_unstable")
     assert [row[name] for name in names] == [None] * 6
     assert row["loops"] == 0

@@ -23,6 +23,7 @@ from studies.series.figures import (
     stress_strain,
 )
 from studies.series.increments import PREDICTIONS, increments
+from studies.series.report import series_report
 from studies.series.tracked import TrackedState, track_loops
 from studies.series.work_figures import MappedInterval, work_map, work_signs
 
@@ -52,6 +53,7 @@ def plain_table(tracked):
         "area": tracked.faces.area[loops],
         "affine_lambda_min": smallest,
         "traction_lambda_min": smallest,
+        "traction_free_lambda_min": smallest,
     }
 
 
@@ -243,3 +245,13 @@ def test_callers_settings_are_left_alone(series):
     work_map(series.mapped)
     exchange_heatmap(series.exchange)
     assert dict(mpl.rcParams) == before
+
+
+def test_the_report_counts_all_loops(tmp_path, series):
+    """Not those of the snapshot on the map."""
+    mapped = series.mapped
+    summary = {"loops": 12345, "snapshots": 4}
+    series_report(tmp_path, summary, mapped, None, SOURCE)
+    page = (tmp_path / "report.html").read_text()
+    assert "<td>loops</td><td>12345</td>" in page
+    assert "loops are more than" not in page
