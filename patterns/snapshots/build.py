@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph, InputError, LinearFrictional
+from loops.laws.coulomb import ShearIncrement
 from loops.validation import find_duplicate
 from patterns.snapshots.bodies import Bodies, read_bodies, read_pairs
 from patterns.snapshots.contact_columns import force_on_second, law_of
@@ -21,11 +22,12 @@ Integers = NDArray[np.int64]
 
 
 class Parameters(NamedTuple):
-    """Stiffness (force per length) and friction for the columns that a file lacks."""
+    """What the user says of the law: `kn`, `kt`, `mu` for columns that a file lacks."""
 
     kn: float | None = None
     kt: float | None = None
     mu: float | None = None
+    shear_increment: ShearIncrement | None = None
 
 
 def build_snapshot(frame: Frame, parameters: Parameters) -> Snapshot:
@@ -71,8 +73,13 @@ def build_snapshot(frame: Frame, parameters: Parameters) -> Snapshot:
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
     else:
-        law, regime, assumed = law_of(table, rows, normal, shear, **parameters._asdict())
+        increment = parameters.shear_increment or frame.shear_increment or "branch"
+        law, regime, assumed = law_of(
+            table, rows, normal, shear, **parameters._asdict() | {"shear_increment": increment}
+        )
         notes += assumed
+        if increment == "radii" or frame.shear_increment == "radii":
+            notes.append(_increment_note(parameters.shear_increment, frame.shear_increment))
     if images is not None and not images.any():
         notes.append("no contact crosses the border of the periodic cell")
     return Snapshot(
@@ -84,6 +91,17 @@ def build_snapshot(frame: Frame, parameters: Parameters) -> Snapshot:
         tuple(notes),
         _walls(table, bodies, pairs, force),
         frame.step,
+    )
+
+
+def _increment_note(given: ShearIncrement | None, told: ShearIncrement | None) -> str:
+    if given is None:
+        return (
+            "shear increment 'radii', Yade's default: --shear-increment branch if the simulation "
+            "had avoidGranularRatcheting=False"
+        )
+    return f"shear increment {given!r} as given" + (
+        "" if told in (None, given) else f", not {told!r}"
     )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError, LinearFrictional, Regime
+from loops.laws.coulomb import ShearIncrement
 from patterns.snapshots.tables import Table
 
 Floats = NDArray[np.float64]
@@ -60,6 +61,7 @@ def law_of(
     kn: float | None,
     kt: float | None,
     mu: float | None,
+    shear_increment: ShearIncrement,
 ) -> tuple[LinearFrictional, NDArray[np.int8], tuple[str, ...]]:
     """Law and regime of every contact, and what had to be assumed for them.
 
@@ -73,6 +75,8 @@ def law_of(
         Their forces.
     kn, kt, mu : float or None
         For the columns that the table lacks.
+    shear_increment : {'branch', 'radii'}
+        What shear turns by.
 
     Returns
     -------
@@ -111,7 +115,9 @@ def law_of(
         if sliding.any():
             notes.append("no column 'mu': friction of sliding contacts taken as |T|/N")
     regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
-    law = LinearFrictional(kn=stiffness[0], kt=stiffness[1], mu=friction)
+    law = LinearFrictional(
+        kn=stiffness[0], kt=stiffness[1], mu=friction, shear_increment=shear_increment
+    )
     return law, regime, tuple(notes)
 
 

@@ -9,6 +9,8 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from loops import InputError
+from loops.laws.coulomb import checked_increment
+from loops.laws.coulomb import ShearIncrement
 from patterns.snapshots import plain
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.contact_geometry import as_cell
@@ -56,6 +58,7 @@ def read_snapshot(
     kn: float | None = None,
     kt: float | None = None,
     mu: float | None = None,
+    shear_increment: str | None = None,
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
     frame: int | None = None,
@@ -81,6 +84,9 @@ def read_snapshot(
     kn, kt, mu : float, optional
         Stiffness (force per length) and friction where the file lacks them; a column of the file
         comes first.
+    shear_increment : {'branch', 'radii'}, optional
+        What the code turns shear by (see `LinearFrictional`); if left out, what the source tells:
+        `radii` for Yade, else `branch`.
     format : str
         A key of `FORMATS`, or 'auto': the first format that recognises the file.
     columns : mapping of str to str, optional
@@ -110,9 +116,10 @@ def read_snapshot(
     (600, 819, 61)
     """
     source = _source(path, contacts, cell, columns)
+    parameters = Parameters(kn, kt, mu, _checked(shear_increment))
     reader = format_of(source.path, format)
     chosen = _choose(source.path, reader.frames(source), frame)
-    return build_snapshot(chosen, Parameters(kn, kt, mu))
+    return build_snapshot(chosen, parameters)
 
 
 def read_frames(
@@ -123,6 +130,7 @@ def read_frames(
     kn: float | None = None,
     kt: float | None = None,
     mu: float | None = None,
+    shear_increment: str | None = None,
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
 ) -> Iterator[Snapshot]:
@@ -130,7 +138,7 @@ def read_frames(
 
     Parameters
     ----------
-    path, contacts, cell, kn, kt, mu, format, columns
+    path, contacts, cell, kn, kt, mu, shear_increment, format, columns
         See `read_snapshot`.
 
     Yields
@@ -144,8 +152,9 @@ def read_frames(
         See `read_snapshot`.
     """
     source = _source(path, contacts, cell, columns)
+    parameters = Parameters(kn, kt, mu, _checked(shear_increment))
     for frame in format_of(source.path, format).frames(source):
-        yield build_snapshot(frame, Parameters(kn, kt, mu))
+        yield build_snapshot(frame, parameters)
 
 
 def count_frames(
@@ -212,6 +221,10 @@ def format_of(path: Path, name: str = "auto") -> Format:
         f"one of the formats {', '.join(FORMATS)}",
         "Name its format by --format, or export plain tables.",
     )
+
+
+def _checked(increment: str | None) -> ShearIncrement | None:
+    return None if increment is None else checked_increment(increment)
 
 
 def _source(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
+from loops.laws.coulomb import ShearIncrement
 from patterns.snapshots.tables import Table
 
 GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius")
@@ -61,6 +62,8 @@ class Frame:
         The code's own number of the instant: step, iteration or time.
     notes : tuple of str
         What was guessed, what the file lacks.
+    shear_increment : {'branch', 'radii'} or None
+        What the code turns shear by, where the source tells it.
     """
 
     grains: Table
@@ -68,6 +71,7 @@ class Frame:
     cell: NDArray[np.float64] | None = None
     step: float | None = None
     notes: tuple[str, ...] = ()
+    shear_increment: ShearIncrement | None = None
 
 
 def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Table, Table]:

@@ -10,12 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
+from loops.laws.coulomb import checked_increment
+from loops.laws.coulomb import ShearIncrement
 from patterns.snapshots.frame import Frame, Source, with_plain_names
 from patterns.snapshots.instants import Instants
 from patterns.snapshots.table_files import ARRAY_FILES, ENDINGS, as_table, read_arrays
 from patterns.snapshots.tables import Table, read_table
 
 Floats = NDArray[np.float64]
+
+# Yade's tables give the force twice, in its parts and as a whole; no other source does.
+YADE_COLUMNS = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks")
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -29,7 +34,7 @@ def frames(source: Source) -> Instants:
     CSV, CSV.gz, Parquet, npz or HDF5, columns by name as in `Frame`; a column map gives them
     others. The contacts stand beside the grains, `grains` in the name replaced by `contacts`; the
     cell may stand there as well, in `cell_....json`:
-    `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000}`, null for no cell. One npz or HDF5 file
+    `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000, "shear_increment": "radii"}`, null for no cell. One npz or HDF5 file
     may hold it all: `grains/x`, ..., `contacts/id1`, ..., `cell`.
 
     Parameters
@@ -51,14 +56,18 @@ def _frame(source: Source) -> Frame:
         if any(name.startswith("contacts/") for name in arrays):
             cell = arrays.get("cell") if source.cell is None else source.cell
             tables = _group(source, arrays, "grains"), _group(source, arrays, "contacts")
-            return Frame(*with_plain_names(source, *tables), cell=cell)
+            told: ShearIncrement | None = "radii" if tables[1].has(*YADE_COLUMNS) else None
+            return Frame(*with_plain_names(source, *tables), cell=cell, shear_increment=told)
     contacts = source.contacts or beside(source.path, "contacts")
     tables = read_table(source.path), read_table(contacts)
-    cell, step = _cell_beside(source.path)
+    cell, step, increment = _cell_beside(source.path)
+    if increment is None and tables[1].has(*YADE_COLUMNS):
+        increment = "radii"
     return Frame(
         *with_plain_names(source, *tables),
         cell=cell if source.cell is None else source.cell,
         step=step,
+        shear_increment=increment,
     )
 
 
@@ -102,20 +111,22 @@ def beside(path: Path, what: str) -> Path:
     return path.with_name(path.name.replace("grains", what))
 
 
-def _cell_beside(path: Path) -> tuple[Floats | None, float | None]:
-    """Cell and iteration of `cell_....json` beside the grains, if there is such a file."""
+def _cell_beside(path: Path) -> tuple[Floats | None, float | None, ShearIncrement | None]:
+    """Cell, iteration and shear increment of `cell_....json` beside the grains, if it is there."""
     if "grains" not in path.name:
-        return None, None
+        return None, None, None
     name = path.name.replace("grains", "cell")
     for ending in ENDINGS:
         name = name.removesuffix(ending)
     file = path.with_name(f"{name}.json")
     if not file.is_file():
-        return None, None
+        return None, None, None
     try:
         told = json.loads(file.read_text())
         cell = None if told["cell"] is None else np.array(told["cell"], dtype=float)
-        return cell, None if told.get("iteration") is None else float(told["iteration"])
+        step = None if told.get("iteration") is None else float(told["iteration"])
+        increment = told.get("shear_increment")
+        return cell, step, None if increment is None else checked_increment(increment)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             str(file),

@@ -24,7 +24,7 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
     ----------
     path : str or Path
         The table of grains, `grains` in its name, ending in `.parquet` or `.csv`. The contacts
-        and, of a periodic snapshot, the cell are written beside it; files of these names are
+        and, of a periodic snapshot, the cell and the shear increment are written beside it; files of these names are
         replaced, each when its successor is complete.
     snapshot : Snapshot
         What to write; without forces the tables have none.
@@ -53,12 +53,15 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
     _write(path, grains)
     _write(path.with_name(path.name.replace("grains", "contacts")), _contacts(snapshot))
     cell = path.with_name(path.name.replace("grains", "cell").removesuffix(path.suffix) + ".json")
-    if graph.cell is None:
+    told: dict[str, object] = {"cell": None if graph.cell is None else graph.cell.tolist()}
+    if snapshot.law is not None and snapshot.law.shear_increment != "branch":
+        told["shear_increment"] = snapshot.law.shear_increment
+    if told == {"cell": None}:
         # The cell of an earlier snapshot of this name would be taken for this one's.
         cell.unlink(missing_ok=True)
     else:
         partial = cell.with_name(f".{cell.name}.partial")
-        partial.write_text(json.dumps({"cell": graph.cell.tolist()}) + "\n")
+        partial.write_text(json.dumps(told) + "\n")
         os.replace(partial, cell)
 
 

@@ -26,6 +26,13 @@ Columns = Annotated[
 Kn = Annotated[float | None, typer.Option(help="Normal stiffness the input lacks.")]
 Kt = Annotated[float | None, typer.Option(help="Shear stiffness the input lacks.")]
 Mu = Annotated[float | None, typer.Option(help="Friction (tan) the input lacks.")]
+ShearIncrement = Annotated[
+    str | None,
+    typer.Option(
+        metavar="branch|radii",
+        help="What the code turns shear by; if left out, what the source tells: radii for Yade.",
+    ),
+]
 DropCrossings = Annotated[
     bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
 ]

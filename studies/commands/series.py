@@ -17,6 +17,7 @@ from studies.commands.common import (
     Kt,
     Mu,
     Out,
+    ShearIncrement,
     cell_of,
     columns_of,
     report,
@@ -68,6 +69,7 @@ def series(
     kn: Kn = None,
     kt: Kt = None,
     mu: Mu = None,
+    shear_increment: ShearIncrement = None,
     drop_crossings: DropCrossings = False,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Leave out snapshots that can't be read.")
@@ -93,6 +95,7 @@ def series(
         kt,
         mu,
         drop_crossings,
+        shear_increment,
     )
     try:
         summary = run_series(

@@ -18,6 +18,7 @@ from studies.commands.common import (
     Kt,
     Mu,
     Out,
+    ShearIncrement,
     cell_of,
     columns_of,
     report,
@@ -51,6 +52,7 @@ def snapshot(
     kn: Kn = None,
     kt: Kt = None,
     mu: Mu = None,
+    shear_increment: ShearIncrement = None,
     format: Format = "auto",
     columns: Columns = None,
     frame: Annotated[
@@ -79,6 +81,7 @@ def snapshot(
         columns_of(columns),
         frame,
         drop_crossings,
+        shear_increment,
     )
     summary = run_snapshot(source, out, force=force, csv=csv, figures=not no_figures, paraview=vtk)
     report(summary, out, json, _snapshot_lines)

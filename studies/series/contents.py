@@ -14,7 +14,7 @@ from studies.output import SERIES, as_json, remove_listed, remove_results
 from studies.series.dataset import UNFINISHED
 from studies.series.plan import PlannedSnapshot, SeriesInput
 
-HOW = ("format", "columns", "cell", "kn", "kt", "mu", "drop_crossings")
+HOW = ("format", "columns", "cell", "kn", "kt", "mu", "drop_crossings", "shear_increment")
 
 
 def open_folder(

@@ -36,6 +36,8 @@ class SeriesInput:
         Contact parameters that the files lack.
     drop_crossings : bool
         Whether to leave out contacts whose branches cross others, instead of refusing.
+    shear_increment : str, optional
+        What shear turns by, where not what the source tells.
     """
 
     paths: tuple[Path, ...]
@@ -47,6 +49,7 @@ class SeriesInput:
     kt: float | None = None
     mu: float | None = None
     drop_crossings: bool = False
+    shear_increment: str | None = None
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,7 @@ def _frames(series: SeriesInput, path: Path) -> list[SnapshotInput]:
         kn=series.kn,
         kt=series.kt,
         mu=series.mu,
+        shear_increment=series.shear_increment,
         format=series.format,
         columns=series.columns,
         drop_crossings=series.drop_crossings,

@@ -48,6 +48,8 @@ class SnapshotInput:
         Which instant of a file with several.
     drop_crossings : bool
         Whether to leave out contacts whose branches cross others, instead of refusing.
+    shear_increment : str, optional
+        What shear turns by, where not what the source tells.
     """
 
     path: Path
@@ -60,6 +62,7 @@ class SnapshotInput:
     columns: dict[str, str] | None = None
     frame: int | None = None
     drop_crossings: bool = False
+    shear_increment: str | None = None
 
     def read(self) -> Snapshot:
         """Read it; `InputError` as `read_snapshot`, and for crossing branches."""
@@ -70,6 +73,7 @@ class SnapshotInput:
             kn=self.kn,
             kt=self.kt,
             mu=self.mu,
+            shear_increment=self.shear_increment,
             format=self.format,
             columns=self.columns,
             frame=self.frame,

@@ -36,6 +36,8 @@ class Scene:
         Whether the cell is used.
     iteration : int
         Number of steps done.
+    radii : bool
+        Whether shear turns by the radii (`avoidGranularRatcheting` of two spheres), as by default.
     """
 
     bodies: list[tuple[int, str, float, float, float, float]] = field(default_factory=list)
@@ -43,6 +45,7 @@ class Scene:
     cell: list[float] = field(default_factory=list)
     periodic: bool = False
     iteration: int = 0
+    radii: bool = True
 
 
 def read_scene(path: Path) -> Scene:
@@ -137,6 +140,9 @@ class _Reader:
             self._interaction(px)
         elif px.find("shape") is not None and px.find("state") is not None:
             self._body(px)
+        elif name is not None and self._class_of(px).startswith("Ig2_Sphere_Sphere"):
+            if px.find("avoidGranularRatcheting") is not None:
+                self.scene.radii = _number(px, "avoidGranularRatcheting") != 0
         elif px.find("hSize") is not None:
             self.scene.cell = [_number(px.find("hSize"), m) for m in ("m00", "m01", "m10", "m11")]
         elif px.find("isPeriodic") is not None and px.find("bodies") is not None:

@@ -160,4 +160,5 @@ def make_frame(
         cell=source.cell,
         step=float(numbers[-1]) if numbers else None,
         notes=tuple(notes),
+        shear_increment="radii",
     )

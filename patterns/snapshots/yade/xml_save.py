@@ -91,6 +91,7 @@ def frame_of_scene(source: Source, scene: Scene) -> Frame:
         cell=cell if source.cell is None else source.cell,
         step=float(scene.iteration),
         notes=_notes(scene, off),
+        shear_increment="radii" if scene.radii else "branch",
     )
 
 

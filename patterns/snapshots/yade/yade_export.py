@@ -32,7 +32,8 @@ def export_tables(folder: str, number: int | None = None) -> str:
     on grain 2, the branch from centre 1 to the image of centre 2. Every body that is no sphere is a
     wall (`type` 1): its contacts have it as `id1`, their normal points into the grain, their branch
     runs along it from the foot on the wall to the centre. `cell_KK.json` holds
-    the periodic cell (columns are its vectors; null without one), the iteration and the time.
+    the periodic cell (columns are its vectors; null without one), the iteration, the time and
+    what shear turns by.
 
     Parameters
     ----------
@@ -142,7 +143,17 @@ def _cell(scene: Any) -> bytes:
     if scene.periodic:
         cell = [[float(scene.cell.hSize[row, k]) for k in (0, 1)] for row in (0, 1)]
     frame = {"cell": cell, "iteration": int(scene.iter), "time": float(scene.time)}
+    frame["shear_increment"] = "radii" if _turns_by_radii(scene) else "branch"
     return (json.dumps(frame) + "\n").encode()
+
+
+def _turns_by_radii(scene: Any) -> bool:
+    """Yade's default, unless two spheres' functor has avoidGranularRatcheting off."""
+    for engine in scene.engines:
+        for functor in getattr(getattr(engine, "geomDispatcher", None), "functors", ()):
+            if type(functor).__name__.startswith("Ig2_Sphere_Sphere"):
+                return bool(getattr(functor, "avoidGranularRatcheting", True))
+    return True
 
 
 def _next_number(folder: str) -> int:

@@ -71,6 +71,7 @@ def stand_in(folder):
         periodic=scene.periodic,
         cell=Box(hSize=Matrix(h)),
         iter=scene.iteration,
+        engines=[],
         time=0.5,
     )
 
