@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.laws.coulomb import checked_increment
-from loops.laws.coulomb import ShearIncrement
+from loops.laws.coulomb import ShearIncrement, checked_increment
 from patterns.snapshots.frame import Frame, Source, with_plain_names
 from patterns.snapshots.instants import Instants
 from patterns.snapshots.table_files import ARRAY_FILES, ENDINGS, as_table, read_arrays
@@ -34,8 +33,8 @@ def frames(source: Source) -> Instants:
     CSV, CSV.gz, Parquet, npz or HDF5, columns by name as in `Frame`; a column map gives them
     others. The contacts stand beside the grains, `grains` in the name replaced by `contacts`; the
     cell may stand there as well, in `cell_....json`:
-    `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000, "shear_increment": "radii"}`, null for no cell. One npz or HDF5 file
-    may hold it all: `grains/x`, ..., `contacts/id1`, ..., `cell`.
+    `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000, "shear_increment": "radii"}`,
+    null for no cell. One npz or HDF5 file may hold it all: `grains/x`, `contacts/id1`, ..., `cell`.
 
     Parameters
     ----------

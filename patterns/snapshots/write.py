@@ -23,9 +23,9 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
     Parameters
     ----------
     path : str or Path
-        The table of grains, `grains` in its name, ending in `.parquet` or `.csv`. The contacts
-        and, of a periodic snapshot, the cell and the shear increment are written beside it; files of these names are
-        replaced, each when its successor is complete.
+        The table of grains, `grains` in its name, ending in `.parquet` or `.csv`. The contacts,
+        the cell of a periodic snapshot and the shear increment `radii` are written beside it;
+        files of these names are replaced, each when its successor is complete.
     snapshot : Snapshot
         What to write; without forces the tables have none.
 

@@ -15,7 +15,6 @@ import pytest
 
 from loops import InputError, Regime
 from patterns import read_snapshot, write_snapshot
-from patterns.snapshots.frame import Source
 from patterns.snapshots.tables import read_table
 from patterns.snapshots.yade import vtk, xml_save
 from tests.patterns.snapshots_yade.yade_samples import BOX, PERIODIC, frame_of

@@ -142,18 +142,18 @@ def _cell(scene: Any) -> bytes:
     cell = None
     if scene.periodic:
         cell = [[float(scene.cell.hSize[row, k]) for k in (0, 1)] for row in (0, 1)]
-    frame = {"cell": cell, "iteration": int(scene.iter), "time": float(scene.time)}
-    frame["shear_increment"] = "radii" if _turns_by_radii(scene) else "branch"
+    frame: dict[str, object] = {"cell": cell, "iteration": int(scene.iter)}
+    frame |= {"time": float(scene.time), "shear_increment": _shear_increment(scene)}
     return (json.dumps(frame) + "\n").encode()
 
 
-def _turns_by_radii(scene: Any) -> bool:
-    """Yade's default, unless two spheres' functor has avoidGranularRatcheting off."""
+def _shear_increment(scene: Any) -> str:
+    """Over the radii, Yade's default, unless the functor has avoidGranularRatcheting off."""
     for engine in scene.engines:
         for functor in getattr(getattr(engine, "geomDispatcher", None), "functors", ()):
             if type(functor).__name__.startswith("Ig2_Sphere_Sphere"):
-                return bool(getattr(functor, "avoidGranularRatcheting", True))
-    return True
+                return "radii" if getattr(functor, "avoidGranularRatcheting", True) else "branch"
+    return "radii"
 
 
 def _next_number(folder: str) -> int:

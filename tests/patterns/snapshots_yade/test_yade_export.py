@@ -10,6 +10,7 @@ import types
 import numpy as np
 import pytest
 
+from patterns import read_snapshot
 from patterns.snapshots.tables import read_table
 from patterns.snapshots.yade.scene import read_scene
 from patterns.snapshots.yade.yade_export import export_tables
@@ -198,3 +199,14 @@ def test_a_crash_while_writing_leaves_no_table_of_grains(yade, tmp_path, monkeyp
     with pytest.raises(OSError, match="disk full"):
         export_tables(str(tmp_path))
     assert not list(tmp_path.glob("*.csv.gz"))
+
+
+@pytest.mark.parametrize(("switch", "told"), [(True, "radii"), (False, "branch"), (None, "radii")])
+def test_the_cell_says_what_shear_turns_by(yade, tmp_path, switch, told):
+    yade.O = stand_in(PERIODIC)
+    functor = type("Ig2_Sphere_Sphere_ScGeom", (), {"avoidGranularRatcheting": switch})()
+    if switch is not None:
+        yade.O.engines = [Box(), Box(geomDispatcher=Box(functors=[Box(), functor]))]
+    export_tables(str(tmp_path))
+    assert json.loads((tmp_path / "cell_00.json").read_text())["shear_increment"] == told
+    assert read_snapshot(tmp_path / "grains_00.csv.gz").law.shear_increment == told
