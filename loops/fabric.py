@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +13,9 @@ from loops.errors import InputError
 from loops.faces import Faces
 
 Floats = NDArray[np.float64]
+
+
+BLOCK = 2**14  # tensors at a time
 
 
 class TensorMean(NamedTuple):
@@ -53,14 +58,23 @@ def mean_tensor(tensors: ArrayLike, weights: ArrayLike | None = None) -> TensorM
     >>> mean.tolist(), std.tolist(), number
     ([[0.5, 0.0], [0.0, 0.5]], [[0.5, 0.0], [0.0, 0.5]], 2)
     """
-    values = np.asarray(tensors, dtype=float).reshape(-1, 2, 2)
+    values = np.asarray(tensors, dtype=float).reshape(-1, 4)
     weight = np.ones(len(values)) if weights is None else np.asarray(weights, dtype=float)
     total = weight.sum()
     if not total > 0:
         return TensorMean(np.full((2, 2), np.nan), np.full((2, 2), np.nan), len(values))
-    mean = np.tensordot(weight, values, 1) / total
-    square = np.tensordot(weight, (values - mean) ** 2, 1) / total
-    return TensorMean(mean, np.sqrt(square), len(values))
+    mean, square = weight @ values / total, np.zeros(4)
+    for part in _blocks(len(values)):
+        apart = values[part] - mean
+        square += weight[part] @ (apart * apart)
+    std = np.sqrt(square / total)
+    return TensorMean(mean.reshape(2, 2), std.reshape(2, 2), len(values))
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    """Parts that stay in the cache."""
+    for start in range(0, count, BLOCK):
+        yield slice(start, min(start + BLOCK, count))
 
 
 def direction_tensors(vectors: ArrayLike) -> Floats:
@@ -83,12 +97,13 @@ def direction_tensors(vectors: ArrayLike) -> Floats:
     [[1.0, 0.0], [0.0, 0.0]]
     """
     v = np.asarray(vectors, dtype=float)
-    x, y = v[..., 0], v[..., 1]
-    square = x * x + y * y
     tensors = np.empty((*v.shape, 2))
-    tensors[..., 0, 0] = x * x / square
-    tensors[..., 0, 1] = tensors[..., 1, 0] = x * y / square
-    tensors[..., 1, 1] = y * y / square
+    flat, out = v.reshape(-1, 2), tensors.reshape(-1, 4)
+    for part in _blocks(len(flat)):
+        x, y = flat[part].T.copy()
+        square = x * x + y * y
+        out[part, 0], out[part, 3] = x * x / square, y * y / square
+        out[part, 1] = out[part, 2] = x * y / square
     return tensors
 
 
@@ -122,9 +137,15 @@ def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
     if len(faces.loops) == 0:
         return np.empty((0, 2, 2))
     d = np.asarray(branches, dtype=float)
-    # The sign of an edge doesn't matter.
-    products = np.stack([d[:, 0] ** 2, d[:, 0] * d[:, 1], d[:, 1] ** 2], axis=1)
-    sums = np.add.reduceat(products[faces.contacts], faces.offsets[:-1], axis=0)[faces.loops]
+    sums = np.empty((len(faces.kind), 3))
+    cuts = np.searchsorted(faces.offsets, np.arange(0, faces.offsets[-1], BLOCK))
+    for start, stop in pairwise(np.unique(np.append(cuts, len(sums))).tolist()):
+        begin, end = faces.offsets[start], faces.offsets[stop]
+        # The sign of an edge doesn't matter.
+        x, y = d[faces.contacts[begin:end]].T.copy()
+        for column, product in enumerate((x * x, x * y, y * y)):
+            sums[start:stop, column] = np.add.reduceat(product, faces.offsets[start:stop] - begin)
+    sums = sums[faces.loops]
     sums /= (sums[:, 0] + sums[:, 2])[:, None]
     return sums[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
 

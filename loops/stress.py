@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.contact_state import contact_state
 from loops.geometry import polygon_area, reference_volume, require_loop
-from loops.graph import GrainGraph, branch_vectors, reference_branch_vectors
+from loops.graph import GrainGraph, contact_frame, reference_branch_vectors
 
 
 def contact_forces(graph: GrainGraph) -> Floats:
@@ -32,8 +31,12 @@ def contact_forces(graph: GrainGraph) -> Floats:
     >>> contact_forces(pair).tolist()
     [[2.0, 1.0]]
     """
-    state = contact_state(graph)
-    return state.normal_force[..., None] * state.n + state.shear_force[..., None] * state.t
+    _, n, t = contact_frame(graph)
+    return _forces(graph, n, t)
+
+
+def _forces(graph: GrainGraph, n: Floats, t: Floats) -> Floats:
+    return graph.normal_force[..., None] * n + graph.shear_force[..., None] * t
 
 
 def love_weber_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats:
@@ -67,7 +70,8 @@ def love_weber_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Flo
     """
     if volume is None:
         volume = _current_volume(graph)
-    return _average(contact_forces(graph), branch_vectors(graph), volume)
+    length, n, t = contact_frame(graph)
+    return _average(_forces(graph, n, t), length[..., None] * n, volume)
 
 
 def nominal_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats:

@@ -256,7 +256,7 @@ def write_table(
 
     Lists are joined by blanks in the CSV.
     """
-    table = pa.table({key: pa.array(value) for key, value in columns.items()})
+    table = pa.table({key: _as_arrow(value) for key, value in columns.items()})
     metadata = {b"grainloops": as_json(source).encode()}
     # Columns of measurements hardly repeat: a dictionary of their values only costs time.
     repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
@@ -271,3 +271,12 @@ def write_table(
             if frame[key].dtype == object and isinstance(frame[key].iloc[0], np.ndarray):
                 frame[key] = [" ".join(map(str, row)) for row in frame[key]]
         frame.to_csv(folder / f"{name}.csv", index=False)
+
+
+def _as_arrow(values: Any) -> Any:
+    """Column of a table; plain numbers as they lie in memory, for which arrow needs no pandas."""
+    if isinstance(values, np.ndarray) and values.dtype in (np.float64, np.int64):
+        whole = np.ascontiguousarray(values)
+        kind = pa.from_numpy_dtype(whole.dtype)
+        return pa.Array.from_buffers(kind, len(whole), [None, pa.py_buffer(whole)])
+    return pa.array(values)

@@ -56,7 +56,7 @@ def crossing_pairs(
     pairs = np.empty((min(limit, 1024), 2), dtype=np.int64)
     if np.abs(reach).max() > FARTHEST:
         return -1, pairs[:0]
-    begin, contact, shift = _pieces(start, vector, counts)
+    begin, contact, shift = _pieces(start, vector, counts, len(home) > 0)
     largest, work = 0, 0
     for b in range(len(begin) - 1):
         size = begin[b + 1] - begin[b]
@@ -64,23 +64,33 @@ def crossing_pairs(
         work += size * size
     if work > WORK * (len(contacts) + 1000):
         return -1, pairs[:0]
-    segment, tag = np.empty((largest, 4)), np.empty((largest, 2), dtype=np.int64)
+    ends, number = network.ends, network.contact
+    # Branches of the bin at hand: start and vector, and one number for either end.
+    x0, y0, dx, dy = np.empty(largest), np.empty(largest), np.empty(largest), np.empty(largest)
+    tail, head = np.empty(largest, dtype=np.int64), np.empty(largest, dtype=np.int64)
     found = 0
     for b in range(len(begin) - 1):
-        size = begin[b + 1] - begin[b]
-        for k in range(size):
-            c, p, q = contact[begin[b] + k], shift[begin[b] + k, 0], shift[begin[b] + k, 1]
-            segment[k, 0], segment[k, 1] = start[c, 0] - p, start[c, 1] - q
-            segment[k, 2], segment[k, 3] = vector[c, 0], vector[c, 1]
-            tag[k, 0] = _place(network.ends[c, 0], -p, -q)
-            tag[k, 1] = _place(network.ends[c, 1], reach[c, 0] - p, reach[c, 1] - q)
+        first = begin[b]
+        for k in range(begin[b + 1] - first):
+            c, p, q = contact[first + k], 0, 0
+            if len(shift):
+                p, q = shift[first + k, 0], shift[first + k, 1]
+            ax, ay, adx, ady = start[c, 0] - p, start[c, 1] - q, vector[c, 0], vector[c, 1]
+            a_tail = _place(ends[c, 0], -p, -q)
+            a_head = _place(ends[c, 1], reach[c, 0] - p, reach[c, 1] - q)
+            x0[k], y0[k], dx[k], dy[k], tail[k], head[k] = ax, ay, adx, ady, a_tail, a_head
             for other in range(k):
-                if not _meet(segment[k], segment[other], tag[k], tag[other]):
+                bdx, bdy = dx[other], dy[other]
+                same_side = (a_tail == tail[other]) | (a_head == head[other])
+                end_to_start = (a_tail == head[other]) | (a_head == tail[other])
+                if same_side | end_to_start:
+                    if not _same_line(adx, ady, bdx, bdy, same_side, end_to_start):
+                        continue
+                elif not _meet(ax, ay, adx, ady, x0[other], y0[other], bdx, bdy):
                     continue
                 if found == len(pairs):
                     pairs = np.concatenate((pairs, np.empty_like(pairs)))
-                one = network.contact[c]
-                two = network.contact[contact[begin[b] + other]]
+                one, two = number[c], number[contact[first + other]]
                 pairs[found, 0], pairs[found, 1] = min(one, two), max(one, two)
                 found += 1
                 if found == limit:
@@ -107,39 +117,58 @@ def _branches(
 
 
 @kernel
-def _pieces(start: Floats, vector: Floats, counts: Long) -> tuple[Long, Integers, Integers]:
-    """Branches that pass each bin: where they begin, which they are, images of the bin passed."""
-    bins = counts[0] * counts[1]
-    begin = np.zeros(bins + 2, dtype=np.int64)
-    contact, shift = np.empty(0, dtype=np.int32), np.empty((0, 2), dtype=np.int32)
-    # Counted first, then put in place: `begin` is ahead by one bin until the second pass is over.
-    for fill in range(2):
-        for c in range(len(start)):
-            x, dx = start[c, 0] * counts[0], vector[c, 0] * counts[0]
-            y, dy = start[c, 1] * counts[1], vector[c, 1] * counts[1]
-            low, high = _span(x, x + dx)
-            for column in range(low, high + 1):
-                enter, leave = 0.0, 1.0
-                if dx != 0.0:
-                    enter = min(max((column + (1 if dx < 0.0 else 0) - x) / dx, 0.0), 1.0)
-                    leave = min(max((column + (1 if dx >= 0.0 else 0) - x) / dx, 0.0), 1.0)
-                bottom, top = _span(y + enter * dy, y + leave * dy)
-                for row in range(bottom, top + 1):
-                    p, q = column // counts[0], row // counts[1]
-                    b = (row - q * counts[1]) * counts[0] + column - p * counts[0]
-                    if fill == 1:
-                        at = begin[b + 1]
-                        contact[at] = c
-                        shift[at, 0], shift[at, 1] = p, q
-                        begin[b + 1] += 1
-                    else:
-                        begin[b + 2] += 1
-        if fill == 0:
-            for b in range(bins):
-                begin[b + 2] += begin[b + 1]
-            contact = np.empty(begin[bins + 1], dtype=np.int32)
-            shift = np.empty((begin[bins + 1], 2), dtype=np.int32)
-    return begin[: bins + 1], contact, shift
+def _pieces(
+    start: Floats, vector: Floats, counts: Long, periodic: bool
+) -> tuple[Integers, Integers, Integers]:
+    """Branches that pass each bin: where they begin, which they are, images of the bin passed.
+
+    Without a cell there are no images, no row.
+    """
+    columns, rows = counts[0], counts[1]
+    room, found = 3 * len(start) + 16, 0
+    where, which = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
+    cell = np.empty((room if periodic else 0, 2), dtype=np.int32)
+    begin = np.zeros(columns * rows + 1, dtype=np.int32)
+    for c in range(len(start)):
+        x, dx = start[c, 0] * columns, vector[c, 0] * columns
+        y, dy = start[c, 1] * rows, vector[c, 1] * rows
+        low, high = _span(x, x + dx)
+        for column in range(low, high + 1):
+            enter, leave = 0.0, 1.0
+            if high > low and dx != 0.0:
+                enter = min(max((column + (1 if dx < 0.0 else 0) - x) / dx, 0.0), 1.0)
+                leave = min(max((column + (1 if dx >= 0.0 else 0) - x) / dx, 0.0), 1.0)
+            bottom, top = _span(y + enter * dy, y + leave * dy)
+            for row in range(bottom, top + 1):
+                if found == room:
+                    where, which = _doubled(where), _doubled(which)
+                    cell = np.concatenate((cell, np.empty_like(cell)))
+                    room *= 2
+                p, q = 0, 0
+                if periodic:
+                    p, q = column // columns, row // rows
+                    cell[found, 0], cell[found, 1] = p, q
+                where[found] = (row - q * rows) * columns + column - p * columns
+                which[found] = c
+                begin[where[found] + 1] += 1
+                found += 1
+    for b in range(len(begin) - 1):
+        begin[b + 1] += begin[b]
+    contact = np.empty(found, dtype=np.int32)
+    shift = np.empty((found if periodic else 0, 2), dtype=np.int32)
+    at = begin.copy()
+    for k in range(found):
+        place = at[where[k]]
+        at[where[k]] += 1
+        contact[place] = which[k]
+        if periodic:
+            shift[place, 0], shift[place, 1] = cell[k, 0], cell[k, 1]
+    return begin, contact, shift
+
+
+@kernel
+def _doubled(values: Integers) -> Integers:
+    return np.concatenate((values, np.empty_like(values)))
 
 
 @kernel
@@ -156,28 +185,32 @@ def _place(grain: int, p: int, q: int) -> int:
 
 
 @kernel
-def _meet(a: Floats, b: Floats, a_ends: Long, b_ends: Long) -> bool:
-    """Whether two branches have a point in common that is no common grain."""
-    turn = a[2] * b[3] - a[3] * b[2]
-    size_a, size_b = abs(a[2]) + abs(a[3]), abs(b[2]) + abs(b[3])
-    same_side = (a_ends[0] == b_ends[0]) | (a_ends[1] == b_ends[1])
-    end_to_start = (a_ends[0] == b_ends[1]) | (a_ends[1] == b_ends[0])
-    if same_side | end_to_start:
-        if abs(turn) > ROUND_OFF * (size_a + size_b):
-            return False
-        # Along a line they overlap if they leave the common grain the same way.
-        along = a[2] * b[2] + a[3] * b[3]
-        return (same_side and along > 0.0) or (end_to_start and along < 0.0)
-    ahead_x, ahead_y = b[0] - a[0], b[1] - a[1]
+def _same_line(
+    ax: float, ay: float, bx: float, by: float, same_side: bool, end_to_start: bool
+) -> bool:
+    """Whether two branches with a common grain overlap: they leave it the same way."""
+    if abs(ax * by - ay * bx) > ROUND_OFF * (abs(ax) + abs(ay) + abs(bx) + abs(by)):
+        return False
+    along = ax * bx + ay * by
+    return (same_side and along > 0.0) or (end_to_start and along < 0.0)
+
+
+@kernel
+def _meet(
+    ax: float, ay: float, adx: float, ady: float, bx: float, by: float, bdx: float, bdy: float
+) -> bool:
+    """Whether two branches without a common grain have a point in common."""
+    ahead_x, ahead_y = bx - ax, by - ay
+    turn = adx * bdy - ady * bdx
     # Each branch's ends lie on either side of the other's line, or on it.
-    if not _straddle(a[2] * ahead_y - a[3] * ahead_x, turn, size_a):
+    if not _straddle(adx * ahead_y - ady * ahead_x, turn, abs(adx) + abs(ady)):
         return False
-    if not _straddle(ahead_x * b[3] - ahead_y * b[2], -turn, size_b):
+    if not _straddle(ahead_x * bdy - ahead_y * bdx, -turn, abs(bdx) + abs(bdy)):
         return False
-    low_x = max(min(a[2], 0.0), ahead_x + min(b[2], 0.0))
-    low_y = max(min(a[3], 0.0), ahead_y + min(b[3], 0.0))
-    high_x = min(max(a[2], 0.0), ahead_x + max(b[2], 0.0))
-    high_y = min(max(a[3], 0.0), ahead_y + max(b[3], 0.0))
+    low_x = max(min(adx, 0.0), ahead_x + min(bdx, 0.0))
+    low_y = max(min(ady, 0.0), ahead_y + min(bdy, 0.0))
+    high_x = min(max(adx, 0.0), ahead_x + max(bdx, 0.0))
+    high_y = min(max(ady, 0.0), ahead_y + max(bdy, 0.0))
     return low_x <= high_x + ROUND_OFF and low_y <= high_y + ROUND_OFF
 
 

@@ -70,16 +70,22 @@ def _walk(
     """
     begin = np.empty(len(following) + 1, dtype=np.int32)
     member = np.empty(len(following), dtype=np.int32)
+    # Grains that the half-edges leave, in the graph's numbers.
+    leaves = np.empty(len(following), dtype=np.int32)
+    for c in range(len(network.ends)):
+        leaves[2 * c] = network.grain[network.ends[c, 0]]
+        leaves[2 * c + 1] = network.grain[network.ends[c, 1]]
     faces, k = 0, 0
     for any_one in range(len(following)):
         if following[any_one] < 0:
             continue
         begin[faces] = k
-        start = any_one
+        start, least = any_one, leaves[any_one]
         h = following[any_one]
         while h != any_one:
-            if _before(h, start, network, images):
-                start = h
+            grain = leaves[h]
+            if grain < least or (grain == least and _before(h, start, network, images)):
+                start, least = h, grain
             h = following[h]
         h = start
         while following[h] >= 0:

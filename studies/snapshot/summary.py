@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -45,18 +46,21 @@ def snapshot_summary(
         Plain values by key; see `DEFINITIONS`. Without forces the mechanical keys are absent.
     """
     area, groups = outline_area(snapshot.graph, faces), group_rows(table["order"])
-    summary = {
-        **_network(snapshot, faces),
-        **_orders(table, groups),
-        **_fabric(snapshot, faces, table, groups),
+    # Arrays as long as these leave the interpreter free: two threads share the work.
+    with ThreadPoolExecutor(2) as pool:
+        fabric = pool.submit(_fabric, snapshot, faces, table, groups)
+        forces = None
+        if snapshot.mechanical:
+            forces = pool.submit(mechanics_summary, snapshot, table, groups, area)
+        counted = _network(snapshot, faces) | _orders(table, groups)
+        summary = {**counted, **fabric.result(), **({} if forces is None else forces.result())}
+    return {
+        **summary,
         "area": area,
         "area_sum": float(table["area"].sum()),
         "notes": list(snapshot.notes),
         "definitions": DEFINITIONS if snapshot.mechanical else GEOMETRY,
     }
-    if snapshot.mechanical:
-        summary |= mechanics_summary(snapshot, table, groups, area)
-    return summary
 
 
 def _network(snapshot: Snapshot, faces: Faces) -> dict[str, Any]:
