@@ -2,6 +2,7 @@
 
 from loops.packing.carrying import Carrying
 from loops.packing.factor import Factor, factorised
+from loops.packing.in_place import LoopsInPlace, loops_in_place
 from loops.packing.system import (
     PackingSystem,
     assembled,
@@ -17,6 +18,7 @@ from loops.packing.walls import PlaneContacts
 __all__ = [
     "Carrying",
     "Factor",
+    "LoopsInPlace",
     "PackingSystem",
     "PlaneContacts",
     "assembled",
@@ -24,6 +26,7 @@ __all__ = [
     "contact_blocks",
     "factorised",
     "in_freedoms",
+    "loops_in_place",
     "packing_system",
     "relative_motion",
     "stress_rate",
