@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from loops.errors import InputError
-from studies.commands import bench, diamond, domain, polygon, series, snapshot
+from studies.commands import bench, check, diamond, domain, polygon, series, snapshot
 from studies.commands.common import forget_output
 
 app = typer.Typer(
@@ -39,7 +39,7 @@ def grainloops(
         typer.echo(context.get_help())
 
 
-for command in (snapshot, series, diamond, polygon, domain, bench):
+for command in (check, snapshot, series, diamond, polygon, domain, bench):
     command.register(app)
 
 

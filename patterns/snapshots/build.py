@@ -11,6 +11,7 @@ from loops import GrainGraph, InputError, LinearFrictional
 from loops.laws.coulomb import ShearIncrement
 from loops.validation import find_duplicate
 from patterns.snapshots.bodies import Bodies, read_bodies, read_pairs
+from patterns.snapshots.checks import Finding, State, check_state, same_normal_force
 from patterns.snapshots.contact_columns import force_on_second, law_of
 from patterns.snapshots.contact_geometry import check_cell, check_geometry, images_of
 from patterns.snapshots.frame import Frame
@@ -30,26 +31,11 @@ class Parameters(NamedTuple):
     shear_increment: ShearIncrement | None = None
 
 
-def build_snapshot(frame: Frame, parameters: Parameters) -> Snapshot:
+def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True) -> Snapshot:
     """Check the tables of one instant and make the snapshot of them.
 
-    Parameters
-    ----------
-    frame : Frame
-        Plain tables.
-    parameters : Parameters
-        What the table of contacts may lack.
-
-    Returns
-    -------
-    Snapshot
-        Contacts between grains as a graph, those with walls apart. Without forces, or with normal
-        forces alone on frictional grains, only the geometry.
-
-    Raises
-    ------
-    InputError
-        See `read_snapshot`.
+    Without forces, or with normal forces alone on frictional grains, only the geometry. Findings
+    after which nothing meaningful can follow are refused if `strict`; doubts become notes.
     """
     bodies, table = read_bodies(frame.grains), frame.contacts
     pairs = read_pairs(table, bodies)[1]
@@ -61,12 +47,13 @@ def build_snapshot(frame: Frame, parameters: Parameters) -> Snapshot:
     d = bodies.x[pairs[rows, 1]] - bodies.x[pairs[rows, 0]]
     if images is not None and cell is not None:
         d += images @ cell.T
-    n = check_geometry(table, rows, bodies, pairs[rows], d, periodic=cell is not None)
+    length, n = check_geometry(table, rows, bodies, pairs[rows], d, periodic=cell is not None)
     notes = list(frame.notes)
     normals = _normals(table, rows, n)
     force = force_on_second(table, normals, frictionless=_frictionless(table, parameters))
     normal, shear = _components(force, rows, n)
     graph = _graph(frame, bodies, rows, pairs[rows], images, cell, normal, shear)
+    walls = _walls(table, bodies, pairs, force)
     law: LinearFrictional | None = None
     regime: NDArray[np.int8] | None = None
     if force is None:
@@ -82,6 +69,16 @@ def build_snapshot(frame: Frame, parameters: Parameters) -> Snapshot:
             notes.append(_increment_note(parameters.shear_increment, frame.shear_increment))
     if images is not None and not images.any():
         notes.append("no contact crosses the border of the periodic cell")
+    given = table.optional("nx", "ny")
+    given = table.optional("branch_x", "branch_y") if given is None else given
+    findings = check_state(
+        State(graph, d, length, law, regime, None if given is None else given[rows], walls)
+    )
+    if force is not None and table.has("fn", "fx_on_2"):
+        findings = (*findings, same_normal_force(table.column("fn")[rows], normal))
+    if strict:
+        _refuse_errors(table, findings)
+    notes += [f"{one}" for one in findings if one.severity != "ok"]
     return Snapshot(
         graph,
         law,
@@ -89,9 +86,16 @@ def build_snapshot(frame: Frame, parameters: Parameters) -> Snapshot:
         bodies.grain_ids,
         len(pairs) - len(rows),
         tuple(notes),
-        _walls(table, bodies, pairs, force),
+        walls,
         frame.step,
+        findings,
     )
+
+
+def _refuse_errors(table: Table, findings: tuple[Finding, ...]) -> None:
+    for found in findings:
+        if found.severity == "error":
+            raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
 
 
 def _increment_note(given: ShearIncrement | None, told: ShearIncrement | None) -> str:

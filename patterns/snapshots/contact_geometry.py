@@ -141,33 +141,11 @@ def images_of(
 
 def check_geometry(
     table: Table, rows: Integers, bodies: Bodies, pairs: Integers, d: Floats, *, periodic: bool
-) -> Floats:
-    """Compare the branches with those, or the normals, of the file, and with the radii.
+) -> tuple[Floats, Floats]:
+    """Lengths (C,) and unit normals (C, 2) of the branches `d` (C, 2), held against the file.
 
-    Parameters
-    ----------
-    table : Table
-        Contacts.
-    rows : (C,) array of int
-        Rows of the contacts between grains.
-    bodies : Bodies
-        Grains.
-    pairs : (C, 2) array of int
-        Grains of these contacts.
-    d : (C, 2) array
-        Branches from the centres and images (length).
-    periodic : bool
-        Whether a cell was given.
-
-    Returns
-    -------
-    (C, 2) array
-        Unit normals, from 1 to 2.
-
-    Raises
-    ------
-    InputError
-        Naming the contact that is furthest off.
+    `InputError` names the contact whose branch or normal in the file is furthest off, or whose
+    grains are too far apart.
     """
     length = np.hypot(d[:, 0], d[:, 1])
     n = d / np.where(length > 0, length, 1.0)[:, None]
@@ -175,28 +153,35 @@ def check_geometry(
     branches = table.optional("branch_x", "branch_y")
     if branches is not None:
         expected, received, name = d, branches, "branch"
-    received = expected if received is None else received[rows]
-    # Of a branch the share of its length; coincident grains are refused by the graph.
-    scale = np.where(length > 0, length, 1.0) if name == "branch" else 1.0
-    error = np.hypot(*(received - expected).T) / scale
-    c = int(np.argmax(error))
-    if error[c] > GEOMETRY_TOLERANCE:
-        raise InputError(
-            _place(table, rows, bodies, pairs, c),
-            f"{name} {received[c].tolist()}",
-            f"{expected[c].tolist()} from the centres, grain 1 to grain 2",
-            _remedy(periodic),
-        )
+    if received is not None:
+        received = received[rows]
+        # Of a branch the share of its length; coincident grains are refused by the graph.
+        scale = np.where(length > 0, length, 1.0) if name == "branch" else 1.0
+        error = np.hypot(*(received - expected).T) / scale
+        c = int(np.argmax(error))
+        if error[c] > GEOMETRY_TOLERANCE:
+            turned = (
+                np.abs(received + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
+            )
+            raise InputError(
+                _place(table, rows, bodies, pairs, c),
+                f"{name} {received[c].tolist()}",
+                f"{expected[c].tolist()} from the centres, grain 1 to grain 2",
+                "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
+                if turned
+                else _remedy(periodic),
+            )
     reach = length / bodies.radii[pairs].sum(axis=1)
     c = int(np.argmax(reach))
-    if reach[c] > REACH:
+    # Where all are apart, the radii are in question: the checks tell why.
+    if reach[c] > REACH and np.median(reach) < REACH:
         raise InputError(
             _place(table, rows, bodies, pairs, c),
             f"centres {reach[c]:.3g} times the sum of the radii apart",
             "grains that touch",
             _remedy(periodic),
         )
-    return n
+    return length, n
 
 
 def _place(table: Table, rows: Integers, bodies: Bodies, pairs: Integers, c: int) -> str:

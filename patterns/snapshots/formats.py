@@ -60,6 +60,7 @@ def read_snapshot(
     shear_increment: str | None = None,
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
+    strict: bool = True,
     frame: int | None = None,
 ) -> Snapshot:
     """Read one instant of a simulation, of a file with several that one alone.
@@ -90,6 +91,9 @@ def read_snapshot(
         A key of `FORMATS`, or 'auto': the first format that recognises the file.
     columns : mapping of str to str, optional
         Plain name to the column that holds it.
+    strict : bool
+        Whether a finding after which nothing meaningful can follow is refused; if not, it stands
+        in the notes and in `Snapshot.findings`.
     frame : int, optional
         Which instant of a file with several, from 0; -1 is the last one.
 
@@ -118,7 +122,7 @@ def read_snapshot(
     parameters = Parameters(kn, kt, mu, _checked(shear_increment))
     reader = format_of(source.path, format)
     chosen = _choose(source.path, reader.frames(source), frame)
-    return build_snapshot(chosen, parameters)
+    return build_snapshot(chosen, parameters, strict=strict)
 
 
 def read_frames(
@@ -132,12 +136,13 @@ def read_frames(
     shear_increment: str | None = None,
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
+    strict: bool = True,
 ) -> Iterator[Snapshot]:
     """Read every instant of a file, one after the other.
 
     Parameters
     ----------
-    path, contacts, cell, kn, kt, mu, shear_increment, format, columns
+    path, contacts, cell, kn, kt, mu, shear_increment, format, columns, strict
         See `read_snapshot`.
 
     Yields
@@ -153,7 +158,7 @@ def read_frames(
     source = _source(path, contacts, cell, columns)
     parameters = Parameters(kn, kt, mu, _checked(shear_increment))
     for frame in format_of(source.path, format).frames(source):
-        yield build_snapshot(frame, parameters)
+        yield build_snapshot(frame, parameters, strict=strict)
 
 
 def count_frames(

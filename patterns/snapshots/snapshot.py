@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph, InputError, LinearFrictional
+from patterns.snapshots.checks import Finding
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,9 @@ class Snapshot:
     walls : WallContacts or None
         Forces of the walls, None if the file does not tell them.
     step : float or None
-        The code's own number of the instant.
+        The code's own number of the snapshot.
+    findings : tuple of Finding
+        What the checks told, also where nothing is wrong; doubts stand in the notes as well.
     """
 
     graph: GrainGraph
@@ -63,6 +66,7 @@ class Snapshot:
     notes: tuple[str, ...]
     walls: WallContacts | None = None
     step: float | None = None
+    findings: tuple[Finding, ...] = ()
 
     @property
     def mechanical(self) -> bool:

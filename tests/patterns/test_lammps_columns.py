@@ -102,7 +102,11 @@ def test_whose_force_it_is_is_told_by_its_direction(tmp_path, sign, adhesion):
             words[column] = repr(sign * float(words[column]))
         rows[k] = " ".join(words)
     contacts.write_text("\n".join(rows) + "\n")
-    assert_same(read(path)[0], own, 1e-13)
+    (frame,) = lammps.frames(Source(path))
+    assert_same(build_snapshot(frame, LAW, strict=False), own, 1e-13)
+    if adhesion:
+        with pytest.raises(InputError, match="they pull"):
+            build_snapshot(frame, LAW)
 
 
 def test_frictionless_grains_need_no_tangential_force(tmp_path):

@@ -67,7 +67,8 @@ def test_plain_tables(tmp_path, ending):
     np.testing.assert_allclose(graph.shear_force, [0.2, 0.3, 0.4, -0.5], rtol=1e-15)
     assert snapshot.regime.tolist() == [1, 1, 2, 1]
     assert snapshot.law.kn.tolist() == [100.0] * 4
-    assert snapshot.notes == ()
+    # Four grains made up for this test are in no balance; nothing else had to be said.
+    assert snapshot.notes == tuple(str(one) for one in snapshot.findings if one.severity != "ok")
     assert graph.cell is None
 
 
@@ -100,7 +101,7 @@ def test_what_is_optional_costs_only_what_depends_on_it(tmp_path):
     snapshot = read_snapshot(write(tmp_path, contacts=bare), kn=7.0, kt=3.0)
     assert snapshot.regime.tolist() == [1, 1, 1, 1]
     assert snapshot.law.kt.tolist() == [3.0] * 4
-    assert len(snapshot.notes) == 3
+    assert len(snapshot.notes) == 4 and "need kn = 175" in snapshot.notes[3]
 
     grains = changed(GRAINS, type=None, radius=[0.51] * 5)
     assert read_snapshot(write(tmp_path, grains=grains)).graph.contact_count == 5

@@ -184,6 +184,13 @@ def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
     names = table.names
     groups = [names[at : at + 2] for at in (first, first + 3, first + 6) if at + 2 < len(names)]
     vectors = [table.columns(*group) for group in groups]
+    if vectors and vectors[0].any() and not _small(table.column(names[first + 2]), vectors[0]):
+        raise InputError(
+            f"column {names[first + 2]} of {table.path}",
+            "a force out of the plane",
+            f"zero, after x and y of the force in {' '.join(groups[0])}",
+            "The columns are in another order: name them, --columns fx=COLUMN,fy=COLUMN.",
+        )
     kinds = [_kind(pairs, vector) for vector in vectors]
     if kinds[:1] == ["oblique"]:
         columns |= {"fx": groups[0][0], "fy": groups[0][1]}
@@ -191,7 +198,8 @@ def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
         if total and kinds[1:] == ["along", "across"] and _small(total[0], vectors[0]):
             named = zip(("fnx", "fny", "ftx", "fty"), groups[1] + groups[2], strict=True)
             columns |= dict(named)
-    elif kinds[:2] == ["along", "across"]:
+    elif sorted(kinds[:2]) == ["across", "along"]:
+        groups = sorted(groups[:2], key=lambda group: kinds[groups.index(group)], reverse=True)
         columns |= dict(zip(("fnx", "fny", "ftx", "fty"), groups[0] + groups[1], strict=True))
     elif kinds[:2] == ["along", "along"] and _small(vectors[0] - vectors[1], vectors[0]):
         columns |= {"fx": groups[0][0], "fy": groups[0][1]}

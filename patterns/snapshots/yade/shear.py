@@ -108,12 +108,13 @@ def _balances(
         force = normal * n[:, k]
         load[:, k] = np.bincount(two, force, grains) - np.bincount(one, force, grains)
     known = np.repeat(np.bincount(pairs.ravel(), minlength=grains)[:, None] > 0, 3, axis=1)
-    known[_on_rim(x, radii, known[:, 0]), :2] = False
+    known[on_rim(x, radii, known[:, 0]), :2] = False
     keep = np.flatnonzero(known.ravel())
     return matrix[keep], load.ravel()[keep]
 
 
-def _on_rim(x: Floats, radii: Floats, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def on_rim(x: Floats, radii: Floats, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(G,) array: grains at the border of the box around those touched, where walls may be."""
     low, high = x - radii[:, None], x + radii[:, None]
     margin = RIM * radii.mean()
     near_low = low < low[touched].min(axis=0) + margin

@@ -1,0 +1,435 @@
+"""What is wrong with a snapshot, told from its own numbers: one family of faults a function.
+
+Limits lie between what 60 snapshots of Yade, LAMMPS and LIGGGHTS show and what the faults give; the
+figures stand beside each. All sums are over all contacts, medians over a sample of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import GrainGraph, LinearFrictional, Regime
+from loops.arrays import Floats, Integers
+from patterns.snapshots.yade.shear import on_rim
+
+Severity = Literal["ok", "doubt", "error"]
+
+SAMPLE = 100_000  # contacts that medians are taken over
+LOADED = 0.1  # contacts with more than this share of the mean N tell more than rounding
+
+# Share of the forces along the branches: 0.97 to 1; exchanged components 0 to 0.3, signs -1.
+ALONG, PULLING = 0.4, 0.02
+# Out of balance over the mean force: to 0.063; flowing 0.27; shear of the other sign 0.2 to 1.2.
+BALANCE, TURNED = 0.1, 0.3
+# Share of loaded contacts beyond Coulomb's limit: none (one flow: 0.9 %).
+BEYOND, BEYOND_SHARE = 1.01, 0.02
+DEGREES = (5.0, 90.0)  # no friction, but angles
+# N over kn times overlap: 1 for linear laws, 2/3 for Hertz' tangent stiffness.
+STIFF, ROUND_NUMBER = (0.6, 1.6), 0.05
+# Distances over sums of radii: 0.99 to 1; soft grains 0.7; diameters for radii 0.5.
+CLOSE, SOFT, APART = 0.6, 0.85, 1.02
+GAPS = 0.01  # share of loaded contacts that may be apart: none
+# Directions of the file against the centres, in radians: 1e-9 if saved within a step.
+INSTANT = 3e-6
+# Constraints over freedoms: 1.03 and more where load is carried, 0.89 in a flow.
+JAMMED, FEWEST = 0.95, 20
+
+
+class Forces(Protocol):
+    """Forces of the walls on grains."""
+
+    @property
+    def grain(self) -> Integers:
+        """(W,) array: the grains."""
+
+    @property
+    def force(self) -> Floats:
+        """(W, 2) array: the forces on them."""
+
+
+class Finding(NamedTuple):
+    """What a check found: the number that tells it, a sentence on the cause, what to do."""
+
+    check: str
+    severity: Severity
+    number: float
+    says: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.says}. {self.remedy}"
+
+
+class State:
+    """What the checks look at: the contacts between grains, their branches, law and regimes.
+
+    `given` (C, 2) are the branches or normals of the file, `walls` forces of the walls.
+    """
+
+    def __init__(
+        self,
+        graph: GrainGraph,
+        d: Floats,
+        length: Floats,
+        law: LinearFrictional | None,
+        regime: NDArray[np.int8] | None,
+        given: Floats | None,
+        walls: Forces | None,
+    ) -> None:
+        self.x, self.radii, self.contacts = graph.x, graph.radii, graph.contacts
+        self.normal, self.shear = graph.normal_force, graph.shear_force
+        self.d, self.length, self.law, self.given, self.walls = d, length, law, given, walls
+        self.sliding = None if regime is None else regime == Regime.SLIDING
+        self.degree = np.bincount(self.contacts.ravel(), minlength=len(self.x))
+        self.inner = self.degree > 0
+        if graph.cell is None and walls is None:
+            # Walls whose forces are not known may push on the rim.
+            self.inner &= ~on_rim(self.x, self.radii, self.inner)
+        count = len(self.contacts)
+        self.rows = slice(None, None, max(1, count // SAMPLE))
+        limit = LOADED * float(self.normal.mean())
+        self.loaded = self.normal > limit if limit > 0 else np.ones(count, dtype=bool)
+
+    def parameter(self, name: str) -> Floats:
+        """(C,) array of `kn`, `kt` or `mu`."""
+        return np.broadcast_to(getattr(self.law, name), len(self.contacts))
+
+
+def check_state(state: State) -> tuple[Finding, ...]:
+    """All findings on a state, also what is as it should be."""
+    checks: list[Callable[[State], Finding | None]] = [distances, touching, instants]
+    if state.law is not None:
+        if not state.normal.any() and not state.shear.any():
+            return (
+                *(f for f in (check(state) for check in checks) if f),
+                Finding("forces", "doubt", 0.0, "all contact forces are zero", "Export them."),
+            )
+        checks += [directions, pulling, balance, friction, sliding, stiffness, jammed]
+    return tuple(found for found in (check(state) for check in checks) if found is not None)
+
+
+def distances(state: State) -> Finding:
+    """Distances of the centres against the radii: diameters, other units."""
+    rows = state.rows
+    reach = float(np.median(state.length[rows] / state.radii[state.contacts[rows]].sum(axis=1)))
+    says = f"centres in contact are {reach:.4g} times the sum of their radii apart (median)"
+    remedy = "Give radii and positions in one unit of length."
+    if CLOSE * SOFT < reach / 0.5 < 1 / SOFT and reach < CLOSE:
+        return Finding(
+            "distances",
+            "error",
+            reach,
+            f"{says}: the radii look like diameters",
+            "Halve the radii.",
+        )
+    if reach < CLOSE or reach > 1.5:
+        unit = _power_of_ten(reach)
+        cause = f"another unit, {unit} times as long" if unit else "another column or unit"
+        return Finding("distances", "error", reach, f"{says}: the radii look like {cause}", remedy)
+    if reach < SOFT or reach > APART:
+        return Finding("distances", "doubt", reach, f"{says}, which is far from touching", remedy)
+    return Finding("distances", "ok", reach, says, "")
+
+
+def touching(state: State) -> Finding | None:
+    """Contacts that carry load across a gap."""
+    rows = np.flatnonzero(state.loaded)[state.rows]
+    if len(rows) == 0:
+        return None
+    gap = state.length[rows] - state.radii[state.contacts[rows]].sum(axis=1)
+    share = float(np.mean(gap > rounding(state.x) + 1e-9 * state.length[rows]))
+    says = f"{100 * share:.3g} % of the contacts that carry load are apart"
+    if share <= GAPS:
+        return Finding("touching", "ok", share, says, "")
+    return Finding(
+        "touching",
+        "doubt",
+        share,
+        f"{says}: positions and contacts of different instants, radii too small, or cohesion",
+        "Take both tables from one instant.",
+    )
+
+
+def instants(state: State) -> Finding | None:
+    """Branches or normals of the file against the centres."""
+    if state.given is None:
+        return None
+    rows = state.rows
+    given, d = state.given[rows], state.d[rows]
+    size = np.hypot(*given.T)
+    turned = np.abs(d[:, 0] * given[:, 1] - d[:, 1] * given[:, 0])
+    off = float(np.median(turned / np.where(size > 0, size, 1.0) / state.length[rows]))
+    coarse = 2 * rounding(state.x) / float(np.median(state.length[rows]))
+    coarse += rounding(given) / float(np.median(size) or 1.0)
+    says = f"contact directions are {off:.2g} rad off the lines of centres (median)"
+    if off <= INSTANT + 5 * coarse:
+        return Finding("instants", "ok", off, says, "")
+    return Finding(
+        "instants",
+        "doubt",
+        off,
+        f"{says}, and the numbers are good to {coarse:.1g}: positions and contacts of different "
+        "instants, or positions moved on before they were saved",
+        "Take both tables from one instant.",
+    )
+
+
+def directions(state: State) -> Finding:
+    """Forces along the branches: signs, exchanged columns."""
+    size = float(np.hypot(state.normal, state.shear).sum())
+    share = float(state.normal.sum()) / size
+    says = f"the forces act along the branches to {share:.3g} of their size, push positive"
+    if share >= ALONG:
+        return Finding("directions", "ok", share, says, "")
+    if share <= -ALONG:
+        return Finding(
+            "directions",
+            "error",
+            share,
+            f"{says}: they pull, as with tension positive, with forces on grain 1, or with id1 and "
+            "id2 exchanged",
+            "Turn the sign of the forces, or exchange id1 and id2.",
+        )
+    n = state.d / state.length[:, None]
+    # The force with its components exchanged, along the branch.
+    exchanged = 2 * n[:, 0] * n[:, 1] * state.normal + (n[:, 0] ** 2 - n[:, 1] ** 2) * state.shear
+    other = float(exchanged.sum()) / size
+    cause, remedy = "forces of other contacts", "Check the columns of the force and of the ids."
+    if abs(other) > 2 * ALONG:
+        cause, remedy = f"x and y exchanged give {other:.3g}", "Exchange fx and fy."
+    return Finding("directions", "error", share, f"{says}: {cause}", remedy)
+
+
+def pulling(state: State) -> Finding:
+    """Share of the normal force that pulls."""
+    size = np.abs(state.normal)
+    share = float(size[state.normal < 0].sum() / (float(size.sum()) or 1.0))
+    says = f"{100 * share:.3g} % of the normal force pulls"
+    if share <= PULLING or share > 0.5:
+        return Finding("pulling", "ok", share, says, "")
+    return Finding(
+        "pulling",
+        "doubt",
+        share,
+        f"{says}: cohesion, damping, or rows whose grains are exchanged",
+        "The law of the contacts here carries no tension.",
+    )
+
+
+def balance(state: State) -> Finding | None:
+    """What the forces leave on the grains, a uniform body force aside."""
+    chosen = np.flatnonzero(state.inner)[:: max(1, 5 * len(state.x) // SAMPLE)]
+    if len(chosen) < 3:
+        return None
+    place = np.full(len(state.x), len(chosen))
+    place[chosen] = np.arange(len(chosen))
+    taken = place < len(chosen)
+    one, two = state.contacts.T
+    rows = np.flatnonzero(taken[one] | taken[two])
+    ends = place[state.contacts[rows]]
+    n = state.d[rows] / state.length[rows, None]
+    push = _on_grains(ends, state.normal[rows, None] * n, len(chosen))
+    turned = np.column_stack([-n[:, 1], n[:, 0]])
+    turn = _on_grains(ends, state.shear[rows, None] * turned, len(chosen))
+    if state.walls is not None:
+        known = taken[state.walls.grain]
+        np.add.at(push, place[state.walls.grain[known]], state.walls.force[known])
+    area = state.radii[chosen] ** 2
+    mean = float(np.hypot(state.normal[state.rows], state.shear[state.rows]).mean())
+    rest = [_rest(area, push + sign * turn) / mean for sign in (1, -1)]
+    says = f"contact forces leave the grains {rest[0]:.2g} mean forces out of balance"
+    if rest[0] <= BALANCE:
+        return Finding("balance", "ok", rest[0], says, "")
+    if rest[1] < TURNED * rest[0] and len(chosen) >= FEWEST:
+        return Finding(
+            "balance",
+            "error",
+            rest[0],
+            f"{says}, and {rest[1]:.2g} with shear turned around: shear forces on grain 1, or id1 "
+            "and id2 exchanged",
+            "Turn the sign of the shear forces, or exchange id1 and id2.",
+        )
+    return Finding(
+        "balance",
+        "doubt",
+        rest[0],
+        f"{says}: a flow, missing contacts or walls, or forces that are not these grains'",
+        "Stability is that of a state at rest.",
+    )
+
+
+def friction(state: State) -> Finding | None:
+    """Shear against Coulomb's limit; friction that is an angle."""
+    every = state.parameter("mu")
+    if not np.isfinite(every).any():
+        return None
+    typical = float(np.median(every[state.rows]))
+    if DEGREES[0] < typical < DEGREES[1]:
+        return Finding(
+            "friction",
+            "doubt",
+            typical,
+            f"mu is {typical:.4g}, as an angle in degrees",
+            f"Give its tangent, {np.tan(np.radians(typical)):.4g}.",
+        )
+    rows = np.flatnonzero(state.loaded & (state.normal > 0))[state.rows]
+    if len(rows) == 0:
+        return None
+    ratio, mu = np.abs(state.shear[rows]) / state.normal[rows], every[rows]
+    beyond = float(np.mean(ratio > BEYOND * mu))
+    worst = float((ratio / np.where(mu > 0, mu, np.inf)).max())
+    says = f"{100 * beyond:.3g} % of the loaded contacts have |T| > mu N, at most {worst:.3g} times"
+    if beyond <= BEYOND_SHARE:
+        return Finding("friction", "ok", beyond, says, "")
+    return Finding(
+        "friction",
+        "doubt",
+        beyond,
+        f"{says}: friction too small, or forces of another instant or law",
+        f"The forces need mu = {float(np.quantile(ratio, 0.999)):.3g}.",
+    )
+
+
+def sliding(state: State) -> Finding | None:
+    """Contacts flagged as sliding against Coulomb's limit."""
+    if state.sliding is None or not state.sliding.any():
+        return None
+    rows = np.flatnonzero(state.sliding)[state.rows]
+    mu = state.parameter("mu")[rows]
+    limit = mu * state.normal[rows]
+    known = np.isfinite(limit) & (limit > 0)
+    if not known.any():
+        return None
+    ratio = float(np.median(np.abs(state.shear[rows][known]) / limit[known]))
+    says = f"sliding contacts have |T| = {ratio:.3g} mu N (median)"
+    if abs(ratio - 1) <= 0.1:
+        return Finding("sliding", "ok", ratio, says, "")
+    return Finding(
+        "sliding",
+        "doubt",
+        ratio,
+        f"{says}: mu too {'large' if ratio < 1 else 'small'}, or flags of another instant",
+        f"The forces need mu = {ratio * float(np.median(mu[known])):.3g}.",
+    )
+
+
+def stiffness(state: State) -> Finding | None:
+    """N against kn times overlap: units, exchanged stiffnesses."""
+    rows = np.flatnonzero(state.loaded)[state.rows]
+    overlap = state.radii[state.contacts[rows]].sum(axis=1) - state.length[rows]
+    typical = float(np.median(overlap)) if len(rows) else 0.0
+    # Coarser coordinates, and grains that are apart, say nothing of the stiffness.
+    if typical <= 2 * rounding(state.x):
+        return None
+    positive = overlap > 0
+    secant = state.normal[rows][positive] / overlap[positive]
+    kn, kt = (state.parameter(name)[rows][positive] for name in ("kn", "kt"))
+    ratio, shear_ratio = float(np.median(secant / kn)), float(np.median(secant / kt))
+    says = f"N is {ratio:.4g} times kn times the overlap (median)"
+    exceeds = float(np.median(kt / kn))
+    if abs(shear_ratio - 1) < ROUND_NUMBER < abs(exceeds - 1):
+        return Finding(
+            "stiffness",
+            "doubt",
+            ratio,
+            f"{says} and {shear_ratio:.4g} times kt times it: kn and kt exchanged",
+            "Exchange them.",
+        )
+    if STIFF[0] <= ratio <= STIFF[1] and exceeds <= 1 + ROUND_NUMBER:
+        return Finding("stiffness", "ok", ratio, says, "")
+    if STIFF[0] <= ratio <= STIFF[1]:
+        return Finding(
+            "stiffness",
+            "doubt",
+            exceeds,
+            f"kt is {exceeds:.4g} kn, where grains are softer to shear",
+            "Check kn and kt.",
+        )
+    unit = _power_of_ten(ratio)
+    cause = f"units differ by {unit}, or another kn" if unit else "another kn, or units"
+    return Finding(
+        "stiffness",
+        "doubt",
+        ratio,
+        f"{says}: {cause}",
+        f"Forces and overlaps need kn = {float(np.median(secant)):.4g}.",
+    )
+
+
+def jammed(state: State) -> Finding | None:
+    """Constraints of the contacts against the freedoms of the grains that carry load."""
+    if state.sliding is None:
+        return None
+    degree = state.degree
+    walls = np.zeros(len(degree))
+    if state.walls is not None:
+        walls += np.bincount(state.walls.grain, minlength=len(degree))
+    # Two freedoms without friction, three with: shear that is zero throughout is none.
+    rough = bool(state.shear.any())
+    held = state.inner & (degree + walls >= (2 if rough else 3))
+    if np.count_nonzero(held) < FEWEST:
+        return None
+    slides = np.bincount(state.contacts[state.sliding].ravel(), minlength=len(degree))
+    shared = (2 * degree - slides if rough else degree) / 2 + walls
+    ratio = float(shared[held].sum() / ((3 if rough else 2) * np.count_nonzero(held)))
+    says = f"contacts give {ratio:.3g} constraints for each freedom of the grains that carry load"
+    if ratio >= JAMMED:
+        return Finding("jammed", "ok", ratio, says, "")
+    return Finding(
+        "jammed",
+        "doubt",
+        ratio,
+        f"{says}: the sample isn't jammed, or contacts are missing",
+        "Loops of a flow carry no load for long.",
+    )
+
+
+def same_normal_force(fn: Floats, normal: Floats) -> Finding:
+    """The column `fn` against the part of the total force along the branch."""
+    scale = float(np.abs(normal).mean()) or 1.0
+    off = float(np.median(np.abs(fn - normal))) / scale
+    says = f"fn is {off:.2g} mean forces off the normal part of fx_on_2, fy_on_2 (median)"
+    if off <= 1e-3:
+        return Finding("fn", "ok", off, says, "")
+    turned = float(np.median(np.abs(fn + normal))) / scale
+    cause = "tension positive" if turned <= 1e-3 else "of other contacts, units or instants"
+    return Finding(
+        "fn", "doubt", off, f"{says}, which are used: fn is {cause}", "Correct one of the two."
+    )
+
+
+def rounding(values: Floats) -> float:
+    """Half the last digit that numbers show: of single precision, of text of 6 to 9 digits."""
+    flat = values.ravel()
+    shown = flat[:: max(1, len(flat) // 100)]
+    size = float(np.abs(shown).max(initial=0.0))
+    if (shown.astype(np.float32) == shown).all():
+        return size * 2.0**-24
+    for digits in (6, 7, 8, 9):
+        if all(float(f"{value:.{digits}g}") == value for value in shown.tolist()):
+            return 0.5 * size * 10.0 ** (1 - digits)
+    return 1e-15 * size
+
+
+def _power_of_ten(ratio: float) -> str:
+    """The power of ten that a ratio is, as text, or nothing."""
+    power = round(np.log10(ratio)) if ratio > 0 else 0
+    near = power != 0 and abs(np.log10(ratio) - power) < ROUND_NUMBER
+    return f"10^{power}" if near else ""
+
+
+def _on_grains(ends: Integers, force: Floats, count: int) -> Floats:
+    """Sum on the first `count` grains of forces that act on grain 2 and back on grain 1."""
+    one, two = ends.T
+    sums = [np.bincount(two, f, count + 1) - np.bincount(one, f, count + 1) for f in force.T]
+    return np.column_stack(sums)[:count]
+
+
+def _rest(area: Any, force: Floats) -> float:
+    """Root mean square of forces on grains, less one in proportion to their areas."""
+    rest = force - area[:, None] * ((area @ force) / (area @ area))
+    return float(np.sqrt(np.einsum("gk,gk->", rest, rest) / len(rest)))

@@ -1,0 +1,131 @@
+"""No false alarm on a collection of DEM snapshots, and every fault in it noticed.
+
+Set GRAINLOOPS_DEM to the folder and run with -m slow.
+"""
+
+import csv
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from loops import InputError
+from patterns import read_frames, read_snapshot
+from tests.patterns import snapshot_faults as faults
+from tests.patterns.test_checks import (
+    CASES,
+    SOFT,
+    lammps,
+    liggghts,
+    noticed,
+    suspicious,
+)
+
+FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "none"))
+SPHERES = re.compile(r"(spheres.*\.vt[uk]|\.vtm|\.xml)(\.gz)?$")
+# Flowing: not jammed and out of balance. And what Yade's recorder garbles.
+FLOWING = {"grains_13.parquet"}
+GARBLED = {"s06-spheres.104685.vtu"}
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not FOLDER.is_dir(), reason="GRAINLOOPS_DEM names no folder of samples"),
+]
+
+
+def cells_of(folder):
+    with open(folder / "macro.csv") as file:
+        return {
+            int(row["snap"]): [[float(row[f"h_{i}{j}"]) for j in "xy"] for i in "xy"]
+            for row in csv.DictReader(file)
+            if "h_xx" in row
+        }
+
+
+def collection():
+    for folder in sorted(FOLDER.glob("yade-*")):
+        if (folder / "macro.csv").exists():
+            cells = cells_of(folder)
+            for path in sorted(folder.glob("grains_*")):
+                number = int(re.findall(r"\d+", path.name)[0])
+                if "plain" not in path.name:
+                    yield path, {"cell": cells.get(number)}
+        for path in sorted((folder / "native").glob("*")):
+            if SPHERES.search(path.name) and path.name not in GARBLED:
+                yield path, {} if ".xml" in path.name else SOFT
+    for path in sorted(FOLDER.glob("lammps/*/dump.atoms*")):
+        yield path, SOFT
+    for path in sorted((FOLDER / "liggghts").glob("atoms*")):
+        yield path, SOFT | {"mu": 0.3}
+    for path in sorted((FOLDER / "liggghts/gravity").glob("atoms*")):
+        yield path, SOFT
+
+
+HEALTHY = [pytest.param(*one, id=f"{one[0].parent.name}-{one[0].name}") for one in collection()]
+
+
+@pytest.mark.parametrize(("path", "options"), HEALTHY)
+def test_no_false_alarm(path, options):
+    for snapshot in read_frames(path, **options):
+        found = suspicious(snapshot)
+        assert found == ({"balance", "jammed"} if path.name in FLOWING else set())
+
+
+def tables(folder, ending, name):
+    path = FOLDER / folder / name
+    cell = cells_of(path.parent).get(int(re.findall(r"\d+", name)[0]))
+    return faults.Tables(ending, path, **({} if cell is None else {"cell": cell}))
+
+
+PLAIN = ("grains", "contacts")
+PAIR = ("spheres", "intrs")
+DECKS = {
+    "csv": lambda: tables("yade-small", "csv", "grains_08.csv.gz"),
+    "parquet": lambda: tables("yade-medium", "parquet", "grains_05.parquet"),
+    "npz": lambda: tables("yade-slow", "npz", "grains_10.parquet"),
+    "h5": lambda: tables("yade-periodic", "h5", "grains_06.parquet"),
+    "lammps": lambda: lammps(
+        FOLDER / "lammps/periodic/dump.atoms.40000", FOLDER / "lammps/periodic/dump.contacts.40000"
+    ),
+    "liggghts": lambda: liggghts_of("liggghts", "40000"),
+    "yade-xml": lambda: faults.Save(FOLDER / "yade-small/native/state_08.xml.gz"),
+    "yade-exporter": lambda: faults.Legacy(
+        *(FOLDER / f"yade-small/native/legacy08-{what}-00000000.vtk" for what in PAIR), **SOFT
+    ),
+}
+
+
+def liggghts_of(folder, step):
+    """The dump has 25 columns: forces in all, and their parts."""
+    deck = liggghts(*(FOLDER / folder / f"{what}.{step}.dump" for what in ("atoms", "contacts")))
+    parts = {"fnx": "c_cpgl[13]", "fny": "c_cpgl[14]", "ftx": "c_cpgl[16]", "fty": "c_cpgl[17]"}
+    for key in list(deck.fields):
+        for name, column in parts.items():
+            if key[1] == column:
+                deck.fields = {
+                    (k[0], name) if k == key else k: values for k, values in deck.fields.items()
+                }
+    deck.roles = {
+        "force": ("fx", "fy", *parts),
+        "xy": (("fx", "fy"), ("fnx", "fny"), ("ftx", "fty")),
+    }
+    return deck
+
+
+@pytest.mark.parametrize(("name", "fault"), [case for case in CASES if case.values[0] in DECKS])
+def test_fault_is_noticed(name, fault, tmp_path):
+    assert noticed(DECKS[name](), fault, tmp_path)
+
+
+@pytest.mark.parametrize("snapshot", [2, 10, 20])
+def test_tables_of_neighbouring_snapshots(snapshot):
+    """Contacts 2e-5 of strain after the grains: refused, or told by the directions."""
+    folder = FOLDER / "yade-slow"
+    files = [folder / f"{what}_{snapshot + k:02d}.parquet" for k, what in enumerate(PLAIN)]
+    try:
+        one = read_snapshot(*files, cell=cells_of(folder)[snapshot], strict=False)
+    except InputError as error:
+        assert "from the centres" in str(error)
+    else:
+        assert "instants" in suspicious(one)
