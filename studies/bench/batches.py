@@ -9,42 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph, macroscopic_tangent
+from loops.arrays import Floats
 from patterns.hard_cases import hard_case
 from stability import restrict, symmetric_spectrum
 from stability.loop_stability import loop_stability
 from studies.bench.hard_tangents import exact_answer
 from studies.bench.measure import Row, largest, measured
-from studies.fifty_digits import affine_tangent_50, as_array, traction_tangent_50
-from studies.loop_batch import KN, KT, MU, Batch, random_batch
+from studies.bench.rings import Rings, random_rings
 
-Floats = NDArray[np.float64]
 CLOSURES = ("affine", "traction")
 SIZES = (1, 10, 100, 1000, 10_000)
 OVERLAPS = (1e-1, 1e-3, 1e-5, 1e-7)
 
 
 def batch_sizes(quick: bool) -> list[Row]:
-    """Time per hexagon over the size of the batch, with the error against 50 digits.
-
-    Parameters
-    ----------
-    quick : bool
-        Smaller batches.
-
-    Returns
-    -------
-    list of Row
-    """
+    """Time per hexagon over the size of the batch, with the error against 50 digits."""
     rows = []
-    whole = random_batch(SIZES[-1], 6, seed=9)
-    for closure, solver in (("affine", affine_tangent_50), ("traction", traction_tangent_50)):
-        g = whole.graph
-        exact = as_array(
-            solver(g.x[0], g.x0[0], g.normal_force[0], g.shear_force[0], KN, KT, MU,
-                   whole.regime[0])
-        )  # fmt: skip
+    whole = random_rings(SIZES[-1], 6, seed=9)
+    for closure in CLOSURES:
+        exact = whole.exact(0, closure)
         for size in SIZES[: 3 if quick else None]:
-            batch = first(whole, size)
+            batch = whole.first(size)
             found = tangents(batch, closure)[0]
             error = np.linalg.norm(found - exact) / np.linalg.norm(exact)
             rows.append(
@@ -63,19 +48,7 @@ def batch_sizes(quick: bool) -> list[Row]:
 
 
 def precisions(quick: bool) -> list[Row]:
-    """The affine tangent of a stiff sliding hexagon in single and in double precision.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer copies.
-
-    Returns
-    -------
-    list of Row
-        The error is that of the smallest eigenvalue of Ks over the overlap, the size of what
-        `N/l` adds to it: 1 means that nothing is known of it.
-    """
+    """The affine tangent of a stiff sliding hexagon in single and in double precision."""
     case, copies = hard_case("stiff-sliding-grains"), 100 if quick else 20_000
     rows = []
     for overlap in OVERLAPS:
@@ -103,18 +76,8 @@ def precisions(quick: bool) -> list[Row]:
 
 
 def compiled_modes(quick: bool) -> list[Row]:
-    """Eigenvalues, cones and fractions of many tangents, plain and compiled.
-
-    Parameters
-    ----------
-    quick : bool
-        Only the plain way: compiling takes seconds.
-
-    Returns
-    -------
-    list of Row
-    """
-    batch = random_batch(200 if quick else 20_000, 6, seed=13)
+    """Eigenvalues, cones and fractions of many tangents, plain and compiled."""
+    batch = random_rings(200 if quick else 20_000, 6, seed=13)
     matrices = tangents(batch, "affine")
     exact = symmetric_spectrum(restrict(matrices, "symmetric"))
     size = np.abs(exact).max(axis=1, keepdims=True)
@@ -136,14 +99,7 @@ def compiled_modes(quick: bool) -> list[Row]:
     return rows
 
 
-def first(batch: Batch, count: int) -> Batch:
-    """The first loops of a batch; a single one without batch axes."""
-    g, at = batch.graph, 0 if count == 1 else slice(count)
-    part = GrainGraph(g.x[at], g.radii[at], g.contacts, g.normal_force[at], g.shear_force[at])
-    return Batch(part, batch.law, batch.regime[at])
-
-
-def tangents(batch: Batch, closure: Any) -> Floats:
+def tangents(batch: Rings, closure: Any) -> Floats:
     """(L, 4, 4) tangents of a batch."""
     found = macroscopic_tangent(batch.graph, batch.law, closure, regime=batch.regime).matrix
     return found.reshape(-1, 4, 4)
@@ -162,22 +118,7 @@ def kernel_inputs(graph: GrainGraph, copies: int, dtype: Any) -> tuple[NDArray[A
 def plain_kernel(
     d: NDArray[Any], d0: NDArray[Any], N: NDArray[Any], T: NDArray[Any], area: NDArray[Any]
 ) -> NDArray[Any]:
-    """Eigenvalues of Ks of rings whose contacts all slide, every step in the inputs' precision.
-
-    Parameters
-    ----------
-    d, d0 : (L, n, 2) array
-        Branches and reference branches.
-    N, T : (L, n) array
-        Forces, `kn = 1`.
-    area : (L,) array
-        Reference areas.
-
-    Returns
-    -------
-    (L, 3) array
-        In the symmetric subspace, ascending.
-    """
+    """Eigenvalues of Ks of rings whose contacts all slide, every step in the inputs' precision."""
     length = np.hypot(d[..., 0], d[..., 1])
     n = d / length[..., None]
     t = np.stack([-n[..., 1], n[..., 0]], axis=-1)

@@ -6,38 +6,26 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from loops import GrainGraph, assemble_tangent, boundary_vectors, polygon_area, traction_tangent
+from loops import assemble_tangent, boundary_vectors, polygon_area, traction_tangent
+from loops.arrays import Floats
 from loops.closures.traction import FORCE_METHOD_LIMIT, SADDLE_GAIN
 from studies.bench.measure import Row, largest, least_seconds, measured
-from studies.fifty_digits import as_array, traction_tangent_50
-from studies.loop_batch import KN, KT, MU, Batch, random_batch
+from studies.bench.rings import Rings, random_rings
 
-Floats = NDArray[np.float64]
 ORACLE = "primal system, 50 digits"
 LIMITS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)
 
 
 def closure_methods(quick: bool) -> list[Row]:
-    """Time and error of the traction closure of rings, soft and stiff together.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer loops.
-
-    Returns
-    -------
-    list of Row
-    """
+    """Time and error of the traction closure of rings, soft and stiff together."""
     rows = _of_order(6, 200 if quick else 2000, 8 if quick else 60, quick)
     return rows if quick else rows + _of_order(20, 300, 12, quick)
 
 
 def _of_order(order: int, loops: int, checked: int, quick: bool) -> list[Row]:
-    batch = random_batch(loops, order, seed=7)
-    exact = _exact(batch, checked)
+    batch = random_rings(loops, order, seed=7)
+    exact = {k: batch.exact(k, "traction") for k in range(checked)}
     rows, group = [], f"closures, n = {order}"
     for method in ("force", "saddle", "auto"):
         found = _solve(batch, method)
@@ -54,7 +42,7 @@ def _of_order(order: int, loops: int, checked: int, quick: bool) -> list[Row]:
                 default=method == "auto",
             )
         )
-    few = _part(batch, max(60, checked))
+    few = batch.first(max(60, checked))
     rows.append(
         measured(
             partial(least_squares, few),
@@ -70,18 +58,8 @@ def _of_order(order: int, loops: int, checked: int, quick: bool) -> list[Row]:
     return rows + (_limits(batch, exact, quick) if order == 6 else [])
 
 
-def least_squares(batch: Batch) -> Floats:
-    """Traction tangents by the minimum-norm solution of the saddle system.
-
-    Parameters
-    ----------
-    batch : Batch
-        Rings.
-
-    Returns
-    -------
-    (L, 4, 4) array
-    """
+def least_squares(batch: Rings) -> Floats:
+    """Traction tangents by the minimum-norm solution of the saddle system."""
     graph = batch.graph
     K = assemble_tangent(graph, batch.law, regime=batch.regime)
     area, n = polygon_area(graph.x0), graph.grain_count
@@ -96,7 +74,7 @@ def least_squares(batch: Batch) -> Floats:
     return out
 
 
-def _limits(batch: Batch, exact: dict[int, Floats], quick: bool) -> list[Row]:
+def _limits(batch: Rings, exact: dict[int, Floats], quick: bool) -> list[Row]:
     """The choice of `auto` for other limits, put together from both methods' results and times."""
     force = traction_tangent(batch.graph, batch.law, regime=batch.regime, method="force")
     saddle = traction_tangent(batch.graph, batch.law, regime=batch.regime, method="saddle")
@@ -125,28 +103,8 @@ def _limits(batch: Batch, exact: dict[int, Floats], quick: bool) -> list[Row]:
     return rows
 
 
-def _solve(batch: Batch, method: Any) -> Floats:
+def _solve(batch: Rings, method: Any) -> Floats:
     return traction_tangent(batch.graph, batch.law, regime=batch.regime, method=method).matrix
-
-
-def _part(batch: Batch, count: int) -> Batch:
-    g = batch.graph
-    part = GrainGraph(
-        g.x[:count], g.radii[:count], g.contacts, g.normal_force[:count], g.shear_force[:count]
-    )
-    return Batch(part, batch.law, batch.regime[:count])
-
-
-def _exact(batch: Batch, count: int) -> dict[int, Floats]:
-    g = batch.graph
-    return {
-        k: as_array(
-            traction_tangent_50(
-                g.x[k], g.x0[k], g.normal_force[k], g.shear_force[k], KN, KT, MU, batch.regime[k]
-            )
-        )
-        for k in range(count)
-    }
 
 
 def _error(found: Floats, exact: dict[int, Floats]) -> float:

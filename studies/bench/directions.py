@@ -6,30 +6,19 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from stability import plane_cone, polar_diagram, symmetric_spectrum
 from studies.bench.measure import Row, largest, measured
 from studies.fifty_digits import DIGITS
 
-Floats = NDArray[np.float64]
 ORACLE = "cone in closed form, 50 digits"
 COUNTS = (36, 360, 3600, 36_000)
 DRAWN = 360
 
 
 def direction_methods(quick: bool) -> list[Row]:
-    """Error of the unstable fraction and of the smallest W2 over the number of directions.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer directions.
-
-    Returns
-    -------
-    list of Row
-    """
+    """Error of the unstable fraction and of the smallest W2 over the number of directions."""
     rng = np.random.default_rng(2)
     operators = rng.standard_normal((40, 2, 2)) + 0.5 * np.eye(2)
     exact = np.array([_exact(K) for K in operators])

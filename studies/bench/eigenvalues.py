@@ -6,13 +6,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from stability import symmetric_spectrum
 from studies.bench.measure import Row, largest, measured
 from studies.fifty_digits import DIGITS
 
-Floats = NDArray[np.float64]
 ORACLE = "mpmath eigsy, 50 digits"
 SWEEPS = (2, 3, 4, 5, 6)
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -21,18 +20,7 @@ SPLITS = (0.3, 1e-4, 1e-8, 1e-12, 0.0)
 
 
 def eigenvalue_methods(quick: bool) -> list[Row]:
-    """Time and error of the eigenvalues of operators with wide, narrow and no gaps.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer operators.
-
-    Returns
-    -------
-    list of Row
-        Errors are relative to the largest eigenvalue.
-    """
+    """Time and error of the eigenvalues of operators with wide, narrow and no gaps."""
     operators = sample(2000 if quick else 50_000)
     checked = operators[: 10 if quick else 40]
     exact = np.array([_exact(K) for K in checked])
@@ -50,18 +38,7 @@ def eigenvalue_methods(quick: bool) -> list[Row]:
 
 
 def sample(count: int) -> Floats:
-    """Rotated operators, the two lower eigenvalues apart by one of `SPLITS`, by turns.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-
-    Returns
-    -------
-    (count, 3, 3) array
-        Symmetric.
-    """
+    """Rotated operators, the two lower eigenvalues apart by one of `SPLITS`, by turns."""
     rng = np.random.default_rng(11)
     frame = np.linalg.qr(rng.standard_normal((count, 3, 3)))[0]
     split = np.resize(SPLITS, count)
@@ -72,17 +49,7 @@ def sample(count: int) -> Floats:
 
 
 def closed_form(K: Floats) -> Floats:
-    """Eigenvalues by the cosines of a third of an angle (Smith 1961), ascending.
-
-    Parameters
-    ----------
-    K : (..., 3, 3) array
-        Symmetric.
-
-    Returns
-    -------
-    (..., 3) array
-    """
+    """Eigenvalues by the cosines of a third of an angle (Smith 1961), ascending."""
     mean = np.trace(K, axis1=-2, axis2=-1) / 3.0
     rest = K - mean[..., None, None] * np.eye(3)
     size = np.sqrt((rest * rest).sum(axis=(-2, -1)) / 6.0)
@@ -93,19 +60,7 @@ def closed_form(K: Floats) -> Floats:
 
 
 def jacobi(K: Floats, sweeps: int) -> Floats:
-    """Eigenvalues by cyclic rotations, the whole batch at once, ascending.
-
-    Parameters
-    ----------
-    K : (..., 3, 3) array
-        Symmetric.
-    sweeps : int
-        Times each pair of axes is rotated.
-
-    Returns
-    -------
-    (..., 3) array
-    """
+    """Eigenvalues by cyclic rotations, the whole batch at once, ascending."""
     a = K.copy()
     for _ in range(sweeps):
         for p, q in PAIRS:

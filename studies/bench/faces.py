@@ -7,33 +7,21 @@ from functools import cmp_to_key, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import GrainGraph, branch_vectors, find_faces
+from loops.arrays import Integers
 from loops.half_edges import next_half_edge
 from patterns import synthetic_network
 from patterns.hard_cases.scenes import parallel_half_edges
 from studies.bench.measure import Row, measured
 
-Integers = NDArray[np.int64]
 ORACLE = "orientation by fractions"
 PAIRS = 200
 ULPS = 1.0
 
 
 def face_methods(quick: bool) -> list[Row]:
-    """Time per half-edge of a packing, and wrong half-edges of a hub with parallel spokes.
-
-    Parameters
-    ----------
-    quick : bool
-        A smaller packing.
-
-    Returns
-    -------
-    list of Row
-        The error is the share of half-edges whose follower is wrong at the hub.
-    """
+    """Time per half-edge of a packing, and wrong half-edges of a hub with parallel spokes."""
     packing = synthetic_network(2000 if quick else 50_000, coordination=4.0, seed=3)
     hub = parallel_half_edges(ULPS, PAIRS).graph
     exact = follow_exactly(hub)
@@ -63,18 +51,7 @@ def face_methods(quick: bool) -> list[Row]:
 
 
 def compiled_faces(quick: bool) -> list[Row]:
-    """Faces of a packing, plain and compiled.
-
-    Parameters
-    ----------
-    quick : bool
-        A smaller packing, and no compiled kernel: compiling takes seconds.
-
-    Returns
-    -------
-    list of Row
-        The error is the share of half-edges whose face differs between the two.
-    """
+    """Faces of a packing, plain and compiled."""
     graph = synthetic_network(2000 if quick else 50_000, coordination=4.0, seed=3)
     plain = find_faces(graph, compiled=False)
     choices = (False,) if quick else (False, True)
@@ -106,19 +83,7 @@ def follow_by_key(graph: GrainGraph) -> Integers:
 
 
 def follow_by_angle(graph: GrainGraph, dtype: Any = np.float64) -> Integers:
-    """Followers where half-edges are sorted by their angle in floating point.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        One state.
-    dtype : dtype
-        Of the angles.
-
-    Returns
-    -------
-    (2 C,) array of int
-    """
+    """Followers where half-edges are sorted by their angle in floating point."""
     d = branch_vectors(graph).astype(dtype)
     both = np.stack([d, -d], axis=1).reshape(-1, 2)
     angle = np.arctan2(both[:, 1], both[:, 0])

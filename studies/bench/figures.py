@@ -40,41 +40,14 @@ MEASURES = {
 MARKERS = "osD^vPX"
 
 
-def draw_figures(results: Any, folder: Path, source: dict[str, Any]) -> tuple[str, ...]:
-    """Draw what a run has numbers for.
-
-    Parameters
-    ----------
-    results : Results
-        From `studies.bench.run`.
-    folder : Path
-        Where to write PNG and SVG.
-    source : dict
-        Provenance.
-
-    Returns
-    -------
-    tuple of str
-        Names of the figures.
-    """
-    drawn = all_figures(results)
-    for name, figure in drawn.items():
+def draw_figures(results: Any, folder: Path, source: dict[str, Any]) -> None:
+    """Draw what a run has numbers for."""
+    for name, figure in all_figures(results).items():
         save_figure(figure, folder, name, source)
-    return tuple(drawn)
 
 
 def all_figures(results: Any) -> dict[str, Figure]:
-    """Figures by name.
-
-    Parameters
-    ----------
-    results : Results
-        From `studies.bench.run`.
-
-    Returns
-    -------
-    dict of str to Figure
-    """
+    """Figures by name."""
     groups = by_group(results.rows)
     figures = {}
     fronts = {name: rows for name, rows in groups.items() if name not in OWN_FIGURE}
@@ -89,17 +62,7 @@ def all_figures(results: Any) -> dict[str, Figure]:
 
 @styled()
 def pareto(groups: dict[str, list[Row]]) -> Figure:
-    """Error over time, a panel for each group; the default is ringed.
-
-    Parameters
-    ----------
-    groups : dict of str to list of Row
-        Rows of each group.
-
-    Returns
-    -------
-    Figure
-    """
+    """Error over time, a panel for each group; the default is ringed."""
     columns = min(3, len(groups))
     lines = -(-len(groups) // columns)
     figure = new_figure(TWO_COLUMNS, 2.75 * lines)
@@ -140,17 +103,7 @@ def _whole_decades(ax: Axes, seconds: list[float]) -> None:
 
 @styled()
 def batches(sizes: list[Row], precisions: list[Row]) -> Figure:
-    """Time per loop over the number of loops at once; error over the overlap by precision.
-
-    Parameters
-    ----------
-    sizes, precisions : list of Row
-        Of the two groups.
-
-    Returns
-    -------
-    Figure
-    """
+    """Time per loop over the number of loops at once; error over the overlap by precision."""
     figure = new_figure(TWO_COLUMNS, 2.6)
     left, right = figure.subplots(1, 2)
     for k, (method, own) in enumerate(_by_method(sizes).items()):
@@ -176,17 +129,7 @@ def _by_method(rows: list[Row]) -> dict[str, list[Row]]:
 
 @styled()
 def stiff(rows: list[dict[str, Any]]) -> Figure:
-    """Errors over the overlap: elastic and sliding loops, both closures.
-
-    Parameters
-    ----------
-    rows : list of dict
-        From `hard_tangents.tangent_rows`.
-
-    Returns
-    -------
-    Figure
-    """
+    """Errors over the overlap: elastic and sliding loops, both closures."""
     figure = new_figure(TWO_COLUMNS, 6.2)
     axes = figure.subplots(3, 2, sharex=True, sharey=True)
     for down, (case, what) in enumerate(STIFF.items()):

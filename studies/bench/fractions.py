@@ -6,15 +6,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.stats import norm, qmc
 
+from loops.arrays import Floats
 from stability import imhof_fraction, unstable_fraction
 from studies.bench.measure import Row, largest, measured
 from studies.fifty_digits import DIGITS
 
-Floats = NDArray[np.float64]
 ORACLE = "mean over the azimuth, 50 digits"
 STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)
 DEFAULT_STEP = 0.25
@@ -36,17 +35,7 @@ SPECTRA = np.array(
 
 
 def fraction_methods(quick: bool) -> list[Row]:
-    """Time and absolute error of the unstable fraction.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer spectra and directions.
-
-    Returns
-    -------
-    list of Row
-    """
+    """Time and absolute error of the unstable fraction."""
     exact = np.array([fraction_50(spectrum) for spectrum in SPECTRA])
     many = np.tile(SPECTRA, (100 if quick else 2000, 1))
     rows = [
@@ -77,19 +66,7 @@ def fraction_methods(quick: bool) -> list[Row]:
 
 
 def imhof(spectra: Floats, step: float) -> Floats:
-    """Imhof's integral by the trapezoidal rule in `ln u`, any step.
-
-    Parameters
-    ----------
-    spectra : (R, m) array
-        Eigenvalues.
-    step : float
-        In `ln u`.
-
-    Returns
-    -------
-    (R,) array
-    """
+    """Imhof's integral by the trapezoidal rule in `ln u`, any step."""
     nodes = np.exp(np.arange(-40.0, 80.0 + step, step))
     pieces = [_imhof(spectra[k : k + CHUNK], nodes) for k in range(0, len(spectra), CHUNK)]
     return 0.5 - step * np.concatenate(pieces) / np.pi
@@ -106,19 +83,7 @@ def _imhof(spectra: Floats, nodes: Floats) -> Floats:
 
 
 def sampled(spectra: Floats, directions: Floats) -> Floats:
-    """Share of directions with a negative form.
-
-    Parameters
-    ----------
-    spectra : (R, 3) array
-        Eigenvalues.
-    directions : (D, 3) array
-        Normal deviates.
-
-    Returns
-    -------
-    (R,) array
-    """
+    """Share of directions with a negative form."""
     return np.asarray((spectra @ (directions * directions).T < 0.0).mean(axis=1))
 
 
@@ -127,15 +92,6 @@ def fraction_50(spectrum: Floats) -> float:
 
     With `z^2 > g(phi) (x^2 + y^2)`, `g = a cos^2 + b sin^2`, the fraction is the mean of
     `1 - sqrt(g/(1 + g))`, a periodic function: the trapezoidal rule converges geometrically.
-
-    Parameters
-    ----------
-    spectrum : (3,) array
-        Ascending.
-
-    Returns
-    -------
-    float
     """
     import mpmath as mp
 

@@ -20,36 +20,12 @@ PROGRAMMES: dict[str, Callable[[], Programme]] = {
 
 
 def path_rows(case: HardCase) -> list[dict[str, Any]]:
-    """Every value of a hard path under the affine closure, one row each.
-
-    Parameters
-    ----------
-    case : HardCase
-        Of kind 'path'.
-
-    Returns
-    -------
-    list of dict
-        `case, parameter, value, status`; `events`, the kinds met in order; `expected_met`, whether
-        status and events are those expected; `error` of the strain at the last of them;
-        `condition`, the largest of the rates; `energy_error` of the path.
-    """
+    """Every value of a hard path under the affine closure, one row each."""
     return [_path_row(case, value) for value in case.values]
 
 
 def loop_letters(case: HardCase) -> str:
-    """Whether the loops of a hard network are found, one letter a value.
-
-    Parameters
-    ----------
-    case : HardCase
-        Of kind 'faces', a hub with pairs of spokes.
-
-    Returns
-    -------
-    str
-        `y` if all triangles are there, `n` if not, `e` if the network is refused.
-    """
+    """Whether the loops of a hard network are found, one letter a value."""
     letters = ""
     for value in case.values:
         try:
@@ -65,19 +41,7 @@ def loop_letters(case: HardCase) -> str:
 
 
 def followed(scene: Scene, closure: Any = "affine") -> Path:
-    """The path of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        With stages.
-    closure : {'affine', 'traction'}
-        Closure.
-
-    Returns
-    -------
-    Path
-    """
+    """The path of a scene."""
     stages = [Stage(_programme(name), quantity, end) for name, quantity, end in scene.stages]
     law: Any = scene.law
     return follow(scene.graph, law, stages, closure=closure, spins=scene.spins)

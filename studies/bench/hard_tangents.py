@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import InputError, MacroTangent, contact_state, macroscopic_tangent
+from loops.arrays import Floats
 from patterns.hard_cases import HardCase, Scene
 from stability import (
     imhof_fraction,
@@ -23,7 +23,6 @@ from stability.directional.edge import edge_contacts
 from studies.bench.oracles import tangent_50
 from studies.fifty_digits import DIGITS, as_array
 
-Floats = NDArray[np.float64]
 CLOSURES = ("affine", "traction")
 STATUS_LETTERS = {"stable": "s", "unstable": "u", "undetermined": "?"}
 REGIME_LETTERS = "oes"
@@ -40,23 +39,7 @@ class Exact(NamedTuple):
 
 
 def tangent_rows(case: HardCase, every: int = 1) -> list[dict[str, Any]]:
-    """Every value of a hard case under both closures, one row each.
-
-    Parameters
-    ----------
-    case : HardCase
-        Of kind 'tangent'.
-    every : int
-        Takes every so many values.
-
-    Returns
-    -------
-    list of dict
-        `case, parameter, value, closure`; `answer`, `expected` and `exact` as letters of
-        `patterns.hard_cases.LETTERS` (`-`: no oracle); `condition`; `bound`, the stated error of
-        the operator over its norm; `operator_error`, `eigenvalue_error` over that norm,
-        `cone_error` (radians, largest of the edges in (11, 22)) and `fraction_error`, absolute.
-    """
+    """Every value of a hard case under both closures, one row each."""
     rows = []
     for k, value in list(enumerate(case.values))[::every]:
         for closure in CLOSURES:
@@ -67,18 +50,7 @@ def tangent_rows(case: HardCase, every: int = 1) -> list[dict[str, Any]]:
 
 
 def read_letters(case: HardCase) -> dict[str, str]:
-    """What the states say of contact 0: its regime, and whether the direction decides on it.
-
-    Parameters
-    ----------
-    case : HardCase
-        Of kind 'tangent'.
-
-    Returns
-    -------
-    dict of str to str
-        `regime` and `edge`, one letter a value, as in `HardCase.expected`.
-    """
+    """What the states say of contact 0: its regime, and whether the direction decides on it."""
     regime, edge = "", ""
     for value in case.values:
         scene = _built(case, value)
@@ -92,40 +64,14 @@ def read_letters(case: HardCase) -> dict[str, str]:
 
 
 def solve(scene: Scene, closure: Any) -> MacroTangent:
-    """Tangent of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        State.
-    closure : {'affine', 'traction'}
-        Closure.
-
-    Returns
-    -------
-    MacroTangent
-    """
+    """Tangent of a scene."""
     return macroscopic_tangent(
         scene.graph, scene.law, closure, spins=scene.spins, regime=scene.regime
     )
 
 
 def exact_answer(scene: Scene, closure: str, subspace: str) -> Exact | None:
-    """Operator, spectrum of Ks and verdict with 50 digits; None where there is no oracle.
-
-    Parameters
-    ----------
-    scene : Scene
-        State.
-    closure : {'affine', 'traction'}
-        Closure.
-    subspace : str
-        Where the operator is judged.
-
-    Returns
-    -------
-    Exact or None
-    """
+    """Operator, spectrum of Ks and verdict with 50 digits; None where there is no oracle."""
     import mpmath as mp
 
     try:

@@ -18,27 +18,7 @@ TRACED = 2.0
 
 @dataclass(frozen=True)
 class Row:
-    """One method at one setting.
-
-    Attributes
-    ----------
-    group : str
-        Question that the method answers.
-    method, setting : str
-        Method, and what was set.
-    items : int
-        Items of the timed call.
-    seconds_per_item : float
-        Processor time of the fastest of several runs, over `items`.
-    error : float
-        Largest error found against the oracle; 1 where no answer was given.
-    peak_bytes : float
-        Peak of the memory that numpy and Python asked for in the call (tracemalloc).
-    oracle : str
-        What the error was measured against.
-    default : bool
-        Whether this is what the code does when nothing is asked.
-    """
+    """One method at one setting."""
 
     group: str
     method: str
@@ -52,43 +32,14 @@ class Row:
 
 
 def measured(call: Callable[[], Any], items: int, *, quick: bool, **known: Any) -> Row:
-    """Row of a method: runs it for its time, once more for its memory.
-
-    Parameters
-    ----------
-    call : callable
-        Does the work on all items.
-    items : int
-        How many.
-    quick : bool
-        Fewer runs.
-    **known
-        The other fields of `Row`.
-
-    Returns
-    -------
-    Row
-    """
+    """Row of a method: runs it for its time, once more for its memory."""
     seconds = least_seconds(call, quick=quick)
     peak = peak_bytes(call) if seconds < TRACED else float("nan")
     return Row(items=items, seconds_per_item=seconds / items, peak_bytes=peak, **known)
 
 
 def least_seconds(call: Callable[[], Any], *, quick: bool) -> float:
-    """Processor time of the fastest of several runs; other work on the machine counts least so.
-
-    Parameters
-    ----------
-    call : callable
-        What to run; once before the clock starts, if it is short.
-    quick : bool
-        Fewer runs.
-
-    Returns
-    -------
-    float
-        Seconds.
-    """
+    """Processor time of the fastest of several runs; other work on the machine counts least so."""
     enough = LONG_ENOUGH_QUICK if quick else LONG_ENOUGH
     times: list[float] = []
     while sum(times) < enough or (len(times) < 3 and times[0] < enough):
@@ -99,18 +50,7 @@ def least_seconds(call: Callable[[], Any], *, quick: bool) -> float:
 
 
 def peak_bytes(call: Callable[[], Any]) -> float:
-    """Peak of the memory asked for during a call, above what was there before.
-
-    Parameters
-    ----------
-    call : callable
-        What to run.
-
-    Returns
-    -------
-    float
-        Bytes.
-    """
+    """Peak of the memory asked for during a call, above what was there before."""
     tracemalloc.start()
     try:
         call()
@@ -120,17 +60,7 @@ def peak_bytes(call: Callable[[], Any]) -> float:
 
 
 def table(rows: list[Row]) -> dict[str, list[Any]]:
-    """Rows as columns.
-
-    Parameters
-    ----------
-    rows : list of Row
-        Rows.
-
-    Returns
-    -------
-    dict of str to list
-    """
+    """Rows as columns."""
     plain = [asdict(row) for row in rows]
     return {name: [row[name] for row in plain] for name in Row.__dataclass_fields__}
 

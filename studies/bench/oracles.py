@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import LinearFrictional, contact_state
+from loops.arrays import Floats
 from loops.contact_tangent import contact_regime
 from patterns.hard_cases import Scene
 from studies.fifty_digits import (
@@ -22,32 +23,12 @@ from studies.fifty_digits import (
     traction_tangent_50,
 )
 
-Floats = NDArray[np.float64]
-
 # Rings up to this long are solved grain by grain; longer ones by their compliance.
 SHORT = 12
 
 
 def tangent_50(scene: Scene, closure: str) -> Any:
-    """Tangent of a ring under a closure with 50 digits, its doubles taken as exact.
-
-    Parameters
-    ----------
-    scene : Scene
-        One ring with the linear-frictional law; spins blocked, or free up to 12 grains.
-    closure : {'affine', 'traction'}
-        Closure.
-
-    Returns
-    -------
-    mpmath.matrix or None
-        4 x 4, order (11, 12, 21, 22); None for freely rolling rings of more than 12 grains.
-
-    Raises
-    ------
-    ZeroDivisionError
-        If the system is singular with 50 digits too.
-    """
+    """Tangent of a ring under a closure with 50 digits, its doubles taken as exact."""
     graph, law = scene.graph, scene.law
     assert isinstance(law, LinearFrictional)
     regime = contact_regime(contact_state(graph), law, scene.regime)
@@ -74,18 +55,7 @@ def compliance_tangent_50(
     mu: Any,
     regime: NDArray[np.int8],
 ) -> Any:
-    """Traction tangent of a ring by its one redundant force (theory note, section 4), 50 digits.
-
-    Parameters
-    ----------
-    x, x0, normal, shear, kn, kt, mu, regime
-        As for `studies.fifty_digits.affine_tangent_50`.
-
-    Returns
-    -------
-    mpmath.matrix
-        4 x 4, order (11, 12, 21, 22).
-    """
+    """Traction tangent of a ring by its one redundant force (theory note, section 4), 50 digits."""
     import mpmath as mp
 
     with mp.workdps(DIGITS):

@@ -16,26 +16,14 @@ from studies.bench.groups import GROUPS, HARD, SMALLEST, by_group, chosen_groups
 from studies.bench.hard_paths import loop_letters, path_rows
 from studies.bench.hard_tangents import read_letters, tangent_rows
 from studies.bench.measure import Row, table
+from studies.bench.smallest import rows as smallest_model_rows
 from studies.output import provenance, result_folder, write_summary, write_table
-from studies.smallest_model import rows as smallest_model_rows
 
 UNITS = "seconds of processor time per item, bytes; errors relative or absolute as each row says"
 
 
 class Results(NamedTuple):
-    """What a run found.
-
-    Attributes
-    ----------
-    rows : list of Row
-        Methods.
-    tangents, paths : list of dict
-        Hard cases that end in a tangent, and in a path.
-    letters : dict of str to dict of str to str
-        By case: what its states say of the contacts, and whether its loops are found.
-    smallest : list of dict
-        The smallest model beside the full one, see `studies.smallest_model`.
-    """
+    """What a run found."""
 
     rows: list[Row]
     tangents: list[dict[str, Any]]
@@ -52,32 +40,7 @@ def run_bench(
     force: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Measure every method with a choice, run the hard cases, write what came out.
-
-    Parameters
-    ----------
-    out : Path
-        Result folder: `bench`, `hard_tangents`, `hard_paths`, `smallest_model` (Parquet and CSV),
-        `summary.json`, `accuracy.md` and its figures.
-    quick : bool
-        Smaller sizes and fewer settings; nothing is compiled, no path of the hard cases followed.
-    only : str, optional
-        Names of groups separated by commas, see `studies.bench.groups`.
-    force : bool
-        Whether results of the same names may be replaced.
-    progress : callable, optional
-        Told the name of each group before it runs.
-
-    Returns
-    -------
-    dict
-        The summary.
-
-    Raises
-    ------
-    InputError
-        For an unknown group, or an `out` that holds files.
-    """
+    """Measure every method with a choice, run the hard cases, write what came out."""
     names = chosen_groups(only)
     with result_folder(out, force=force) as folder:
         results = collect(names, quick, progress)
@@ -99,31 +62,15 @@ def run_bench(
         write_summary(folder, summary)
         # Drawing is loaded only when there is something to draw.
         from studies.bench.figures import draw_figures
-        from studies.bench.page import page
 
-        drawn = draw_figures(results, folder, made)
-        (folder / "accuracy.md").write_text(page(results, made, drawn, prefix=""))
+        draw_figures(results, folder, made)
     return summary
 
 
 def collect(
     names: tuple[str, ...], quick: bool, progress: Callable[[str], None] | None = None
 ) -> Results:
-    """Run groups.
-
-    Parameters
-    ----------
-    names : tuple of str
-        From `chosen_groups`.
-    quick : bool
-        Smaller sizes.
-    progress : callable, optional
-        Told each name.
-
-    Returns
-    -------
-    Results
-    """
+    """Run groups."""
     results = Results([], [], [], {}, [])
     for name in names:
         if progress is not None:
@@ -138,17 +85,7 @@ def collect(
 
 
 def summarise(results: Results) -> dict[str, Any]:
-    """Defaults and knees by group, and the hard cases' answers.
-
-    Parameters
-    ----------
-    results : Results
-        From `collect`.
-
-    Returns
-    -------
-    dict
-    """
+    """Defaults and knees by group, and the hard cases' answers."""
     groups = {}
     for name, rows in by_group(results.rows).items():
         defaults = [row for row in rows if row.default]

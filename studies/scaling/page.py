@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import platform
+import textwrap
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from loops.compiled import LARGE
-from studies.paper.page import markdown_table, wrapped
 
 HEAD = """# Performance
 
@@ -22,6 +23,18 @@ NAMES = {
     "snapshot": "whole snapshot, no figures",
 }
 Rows = list[dict[str, Any]]
+
+
+def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    first, *others = ["| " + " | ".join(line) + " |" for line in (head, *rows)]
+    return "\n".join([first, "|" + "---|" * len(head), *others])
+
+
+def wrapped(text: str) -> str:
+    """A paragraph of lines up to 100 characters."""
+    words = " ".join(text.split())
+    return textwrap.fill(words, 100, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
 def machine() -> dict[str, str]:

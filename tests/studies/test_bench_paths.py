@@ -1,12 +1,10 @@
-"""Integrators on the drained path: their orders, and what the study writes."""
-
-import json
+"""Integrators on the drained path: their orders of convergence, and where they agree."""
 
 import numpy as np
 import pytest
 
 from patterns.diamond import tangent
-from studies.integrators import (
+from studies.bench.paths import (
     KAPPA,
     MU,
     POINT_B,
@@ -17,7 +15,6 @@ from studies.integrators import (
     euler,
     exact,
     friction_left,
-    main,
     path_solver,
     rates,
     runge_kutta,
@@ -41,11 +38,8 @@ def test_point_b_is_at_yield():
     assert friction_left(*START) == pytest.approx(MU * TABLE_1.confinement, rel=1e-14)
 
 
-def test_euler_is_of_first_order():
+def test_orders_of_convergence():
     np.testing.assert_allclose(orders(euler, [100, 1_000, 10_000]), 1.0, atol=0.01)
-
-
-def test_runge_kutta_is_of_fourth_order():
     np.testing.assert_allclose(orders(runge_kutta, [16, 32, 64, 128]), 4.0, atol=0.1)
     assert error_at_b(runge_kutta(512)) < 1e-13
 
@@ -60,18 +54,3 @@ def test_path_solver_and_exact_solver():
     assert error_at_b(path_solver(1e-10)) < 1e-10
     assert error_at_b(exact(1)) < 1e-14
     assert error_at_b(exact(50)) < 1e-14
-
-
-def test_study_writes_its_results(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("studies.integrators.LONG_ENOUGH", 0.0)
-    main(tmp_path / "out", euler_steps=1_000)
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {
-        *("integrators.parquet", "integrators.csv", "summary.json"),
-        *("integrators.png", "integrators.svg"),
-    }
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    methods = [row["method"] for row in summary["rows"]]
-    assert len(set(methods)) == 5
-    assert methods.count("explicit Euler") == 2
-    assert "s/path" in capsys.readouterr().out

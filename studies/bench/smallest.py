@@ -25,17 +25,7 @@ STATES = (
 
 @dataclass(frozen=True)
 class Scene:
-    """Regular polygons, a corner on axis 1, confined to 10 % and loaded to 25 %.
-
-    Parameters
-    ----------
-    closure : {'affine', 'traction'}
-        How the surroundings drive the grains.
-    spins : {'blocked', 'affine', 'free'}
-        What their spins do.
-    orders : tuple of int
-        Numbers of grains.
-    """
+    """Regular polygons, a corner on axis 1, confined to 10 % and loaded to 25 %."""
 
     closure: Closure
     spins: Spins
@@ -56,41 +46,12 @@ SCENES = (
 
 
 def rows(scenes: tuple[Scene, ...] = SCENES, repeats: int = 2) -> list[dict[str, Any]]:
-    """A row for every loop: see `compared`.
-
-    Parameters
-    ----------
-    scenes : tuple of Scene
-        What to follow.
-    repeats : int
-        Times that every path is followed; the fastest counts.
-
-    Returns
-    -------
-    list of dict
-    """
+    """A row for every loop: see `compared`."""
     return [compared(scene, order, repeats) for scene in scenes for order in scene.orders]
 
 
 def compared(scene: Scene, order: int, repeats: int = 1) -> dict[str, Any]:
-    """One loop by both models.
-
-    Parameters
-    ----------
-    scene : Scene
-        Closure and spins.
-    order : int
-        Number of grains.
-    repeats : int
-        Times that the path is followed; the fastest counts.
-
-    Returns
-    -------
-    dict
-        `scene, order, symmetry`; of both models `seconds` (processor time of the path), `unknowns`
-        (of the linear system of its rates) and `solves` (in the branch search); `saved`, the ratio
-        of the times; `difference`, see `largest_difference`; `status` of the path.
-    """
+    """One loop by both models."""
     small, seconds_small = _timed(scene, order, "auto", repeats)
     full, seconds_full = _timed(scene, order, "full", repeats)
     unknowns, of_all = small.model.unknowns.split(" of ")
@@ -115,16 +76,6 @@ def largest_difference(small: Path, full: Path) -> float:
     """How far two paths lie apart at their events and ends, over the size of each quantity.
 
     States, tangents and rates; sizes below 1 count as 1. The steps between are each path's own.
-
-    Parameters
-    ----------
-    small, full : Path
-        Paths of one loop.
-
-    Returns
-    -------
-    float
-        Infinite if their events differ.
     """
     told = [[(each.kind, each.contacts) for each in path.events] for path in (small, full)]
     if told[0] != told[1] or small.status != full.status:

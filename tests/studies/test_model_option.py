@@ -1,4 +1,4 @@
-"""The study of the smallest model, and the option --model of both commands."""
+"""The smallest model of a path: the option --model of both commands."""
 
 import json
 from dataclasses import asdict
@@ -13,26 +13,6 @@ from studies.diamond.model import SMALLEST, check_model, model_summary
 from studies.diamond.path import follow as follow_diamond
 from studies.polygon import PolygonParameters
 from studies.polygon.path import follow_polygon
-from studies.smallest_model import Scene, compared
-from studies.smallest_model.figures import draw
-from studies.smallest_model.measure import largest_difference
-
-
-def test_a_row_of_the_study(tmp_path):
-    row = compared(Scene("traction", "free", (4,)), 4)
-    assert (row["symmetry"], row["unknowns_auto"], row["unknowns_full"]) == ("D2 (order 4)", 7, 21)
-    assert row["solves_auto"] < row["solves_full"]
-    assert row["difference"] < 2e-14
-    draw([row], tmp_path, {})
-    assert (tmp_path / "smallest_model.png").stat().st_size > 0
-
-
-def test_paths_with_other_events_are_infinitely_far_apart():
-    one, two = (
-        follow_polygon(PolygonParameters(4, end=end), ("diagonal",)).path for end in (0.15, 0.4)
-    )
-    assert largest_difference(one, two) == float("inf")
-    assert largest_difference(one, one) == 0.0
 
 
 @pytest.mark.parametrize(("table", "closure"), [(1, "affine"), (2, "traction")])

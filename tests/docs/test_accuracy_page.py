@@ -1,0 +1,121 @@
+"""`docs/accuracy.md`: its verdicts and errors are those of today; its times are dated."""
+
+import numpy as np
+import pytest
+
+from patterns.hard_cases import HARD_CASES
+from studies.bench.groups import GROUPS
+from studies.bench.hard_paths import path_rows
+from studies.bench.hard_tangents import tangent_rows
+from tests.docs.pages import DOCS, of_size, page, section, tables
+
+TEXT = page("accuracy")
+HARD = section(TEXT, "## The hard cases")
+
+
+def quoted_rows():
+    """(method, setting) to error, as the page has them."""
+    rows = [row for table in tables(section(TEXT, "## Speed against error")) for row in table]
+    return {
+        (row["method"], row["setting"].replace(" **(default)**", "")): float(row["error"])
+        for row in rows
+    }
+
+
+def compare(groups, quick):
+    quoted, seen = quoted_rows(), 0
+    for group in groups:
+        for row in (row for methods in GROUPS[group] for row in methods(quick)):
+            error = quoted.get((row.method, row.setting))
+            if error is not None:
+                assert of_size(row.error, error), (row, error)
+                # An error far above rounding belongs to the method, not to the machine.
+                assert error < 1e-12 or row.error > error / 30, (row, error)
+                seen += 1
+    return seen
+
+
+def test_errors_of_the_methods():
+    # So many settings of the quick run stand on the page.
+    assert compare(("eigenvalues", "fractions", "directions"), quick=True) >= 20
+
+
+@pytest.mark.slow
+def test_errors_of_the_slow_methods():
+    assert compare(("paths", "closures", "precision", "faces"), quick=False) >= 50
+
+
+def test_defaults_are_marked():
+    defaults = {row.method for g in ("eigenvalues", "fractions") for m in GROUPS[g]
+                for row in m(True) if row.default}  # fmt: skip
+    marked = [row["method"] for table in tables(TEXT) for row in table
+              if "**(default)**" in row.get("setting", "")]  # fmt: skip
+    assert defaults <= set(marked)
+
+
+def test_every_hard_case_has_its_letters():
+    (cases, _), rows = tables(HARD), {}
+    for row in cases:
+        rows[row["case"].split("**")[1]] = row
+    wanted = {case.name: case for case in HARD_CASES if case.kind != "path"}
+    assert rows.keys() == wanted.keys()
+    for name, case in wanted.items():
+        row = rows[name]
+        assert row["case"] == f"**{name}**: {case.description}"
+        assert row["values"] == f"{case.parameter} {case.values[0]:g} to {case.values[-1]:g}"
+        for closure in {"affine", "traction"} & set(case.expected):
+            assert f"`{case.expected[closure]}`" in row[closure]
+        if case.kind == "faces":
+            assert row["affine"] == f"loops {case.expected['loops']}"
+
+
+@pytest.mark.slow
+def test_errors_of_the_hard_tangents():
+    judged = wrong = 0
+    for case, row in zip(HARD_CASES, tables(HARD)[0], strict=False):
+        if case.kind != "tangent":
+            continue
+        rows = tangent_rows(case)
+        errors = [r["operator_error"] for r in rows]
+        assert of_size(np.nanmax(errors), float(row["largest error"].split()[0])), case.name
+        judged += sum(r["answer"] in "su" and r["exact"] in "su" for r in rows)
+        wrong += sum(
+            r["answer"] in "su" and r["exact"] in "su" and r["answer"] != r["exact"] for r in rows
+        )
+    assert f"{judged} were judged stable or unstable,\n{wrong} of them wrongly" in TEXT.replace(
+        "unstable, 0", "unstable,\n0"
+    )
+
+
+@pytest.mark.slow
+def test_hard_paths():
+    quoted = {(row["path"].strip("*"), row["value"]): row for row in tables(HARD)[1]}
+    rows = [row for case in HARD_CASES if case.kind == "path" for row in path_rows(case)]
+    assert len(rows) == len(quoted)
+    for row in rows:
+        said = quoted[row["case"], f"{row['parameter']} {row['value']:g}"]
+        assert said["status"] == row["status"]
+        assert said["events"] == row["events"].replace("_", " ")
+        # A relative 1e-6 of the value is the strain's own shift by the shear at the start.
+        assert of_size(row["error"], float(said["error of H11"]))
+        assert of_size(row["energy_error"], float(said["energy"]), 1e-14)
+
+
+def test_stiff_grains():
+    (rows,) = tables(section(TEXT, "## Stiff grains"))
+    case = next(case for case in HARD_CASES if case.name == "stiff-sliding-grains")
+    found = [row for row in tangent_rows(case, 5) if row["closure"] == "traction"]
+    assert len(rows) == len(case.values)
+    for row, said in zip(found, rows[::5], strict=True):
+        assert float(said["overlap"]) == pytest.approx(row["value"])
+        assert said["verdict"] == row["answer"]
+        # Rounding grown by the softness of the loop scatters; the bound holds it.
+        assert max(row["operator_error"], float(said["operator"])) <= row["bound"]
+        assert float(said["bound"]) == pytest.approx(row["bound"], rel=0.5)
+        assert of_size(row["fraction_error"], float(said["fraction"]))
+
+
+def test_figures_exist():
+    for name in ("pareto", "batches", "stiff"):
+        assert f"figures/accuracy-{name}.png" in TEXT
+        assert (DOCS / "figures" / f"accuracy-{name}.png").exists()
