@@ -28,8 +28,8 @@ KEPT = "id1 id2 fn fsx fsy kn ks mu sliding".split()
 PERIODIC = ",".join(repr(float(value)) for value in sample_cell().ravel())
 
 
-def command(folder: Path, *arguments: object) -> dict[str, Any]:
-    """Answer of a command: its summary, its tables and the names of its files."""
+def run(folder: Path, *arguments: object) -> Path:
+    """Result folder of a command, its figures empty files."""
     out = folder / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["grainloops", *map(str, arguments), "--out", str(out)])
@@ -39,7 +39,12 @@ def command(folder: Path, *arguments: object) -> dict[str, Any]:
             main()
     if stop.value.code != 0:
         raise RuntimeError(f"{arguments}: exit status {stop.value.code}")
-    return answer(out)
+    return out
+
+
+def command(folder: Path, *arguments: object) -> dict[str, Any]:
+    """Answer of a command: its summary, its tables and the names of its files."""
+    return answer(run(folder, *arguments))
 
 
 def touch(path: Any) -> None:
@@ -65,12 +70,13 @@ def table(frame: pd.DataFrame) -> dict[str, Any]:
     The rows of a polygon's path are the steps of the integrator, which a change of rounding moves:
     of these only the ends of its stages are kept.
     """
-    by_steps = {"stage", "parameter"} <= set(frame.columns)
+    columns_found = set(frame.columns)
+    by_steps = {"stage", "parameter"} <= columns_found or {"order", "lambda_min"} <= columns_found
     count = len(frame)
     kept = sorted({round(k) for k in np.linspace(0, count - 1, min(ROWS, count))})
     if by_steps:
-        turns = np.flatnonzero(frame["stage"].to_numpy()[1:] != frame["stage"].to_numpy()[:-1])
-        kept = sorted({0, *turns.tolist(), count - 1})
+        piece = frame["stage" if "stage" in frame else "order"].to_numpy()
+        kept = sorted({0, *np.flatnonzero(piece[1:] != piece[:-1]).tolist(), count - 1})
     columns = {
         str(name): {"type": kind(frame[name]), **column(frame[name], kept, sums=not by_steps)}
         for name in frame.columns

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import quad
 
 from loops import GrainGraph, contact_forces, contact_frame
 from patterns.diamond import TABLE_1, TABLE_2, drained_path, drained_states_after_turn
@@ -12,10 +13,10 @@ from patterns.diamond.forces import (
     force_rates,
     side_lengths,
     side_rates,
+    work_compress_then_shear,
+    work_shear_then_compress,
 )
-from studies.diamond.path_dependence import path_dependence_table
-from studies.paper.differences import difference
-from studies.paper.samples import Samples, random_samples
+from tests.oracles.paper_samples import Samples, difference, random_samples
 
 Floats = NDArray[np.float64]
 # Step of complex-step derivatives: no difference is formed, so that none is lost.
@@ -23,13 +24,7 @@ STEP = 1e-30
 
 
 def contact_residuals() -> dict[str, float]:
-    """Largest difference of each group of equations from its independent derivation.
-
-    Returns
-    -------
-    dict of str to float
-        By the equations' numbers.
-    """
+    """Largest difference of each group of equations from its independent derivation."""
     elastic = random_samples(sliding=False)
     return {
         "1-5": _relative_motion(),
@@ -74,13 +69,18 @@ def _shear_law() -> float:
 
 
 def _route_works() -> float:
+    """(9), (10): `T' = kt l alpha'` and `N = kn D` integrated over the two routes."""
     errors = []
     for loop in (TABLE_1, TABLE_2):
-        table = path_dependence_table(loop, 10)
-        errors += [
-            difference(table[f"{route}_integrated"], table[route])
-            for route in ("shear_then_compress", "compress_then_shear")
-        ]
+        D, kappa = loop.confinement, loop.kappa
+        for alpha in np.linspace(0.1, np.pi / 4, 5):
+            push = quad(lambda u: u, 0.0, D)[0]
+            for work, length in (
+                (work_shear_then_compress, 1.0),
+                (work_compress_then_shear, 1.0 - D),
+            ):
+                turn = quad(lambda a, c=kappa * length**2: c * a, 0.0, alpha)[0]
+                errors.append(difference(push + turn, work(1.0, alpha, D, 1.0, kappa)))
     return max(errors)
 
 

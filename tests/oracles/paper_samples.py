@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from loops import GrainGraph
 from patterns import diamond
 from patterns.diamond import elastic_moduli, external_forces, sliding_moduli
 from patterns.diamond.forces import branch_from_sides, contact_forces, strains, stresses
+from stability import operator_norm
 
 Floats = NDArray[np.float64]
 COUNT, SEED = 1000, 20160801
@@ -18,17 +19,7 @@ COUNT, SEED = 1000, 20160801
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Random loaded diamonds and rates; arrays (n,), `kn = l0 = 1`.
-
-    Attributes
-    ----------
-    alpha0, kappa, mu : ndarray
-        Reference angle (radians), stiffness ratio and friction coefficient.
-    length, alpha, N, T : ndarray
-        Branch and contact forces; N compression positive, T positive when alpha grows.
-    length_rate, alpha_rate : ndarray
-        Rates of the branch.
-    """
+    """Random loaded diamonds and rates; arrays (n,), `kn = l0 = 1`."""
 
     alpha0: Floats
     kappa: Floats
@@ -84,26 +75,7 @@ class Samples:
 
 
 def random_samples(*, sliding: bool, count: int = COUNT) -> Samples:
-    """Random diamonds, seeded: between stiff and soft, flat and steep, elastic or at yield.
-
-    Parameters
-    ----------
-    sliding : bool
-        Whether `|T| = mu N`.
-    count : int
-        How many.
-
-    Returns
-    -------
-    Samples
-
-    Examples
-    --------
-    >>> from studies.paper.samples import random_samples
-    >>> samples = random_samples(sliding=True, count=3)
-    >>> bool(abs(abs(samples.T) / (samples.mu * samples.N) - 1.0).max() < 1e-12)
-    True
-    """
+    """Random diamonds, seeded: between stiff and soft, flat and steep, elastic or at yield."""
     rng = np.random.default_rng(SEED + sliding)
     alpha0 = np.radians(rng.uniform(10.0, 80.0, count))
     alpha = np.clip(alpha0 + np.radians(rng.uniform(-8.0, 8.0, count)), 0.1, 1.45)
@@ -126,3 +98,14 @@ def random_samples(*, sliding: bool, count: int = COUNT) -> Samples:
         length_rate=rng.normal(size=count),
         alpha_rate=rng.normal(size=count),
     )
+
+
+def difference(found: ArrayLike, expected: ArrayLike) -> float:
+    """Largest difference over the largest size of what is expected."""
+    expected = np.asarray(expected)
+    return float(np.max(np.abs(np.asarray(found) - expected)) / np.max(np.abs(expected)))
+
+
+def operator_difference(found: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
+    """Largest relative difference of operators, Frobenius norms."""
+    return float(np.max(operator_norm(found - expected) / operator_norm(expected)))

@@ -33,20 +33,13 @@ from patterns.diamond.tangents import (
     isotropic_determinant,
 )
 from stability import bromwich_margin, restrict, second_order_work, symmetric_part
-from studies.paper.differences import difference, operator_difference
-from studies.paper.samples import Samples, random_samples
+from tests.oracles.paper_samples import Samples, difference, operator_difference, random_samples
 
 Floats = NDArray[np.float64]
 
 
 def tangent_residuals() -> dict[str, float]:
-    """Largest difference of each group of equations from its independent derivation.
-
-    Returns
-    -------
-    dict of str to float
-        By the equations' numbers.
-    """
+    """Largest difference of each group of equations from its independent derivation."""
     elastic, sliding = random_samples(sliding=False), random_samples(sliding=True)
     both = (elastic, sliding)
     return {
@@ -66,14 +59,7 @@ def tangent_residuals() -> dict[str, float]:
 
 
 def appendix_one() -> dict[str, float]:
-    """What Appendix I says of `K^` and `K~`, measured: signs agree, eigenvalues do not.
-
-    Returns
-    -------
-    dict
-        `signs_differ`, diamonds whose Ks have other signs; `largest_relative_gap` between
-        eigenvalues of `K^` and `K~`; `gap_at_45_degrees`.
-    """
+    """What Appendix I says of `K^` and `K~`, measured: signs agree, eigenvalues do not."""
     samples = random_samples(sliding=False)
     hat, tilde = _hat_and_tilde(samples)
     signs = [np.sign(np.linalg.eigvalsh(symmetric_part(K))) for K in (hat, tilde)]
