@@ -21,6 +21,7 @@ from loops import (
     LinearFrictional,
     RollingResistance,
     contact_state,
+    macroscopic_tangent,
     traction_tangent,
 )
 from loops.arrays import Floats
@@ -35,18 +36,29 @@ ROLLING = (0.003, 0.03, 0.3)
 SIZES = (6, 10, 20, 40, 80, 150, 300, 600, 1000)
 
 
-def threshold(order: int, law: Any, spins: Any = "blocked", end: float = 0.9) -> float:
-    """Least isotropic strain at which Ks loses definiteness in (11, 22), to rounding."""
+def threshold(
+    order: int,
+    law: Any,
+    spins: Any = "blocked",
+    *,
+    closure: Any = "traction",
+    subspace: str = "diagonal",
+    orientation: Any = "vertex",
+) -> float | None:
+    """Least isotropic strain at which Ks is not definite, to rounding; None if below 0.9 it is."""
 
     def smallest(strain: Any) -> Any:
-        loop = regular_polygon(order, strain=np.asarray(strain))
+        loop = regular_polygon(order, strain=np.asarray(strain), orientation=orientation)
         loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
-        K = restrict(traction_tangent(loop, law, spins=spins).matrix, "diagonal")
+        K = restrict(macroscopic_tangent(loop, law, closure, spins=spins).matrix, subspace)
         return symmetric_spectrum(K)[..., 0]
 
-    strains = np.linspace(1e-6, end, 1000)
-    lost = int(np.argmax(smallest(strains) < 0.0))
-    return float(brentq(smallest, strains[lost - 1], strains[lost], xtol=1e-15)) if lost else 0.0
+    strains = np.linspace(1e-6, 0.9, 1000)
+    # Round-off about zero, over the stiffness of the contacts, is a loss: nothing resists.
+    lost = np.flatnonzero(~(smallest(strains) > 1e-12))
+    if not len(lost) or lost[0] == 0:
+        return 0.0 if len(lost) else None
+    return float(brentq(smallest, strains[lost[0] - 1], strains[lost[0]], xtol=1e-15))
 
 
 def rolling_threshold(order: int, kappa: float, k_r: float) -> float:

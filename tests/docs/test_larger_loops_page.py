@@ -1,0 +1,130 @@
+"""`docs/larger-loops.md`: its thresholds and drained paths, computed again."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from loops import HertzMindlin, LinearFrictional, RollingResistance
+from patterns import regular_polygon
+from stability import Stage, follow, programmes
+from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold
+from tests.docs.pages import DOCS, of_size, page, says, section, tables
+from tests.golden.answers import run
+from tests.oracles.polygon_thresholds import critical_strain as oracle
+
+TEXT = page("larger-loops")
+CLOSED = {
+    "(1 + κ)/(2 + κ)": (1 + KAPPA) / (2 + KAPPA),
+    "κ/(1 + κ)": KAPPA / (1 + KAPPA),
+    "1/2": 0.5,
+    "0: the first load": 0.0,
+}
+(THRESHOLDS,) = tables(section(TEXT, "## The threshold"))
+
+
+def named(row):
+    closure, spins = row["closure, spins"].split(", ")
+    return closure, spins, [int(n) for n in row["n"].split(", ")]
+
+
+def path_threshold(order, closure, spins, end):
+    """Strain of the first loss on an isotropic path; 0 where the first loaded state has it."""
+    law = LinearFrictional(kn=1.0, kt=KAPPA, mu=1e16)
+    stage = Stage(programmes.isotropic_strain(), "H11", end)
+    path = follow(regular_polygon(order), law, [stage], closure=closure, spins=spins,
+                  subspace="diagonal")  # fmt: skip
+    loaded = np.flatnonzero(path.H[:, 0] > 0.0)
+    if len(loaded) and path.symmetric_eigenvalues[loaded[0], 0] < 0.0:
+        return 0.0
+    return path.H[path.of_kind("det_Ks_zero")[0].index, 0]
+
+
+@pytest.mark.parametrize("row", THRESHOLDS, ids=lambda row: f"{row['closure, spins']} {row['n']}")
+def test_thresholds_of_the_operators(row):
+    closure, spins, orders = named(row)
+    wanted = CLOSED[row["strain"]]
+    assert says(row["at κ = 0.3"], wanted) and says(row["path (first n)"], wanted)
+    for order in orders:
+        found = threshold(order, LINEAR, spins, closure=closure)
+        assert of_size(abs(found - wanted), float(row["error, operators"]))
+        if spins == "blocked":
+            assert found == pytest.approx(oracle(order, KAPPA, closure), abs=1e-13)
+
+
+# Free spins stick at the first load, and long loops take seconds.
+ROWS = [
+    pytest.param(row, marks=[pytest.mark.slow] * ("free" in row["closure, spins"] or k in (2, 5)))
+    for k, row in enumerate(THRESHOLDS)
+]
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_thresholds_through_paths(row):
+    closure, spins, orders = named(row)
+    wanted = CLOSED[row["strain"]]
+    for order in orders:
+        found = path_threshold(order, closure, spins, wanted + 0.01)
+        assert of_size(abs(found - wanted), float(row["error, paths"]), 1e-14)
+
+
+def test_the_two_remarks():
+    """The form over all components, and the square on its side."""
+    diamond = CLOSED["κ/(1 + κ)"]
+    for closure in ("affine", "traction"):
+        for order in (3, 4, 7, 12):
+            found = threshold(order, LINEAR, closure=closure, subspace="full")
+            assert abs(found - diamond) < 5e-14
+    assert threshold(4, LINEAR, orientation="edge") is None
+    found = threshold(4, LINEAR, subspace="symmetric", orientation="edge")
+    assert found == pytest.approx(diamond, abs=1e-14) and f"{found:.10f}" in TEXT
+
+
+def test_other_laws():
+    spheres, rolling = tables(section(TEXT, "## Other contact laws"))
+    for row in spheres:
+        law = HertzMindlin(young=1.0, poisson=float(row["nu"]))
+        kappa = float(law.stiffness_ratio)
+        assert says(row["κ"], kappa) and says(row["linear law"], kappa / (1 + kappa))
+        found = threshold(6, law)
+        assert says(row["critical strain"], found)
+        assert abs(found - kappa / (kappa + 2 / 3)) < 1e-14
+        assert found == pytest.approx(oracle(6, kappa, "traction", exponent=1.5), abs=1e-13)
+    for row in rolling:
+        k_r = float(row["`k_r`"])
+        law = RollingResistance(LINEAR, k_r=k_r)
+        for order in ORDERS:
+            found = threshold(order, law, "free")
+            assert says(row[f"n = {order}"], found)
+            assert abs(found - rolling_threshold(order, KAPPA, k_r)) < 1e-13
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_drained_paths(tmp_path, closure):
+    out = run(tmp_path, "polygon", "--compare", "3-12", "--closure", closure, "--kappa", 0.3,
+              "--phi", 20, "--confine", 0.1, "--end", 0.5)  # fmt: skip
+    found = {
+        loop["order"]: loop for loop in json.loads((out / "summary.json").read_text())["loops"]
+    }
+    (rows,) = re.findall(r"\| n \| affine.*?\n\n", section(TEXT, "## Drained paths"), re.DOTALL)
+    lines = [
+        [c.strip() for c in line.strip("|").split("|")] for line in rows.split("\n")[2:] if line
+    ]
+    assert len(lines) == len(found) == 10
+    for order, *cells in lines:
+        loop = found[int(order)]
+        yielded, peak_E1, peak_s1, end = cells[:4] if closure == "affine" else cells[4:]
+        assert says(yielded, loop["first_yield"]["E1"])
+        if loop["peak"] is None:
+            assert peak_E1 == peak_s1 == "-"
+        else:
+            assert says(peak_E1, loop["peak"]["E1"]) and says(peak_s1, loop["peak"]["s1"])
+        status, E1 = end.split()
+        assert status == loop["status"] and says(E1, loop["end"]["E1"])
+
+
+def test_figures_exist():
+    names = re.findall(r"figures/(larger-[\w-]+\.png)", TEXT)
+    assert len(names) == 6 and all((DOCS / "figures" / name).exists() for name in names)
