@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from patterns.diamond import TABLE_1, work_compress_then_shear, work_shear_then_compress
+from patterns.diamond import TABLE_1
+from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
 from tests.docs.pages import DOCS, of_size, page, says, section, tables, unsaid
 from tests.golden.answers import run
 from tests.golden.test_golden import stored

@@ -13,9 +13,8 @@ from patterns.diamond.forces import (
     force_rates,
     side_lengths,
     side_rates,
-    work_compress_then_shear,
-    work_shear_then_compress,
 )
+from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
 from tests.oracles.paper_samples import Samples, difference, random_samples
 
 Floats = NDArray[np.float64]
