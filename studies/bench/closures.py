@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -26,35 +27,18 @@ def closure_methods(quick: bool) -> list[Row]:
 def _of_order(order: int, loops: int, checked: int, quick: bool) -> list[Row]:
     batch = random_rings(loops, order, seed=7)
     exact = {k: batch.exact(k, "traction") for k in range(checked)}
-    rows, group = [], f"closures, n = {order}"
-    for method in ("force", "saddle", "auto"):
-        found = _solve(batch, method)
-        rows.append(
-            measured(
-                partial(_solve, batch, method),
-                len(found),
-                quick=quick,
-                group=group,
-                method={"force": "force method", "saddle": "dense saddle"}.get(method, "both"),
-                setting=f"method='{method}'",
-                error=_error(found, exact),
-                oracle=ORACLE,
-                default=method == "auto",
-            )
-        )
-    few = batch.first(max(60, checked))
-    rows.append(
-        measured(
-            partial(least_squares, few),
-            len(few.regime),
-            quick=quick,
-            group=group,
-            method="least squares",
-            setting="numpy lstsq, one by one",
-            error=_error(least_squares(few), exact),
-            oracle=ORACLE,
-        )
+    row: Callable[..., Row] = partial(
+        measured, f"closures, n = {order}", quick=quick, oracle=ORACLE
     )
+    rows = []
+    for method, name in (("force", "force method"), ("saddle", "dense saddle"), ("auto", "both")):
+        call = partial(_solve, batch, method)
+        gap = _error(call(), exact)
+        default = method == "auto"
+        rows.append(row(name, f"method='{method}'", call, gap, items=loops, default=default))
+    few = batch.first(max(60, checked))
+    call, gap = partial(least_squares, few), _error(least_squares(few), exact)
+    rows.append(row("least squares", "numpy lstsq, one by one", call, gap, items=len(few.regime)))
     return rows + (_limits(batch, exact, quick) if order == 6 else [])
 
 
@@ -89,9 +73,7 @@ def _limits(batch: Rings, exact: dict[int, Floats], quick: bool) -> list[Row]:
         time = seconds[0] + seconds[1] * float(poor.mean())
         rows.append(
             Row(
-                group="closure switch",
-                method="force, saddle beyond the limit",
-                setting=f"condition {limit:.0e}",
+                *("closure switch", "force, saddle beyond the limit", f"condition {limit:.0e}"),
                 items=len(poor),
                 seconds_per_item=time / len(poor),
                 error=_error(matrix, exact),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from loops.arrays import Floats
 from stability import plane_cone, polar_diagram, symmetric_spectrum
-from studies.bench.measure import Row, largest, measured
+from studies.bench.measure import Row, measured
 from studies.fifty_digits import DIGITS
 
 ORACLE = "cone in closed form, 50 digits"
@@ -19,26 +19,23 @@ DRAWN = 360
 
 def direction_methods(quick: bool) -> list[Row]:
     """Error of the unstable fraction and of the smallest W2 over the number of directions."""
-    rng = np.random.default_rng(2)
-    operators = rng.standard_normal((40, 2, 2)) + 0.5 * np.eye(2)
+    operators = np.random.default_rng(2).standard_normal((40, 2, 2)) + 0.5 * np.eye(2)
     exact = np.array([_exact(K) for K in operators])
     open_cone = (exact[:, 0] > 0.0) & (exact[:, 0] < 1.0)
     operators, exact = operators[open_cone], exact[open_cone]
-    rows = []
-    for count in COUNTS[: 2 if quick else None]:
-        found = _sampled(operators, count)
-        for k, what in enumerate(("fraction", "smallest W2")):
-            rows.append(
-                _row(f"sampled: {what}", f"{count:,} directions", _sampled, operators, count,
-                     found[:, k] - exact[:, k], quick)
-            )  # fmt: skip
-    found = _closed(operators)
-    for k, what in enumerate(("fraction", "smallest W2")):
-        rows.append(
-            _row(f"closed: {what}", "plane_cone, eigvalsh", _closed, operators, None,
-                 found[:, k] - exact[:, k], quick, default=True)
-        )  # fmt: skip
-    return rows
+    row: Callable[..., Row] = partial(
+        measured, "directions", items=len(operators), quick=quick, oracle=ORACLE
+    )
+    ways: list[tuple[str, str, Callable[[], Floats]]] = [
+        ("sampled", f"{count:,} directions", partial(_sampled, operators, count))
+        for count in COUNTS[: 2 if quick else None]
+    ]
+    ways.append(("closed", "plane_cone, eigvalsh", partial(_closed, operators)))
+    return [
+        row(f"{way}: {what}", setting, call, gap, default=way == "closed")
+        for way, setting, call in ways
+        for what, gap in zip(("fraction", "smallest W2"), (call() - exact).T, strict=True)
+    ]
 
 
 def _sampled(operators: Floats, count: int) -> Floats:
@@ -63,27 +60,3 @@ def _exact(K: Floats) -> tuple[float, float]:
         if radius <= abs(mean):
             return float(mean < 0), float(mean - radius)
         return float(mp.acos(mean / radius) / mp.pi), float(mean - radius)
-
-
-def _row(
-    method: str,
-    setting: str,
-    work: Any,
-    operators: Floats,
-    count: int | None,
-    gap: Floats,
-    quick: bool,
-    default: bool = False,
-) -> Row:
-    call = partial(work, operators) if count is None else partial(work, operators, count)
-    return measured(
-        call,
-        len(operators),
-        quick=quick,
-        group="directions",
-        method=method,
-        setting=setting,
-        error=largest(np.abs(gap)),
-        oracle=ORACLE,
-        default=default,
-    )

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from loops.arrays import Floats
 from stability import symmetric_spectrum
-from studies.bench.measure import Row, largest, measured
+from studies.bench.measure import Row, measured
 from studies.fifty_digits import DIGITS
 
 ORACLE = "mpmath eigsy, 50 digits"
@@ -20,21 +20,24 @@ SPLITS = (0.3, 1e-4, 1e-8, 1e-12, 0.0)
 
 
 def eigenvalue_methods(quick: bool) -> list[Row]:
-    """Time and error of the eigenvalues of operators with wide, narrow and no gaps."""
+    """Time and error, over the largest eigenvalue, of operators with wide, narrow and no gaps."""
     operators = sample(2000 if quick else 50_000)
     checked = operators[: 10 if quick else 40]
     exact = np.array([_exact(K) for K in checked])
-    rows = [
-        _row(partial(closed_form, operators), closed_form(checked), exact, "closed form",
-             "cubic by cosines", quick),
-        _row(partial(symmetric_spectrum, operators), symmetric_spectrum(checked), exact, "LAPACK",
-             "eigvalsh", quick, default=True),
+    size = np.abs(exact).max(axis=1, keepdims=True)
+    row: Callable[..., Row] = partial(
+        measured, "eigenvalues", items=len(operators), quick=quick, oracle=ORACLE
+    )
+    ways: list[tuple[str, str, Callable[[Floats], Floats]]] = [
+        ("closed form", "cubic by cosines", closed_form),
+        ("LAPACK", "eigvalsh", symmetric_spectrum),
+        *(("Jacobi, numpy", f"{n} sweeps", partial(jacobi, sweeps=n)) for n in SWEEPS),
+    ]
+    return [
+        row(*named, partial(way, operators), (way(checked) - exact) / size,
+            default=way is symmetric_spectrum)
+        for *named, way in ways
     ]  # fmt: skip
-    for sweeps in SWEEPS:
-        call = partial(jacobi, operators, sweeps)
-        found = jacobi(checked, sweeps)
-        rows.append(_row(call, found, exact, "Jacobi, numpy", f"{sweeps} sweeps", quick))
-    return rows
 
 
 def sample(count: int) -> Floats:
@@ -90,26 +93,3 @@ def _exact(K: Floats) -> list[float]:
 
     with mp.workdps(DIGITS):
         return sorted(float(value) for value in mp.eigsy(mp.matrix(K.tolist()), eigvals_only=True))
-
-
-def _row(
-    call: Any,
-    found: Floats,
-    exact: Floats,
-    method: str,
-    setting: str,
-    quick: bool,
-    default: bool = False,
-) -> Row:
-    size = np.abs(exact).max(axis=1, keepdims=True)
-    return measured(
-        call,
-        len(call.args[0]),
-        quick=quick,
-        group="eigenvalues",
-        method=method,
-        setting=setting,
-        error=largest(np.abs(found - exact) / size),
-        oracle=ORACLE,
-        default=default,
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from fractions import Fraction
 from functools import cmp_to_key, partial
 from typing import Any
@@ -32,47 +33,29 @@ def face_methods(quick: bool) -> list[Row]:
         ("key, then exact", "next_half_edge", follow_by_key, packing, True),
         ("fractions throughout", "Fraction, sorted", follow_exactly, small, False),
     )
-    rows = []
-    for method, setting, follower, graph, default in cases:
-        rows.append(
-            measured(
-                partial(follower, graph),
-                2 * graph.contact_count,
-                quick=quick,
-                group="faces",
-                method=method,
-                setting=setting,
-                error=float((follower(hub) != exact).mean()),
-                oracle=ORACLE,
-                default=default,
-            )
-        )
-    return rows
+    row: Callable[..., Row] = partial(measured, "faces", quick=quick, oracle=ORACLE)
+    return [
+        row(*named, partial(follower, graph), (follower(hub) != exact).mean(),
+            items=2 * graph.contact_count, default=default)
+        for *named, follower, graph, default in cases
+    ]  # fmt: skip
 
 
 def compiled_faces(quick: bool) -> list[Row]:
     """Faces of a packing, plain and compiled."""
     graph = synthetic_network(2000 if quick else 50_000, coordination=4.0, seed=3)
     plain = find_faces(graph, compiled=False)
-    choices = (False,) if quick else (False, True)
-    rows = []
-    for compiled in choices:
-        found = find_faces(graph, compiled=compiled)
+    rows, count = [], len(plain.contacts)
+    row: Callable[..., Row] = partial(
+        measured, "compiled or plain", items=count, quick=quick, oracle="the plain way"
+    )
+    for compiled in (False,) if quick else (False, True):
+        call = partial(find_faces, graph, compiled=compiled)
+        found = call()
         same = np.array_equal(found.offsets, plain.offsets)
         wrong = float((found.contacts != plain.contacts).mean()) if same else 1.0
-        rows.append(
-            measured(
-                partial(find_faces, graph, compiled=compiled),
-                len(plain.contacts),
-                quick=quick,
-                group="compiled or plain",
-                method="faces, compiled" if compiled else "faces, numpy",
-                setting=f"{graph.contact_count:,} contacts",
-                error=wrong,
-                oracle="the plain way",
-                default=False,
-            )
-        )
+        method = "faces, compiled" if compiled else "faces, numpy"
+        rows.append(row(method, f"{graph.contact_count:,} contacts", call, wrong))
     return rows
 
 

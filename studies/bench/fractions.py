@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -11,7 +12,7 @@ from scipy.stats import norm, qmc
 
 from loops.arrays import Floats
 from stability import imhof_fraction, unstable_fraction
-from studies.bench.measure import Row, largest, measured
+from studies.bench.measure import Row, measured
 from studies.fifty_digits import DIGITS
 
 ORACLE = "mean over the azimuth, 50 digits"
@@ -38,31 +39,24 @@ def fraction_methods(quick: bool) -> list[Row]:
     """Time and absolute error of the unstable fraction."""
     exact = np.array([fraction_50(spectrum) for spectrum in SPECTRA])
     many = np.tile(SPECTRA, (100 if quick else 2000, 1))
-    rows = [
-        _row("closed form", "Carlson's integrals", partial(unstable_fraction, many), len(many),
-             unstable_fraction(SPECTRA) - exact, quick, default=True),
-    ]  # fmt: skip
+    row: Callable[..., Row] = partial(measured, "cone fractions", quick=quick, oracle=ORACLE)
+    ways: list[tuple[str, str, Callable[[Floats], Floats], Floats]] = [
+        ("closed form", "Carlson's integrals", unstable_fraction, many)
+    ]
     for step in STEPS:
-        call = partial(imhof, many, step)
         label = f"step {step:g}{', the default' if step == DEFAULT_STEP else ''}"
-        rows.append(
-            _row("Imhof, trapezoid in ln u", label, call, len(many), imhof(SPECTRA, step) - exact,
-                 quick)
-        )  # fmt: skip
-    rows.append(
-        _row("imhof_fraction", "as in the code", partial(imhof_fraction, many), len(many),
-             imhof_fraction(SPECTRA) - exact, quick)
-    )  # fmt: skip
-    rows.append(
-        _row("Imhof, scipy quad", "adaptive", partial(_by_quad, SPECTRA), len(SPECTRA),
-             _by_quad(SPECTRA) - exact, quick)
-    )  # fmt: skip
+        ways.append(("Imhof, trapezoid in ln u", label, partial(imhof, step=step), many))
+    ways.append(("imhof_fraction", "as in the code", imhof_fraction, many))
+    ways.append(("Imhof, scipy quad", "adaptive", _by_quad, SPECTRA))
     for power in DIRECTIONS[: 2 if quick else None]:
-        for name, sequence in (("random directions", _normals), ("Sobol directions", _sobol)):
-            found = sampled(SPECTRA, sequence(power))
-            call = partial(_sampled_anew, sequence, power)
-            rows.append(_row(name, f"{2**power:,}", call, len(SPECTRA), found - exact, quick))
-    return rows
+        for name, drawn in (("random directions", _normals), ("Sobol directions", _sobol)):
+            way = partial(_sampled_anew, sequence=drawn, power=power)
+            ways.append((name, f"{2**power:,}", way, SPECTRA))
+    return [
+        row(*named, partial(way, spectra), way(SPECTRA) - exact, items=len(spectra),
+            default=way is unstable_fraction)
+        for *named, way, spectra in ways
+    ]  # fmt: skip
 
 
 def imhof(spectra: Floats, step: float) -> Floats:
@@ -127,27 +121,5 @@ def _sobol(power: int) -> Floats:
     return np.asarray(norm.ppf(np.maximum(points, 2.0**-64)))
 
 
-def _sampled_anew(sequence: Any, power: int) -> Floats:
-    return sampled(SPECTRA, sequence(power))
-
-
-def _row(
-    method: str,
-    setting: str,
-    call: Any,
-    items: int,
-    gap: Floats,
-    quick: bool,
-    default: bool = False,
-) -> Row:
-    return measured(
-        call,
-        items,
-        quick=quick,
-        group="cone fractions",
-        method=method,
-        setting=setting,
-        error=largest(np.abs(gap)),
-        oracle=ORACLE,
-        default=default,
-    )
+def _sampled_anew(spectra: Floats, sequence: Callable[[int], Floats], power: int) -> Floats:
+    return sampled(spectra, sequence(power))

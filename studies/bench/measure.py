@@ -31,11 +31,23 @@ class Row:
     default: bool = False
 
 
-def measured(call: Callable[[], Any], items: int, *, quick: bool, **known: Any) -> Row:
-    """Row of a method: runs it for its time, once more for its memory."""
+def measured(
+    group: str,
+    method: str,
+    setting: str,
+    call: Callable[[], Any],
+    gap: Any,
+    *,
+    items: int,
+    quick: bool,
+    oracle: str,
+    default: bool = False,
+) -> Row:
+    """Row of a method: runs it for its time, once more for its memory; `gap` from the oracle."""
     seconds = least_seconds(call, quick=quick)
     peak = peak_bytes(call) if seconds < TRACED else float("nan")
-    return Row(items=items, seconds_per_item=seconds / items, peak_bytes=peak, **known)
+    error = largest(np.abs(gap))
+    return Row(group, method, setting, items, seconds / items, error, peak, oracle, default)
 
 
 def least_seconds(call: Callable[[], Any], *, quick: bool) -> float:

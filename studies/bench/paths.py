@@ -149,20 +149,16 @@ def error_at_b(found: State) -> float:
 def path_methods(quick: bool) -> list[Row]:
     """Error at point B and time per path of every integrator."""
     rows, most = [], MOST_STEPS_QUICK if quick else MOST_STEPS
+    row: Callable[..., Row] = partial(
+        measured, "paths", quick=quick, oracle="quadrature, 20 digits"
+    )
     for method, solver, control, values in METHODS:
         chosen = [value for value in values if control != "steps" or value <= most]
         for value in chosen[:: 4 if quick else 1]:
+            call, default = partial(solver, value), solver is path_solver and value == DEFAULT
+            items = int(value) if control == "paths" else 1
+            gap = error_at_b(solver(value))
             rows.append(
-                measured(
-                    partial(solver, value),
-                    int(value) if control == "paths" else 1,
-                    quick=quick,
-                    group="paths",
-                    method=method,
-                    setting=f"{control} {value:g}",
-                    error=error_at_b(solver(value)),
-                    oracle="quadrature, 20 digits",
-                    default=solver is path_solver and value == DEFAULT,
-                )
+                row(method, f"{control} {value:g}", call, gap, items=items, default=default)
             )
     return rows

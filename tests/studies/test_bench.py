@@ -138,8 +138,7 @@ def test_sampled_directions_converge_and_the_cone_is_exact():
 
 
 def test_a_row_counts_time_per_item_and_memory():
-    row = measured(lambda: np.ones(125_000), 10, quick=True, group="g", method="m", setting="s",
-                   error=0.0, oracle="o")  # fmt: skip
+    row = measured("g", "m", "s", lambda: np.ones(125_000), 0.0, items=10, quick=True, oracle="o")
     assert isinstance(row, Row)
     assert 0.0 < row.seconds_per_item < 1.0
     assert 1.0e6 <= row.peak_bytes < 1.1e6
