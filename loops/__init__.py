@@ -36,7 +36,14 @@ if TYPE_CHECKING:
         contact_frame,
         reference_branch_vectors,
     )
-    from loops.laws import ContactLaw, HertzMindlin, LinearFrictional, Regime, RollingResistance
+    from loops.laws import (
+        ContactLaw,
+        FrictionalLaw,
+        HertzMindlin,
+        LinearFrictional,
+        Regime,
+        RollingResistance,
+    )
     from loops.loop_batches import LoopBatch, loop_batches
     from loops.loop_strain import best_fit_strain, loop_strain, rotation_and_stretch
     from loops.outline import outline_area
@@ -53,6 +60,7 @@ __all__ = [
     "FaceKind",
     "Faces",
     "Fate",
+    "FrictionalLaw",
     "GrainGraph",
     "HertzMindlin",
     "InputError",

@@ -38,6 +38,11 @@ class ContactState:
         return self.radii_i + self.radii_j
 
     @property
+    def overlap(self) -> Floats:
+        """(..., C) `r_i + r_j - l`, negative for a gap."""
+        return self.touching_length - self.length
+
+    @property
     def arm_i(self) -> Floats:
         """(..., C) lever arm `a_i = r_i - overlap/2` of the contact force about grain i.
 

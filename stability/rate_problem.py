@@ -39,6 +39,22 @@ OPEN, ELASTIC = Choice(Regime.OPEN), Choice(Regime.ELASTIC)
 LEFT, RIGHT = Choice(Regime.SLIDING, 1.0), Choice(Regime.SLIDING, -1.0)
 
 
+# What a contact inside its cone is asked when all are: only sticking can agree.
+INSIDE = (ELASTIC, LEFT, RIGHT)
+
+
+def edge_options(
+    *, touching: bool, at_yield: bool, apex: bool, frictionless: bool, side: float
+) -> tuple[Choice, ...]:
+    """Regimes open to a contact at the edge of its law, `side` the sign of its `T`."""
+    parts = (OPEN,) if touching else ()
+    if frictionless:
+        return (LEFT, *parts)
+    if apex:
+        return (ELASTIC, *parts, LEFT, RIGHT)
+    return (ELASTIC, LEFT if side > 0 else RIGHT, *parts) if at_yield else (ELASTIC, *parts)
+
+
 @dataclass(frozen=True, eq=False)
 class EdgeRates:
     """Rates that decide, one entry per contact at the edge of its law.
@@ -207,7 +223,12 @@ def _agreement(
 
 
 def _agrees(
-    can: Sequence[Choice], choice: Choice, un: float, shear: float, strength: float, tol: float
+    can: Sequence[Choice],
+    choice: Choice,
+    un: float,
+    shear: float,
+    strength: float,
+    tol: float,
 ) -> bool:
     touching = OPEN in can
     if choice == OPEN:

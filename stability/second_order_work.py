@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.errors import InputError
+from stability.arguments import number, whole_number
 from stability.subspaces import as_operator
 
 
@@ -132,10 +133,8 @@ def polar_diagram(K: ArrayLike, r: float = 2.0, directions: int = 360) -> PolarD
     [[1.0, 0.0], [0.0, 3.0]]
     """
     operator = as_operator(K, size=2)
-    if not r > 1.0:
-        raise InputError("r", str(r), "a radius above 1", "Use the paper's r = 2.")
-    if directions < 1:
-        raise InputError("directions", str(directions), "at least one", "Use 360, say.")
+    number("r", r, 1.0, open_low=True)
+    whole_number("directions", directions, 1)
     angle = 2.0 * np.pi * np.arange(directions) / directions
     c, s = np.cos(angle), np.sin(angle)
     direction = np.stack([s, c], axis=-1)

@@ -5,16 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.contact_state import ContactState
-from loops.laws import coulomb, parameters
-from loops.laws.coulomb import ShearIncrement
-from loops.laws.protocol import Floats, Regimes
+from loops.laws.frictional import (
+    FrictionalLaw,
+    ShearIncrement,
+    friction_and_increment,
+    parameter,
+)
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class HertzMindlin:
+class HertzMindlin(FrictionalLaw):
     """Incremental Hertz-Mindlin law, no slip within the contact area, no cohesion.
 
     The grains are spheres of one material with their centres in the plane. With the overlap
@@ -82,10 +86,12 @@ class HertzMindlin:
         mu: ArrayLike = np.inf,
         shear_increment: ShearIncrement = "branch",
     ) -> None:
-        object.__setattr__(self, "young", parameters.positive("young", young))
-        object.__setattr__(self, "poisson", parameters.poisson_ratio("poisson", poisson))
-        object.__setattr__(self, "mu", parameters.friction("mu", mu))
-        object.__setattr__(self, "shear_increment", coulomb.checked_increment(shear_increment))
+        young = parameter("young", young, "a positive finite stiffness", 0.0, open_low=True)
+        object.__setattr__(self, "young", young)
+        expected = "a ratio above -1, up to 0.5"
+        poisson = parameter("poisson", poisson, expected, -1.0, open_low=True, high=0.5)
+        object.__setattr__(self, "poisson", poisson)
+        friction_and_increment(self, mu, shear_increment)
 
     @property
     def stiffness_ratio(self) -> Floats:
@@ -97,42 +103,19 @@ class HertzMindlin:
         force = np.maximum(state.normal_force, 0.0)
         return np.cbrt(6.0 * self._effective_young() ** 2 * _effective_radius(state) * force)
 
-    def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
-        """Factors of `ut'`, see `ContactLaw` and `shear_increment`."""
-        return coulomb.shear_kinematics(state, self.shear_increment)
-
-    def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """Material stiffness `D` of the current `N`, `(N', T') = -D (un', ut')`.
-
-        Elastic `diag(kn, kt)`; sliding `[[kn, 0], [s mu kn, 0]]`, `s = sign(T)`; open zero.
-        """
+    def stiffnesses(self, state: ContactState) -> tuple[Floats, Floats]:
+        """`kn` and `kt = kappa kn` of the current `N`."""
         kn = self.normal_stiffness(state)
-        return coulomb.coulomb_stiffness(state, regime, kn, self.stiffness_ratio * kn, self.mu)
+        return kn, self.stiffness_ratio * kn
 
-    def rolling_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """No rolling resistance."""
-        return np.zeros(())
+    def closed_force(self, state: ContactState) -> Floats:
+        """`N = (4/3) E* sqrt(R*) delta^(3/2)`, odd in the overlap."""
+        factor = (4.0 / 3.0) * self._effective_young() * np.sqrt(_effective_radius(state))
+        return factor * np.sign(state.overlap) * np.abs(state.overlap) ** 1.5
 
-    def regime(self, state: ContactState, rates: tuple[Floats, Floats] | None = None) -> Regimes:
-        """Regime of every contact, `Regime`, as int8 (..., C); see `LinearFrictional.regime`."""
-        kn = self.normal_stiffness(state)
-        return coulomb.coulomb_regime(state, rates, kn, self.stiffness_ratio * kn, self.mu)
-
-    def normal_force(self, state: ContactState) -> Floats:
-        """`N = (4/3) E* sqrt(R*) delta^(3/2)`, zero for an open contact."""
-        overlap = np.maximum(state.touching_length - state.length, 0.0)
-        return (
-            (4.0 / 3.0) * self._effective_young() * np.sqrt(_effective_radius(state)) * overlap**1.5
-        )
-
-    def take(self, contacts: NDArray[np.int64]) -> HertzMindlin:
-        """Law of the picked contacts; scalar parameters stay scalar."""
-        return HertzMindlin(
-            young=parameters.take(self.young, contacts),
-            poisson=parameters.take(self.poisson, contacts),
-            mu=parameters.take(self.mu, contacts),
-            shear_increment=self.shear_increment,
-        )
+    def normal_energy(self, state: ContactState) -> Floats:
+        """`(2/5) N delta`."""
+        return 0.4 * self.closed_force(state) * state.overlap
 
     def _effective_young(self) -> Floats:
         return self.young / (2.0 * (1.0 - self.poisson**2))

@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.contact_state import ContactState
-from loops.laws import coulomb, parameters
-from loops.laws.coulomb import ShearIncrement as ShearIncrement
-from loops.laws.protocol import Floats, Regimes
+from loops.laws.frictional import FrictionalLaw, friction_and_increment, parameter
+from loops.laws.frictional import ShearIncrement as ShearIncrement
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class LinearFrictional:
+class LinearFrictional(FrictionalLaw):
     """Linear springs, Coulomb friction, no cohesion (Nicot et al. 2016, equations 5-8).
 
     - elastic: `N' = -kn un'`, `T' = -kt ut'`;
@@ -64,45 +64,20 @@ class LinearFrictional:
         mu: ArrayLike = np.inf,
         shear_increment: ShearIncrement = "branch",
     ) -> None:
-        object.__setattr__(self, "kn", parameters.positive("kn", kn))
-        object.__setattr__(self, "kt", parameters.not_negative("kt", kt))
-        object.__setattr__(self, "mu", parameters.friction("mu", mu))
-        object.__setattr__(self, "shear_increment", coulomb.checked_increment(shear_increment))
+        kn = parameter("kn", kn, "a positive finite stiffness", 0.0, open_low=True)
+        object.__setattr__(self, "kn", kn)
+        kt = parameter("kt", kt, "a finite stiffness, zero or more", 0.0, open_low=False)
+        object.__setattr__(self, "kt", kt)
+        friction_and_increment(self, mu, shear_increment)
 
-    def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
-        """Factors of `ut'`, see `ContactLaw` and `shear_increment`."""
-        return coulomb.shear_kinematics(state, self.shear_increment)
+    def stiffnesses(self, state: ContactState) -> tuple[Floats, Floats]:
+        """The constants `kn` and `kt`."""
+        return self.kn, self.kt
 
-    def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """Material stiffness `D` in the local frame, `(N', T') = -D (un', ut')`.
+    def closed_force(self, state: ContactState) -> Floats:
+        """`N = kn (r_i + r_j - l)`."""
+        return self.kn * state.overlap
 
-        Elastic `diag(kn, kt)`; sliding `[[kn, 0], [s mu kn, 0]]`, `s = sign(T)`; open zero.
-        """
-        return coulomb.coulomb_stiffness(state, regime, self.kn, self.kt, self.mu)
-
-    def rolling_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """No rolling resistance."""
-        return np.zeros(())
-
-    def regime(self, state: ContactState, rates: tuple[Floats, Floats] | None = None) -> Regimes:
-        """Regime of every contact, `Regime`, as int8 (..., C).
-
-        Without rates, a contact is open when its branch is longer than `r_i + r_j` and it
-        carries no force, sliding when `|T| >= mu N` with `N > 0`, else elastic: just touching is
-        elastic. With rates, a contact at yield slides only if the slip dissipates, and a
-        touching contact opens if the branch lengthens.
-        """
-        return coulomb.coulomb_regime(state, rates, self.kn, self.kt, self.mu)
-
-    def normal_force(self, state: ContactState) -> Floats:
-        """`N = kn (r_i + r_j - l)`, zero for an open contact."""
-        return self.kn * np.maximum(state.touching_length - state.length, 0.0)
-
-    def take(self, contacts: NDArray[np.int64]) -> LinearFrictional:
-        """Law of the picked contacts; scalar parameters stay scalar."""
-        return LinearFrictional(
-            kn=parameters.take(self.kn, contacts),
-            kt=parameters.take(self.kt, contacts),
-            mu=parameters.take(self.mu, contacts),
-            shear_increment=self.shear_increment,
-        )
+    def normal_energy(self, state: ContactState) -> Floats:
+        """`N^2/(2 kn)`."""
+        return self.closed_force(state) ** 2 / (2.0 * self.kn)

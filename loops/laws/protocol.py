@@ -6,11 +6,12 @@ from enum import IntEnum
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from loops.arrays import Floats, Integers
 from loops.contact_state import ContactState
+from loops.errors import InputError
 
-Floats = NDArray[np.float64]
 Regimes = NDArray[np.int8]
 
 
@@ -26,18 +27,29 @@ class Regime(IntEnum):
 class ContactLaw(Protocol):
     """A rate-type contact law, local components in the order (normal, tangential).
 
-    The relative displacement rates are `un' = n . d'` and
-    `ut' = g t . d' - (b_i w_i + b_j w_j)`, with `g`, `b_i`, `b_j` from `shear_kinematics`
-    and `w` the grain spins (counter-clockwise positive). The force rates are
-    `(N', T') = -D (un', ut')` with `D` from `local_stiffness`, and the rolling moment on grain j
-    has the rate `-k_r (w_j - w_i)`. Forces are positive in compression.
+    The relative displacement rates are `un' = n . d'` and `ut' = g t . d' - (b_i w_i + b_j w_j)`,
+    with `g`, `b_i`, `b_j` from `shear_kinematics` and `w` the grain spins (counter-clockwise
+    positive). The force rates are `(N', T') = -D (un', ut')` with `D` from `local_stiffness`, and
+    the rolling moment on grain j has the rate `-k_r (w_j - w_i)`. Forces are positive in
+    compression. The normal force of a closed contact is a function of the geometry.
+
+    The edge of the law says which regimes are open to a contact: it opens where `gap` grows
+    positive, closes where the grains touch, slides while `|T|` is at its `strength` and the slip
+    dissipates. Derive a law of your own from `loops.FrictionalLaw`.
     """
 
-    def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
-        """Return `g`, `b_i`, `b_j`, each (..., C): how branch and spins make `ut'`.
+    @property
+    def mu(self) -> ArrayLike:
+        """Friction, broadcastable to (..., C): 0 slides freely, inf never slides."""
+        ...
 
-        Objectivity asks for `g l = b_i + b_j`.
-        """
+    @property
+    def keeps_strength(self) -> bool:
+        """Whether `|T|` of a sliding contact is its strength; otherwise `T` is integrated."""
+        ...
+
+    def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
+        """Return `g`, `b_i`, `b_j`, each (..., C); objectivity asks for `g l = b_i + b_j`."""
         ...
 
     def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
@@ -56,6 +68,35 @@ class ContactLaw(Protocol):
         """Return `N`, (..., C) (force), as the overlaps of the state give it."""
         ...
 
-    def take(self, contacts: NDArray[np.int64]) -> ContactLaw:
+    def closed_force(self, state: ContactState) -> Floats:
+        """Return `N`, (..., C), as if every contact were closed: smooth beyond the opening."""
+        ...
+
+    def gap(self, state: ContactState) -> Floats:
+        """Return (..., C) a length, positive where a closed contact has opened."""
+        ...
+
+    def strength(self, state: ContactState) -> Floats:
+        """Return the shear force, (..., C), that a contact can carry under its `N`."""
+        ...
+
+    def normal_energy(self, state: ContactState) -> Floats:
+        """Return the energy, (..., C), that closed contacts store in their normal direction."""
+        ...
+
+    def take(self, contacts: Integers) -> ContactLaw:
         """Return the law of the picked contacts, parameters shaped like `contacts`."""
         ...
+
+
+def require_law(law: object) -> None:
+    """Raise `InputError` unless the law has everything that `ContactLaw` asks for."""
+    names = [name for name in dir(ContactLaw) if not name.startswith("_")]
+    missing = [name for name in names if not hasattr(law, name)]
+    if missing:
+        raise InputError(
+            "contact law",
+            f"{type(law).__name__} without {', '.join(missing)}",
+            "a law with its tangent and its edge, see loops.ContactLaw",
+            "Derive it from loops.FrictionalLaw.",
+        )

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats, Integers
 from loops.contact_state import ContactState
-from loops.laws import parameters
-from loops.laws.protocol import ContactLaw, Floats, Regime, Regimes
+from loops.laws.frictional import parameter
+from loops.laws.protocol import ContactLaw, Regime, Regimes, require_law
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -55,8 +56,21 @@ class RollingResistance:
     k_r: Floats
 
     def __init__(self, law: ContactLaw, k_r: ArrayLike) -> None:
+        require_law(law)
+        expected = "a finite stiffness, zero or more"
+        k_r = parameter("k_r", k_r, expected, 0.0, open_low=False)
         object.__setattr__(self, "law", law)
-        object.__setattr__(self, "k_r", parameters.not_negative("k_r", k_r))
+        object.__setattr__(self, "k_r", k_r)
+
+    @property
+    def mu(self) -> ArrayLike:
+        """Friction of the other law."""
+        return self.law.mu
+
+    @property
+    def keeps_strength(self) -> bool:
+        """As the other law."""
+        return self.law.keeps_strength
 
     def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
         """Factors of `ut'` of the other law, see `ContactLaw`."""
@@ -79,6 +93,23 @@ class RollingResistance:
         """`N` of the other law."""
         return self.law.normal_force(state)
 
-    def take(self, contacts: NDArray[np.int64]) -> RollingResistance:
+    def closed_force(self, state: ContactState) -> Floats:
+        """`N` of the other law, as if closed."""
+        return self.law.closed_force(state)
+
+    def gap(self, state: ContactState) -> Floats:
+        """Gap of the other law."""
+        return self.law.gap(state)
+
+    def strength(self, state: ContactState) -> Floats:
+        """Strength of the other law."""
+        return self.law.strength(state)
+
+    def normal_energy(self, state: ContactState) -> Floats:
+        """Energy of the other law."""
+        return self.law.normal_energy(state)
+
+    def take(self, contacts: Integers) -> RollingResistance:
         """Law of the picked contacts; scalar parameters stay scalar."""
-        return RollingResistance(self.law.take(contacts), parameters.take(self.k_r, contacts))
+        k_r = self.k_r if self.k_r.ndim == 0 else self.k_r[..., contacts]
+        return RollingResistance(self.law.take(contacts), k_r)

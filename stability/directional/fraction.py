@@ -7,10 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops import GrainGraph, InputError, LinearFrictional, Regime, macroscopic_tangent
+from loops import ContactLaw, GrainGraph, Regime, macroscopic_tangent
 from loops.closures import Closure, Spins
-from stability.directional.arcs import edges_of, middles, plane_directions, widths
-from stability.directional.edge import unit_directions
+from stability.arguments import whole_number
+from stability.directional.edge import (
+    edges_of,
+    middles,
+    plane_directions,
+    unit_directions,
+    widths,
+)
 from stability.directional.work import Branches, branches_of
 from stability.spectra import RTOL, operator_norm, symmetric_part, symmetric_spectrum
 from stability.subspaces import restrict
@@ -60,7 +66,7 @@ class BranchFraction:
 
 def branch_fraction(
     graph: GrainGraph,
-    law: LinearFrictional,
+    law: ContactLaw,
     *,
     closure: Closure = "affine",
     spins: Spins = "blocked",
@@ -101,6 +107,7 @@ def branch_fraction(
     A contact at yield has, sliding both ways, a double cone of opening atan(mu). One nappe of it
     is real: in the other the contact would be pressed, and sticks.
 
+    >>> from loops import LinearFrictional
     >>> pair = GrainGraph(x=[[0, 0], [1, 1]], radii=[0.8, 0.8], contacts=[[0, 1]],
     ...                   normal_force=[1e-15], shear_force=[0.5e-15])
     >>> law = LinearFrictional(kn=1.0, kt=1.0, mu=0.5)
@@ -110,8 +117,8 @@ def branch_fraction(
     >>> float(found.elastic), found.edges.round(6).tolist()
     (0.0, [2.356194, 2.819842])
     """
-    if scramblings < 2:
-        raise InputError("scramblings", str(scramblings), "2 or more", "Use 16, say.")
+    whole_number("scramblings", scramblings, least=2)
+    whole_number("seed", seed, least=0)
     branches, edge = branches_of(graph, law, closure, spins, subspace, regime, volume)
 
     def form(regimes: NDArray[np.int8]) -> Floats:

@@ -8,13 +8,12 @@ from typing import Protocol, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops import GrainGraph, InputError, LinearFrictional
+from loops import ContactLaw, GrainGraph, InputError
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import check_choice
-from stability.directional.answer import Answer
-from stability.directional.coupled import coupled_branches
-from stability.directional.edge import EdgeContacts, edge_contacts, unit_directions
-from stability.directional.local import local_branches
+from stability.directional.affine import affine_branches
+from stability.directional.edge import Answer, EdgeContacts, edge_contacts, unit_directions
+from stability.directional.relaxed import relaxed_branches
 from stability.subspaces import subspace_basis
 
 Floats = NDArray[np.float64]
@@ -74,7 +73,7 @@ class DirectionalWork:
 
 def directional_work(
     graph: GrainGraph,
-    law: LinearFrictional,
+    law: ContactLaw,
     directions: ArrayLike,
     *,
     closure: Closure = "affine",
@@ -94,7 +93,7 @@ def directional_work(
     ----------
     graph : GrainGraph
         Batch axes `...` allowed where each contact decides by itself.
-    law : LinearFrictional
+    law : ContactLaw
         Contact law.
     directions : (..., D, m) array_like
         Strain rates in the components of the subspace, of any length.
@@ -119,6 +118,7 @@ def directional_work(
     --------
     A contact at yield: pressed on it sticks, and W2 > 0; parting slowly it slides, and W2 < 0.
 
+    >>> from loops import LinearFrictional
     >>> pair = GrainGraph(x=[[0, 0], [1, 1]], radii=[0.8, 0.8], contacts=[[0, 1]],
     ...                   normal_force=[1e-9], shear_force=[0.5e-9])
     >>> law = LinearFrictional(kn=1.0, kt=1.0, mu=0.5)
@@ -149,37 +149,21 @@ def directional_work(
 
 def branches_of(
     graph: GrainGraph,
-    law: LinearFrictional,
+    law: ContactLaw,
     closure: Closure,
     spins: Spins,
     subspace: str,
     regime: ArrayLike | None,
     volume: ArrayLike | None,
 ) -> tuple[Branches, EdgeContacts]:
-    """Branches of a graph under its closure, and its contacts at the edge.
-
-    Parameters
-    ----------
-    graph, law, closure, spins, subspace, regime, volume
-        As in `directional_work`.
-
-    Returns
-    -------
-    branches : Branches
-    edge : EdgeContacts
-
-    Raises
-    ------
-    InputError
-        As `directional_work`.
-    """
+    """Branches of a graph under its closure, and its contacts at the edge."""
     check_choice("closure", closure, get_args(Closure))
     check_choice("spins", spins, get_args(Spins))
     edge = edge_contacts(graph, law, regime)
     if closure == "affine" and spins != "free":
-        return local_branches(graph, law, edge, spins, subspace, volume), edge
+        return affine_branches(graph, law, edge, spins, subspace, volume), edge
     if graph.cell is not None:
         raise InputError(
             "graph", "a periodic cell", "a loop, for spins that relax", "Use blocked or affine."
         )
-    return coupled_branches(graph, law, edge, closure, spins, subspace, volume), edge
+    return relaxed_branches(graph, law, edge, closure, spins, subspace, volume), edge

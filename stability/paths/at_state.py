@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 from numpy.typing import ArrayLike
 
-from loops import GrainGraph, LinearFrictional
+from loops import ContactLaw, GrainGraph
 from loops.closures import Closure, Spins
+from loops.closures.macro_tangent import check_choice
+from loops.laws.protocol import require_law
 from stability.paths.edge import EdgeTrial, edge_problem
 from stability.paths.model import path_model
 from stability.paths.state import initial_state, unpack
@@ -16,7 +20,7 @@ from stability.rate_problem import RateProblem
 
 def rates_at(
     graph: GrainGraph,
-    law: LinearFrictional,
+    law: ContactLaw,
     programme: Programme,
     *,
     closure: Closure = "affine",
@@ -32,7 +36,7 @@ def rates_at(
     ----------
     graph : GrainGraph
         One state, see `follow`.
-    law : LinearFrictional
+    law : ContactLaw
         Contact law.
     programme : Programme
         Control; rates are per unit of its loading parameter.
@@ -62,6 +66,9 @@ def rates_at(
     >>> found.status, found.taken.rates.mode.regime.tolist()
     ('unique', [1, 1, 1, 1])
     """
+    require_law(law)
+    check_choice("closure", closure, get_args(Closure))
+    check_choice("spins", spins, get_args(Spins))
     model = path_model(graph, law, closure, spins, volume)
     state = unpack(model, initial_state(model, graph))
     return edge_problem(

@@ -13,7 +13,7 @@ from stability.paths.symmetry import symmetry_or_identity
 from stability.paths.unknowns import Kind
 from stability.rate_problem import RateProblem
 
-Choice = Literal["auto", "full"]
+ModelOption = Literal["auto", "full"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class ModelChoice:
         Whether the symmetry served to the end of the path.
     """
 
-    choice: Choice
+    choice: ModelOption
     symmetry: str
     freedoms: str
     spins: str
@@ -83,7 +83,9 @@ class Searches:
         )
 
 
-def model_choice(model: PathModel, choice: Choice, searches: Searches, kept: str) -> ModelChoice:
+def model_choice(
+    model: PathModel, choice: ModelOption, searches: Searches, kept: str
+) -> ModelChoice:
     """Describe the model of a path.
 
     Parameters

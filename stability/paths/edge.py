@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from loops.contact_state import ContactState
+from loops.laws.frictional import edge_of, edge_rates
 from loops.laws.protocol import Regime
 from stability.paths.model import PathModel
 from stability.paths.orbits import asked_first, edge_orbits
@@ -16,30 +18,19 @@ from stability.paths.state import (
     Mode,
     PathState,
     contacts_of,
-    overlaps,
-    relative_displacements,
 )
 from stability.programmes import Programme
 from stability.rate_problem import (
-    ELASTIC,
-    LEFT,
-    OPEN,
-    RIGHT,
+    INSIDE,
     Choice,
     EdgeRates,
     RateProblem,
+    edge_options,
     solve_rate_problem,
 )
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-# A contact within this fraction of mu N of yield, or of r_i + r_j of touching, is at the edge.
-YIELD_BAND = 1e-10
-TOUCH_BAND = 1e-13
-
-# What a contact inside its cone is asked when all are: only sticking can agree.
-INSIDE = (ELASTIC, LEFT, RIGHT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,20 +59,22 @@ def edge_contacts(model: PathModel, state: PathState, mode: Mode) -> dict[int, t
         inside their cone stick: they have options only if the model searches all.
     """
     contacts = contacts_of(model, state, mode)
-    moved = relative_displacements(model, state.place)
-    overlap = overlaps(model, moved) / model.touching
-    normal, shear = contacts.normal_force, contacts.shear_force
+    closed = mode.regime != Regime.OPEN
+    normal = np.where(closed, contacts.normal_force, model.law.closed_force(contacts))
+    edge = edge_of(model.law, replace(contacts, normal_force=normal), closed)
     options: dict[int, tuple[Choice, ...]] = {}
-    for c in range(model.contact_count):
-        mu = float(model.mu[c])
-        if abs(overlap[c]) <= TOUCH_BAND:
-            options[c] = _touching(mu)
-        elif mode.regime[c] != Regime.OPEN and 0 < mu < np.inf:
-            if abs(shear[c]) >= mu * normal[c] * (1 - YIELD_BAND):
-                options[c] = (ELASTIC, LEFT if shear[c] > 0 else RIGHT)
-            elif model.search_all:
-                options[c] = INSIDE
-    return options
+    for c in np.flatnonzero(edge.touching | edge.at_yield).tolist():
+        options[c] = edge_options(
+            touching=bool(edge.touching[c]),
+            at_yield=bool(edge.at_yield[c]),
+            apex=bool(edge.apex[c]),
+            frictionless=bool(model.mu[c] == 0.0),
+            side=float(contacts.shear_force[c]),
+        )
+    if model.search_all:
+        for c in np.flatnonzero(closed & model.has_cone).tolist():
+            options.setdefault(c, INSIDE)
+    return dict(sorted(options.items()))
 
 
 def edge_problem(
@@ -118,12 +111,14 @@ def edge_problem(
     """
     options = edge_contacts(model, state, mode)
     orbits = edge_orbits(model, options)
+    closed = Mode(np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8), mode.side)
+    contacts = contacts_of(model, state, closed)
     inside = np.array([each == INSIDE for each in orbits.options], dtype=bool)
 
     def rates_for(choices: tuple[Choice, ...]) -> EdgeTrial:
         chosen = orbits.applied(mode, choices)
         rates = state_rates(model, state, chosen, programme, gauge)
-        edge = _edge_rates(model, rates, orbits.asked, inside)
+        edge = _edge_rates(model, contacts, chosen, rates, orbits.asked, inside)
         return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted)
 
     hints = asked_first(model, orbits, preferred)
@@ -145,20 +140,20 @@ def rate_vector(model: PathModel, rates: Rates) -> Floats:
     return np.concatenate([rates.H, rates.P / model.stiffness, forces])
 
 
-def _touching(mu: float) -> tuple[Choice, ...]:
-    if mu == np.inf:
-        return (ELASTIC, OPEN)
-    return (LEFT, OPEN) if mu == 0 else (ELASTIC, OPEN, LEFT, RIGHT)
-
-
 def _current(mode: Mode, c: int) -> Choice:
     regime = Regime(int(mode.regime[c]))
     return Choice(regime, float(mode.side[c]) if regime == Regime.SLIDING else 0.0)
 
 
 def _edge_rates(
-    model: PathModel, rates: Rates, contacts: Integers, inside: NDArray[np.bool_]
+    model: PathModel,
+    state: ContactState,
+    mode: Mode,
+    rates: Rates,
+    contacts: Integers,
+    inside: NDArray[np.bool_],
 ) -> EdgeRates:
-    un = model.kn[contacts] * rates.un[contacts]
-    shear = -model.kt[contacts] * rates.ut[contacts]
-    return EdgeRates(un, shear, np.where(inside, np.inf, -model.friction[contacts] * un))
+    _, shear, strength = edge_rates(model.law, state, mode.side, rates.un, rates.ut)
+    # A contact that never slides has no strength to compare with.
+    strength = np.where(inside, np.inf, np.where(np.isfinite(model.mu), strength, 0.0)[contacts])
+    return EdgeRates(model.stiffness * rates.un[contacts], shear[contacts], strength)

@@ -53,7 +53,7 @@ def closure_kind(model: PathModel, contacts: ContactState, regime: Regimes) -> K
         return "affine"
     if model.is_plain_ring:
         k = translational_blocks(contacts, model.law, regime)
-        if (np.abs(np.linalg.det(k)) > SOFT_BLOCK * model.kn**2).all():
+        if (np.abs(np.linalg.det(k)) > SOFT_BLOCK * model.stiffness**2).all():
             return "ring"
     return "saddle"
 

@@ -9,10 +9,12 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops import GrainGraph, InputError, LinearFrictional
+from loops import ContactLaw, GrainGraph, InputError
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import check_choice
-from stability.paths.choice import Choice, model_choice
+from loops.laws.protocol import require_law
+from stability.arguments import number, whole_number
+from stability.paths.choice import ModelOption, model_choice
 from stability.paths.model import path_model
 from stability.paths.path import Path, PathStatus
 from stability.paths.record import Record
@@ -28,7 +30,7 @@ OnTouch = Literal["ignore", "stop", "add"]
 
 def follow(
     graph: GrainGraph,
-    law: LinearFrictional,
+    law: ContactLaw,
     stages: Sequence[Stage] | Stage,
     *,
     closure: Closure = "affine",
@@ -40,7 +42,7 @@ def follow(
     atol: float = 1e-14,
     max_step: float = 0.05,
     max_steps: int = 20_000,
-    model: Choice = "auto",
+    model: ModelOption = "auto",
 ) -> Path:
     """Integrate the rate equations of a graph under loading programmes, with exact events.
 
@@ -56,7 +58,7 @@ def follow(
     graph : GrainGraph
         Initial state: a loop (contacts 0..n-1 are the ring, chords may follow); under the affine
         closure also a packing, in a state that is an affine image of its reference.
-    law : LinearFrictional
+    law : ContactLaw
         Contact law.
     stages : Stage or sequence of Stage
         Programmes and the values at which they end.
@@ -116,9 +118,13 @@ def follow(
     (0.166666666667, (0, 1, 2, 3))
     """
     stages = [stages] if isinstance(stages, Stage) else list(stages)
-    _check(stages, closure, spins, contact_on_touch)
+    _check(law, stages, closure, spins, contact_on_touch)
+    number("rtol", rtol, 0.0)
+    number("atol", atol, 0.0)
+    number("max_step", max_step, 0.0, open_low=True)
+    whole_number("max_steps", max_steps, 1)
     subspace_basis(subspace)
-    check_choice("model", model, get_args(Choice))
+    check_choice("model", model, get_args(ModelOption))
     full = path_model(graph, law, closure, spins, volume)
     walk = Walk(
         model=replace(full, search_all=model == "full"),
@@ -145,7 +151,7 @@ def follow(
 def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
     status: PathStatus = "finished"
     message = "every stage reached its target"
-    for number, stage in enumerate(stages):
+    for k, stage in enumerate(stages):
         limited = status in ("control_limit", "no_solution")
         if stage.fallback != limited:
             if limited:
@@ -155,14 +161,15 @@ def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
             walk.record.event(
                 "programme_change", walk.parameter, detail=f"to {stage.programme.name}"
             )
-        walk.record.stage = number
+        walk.record.stage = k
         status, message = walk_stage(walk, stage)
         if status in ("opposite_contact", "lost"):
             break
     return status, message
 
 
-def _check(stages: Sequence[Stage], closure: str, spins: str, on_touch: str) -> None:
+def _check(law: object, stages: Sequence[Stage], closure: str, spins: str, on_touch: str) -> None:
+    require_law(law)
     check_choice("closure", closure, get_args(Closure))
     check_choice("spins", spins, get_args(Spins))
     check_choice("contact_on_touch", on_touch, get_args(OnTouch))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from loops.contact_state import ContactState
 from stability.paths.model import PathModel
 from stability.paths.motion import forces, stress, unit_rates
-from stability.paths.rates import Rates, linearise
+from stability.paths.rates import Rates, linearise, slip_rates
 from stability.paths.solve import Gauge
 from stability.paths.state import Mode, PathState, centres, unpack
 from stability.paths.tangent import branching_number, local_tangent
@@ -37,6 +37,8 @@ class Look:
         Centres.
     branching : float
         See `rates.branching_number`.
+    slip : (C,) array
+        See `rates.slip_rates`.
     """
 
     state: PathState
@@ -48,12 +50,14 @@ class Look:
     rates: Rates
     x: Floats
     branching: float
+    slip: Floats
 
 
 def look(model: PathModel, y: Floats, mode: Mode, programme: Programme, gauge: Gauge) -> Look:
     """Evaluate a state completely, see `Look`."""
     state = unpack(model, y)
     local = linearise(model, state, mode)
+    rates = unit_rates(local, programme, gauge)
     return Look(
         state=state,
         mode=mode,
@@ -61,9 +65,10 @@ def look(model: PathModel, y: Floats, mode: Mode, programme: Programme, gauge: G
         H=local.H,
         P=stress(model, local.contacts),
         A=local_tangent(local),
-        rates=unit_rates(local, programme, gauge),
+        rates=rates,
         x=centres(model, state.place),
         branching=branching_number(local, programme, gauge),
+        slip=slip_rates(local, rates),
     )
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops import GrainGraph, InputError, LinearFrictional, boundary_vectors, polygon_area
+from loops import ContactLaw, GrainGraph, InputError, Regime, boundary_vectors, polygon_area
 from loops.closures import Closure, Spins
 from loops.contact_state import ContactState, contact_state
 from loops.geometry import outward, polygon_centroid, reference_volume, require_loop
@@ -32,7 +32,7 @@ class PathModel:
 
     Attributes
     ----------
-    law : LinearFrictional
+    law : ContactLaw
         Contact law.
     closure, spins : str
         Closure and spin rule.
@@ -53,14 +53,14 @@ class PathModel:
     pairs : (Q, 2) array of int
         Pairs of grains without contact.
     length, stiffness : float
-        Scales: square root of V0, mean kn.
+        Scales: square root of V0, mean kn of the law, see `law_scale`.
     symmetry : PointGroup or None
         Symmetry of the state and of its control that the rates keep; all unknowns if None.
     search_all : bool
         Whether the branch search tries contacts inside their cone too.
     """
 
-    law: LinearFrictional
+    law: ContactLaw
     closure: Closure
     spins: Spins
     contacts: Integers
@@ -108,24 +108,9 @@ class PathModel:
         return np.broadcast_to(self.law.mu, self.contact_count)
 
     @cached_property
-    def friction(self) -> Floats:
-        """(C,) coefficients of friction, 0 where a contact never slides."""
-        return np.where(np.isfinite(self.mu), self.mu, 0.0)
-
-    @cached_property
     def has_cone(self) -> NDArray[np.bool_]:
         """(C,) whether a contact may both stick and slide."""
         return np.isfinite(self.mu) & (self.mu > 0)
-
-    @cached_property
-    def kn(self) -> Floats:
-        """(C,) normal stiffness."""
-        return np.broadcast_to(self.law.kn, self.contact_count)
-
-    @cached_property
-    def kt(self) -> Floats:
-        """(C,) tangential stiffness."""
-        return np.broadcast_to(self.law.kt, self.contact_count)
 
     @cached_property
     def is_plain_ring(self) -> bool:
@@ -142,7 +127,7 @@ class PathModel:
 
 def path_model(
     graph: GrainGraph,
-    law: LinearFrictional,
+    law: ContactLaw,
     closure: Closure,
     spins: Spins,
     volume: ArrayLike | None,
@@ -153,7 +138,7 @@ def path_model(
     ----------
     graph : GrainGraph
         One state.
-    law : LinearFrictional
+    law : ContactLaw
         Contact law.
     closure, spins : str
         Closure and spin rule.
@@ -195,7 +180,7 @@ def path_model(
         m=m,
         pairs=_pairs_without_contact(graph),
         length=float(np.sqrt(v0)),
-        stiffness=float(np.mean(law.kn)),
+        stiffness=law_scale(graph, law),
     )
     _check_normal_forces(contact_state(graph), model)
     if closure == "affine":
@@ -265,13 +250,32 @@ def _check_affine(graph: GrainGraph, model: PathModel) -> None:
 
 
 def _check_normal_forces(state: ContactState, model: PathModel) -> None:
-    scale = model.kn * state.touching_length
-    mismatch = np.abs(state.normal_force - model.law.normal_force(state)) / scale
+    expected = model.law.normal_force(state)
+    scale = model.stiffness * state.touching_length
+    mismatch = np.abs(state.normal_force - expected) / scale
     if mismatch.size and mismatch.max() > FORCE_MISMATCH:
         c = int(mismatch.argmax())
         raise InputError(
             f"normal force of contact {c}",
             f"{state.normal_force[c]:.6g}",
-            f"{float(model.law.normal_force(state)[c]):.6g}, as its overlap gives it",
-            "Make the graph's forces agree with its positions and kn.",
+            f"{float(expected[c]):.6g}, as its overlap gives it",
+            "Give the graph law.normal_force(contact_state(graph)).",
         )
+
+
+def law_scale(graph: GrainGraph, law: ContactLaw) -> float:
+    """Mean `kn` of the contacts in their state; of a tenth of overlap where they have none yet."""
+    state = contact_state(graph)
+    elastic = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+    kn = law.local_stiffness(state, elastic)[..., 0, 0]
+    if not kn.mean() > 0.0:
+        kn = law.local_stiffness(probe(state, law, 0.9), elastic)[..., 0, 0]
+    return float(kn.mean())
+
+
+def probe(state: ContactState, law: ContactLaw, length: float) -> ContactState:
+    """The same contacts compressed to a fraction of `r_i + r_j`, without shear force."""
+    state = replace(
+        state, length=length * state.touching_length, shear_force=np.zeros(state.length.shape)
+    )
+    return replace(state, normal_force=law.closed_force(state))

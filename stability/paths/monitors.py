@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from loops.laws.protocol import Regime
 from stability.paths.look import Look
 from stability.paths.model import PathModel
-from stability.paths.state import Mode, overlaps, relative_displacements
+from stability.paths.state import Mode
 from stability.programmes import QUANTITIES, Stage
 from stability.subspaces import subspace_basis
 
@@ -136,17 +136,17 @@ def monitor_values(
     closed = mode.regime != Regime.OPEN
     force = model.stiffness * model.length
     reach = force * size
-    beyond = (np.abs(contacts.shear_force) - model.friction * contacts.normal_force) / reach
-    moved = relative_displacements(model, seen.state.place)
-    gap = -overlaps(model, moved) / (model.touching * size)
+    strength = np.where(elastic, model.law.strength(contacts), 0.0)
+    beyond = (np.abs(contacts.shear_force) - strength) / reach
+    unit = model.touching * size
     forward = -seen.rates.parameter / _parameter_unit(model, stage)
     target = sense * (stage_quantity(stage, seen, start) - stage.target)
     return np.concatenate(
         [
             beyond[elastic],
-            -seen.rates.slip[sliding] / force,
-            gap[closed],
-            -gap[~closed],
+            -seen.slip[sliding] / force,
+            (model.law.gap(contacts) / unit)[closed],
+            (contacts.overlap / unit)[~closed],
             _pair_gaps(model, seen.x),
             *_spectra(seen.A, subspace),
             [-_area_ratio(seen.H), forward, target],

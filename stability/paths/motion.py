@@ -73,7 +73,7 @@ def y_rates(model: PathModel, y: Floats, mode: Mode, programme: Programme, gauge
     if not rates.trusted:
         return np.full_like(y, np.nan)
     place = rates.H if model.closure == "affine" else velocities(model, rates)
-    work = power(model, local.contacts, mode, rates)
+    work = power(local, rates)
     return pack(place, rates.shear_force, rates.parameter, work)
 
 
@@ -87,16 +87,17 @@ def forces(contacts: ContactState) -> Floats:
     return contacts.normal_force[:, None] * contacts.n + contacts.shear_force[:, None] * contacts.t
 
 
-def power(model: PathModel, contacts: ContactState, mode: Mode, rates: Rates) -> Floats:
+def power(local: Linearised, rates: Rates) -> Floats:
     """(4,) rates of the work terms.
 
     External work `V0 P:H'`; work of the moments that hold the spins, `sum T (a_i w_i + a_j w_j)`;
     work spent on the shear of the contacts, `-sum T (t.d' - a_i w_i - a_j w_j)`; of this the part
-    dissipated by slip, `-T (ut' + T'/kt)`.
+    dissipated by slip, `-T (ut' + T'/kt)`. The moments are those that hold the spins and those of
+    rolling springs.
 
     Parameters
     ----------
-    model, contacts, mode
+    local : Linearised
         State.
     rates : Rates
         In any unit of time.
@@ -106,14 +107,25 @@ def power(model: PathModel, contacts: ContactState, mode: Mode, rates: Rates) ->
     (4,) array
         In the order `state.WORK_TERMS`.
     """
+    model, contacts, mode = local.model, local.contacts, local.mode
     i, j = model.contacts.T
     T = contacts.shear_force
     rolled = contacts.arm_i * rates.spin[i] + contacts.arm_j * rates.spin[j]
     shear = (contacts.t * rates.branch).sum(axis=1) - rolled
-    elastic = -rates.shear_force / np.where(model.kt > 0, model.kt, np.inf)
-    slipped = np.where(mode.regime == Regime.SLIDING, -T * (rates.ut - elastic), 0.0)
+    sliding = mode.regime == Regime.SLIDING
+    slipped = np.zeros(1)
+    if sliding.any():
+        elastic = -rates.shear_force / shear_stiffness(model, contacts)
+        slipped = np.where(sliding, -T * (rates.ut - elastic), 0.0)
     external = model.volume * (stress(model, contacts) @ rates.H)
     return np.array([external, T @ rolled, -T @ shear, slipped.sum()])
+
+
+def shear_stiffness(model: PathModel, contacts: ContactState) -> Floats:
+    """(C,) `kt` of sticking contacts; infinite where they have none: no elastic shear."""
+    sticking = np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8)
+    kt = model.law.local_stiffness(contacts, sticking)[:, 1, 1]
+    return np.where(kt > 0.0, kt, np.inf)
 
 
 def velocities(model: PathModel, rates: Rates) -> Floats:

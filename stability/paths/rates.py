@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.contact_state import ContactState
-from loops.laws.protocol import Regime
+from loops.laws.frictional import edge_rates
 from stability.paths.equations import Equations, closure_equations, closure_kind
 from stability.paths.model import PathModel
 from stability.paths.solve import Gauge, Solution, solve_rates
@@ -37,11 +37,8 @@ class Rates:
         Loading parameter.
     un, ut : (C,) array
         Relative displacements at the contacts.
-    normal_force, trial_shear, shear_force : (C,) array
-        `N'`, `T'` as if no contact slid, and `T'`.
-    slip : (C,) array
-        `s T'_trial - mu N'`: how fast a contact at yield would leave the cone; positive when it
-        must slide, negative when it must not; 0 where the contact never slides.
+    normal_force, shear_force : (C,) array
+        `N'` and `T'`.
     branch : (C, 2) array
         Branch rates `d'`.
     spin : (G,) array
@@ -58,9 +55,7 @@ class Rates:
     un: Floats
     ut: Floats
     normal_force: Floats
-    trial_shear: Floats
     shear_force: Floats
-    slip: Floats
     branch: Floats
     spin: Floats
     condition: float
@@ -143,25 +138,29 @@ def _contact_rates(local: Linearised, solution: Solution) -> Rates:
     g, arm_i, arm_j = law.shear_kinematics(contacts)
     un = (contacts.n * branch).sum(axis=1)
     ut = g * (contacts.t * branch).sum(axis=1) - arm_i * spin[i] - arm_j * spin[j]
-    closed = mode.regime != Regime.OPEN
-    normal = np.where(closed, -model.kn * un, 0.0)
-    trial = np.where(closed, -model.kt * ut, 0.0)
-    sliding = mode.regime == Regime.SLIDING
-    slid = mode.side * model.friction * normal
-    side = np.where(sliding, mode.side, np.sign(contacts.shear_force))
-    slip = np.where(np.isfinite(model.mu), side * trial - model.friction * normal, 0.0)
+    D = law.local_stiffness(local.signed, mode.regime)
     return Rates(
         H=equations.unknowns.H @ z,
         P=equations.unknowns.P @ z * model.stiffness,
         parameter=solution.parameter,
         un=un,
         ut=ut,
-        normal_force=normal,
-        trial_shear=trial,
-        shear_force=np.where(sliding, slid, trial),
-        slip=slip,
+        normal_force=-(D[:, 0, 0] * un + D[:, 0, 1] * ut),
+        shear_force=-(D[:, 1, 0] * un + D[:, 1, 1] * ut),
         branch=branch,
         spin=spin,
         condition=solution.condition,
         trusted=solution.trusted,
     )
+
+
+def slip_rates(local: Linearised, rates: Rates) -> Floats:
+    """(C,) how fast contacts at yield would leave the cone if they stuck, force per unit of time.
+
+    Positive when a contact must slide, negative when it must not; minus infinity where it never
+    slides.
+    """
+    side = np.where(local.mode.side != 0.0, local.mode.side, np.sign(local.contacts.shear_force))
+    law = local.model.law
+    _, sticking, strength = edge_rates(law, local.signed, side, rates.un, rates.ut)
+    return np.asarray(np.where(side == 0.0, 1.0, side) * sticking - strength)

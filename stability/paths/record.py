@@ -11,6 +11,7 @@ from loops.laws.protocol import Regime
 from stability.paths.choice import ModelChoice
 from stability.paths.look import Look, imbalance
 from stability.paths.model import PathModel
+from stability.paths.motion import shear_stiffness
 from stability.paths.path import Event, EventKind, Path, PathStatus
 
 Floats = NDArray[np.float64]
@@ -27,8 +28,9 @@ class Record:
     def row(self, model: PathModel, seen: Look) -> None:
         """Append a row."""
         contacts = seen.contacts
-        kt = np.where(model.kt > 0, model.kt, np.inf)
-        shear = contacts.shear_force
+        kt = shear_stiffness(model, contacts)
+        shear, closed = contacts.shear_force, seen.mode.regime != Regime.OPEN
+        stored = np.where(closed, model.law.normal_energy(contacts), 0.0)
         self.rows.append(
             {
                 "parameter": seen.state.parameter,
@@ -44,7 +46,7 @@ class Record:
                 "P_rate": seen.rates.P,
                 "parameter_rate": seen.rates.parameter,
                 "work": seen.state.work,
-                "normal_energy": float((contacts.normal_force**2 / (2 * model.kn)).sum()),
+                "normal_energy": float(stored.sum()),
                 "tangential_energy": float((shear**2 / (2 * kt)).sum()),
                 "imbalance": imbalance(model, contacts, seen.P),
                 "condition": seen.rates.condition,

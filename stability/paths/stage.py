@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from loops.laws.frictional import TOUCHING
 from loops.laws.protocol import Regime
-from stability.paths.edge import TOUCH_BAND, EdgeTrial, edge_problem, rate_vector
+from stability.paths.edge import EdgeTrial, edge_problem, rate_vector
 from stability.paths.events import (
     SINGULAR,
     hints_of,
@@ -18,7 +19,7 @@ from stability.paths.events import (
 )
 from stability.paths.look import Look, look
 from stability.paths.model import with_contact, without_pairs
-from stability.paths.motion import gauge_along, stress
+from stability.paths.motion import gauge_along, shear_stiffness, stress
 from stability.paths.path import PathStatus
 from stability.paths.phase import PhaseEnd, Task, run_phase
 from stability.paths.solve import RECEDING, UNIT_PARAMETER, Gauge
@@ -45,7 +46,7 @@ STILL = 1e-13
 
 FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target")
 
-# Shear force that a parting contact may drop, over kn times length.
+# Force that a parting contact may drop, over kn times length.
 RELEASE = 1e-9
 
 
@@ -153,9 +154,13 @@ def _set_forces(walk: Walk, old: Mode) -> None:
     model, state = walk.model, unpack(walk.model, walk.y)
     shear = contacts_of(model, state, walk.mode).shear_force
     parting = (walk.mode.regime == Regime.OPEN) & (old.regime != Regime.OPEN)
-    stiff = np.where(model.kt > 0, model.kt, np.inf)
-    dropped = np.where(parting, state.shear_force**2 / (2 * stiff), 0.0).sum()
-    work = state.work + np.array([0.0, 0.0, 0.0, dropped])
+    work = state.work
+    if parting.any():
+        before = contacts_of(model, state, old)
+        elastic = state.shear_force**2 / (2 * shear_stiffness(model, before))
+        stored = model.law.normal_energy(before)
+        lost = np.where(parting, stored, 0.0).sum()
+        work = work + np.array([0.0, 0.0, lost, lost + np.where(parting, elastic, 0.0).sum()])
     walk.y = pack(state.place, shear, state.parameter, work)
 
 
@@ -181,7 +186,7 @@ def _outcome(walk: Walk, stage: Stage, end: PhaseEnd) -> tuple[PathStatus, str] 
         return "opposite_contact", f"grains {touched_pairs(end, walk.model).tolist()} touch"
     torn = _torn_contacts(walk, end)
     if torn:
-        return "lost", f"contacts {torn} part while they carry shear: the loop is out of balance"
+        return "lost", f"contacts {torn} part while they carry a force: the loop is out of balance"
     return None
 
 
@@ -190,8 +195,9 @@ def _torn_contacts(walk: Walk, end: PhaseEnd) -> list[int]:
     if walk.model.closure == "affine":
         return []
     limit = RELEASE * walk.model.stiffness * walk.model.length
-    shear = end.seen.contacts.shear_force
-    return [c for kind, c in end.fired if kind == "opening" and abs(shear[c]) > limit]
+    contacts = end.seen.contacts
+    force = np.maximum(np.abs(contacts.shear_force), np.abs(contacts.normal_force))
+    return [c for kind, c in end.fired if kind == "opening" and force[c] > limit]
 
 
 def _take_on_contacts(walk: Walk, end: PhaseEnd, hints: dict[int, Choice]) -> None:
@@ -210,7 +216,7 @@ def _take_on_contacts(walk: Walk, end: PhaseEnd, hints: dict[int, Choice]) -> No
     walk.y = pack(state.place, shear, state.parameter, state.work)
     overlap = overlaps(walk.model, relative_displacements(walk.model, state.place))[-new:]
     # Grains that overlap from the start press on each other at once.
-    pressed = overlap > TOUCH_BAND * walk.model.touching[-new:]
+    pressed = overlap > TOUCHING * walk.model.touching[-new:]
     regime = np.where(pressed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
     walk.mode = Mode(
         np.concatenate([old.regime, regime]), np.concatenate([old.side, np.zeros(new)])

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 from loops import GrainGraph
 from loops.contact_state import ContactState
 from loops.graph import branch_vectors, reference_branch_vectors
+from loops.laws.frictional import with_sides
 from loops.laws.protocol import Regime, Regimes
 from stability.paths.model import PathModel
 
 Floats = NDArray[np.float64]
 
 WORK_TERMS = ("external_work", "moment_work", "tangential_work", "dissipation")
-
-# Shear force of a contact that slides at the cone's apex: its sign is all the law reads.
-APEX_SHEAR = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +145,20 @@ def overlaps(model: PathModel, moved: Floats) -> Floats:
     return np.asarray(model.overlap0 + shortening)
 
 
-def contacts_of(model: PathModel, state: PathState, mode: Mode) -> ContactState:
-    """Contacts with exact forces: `N` from the geometry, `T = s mu N` where sliding.
+@dataclass(frozen=True, eq=False)
+class PathContacts(ContactState):
+    """Contacts whose overlaps come from the displacements: stiff grains keep their digits."""
+
+    exact_overlap: Floats
+
+    @property
+    def overlap(self) -> Floats:
+        """(C,) `r_i + r_j - l`."""
+        return self.exact_overlap
+
+
+def contacts_of(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
+    """Contacts with exact forces: `N` from the geometry, `T` at its strength where sliding.
 
     `N` is not clipped at zero before the mode says open, so that it stays smooth beyond the
     opening that is yet to be located.
@@ -171,24 +181,26 @@ def contacts_of(model: PathModel, state: PathState, mode: Mode) -> ContactState:
     length = np.hypot(d[:, 0], d[:, 1])
     n = d / length[:, None]
     radii_i, radii_j = model.radii[model.contacts].T
-    pressed = model.kn * overlaps(model, moved)
-    normal = np.where(mode.regime == Regime.OPEN, 0.0, pressed)
-    return ContactState(
+    is_open = mode.regime == Regime.OPEN
+    contacts = PathContacts(
         length=length,
         n=n,
         t=np.column_stack([-n[:, 1], n[:, 0]]),
-        normal_force=normal,
-        shear_force=shear_forces(model, state.shear_force, normal, mode),
+        normal_force=np.zeros(model.contact_count),
+        shear_force=np.where(is_open, 0.0, state.shear_force),
         radii_i=radii_i,
         radii_j=radii_j,
+        exact_overlap=overlaps(model, moved),
     )
-
-
-def shear_forces(model: PathModel, shear: Floats, normal: Floats, mode: Mode) -> Floats:
-    """(C,) `T`: integrated where elastic, `s mu N` where sliding, zero where open."""
+    normal = np.where(is_open, 0.0, model.law.closed_force(contacts))
+    contacts = replace(contacts, normal_force=normal)
     sliding = mode.regime == Regime.SLIDING
-    slid = mode.side * model.friction * normal
-    return np.where(sliding, slid, np.where(mode.regime == Regime.OPEN, 0.0, shear))
+    if not (sliding.any() and model.law.keeps_strength):
+        return contacts
+    strength = np.where(sliding, model.law.strength(contacts), 0.0)
+    return replace(
+        contacts, shear_force=np.where(sliding, mode.side * strength, contacts.shear_force)
+    )
 
 
 def with_signs(contacts: ContactState, mode: Mode) -> ContactState:
@@ -196,8 +208,4 @@ def with_signs(contacts: ContactState, mode: Mode) -> ContactState:
 
     A contact that starts to slide at its first touch has no shear force yet, but a side.
     """
-    apex = (mode.regime == Regime.SLIDING) & (mode.side * contacts.shear_force <= 0.0)
-    if not apex.any():
-        return contacts
-    signed = np.where(apex, mode.side * APEX_SHEAR, contacts.shear_force)
-    return replace(contacts, shear_force=signed)
+    return with_sides(contacts, np.where(mode.regime == Regime.SLIDING, mode.side, 0.0))

@@ -7,13 +7,17 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from loops.contact_state import ContactState
 from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup, identity, point_group
-from stability.paths.model import PathModel
+from stability.paths.model import PathModel, probe
 from stability.paths.state import Mode, centres, contacts_of, unpack
 from stability.programmes import Programme
 
 Floats = NDArray[np.float64]
+
+# Lengths over r_i + r_j at which the laws of contacts are compared.
+PROBES = (0.9, 0.99)
 
 # Row spaces of a control that differ by less are the same.
 SAME_CONTROL = 1e-12
@@ -44,18 +48,34 @@ def path_symmetry(
     if periodic:
         return None
     state = unpack(model, y)
-    shear = contacts_of(model, state, mode).shear_force
+    contacts = contacts_of(model, state, mode)
+    shear = contacts.shear_force
     slides = (mode.regime == Regime.SLIDING) & (model.mu > 0)
     group = point_group(
         [model.x0, centres(model, state.place)],
         model.contacts,
         model.radii,
-        even=[mode.regime, model.kn / model.stiffness, model.kt / model.stiffness, model.mu],
+        even=[mode.regime, model.mu, *law_marks(model, contacts)],
         odd=[shear / (model.stiffness * model.length), np.where(slides, mode.side, 0.0)],
     )
     for programme in programmes:
         group = group.only(keeps_control(programme, group.maps))
     return group if group.order > 1 else None
+
+
+def law_marks(model: PathModel, contacts: ContactState) -> list[Floats]:
+    """What the law says of each contact in a few states, (C,) each: equal contacts, equal laws."""
+    law, unit, marks = model.law, model.stiffness, []
+    elastic = np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8)
+    for length in PROBES:
+        state = probe(contacts, law, length)
+        D = law.local_stiffness(state, elastic) / unit
+        strength = law.strength(state) / (unit * model.length)
+        N = state.normal_force / (unit * model.length)
+        rolling = law.rolling_stiffness(state, elastic) / (unit * model.volume)
+        marks += [D[:, 0, 0], D[:, 1, 1], strength, N, law.gap(state) / model.length]
+        marks.append(np.broadcast_to(rolling, model.contact_count))
+    return marks
 
 
 def keeps_control(programme: Programme, maps: Floats) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from loops import GrainGraph, InputError
 from loops.contact_state import contact_state
 from loops.laws.protocol import Regime
-from stability.paths.choice import Choice, Searches
+from stability.paths.choice import ModelOption, Searches
 from stability.paths.look import Look
 from stability.paths.model import PathModel
 from stability.paths.phase import Settings
@@ -46,7 +46,7 @@ class Walk:
     max_step: float
     steps_left: int
     programmes: tuple[Programme, ...]
-    choice: Choice
+    choice: ModelOption
     periodic: bool
     searches: Searches = field(default_factory=Searches)
     kept: str = "to the end"
@@ -105,17 +105,17 @@ def start_mode(model: PathModel, graph: GrainGraph) -> Mode:
         If a shear force lies outside the cone.
     """
     contacts = contact_state(graph)
-    excess = np.abs(contacts.shear_force) - model.friction * contacts.normal_force
-    wrong = np.isfinite(model.mu) & (excess > OUTSIDE * model.stiffness * model.length)
+    regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
+    strength = np.where(regime == Regime.OPEN, 0.0, model.law.strength(contacts))
+    wrong = np.abs(contacts.shear_force) > strength + OUTSIDE * model.stiffness * model.length
     if wrong.any():
         c = int(wrong.argmax())
         raise InputError(
             f"shear force of contact {c}",
             f"{graph.shear_force[c]:.6g}",
-            f"at most mu N = {model.mu[c] * graph.normal_force[c]:.6g}",
+            f"at most its strength {strength[c]:.6g}",
             "Correct it, or raise mu.",
         )
-    regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
     # Without friction a closed contact slides, whichever way.
     frictionless = (model.mu == 0) & (regime != Regime.OPEN)
     return Mode(

@@ -58,7 +58,7 @@ def read_letters(case: HardCase) -> dict[str, str]:
             regime, edge = regime + "e", edge + "e"
             continue
         regime += REGIME_LETTERS[int(scene.law.regime(contact_state(scene.graph))[0])]
-        at: Any = edge_contacts(scene.graph, scene.law)  # type: ignore[arg-type]
+        at: Any = edge_contacts(scene.graph, scene.law)
         edge += "y" if bool(at.at_yield[0]) else "n"
     return {"regime": regime, "edge": edge}
 

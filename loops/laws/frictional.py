@@ -1,0 +1,275 @@
+"""Coulomb friction on any normal force, and the edge of a law: where regimes change."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops.arrays import Flags, Floats, Integers
+from loops.contact_state import ContactState
+from loops.errors import InputError
+from loops.laws.protocol import ContactLaw, Regime, Regimes
+
+ShearIncrement = Literal["branch", "radii"]
+
+# A contact within this fraction of its strength is at yield: paths stop at it to 1e-12.
+YIELD_BAND = 1e-10
+# A gap below this fraction of `r_i + r_j` is touching: centres far from the origin carry the
+# rounding of their coordinates.
+TOUCHING = 1e-12
+# Strength below this fraction of `kn (r_i + r_j)` is none: the apex of the cone.
+APEX = 1e-9
+# Shear force of a contact that slides at the cone's apex: its sign is all the law reads.
+APEX_SHEAR = 1e-300
+
+# Nodes and weights on [0, 1] for the energy of a normal force without a closed form.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+
+
+class FrictionalLaw:
+    """Base of contact laws: a normal force of the overlap, an elastic shear spring, friction.
+
+    A law of your own gives `closed_force` and `stiffnesses`, and its parameters as attributes
+    (numbers, or arrays with the contacts in the last axis). The rest has defaults: Coulomb's
+    `strength` `mu N`, opening where the grains part (`gap`), no rolling spring.
+
+    - elastic: `N' = -kn un'`, `T' = -kt ut'`;
+    - sliding (`|T|` at the strength): `T' = s mu N'`, `s = sign(T)`, while the slip dissipates:
+      sticking would leave the cone, `-s (ut' + s mu N'/kt) >= 0`;
+    - open: `N = T = 0`.
+
+    A law whose strength grows otherwise than as `mu N` overrides `strength` and, if its slope with
+    N is not `mu`, `local_stiffness`.
+
+    Attributes
+    ----------
+    mu : float or (..., C) array
+        Coefficient of friction; inf (the default) never slides, 0 slides freely.
+    shear_increment : {'branch', 'radii'}
+        What a turn of the branch by `d(alpha)` adds to `ut`: `l d(alpha)` (Nicot et al. 2016) or
+        `(r_i + r_j) d(alpha)` (Yade's default).
+    keeps_strength : bool
+        Whether a path writes `T = s strength` into sliding contacts, or integrates `T'`.
+
+    Examples
+    --------
+    Grains that attract each other with a constant force while they touch:
+
+    >>> from loops import FrictionalLaw, GrainGraph, contact_state
+    >>> class Cohesive(FrictionalLaw):
+    ...     def __init__(self, kn, kt, mu, adhesion):
+    ...         self.kn, self.kt, self.mu, self.adhesion = kn, kt, mu, adhesion
+    ...     def closed_force(self, state):
+    ...         return self.kn * state.overlap - self.adhesion
+    ...     def stiffnesses(self, state):
+    ...         return self.kn, self.kt
+    ...     def strength(self, state):
+    ...         return self.mu * (state.normal_force + self.adhesion)
+    >>> pair = GrainGraph(x=[[0, 0], [0.95, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
+    >>> law = Cohesive(kn=1.0, kt=0.5, mu=0.3, adhesion=0.01)
+    >>> law.normal_force(contact_state(pair)).round(12).tolist()
+    [0.04]
+    """
+
+    mu: ArrayLike = np.inf
+    shear_increment: ShearIncrement = "branch"
+    keeps_strength: bool = True
+
+    def closed_force(self, state: ContactState) -> Floats:
+        """`N` as a function of `state.overlap`, smooth beyond the opening: for you to write."""
+        raise NotImplementedError(f"{type(self).__name__}.closed_force")
+
+    def stiffnesses(self, state: ContactState) -> tuple[ArrayLike, ArrayLike]:
+        """`kn = dN/d(overlap)` and `kt`, broadcastable to (..., C): for you to write."""
+        raise NotImplementedError(f"{type(self).__name__}.stiffnesses")
+
+    def gap(self, state: ContactState) -> Floats:
+        """`l - (r_i + r_j)`: a closed contact opens where its grains part."""
+        return -state.overlap
+
+    def strength(self, state: ContactState) -> Floats:
+        """`mu N`; infinite where nothing slides."""
+        mu = np.asarray(self.mu, dtype=float)
+        finite = np.isfinite(mu)
+        return np.where(finite, np.where(finite, mu, 0.0) * state.normal_force, np.inf)
+
+    def normal_energy(self, state: ContactState) -> Floats:
+        """`Int N d(overlap)` from the first touch, by Gauss's rule with 16 nodes."""
+        touching = state.touching_length
+        energy = np.zeros(np.broadcast_shapes(state.length.shape, touching.shape))
+        for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+            at = _plain(state, touching - node * state.overlap)
+            energy = energy + weight * self.closed_force(at)
+        return energy * state.overlap
+
+    def normal_force(self, state: ContactState) -> Floats:
+        """`N` of the overlap, zero for an open contact."""
+        return np.where(self.gap(state) > 0.0, 0.0, self.closed_force(state))
+
+    def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
+        """`g = 1` and the lever arms (`branch`), or `g = (r_i + r_j)/l` and the radii (`radii`)."""
+        if self.shear_increment == "radii":
+            return state.touching_length / state.length, state.radii_i, state.radii_j
+        return np.ones_like(state.length), state.arm_i, state.arm_j
+
+    def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
+        """Elastic `diag(kn, kt)`; sliding `[[kn, 0], [s mu kn, 0]]`, `s = sign(T)`; open zero."""
+        kn, kt = (np.asarray(k, dtype=float) for k in self.stiffnesses(state))
+        mu = np.asarray(self.mu, dtype=float)
+        shape = np.broadcast_shapes(
+            state.length.shape, state.shear_force.shape, regime.shape, kn.shape, kt.shape, mu.shape
+        )
+        stiffness = np.zeros((*shape, 2, 2))
+        stiffness[..., 0, 0] = np.where(regime != Regime.OPEN, kn, 0.0)
+        stiffness[..., 1, 1] = np.where(regime == Regime.ELASTIC, kt, 0.0)
+        # A contact that never slides has infinite mu: keep it out of the product.
+        friction = np.where((regime == Regime.SLIDING) & np.isfinite(mu), mu, 0.0)
+        stiffness[..., 1, 0] = np.sign(state.shear_force) * friction * kn
+        return stiffness
+
+    def rolling_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
+        """No rolling resistance."""
+        return np.zeros(())
+
+    def regime(self, state: ContactState, rates: tuple[Floats, Floats] | None = None) -> Regimes:
+        """Regime of every contact, `Regime`, as int8 (..., C).
+
+        Without rates, a contact is open when it carries no force and its gap is open, sliding when
+        it is at yield, else elastic: just touching is elastic. With rates, a contact at yield
+        slides only if the slip dissipates, and a touching contact opens if the branch lengthens.
+        """
+        unloaded = (state.normal_force <= 0) & (state.shear_force == 0)
+        gap, band = self.gap(state), TOUCHING * state.touching_length
+        is_open = unloaded & (gap > band)
+        slides = _loaded_at_yield(self, state)
+        if rates is not None:
+            is_open = is_open | (unloaded & (gap >= -band) & (rates[0] > 0))
+            sign = np.sign(state.shear_force)
+            _, sticking, strength = edge_rates(self, state, sign, *rates)
+            slides = slides & (sign * sticking - strength >= 0)
+        regime = np.where(is_open, Regime.OPEN, np.where(slides, Regime.SLIDING, Regime.ELASTIC))
+        return regime.astype(np.int8)
+
+    def take(self, contacts: Integers) -> Self:
+        """Law of the picked contacts; parameters that are numbers stay numbers."""
+        law = copy.copy(self)
+        for name, value in vars(self).items():
+            if np.ndim(value) > 0 and not isinstance(value, str):
+                object.__setattr__(law, name, np.asarray(value)[..., contacts])
+        return law
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """Contacts whose regime the motion decides, (..., C) each.
+
+    Attributes
+    ----------
+    at_yield : array of bool
+        Closed and at its strength: sticks or slides.
+    touching : array of bool
+        Where the contact opens or closes.
+    apex : array of bool
+        Touching without strength: may slide to either side.
+    """
+
+    at_yield: Flags
+    touching: Flags
+    apex: Flags
+
+
+def edge_of(law: ContactLaw, state: ContactState, closed: Flags) -> Edge:
+    """Contacts at the edge of their law; `closed` says which are not open.
+
+    Open contacts are judged by the forces that the state gives them: those at their closing.
+    """
+    mu, T = np.asarray(law.mu, dtype=float), np.abs(state.shear_force)
+    cone = (mu > 0) & np.isfinite(mu)
+    strength = law.strength(state)
+    at_yield = closed & cone & (T > 0) & (T >= strength * (1.0 - YIELD_BAND))
+    gap = np.where(closed, law.gap(state), -state.overlap)
+    touching = np.abs(gap) <= TOUCHING * state.touching_length
+    elastic = np.full(gap.shape, Regime.ELASTIC, dtype=np.int8)
+    kn = law.local_stiffness(state, elastic)[..., 0, 0]
+    apex = touching & cone & (strength <= APEX * kn * state.touching_length)
+    return Edge(at_yield & ~apex, touching, apex)
+
+
+def with_sides(state: ContactState, side: Floats) -> ContactState:
+    """State whose `T` has the given signs where they are not zero: at the apex `T` is zero."""
+    wrong = (side != 0.0) & (side * state.shear_force <= 0.0)
+    if not wrong.any():
+        return state
+    return replace(state, shear_force=np.where(wrong, side * APEX_SHEAR, state.shear_force))
+
+
+def edge_rates(
+    law: ContactLaw, state: ContactState, side: Floats, un: Floats, ut: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """What decides at the edge, for displacement rates: `N'`, `T'` if stuck, and the strength's.
+
+    `side` is the sign of `T` on which a contact would slide; where it is 0 either side serves, the
+    cone being symmetric. The strength's rate is infinite where nothing slides.
+    """
+    side = np.where(side == 0.0, 1.0, side)
+    shape = np.broadcast_shapes(un.shape, state.length.shape)
+    stick = law.local_stiffness(state, np.full(shape, Regime.ELASTIC, dtype=np.int8))
+    slide = law.local_stiffness(
+        with_sides(state, side), np.full(shape, Regime.SLIDING, dtype=np.int8)
+    )
+    normal = -(stick[..., 0, 0] * un + stick[..., 0, 1] * ut)
+    shear = -(stick[..., 1, 0] * un + stick[..., 1, 1] * ut)
+    slid = -(slide[..., 1, 0] * un + slide[..., 1, 1] * ut)
+    return normal, shear, np.where(np.isfinite(law.mu), side * slid, np.inf)
+
+
+def _loaded_at_yield(law: ContactLaw, state: ContactState) -> Flags:
+    """Closed contacts at their strength; without friction wherever a contact is loaded."""
+    strength = law.strength(state)
+    at_yield = np.abs(state.shear_force) >= strength * (1.0 - YIELD_BAND)
+    free = (np.asarray(law.mu) == 0.0) & (state.normal_force > 0.0)
+    return np.asarray((at_yield & (strength > 0.0)) | free)
+
+
+def _plain(state: ContactState, length: Floats) -> ContactState:
+    """The same contacts with other branch lengths, overlaps included."""
+    fields = {name: getattr(state, name) for name in ContactState.__dataclass_fields__}
+    return ContactState(**{**fields, "length": length})
+
+
+# ---- parameters: float arrays, checked once at the door
+
+LARGEST = float(np.finfo(float).max)
+
+
+def parameter(
+    name: str, value: ArrayLike, expected: str, low: float, *, open_low: bool, high: float = LARGEST
+) -> Any:
+    """Return parameters between two bounds as an array, or raise `InputError`."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{name} of the contact law", repr(value), expected, "Correct it."
+        ) from None
+    ok = (array > low if open_low else array >= low) & (array <= high)
+    if not ok.all():
+        bad = str(array[~ok].flat[0])
+        raise InputError(f"{name} of the contact law", bad, expected, "Correct it.")
+    return array
+
+
+def friction_and_increment(law: Any, mu: ArrayLike, shear_increment: str) -> None:
+    """Set what every law with friction has, or raise `InputError`."""
+    expected = "a coefficient of friction, zero or more"
+    object.__setattr__(law, "mu", parameter("mu", mu, expected, 0.0, open_low=False, high=np.inf))
+    if shear_increment not in get_args(ShearIncrement):
+        raise InputError(
+            "shear_increment", repr(shear_increment), "'branch' or 'radii'", "See the docstring."
+        )
+    object.__setattr__(law, "shear_increment", shear_increment)

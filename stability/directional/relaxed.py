@@ -1,0 +1,322 @@
+"""Branches of a closure that relaxes: the regimes of all contacts decide together.
+
+For each combination of regimes the motion is linear in `H'`; it solves the rate problem in the
+directions in which every contact agrees with the rates that it gets. These are convex cones, one a
+combination, which may overlap (several solutions) or leave gaps (none).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops import (
+    ContactLaw,
+    ContactState,
+    GrainGraph,
+    InputError,
+    Regime,
+    assemble_tangent,
+    boundary_vectors,
+    contact_state,
+    macroscopic_tangent,
+    polygon_area,
+)
+from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.closures import Closure, Spins
+from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
+from loops.closures.spins import affine_spin
+from loops.null_space import solve_through_null_space
+from stability.cones import plane_cone
+from stability.directional.edge import (
+    SIGN_TOLERANCE,
+    Answer,
+    EdgeContacts,
+    line_angles,
+    works,
+)
+from stability.rate_problem import SAME_RATES, Choice, edge_options
+from stability.subspaces import restrict, subspace_basis
+
+# All combinations of regimes are tried: eight contacts at yield.
+COMBINATIONS = 256
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxedBranches:
+    """Operators of one graph for all R combinations of regimes of its contacts at the edge.
+
+    `K` (R, m, m) are the operators, NaN where the equations have no single answer; `regime` (R, C)
+    the regimes of all contacts. Of the E contacts at the edge, in the motion of each combination:
+    `closing`, `shear` and `strength` (R, E, m) as in `EdgeContacts.rows`; `chosen` (R, E) the
+    regime, `side` (R, E) the sign of `T` where it slides or would; and (E,) what they may do:
+    `touching` (open), `yields` (slide to one side), `slides`, `frictional`.
+    """
+
+    K: Floats
+    regime: Regimes
+    closing: Floats
+    shear: Floats
+    strength: Floats
+    touching: Flags
+    yields: Flags
+    slides: Flags
+    frictional: Flags
+    chosen: Regimes
+    side: Floats
+
+    @property
+    def trusted(self) -> Flags:
+        """(R,) combinations whose equations have a single answer."""
+        return np.asarray(~np.isnan(self.K).any(axis=(-2, -1)))
+
+    @property
+    def singular(self) -> int:
+        """Combinations whose equations have no single answer."""
+        return int((~self.trusted).sum())
+
+    def answer(self, directions: Floats) -> Answer:
+        """All solutions in each direction, (D, m)."""
+        agrees = self._agrees(directions)
+        stress = np.einsum("rij,dj->dri", self.K, directions)
+        work, cosine = works(directions[:, None, :], np.where(agrees[..., None], stress, 0.0))
+        least = np.argmin(np.where(agrees, work, np.inf), axis=-1)
+        most = np.argmax(np.where(agrees, work, -np.inf), axis=-1)
+        several = self._differ(agrees, least, stress, directions)
+        count = np.where(several, 2, np.minimum(agrees.sum(axis=-1), 1))
+        found = (count > 0)[:, None]
+        both = np.stack([least, most], axis=-1)
+        return Answer(
+            count=count,
+            work=np.where(found, np.take_along_axis(work, both, axis=-1), np.nan),
+            cosine=np.where(found, np.take_along_axis(cosine, both, axis=-1), np.nan),
+            regime=np.where(found, self.regime[least], np.int8(-1)),
+        )
+
+    def critical_angles(self) -> Floats:
+        """Ascending angles between which neither solutions nor sign(W2) change, in the plane."""
+        trusted = self.trusted
+        closing, shear, strength = (
+            rows[trusted] for rows in (self.closing, self.shear, self.strength)
+        )
+        lines = [np.where(self.touching[:, None], closing, 0.0), shear - strength, shear + strength]
+        ends = line_angles(np.concatenate(lines, axis=1).reshape(-1, 2))
+        zeros = plane_cone(self.K[trusted], rtol=0.0).edges.ravel()
+        zeros = zeros[~np.isnan(zeros)]
+        every = np.concatenate([[0.0], ends, zeros, zeros + np.pi])
+        return np.unique(np.mod(every, 2.0 * np.pi))
+
+    def _agrees(self, directions: Floats) -> Flags:
+        """(D, R) combinations in which every contact agrees with its rates."""
+        closing, shear, strength = (
+            np.einsum("rem,dm->dre", rows, directions)
+            for rows in (self.closing, self.shear, self.strength)
+        )
+        size = np.maximum(np.abs(closing), np.abs(shear)).max(axis=-1, initial=0.0)
+        tol = SIGN_TOLERANCE * size[..., None]
+        excess = self.side * shear - strength
+        beyond = np.where(self.yields, excess, np.abs(shear) - strength)
+        held = ~self.slides | (beyond <= tol)
+        agrees = np.where(self.chosen == Regime.SLIDING, (excess >= -tol) | ~self.frictional, held)
+        closed = ~self.touching | (closing >= -tol)
+        agrees = np.where(self.chosen == Regime.OPEN, closing <= tol, agrees & closed)
+        return np.asarray(agrees.all(axis=-1) & self.trusted)
+
+    def _differ(self, agrees: Flags, first: Integers, stress: Floats, directions: Floats) -> Flags:
+        """Where some solution has other rates than the first: neutral contacts don't count."""
+        rates = [stress]
+        rates += [np.einsum("rem,dm->dre", own, directions) for own in (self.closing, self.shear)]
+        every = np.concatenate(rates, axis=-1)
+        chosen = np.take_along_axis(every, first[:, None, None], axis=1)
+        gap = np.linalg.norm(every - chosen, axis=-1)
+        size = np.maximum(np.linalg.norm(every, axis=-1), np.linalg.norm(chosen, axis=-1))
+        return np.asarray((agrees & (gap > SAME_RATES * size)).any(axis=-1))
+
+
+def relaxed_branches(
+    graph: GrainGraph,
+    law: ContactLaw,
+    edge: EdgeContacts,
+    closure: Closure,
+    spins: Spins,
+    subspace: str,
+    volume: ArrayLike | None,
+) -> RelaxedBranches:
+    """Solve the closure for every combination of regimes, as in `directional_work`."""
+    which, basis = edge.anywhere, subspace_basis(subspace)
+    choices = _combinations(graph, edge)
+    count = len(choices)
+    regime = np.repeat(edge.regime[None], count, axis=0)
+    regime[:, which] = [[choice.regime for choice in row] for row in choices]
+    side = np.array([[choice.side for choice in row] for row in choices]).reshape(count, -1)
+    shear_force = np.repeat(graph.shear_force[None], count, axis=0)
+    # A sliding contact without force yet has a side all the same: its sign is all the law reads.
+    shear_force[:, which] = np.where(
+        edge.touching[which] & (side != 0.0) & (shear_force[:, which] == 0.0),
+        side * np.finfo(float).tiny,
+        shear_force[:, which],
+    )
+    batch = graph.replace(shear_force=shear_force)
+    tangent = macroscopic_tangent(batch, law, closure, spins=spins, regime=regime, volume=volume)
+    un, ut, known = contact_rates(batch, law, closure, spins, regime, which)
+    K = np.where(
+        (tangent.trusted & known)[:, None, None], restrict(tangent.matrix, subspace), np.nan
+    )
+    closing, _, shear, strength = edge.rows(-(un @ basis.T), -(ut @ basis.T), which)
+    return RelaxedBranches(
+        K=K,
+        regime=regime,
+        closing=closing,
+        shear=shear,
+        strength=strength,
+        touching=edge.touching[which],
+        yields=edge.at_yield[which],
+        slides=edge.slides[which],
+        frictional=edge.mu[which] > 0.0,
+        chosen=regime[:, which],
+        side=np.where(edge.at_yield[which], edge.side[which], side),
+    )
+
+
+def _combinations(graph: GrainGraph, edge: EdgeContacts) -> list[tuple[Choice, ...]]:
+    if graph.batch_shape:
+        raise InputError(
+            "graph", f"batch axes {graph.batch_shape}", "one state", "Take the states in turn."
+        )
+    options = [_options(edge, int(c)) for c in edge.anywhere]
+    count = float(np.prod([float(len(each)) for each in options]))
+    if count > COMBINATIONS:
+        raise InputError(
+            "contacts at the edge of their law",
+            f"{len(options)} with {count:.3g} combinations of regimes",
+            f"at most {COMBINATIONS} combinations under a closure that relaxes",
+            "Use the affine closure with spins blocked or affine, or rates_at for one direction.",
+        )
+    return list(product(*options))
+
+
+def _options(edge: EdgeContacts, c: int) -> tuple[Choice, ...]:
+    return edge_options(
+        touching=bool(edge.touching[c]),
+        at_yield=bool(edge.at_yield[c]),
+        apex=bool(edge.apex[c]),
+        frictionless=bool(edge.mu[c] == 0.0),
+        side=float(edge.side[c]),
+    )
+
+
+def contact_rates(
+    graph: GrainGraph,
+    law: ContactLaw,
+    closure: Closure,
+    spins: Spins,
+    regime: Regimes,
+    which: Integers,
+) -> tuple[Floats, Floats, Flags]:
+    """Relative displacement rates of some contacts per component of `H'`.
+
+    The graph is a loop in R copies, which differ in shear forces alone. Returns `un`, `ut`
+    (R, E, 4), positive when the contact opens and along `t`, spins included, and whether the
+    equations determine them, (R,).
+    """
+    tangent = assemble_tangent(graph, law, spins=spins != "blocked", regime=regime)
+    rows = _rows(graph, contact_state(graph), law, which, spins != "blocked")
+    if closure == "affine":
+        rates, known = _affine(graph, tangent, rows)
+    else:
+        rates, known = _traction(graph, tangent, rows, spins)
+    return rates[:, : len(which)], rates[:, len(which) :], known
+
+
+def _rows(
+    graph: GrainGraph,
+    state: ContactState,
+    law: ContactLaw,
+    which: Integers,
+    spins: bool,
+) -> Floats:
+    """(2 E, 2 G) or (2 E, 3 G): `un'`, then `ut'`, per rate of the freedoms."""
+    grains, each = graph.grain_count, np.arange(len(which))
+    i, j = graph.contacts[which].T
+    g, b_i, b_j = (np.broadcast_to(a, state.length.shape) for a in law.shear_kinematics(state))
+    vectors = np.concatenate([state.n[which], g[which, None] * state.t[which]])
+    rows = np.zeros((2 * len(which), (3 if spins else 2) * grains))
+    for k, axis in enumerate((0, 1)):
+        for half in (0, len(which)):
+            part = vectors[half : half + len(which), k]
+            rows[half + each, 2 * i + axis] -= part
+            rows[half + each, 2 * j + axis] += part
+    if spins:
+        rows[len(which) + each, 2 * grains + i] -= b_i[which]
+        rows[len(which) + each, 2 * grains + j] -= b_j[which]
+    return rows
+
+
+def _affine(graph: GrainGraph, tangent: Floats, rows: Floats) -> tuple[Floats, Flags]:
+    """Centres follow `x' = -H' x0`; the spins relax to zero moment."""
+    moves = 2 * graph.grain_count
+    motion = np.zeros((moves, 4))
+    motion[0::2, :2] = motion[1::2, 2:] = -graph.x0
+    scale = np.abs(tangent).max(axis=(-2, -1), keepdims=True)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    found = solve_through_null_space(
+        tangent[:, moves:, moves:] / scale,
+        -(tangent[:, moves:, :moves] / scale) @ motion,
+        rows[:, moves:],
+    )
+    # Where nothing loads the spins there is no residual to speak of.
+    idle = np.abs(tangent[:, moves:]).max(axis=(-2, -1)) == 0.0
+    known = (found.residual <= RESIDUAL_LIMIT) | idle
+    rates = rows[:, :moves] @ motion + rows[:, moves:] @ found.x
+    return rates, known & (found.ambiguity <= AMBIGUITY_LIMIT)
+
+
+def _traction(
+    graph: GrainGraph, tangent: Floats, rows: Floats, spins: Spins
+) -> tuple[Floats, Flags]:
+    """Uniform stress loads the polygon, the centres relax: unknown moves, spins and stress."""
+    grains, moves = graph.grain_count, 2 * graph.grain_count
+    area = abs(float(polygon_area(graph.x0)))
+    length = np.sqrt(area)
+    kept = moves if spins == "affine" else tangent.shape[-1]
+    scale = np.where(np.arange(tangent.shape[-1]) < moves, length, 1.0)
+    scaled = scale[:, None] * tangent * scale
+    size = np.abs(scaled).max(axis=(-2, -1), keepdims=True)
+    k = scaled / np.where(size > 0.0, size, 1.0)
+    border = _boundary(graph.x0 / length, kept)
+    system = np.zeros((len(k), kept + 4, kept + 4))
+    system[:, :kept, :kept] = k[:, :kept, :kept]
+    system[:, :kept, kept:], system[:, kept:, :kept] = border, border.T
+    rhs = np.zeros((len(k), kept + 4, 4))
+    rhs[:, kept:] = -np.eye(4)
+    given = np.zeros((len(rows), 4))
+    if spins == "affine":
+        spin = affine_spin(graph)
+        rhs[:, :kept] -= k[:, :kept, kept:].sum(axis=-1)[..., None] * spin
+        given = rows[:, kept:].sum(axis=-1)[:, None] * spin
+    observed = np.zeros((len(rows) + 4, kept + 4))
+    observed[: len(rows), :kept] = rows[:, :kept] * scale[:kept] / length
+    observed[len(rows) :, kept:] = np.eye(4)
+    found = solve_through_null_space(system, rhs, observed, _translations(grains, kept + 4))
+    rates = length * (observed[: len(rows)] @ found.x) + given
+    known = (found.residual <= RESIDUAL_LIMIT) & (found.ambiguity <= AMBIGUITY_LIMIT)
+    return rates, known
+
+
+def _boundary(x0: Floats, size: int) -> Floats:
+    """(size, 4): force on the freedoms per component of P."""
+    vectors = boundary_vectors(x0)
+    matrix = np.zeros((size, 4))
+    for axis in (0, 1):
+        matrix[axis : 2 * len(x0) : 2, 2 * axis : 2 * axis + 2] = vectors
+    return matrix
+
+
+def _translations(grains: int, size: int) -> Floats:
+    """(size, 2) orthonormal rigid translations, null vectors that no contact sees."""
+    z = np.zeros((size, 2))
+    z[0 : 2 * grains : 2, 0] = z[1 : 2 * grains : 2, 1] = grains**-0.5
+    return z

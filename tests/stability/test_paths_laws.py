@@ -1,0 +1,222 @@
+"""Paths under every contact law: spheres, rolling resistance, a law of the user's own."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from loops import (
+    FrictionalLaw,
+    HertzMindlin,
+    InputError,
+    LinearFrictional,
+    RollingResistance,
+    contact_state,
+)
+from patterns import diamond, regular_polygon
+from stability import Stage, branch_fraction, directional_work, follow, programmes, rates_at
+from tests.oracles.polygon_thresholds import critical_strain
+
+KAPPA, MU, ADHESION = 0.3, 0.05, 0.01
+
+
+class Cohesive(FrictionalLaw):
+    """N = kn overlap - adhesion until the grains part; friction knows the repulsion alone."""
+
+    def __init__(self, kn, kt, mu, adhesion):
+        self.kn, self.kt, self.mu, self.adhesion = kn, kt, mu, adhesion
+
+    def closed_force(self, state):
+        return self.kn * state.overlap - self.adhesion
+
+    def stiffnesses(self, state):
+        return self.kn, self.kt
+
+    def strength(self, state):
+        return self.mu * (state.normal_force + self.adhesion)
+
+
+COHESIVE = Cohesive(kn=1.0, kt=KAPPA, mu=MU, adhesion=ADHESION)
+
+
+def loaded(graph, law):
+    return graph.replace(normal_force=law.normal_force(contact_state(graph)))
+
+
+def isotropic(E):
+    return Stage(programmes.isotropic_strain(), "H11", E)
+
+
+def lost_at(path):
+    event = path.of_kind("det_Ks_zero")[0]
+    return float(path.H[event.index, 0])
+
+
+@pytest.mark.parametrize("order", [4, 5, 8])
+@pytest.mark.parametrize("poisson", [0.0, 0.3])
+def test_spheres_lose_stability_at_their_threshold(order, poisson):
+    law = HertzMindlin(young=1.0, poisson=poisson)
+    kappa = 2 * (1 - poisson) / (2 - poisson)
+    graph = loaded(regular_polygon(order, strain=0.01), law)
+    path = follow(graph, law, isotropic(0.65), closure="traction")
+    # The event is located to 1e-12 of the tangent; the path itself is a straight line.
+    assert lost_at(path) == pytest.approx(kappa / (kappa + 2 / 3), abs=1e-11)
+
+
+@pytest.mark.parametrize("order", [5, 6, 8])
+@pytest.mark.parametrize("k_r", [0.03, 0.3])
+def test_rolling_resistance_gives_free_spins_their_threshold_back(order, k_r):
+    law = RollingResistance(LinearFrictional(kn=1.0, kt=KAPPA), k_r=k_r)
+    path = follow(regular_polygon(order), law, isotropic(0.3), closure="traction", spins="free")
+    expected = critical_strain(order, KAPPA, "traction", rolling=lambda E: k_r / (1 - E) ** 2)
+    assert lost_at(path) == pytest.approx(expected, abs=1e-11)
+
+
+def hand(law, graph, H_of, end):
+    """T and N of every contact of an affine motion with spins blocked, integrated by hand."""
+    d0 = graph.x[np.roll(np.arange(4), -1)] - graph.x
+    touching = 2 * graph.radii[0]
+    T, side = np.zeros(4), np.zeros(4)
+
+    def contact(c, H, rate):
+        d, d_rate = d0[c] - H.reshape(2, 2) @ d0[c], -rate.reshape(2, 2) @ d0[c]
+        length = np.hypot(*d)
+        n = d / length
+        N = touching - length - ADHESION
+        return N, n @ d_rate, np.array([-n[1], n[0]]) @ d_rate
+
+    found = []
+    for c in range(4):
+
+        def rates(s, T, c=c):
+            return [-KAPPA * contact(c, *H_of(s))[2]]
+
+        def excess(s, T, c=c):
+            return abs(T[0]) - MU * (contact(c, *H_of(s))[0] + ADHESION)
+
+        excess.terminal, excess.direction = True, 1.0
+        run = solve_ivp(
+            rates, (0.0, end), [0.0], "DOP853", rtol=1e-12, atol=1e-15, events=excess, max_step=0.01
+        )
+        T[c], side[c] = run.y[0, -1], np.sign(run.y[0, -1])
+        N = contact(c, *H_of(end))[0]
+        if len(run.t_events[0]):
+            # From here on the contact slides: its T is its strength.
+            T[c] = side[c] * MU * (N + ADHESION)
+        found.append((N, T[c], run.t_events[0]))
+    return found
+
+
+def test_a_law_of_ones_own_against_a_hand_integration():
+    graph = loaded(diamond(np.radians(40), E1=0.05, E2=0.05), COHESIVE)
+    assert graph.normal_force[0] == pytest.approx(0.05 - ADHESION, abs=1e-15)
+    path = follow(graph, COHESIVE, Stage(programmes.oedometric(), "H11", 0.25))
+    assert path.status == "finished"
+    assert [event.kind for event in path.events if event.contacts] == ["yield"]
+    start, rate = np.array([0.05, 0, 0, 0.05]), np.array([1.0, 0, 0, 0])
+    found = hand(COHESIVE, graph.replace(x=graph.x0), lambda s: (start + s * rate, rate), 0.2)
+    # Both integrators keep 1e-12 of forces of order 0.1.
+    np.testing.assert_allclose(path.normal_force[-1], [N for N, _, _ in found], atol=1e-13)
+    np.testing.assert_allclose(path.shear_force[-1], [T for _, T, _ in found], atol=1e-12)
+    at = path.of_kind("yield")[0].index
+    assert path.H[at, 0] - 0.05 == pytest.approx(found[0][2][0], abs=1e-11)
+    # What the springs store, what slip dissipates and what comes in from outside add up.
+    assert np.abs(path.energy_error).max() < 1e-11
+    linear = follow(
+        loaded(graph, (plain := LinearFrictional(1.0, KAPPA, MU))),
+        plain,
+        Stage(programmes.oedometric(), "H11", 0.25),
+    )
+    assert np.abs(linear.P[-1] - path.P[-1]).max() > 0.5 * ADHESION
+
+
+def test_a_cohesive_contact_breaks_where_its_grains_part():
+    graph = loaded(diamond(np.radians(45), E1=0.05, E2=0.05), COHESIVE)
+    stages = [Stage(programmes.isotropic_strain(-1.0), "H11", -0.01), isotropic(0.02)]
+    path = follow(graph, COHESIVE, stages)
+    opening, closing = path.of_kind("opening")[0].index, path.of_kind("closing")[0].index
+    assert path.H[opening, 0] == pytest.approx(0.0, abs=1e-13)
+    np.testing.assert_allclose(path.normal_force[opening], -ADHESION, atol=1e-13)
+    np.testing.assert_array_equal(path.normal_force[opening + 1], 0.0)
+    np.testing.assert_allclose(path.normal_force[closing + 1], -ADHESION, atol=1e-13)
+    assert np.abs(path.energy_error).max() < 1e-11
+
+
+def test_hertz_mindlin_shear_against_its_own_quadrature():
+    law = HertzMindlin(young=1.0, poisson=0.3)
+    graph = loaded(diamond(np.radians(40), E1=0.05, E2=0.05), law)
+    path = follow(graph, law, Stage(programmes.oedometric(), "H11", 0.25))
+    d0 = graph.x0[1] - graph.x0[0]
+    stiff, kappa = 1.0 / (2 * (1 - 0.3**2)), 1.4 / 1.7
+
+    def rate(s, T):
+        d, d_rate = d0 * [1 - s, 0.95], d0 * [-1.0, 0.0]
+        length = np.hypot(*d)
+        overlap = 2 * graph.radii[0] - length
+        kt = kappa * 2 * stiff * np.sqrt(0.5 * graph.radii[0] * overlap)
+        return [-kt * (d[0] * d_rate[1] - d[1] * d_rate[0]) / length]
+
+    run = solve_ivp(rate, (0.05, 0.25), [0.0], "DOP853", rtol=1e-12, atol=1e-15)
+    assert path.shear_force[-1, 0] == pytest.approx(run.y[0, -1], abs=1e-12)
+    assert np.abs(path.energy_error).max() < 1e-11
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+@pytest.mark.parametrize("spins", ["blocked", "affine", "free"])
+def test_a_wrapped_law_goes_everywhere_the_plain_one_does(closure, spins):
+    """Rolling resistance of no stiffness, and a cohesive law of no adhesion, change nothing."""
+    plain = LinearFrictional(kn=1.0, kt=KAPPA, mu=MU)
+    graph = loaded(regular_polygon(5, strain=0.1), plain)
+    graph = graph.replace(shear_force=MU * graph.normal_force * (np.arange(5) == 1))
+    options = {"closure": closure, "spins": spins}
+    others = [RollingResistance(plain, k_r=0.0), Cohesive(1.0, KAPPA, MU, 0.0)]
+    stage = Stage(programmes.oedometric(), "H11", 0.12)
+    angles = np.linspace(0.1, 6.2, 23)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+    def answers(law):
+        path = follow(graph, law, stage, **options)
+        work = directional_work(graph, law, circle, **options)
+        rates = rates_at(graph, law, programmes.oedometric(), **options)
+        share = branch_fraction(graph, law, **options)
+        return path.status, path.P[-1], work.work, share.unstable, rates.status
+
+    expected = answers(plain)
+    for law in others:
+        found = answers(law)
+        assert (found[0], found[4]) == (expected[0], expected[4])
+        for a, b in zip(found[1:4], expected[1:4], strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+class Toothless:
+    """A law as it was before laws had an edge."""
+
+    def regime(self, state, rates=None):
+        raise AssertionError("nothing is computed")
+
+    shear_kinematics = local_stiffness = rolling_stiffness = normal_force = take = regime
+
+
+def test_a_law_without_an_edge_is_refused_before_anything_is_computed():
+    graph, law = regular_polygon(4), Toothless()
+    for call in (
+        lambda: follow(graph, law, isotropic(0.1)),
+        lambda: rates_at(graph, law, programmes.isotropic_strain()),
+        lambda: directional_work(graph, law, [[1.0, 0.0]]),
+        lambda: RollingResistance(law, k_r=0.1),
+    ):
+        with pytest.raises(InputError, match=r"Toothless without .*strength"):
+            call()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"max_step": 0.0}, {"max_step": np.nan}, {"rtol": -1e-9}, {"atol": -1.0},
+        {"max_steps": 0}, {"max_steps": 1.5}, {"rtol": "small"},
+    ],
+)  # fmt: skip
+def test_accuracies_that_mean_nothing_are_refused(options):
+    law = LinearFrictional(kn=1.0, kt=KAPPA)
+    with pytest.raises(InputError, match=next(iter(options))):
+        follow(regular_polygon(4), law, isotropic(0.1), **options)
