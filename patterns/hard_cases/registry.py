@@ -75,7 +75,7 @@ HARD_CASES: tuple[HardCase, ...] = (
         "T within 1e-14 of mu N, on either side and on it",
         "tangent", "T/(mu N) - 1", (-1e-8, -1e-12, -1e-14, 0.0, 1e-14),
         scenes.next_to_yield,
-        {"affine": "sssuu", "traction": "sssuu", "regime": "eeess", "edge": "nyyyy"},
+        {"affine": "suuuu", "traction": "suuuu", "regime": "essss", "edge": "nyyyy"},
     ),
     HardCase(
         "at-threshold",
