@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, Self, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -268,8 +268,13 @@ def friction_and_increment(law: Any, mu: ArrayLike, shear_increment: str) -> Non
     """Set what every law with friction has, or raise `InputError`."""
     expected = "a coefficient of friction, zero or more"
     object.__setattr__(law, "mu", parameter("mu", mu, expected, 0.0, open_low=False, high=np.inf))
-    if shear_increment not in get_args(ShearIncrement):
+    object.__setattr__(law, "shear_increment", checked_increment(shear_increment))
+
+
+def checked_increment(increment: str) -> ShearIncrement:
+    """Return a known shear increment, or raise `InputError`."""
+    if increment not in get_args(ShearIncrement):
         raise InputError(
-            "shear_increment", repr(shear_increment), "'branch' or 'radii'", "See the docstring."
+            "shear_increment", repr(increment), "'branch' or 'radii'", "See the docstring."
         )
-    object.__setattr__(law, "shear_increment", shear_increment)
+    return cast(ShearIncrement, increment)

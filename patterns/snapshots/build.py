@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph, InputError, LinearFrictional
-from loops.laws.coulomb import ShearIncrement
+from loops.laws.frictional import ShearIncrement
 from loops.validation import find_duplicate
 from patterns.snapshots.bodies import Bodies, read_bodies, read_pairs
 from patterns.snapshots.checks import Finding, State, check_state, same_normal_force

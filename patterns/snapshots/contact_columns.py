@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError, LinearFrictional, Regime
-from loops.laws.coulomb import ShearIncrement
+from loops.laws.frictional import ShearIncrement
 from patterns.snapshots.tables import Table
 
 Floats = NDArray[np.float64]

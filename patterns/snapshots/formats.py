@@ -9,7 +9,7 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from loops.laws.coulomb import ShearIncrement, checked_increment
+from loops.laws.frictional import ShearIncrement, checked_increment
 from patterns.snapshots import plain
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.contact_geometry import as_cell

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.laws.coulomb import ShearIncrement
+from loops.laws.frictional import ShearIncrement
 from patterns.snapshots.tables import Table
 
 GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.laws.coulomb import ShearIncrement, checked_increment
+from loops.laws.frictional import ShearIncrement, checked_increment
 from patterns.snapshots.frame import Frame, Source, with_plain_names
 from patterns.snapshots.instants import Instants
 from patterns.snapshots.table_files import ARRAY_FILES, ENDINGS, as_table, read_arrays
