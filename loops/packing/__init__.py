@@ -13,7 +13,7 @@ from loops.packing.system import (
     relative_motion,
     stress_rate,
 )
-from loops.packing.walls import PlaneContacts
+from loops.packing.walls import PlaneContacts, outline_grains, plane_contacts
 
 __all__ = [
     "Carrying",
@@ -27,7 +27,9 @@ __all__ = [
     "factorised",
     "in_freedoms",
     "loops_in_place",
+    "outline_grains",
     "packing_system",
+    "plane_contacts",
     "relative_motion",
     "stress_rate",
 ]

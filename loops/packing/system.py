@@ -53,6 +53,15 @@ class PackingSystem:
     unit: float
     volume: float
     planes: PlaneContacts | None
+    held: int
+
+    @property
+    def boundary(self) -> str:
+        """What drives the packing from outside, in words."""
+        ends = [] if self.graph.cell is None else ["periodic cell"]
+        ends += [] if self.planes is None else [f"{len(self.planes.grain)} wall contacts"]
+        ends += [f"{self.held} grains held to the affine motion"] if self.held else []
+        return ", ".join(ends)
 
 
 def packing_system(
@@ -106,6 +115,7 @@ def packing_system(
         unit=unit,
         volume=_volume(graph, volume),
         planes=planes,
+        held=int(np.count_nonzero(fixed & carrying.grains)),
     )
 
 

@@ -114,12 +114,12 @@ def stiffness_of(edge: YieldEdge, active: Flags) -> Floats:
     return blocks
 
 
-def linear_answer(edge: YieldEdge, active: Flags) -> LinearAnswer:
+def linear_answer(edge: YieldEdge, active: Flags, refinements: int = 8) -> LinearAnswer:
     """Factorise with the active candidates sliding and answer the four unit strains."""
     system, blocks = edge.system, stiffness_of(edge, active)
     factor = factorised(system, blocks)
     affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
-    motion = factor.solve(balancing_forces(system, blocks @ affine))
+    motion = factor.solve(balancing_forces(system, blocks @ affine), refinements=refinements)
     relative = relative_motion(system, motion, UNIT_STRAINS)
     forces = -blocks @ relative
     stress = stress_rate(system, forces).reshape(4, 4)

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Flags, Floats, Regimes
+from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.errors import InputError
 from loops.graph import GrainGraph, branch_vectors
 from loops.laws.protocol import ContactLaw, Regime
@@ -17,6 +17,7 @@ from stability.packing.complementarity import (
     Complementarity,
     nearest_regimes,
     solve_complementarity,
+    solve_from,
 )
 from stability.packing.edge import (
     LinearAnswer,
@@ -32,6 +33,9 @@ Status = Literal["unique", "none", "several found", "not converged"]
 
 # Wrong signs below this share of the largest rate are rounding.
 AGREEMENT = 1e-7
+# Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
+CONDENSED = 600
+ROUNDS = 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,30 +107,86 @@ class PackingRates:
         self.edge = edge
         self.none = np.zeros(len(edge.rows), dtype=bool)
         self.elastic = linear_answer(edge, self.none)
-        every = np.arange(len(edge.rows))
-        self.matrix, self.stress = condensed(edge, self.none, self.elastic, every)
+        self.every = np.arange(len(edge.rows))
+        small = len(edge.rows) <= CONDENSED
+        self.whole = condensed(edge, self.none, self.elastic, self.every) if small else None
 
     def response(
         self, strain_rate: ArrayLike, stress_rate: ArrayLike | None = None, starts: int = 3
     ) -> PackingResponse:
         """Answer one programme, see `packing_response`."""
         H, P = checked_control(strain_rate, stress_rate)
-        q, M = self._controlled(H.ravel(), P.ravel())
-        found = solve_complementarity(q, M, starts)
-        active = found.active[0] if len(found.active) else nearest_regimes(q, M)
+        if self.whole is None:
+            active, solved = regimes_by_parts(self.edge, H, P)
+            found = Complementarity(active[None][: int(solved)], "", 0)
+        else:
+            q, M = controlled(self.edge, self.none, self.elastic, self.every, self.whole, H, P)
+            found = solve_complementarity(q, M, starts)
+            active = found.active[0] if len(found.active) else nearest_regimes(q, M)
         answer = linear_answer(self.edge, active) if active.any() else self.elastic
         return _response(self.edge, answer, active, found, controlled_strain(answer, H, P))
 
-    def _controlled(self, H: Floats, P: Floats) -> tuple[Floats, Floats]:
-        """`q` and `M` of the candidates, strain components that the stress drives eliminated."""
-        unit = sided(self.edge, self.none, self.elastic.relative)
-        f, c = np.isnan(H), ~np.isnan(H)
-        A, Q = self.elastic.stress, self.stress
-        solved = np.linalg.solve(
-            A[np.ix_(f, f)], np.column_stack([P[f] - A[np.ix_(f, c)] @ H[c], -Q[f]])
-        )
-        q = unit[:, c] @ H[c] + unit[:, f] @ solved[:, 0]
-        return q, self.matrix + unit[:, f] @ solved[:, 1:]
+
+def regimes_by_parts(edge: YieldEdge, H: Floats, P: Floats) -> tuple[Flags, bool]:
+    """Regimes of too many candidates to condense, and whether they agree with their rates.
+
+    Newton's flips from all sliding, each with a factorisation; when few candidates are left wrong,
+    a complementarity problem of these and those near them, with the others as they are.
+    """
+    active = np.ones(len(edge.rows), dtype=bool)
+    best, least = active, len(active) + 1
+    for _ in range(ROUNDS):
+        answer = linear_answer(edge, active, refinements=1)
+        values = sided(edge, active, answer.relative @ controlled_strain(answer, H, P).ravel())
+        wrong = values < -AGREEMENT * np.abs(values).max(initial=0.0)
+        count = int(np.count_nonzero(wrong))
+        improves = count < 0.7 * least
+        if count < least:
+            best, least = active, count
+        if count == 0:
+            return active, True
+        active = active.copy()
+        chosen = _near(edge, wrong)
+        if improves or len(chosen) > CONDENSED // 2:
+            active[wrong] ^= True
+            continue
+        pair = condensed(edge, active, answer, chosen)
+        q, M = controlled(edge, active, answer, chosen, pair, H, P)
+        flips, _ = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
+        active[chosen] ^= nearest_regimes(q, M) if flips is None else flips
+    return best, False
+
+
+def controlled(
+    edge: YieldEdge,
+    active: Flags,
+    answer: LinearAnswer,
+    chosen: Integers,
+    pair: tuple[Floats, Floats],
+    H: Floats,
+    P: Floats,
+) -> tuple[Floats, Floats]:
+    """`q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
+    unit = sided(edge, active, answer.relative)[chosen]
+    h, p = H.ravel(), P.ravel()
+    f, c = np.isnan(h), ~np.isnan(h)
+    matrix, stress = pair
+    A = answer.stress
+    imposed = p[f] - A[np.ix_(f, c)] @ h[c]
+    solved = np.linalg.solve(A[np.ix_(f, f)], np.column_stack([imposed, -stress[f]]))
+    q = unit[:, c] @ h[c] + unit[:, f] @ solved[:, 0]
+    return q, matrix + unit[:, f] @ solved[:, 1:]
+
+
+def _near(edge: YieldEdge, wrong: Flags, rings: int = 3) -> Integers:
+    """Candidates within some contacts of the wrong ones."""
+    system = edge.system
+    pairs = system.graph.contacts[system.contacts]
+    reached = np.zeros(system.graph.grain_count, dtype=bool)
+    reached[pairs[edge.rows[wrong]]] = True
+    for _ in range(rings):
+        reached[pairs[reached[pairs].any(axis=1)]] = True
+    return np.flatnonzero(reached[pairs[edge.rows]].all(axis=1) | wrong)
 
 
 def packing_response(
