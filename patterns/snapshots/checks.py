@@ -101,6 +101,11 @@ class State:
 
 def check_state(state: State) -> tuple[Finding, ...]:
     """All findings on a state, also what is as it should be."""
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        return _findings(state)
+
+
+def _findings(state: State) -> tuple[Finding, ...]:
     checks: list[Callable[[State], Finding | None]] = [distances, touching, instants]
     if state.law is not None:
         if not state.normal.any() and not state.shear.any():

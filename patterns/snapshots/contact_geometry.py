@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import InputError
 from patterns.snapshots.bodies import Bodies
-from patterns.snapshots.tables import Table
+from patterns.snapshots.tables import HUGE, Table
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -22,30 +22,15 @@ REACH = 2.0
 
 
 def as_cell(cell: ArrayLike | None) -> Floats | None:
-    """Return a periodic cell as an array.
-
-    Parameters
-    ----------
-    cell : (2, 2) array or None
-        Its columns are the cell vectors (length).
-
-    Returns
-    -------
-    (2, 2) array or None
-        The same.
-
-    Raises
-    ------
-    InputError
-        For anything else than two independent vectors.
-    """
+    """Return a periodic cell (2, 2), columns the cell vectors; `InputError` for what is none."""
     if cell is None:
         return None
     try:
         matrix = np.asarray(cell, dtype=float)
     except (ValueError, TypeError):
         matrix = np.full(0, np.nan)
-    if matrix.shape != (2, 2) or not np.isfinite(matrix).all() or np.linalg.det(matrix) == 0:
+    sound = matrix.shape == (2, 2) and bool((np.abs(matrix) <= HUGE).all())
+    if not sound or not np.abs(np.linalg.det(matrix)) > 0:
         raise InputError(
             "cell",
             str(matrix.tolist()),
@@ -56,25 +41,7 @@ def as_cell(cell: ArrayLike | None) -> Floats | None:
 
 
 def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
-    """Return the periodic cell, or raise `InputError` if it can't be the one of these grains.
-
-    Parameters
-    ----------
-    cell : (2, 2) array or None
-        Its columns are the cell vectors (length).
-    radii : (G,) array
-        Radii of the grains (length).
-
-    Returns
-    -------
-    (2, 2) array or None
-        The same.
-
-    Raises
-    ------
-    InputError
-        For vectors that are no cell, or one that the grains overfill.
-    """
+    """Return the periodic cell, or raise `InputError` if it can't be the one of these grains."""
     matrix = as_cell(cell)
     if matrix is None:
         return None

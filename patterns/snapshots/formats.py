@@ -14,12 +14,11 @@ from patterns.snapshots import plain
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.contact_geometry import as_cell
 from patterns.snapshots.dumps import lammps, liggghts
-from patterns.snapshots.dumps.text_bodies import head_of
 from patterns.snapshots.frame import Frame, Source
 from patterns.snapshots.instants import Instants
 from patterns.snapshots.mercury import mercury_dpm
 from patterns.snapshots.snapshot import Snapshot
-from patterns.snapshots.table_files import require_file
+from patterns.snapshots.text import head_of, require_file
 from patterns.snapshots.yade import text, vtk, xml_save
 
 

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.laws.frictional import ShearIncrement
 from patterns.snapshots.tables import Table
+from patterns.snapshots.text import listed
 
 GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius")
 CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
     *("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
 )
+PLAIN_NAMES = GRAIN_COLUMNS + CONTACT_COLUMNS
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,39 +79,26 @@ class Frame:
 def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Table, Table]:
     """Rename the columns of two tables by the user's column map.
 
-    Parameters
-    ----------
-    source : Source
-        With the map.
-    grains, contacts : Table
-        As the file has them.
-
-    Returns
-    -------
-    grains, contacts : Table
-        The same, columns of the map under their plain names.
-
-    Raises
-    ------
-    InputError
-        For a plain name that nothing reads, or a column that neither table has.
+    `InputError` for a plain name that nothing reads, or a column that neither table has.
     """
     for name, column in source.columns.items():
-        if name not in GRAIN_COLUMNS + CONTACT_COLUMNS:
-            raise InputError(
-                f"--columns {name}={column}",
-                f"the name {name!r}",
-                f"one of {', '.join(GRAIN_COLUMNS + CONTACT_COLUMNS)}",
-                "Write NAME=COLUMN, the column as the file calls it.",
+        received, expected = f"the name {name!r}", f"one of {', '.join(PLAIN_NAMES)}"
+        if name in PLAIN_NAMES:
+            if grains.has(column) or contacts.has(column):
+                continue
+            received = (
+                f"columns {listed(grains.names)} of {grains.path} and {listed(contacts.names)} of "
+                f"{contacts.path}"
             )
-        if not (grains.has(column) or contacts.has(column)):
-            raise InputError(
-                f"--columns {name}={column}",
-                f"columns {', '.join(grains.names)} of {grains.path} and "
-                f"{', '.join(contacts.names)} of {contacts.path}",
-                f"a column {column!r}",
-                "Write NAME=COLUMN, the column as the file calls it.",
-            )
-    of_grains = {name: source.columns[name] for name in GRAIN_COLUMNS if name in source.columns}
-    of_contacts = {name: source.columns[name] for name in CONTACT_COLUMNS if name in source.columns}
-    return grains.renamed(of_grains), contacts.renamed(of_contacts)
+            expected = f"a column {column!r}"
+        raise InputError(
+            f"--columns {name}={column}",
+            received,
+            expected,
+            "Write NAME=COLUMN, the column as the file calls it.",
+        )
+    maps = [
+        {name: source.columns[name] for name in plain if name in source.columns}
+        for plain in (GRAIN_COLUMNS, CONTACT_COLUMNS)
+    ]
+    return grains.renamed(maps[0]), contacts.renamed(maps[1])

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import InputError
+from loops.arrays import Floats
 from loops.laws.frictional import ShearIncrement, checked_increment
-from patterns.snapshots.frame import Frame, Source, with_plain_names
+from patterns.snapshots.frame import PLAIN_NAMES, Frame, Source, with_plain_names
 from patterns.snapshots.instants import Instants
-from patterns.snapshots.table_files import ARRAY_FILES, ENDINGS, as_table, read_arrays
-from patterns.snapshots.tables import Table, read_table
-
-Floats = NDArray[np.float64]
+from patterns.snapshots.tables import (
+    ARRAY_FILES,
+    ENDINGS,
+    Arrays,
+    Table,
+    read_arrays,
+    read_table,
+    table_of_arrays,
+)
 
 # Yade's tables give the force twice, in its parts and as a whole; no other source does.
 YADE_COLUMNS = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks")
@@ -50,56 +56,46 @@ def frames(source: Source) -> Instants:
 
 
 def _frame(source: Source) -> Frame:
+    wanted = {*PLAIN_NAMES, *source.columns.values()}
     if source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES):
-        arrays = read_arrays(source.path)
-        if any(name.startswith("contacts/") for name in arrays):
-            cell = arrays.get("cell") if source.cell is None else source.cell
-            tables = _group(source, arrays, "grains"), _group(source, arrays, "contacts")
-            told: ShearIncrement | None = "radii" if tables[1].has(*YADE_COLUMNS) else None
-            return Frame(*with_plain_names(source, *tables), cell=cell, shear_increment=told)
+        names, arrays = read_arrays(source.path, wanted | {"cell"})
+        if any(name.startswith("contacts/") for name in names):
+            tables = tuple(_group(source, names, arrays, group) for group in ("grains", "contacts"))
+            return _plain_frame(source, tables, arrays.get("cell"), None, None)
     contacts = source.contacts or beside(source.path, "contacts")
-    tables = read_table(source.path), read_table(contacts)
-    cell, step, increment = _cell_beside(source.path)
-    if increment is None and tables[1].has(*YADE_COLUMNS):
+    tables = read_table(source.path, wanted), read_table(contacts, wanted)
+    return _plain_frame(source, tables, *_cell_beside(source.path))
+
+
+def _plain_frame(
+    source: Source,
+    tables: Sequence[Table],
+    cell: Floats | None,
+    step: float | None,
+    increment: ShearIncrement | None,
+) -> Frame:
+    grains, contacts = tables
+    if increment is None and contacts.has(*YADE_COLUMNS):
         increment = "radii"
     return Frame(
-        *with_plain_names(source, *tables),
+        *with_plain_names(source, grains, contacts),
         cell=cell if source.cell is None else source.cell,
         step=step,
         shear_increment=increment,
     )
 
 
-def _group(source: Source, arrays: dict[str, NDArray[np.generic]], group: str) -> Table:
-    label = f"{group} of {source.path}"
-    found = {
-        name.removeprefix(f"{group}/"): values
-        for name, values in arrays.items()
-        if name.startswith(f"{group}/")
-    }
-    return Table(label, as_table(label, found))
+def _group(source: Source, names: Sequence[str], arrays: Arrays, group: str) -> Table:
+    start = f"{group}/"
+    return table_of_arrays(
+        f"{group} of {source.path}",
+        [name.removeprefix(start) for name in names if name.startswith(start)],
+        {name.removeprefix(start): v for name, v in arrays.items() if name.startswith(start)},
+    )
 
 
 def beside(path: Path, what: str) -> Path:
-    """Path of the file whose name has `what` where this one has `grains`.
-
-    Parameters
-    ----------
-    path : Path
-        The table of grains.
-    what : str
-        Such as 'contacts'.
-
-    Returns
-    -------
-    Path
-        Beside it.
-
-    Raises
-    ------
-    InputError
-        If there is no 'grains' in the name.
-    """
+    """Path of the file whose name has `what` where this one has `grains`."""
     if "grains" not in path.name:
         raise InputError(
             f"name of {path}",
@@ -126,10 +122,10 @@ def _cell_beside(path: Path) -> tuple[Floats | None, float | None, ShearIncremen
         step = None if told.get("iteration") is None else float(told["iteration"])
         increment = told.get("shear_increment")
         return cell, step, None if increment is None else checked_increment(increment)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError) as error:
         raise InputError(
             str(file),
-            f"no cell ({type(error).__name__}: {error})",
+            f"no cell ({type(error).__name__}: {str(error)[:100]})",
             '{"cell": [[HXX, HXY], [HYX, HYY]]}, null for none',
             "Correct or remove the file, or give --cell.",
         ) from None

@@ -2,50 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+import math
+import tokenize
+import zipfile
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow
+import pyarrow.csv
+import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.table_files import read_columns
+from loops.arrays import Floats, Integers
+from patterns.snapshots.text import (
+    listed,
+    open_text,
+    require_file,
+    require_line_end,
+    require_room,
+    whole_file,
+)
+
+Column = Any  # an array of numpy or of pyarrow
+Arrays = dict[str, NDArray[Any]]
+
+ARRAY_FILES = (".npz", ".h5", ".hdf5")
+ENDINGS = (".csv", ".csv.gz", ".parquet", *ARRAY_FILES)
+# Beyond these squares overflow, and a float64 no longer tells neighbouring ids apart.
+HUGE, WHOLE = 1e150, 2.0**53
 
 
 class Table:
-    """Columns taken by name as arrays of float64.
-
-    Parameters
-    ----------
-    path : str or Path
-        Where the columns come from, for messages.
-    columns : pyarrow.Table or mapping of str to (rows,) array
-        The columns.
-
-    Raises
-    ------
-    InputError
-        If a name stands there twice or is no text, or there are no rows.
-    """
+    """Columns taken by name as arrays of float64; `names` may be more than were read."""
 
     def __init__(
-        self, path: str | Path, columns: pyarrow.Table | Mapping[str, NDArray[np.generic]]
+        self,
+        path: str | Path,
+        columns: pyarrow.Table | Mapping[str, Any],
+        names: Sequence[str] | None = None,
     ) -> None:
         self.path = str(path)
-        if not isinstance(columns, pyarrow.Table):
-            columns = pyarrow.table({name: np.asarray(values) for name, values in columns.items()})
-        self._table = columns
-        self.names = _column_names(self.path, columns)
-        if columns.num_rows == 0:
+        if isinstance(columns, pyarrow.Table):
+            require_once(self.path, columns.column_names)
+            columns = {name: columns.column(name) for name in columns.column_names}
+        self._columns: dict[str, Column] = {
+            name: values if isinstance(values, pyarrow.ChunkedArray) else np.asarray(values)
+            for name, values in columns.items()
+        }
+        self.names = list(self._columns if names is None else names)
+        self._known = set(self.names)
+        self._read: dict[str, Floats] = {}
+        self._length = len(next(iter(self._columns.values()))) if self._columns else 0
+        if self._length == 0 and (self._columns or not self.names):
             raise InputError(self.path, "no rows", "at least one row", "Check the export.")
 
     def __len__(self) -> int:
-        return int(self._table.num_rows)
+        return self._length
 
     def has(self, *names: str) -> bool:
         """Whether all these columns are there."""
-        return all(name in self.names for name in names)
+        return self._known.issuperset(names)
 
     def renamed(self, columns: Mapping[str, str]) -> Table:
         """Return the table with the plain names of a column map: `{plain name: column}`.
@@ -53,100 +74,245 @@ class Table:
         A column that already has the plain name, and is not the one mapped, gives way. Entries
         whose column is not here are left alone: a map may speak of two tables.
         """
-        new = {column: name for name, column in columns.items() if column in self.names}
-        kept = [name for name in self.names if name in new or name not in new.values()]
-        table = self._table.select([self.names.index(name) for name in kept])
-        return Table(self.path, table.rename_columns([new.get(name, name) for name in kept]))
+        new = {column: name for name, column in columns.items() if column in self._known}
+        given = set(new.values())
+        kept = [name for name in self.names if name in new or name not in given]
+        found = {new.get(n, n): self._columns[n] for n in kept if n in self._columns}
+        return Table(self.path, found, [new.get(name, name) for name in kept])
 
-    def column(self, name: str) -> NDArray[np.float64]:
+    def column(self, name: str) -> Floats:
         """Numbers of a column; `InputError` if it is missing or holds anything else."""
-        if not self.has(name):
+        if name not in self._read:
+            self._read[name] = self._numbers(name)
+        return self._read[name]
+
+    def _numbers(self, name: str) -> Floats:
+        if name not in self._columns:
             raise InputError(
                 f"column {name!r} of {self.path}",
-                f"columns {', '.join(self.names)}",
+                f"columns {listed(self.names)}",
                 f"a column {name!r}",
                 f"Add it, or name the one that holds it: --columns {name}=COLUMN.",
             )
-        column = self._table.column(self.names.index(name))
+        where = f"column {name!r} of {self.path}"
         try:
-            if pyarrow.types.is_boolean(column.type):
-                column = column.cast(pyarrow.int8())
-            values = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
-        except (pyarrow.ArrowException, UnicodeDecodeError) as error:
+            values = _as_floats(self._columns[name])
+        except (pyarrow.ArrowException, UnicodeDecodeError, TypeError, ValueError) as error:
+            raise InputError(where, str(error)[:200], "numbers", "Correct the file.") from None
+        # Not a number is neither above nor below.
+        if not (values.max() <= HUGE and values.min() >= -HUGE):
+            row = int(np.argmin(np.abs(values) <= HUGE))
             raise InputError(
-                f"column {name!r} of {self.path}",
-                str(error),
-                "numbers",
-                "Correct the file.",
-            ) from None
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            raise InputError(
-                f"column {name!r} of {self.path}, row {bad[0]}",
-                str(values[bad[0]]),
-                "a finite number",
+                f"{where}, row {row}",
+                str(values[row]),
+                f"a finite number, at most {HUGE:g}",
                 "Correct or drop the row.",
             )
-        return np.asarray(values, dtype=np.float64)
+        return values
 
-    def columns(self, *names: str) -> NDArray[np.float64]:
+    def columns(self, *names: str) -> Floats:
         """(rows, names) array of several columns."""
         return np.column_stack([self.column(name) for name in names])
 
-    def optional(self, *names: str) -> NDArray[np.float64] | None:
+    def optional(self, *names: str) -> Floats | None:
         """`columns`, or None if none of them is there; some without the others is an error."""
-        return self.columns(*names) if any(name in self.names for name in names) else None
+        return self.columns(*names) if any(name in self._known for name in names) else None
 
-    def integers(self, name: str) -> NDArray[np.int64]:
+    def integers(self, name: str) -> Integers:
         """Whole numbers of a column; `InputError` as `column`, and for fractions."""
         values = self.column(name)
-        # Beyond 2^53 a float64 no longer tells neighbours apart.
-        bad = np.flatnonzero((np.rint(values) != values) | (np.abs(values) > 2.0**53))
-        if len(bad):
-            raise InputError(
-                f"column {name!r} of {self.path}, row {bad[0]}",
-                str(values[bad[0]]),
-                "a whole number",
-                "Correct the file.",
-            )
-        return values.astype(np.int64)
+        whole = values.astype(np.int64)
+        if (whole == values).all() and values.max() <= WHOLE and values.min() >= -WHOLE:
+            return whole
+        row = int(np.argmax((np.rint(values) != values) | (np.abs(values) > WHOLE)))
+        raise InputError(
+            f"column {name!r} of {self.path}, row {row}",
+            str(values[row]),
+            "a whole number",
+            "Correct the file.",
+        )
 
 
-def read_table(path: Path) -> Table:
-    """Read a file that holds one table.
+def _as_floats(column: Column) -> Floats:
+    if isinstance(column, pyarrow.ChunkedArray):
+        if pyarrow.types.is_boolean(column.type):
+            column = column.cast(pyarrow.int8())
+        column = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
+    if column.dtype.kind not in "iufb":
+        raise TypeError(f"values of type {column.dtype}"[:80])
+    with np.errstate(over="ignore"):  # of longer floats
+        return np.asarray(column, dtype=np.float64)
 
-    Parameters
-    ----------
-    path : Path
-        File ending in `.csv`, `.csv.gz`, `.parquet`, `.npz`, `.h5` or `.hdf5`; arrays of the
-        last three are columns.
 
-    Returns
-    -------
-    Table
-        Its columns.
+def require_once(path: str, names: Sequence[str]) -> None:
+    """Raise `InputError` for a name that stands there twice."""
+    if len(set(names)) == len(names):
+        return
+    repeated = next(name for name, count in Counter(names).items() if count > 1)
+    raise InputError(
+        f"header of {path}",
+        f"the column {repeated[:60]!r} more than once",
+        "each column once",
+        "Rename or drop one of them.",
+    )
 
-    Raises
-    ------
-    InputError
-        If the file is missing, empty, truncated, of another kind, or no such table.
+
+def read_table(path: Path, wanted: Collection[str] | None = None) -> Table:
+    """Columns of a file that holds one table, those `wanted` alone if not None.
+
+    Files end in one of `ENDINGS`. `InputError` if the file is missing, empty, truncated, of
+    another kind, too large or no such table.
     """
-    return Table(path, read_columns(path))
+    require_file(path)
+    name = path.name.lower()
+    if name.endswith(ARRAY_FILES):
+        names, arrays = read_arrays(path, wanted)
+        return table_of_arrays(str(path), names, arrays)
+    if name.endswith(".parquet"):
+        return _read_parquet(path, wanted)
+    if name.endswith((".csv", ".csv.gz")):
+        return _read_csv(path, wanted)
+    raise InputError(
+        str(path),
+        f"a file ending in {path.suffix[:20]!r}",
+        f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}",
+        "Convert it, or name its format by --format.",
+    )
 
 
-def _column_names(path: str, table: pyarrow.Table) -> list[str]:
+def table_of_arrays(label: str, names: Sequence[str], arrays: Arrays) -> Table:
+    """Arrays of one axis and one length as a table; `names` of all that the file has."""
+    if not arrays:
+        raise InputError(
+            label,
+            f"arrays {listed(names)}" if names else "no arrays",
+            "one array a column",
+            "Check the export, or name the columns: --columns NAME=COLUMN.",
+        )
+    first = next(iter(arrays.values()))
+    rows = len(first) if first.ndim else 0
+    for name, values in arrays.items():
+        if values.shape != (rows,):
+            raise InputError(
+                f"array {name!r} of {label}",
+                f"shape {values.shape}",
+                f"shape ({rows},), as the first column",
+                "Store each column as an array of one axis.",
+            )
+    return Table(label, arrays, names)
+
+
+def read_arrays(path: Path, wanted: Collection[str] | None = None) -> tuple[list[str], Arrays]:
+    """Names of all arrays in an npz or HDF5 file, and those `wanted`, by the end of their names.
+
+    Those of groups are called `group/name`.
+    """
+    require_file(path)
+    read = _read_npz if path.suffix.lower() == ".npz" else _read_hdf5
+    with whole_file(path):
+        return read(path, None if wanted is None else set(wanted))
+    raise AssertionError
+
+
+def _is_wanted(name: str, wanted: set[str] | None) -> bool:
+    return wanted is None or name in wanted or name.rpartition("/")[2] in wanted
+
+
+def _read_npz(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
+    arrays: Arrays = {}
+    with zipfile.ZipFile(path) as archive:
+        members = [one for one in archive.infolist() if one.filename.endswith(".npy")]
+        names = [one.filename.removesuffix(".npy") for one in members]
+        require_once(str(path), names)
+        size = 0
+        for name, member in zip(names, members, strict=True):
+            if not _is_wanted(name, wanted):
+                continue
+            size += member.file_size
+            require_room(path, size, path.stat().st_size)
+            try:
+                arrays[name] = _read_npy(archive, member)
+            except (SyntaxError, tokenize.TokenError) as error:  # headers are parsed as Python
+                raise ValueError(f"a damaged header, {error}") from None
+    return names, arrays
+
+
+def _read_npy(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    form = np.lib.format
+    with archive.open(member) as file:
+        head = {(1, 0): form.read_array_header_1_0, (2, 0): form.read_array_header_2_0}
+        shape, _, dtype = head[form.read_magic(file)](file)
+        if math.prod(shape) * dtype.itemsize > member.file_size:
+            raise ValueError("an array that is cut short")
+    with archive.open(member) as file:
+        return np.asarray(form.read_array(file, allow_pickle=False))
+
+
+def _read_hdf5(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
     try:
-        names = list(table.column_names)
+        import h5py
+    except ImportError:
+        raise InputError(
+            str(path), "an HDF5 file", "h5py", "Install it: pip install 'grainloops[hdf5]'."
+        ) from None
+    names: list[str] = []
+    arrays: Arrays = {}
+    sizes: list[int] = []
+
+    def collect(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "iufb":
+            return
+        names.append(name)
+        if _is_wanted(name, wanted):
+            sizes.append(int(item.size) * max(8, item.dtype.itemsize))
+            # Chunks that were never written take no place in the file.
+            require_room(path, sum(sizes), path.stat().st_size)
+            arrays[name] = item[()]
+
+    with open(path, "rb") as raw, h5py.File(raw, "r") as file:
+        file.visititems(collect)
+    return names, arrays
+
+
+def _read_parquet(path: Path, wanted: Collection[str] | None) -> Table:
+    # Opened here, since names that are no UTF-8 are nothing that pyarrow takes.
+    with whole_file(path), open(path, "rb") as raw:
+        file = pyarrow.parquet.ParquetFile(raw)
+        names = file.schema_arrow.names
+        require_once(str(path), names)
+        read = names if wanted is None else [name for name in names if name in set(wanted)]
+        require_room(path, 8 * len(read) * file.metadata.num_rows, path.stat().st_size)
+        table = file.read(columns=read)
+        return Table(path, table if read else _rows_alone(file.metadata.num_rows), names)
+    raise AssertionError
+
+
+def _read_csv(path: Path, wanted: Collection[str] | None) -> Table:
+    text = open_text(path)
+    require_line_end(str(path), text, len(text))
+    with whole_file(path):
+        names = _header(path, text[: text.find(b"\n")])
+        read = None if wanted is None else [name for name in names if name in set(wanted)]
+        options = None if not read else pyarrow.csv.ConvertOptions(include_columns=read)
+        content = pyarrow.py_buffer(text)
+        table = pyarrow.csv.read_csv(pyarrow.BufferReader(content), convert_options=options)
+        return Table(path, table, names)
+    raise AssertionError
+
+
+def _header(path: Path, line: bytes) -> list[str]:
+    csv.field_size_limit(max(len(line), csv.field_size_limit()))
+    try:
+        text = line.removeprefix(b"\xef\xbb\xbf").decode()
     except UnicodeDecodeError as error:
         raise InputError(
             f"header of {path}", f"bytes that are no text ({error})", "column names", "Correct it."
         ) from None
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise InputError(
-            f"header of {path}",
-            f"the column {repeated[0]!r} more than once",
-            "each column once",
-            "Rename or drop one of them.",
-        )
+    text = text.rstrip("\r")
+    names = next(csv.reader([text]), []) if '"' in text else text.split(",")
+    require_once(str(path), names)
     return names
+
+
+def _rows_alone(count: int) -> dict[str, Any]:
+    return {} if count else {"": np.zeros(0)}

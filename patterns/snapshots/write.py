@@ -95,8 +95,8 @@ def _law(law: LinearFrictional, count: int) -> dict[str, NDArray[np.generic]]:
 def _write(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
     table = pyarrow.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
     partial = path.with_name(f".{path.name}.partial")
-    if path.suffix == ".parquet":
-        pyarrow.parquet.write_table(table, partial)
-    else:
-        pyarrow.csv.write_csv(table, partial)
+    write = pyarrow.parquet.write_table if path.suffix == ".parquet" else pyarrow.csv.write_csv
+    # Opened here, since names that are no UTF-8 are nothing that pyarrow takes.
+    with open(partial, "wb") as file:
+        write(table, file)
     os.replace(partial, path)

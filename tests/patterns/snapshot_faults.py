@@ -10,7 +10,7 @@ import pyarrow
 import pyarrow.csv
 import pyarrow.parquet
 
-from patterns.snapshots.table_files import read_columns
+from patterns.snapshots.tables import read_table
 
 
 class Deck:
@@ -64,8 +64,10 @@ class Tables(Deck):
         super().__init__(roles, grains=path, contacts=contacts)
 
     def load(self, key, path):
-        for name in (table := read_columns(path)).column_names:
-            self.fields[key, name] = table.column(name).to_numpy().copy()
+        for name in (table := read_table(path)).names:
+            values = table.column(name)
+            whole = name.startswith(("id", "cell_d")) or name in ("type", "sliding")
+            self.fields[key, name] = values.astype(int) if whole else values.copy()
 
     def write(self, folder):
         files = {

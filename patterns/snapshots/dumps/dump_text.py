@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.dumps.text_bodies import Text, line_at, open_text, read_body
 from patterns.snapshots.tables import Table
+from patterns.snapshots.text import Text, line_at, open_text, read_body
 
 Floats = NDArray[np.float64]
 
@@ -133,7 +133,9 @@ def read_rows(frame: DumpFrame, wanted: Sequence[str]) -> Table:
     start, stop = frame.span
     table = None
     if stop > start:
-        table = read_body(frame.where, frame.text, frame.span, frame.names, wanted)
+        table = Table(
+            frame.where, read_body(frame.where, frame.text, frame.span, frame.names, wanted)
+        )
     if table is None or len(table) != frame.count:
         raise InputError(
             frame.where,

@@ -27,9 +27,9 @@ from patterns.snapshots.dumps.dump_tables import Forces, contact_table, grain_ta
 from patterns.snapshots.dumps.dump_text import DumpFrame, first_frame, is_dump, read_rows
 from patterns.snapshots.dumps.lammps import check_names
 from patterns.snapshots.dumps.liggghts_columns import CONTACT_NAMES, NONE, Contacts, read_contacts
-from patterns.snapshots.dumps.text_bodies import head_of
 from patterns.snapshots.frame import Frame, Source
 from patterns.snapshots.instants import Instants
+from patterns.snapshots.text import head_of
 
 Floats = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from loops import InputError
-from patterns.snapshots.dumps.text_bodies import Text, line_at, open_text, read_body
 from patterns.snapshots.tables import Table
+from patterns.snapshots.text import Text, line_at, open_text, read_body
 
 # Columns by the number of numbers in a row; the header of a frame has 6 numbers in 2D, else 8.
 DATA_COLUMNS = {
@@ -41,7 +41,7 @@ class Block:
 
     def read(self, *wanted: str) -> Table:
         """Columns of the rows."""
-        return read_body(self.where, self.text, self.span, self.columns, wanted)
+        return Table(self.where, read_body(self.where, self.text, self.span, self.columns, wanted))
 
 
 class Head(NamedTuple):

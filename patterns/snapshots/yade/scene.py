@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from loops import InputError
-from patterns.snapshots.table_files import require_file, whole_file
+from patterns.snapshots.text import require_file, whole_file
 
 ROOT = b"<boost_serialization"
 BINARY = b"serialization::archive"

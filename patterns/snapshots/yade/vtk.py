@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.dumps.text_bodies import open_text
 from patterns.snapshots.frame import Frame, Source
 from patterns.snapshots.instants import Instants
+from patterns.snapshots.text import open_text
 from patterns.snapshots.yade.shear import shear_signs
 from patterns.snapshots.yade.vtk_exporter import exporter_frame
 from patterns.snapshots.yade.vtk_files import Piece, read_piece

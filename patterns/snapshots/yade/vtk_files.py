@@ -12,15 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.dumps.text_bodies import open_text
-from patterns.snapshots.table_files import whole_file
+from patterns.snapshots.text import PACKING, open_text, whole_file
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 REMEDY = "Write or copy it again."
-# zlib packs a thousand bytes into one at best: counts beyond that are damage.
-PACKING = 1100
 TAG = re.compile(
     rb"<(PointData|CellData|Points|Cells|Verts|Lines|Strips|Polys|DataArray)\b([^>]*)>"
 )

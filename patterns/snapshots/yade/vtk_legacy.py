@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.dumps.text_bodies import Text, open_text, read_body
+from patterns.snapshots.tables import Table
+from patterns.snapshots.text import Text, open_text, read_body
 from patterns.snapshots.yade.vtk_files import Piece
 
 Floats = NDArray[np.float64]
@@ -74,6 +75,8 @@ def read_legacy(path: Path) -> Piece:
 def _sections(path: Path, text: Text) -> list[tuple[str, list[str], tuple[int, int]]]:
     """Kind, words and bytes of the numbers of each section."""
     found = list(SECTION.finditer(text))
+    if not found:
+        raise InputError(str(path), "a header alone", "VTK polydata", REMEDY)
     stops = [match.start() for match in found[1:]] + [len(text)]
     sections = []
     for match, stop in zip(found, stops, strict=True):
@@ -97,8 +100,10 @@ def _block(path: Path, text: Text, span: tuple[int, int], rows: int, width: int)
         stop -= 1
     names = [f"{k}" for k in range(width)]
     where = f"{path}, bytes {start} to {stop}"
-    table = read_body(where, text, (start, stop), names, names) if rows and stop > start else None
-    found = 0 if table is None else len(table)
-    if found != rows:
-        raise InputError(where, f"{found} rows", f"{rows} as its header says", REMEDY)
-    return np.zeros((0, width)) if table is None else table.columns(*names)
+    if rows == 0 or stop <= start:
+        found = np.zeros((0, width))
+    else:
+        found = Table(where, read_body(where, text, (start, stop), names, names)).columns(*names)
+    if len(found) != rows:
+        raise InputError(where, f"{len(found)} rows", f"{rows} as its header says", REMEDY)
+    return found

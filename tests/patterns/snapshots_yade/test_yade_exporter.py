@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns.snapshots.dumps.text_bodies import open_text
+from patterns.snapshots.text import open_text
 from patterns.snapshots.yade import vtk as yade_vtk
 from patterns.snapshots.yade.vtk_legacy import read_legacy
 from tests.patterns.snapshots_yade.yade_samples import BOX, changed, cycles, frame_of, snapshot_of

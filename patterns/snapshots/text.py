@@ -1,0 +1,181 @@
+"""Text files, plain or gzip: their bytes, and stretches of them as columns of numbers."""
+
+from __future__ import annotations
+
+import gzip
+import mmap
+import os
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pyarrow
+import pyarrow.csv
+
+from loops import InputError
+
+# What is searched and sliced alike: the map of a file, or what a gzip file holds.
+Text = bytes | mmap.mmap
+
+HEAD = 4096  # bytes that tell a format
+# No file of a packing unpacks to so many times its size: positions have digits of their own.
+PACKING = 1100
+SMALL = 1 << 24  # bytes that nobody counts
+SHARE = 0.5  # of the memory of the machine: more is refused
+SHOWN = 12  # names of a list that a message shows
+
+
+def require_file(path: Path) -> None:
+    """Raise `InputError` if there is no such file or nothing in it."""
+    if not path.is_file():
+        raise InputError(str(path), "no such file", "a snapshot's file", "Check the path.")
+    if path.stat().st_size == 0:
+        raise InputError(str(path), "an empty file", "a snapshot's file", "Export it again.")
+
+
+def require_room(path: str | Path, size: int, packed: int) -> None:
+    """Raise `InputError` for `size` bytes of numbers: too many, or more than `packed` can mean."""
+    room = int(SHARE * _memory())
+    if size <= min(room, max(SMALL, PACKING * packed)):
+        return
+    limit = f"{PACKING} times the {packed} of the file" if size <= room else f"{room / 1e9:.3g}e9"
+    raise InputError(
+        str(path),
+        f"numbers of {size / 1e9:.3g}e9 bytes",
+        f"at most {limit} bytes (half of this machine's memory at most)",
+        "Export the columns that are needed, or a part of the sample.",
+    )
+
+
+def _memory() -> int:
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return 1 << 34
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[None]:
+    """Turn what libraries raise on damaged files into one `InputError`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (
+        *(pyarrow.ArrowException, OSError, EOFError, zlib.error, zipfile.BadZipFile),
+        *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, MemoryError),
+        ArithmeticError,
+    ) as error:
+        raise InputError(
+            str(path),
+            f"an unreadable or truncated file ({str(error)[:200] or type(error).__name__})",
+            "a complete file",
+            "Export or copy it again.",
+        ) from None
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a message, the first of many."""
+    shown = ", ".join(name if len(name) < 60 else f"{name[:57]}..." for name in names[:SHOWN])
+    return shown if len(names) <= SHOWN else f"{shown}, ... ({len(names)} in all)"
+
+
+def open_text(path: Path) -> Text:
+    """Bytes of a text file, plain or gzip, without reading more of a plain one than is used."""
+    require_file(path)
+    with open(path, "rb") as file:
+        zipped = file.read(2) == b"\x1f\x8b"
+        if not zipped:
+            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    content = bytearray()
+    with whole_file(path), gzip.open(path) as unzipped:
+        while part := unzipped.read(1 << 24):
+            content += part
+            require_room(path, len(content), path.stat().st_size)
+    if not content:
+        raise InputError(str(path), "an empty file", "a snapshot's file", "Export it again.")
+    return bytes(content)
+
+
+def head_of(path: Path) -> bytes:
+    """First bytes of a file, at most `HEAD`, unpacked if it is gzip."""
+    with open(path, "rb") as file:
+        head = file.read(HEAD)
+    if not head.startswith(b"\x1f\x8b"):
+        return head
+    try:
+        return zlib.decompressobj(wbits=31).decompress(head, HEAD)
+    except zlib.error:
+        return head
+
+
+def line_at(text: Text, start: int) -> tuple[bytes, int]:
+    """Return the line that starts there, without its end, and where the next one starts."""
+    stop = text.find(b"\n", start)
+    stop = len(text) if stop < 0 else stop
+    return text[start:stop].rstrip(b"\r"), min(stop + 1, len(text))
+
+
+def require_line_end(where: str, text: Text, stop: int) -> None:
+    """Raise `InputError` unless a line ends there: a number cut short still reads as a number."""
+    if text[stop - 1 : stop] != b"\n":
+        raise InputError(
+            where,
+            "a last line without its end",
+            "complete lines",
+            "Export or copy it again; if the line is complete, end it.",
+        )
+
+
+def read_body(
+    where: str, text: Text, span: tuple[int, int], names: Sequence[str], wanted: Sequence[str]
+) -> pyarrow.Table:
+    """Columns `wanted` of lines of numbers parted by blanks, bytes `span` of the text.
+
+    `InputError` for a line cut short, another number of columns, anything but numbers.
+    """
+    start, stop = span
+    require_line_end(where, text, stop)
+    first = line_at(text, start)[0]
+    count = len(first.split())
+    if count != len(names):
+        raise InputError(
+            where, f"a line of {count} numbers", f"{len(names)} as named", "Dump or copy it again."
+        )
+    wanted = list(dict.fromkeys(wanted))
+    # A blank before the line end is a column without a name.
+    all_names = [*names, ""] if first.endswith(b" ") else list(names)
+    try:
+        return _parse(memoryview(text)[start:stop], all_names, wanted)
+    except (pyarrow.ArrowException, UnicodeDecodeError):
+        # Columns may be padded with blanks, which costs another pass.
+        pass
+    try:
+        return _parse(_single_blanks(text[start:stop]), list(names), wanted)
+    except (pyarrow.ArrowException, UnicodeDecodeError) as error:
+        raise InputError(
+            where,
+            f"lines that are no table ({str(error)[:200]})",
+            "numbers in columns",
+            "Dump it again.",
+        ) from None
+
+
+def _single_blanks(body: bytes) -> bytes:
+    """The lines with one blank between columns, and none around them."""
+    body = re.sub(rb"[ \t\r]+", b" ", body)
+    return body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip()
+
+
+def _parse(body: bytes | memoryview, names: list[str], wanted: list[str]) -> pyarrow.Table:
+    return pyarrow.csv.read_csv(
+        pyarrow.BufferReader(pyarrow.py_buffer(body)),
+        read_options=pyarrow.csv.ReadOptions(column_names=names),
+        parse_options=pyarrow.csv.ParseOptions(delimiter=" ", quote_char=False),
+        convert_options=pyarrow.csv.ConvertOptions(
+            include_columns=wanted, column_types=dict.fromkeys(wanted, pyarrow.float64())
+        ),
+    )
