@@ -59,18 +59,6 @@ def styled() -> Iterator[None]:
 
     Artists take their settings when they are made: a drawing function is decorated whole. What is
     drawn outside keeps the caller's settings.
-
-    Yields
-    ------
-    None
-
-    Examples
-    --------
-    >>> import matplotlib as mpl
-    >>> from studies.style import styled
-    >>> with styled():
-    ...     float(mpl.rcParams["savefig.dpi"])
-    300.0
     """
     with mpl.rc_context(STYLE):
         yield
@@ -78,73 +66,23 @@ def styled() -> Iterator[None]:
 
 @styled()
 def new_figure(width: float = ONE_COLUMN, height: float = 2.5) -> Figure:
-    """An empty figure without any global state; its layout keeps labels apart.
-
-    Parameters
-    ----------
-    width, height : float
-        Size, inches.
-
-    Returns
-    -------
-    Figure
-
-    Examples
-    --------
-    >>> from studies.style import new_figure
-    >>> [float(x) for x in new_figure(3.5, 2.0).get_size_inches()]
-    [3.5, 2.0]
-    """
+    """An empty figure without any global state; its layout keeps labels apart."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
 @styled()
 def axes_or_new(ax: Axes | None, width: float = ONE_COLUMN, height: float = 2.5) -> Axes:
-    """The axes to draw into: the caller's, or those of a new figure.
-
-    Parameters
-    ----------
-    ax : Axes, optional
-        The caller's.
-    width, height : float
-        Size of the new figure, inches.
-
-    Returns
-    -------
-    Axes
-    """
+    """The axes to draw into: the caller's, or those of a new figure."""
     return ax if ax is not None else new_figure(width, height).add_subplot()
 
 
 def figure_of(ax: Axes) -> Figure:
-    """The figure that axes belong to.
-
-    Parameters
-    ----------
-    ax : Axes
-        Not of a subfigure.
-
-    Returns
-    -------
-    Figure
-    """
+    """The figure that axes belong to."""
     return cast(Figure, ax.figure)
 
 
 def write_above(ax: Axes, x: float, text: str, **look: Any) -> None:
-    """Write a text above axes, centred on a position along the first axis.
-
-    Parameters
-    ----------
-    ax : Axes
-        Below the text.
-    x : float
-        The position, in the unit of the first axis.
-    text : str
-        What to write.
-    **look
-        Colour, size or weight of the text, as matplotlib names them.
-    """
+    """Write a text above axes, centred on a position along the first axis."""
     ax.annotate(
         text, (x, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
         ha="center", va="bottom", **look,
@@ -156,17 +94,6 @@ def save_figure(fig: Figure, folder: Path, name: str, source: Mapping[str, Any])
 
     The description in the metadata is the provenance as JSON. No date is written: the same
     numbers give the same files.
-
-    Parameters
-    ----------
-    fig : Figure
-        What to save.
-    folder : Path
-        Where.
-    name : str
-        Name without its ending.
-    source : mapping
-        From `studies.output.provenance`.
     """
     said = {"Title": name, "Description": as_json(source)}
     made_by = f"{source.get('command', 'grainloops')}, version {source.get('version', 'unknown')}"

@@ -83,24 +83,13 @@ def series(
     json: Json = False,
 ) -> None:
     """Follow the loops through a series of snapshots; the same command goes on after a stop."""
-    from studies.series import SeriesInput, run_series
+    from studies.series import run_series
 
-    source = SeriesInput(
-        tuple(paths),
-        format,
-        columns_of(columns),
-        cell_of(cell),
-        cells,
-        kn,
-        kt,
-        mu,
-        drop_crossings,
-        shear_increment,
-    )
     try:
         summary = run_series(
-            source,
+            paths,
             out,
+            cells=cells,
             workers=workers,
             scheduler=scheduler,
             skip_bad=skip_bad,
@@ -108,6 +97,14 @@ def series(
             csv=csv,
             figures=figures,
             animation=animation,
+            format=format,
+            columns=columns_of(columns),
+            cell=cell_of(cell),
+            kn=kn,
+            kt=kt,
+            mu=mu,
+            drop_crossings=drop_crossings,
+            shear_increment=shear_increment,
         )
     except KeyboardInterrupt:
         typer.echo(

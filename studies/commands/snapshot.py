@@ -68,22 +68,26 @@ def snapshot(
     json: Json = False,
 ) -> None:
     """Find the loops of a DEM snapshot and judge the stability of each."""
-    from studies.snapshot import SnapshotInput, run_snapshot
+    from studies.snapshot import run_snapshot
 
-    source = SnapshotInput(
+    summary = run_snapshot(
         path,
-        contacts,
-        cell_of(cell),
-        kn,
-        kt,
-        mu,
-        format,
-        columns_of(columns),
-        frame,
-        drop_crossings,
-        shear_increment,
+        out,
+        force=force,
+        csv=csv,
+        figures=not no_figures,
+        paraview=vtk,
+        contacts=contacts,
+        cell=cell_of(cell),
+        kn=kn,
+        kt=kt,
+        mu=mu,
+        format=format,
+        columns=columns_of(columns),
+        frame=frame,
+        drop_crossings=drop_crossings,
+        shear_increment=shear_increment,
     )
-    summary = run_snapshot(source, out, force=force, csv=csv, figures=not no_figures, paraview=vtk)
     report(summary, out, json, _snapshot_lines)
 
 

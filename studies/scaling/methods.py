@@ -12,7 +12,7 @@ import numpy as np
 from loops import Faces, GrainGraph, LinearFrictional, Regime, find_crossings, find_faces
 from patterns import Snapshot, synthetic_network, write_snapshot
 from studies.output import write_table
-from studies.snapshot.run import SnapshotInput, analyse
+from studies.snapshot.run import analyse
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_table
 
@@ -71,7 +71,7 @@ def whole_snapshot(snapshot: Snapshot) -> Work:
     write_snapshot(path, snapshot)
 
     def work() -> None:
-        read, faces, table = analyse(SnapshotInput(path))
+        read, faces, table = analyse(path)
         snapshot_summary(read, faces, table)
         write_table(Path(room.name), "loops", table, {}, csv=False)
 

@@ -1,6 +1,5 @@
 """The study behind `grainloops series`: the loops of many snapshots, and what becomes of them."""
 
-from studies.series.plan import SeriesInput
 from studies.series.run import run_series
 
-__all__ = ["SeriesInput", "run_series"]
+__all__ = ["run_series"]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from studies.output import as_json
-from studies.series.tracked import TrackedState
+from studies.series.increments import TrackedState
 from studies.snapshot.loop_map import (
     LAST_ORDER,
     ORDER_COLOURS,
@@ -36,17 +36,7 @@ FRAMES_PER_SECOND = 4
 
 
 class Frame(NamedTuple):
-    """One picture of an animation.
-
-    Attributes
-    ----------
-    state : TrackedState
-        The snapshot and its faces.
-    title : str
-        What stands above it, the strain for instance.
-    smallest : (L,) array or None
-        Smallest eigenvalue of each loop, for a second panel.
-    """
+    """One picture of an animation."""
 
     state: TrackedState
     title: str
@@ -54,24 +44,7 @@ class Frame(NamedTuple):
 
 
 def picked_frames(count: int) -> list[int]:
-    """Places of the snapshots to show: all of a short series, evenly spread ones of a long one.
-
-    Parameters
-    ----------
-    count : int
-        Number of snapshots.
-
-    Returns
-    -------
-    list of int
-        At most 60, the first and the last among them.
-
-    Examples
-    --------
-    >>> from studies.series.animation import picked_frames
-    >>> picked_frames(3), len(picked_frames(1000)), picked_frames(1000)[-1]
-    ([0, 1, 2], 60, 999)
-    """
+    """Places of the snapshots to show: all of a short series, evenly spread ones of a long one."""
     return (
         np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round()).astype(int).tolist()
     )
@@ -83,20 +56,6 @@ def animate_series(folder: Path, frames: Iterable[Frame], source: Mapping[str, A
 
     Frames are drawn as they come, one snapshot in memory at a time. Colours keep their meaning,
     those of the eigenvalues from the first frame on.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to write; the files get their names when they are complete.
-    frames : iterable of Frame
-        At least one, all with `smallest` or none; `picked_frames` keeps them few.
-    source : mapping
-        Provenance, written into the files.
-
-    Returns
-    -------
-    list of str
-        Names of the files.
     """
     drawn = iter(frames)
     scene = _Scene(next(drawn))

@@ -30,26 +30,7 @@ PATIENCE = 8
 
 @contextlib.contextmanager
 def connected(address: str, paths: Sequence[Path]) -> Iterator[Any]:
-    """A client of the scheduler at an address, its workers checked.
-
-    Parameters
-    ----------
-    address : str
-        As `tcp://host:port`.
-    paths : sequence of Path
-        Absolute paths that every worker must see.
-
-    Yields
-    ------
-    distributed.Client
-        For `run_on_cluster`.
-
-    Raises
-    ------
-    InputError
-        If Dask is not installed, nobody answers at the address, there are no workers, or a worker
-        lacks grainloops, has another version of it, or does not see a path.
-    """
+    """A client of the scheduler at an address, its workers checked."""
     _require_dask()
     with _quiet():
         client = _client(address)
@@ -63,27 +44,7 @@ def connected(address: str, paths: Sequence[Path]) -> Iterator[Any]:
 def run_on_cluster(
     client: Any, function: Callable[[Task], Answer], tasks: Sequence[Task]
 ) -> Generator[Answer]:
-    """Answers as they come; the tasks of a worker that is lost go to another one.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        From `connected`.
-    function : callable
-        A function of a module, of one task; it may be called twice for one task.
-    tasks : sequence
-        What to call it with.
-
-    Yields
-    ------
-    object
-        What `function` returned, in the order of completion.
-
-    Raises
-    ------
-    InputError
-        If the cluster is lost, or several workers were lost over one task.
-    """
+    """Answers as they come; the tasks of a worker that is lost go to another one."""
     from distributed import CancelledError, KilledWorker, as_completed
 
     futures = client.map(function, tasks, pure=False, key=function.__name__)

@@ -1,12 +1,16 @@
-"""Parts of a Parquet dataset: each written whole or not at all, and recognised when finished."""
+"""The folder of a series: which series it holds, and the parts of its two datasets.
+
+Each part is written whole or not at all, and recognised when it is finished.
+"""
 
 from __future__ import annotations
 
 import errno
 import json
 import os
+import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,25 +19,68 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from loops import InputError
-from studies.output import as_json
+from studies.output import SERIES, as_json, remove_listed, remove_results
 
 KEY = b"grainloops"
 # Readers of a folder of Parquet files pass over names that begin with a dot.
 UNFINISHED = ".unfinished"
 
 
-def write_part(path: Path, columns: Mapping[str, Any], about: Mapping[str, Any]) -> None:
-    """Write one part under a temporary name, then give it its own.
+def open_folder(out: Path, read: Mapping[str, Any], names: Sequence[str], *, force: bool) -> None:
+    """Begin a series in a folder, or take up the one that an earlier run began there.
 
-    Parameters
-    ----------
-    path : Path
-        The part; its folder is created. A part of this name is replaced in one step.
-    columns : mapping of str to array
-        Columns of equal length; pyarrow arrays allowed.
-    about : mapping
-        Plain values kept in the part's metadata; `read_about` gives them back.
+    The same series, read in the same way, goes on; snapshots may follow after its last one. With
+    `force` what any command wrote there before is removed.
     """
+    contents = {"read": dict(read), "snapshots": list(names)}
+    if any(out.iterdir()):
+        try:
+            _require_same(out, contents)
+        except InputError:
+            if not force:
+                raise
+            remove_results(out)
+    remove_listed(out)
+    shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+    partial = out / f".{SERIES}"
+    partial.write_text(as_json(contents) + "\n")
+    os.replace(partial, out / SERIES)
+
+
+def has_parts(out: Path) -> bool:
+    """Whether anything is finished in the folder of a series."""
+    return any(out.glob("*/part-*.parquet"))
+
+
+def _require_same(out: Path, contents: dict[str, Any]) -> None:
+    try:
+        before = json.loads((out / SERIES).read_text())
+        read, names = before["read"], before["snapshots"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(
+            f"--out {out}",
+            "a folder that holds other files",
+            "a new or empty folder, or one that a series was begun in",
+            "Name another place, or give --force to replace results of the same names.",
+        ) from None
+    now = json.loads(as_json(contents))
+    differing = [
+        f"--{name.replace('_', '-')}" for name in now["read"] if now["read"][name] != read.get(name)
+    ]
+    if now["snapshots"][: len(names)] != names:
+        differing.append("other snapshots")
+    # Where nothing is finished there is nothing to lose: a first try with a wrong option.
+    if differing and has_parts(out):
+        raise InputError(
+            f"--out {out}",
+            f"a folder with another series ({', '.join(differing)})",
+            "the same series, or more snapshots after its last one",
+            "Name another place, or give --force to replace its results.",
+        )
+
+
+def write_part(path: Path, columns: Mapping[str, Any], about: Mapping[str, Any]) -> None:
+    """Write one part under a temporary name, then give it its own."""
     table = pa.table({name: pa.array(values) for name, values in columns.items()})
     path.parent.mkdir(parents=True, exist_ok=True)
     # Two workers may be at the same part when one was given up for lost.
@@ -50,18 +97,7 @@ def write_part(path: Path, columns: Mapping[str, Any], about: Mapping[str, Any])
 
 
 def read_about(path: Path) -> dict[str, Any] | None:
-    """What was kept in a part's metadata; None if there is no such part, or no whole one.
-
-    Parameters
-    ----------
-    path : Path
-        The part.
-
-    Returns
-    -------
-    dict or None
-        As given to `write_part`; numbers that were not finite are None.
-    """
+    """What was kept in a part's metadata; None if there is no such part, or no whole one."""
     try:
         metadata = pyarrow.parquet.read_schema(path).metadata or {}
         about: dict[str, Any] = json.loads(metadata[KEY])
@@ -85,15 +121,7 @@ def is_finished(path: Path, fingerprint: str) -> bool:
 
 
 def keep_only(folder: Path, parts: set[str]) -> None:
-    """Remove parts of other names, and what interrupted runs left.
-
-    Parameters
-    ----------
-    folder : Path
-        A dataset; it need not exist.
-    parts : set of str
-        Names of the parts that belong to it.
-    """
+    """Remove parts of other names, and what interrupted runs left."""
     for path in folder.glob("part-*.parquet"):
         if path.name not in parts:
             path.unlink()
@@ -107,18 +135,7 @@ def remove_unfinished(folder: Path) -> None:
 
 
 def require_one_schema(paths: list[Path]) -> None:
-    """Check that all parts have the same columns of the same types.
-
-    Parameters
-    ----------
-    paths : list of Path
-        The parts.
-
-    Raises
-    ------
-    InputError
-        If a part differs from the first one: some snapshots have forces and others have none.
-    """
+    """Check that all parts have the same columns of the same types."""
     schemas = [pyarrow.parquet.read_schema(path) for path in paths]
     for path, schema in zip(paths, schemas, strict=True):
         if not schema.equals(schemas[0]):
@@ -132,15 +149,7 @@ def require_one_schema(paths: list[Path]) -> None:
 
 
 def write_csv(paths: list[Path], out: Path) -> None:
-    """All parts as one CSV file, part by part; lists are joined by blanks.
-
-    Parameters
-    ----------
-    paths : list of Path
-        The parts.
-    out : Path
-        The CSV file.
-    """
+    """All parts as one CSV file, part by part; lists are joined by blanks."""
     with open(out, "w", newline="") as file:
         for number, frame in enumerate(_frames(paths)):
             frame.to_csv(file, index=False, header=number == 0)

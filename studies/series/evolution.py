@@ -19,8 +19,7 @@ from loops import Regime, euler_check, love_weber_stress, outline_area
 from loops.loop_strain import best_fit_strain, rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from stability import COMPONENTS, RTOL
-from studies.series.increments import PREDICTIONS
-from studies.series.tracked import TrackedState
+from studies.series.increments import PREDICTIONS, TrackedState
 from studies.snapshot.mechanics import JUDGES
 
 Floats = NDArray[np.float64]
@@ -29,26 +28,10 @@ LAST_ORDER = 6
 
 
 def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, Any]:
-    """Sum up one snapshot of a series.
+    """Sum up one snapshot of a series; None where there is no such number.
 
-    Parameters
-    ----------
-    state : TrackedState
-        The snapshot and its faces.
-    table : mapping of str to array
-        From `loop_table`: `order`, `area`, and if there are forces `*_lambda_min`.
-
-    Returns
-    -------
-    dict
-        Plain numbers: `step`, `grains`, `contacts`, `loops`, `area`, `coordination` (without
-        dangling grains), `mean_order`, `share_3 .. share_6` of the loops in number and
-        `area_share_3 .. area_share_6` in area, 6 standing for 6 and beyond; with forces also
-        `S11 .. S22` (Love-Weber stress of the contacts between grains over `area`, force per
-        length, compression positive), `sliding_fraction`, `affine_unstable`,
-        `traction_unstable` (shares of the loops with a negative eigenvalue of Ks, spins blocked)
-        and `traction_free_unstable` (spins free).
-        None where there is no such number.
+    Orders from 6 on count as 6. With forces also the Love-Weber stress `S11..S22` over the area,
+    and the shares of loops with a negative eigenvalue of Ks, by each judge of the table.
     """
     snapshot, graph = state.snapshot, state.snapshot.graph
     euler, area = euler_check(graph, state.faces), outline_area(graph, state.faces)
@@ -79,27 +62,10 @@ def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, An
 def interval_row(
     before: TrackedState, after: TrackedState, fates: LoopFates, table: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Sum up what happened between two snapshots of a series.
+    """Sum up what happened between two snapshots: strain, contacts, loops by fate.
 
-    Parameters
-    ----------
-    before, after : TrackedState
-        The two instants.
-    fates : LoopFates
-        From `track_loops`.
-    table : mapping of str to array
-        From `increments`.
-
-    Returns
-    -------
-    dict
-        Plain numbers: `dH11 .. dH22` and `strain_from`, see `sample_strain`; `opened`, `closed`
-        contacts; loops by fate, `survived`, `split`, `merged`, `changed`, `died` of the earlier
-        ones, `born` of the later ones; with forces also `negative_W2`, survived loops whose
-        corotated second-order work was negative, and for every prediction
-        `*_negative_negative`, `*_negative_positive`, `*_positive_negative`,
-        `*_positive_positive`: loops by the sign of the actual, then of the predicted work, those
-        that did not move or have no prediction left out.
+    With forces also the survived loops of negative corotated work, and for every prediction loops
+    by the sign of the actual, then of the predicted work.
     """
     H, source = sample_strain(before, after)
     row: dict[str, Any] = dict(
@@ -119,21 +85,10 @@ def interval_row(
 def sample_strain(
     before: TrackedState, after: TrackedState
 ) -> tuple[Floats, Literal["cell", "grains", "unknown"]]:
-    """Displacement gradient of the sample between two snapshots.
+    """Displacement gradient of the sample between two snapshots, and where it is known from.
 
-    Parameters
-    ----------
-    before, after : TrackedState
-        The two instants.
-
-    Returns
-    -------
-    H : (2, 2) array
-        Positive in compression; not a number if unknown.
-    source : {'cell', 'grains', 'unknown'}
-        From the periodic cell, where the lattice vectors nearest to the earlier ones are taken (a
-        code may flip a tilted cell); else the best fit to the motion of all grains that both have
-        (rattlers included); unknown with fewer than three of them.
+    From the periodic cell, where the lattice vectors nearest to the earlier ones are taken (a code
+    may flip a tilted cell); else the best fit to the motion of the grains that both have.
     """
     one, two = before.snapshot, after.snapshot
     if one.graph.cell is not None and two.graph.cell is not None:
@@ -148,30 +103,11 @@ def sample_strain(
 def evolution_table(
     rows: Sequence[Mapping[str, Any]], intervals: Sequence[Mapping[str, Any]]
 ) -> dict[str, list[Any]]:
-    """Join the rows of a series to one table.
+    """Join the rows of a series to one table, one row a snapshot.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        From `evolution_row`, in the order of the series.
-    intervals : sequence of mapping
-        From `interval_row`, between each and the next.
-
-    Returns
-    -------
-    dict of str to list
-        One row a snapshot: its own columns; `H11 .. H22`, the displacement gradient since the
-        first snapshot, `F = F_n ... F_1`; `shear_strain`, the accumulated `(e1 - e2)/2` of the
-        intervals' stretches, which grows whatever the direction of loading; and the interval that
-        led to it. None where there is no such number, and for the interval of the first row.
-
-    Examples
-    --------
-    >>> from studies.series.evolution import evolution_table
-    >>> half = {"dH11": 0.5, "dH12": 0.0, "dH21": 0.0, "dH22": 0.0}
-    >>> table = evolution_table([{"loops": 3}, {"loops": 2}, {"loops": 2}], [half, half])
-    >>> table["H11"], table["shear_strain"], table["dH11"]
-    ([0.0, 0.5, 0.75], [0.0, 0.25, 0.5], [None, 0.5, 0.5])
+    Adds `H11..H22`, the displacement gradient since the first snapshot (`F = F_n ... F_1`),
+    `shear_strain`, the sum of `(e1 - e2)/2` of the intervals' stretches, and the interval that led
+    to each snapshot.
     """
     joined = [dict(row) for row in rows]
     F, shear = np.eye(2), 0.0

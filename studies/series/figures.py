@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from loops.tracking import ExchangeCounts, exchange_matrix
-from studies.series.work_figures import MappedInterval, work_map, work_signs
+from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
+from studies.series.increments import PREDICTIONS, TrackedState
+from studies.snapshot.loop_map import loop_drawer
 from studies.style import (
     BLACK,
     BLUE,
+    DIVERGING,
     GREEN,
     GREY,
     LIGHT_GREY,
@@ -48,6 +52,20 @@ FATES = {
 # Orders beyond it share the last row and column of the matrix.
 LAST_SHOWN = 9
 
+TITLES = {
+    "affine_W2": "affine closure, spins blocked",
+    "traction_W2": "traction closure, spins blocked",
+    "traction_free_W2": "traction closure, spins free",
+}
+
+
+class MappedInterval(NamedTuple):
+    """An interval to draw a map of."""
+
+    before: TrackedState
+    fates: LoopFates
+    increments: Mapping[str, NDArray[Any]]
+
 
 def draw_series(
     folder: Path,
@@ -57,29 +75,7 @@ def draw_series(
     mapped: MappedInterval | None,
     source: dict[str, Any],
 ) -> list[str]:
-    """Draw a series as PNG and SVG.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to write.
-    evolution : mapping of str to sequence
-        From `evolution_table`.
-    exchange : ExchangeCounts
-        Of all intervals joined.
-    increments : mapping of str to array
-        Columns of all intervals joined; `w2` and the predictions are drawn if there are forces.
-    mapped : MappedInterval or None
-        The interval to draw a map of, if any.
-    source : dict
-        Provenance, written into the files.
-
-    Returns
-    -------
-    list of str
-        Names of the figures: `orders_over_strain`; with two snapshots or more also `fates`,
-        `exchange`; with forces `stress_strain`, `work_signs`, `work_map`.
-    """
+    """Draw a series as PNG and SVG."""
     figures = {"orders_over_strain": orders_over_strain(evolution)}
     if len(evolution["shear_strain"]) > 1:
         figures["fates"] = figure_of(fates_over_strain(evolution))
@@ -97,17 +93,7 @@ def draw_series(
 
 @styled()
 def orders_over_strain(evolution: Columns) -> Figure:
-    """Shares of the loops by order along the series, in number and in area.
-
-    Parameters
-    ----------
-    evolution : mapping of str to sequence
-        From `evolution_table`.
-
-    Returns
-    -------
-    Figure
-    """
+    """Shares of the loops by order along the series, in number and in area."""
     figure = new_figure(TWO_COLUMNS, 2.6)
     strain = _column(evolution, "shear_strain")
     for ax, kind, title in zip(
@@ -128,19 +114,7 @@ def orders_over_strain(evolution: Columns) -> Figure:
 
 @styled()
 def fates_over_strain(evolution: Columns, ax: Axes | None = None) -> Axes:
-    """What became of the loops of each interval, stacked, one bar an interval.
-
-    Parameters
-    ----------
-    evolution : mapping of str to sequence
-        From `evolution_table`, of two snapshots or more.
-    ax : Axes, optional
-        Where to draw; a new figure if left out.
-
-    Returns
-    -------
-    Axes
-    """
+    """What became of the loops of each interval, stacked, one bar an interval."""
     ax = axes_or_new(ax, TWO_COLUMNS, 2.6)
     counts = {name: _column(evolution, name)[1:] for name in FATES}
     total = np.maximum(sum(counts.values()), 1)
@@ -161,19 +135,7 @@ def fates_over_strain(evolution: Columns, ax: Axes | None = None) -> Axes:
 
 @styled()
 def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
-    """Exchange matrix between orders: counts as numbers, shares of each row as colours.
-
-    Parameters
-    ----------
-    exchange : ExchangeCounts
-        From `exchange_counts`.
-    ax : Axes, optional
-        Where to draw; a new figure if left out.
-
-    Returns
-    -------
-    Axes
-    """
+    """Exchange matrix between orders: counts as numbers, shares of each row as colours."""
     ax = axes_or_new(ax, 4.6, 3.9)
     matrix = exchange_matrix(exchange, LAST_SHOWN)
     orders = [*range(3, LAST_SHOWN + 1), 0]
@@ -196,17 +158,7 @@ def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
 
 @styled()
 def stress_strain(evolution: Columns) -> Figure:
-    """Stress of the sample along the series, and the unstable and sliding shares below it.
-
-    Parameters
-    ----------
-    evolution : mapping of str to sequence
-        From `evolution_table`, with forces.
-
-    Returns
-    -------
-    Figure
-    """
+    """Stress of the sample along the series, and the unstable and sliding shares below it."""
     figure = new_figure(TWO_COLUMNS, 2.8)
     left, right = figure.subplots(1, 2)
     strain = _column(evolution, "shear_strain")
@@ -249,3 +201,53 @@ def _shares(evolution: Columns) -> list[tuple[str, Floats, dict[str, str]]]:
 def _column(evolution: Columns, name: str) -> Floats:
     """A column as numbers, None as not a number."""
     return np.array(evolution[name], dtype=float)
+
+
+@styled()
+def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
+    """Loops of the earlier snapshot by their normalised actual second-order work."""
+    before, fates, increments = mapped
+    ax = axes_or_new(ax, 4.6, 4.0)
+    work = np.full(len(fates.before), np.nan)
+    work[increments["loop_before"]] = increments["w2"]
+    palette = mpl.colormaps[DIVERGING].with_extremes(bad=LIGHT_GREY)
+    draw = loop_drawer(before.snapshot, before.faces)
+    colours = draw(ax, work, palette, Normalize(-1.0, 1.0))
+    bar = figure_of(ax).colorbar(colours, ax=ax, shrink=0.8)
+    bar.set_label(r"actual $w_2 = dP:dH/(|dP||dH|)$, corotated")
+    handle = Patch(color=LIGHT_GREY, label="did not survive the interval")
+    ax.legend(handles=[handle], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    return ax
+
+
+@styled()
+def work_signs(increments: Mapping[str, NDArray[Any]]) -> Figure:
+    """Distribution of the actual work by the sign of its prediction."""
+    figure = new_figure(TWO_COLUMNS, 2.7)
+    actual, bins = increments["w2"], np.linspace(-1, 1, 41)
+    for ax, (name, title) in zip(
+        figure.subplots(1, len(PREDICTIONS), sharey=True), TITLES.items(), strict=True
+    ):
+        predicted = increments[name]
+        known = np.isfinite(predicted) & (actual != 0)
+        parts = actual[known & (predicted < 0)], actual[known & (predicted >= 0)]
+        labels = [rf"predicted $W_2 {sign} 0$" for sign in ("<", r"\geq")]
+        ax.hist(parts, bins, stacked=True, color=[VERMILION, BLUE], label=labels)
+        ax.axvline(0, color=GREY, linewidth=0.8)
+        ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
+        ax.set_title(f"{title}\nright: {_rate(*parts)}")
+    figure.axes[0].set_ylabel("survived loops")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+def _rate(negative: Floats, positive: Floats) -> str:
+    """Shares of the loops of either actual sign that were predicted so."""
+    found = []
+    for right, wrong, sign in (
+        (np.sum(negative < 0), np.sum(positive < 0), "<"),
+        (np.sum(positive > 0), np.sum(negative > 0), ">"),
+    ):
+        share = f"{right / (right + wrong):.0%}" if right + wrong else "none"
+        found.append(rf"{share} of $w_2 {sign} 0$")
+    return ", ".join(found)

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import (
+    Faces,
     GrainGraph,
     LoopBatch,
     Regime,
@@ -41,11 +42,11 @@ from loops import (
     polygon_area,
 )
 from loops.closures import Closure, Spins
+from loops.contact_matching import match_contacts
 from loops.loop_strain import loop_strain, rotation_and_stretch, rotation_minus_one
-from loops.tracking import Fate, LoopFates
+from loops.tracking import Fate, LoopFates, loop_fates
 from patterns import Snapshot
 from stability import COMPONENTS
-from studies.series.tracked import TrackedState
 
 Floats = NDArray[np.float64]
 # Column of a prediction: its closure and what the spins do.
@@ -62,27 +63,27 @@ WORK = (
 )
 
 
+class TrackedState(NamedTuple):
+    """One instant of a series."""
+
+    snapshot: Snapshot
+    faces: Faces
+
+
+def track_loops(before: TrackedState, after: TrackedState) -> LoopFates:
+    """Say what became of every loop between two snapshots, by the contacts that they share."""
+    one, two = before.snapshot, after.snapshot
+    contacts = match_contacts(one.graph, one.ids, two.graph, two.ids)
+    return loop_fates(contacts, before.faces, after.faces)
+
+
 def increments(before: TrackedState, after: TrackedState, fates: LoopFates) -> dict[str, Any]:
-    """Table of the loops that survived from one snapshot to the next.
+    """Table of the loops that survived from one snapshot to the next, by their earlier number.
 
-    Parameters
-    ----------
-    before, after : TrackedState
-        The two instants.
-    fates : LoopFates
-        From `track_loops`.
-
-    Returns
-    -------
-    dict of str to array
-        Columns, one row a survived loop, by its earlier number. `loop_before`, `loop_after` as the
-        tables of the two snapshots number them, `order`, `area` (of the earlier polygon), `H11,
-        H12, H21, H22` and `rotation` (degrees, counter-clockwise positive). If both snapshots have
-        forces also `dP11..dP22` (force per length), `hill_work` (`dP : H`) and `hill_cosine` (the
-        same over `|dP| |H|`), `W2` and `w2` (corotated, likewise), `affine_W2`, `traction_W2` and
-        `traction_free_W2` (predicted, corotated, not a number where the tangent is not trusted),
-        and `sliding_contacts` at the earlier snapshot. Work is per area of the earlier polygon;
-        signs positive in compression. Definitions: head of this module.
+    `loop_before`, `loop_after` as the tables of the snapshots number them, `order`, `area` of the
+    earlier polygon, `H11..H22` and `rotation` (degrees, anticlockwise); with forces `dP11..dP22`
+    (force per length), `hill_work` and `hill_cosine` (over `|dP||H|`), corotated `W2` and `w2`, the
+    predictions (not a number where the tangent is not trusted), earlier `sliding_contacts`.
     """
     survived = np.flatnonzero(fates.before == Fate.SURVIVED)
     mechanical = before.snapshot.mechanical and after.snapshot.mechanical

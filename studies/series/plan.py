@@ -2,117 +2,62 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from loops import InputError
 from patterns import count_frames
-from studies.output import readable
-from studies.series.cells import cells_by_number, number_of
-from studies.series.fingerprint import fingerprints
-from studies.snapshot import SnapshotInput
+from patterns.snapshots.tables import read_table
+from studies.output import as_json, code_version, provenance, readable
 
 Cell = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True)
-class SeriesInput:
-    """What to read.
-
-    Attributes
-    ----------
-    paths : tuple of Path
-        Files of the snapshots in the order of the series; a file of several frames gives one
-        snapshot each.
-    format : str
-        Format of the files, or `auto`.
-    columns : dict of str to str, optional
-        Plain name to the column that holds it.
-    cell : tuple of 4 floats, optional
-        Periodic cell HXX, HXY, HYX, HYY of every snapshot.
-    cells : Path, optional
-        CSV table of cells, columns `snap`, `h_xx`, `h_xy`, `h_yx`, `h_yy`.
-    kn, kt, mu : float, optional
-        Contact parameters that the files lack.
-    drop_crossings : bool
-        Whether to leave out contacts whose branches cross others, instead of refusing.
-    shear_increment : str, optional
-        What shear turns by, where not what the source tells.
-    """
-
-    paths: tuple[Path, ...]
-    format: str = "auto"
-    columns: dict[str, str] | None = None
-    cell: Cell | None = None
-    cells: Path | None = None
-    kn: float | None = None
-    kt: float | None = None
-    mu: float | None = None
-    drop_crossings: bool = False
-    shear_increment: str | None = None
+COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
+# Files of one snapshot are named alike but for what they hold and for their endings.
+CONTENTS = re.compile(
+    "grains|atoms?|spheres|contacts?|local|pairs?|intrs?|cell|walls?|data|fstat", re.IGNORECASE
+)
+ENDINGS = re.compile(r"(\.(csv|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz))+$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class PlannedSnapshot:
-    """One snapshot of a series.
-
-    Attributes
-    ----------
-    number : int
-        Its place in the series, from 0.
-    source : SnapshotInput
-        What to read, paths absolute.
-    fingerprint : str
-        From `fingerprints`.
-    """
+    """One snapshot of a series: its place, its file, the options of `read_planar`."""
 
     number: int
-    source: SnapshotInput
-    fingerprint: str
+    path: Path
+    how: dict[str, Any]
+    fingerprint: str = ""
 
     @property
     def name(self) -> str:
         """File and frame, for messages and tables."""
-        frame = self.source.frame
-        return readable(self.source.path.name) + (f", frame {frame}" if frame is not None else "")
+        frame = self.how["frame"]
+        return readable(self.path.name) + (f", frame {frame}" if frame is not None else "")
 
 
-def plan_series(series: SeriesInput) -> tuple[PlannedSnapshot, ...]:
-    """Snapshots of a series in order.
-
-    Parameters
-    ----------
-    series : SeriesInput
-        What to read.
-
-    Returns
-    -------
-    tuple of PlannedSnapshot
-        One a file, or one a frame of a file that holds several.
-
-    Raises
-    ------
-    InputError
-        If a file is missing, stands there twice or has no cell in the table of cells.
-    """
-    _require_distinct(series.paths)
-    if series.cell is not None and series.cells is not None:
+def plan_series(
+    paths: Sequence[Path], cells: Path | None, how: dict[str, Any]
+) -> list[PlannedSnapshot]:
+    """Snapshots of a series in order: one a file, or one a frame of a file that holds several."""
+    _require_distinct(paths)
+    if how["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
-    cells = None if series.cells is None else cells_by_number(series.cells)
-    sources = [source for path in series.paths for source in _frames(series, path)]
+    asked = [(path.resolve(), one) for path in paths for one in _frames(path, how)]
+    planned = [PlannedSnapshot(number, *one) for number, one in enumerate(asked)]
     if cells is not None:
-        sources = [
-            replace(source, cell=_cell_of(source, cells, series.cells)) for source in sources
+        table = cells_by_number(cells)
+        planned = [
+            replace(one, how=one.how | {"cell": _cell_of(one, table, cells)}) for one in planned
         ]
-    return tuple(
-        PlannedSnapshot(number, source, fingerprint)
-        for number, (source, fingerprint) in enumerate(
-            zip(sources, fingerprints(sources), strict=True)
-        )
-    )
+    return with_fingerprints(planned)
 
 
-def _require_distinct(paths: tuple[Path, ...]) -> None:
+def _require_distinct(paths: Sequence[Path]) -> None:
     if not paths:
         raise InputError("PATHS", "none", "the files of the snapshots", "Name them in order.")
     seen: dict[Path, Path] = {}
@@ -127,33 +72,79 @@ def _require_distinct(paths: tuple[Path, ...]) -> None:
         seen[path.resolve()] = path
 
 
-def _frames(series: SeriesInput, path: Path) -> list[SnapshotInput]:
-    """One snapshot a frame; a file that can't be read stands as one, for its task to say why."""
-    one = SnapshotInput(
-        path.resolve(),
-        cell=series.cell,
-        kn=series.kn,
-        kt=series.kt,
-        mu=series.mu,
-        shear_increment=series.shear_increment,
-        format=series.format,
-        columns=series.columns,
-        drop_crossings=series.drop_crossings,
-    )
+def _frames(path: Path, how: dict[str, Any]) -> list[dict[str, Any]]:
+    """Options for each frame; a file that can't be read stands as one, for its task to say why."""
     try:
-        count = count_frames(path, format=series.format, columns=series.columns)
+        count = count_frames(path, format=how["format"], columns=how["columns"])
     except InputError:
-        return [one]
-    return [one] if count == 1 else [replace(one, frame=frame) for frame in range(count)]
+        count = 1
+    return [how] if count == 1 else [how | {"frame": frame} for frame in range(count)]
 
 
-def _cell_of(source: SnapshotInput, cells: dict[int, Cell], table: Path | None) -> Cell:
-    number = number_of(source)
+def cells_by_number(path: Path) -> dict[int, Cell]:
+    """Cells of a table by the number of their snapshot."""
+    table = read_table(path)
+    numbers = table.integers("snap").tolist()
+    if len(set(numbers)) < len(numbers):
+        repeated = next(n for n in numbers if numbers.count(n) > 1)
+        raise InputError(
+            f"column 'snap' of {path}", f"{repeated} twice", "each once", "Drop one of the rows."
+        )
+    rows = zip(*(table.column(name).tolist() for name in COLUMNS), strict=True)
+    return dict(zip(numbers, rows, strict=True))
+
+
+def _cell_of(snapshot: PlannedSnapshot, cells: dict[int, Cell], table: Path) -> Cell:
+    number = number_of(snapshot.path, snapshot.how["frame"])
     if number not in cells:
         raise InputError(
             f"--cells {table}",
-            f"no row with snap = {number}, for {source.path.name}",
+            f"no row with snap = {number}, for {snapshot.path.name}",
             "one row a snapshot",
             "Add the row; snap is the last number in the name of the file, or the frame.",
         )
     return cells[number]
+
+
+def number_of(path: Path, frame: int | None = None) -> int:
+    """Number of a snapshot in a table of cells: its frame, else the last number in its name."""
+    if frame is not None:
+        return frame
+    found = re.findall(r"\d+", ENDINGS.sub("", path.name))
+    if not found:
+        raise InputError(
+            f"name of {path}",
+            "no number in it",
+            "the number that column 'snap' of --cells has",
+            "Number the files, or give --cell for all of them.",
+        )
+    return int(found[-1])
+
+
+def with_fingerprints(planned: Sequence[PlannedSnapshot]) -> list[PlannedSnapshot]:
+    """With a digest of what each depends on: its place, the code, the options, its files."""
+    folders = {folder: _by_name(folder) for folder in {one.path.parent for one in planned}}
+    return [
+        replace(one, fingerprint=_digest(one, folders[one.path.parent].get(_common(one.path), [])))
+        for one in planned
+    ]
+
+
+def _digest(one: PlannedSnapshot, files: list[Path]) -> str:
+    states = [(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files]
+    known = {"number": one.number, "path": one.path.name, "how": one.how, "files": states}
+    made = provenance("series", known, code_version())
+    return hashlib.blake2b(as_json(made).encode(), digest_size=16).hexdigest()
+
+
+def _by_name(folder: Path) -> dict[str, list[Path]]:
+    """Files of a folder by what the names of one snapshot's files have in common."""
+    found: dict[str, list[Path]] = defaultdict(list)
+    for path in sorted(folder.iterdir()):
+        if path.is_file():
+            found[_common(path)].append(path)
+    return found
+
+
+def _common(path: Path) -> str:
+    return CONTENTS.sub("", ENDINGS.sub("", path.name))

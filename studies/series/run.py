@@ -3,23 +3,72 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from loops import InputError
-from studies.output import SERIES, errors_of, folder_lock, require_folder
-from studies.series.contents import has_parts, open_folder
-from studies.series.gather import gather
-from studies.series.plan import PlannedSnapshot, SeriesInput, plan_series
-from studies.series.scheduler import Runner, do_tasks, open_runner
+from loops.arrays import Integers
+from loops.tracking import ExchangeCounts, Fate
+from studies.output import (
+    SERIES,
+    errors_of,
+    folder_lock,
+    move_files,
+    provenance,
+    require_folder,
+    write_summary,
+    write_table,
+)
+from studies.series.dataset import (
+    UNFINISHED,
+    has_parts,
+    keep_only,
+    open_folder,
+    require_about,
+    require_one_schema,
+    write_csv,
+)
+from studies.series.evolution import evolution_table
+from studies.series.plan import PlannedSnapshot, plan_series
+from studies.series.skill import mean_skill, skill_table
 from studies.series.tasks import Failure, SnapshotTask, do_pair, do_snapshot, pairs
+from studies.series.workers import Runner, do_tasks, open_runner
+from studies.snapshot.source import reading
+
+UNITS = (
+    "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
+    "mean kn; work per area; angles in degrees"
+)
+# What the parts of each dataset keep beside their rows.
+About = dict[str, list[dict[str, Any]]]
+DEFINITIONS = {
+    "files": "tables and figures of the whole series; its parts are in loops and increments",
+    "fates": "loops by what became of them in all intervals; born counts later loops, the others "
+    "earlier ones",
+    "intervals": "pairs of successive snapshots",
+    "loops": "of all snapshots together",
+    "work_map": "snapshots of the interval mapped: the one with most loops of negative W2",
+    "skill": "how well each predictor foresees the survived loops of negative corotated work W2, "
+    "means over the intervals weighted by loops. base: share of such loops among those that moved; "
+    "coverage: share of these that have a prediction; agreement, precision, recall: of its sign; "
+    "auc: chance that of two loops the one of negative work is ranked first, 0.5 by chance; "
+    "rank_correlation: Spearman's. affine, traction (blocked spins), traction_free foretell from "
+    "the strain that the loop really took; *_lambda_min, order and sliding (contacts) from the "
+    "earlier snapshot alone; persistence from the loop's own work in the interval before",
+    "skipped": "snapshots that could not be read; the interval goes over them",
+}
 
 
 def run_series(
-    series: SeriesInput,
+    paths: Sequence[Path],
     out: Path,
     *,
+    cells: Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     skip_bad: bool = False,
@@ -27,50 +76,26 @@ def run_series(
     csv: bool = False,
     figures: bool = True,
     animation: bool = False,
+    **how: Any,
 ) -> dict[str, Any]:
-    """Find the loops of every snapshot of a series and what becomes of them.
+    """Find the loops of every snapshot of a series and what becomes of them; the summary.
 
+    Snapshots are read with the options `how` of `read_planar`, their cells from a table `cells`.
     What is finished in `out` is not done again: an interrupted run goes on with the same call. A
     script calls this under `if __name__ == "__main__"`, for the processes import it.
-
-    Parameters
-    ----------
-    series : SeriesInput
-        What to read.
-    out : Path
-        Result folder: the datasets `loops/` and `increments/`, `evolution.parquet`,
-        `exchange.parquet`, `summary.json`, figures.
-    workers : int, optional
-        Number of processes; by default as many as cores.
-    scheduler : str, optional
-        Address of a Dask scheduler, whose workers then do the work.
-    skip_bad : bool
-        Whether snapshots that can't be read are left out, and named in the summary.
-    force : bool
-        Whether the results of another series may be replaced.
-    csv : bool
-        Whether to write the tables as CSV too.
-    figures, animation : bool
-        Whether to draw.
-
-    Returns
-    -------
-    dict
-        The summary.
-
-    Raises
-    ------
-    InputError
-        For bad input, a cluster that can't do it, or an `out` that holds other files.
     """
-    planned = plan_series(series)
+    how = reading(**how)
+    planned = plan_series(paths, cells, how)
+    read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
+    made = provenance("series", {"paths": paths, "cells": cells, **read}, UNITS)
+    read["cells"] = None if cells is None else cells.name
     out = out.absolute()
     require_folder(out, force=True)
     with errors_of(out):
         new = not out.exists()
         out.mkdir(parents=True, exist_ok=True)
         with folder_lock(out):
-            open_folder(out, series, planned, force=force)
+            open_folder(out, read, [one.name for one in planned], force=force)
             try:
                 with open_runner(workers, scheduler, _needed(planned, out)) as runner:
                     good, failures = _do_all(runner, planned, out, skip_bad=skip_bad)
@@ -78,14 +103,13 @@ def run_series(
                 if new and not has_parts(out):
                     shutil.rmtree(out)
                 raise
-            return gather(
-                series, good, failures, out, csv=csv, figures=figures, animation=animation
-            )
+            drawn = {"figures": figures, "animation": animation}
+            return _gather(good, failures, out, made, csv=csv, **drawn)
 
 
 def _needed(planned: Sequence[PlannedSnapshot], out: Path) -> list[Path]:
     """Files that whoever does the tasks must see."""
-    return [out / SERIES, *dict.fromkeys(one.source.path for one in planned)]
+    return [out / SERIES, *dict.fromkeys(one.path for one in planned)]
 
 
 def _do_all(
@@ -100,3 +124,113 @@ def _do_all(
         raise failures[0].error()
     do_tasks(runner, do_pair, pairs(good, out), "pairs", skip_bad=False)
     return good, failures
+
+
+def _gather(
+    planned: Sequence[PlannedSnapshot],
+    failures: Sequence[Failure],
+    out: Path,
+    made: dict[str, Any],
+    *,
+    csv: bool,
+    figures: bool,
+    animation: bool,
+) -> dict[str, Any]:
+    """Put the finished parts of a series together; the summary."""
+    datasets = {
+        "loops": [SnapshotTask(one, out).part for one in planned],
+        "increments": [task.part for task in pairs(planned, out)],
+    }
+    for name, parts in datasets.items():
+        keep_only(out / name, {part.name for part in parts})
+        require_one_schema(parts)
+    about = {name: [require_about(part) for part in parts] for name, parts in datasets.items()}
+    evolution, exchange = _evolution(planned, about), _exchange(planned, about)
+    tables: dict[str, Any] = {"evolution": evolution, "exchange": exchange}
+    summary = _summary(evolution, about, failures) | {"provenance": made}
+    skill = skill_table(datasets["increments"], datasets["loops"])
+    if skill["predictor"]:
+        tables["skill"], summary["skill"] = skill, mean_skill(skill)
+    with _put_in_place(out) as folder:
+        for name, table in tables.items():
+            write_table(folder, name, table, made, csv=csv)
+        if csv:
+            for name, parts in datasets.items():
+                write_csv(parts, folder / f"{name}.csv")
+        # Drawing is loaded only when there is something to draw.
+        if animation:
+            from studies.series.report import animate
+
+            animate(folder, planned, out, evolution, made)
+        if figures:
+            from studies.series.report import draw
+
+            draw(folder, planned, out, evolution, exchange, _mapped(evolution), summary)
+        summary["files"] = sorted(path.name for path in folder.iterdir())
+        write_summary(folder, summary)
+    return summary
+
+
+def _mapped(evolution: dict[str, list[Any]]) -> int | None:
+    """The interval with most loops of negative work, the first of several."""
+    negative = evolution.get("negative_W2", ())[1:]
+    return int(np.argmax(negative)) if negative else None
+
+
+def _places(evolution: dict[str, list[Any]], interval: int | None) -> list[int] | None:
+    return None if interval is None else evolution["snapshot"][interval : interval + 2]
+
+
+@contextmanager
+def _put_in_place(out: Path) -> Iterator[Path]:
+    """A folder within `out`, its files moved to `out` when all are written, the summary last."""
+    partial = out / UNFINISHED
+    partial.mkdir()
+    try:
+        yield partial
+        move_files(partial, out)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _evolution(planned: Sequence[PlannedSnapshot], about: About) -> dict[str, list[Any]]:
+    rows = [
+        {"snapshot": one.number, "name": one.name} | kept["row"]
+        for one, kept in zip(planned, about["loops"], strict=True)
+    ]
+    return evolution_table(rows, [kept["row"] for kept in about["increments"]])
+
+
+def _exchange(planned: Sequence[PlannedSnapshot], about: About) -> dict[str, Integers]:
+    """One row a pair of orders that occurs in an interval."""
+    rows = [
+        (one.number, other.number, *counts)
+        for (one, other), kept in zip(pairwise(planned), about["increments"], strict=True)
+        for counts in zip(*(kept["exchange"][name] for name in ExchangeCounts._fields), strict=True)
+    ]
+    columns = np.array(rows, dtype=np.int64).reshape(len(rows), 2 + len(ExchangeCounts._fields)).T
+    return dict(
+        zip(("snapshot_before", "snapshot_after", *ExchangeCounts._fields), columns, strict=True)
+    )
+
+
+def _summary(
+    evolution: dict[str, list[Any]], about: About, failures: Sequence[Failure]
+) -> dict[str, Any]:
+    intervals = [kept["row"] for kept in about["increments"]]
+    names = [fate.name.lower() for fate in Fate]
+    return {
+        "snapshots": len(about["loops"]),
+        "intervals": len(intervals),
+        "loops": sum(evolution["loops"]),
+        "fates": {name: sum(row[name] for row in intervals) for name in names},
+        "first": {name: column[0] for name, column in evolution.items()},
+        "last": {name: column[-1] for name, column in evolution.items()},
+        "skipped": [
+            {"snapshot": one.number, "name": one.name, "reason": f"{one.where}: got {one.received}"}
+            for one in failures
+        ],
+        "work_map": _places(evolution, _mapped(evolution)),
+        "notes": list(dict.fromkeys(note for kept in about["loops"] for note in kept["notes"])),
+        "definitions": DEFINITIONS,
+    }

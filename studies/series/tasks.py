@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import ctypes
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -14,29 +16,22 @@ from loops import InputError, find_faces
 from loops.tracking import LoopFates, exchange_counts
 from studies.series.dataset import write_part
 from studies.series.evolution import evolution_row, interval_row
-from studies.series.increments import increments
+from studies.series.increments import TrackedState, increments, track_loops
 from studies.series.plan import PlannedSnapshot
-from studies.series.processes import one_blas_thread
-from studies.series.tracked import TrackedState, track_loops
+from studies.snapshot.source import read_planar
 from studies.snapshot.table import loop_table
+
+# How OpenBLAS calls its number of threads, in numpy's wheels and elsewhere.
+BLAS = tuple(
+    (f"{prefix}openblas_get_num_threads{suffix}", f"{prefix}openblas_set_num_threads{suffix}")
+    for prefix in ("scipy_", "")
+    for suffix in ("64_", "")
+)
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a task could not be done: an `InputError` in parts that travel between processes.
-
-    Attributes
-    ----------
-    number : int
-        The snapshot's place in the series.
-    name : str
-        Its file.
-    where, received, expected, remedy : str
-        As in `InputError`.
-    skippable : bool
-        Whether the other snapshots can do without it: true if it can't be read, false if its
-        results can't be written.
-    """
+    """Why a task could not be done: an `InputError` in parts that travel between processes."""
 
     number: int
     name: str
@@ -59,15 +54,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class SnapshotTask:
-    """The loops of one snapshot.
-
-    Attributes
-    ----------
-    planned : PlannedSnapshot
-        What to read.
-    out : Path
-        Result folder of the series, absolute.
-    """
+    """The loops of one snapshot."""
 
     planned: PlannedSnapshot
     out: Path
@@ -90,15 +77,7 @@ class SnapshotTask:
 
 @dataclass(frozen=True)
 class PairTask:
-    """What became of the loops of one snapshot by the next one.
-
-    Attributes
-    ----------
-    before, after : PlannedSnapshot
-        What to read.
-    out : Path
-        Result folder of the series, absolute.
-    """
+    """What became of the loops of one snapshot by the next one."""
 
     before: PlannedSnapshot
     after: PlannedSnapshot
@@ -127,18 +106,7 @@ def pairs(planned: Sequence[PlannedSnapshot], out: Path) -> list[PairTask]:
 
 
 def do_snapshot(task: SnapshotTask) -> Failure | None:
-    """Write the loops of one snapshot, one row each, with the row of the series beside them.
-
-    Parameters
-    ----------
-    task : SnapshotTask
-        What to do; doing it again writes the same.
-
-    Returns
-    -------
-    Failure or None
-        Why it could not be done.
-    """
+    """Write the loops of one snapshot, one row each, with the row of the series beside them."""
     return _done_or_failed(_write_snapshot, task, task.planned)
 
 
@@ -157,18 +125,7 @@ def _write_snapshot(task: SnapshotTask) -> None:
 
 
 def do_pair(task: PairTask) -> Failure | None:
-    """Write what became of the loops of one snapshot, one row each, and the exchange of orders.
-
-    Parameters
-    ----------
-    task : PairTask
-        What to do; doing it again writes the same.
-
-    Returns
-    -------
-    Failure or None
-        Why it could not be done.
-    """
+    """Write what became of the loops of one snapshot, one row each, and the exchange of orders."""
     return _done_or_failed(_write_pair, task, task.after)
 
 
@@ -211,6 +168,34 @@ def tracked(task: PairTask) -> tuple[TrackedState, TrackedState, LoopFates]:
 
 
 def state_of(planned: PlannedSnapshot) -> TrackedState:
-    """A snapshot and its faces; `InputError` as `SnapshotInput.read`."""
-    snapshot = planned.source.read()
+    """A snapshot and its faces; `InputError` as `read_planar`."""
+    snapshot = read_planar(planned.path, **planned.how)
     return TrackedState(snapshot, find_faces(snapshot.graph))
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Linear algebra of numpy in one thread, in whatever process the task is done.
+
+    How OpenBLAS shares out a decomposition changes its last digit, from some 40 unknowns on; the
+    same bytes must come from one process, several, or a cluster of other machines.
+    """
+    get, put = _blas_threads()
+    before = get()
+    put(1)
+    try:
+        yield
+    finally:
+        put(before)
+
+
+def _blas_threads() -> tuple[Any, Any]:
+    """How many threads numpy's OpenBLAS takes, to ask and to set; nothing for other libraries."""
+    try:
+        library = ctypes.CDLL(np.linalg._umath_linalg.__file__)
+    except (OSError, AttributeError):
+        library = None
+    for get, put in BLAS:
+        if hasattr(library, get) and hasattr(library, put):
+            return getattr(library, get), getattr(library, put)
+    return (lambda: 1), (lambda number: None)

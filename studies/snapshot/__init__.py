@@ -1,5 +1,5 @@
-"""The study behind `grainloops snapshot`: the loops of one instant and their stability."""
+"""The study behind `grainloops snapshot`: the loops of one snapshot and their stability."""
 
-from studies.snapshot.run import SnapshotInput, run_snapshot
+from studies.snapshot.run import run_snapshot
 
-__all__ = ["SnapshotInput", "run_snapshot"]
+__all__ = ["run_snapshot"]

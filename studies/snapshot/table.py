@@ -184,7 +184,7 @@ def _compiled_parts(
     from loops.compiled.packing import compiled_packing
 
     law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
-    threads = threads or _cores()
+    threads = threads or available_cores()
     packing = compiled_packing(snapshot.graph, faces, law, regime, threads)
     blocks = [slice(k, k + BLOCK) for k in range(0, len(faces.loops), BLOCK)]
     work = partial(_compiled_columns, snapshot, faces, packing, faces.loops)
@@ -192,7 +192,7 @@ def _compiled_parts(
         yield from zip(blocks, pool.map(work, blocks), strict=True)
 
 
-def _cores() -> int:
+def available_cores() -> int:
     """Cores that this process may use, where the system tells; all of them elsewhere."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

@@ -26,8 +26,7 @@ from studies.series.evolution import (
     interval_row,
     sample_strain,
 )
-from studies.series.increments import PREDICTIONS, increments
-from studies.series.tracked import TrackedState, track_loops
+from studies.series.increments import PREDICTIONS, TrackedState, increments, track_loops
 
 LAW = LinearFrictional(kn=1.0, kt=0.4, mu=0.5)
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(12)

@@ -16,16 +16,17 @@ from studies.series.animation import MOST_FRAMES, Frame, animate_series, picked_
 from studies.series.evolution import evolution_row, evolution_table, interval_row
 from studies.series.figures import (
     ORDERS,
+    MappedInterval,
     draw_series,
     exchange_heatmap,
     fates_over_strain,
     orders_over_strain,
     stress_strain,
+    work_map,
+    work_signs,
 )
-from studies.series.increments import PREDICTIONS, increments
+from studies.series.increments import PREDICTIONS, TrackedState, increments, track_loops
 from studies.series.report import series_report
-from studies.series.tracked import TrackedState, track_loops
-from studies.series.work_figures import MappedInterval, work_map, work_signs
 
 SOURCE = provenance("series", {}, "as the input's")
 

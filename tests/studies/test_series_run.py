@@ -24,14 +24,12 @@ from loops import InputError, find_faces
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.cli import main
 from studies.output import folder_lock, result_folder, write_summary
-from studies.series import SeriesInput, processes, run_series
-from studies.series.cells import number_of
-from studies.series.fingerprint import fingerprints
-from studies.snapshot import SnapshotInput
+from studies.series import run_series, tasks, workers
+from studies.series.plan import PlannedSnapshot, number_of, with_fingerprints
+from studies.snapshot.source import reading
 from studies.snapshot.table import loop_table
 
 ROOT = Path(studies.__file__).resolve().parents[1]
-READ = ("cell", "cells", "kn", "kt", "mu", "format")
 KEPT = "id1 id2 fn fsx fsy kn ks mu sliding".split()
 
 
@@ -53,9 +51,8 @@ def write_series(folder, count, opened=15, start=0):
 
 def run(paths, out, **how):
     """Run a series without figures, by default in this process."""
-    given = {name: how.pop(name) for name in list(how) if name in READ}
     how = {"workers": 1, "figures": False, **how}
-    return run_series(SeriesInput(tuple(paths), **given), out, **how)
+    return run_series(paths, out, **how)
 
 
 def contents(folder):
@@ -81,6 +78,10 @@ def command(*arguments):
         text=True,
         start_new_session=True,
     )
+
+
+def digests(planned):
+    return [one.fingerprint for one in with_fingerprints(planned)]
 
 
 @pytest.fixture(scope="module")
@@ -195,12 +196,12 @@ def test_processes_give_the_same_bytes(paths, result, tmp_path):
 def test_blas_threads_change_no_digit():
     """With the threads left alone this singular-value decomposition depends on them."""
     matrix = np.random.default_rng(0).normal(size=(150, 150))
-    get, put = processes._blas_threads()
+    get, put = tasks._blas_threads()
     before, digests = get(), []
     try:
         for threads in (1, 2, 4):
             put(threads)
-            with processes.one_blas_thread():
+            with tasks.one_blas_thread():
                 digests.append(np.linalg.svd(matrix)[0].tobytes())
             assert get() == threads
     finally:
@@ -317,7 +318,8 @@ def test_what_was_gathered_before_goes_with_its_snapshots(tmp_path):
     }
     run(paths, out)
     assert {path.name for path in out.iterdir() if path.is_file()} == {
-        *("series.json", "summary.json", "evolution.parquet", "exchange.parquet")
+        *("series.json", "summary.json", "evolution.parquet", "exchange.parquet"),
+        "skill.parquet",
     }
 
 
@@ -463,8 +465,8 @@ def test_the_command(paths, result, tmp_path, monkeypatch, capsys):
 
 def test_a_worker_that_ends_by_itself():
     """As the system ends a process when the memory is used up."""
-    with pytest.raises(InputError, match="smaller --workers"), processes.processes(1) as pool:
-        list(processes.run_in_processes(pool, os._exit, [1]))
+    with pytest.raises(InputError, match="smaller --workers"), workers.processes(1) as pool:
+        list(workers.run_in_processes(pool, os._exit, [1]))
 
 
 @pytest.mark.parametrize(
@@ -575,30 +577,29 @@ def test_every_frame_of_a_file_is_a_snapshot(tmp_path):
 )
 def test_a_change_of_any_file_of_a_snapshot_shows(tmp_path, name, beside):
     """In the fingerprint of this snapshot; files of others don't matter to it."""
-    sources = [SnapshotInput(tmp_path / name)]
+    planned = [PlannedSnapshot(0, tmp_path / name, reading())]
     for file in (name, *beside):
         (tmp_path / file).write_text("1")
-    seen = fingerprints(sources)
+    seen = digests(planned)
     for file in (name, *beside):
         (tmp_path / file).write_text("22" + file)
-        seen += fingerprints(sources)
+        seen += digests(planned)
     assert len(set(seen)) == len(beside) + 2
     for file in ("grains_06.csv", "dump.atoms.50000", "atoms.1.dump", "macro.csv", "log.lammps"):
         (tmp_path / file).write_text("1")
-    assert fingerprints(sources) == seen[-1:]
+    assert digests(planned) == seen[-1:]
 
 
 def test_the_number_of_a_snapshot(tmp_path):
     """Of a file of several frames, the number is the frame's."""
-    source = SnapshotInput(tmp_path / "dump.12", frame=7)
-    assert number_of(source) == 7
-    assert number_of(SnapshotInput(tmp_path / "run2" / "grains_05.h5")) == 5
-    assert number_of(SnapshotInput(tmp_path / "grains.12.csv.gz")) == 12
-    assert number_of(SnapshotInput(tmp_path / "dump.atoms.40000")) == 40000
+    assert number_of(tmp_path / "dump.12", frame=7) == 7
+    assert number_of(tmp_path / "run2" / "grains_05.h5") == 5
+    assert number_of(tmp_path / "grains.12.csv.gz") == 12
+    assert number_of(tmp_path / "dump.atoms.40000") == 40000
 
 
 def test_a_folder_removed_while_gathering_is_one_line(paths, tmp_path, monkeypatch):
-    from studies.series import gather
+    from studies.series import run as gather
 
     def write_table(folder, *args, **how):
         shutil.rmtree(tmp_path / "out")

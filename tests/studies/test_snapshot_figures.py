@@ -8,7 +8,7 @@ import pytest
 
 from loops import find_faces
 from patterns import read_snapshot, sample_cell, sample_path
-from studies.snapshot import SnapshotInput, run_snapshot
+from studies.snapshot import run_snapshot
 from studies.snapshot.eigenvalues import eigenvalue_distribution
 from studies.snapshot.figures import draw_figures, order_bars
 from studies.snapshot.roses import fabric_rose, fabric_table, unstable_rose
@@ -120,8 +120,7 @@ def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
 
 def test_a_run_without_figures_but_for_paraview(tmp_path):
     pytest.importorskip("vtkmodules")
-    source = SnapshotInput(PERIODIC, cell=CELL)
-    summary = run_snapshot(source, tmp_path / "out", figures=False, paraview=True)
+    summary = run_snapshot(PERIODIC, tmp_path / "out", cell=CELL, figures=False, paraview=True)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         *("loops.parquet", "orders.parquet", "summary.json", "loops.vtp", "contacts.vtp")
     }
@@ -132,8 +131,7 @@ def test_a_run_without_figures_but_for_paraview(tmp_path):
 
 def test_report_of_a_run(tmp_path):
     """The whole way: the page holds the figures and the map."""
-    source = SnapshotInput(sample_path("grains_biaxial.csv.gz"))
-    run_snapshot(source, tmp_path / "out")
+    run_snapshot(sample_path("grains_biaxial.csv.gz"), tmp_path / "out")
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert text.count("data:image/png;base64,") == 5
     assert "<title>Loops of grains_biaxial.csv.gz</title>" in text

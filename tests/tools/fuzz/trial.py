@@ -70,12 +70,12 @@ def _attempt(path: Path, sample: Sample, out: Path | None, writer: int) -> None:
 
 
 def _study(path: Path, sample: Sample, out: Path) -> tuple[int, str]:
-    from studies.snapshot import SnapshotInput, run_snapshot
+    from studies.snapshot import run_snapshot
 
     before = set(path.parent.iterdir())
     status, message = 0, ""
     try:
-        run_snapshot(SnapshotInput(path, **sample.options), out, figures=False)
+        run_snapshot(path, out, figures=False, **sample.options)
     except InputError as error:
         status, message = 1, str(error)
     left = {file.name for file in set(path.parent.iterdir()) - before}

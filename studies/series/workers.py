@@ -1,8 +1,7 @@
-"""Tasks on one machine: in this process, or in several."""
+"""Who does the tasks: this process, several, or a cluster; what is finished is not done again."""
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import os
 import signal
@@ -10,13 +9,19 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from functools import partial
 from multiprocessing import connection
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
 
-import numpy as np
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from loops import InputError
+from studies.series.dataset import is_finished
+from studies.series.tasks import Failure, PairTask, SnapshotTask
+from studies.snapshot.table import available_cores
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -25,19 +30,72 @@ THREADS = (
     *("VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS"),
 )
 
-# How OpenBLAS calls its number of threads, in numpy's wheels and elsewhere.
-BLAS = tuple(
-    (f"{prefix}openblas_get_num_threads{suffix}", f"{prefix}openblas_set_num_threads{suffix}")
-    for prefix in ("scipy_", "")
-    for suffix in ("64_", "")
-)
+
+class Runner(Protocol):
+    """Calls a function with each task, and gives the answers as they come."""
+
+    def __call__(
+        self, function: Callable[[Any], Failure | None], tasks: Sequence[Any]
+    ) -> Generator[Failure | None]:
+        """Answers in any order."""
+        ...
 
 
-def available_cores() -> int:
-    """Number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+@contextmanager
+def open_runner(
+    workers: int | None, scheduler: str | None, paths: Sequence[Path]
+) -> Iterator[Runner]:
+    """The one who does the tasks."""
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers, --scheduler", "both", "one of them", "Leave one out.")
+    if workers is not None and workers < 1:
+        raise InputError("--workers", str(workers), "at least 1", "Change it.")
+    if scheduler is not None:
+        from studies.series.cluster import connected, run_on_cluster
+
+        with connected(scheduler, paths) as client:
+            yield partial(run_on_cluster, client)
+        return
+    number = available_cores() if workers is None else workers
+    if number == 1:
+        yield run_here
+        return
+    with processes(number) as pool:
+        yield partial(run_in_processes, pool)
+
+
+def do_tasks(
+    runner: Runner,
+    function: Callable[[Any], Failure | None],
+    tasks: Sequence[SnapshotTask | PairTask],
+    title: str,
+    *,
+    skip_bad: bool,
+) -> list[Failure]:
+    """Do the tasks that are not finished yet, with a progress bar."""
+    open_tasks = [task for task in tasks if not is_finished(task.part, task.fingerprint)]
+    if not open_tasks:
+        return []
+    console = Console(stderr=True)
+    if len(open_tasks) < len(tasks):
+        done = len(tasks) - len(open_tasks)
+        console.print(f"{title}: {done} of {len(tasks)} were finished before", highlight=False)
+    failures = []
+    columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn(), TimeRemainingColumn())
+    hidden = not console.is_terminal
+    with (
+        Progress(*columns, console=console, transient=True, disable=hidden) as bar,
+        # Whatever ends the loop, tasks that have not begun are left.
+        closing(runner(function, open_tasks)) as answers,
+    ):
+        row = bar.add_task(title, total=len(tasks), completed=len(tasks) - len(open_tasks))
+        for answer in answers:
+            bar.advance(row)
+            if answer is not None and not (skip_bad and answer.skippable):
+                raise answer.error()
+            if answer is not None:
+                failures.append(answer)
+    return sorted(failures, key=lambda failure: failure.number)
 
 
 def run_here(function: Callable[[Task], Answer], tasks: Sequence[Task]) -> Generator[Answer]:
@@ -48,18 +106,7 @@ def run_here(function: Callable[[Task], Answer], tasks: Sequence[Task]) -> Gener
 
 @contextmanager
 def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that end with the block; tasks that have not begun then are left undone.
-
-    Parameters
-    ----------
-    workers : int
-        How many, at least 1.
-
-    Yields
-    ------
-    ProcessPoolExecutor
-        For `run_in_processes`.
-    """
+    """Processes that end with the block; tasks that have not begun then are left undone."""
     pool = ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
@@ -77,25 +124,6 @@ def run_in_processes(
     """Answers as they come, from processes of one thread each.
 
     Whoever stops asking leaves the tasks that have not begun undone.
-
-    Parameters
-    ----------
-    pool : ProcessPoolExecutor
-        From `processes`.
-    function : callable
-        A function of a module, of one task.
-    tasks : sequence
-        What to call it with.
-
-    Yields
-    ------
-    object
-        What `function` returned, in the order of completion.
-
-    Raises
-    ------
-    InputError
-        If a process ended by itself, as one does when the memory is used up.
     """
     futures: list[Future[Answer]] = []
     try:
@@ -142,34 +170,6 @@ def _interrupts_ignored() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Linear algebra of numpy in one thread, in whatever process the task is done.
-
-    How OpenBLAS shares out a decomposition changes its last digit, from some 40 unknowns on; the
-    same bytes must come from one process, several, or a cluster of other machines.
-    """
-    get, put = _blas_threads()
-    before = get()
-    put(1)
-    try:
-        yield
-    finally:
-        put(before)
-
-
-def _blas_threads() -> tuple[Any, Any]:
-    """How many threads numpy's OpenBLAS takes, to ask and to set; nothing for other libraries."""
-    try:
-        library = ctypes.CDLL(np.linalg._umath_linalg.__file__)
-    except (OSError, AttributeError):
-        library = None
-    for get, put in BLAS:
-        if hasattr(library, get) and hasattr(library, put):
-            return getattr(library, get), getattr(library, put)
-    return (lambda: 1), (lambda number: None)
 
 
 def _end_with_parent() -> None:

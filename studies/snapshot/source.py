@@ -1,16 +1,34 @@
-"""Crossing branches of a snapshot: refused with their ids, or left out on request."""
+"""A snapshot read for the study: its options by name, crossing branches refused or left out."""
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from loops import InputError, crossing_contacts_to_drop, find_crossings
-from patterns import Snapshot
+from loops.arrays import Integers
+from patterns import Snapshot, read_snapshot
 
 # So many pairs are looked for, and so many named.
 MOST, NAMED = 1_000_000, 3
+
+
+def reading(**how: Any) -> dict[str, Any]:
+    """All options of `read_planar` but the path: those given, the others as they are by default."""
+    asked = inspect.signature(read_snapshot).parameters.values()
+    defaults = {one.name: one.default for one in asked if one.default is not one.empty}
+    return {**defaults, "drop_crossings": False, **how}
+
+
+def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snapshot:
+    """As `read_snapshot`; `InputError` if branches cross, unless contacts are left out for it."""
+    if how.get("cell") is not None:
+        how["cell"] = np.reshape(how["cell"], (2, 2))
+    return planar(read_snapshot(path, **how), str(path), drop=drop_crossings)
 
 
 def planar(snapshot: Snapshot, where: str, *, drop: bool) -> Snapshot:
@@ -52,7 +70,7 @@ def planar(snapshot: Snapshot, where: str, *, drop: bool) -> Snapshot:
     )
 
 
-def _without(snapshot: Snapshot, dropped: np.ndarray, crossings: int) -> Snapshot:
+def _without(snapshot: Snapshot, dropped: Integers, crossings: int) -> Snapshot:
     graph = snapshot.graph
     kept = np.delete(np.arange(graph.contact_count), dropped)
     named = ", ".join(f"{a}-{b}" for a, b in snapshot.ids[graph.contacts[dropped[:10]]].tolist())
