@@ -18,8 +18,7 @@ from studies.series.figures import MappedInterval, draw_series
 from studies.series.increments import PREDICTIONS, increments
 from studies.series.plan import PlannedSnapshot
 from studies.series.tasks import PairTask, SnapshotTask, pairs, state_of, tracked
-from studies.snapshot.report import write_report
-from studies.snapshot.report_map import LoopsForMap, loops_for_map
+from studies.snapshot.report import LoopsForMap, loops_for_map, write_report
 
 CAPTIONS = {
     "orders_over_strain": ("Orders", "Shares of the loops by order along the series."),

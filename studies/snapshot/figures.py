@@ -9,38 +9,54 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
-from loops import Faces
+from loops import Faces, GrainGraph, branch_vectors
+from loops.arrays import Floats
 from patterns import Snapshot
 from studies.snapshot.definitions import BLOCKED, FREED
-from studies.snapshot.eigenvalues import eigenvalue_distribution
 from studies.snapshot.loop_map import loop_map
-from studies.snapshot.roses import fabric_rose, unstable_rose
+from studies.snapshot.mechanics import CLOSURES, JUDGES, unstable_loops
+from studies.snapshot.statistics import GROUPS, Groups, axes_density, group_rows
+from studies.snapshot.table import EIGENVALUES
 from studies.style import (
+    BLACK,
+    BLUE,
+    GREEN,
     GREY,
+    LIGHT_GREY,
     ORANGE,
     SKY,
+    TWO_COLUMNS,
     VERMILION,
     axes_or_new,
     figure_of,
+    new_figure,
     save_figure,
     styled,
 )
 
+GROUP_COLOURS = dict(zip(GROUPS, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
+NAMES = ("smallest", "middle", "largest")
+TITLES = {
+    "affine": "affine, spins blocked",
+    "traction": "traction, spins blocked",
+    "traction_free": "traction, spins free",
+}
+BINS = 60
+# The axes leave out this share of the loops at either end; the first and the last bin hold them.
+TAIL = 0.002
+# Part of the axis that negative values may take beyond that.
+NEGATIVE = 0.15
+CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION}
+# Widths of the bins of many and of few axes, degrees; a half turn holds a whole number of each.
+FINE, COARSE, FEW = 10.0, 20.0, 200
+
 
 class Drawing(NamedTuple):
-    """A figure on its way to a file.
-
-    Attributes
-    ----------
-    name : str
-        Name of the files, without ending.
-    title, caption : str
-        What it shows.
-    figure : Figure
-        The figure.
-    """
+    """A figure on its way to a file."""
 
     name: str
     title: str
@@ -56,28 +72,7 @@ def draw_figures(
     folder: Path,
     source: dict[str, Any],
 ) -> list[tuple[str, str, Path]]:
-    """Draw every figure of a snapshot as PNG and SVG.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        Grains and contacts.
-    faces : Faces
-        Their faces.
-    table : dict of str to array
-        From `loop_table`.
-    summary : dict
-        From `snapshot_summary`.
-    folder : Path
-        Where to write.
-    source : dict
-        Provenance, written into the files.
-
-    Returns
-    -------
-    list of tuple of str, str, Path
-        Title, caption and PNG of each.
-    """
+    """Draw every figure of a snapshot as PNG and SVG."""
     shown = []
     for drawing in _drawings(snapshot, faces, table, summary):
         save_figure(drawing.figure, folder, drawing.name, source)
@@ -116,22 +111,7 @@ _ROSE = (
 
 @styled()
 def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None = None) -> Axes:
-    """Share of the loops by order: in number, in area, and the unstable ones among them.
-
-    Parameters
-    ----------
-    summary : dict
-        From `snapshot_summary`.
-    table : dict of str to array
-        From `loop_table`.
-    ax : Axes, optional
-        Where to draw; a new figure if left out.
-
-    Returns
-    -------
-    Axes
-        What was drawn into.
-    """
+    """Share of the loops by order: in number, in area, and the unstable ones among them."""
     ax = axes_or_new(ax)
     if summary["loops"] == 0:
         ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
@@ -152,3 +132,160 @@ def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None =
     ax.xaxis.set_major_locator(MaxNLocator(12, integer=True))
     ax.legend()
     return ax
+
+
+@styled()
+def eigenvalue_distribution(table: dict[str, Any]) -> Figure:
+    """Histograms of the three eigenvalues of Ks, a row a closure, a colour a group of orders."""
+    figure = new_figure(TWO_COLUMNS, 5.6)
+    panels = figure.subplots(len(JUDGES), 3, sharey=True)
+    groups = group_rows(table["order"])
+    for k, (name, shown) in enumerate(zip(EIGENVALUES, NAMES, strict=True)):
+        edges = _edges(np.concatenate([table[f"{closure}_{name}"] for closure in JUDGES]))
+        for row, closure in enumerate(JUDGES):
+            ax = panels[row, k]
+            for group in GROUPS:
+                values = table[f"{closure}_{name}"][groups[group]]
+                _histogram(ax, values, edges, group)
+            ax.set(yscale="log", xlim=(edges[0], edges[-1]))
+            if edges[0] < 0:
+                ax.axvspan(edges[0], 0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
+            if row == len(JUDGES) - 1:
+                ax.set_xlabel(shown)
+            if k == 0:
+                ax.set_ylabel(f"{TITLES[closure]}\nshare of the loops per bin")
+            if k == 2:
+                _legend(ax, table, closure, groups)
+    figure.supxlabel(r"eigenvalue of $K_s$ / mean $k_n$", fontsize=8)
+    return figure
+
+
+def _edges(values: Floats) -> Floats:
+    """Bins over nearly all values; zero is a border of a bin."""
+    known = values[np.isfinite(values)]
+    if len(known) == 0:
+        return np.linspace(0.0, 1.0, BINS + 1)
+    low, high = np.quantile(known, [TAIL, 1 - TAIL])
+    if known.min() < 0:
+        low = max(known.min(), min(low, -NEGATIVE * abs(high)))
+    width = max((high - low) / BINS, 1e-9)
+    first, last = np.floor(low / width), np.ceil(high / width)
+    return width * np.arange(first, last + 1.5)
+
+
+def _histogram(ax: Axes, values: Floats, edges: Floats, group: str) -> None:
+    known = values[np.isfinite(values)]
+    if len(known) == 0:
+        return
+    number = np.histogram(np.clip(known, edges[0], edges[-1]), edges)[0]
+    ax.stairs(number / len(known), edges, color=GROUP_COLOURS[group], linewidth=1.0, baseline=None)
+
+
+def _legend(ax: Axes, table: dict[str, Any], closure: str, groups: Groups) -> None:
+    """Share of unstable loops of each group."""
+    unstable = unstable_loops(table, closure)
+    known = np.isfinite(table[f"{closure}_lambda_min"])
+    for group in GROUPS:
+        rows = groups[group]
+        if known[rows].any():
+            share = 100 * np.count_nonzero(unstable[rows]) / np.count_nonzero(known[rows])
+            label = f"order {group}: {share:.2g} %"
+            ax.plot([], [], color=GROUP_COLOURS[group], label=label)
+    ax.legend(title="unstable", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+@styled()
+def fabric_rose(graph: GrainGraph, summary: dict[str, Any]) -> Figure:
+    """Density of the contact directions, and its Fourier series of second order."""
+    figure = new_figure(3.5, 3.6)
+    ax = _polar(figure, 111)
+    _bars(ax, _contact_axes(graph), FINE, SKY, "contacts", filled=True)
+    fabric = summary["contact_fabric"]
+    theta = np.linspace(0, 2 * np.pi, 721)
+    a, density = fabric["fourier_amplitude"], _second_order(theta, fabric)
+    label = f"second order: a = {a:.3f}, {fabric['direction']:.1f}°"
+    ax.plot(theta, density, color=VERMILION, label=label)
+    _finish(ax, "contact direction", "probability density (1/rad)")
+    return figure
+
+
+def fabric_table(graph: GrainGraph, summary: dict[str, Any]) -> dict[str, NDArray[Any]]:
+    """The numbers behind `fabric_rose`."""
+    columns = axes_density(_contact_axes(graph), FINE)
+    second = _second_order(np.radians(columns["angle"]), summary["contact_fabric"])
+    return columns | {"second_order": second}
+
+
+def _contact_axes(graph: GrainGraph) -> Floats:
+    d = branch_vectors(graph)
+    return np.degrees(np.arctan2(d[:, 1], d[:, 0]))
+
+
+def _second_order(theta: Floats, fabric: dict[str, Any]) -> Floats:
+    swing = np.cos(2 * (theta - np.radians(fabric["direction"])))
+    return (1 + fabric["fourier_amplitude"] * swing) / (2 * np.pi)
+
+
+@styled()
+def unstable_rose(table: dict[str, Any], summary: dict[str, Any]) -> Figure:
+    """Directions of the unstable loops: of their smallest eigenvalue, and of their long axes."""
+    figure = new_figure(TWO_COLUMNS, 3.7)
+    for place, (title, column, key) in enumerate(
+        (
+            ("soft direction", "{}_soft_angle", "soft_angle"),
+            ("long axis of the polygon", "orientation", "long_axis"),
+        )
+    ):
+        ax = _polar(figure, 121 + place)
+        for closure in CLOSURES:
+            rows = unstable_loops(table, closure)
+            angles = table[column.format(closure)][rows]
+            angles = angles[np.isfinite(angles)]
+            width = FINE if len(angles) >= FEW else COARSE
+            label = f"{closure}, {len(angles)} loops"
+            _bars(ax, angles, width, CLOSURE_COLOURS[closure], label, filled=False)
+        for closure in CLOSURES:
+            _mean_axis(ax, summary["soft_loops"][closure][key], CLOSURE_COLOURS[closure])
+        _finish(ax, f"{title}, unstable loops", "probability density (1/rad)")
+    return figure
+
+
+def _polar(figure: Figure, place: int) -> PolarAxes:
+    ax = figure.add_subplot(place, projection="polar")
+    assert isinstance(ax, PolarAxes)
+    return ax
+
+
+def _bars(ax: Axes, axes: Floats, width: float, colour: str, label: str, *, filled: bool) -> None:
+    """Density of axes over the full circle, both directions of each alike."""
+    density = axes_density(axes, width)["density"]
+    centre = np.radians(width) * np.arange(2 * len(density))
+    ax.bar(
+        centre,
+        np.tile(density, 2),
+        np.radians(width),
+        color=colour if filled else "none",
+        edgecolor="white" if filled else colour,
+        linewidth=0.4 if filled else 1.1,
+        label=label,
+    )
+
+
+def _mean_axis(ax: Axes, block: dict[str, Any], colour: str) -> None:
+    if block["count"] == 0:
+        return
+    ax.set_ylim(0.0, ax.get_ylim()[1])
+    reach = block["resultant"] * ax.get_ylim()[1]
+    angle = np.radians(block["direction"])
+    ax.plot([angle, angle + np.pi], [reach, reach], "o", color=colour, markersize=3)
+    ax.plot([angle, angle + np.pi], [reach, reach], color=colour, linewidth=2.2)
+
+
+def _finish(ax: PolarAxes, title: str, unit: str) -> None:
+    ax.set_thetagrids(range(0, 360, 45))
+    ax.set_rticks(MaxNLocator(3).tick_values(0.0, ax.get_ylim()[1])[1:-1])
+    ax.tick_params(axis="y", labelsize=6, labelcolor=BLACK)
+    ax.set_rlabel_position(22.5)
+    ax.grid(color=LIGHT_GREY, linewidth=0.5)
+    ax.set_title(f"{title}\n{unit}")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=1)

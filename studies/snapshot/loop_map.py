@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
@@ -15,8 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from loops import Faces, loop_batches
+from loops import Faces
 from patterns import Snapshot
+from studies.snapshot.polygons import half_edges_of_loops, loop_corners
 from studies.style import (
     BLUE,
     DIVERGING,
@@ -26,6 +28,7 @@ from studies.style import (
     SKY,
     TWO_COLUMNS,
     VERMILION,
+    figure_of,
     new_figure,
     styled,
 )
@@ -50,20 +53,6 @@ def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
 
     Small packings are drawn loop by loop. Large ones are painted into a picture, each pixel in the
     colour of the loop that its centre lies in.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        Grains and contacts.
-    faces : Faces
-        Their faces.
-    table : dict of str to array
-        From `loop_table`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One map, or two of one sample side by side.
     """
     extent = np.ptp(snapshot.graph.x, axis=0)
     # A panel is as wide as half the page less its colour bar and labels.
@@ -89,24 +78,18 @@ def _by_order(draw: Any, ax: Axes, order: Integers) -> None:
         ListedColormap(ORDER_COLOURS),
         BoundaryNorm(bounds, len(ORDER_COLOURS)),
     )
-    bar = _figure(ax).colorbar(colours, ax=ax, ticks=range(3, LAST_ORDER + 1), shrink=0.75)
+    bar = figure_of(ax).colorbar(colours, ax=ax, ticks=range(3, LAST_ORDER + 1), shrink=0.75)
     bar.ax.set_yticklabels([*map(str, range(3, LAST_ORDER)), f"{LAST_ORDER}+"])
     bar.set_label("loop order (grains)")
 
 
 def _by_eigenvalue(draw: Any, ax: Axes, smallest: Floats) -> None:
     colours = draw(ax, smallest, mpl.colormaps[DIVERGING], _around_zero(smallest))
-    bar = _figure(ax).colorbar(colours, ax=ax, extend="both", shrink=0.75)
+    bar = figure_of(ax).colorbar(colours, ax=ax, extend="both", shrink=0.75)
     low, high = colours.get_clim()
     ticks = [low, 0.5 * low, 0.0, 0.5 * high, high]
     bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
     bar.set_label(r"smallest eigenvalue of $K_s$ / mean $k_n$")
-
-
-def _figure(ax: Axes) -> Figure:
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    return figure
 
 
 def _around_zero(values: Floats) -> Normalize:
@@ -122,33 +105,19 @@ def _around_zero(values: Floats) -> Normalize:
 
 
 def loop_drawer(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMappable]:
-    """Prepare the loops of a snapshot for drawing, once for all panels.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        Grains and contacts.
-    faces : Faces
-        Their faces.
-
-    Returns
-    -------
-    callable
-        `draw(ax, values, colours, scale)` with one value a loop, in the order of `faces.loops`,
-        a colour map and its scale; returns what was drawn. Polygons, or pixels for many loops.
-    """
+    """Prepare the loops of a snapshot for drawing, once for all panels."""
     many = len(faces.loops) > PAINT_LIMIT
     return _painter(snapshot, faces) if many else _polygon_drawer(snapshot, faces)
 
 
 def _polygon_drawer(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMappable]:
     """A function that draws every loop as a polygon."""
-    polygons, rows = _polygons(snapshot, faces, faces.loops)
+    polygons = _polygons(snapshot, faces)
 
     def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> ScalarMappable:
         collection = PolyCollection(
             polygons,
-            array=values[rows],
+            array=values,
             cmap=colours,
             norm=scale,
             edgecolors="white",
@@ -192,13 +161,13 @@ def _label(ax: Axes) -> None:
 
 def _outline(snapshot: Snapshot, faces: Faces, ax: Axes, unstable: NDArray[np.bool_]) -> None:
     """Draw a line around the unstable loops: some are too soft to show by their colour."""
-    picked = faces.loops[unstable]
+    picked = np.flatnonzero(unstable)
     if len(picked) > VECTOR_LIMIT:
         return
-    polygons, _ = _polygons(snapshot, faces, picked)
+    polygons = _polygons(snapshot, faces)
     ax.add_collection(
         PolyCollection(
-            polygons,
+            [polygons[k] for k in picked],
             facecolors="none",
             edgecolors=VERMILION,
             linewidths=0.8 * _line_width(len(faces.loops)),
@@ -214,13 +183,8 @@ def _line_width(loops: int) -> float:
     return float(np.clip(60.0 / max(loops, 1) ** 0.5, 0.25, 1.0))
 
 
-def _polygons(snapshot: Snapshot, faces: Faces, loops: Integers) -> tuple[list[Floats], Integers]:
-    """Corners of the loops, and the row of each in the table."""
-    row = np.full(len(faces.kind), -1)
-    row[faces.loops] = np.arange(len(faces.loops))
-    polygons: list[Floats] = []
-    rows = [np.empty(0, dtype=np.int64)]
-    for batch in loop_batches(snapshot.graph, faces, loops=loops):
-        polygons.extend(batch.graph.x)
-        rows.append(row[batch.face])
-    return polygons, np.concatenate(rows)
+def _polygons(snapshot: Snapshot, faces: Faces) -> list[Floats]:
+    """Corners of each loop."""
+    offsets, at = half_edges_of_loops(faces)
+    corners = loop_corners(snapshot.graph, faces, offsets, at)
+    return [corners[a:b] for a, b in pairwise(offsets.tolist())]

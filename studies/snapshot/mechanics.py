@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from loops import Regime, love_weber_stress
 from loops.fabric import mean_tensor
-from patterns import Snapshot
+from patterns import Snapshot, WallContacts
 from stability import RTOL
-from studies.snapshot.boundary import wall_summary
 from studies.snapshot.statistics import (
     Groups,
     axes_block,
@@ -25,26 +24,15 @@ from studies.snapshot.table import EIGENVALUES, FREE
 Floats = NDArray[np.float64]
 Table = dict[str, Any]
 CLOSURES = ("affine", "traction")
+# Sine of the angle by which walls of an upright box may lean, and how flat they are.
+UPRIGHT = 1e-6
 # Whatever judges a loop: both closures with blocked spins, and the traction closure with free ones.
 JUDGES = (*CLOSURES, FREE)
 STRESSES = ("stress_11", "stress_12", "stress_21", "stress_22")
 
 
 def unstable_loops(table: Table, closure: str) -> NDArray[np.bool_]:
-    """Loops with an eigenvalue of Ks below zero, beyond the tolerance.
-
-    Parameters
-    ----------
-    table : dict of str to array
-        From `loop_table`; eigenvalues over the mean kn, so of order one.
-    closure : str
-        'affine', 'traction' or 'traction_free'.
-
-    Returns
-    -------
-    (L,) array of bool
-        False where the tangent is not trusted.
-    """
+    """Loops with an eigenvalue of Ks below zero, beyond the tolerance."""
     unstable: NDArray[np.bool_] = table[f"{closure}_lambda_min"] < -RTOL
     return unstable
 
@@ -52,24 +40,7 @@ def unstable_loops(table: Table, closure: str) -> NDArray[np.bool_]:
 def mechanics_summary(
     snapshot: Snapshot, table: Table, groups: Groups, area: float
 ) -> dict[str, Any]:
-    """Stress, sliding and stability of a snapshot with forces.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        With forces and law.
-    table : dict of str to array
-        From `loop_table`.
-    groups : dict
-        From `group_rows`.
-    area : float
-        Area of the sample.
-
-    Returns
-    -------
-    dict
-        Plain values by key; see `DEFINITIONS`.
-    """
+    """Stress, sliding and stability of a snapshot with forces."""
     law, regime = snapshot.mechanics()
     sliding = regime == Regime.SLIDING
     return {
@@ -153,3 +124,50 @@ def _mean_by_order(
     with np.errstate(invalid="ignore"):
         means = total[orders] / number[orders]
     return dict(zip(map(str, orders.tolist()), means.tolist(), strict=True))
+
+
+def wall_summary(snapshot: Snapshot, outline: float) -> dict[str, Any]:
+    """Stress that the contacts with walls carry, and their share of the whole.
+
+    With walls the sample reaches to them: its area is that of the box if all walls are upright,
+    and the polygon around the network otherwise. The share does not depend on that area.
+    """
+    walls = snapshot.walls
+    if walls is None or not snapshot.mechanical or len(walls.grain) == 0:
+        return {}
+    box = None if snapshot.graph.cell is not None else _box_area(snapshot.graph.x, walls)
+    area = outline if box is None else box
+    if not area > 0:
+        return {}
+    at_walls = walls.force.T @ walls.branch / area
+    total = at_walls + love_weber_stress(snapshot.graph, area)
+    kind = "cell" if snapshot.graph.cell is not None else "outline of the network"
+    return {
+        "stress_walls": at_walls,
+        "stress_total": total,
+        "boundary_area": area,
+        "boundary_area_is": kind if box is None else "box within the walls",
+        "boundary_share": float(np.trace(at_walls) / np.trace(total)),
+        "wall_force": spread(np.hypot(*walls.force.T)),
+    }
+
+
+def _box_area(x: Floats, walls: WallContacts) -> float | None:
+    """Area within upright walls, all four of them touched; None for anything else."""
+    feet = x[walls.grain] - walls.branch
+    length = np.hypot(*walls.branch.T)
+    across = np.abs(walls.branch) > UPRIGHT * length[:, None]
+    if across.all(axis=1).any():
+        return None
+    sides = []
+    for axis in (0, 1):
+        own = across[:, axis]
+        low = own & (walls.branch[:, axis] > 0)
+        high = own & (walls.branch[:, axis] < 0)
+        if not (low.any() and high.any()):
+            return None
+        side = float(feet[high, axis].mean() - feet[low, axis].mean())
+        if max(np.ptp(feet[low, axis]), np.ptp(feet[high, axis])) > UPRIGHT * side:
+            return None
+        sides.append(side)
+    return sides[0] * sides[1]

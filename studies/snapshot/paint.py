@@ -10,22 +10,14 @@ from numpy.typing import NDArray
 
 from loops import Faces, GrainGraph
 from loops.compiled.kernel import given, kernel
+from studies.snapshot.polygons import half_edges_of_loops, loop_corners
 
 Floats = NDArray[np.float64]
 Long = NDArray[np.int64]
 
 
 class Painting(NamedTuple):
-    """Loops in pixels.
-
-    Attributes
-    ----------
-    loop : (rows, columns) array of int32
-        Loop that holds the centre of each pixel, its place in `faces.loops`; -1 for none. The
-        first row is the lowest.
-    extent : tuple of 4 floats
-        Left, right, bottom and top border of the picture (length).
-    """
+    """Loops in pixels."""
 
     loop: NDArray[np.int32]
     extent: tuple[float, float, float, float]
@@ -36,71 +28,15 @@ def paint_loops(graph: GrainGraph, faces: Faces, longest: int) -> Painting:
 
     Loops that cross a periodic border are unrolled from their first grain. Of loops inside other
     ones the last is seen.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        The packing, one state.
-    faces : Faces
-        Its faces.
-    longest : int
-        Pixels along the longer side; pixels are square.
-
-    Returns
-    -------
-    Painting
-        The picture.
     """
-    cell = np.zeros((2, 2)) if graph.cell is None else graph.cell
-    images = np.zeros((0, 2)) if graph.images is None else graph.images
-    corners = _corners(
-        given(graph.x, np.float64),
-        given(images, np.int64),
-        given(cell, np.float64),
-        given(faces.offsets, np.int64),
-        given(faces.grains, np.int64),
-        given(faces.contacts, np.int64),
-        given(faces.forward, np.bool_),
-        given(faces.loops, np.int64),
-    )
-    order = faces.order[faces.loops]
-    offsets = np.concatenate([[0], np.cumsum(order)])
+    offsets, at = half_edges_of_loops(faces)
+    corners = given(loop_corners(graph, faces, offsets, at), np.float64)
     low, high = corners.min(axis=0), corners.max(axis=0)
     side = float((high - low).max()) / longest
     columns, rows = (max(1, math.ceil(float(length) / side)) for length in high - low)
     loop = _paint((corners - low) / side, offsets, rows, columns)
     left, bottom = low.tolist()
     return Painting(loop, (left, left + columns * side, bottom, bottom + rows * side))
-
-
-@kernel
-def _corners(
-    x: Floats,
-    images: Long,
-    cell: Floats,
-    offsets: Long,
-    grains: Long,
-    contacts: Long,
-    forward: NDArray[np.bool_],
-    loops: Long,
-) -> Floats:
-    """Corners of the loops one after the other, unrolled."""
-    total = 0
-    for f in loops:
-        total += offsets[f + 1] - offsets[f]
-    corners = np.empty((total, 2))
-    at = 0
-    for f in loops:
-        p, q = 0, 0
-        for h in range(offsets[f], offsets[f + 1]):
-            corners[at, 0] = x[grains[h], 0] + cell[0, 0] * p + cell[0, 1] * q
-            corners[at, 1] = x[grains[h], 1] + cell[1, 0] * p + cell[1, 1] * q
-            at += 1
-            if len(images):
-                sign = 1 if forward[h] else -1
-                p += sign * images[contacts[h], 0]
-                q += sign * images[contacts[h], 1]
-    return corners
 
 
 @kernel

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from loops import Faces, InputError, Regime, branch_vectors
 from patterns import Snapshot
 from studies.output import as_json
-from studies.snapshot.report_map import half_edges_of_loops, loop_corners
+from studies.snapshot.polygons import half_edges_of_loops, loop_corners
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -31,24 +31,6 @@ def write_paraview(
     polygons are the columns of the table, point data the ids of the grains; cell data of the
     lines are the ids of both grains, the branch length and, where there are forces, N, T and
     whether the contact slides. The provenance is field data of both, as JSON.
-
-    Parameters
-    ----------
-    folder : Path
-        Where.
-    snapshot : Snapshot
-        Grains and contacts.
-    faces : Faces
-        Their faces.
-    table : mapping of str to array
-        From `loop_table`, with columns of one's own if wanted.
-    provenance : mapping
-        From `studies.output.provenance`.
-
-    Raises
-    ------
-    InputError
-        If the library vtk is not installed.
     """
     source = as_json(provenance)
     offsets, at = half_edges_of_loops(faces)
@@ -84,28 +66,7 @@ def write_polydata(
     point_data: Mapping[str, NDArray[Any]],
     source: str,
 ) -> None:
-    """Write cells whose points follow one another.
-
-    Parameters
-    ----------
-    path : Path
-        File, `.vtp`.
-    points : (H, 2) array
-        Points of the cells, one cell after the other (length).
-    offsets : (L + 1,) array of int
-        Where each cell starts.
-    lines : bool
-        Whether cells are lines; else polygons.
-    cell_data, point_data : mapping of str to array
-        Columns, L and H long.
-    source : str
-        Provenance, into the field data.
-
-    Raises
-    ------
-    InputError
-        If the library vtk is not installed.
-    """
+    """Write cells whose points follow one another."""
     try:
         from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
         from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray

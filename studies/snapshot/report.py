@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import base64
+import json
 import mimetypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from studies.snapshot.report_map import MOST_LOOPS, LoopsForMap, packed
-from studies.snapshot.report_tables import definitions_list, plain_table, summary_tables
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import to_hex
+from numpy.typing import NDArray
+
+from loops import Faces
+from loops.arrays import Floats, Integers
+from patterns import Snapshot
+from studies.snapshot.loop_map import ORDER_COLOURS
+from studies.snapshot.polygons import half_edges_of_loops, loop_corners
+from studies.style import DIVERGING, SEQUENTIAL
 
 HERE = Path(__file__).parent
 # Of a figure's pixels, of which there are 300 to the inch.
@@ -53,6 +64,15 @@ numbers with six digits, in full in the table beside this page.</p>
 <script type="application/json" id="map-data">{data}</script>
 <script>
 {script}</script>"""
+# Beyond so many loops a page gets too slow to handle.
+MOST_LOOPS = 50_000
+SHADES = 64
+# Columns offered first for the colours.
+FIRST = ("order", "traction_lambda_min", "traction_free_lambda_min", "affine_lambda_min", "w2")
+# A row of more values is turned into a column.
+WIDEST = 9
+# Keys that have places of their own.
+APART = ("definitions", "notes", "provenance")
 
 
 def write_report(
@@ -64,32 +84,7 @@ def write_report(
     provenance: Mapping[str, Any],
     count: int | None = None,
 ) -> Path:
-    """Write `report.html`: one file that needs nothing else, no network either.
-
-    Parameters
-    ----------
-    folder : Path
-        Where.
-    title : str
-        Heading of the page.
-    summary : mapping
-        Plain values, arrays and mappings of them; `definitions` and `notes` get sections of
-        their own, `loops` tells how many loops there are.
-    figures : sequence of tuple of str, str, Path
-        Title, caption and file of each: PNG, GIF, JPEG or MP4.
-    loops : LoopsForMap, optional
-        Loops of the interactive map, from `loops_for_map`; for more than 50,000 loops a sentence
-        stands in its place.
-    provenance : mapping
-        From `studies.output.provenance`.
-    count : int, optional
-        Loops of the snapshot on the map, if the summary tells of several.
-
-    Returns
-    -------
-    Path
-        The page.
-    """
+    """Write `report.html`: one file that needs nothing else, no network either."""
     sections = {
         "Map": _map_section(loops, summary.get("loops", 0) if count is None else count),
         "Figures": "\n".join(_figure(*figure) for figure in figures),
@@ -161,3 +156,161 @@ def _plain(provenance: Mapping[str, Any]) -> dict[str, Any]:
             value = ", ".join(f"{name}={column}" for name, column in value.items())
         values[f"configuration: {key}"] = value
     return values
+
+
+@dataclass(frozen=True, eq=False)
+class LoopsForMap:
+    """Polygons and rows of the loops of one packing."""
+
+    offsets: Integers
+    corners: Floats
+    grains: Integers
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    unit: str = "length unit of the input"
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+
+def loops_for_map(snapshot: Snapshot, faces: Faces, table: Mapping[str, Any]) -> LoopsForMap | None:
+    """Polygons and rows of the loops of a snapshot."""
+    if len(faces.loops) > MOST_LOOPS:
+        return None
+    offsets, at = half_edges_of_loops(faces)
+    return LoopsForMap(
+        offsets,
+        loop_corners(snapshot.graph, faces, offsets, at),
+        snapshot.ids[faces.grains[at]],
+        {name: np.asarray(values) for name, values in table.items() if name != "grains"},
+    )
+
+
+def packed(loops: LoopsForMap) -> str:
+    """The loops as JSON whose arrays are little-endian bytes in base64.
+
+    Corners are single precision, relative to `origin`; so are columns of floats, which are shown
+    with six digits. Integers have four bytes, ids eight-byte floats if four are too few.
+    """
+    origin = loops.corners.mean(axis=0) if len(loops.corners) else np.zeros(2)
+    ahead = [name for name in FIRST if name in loops.columns]
+    content = {
+        "count": len(loops),
+        "origin": origin.tolist(),
+        "unit": loops.unit,
+        "offsets": encoded(loops.offsets),
+        "corners": encoded((loops.corners - origin).ravel()),
+        "grains": encoded(loops.grains),
+        "columns": {name: encoded(values) for name, values in loops.columns.items()},
+        "colour_by": [*ahead, *(n for n in loops.columns if n not in (*ahead, "loop"))],
+        "palettes": {
+            "order": ORDER_COLOURS,
+            "sequential": _shades(SEQUENTIAL),
+            "diverging": _shades(DIVERGING),
+        },
+    }
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def encoded(values: NDArray[Any]) -> dict[str, str]:
+    """Type and bytes of an array."""
+    if np.issubdtype(values.dtype, np.floating):
+        kind = "f4"
+    else:
+        wide = len(values) and np.abs(values).max() >= 2**31
+        kind = "f8" if wide else "i4"
+    data = values.astype(f"<{kind}").tobytes()
+    return {"type": kind, "data": base64.b64encode(data).decode("ascii")}
+
+
+def _shades(name: str) -> list[str]:
+    return [to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, SHADES))]
+
+
+def summary_tables(summary: Mapping[str, Any]) -> str:
+    """Every key of a summary: plain values in one table, the others in one each."""
+    told = summary.get("definitions", {})
+    shown = {key: summary[key] for key in sorted(summary) if key not in APART}
+    plain = {key: value for key, value in shown.items() if not isinstance(value, Mapping)}
+    parts = [plain_table(plain, told)]
+    for key, value in shown.items():
+        if isinstance(value, Mapping) and value:
+            about = f'<p class="about">{escape(told[key])}.</p>' if key in told else ""
+            parts.append(f"<h3>{escape(key)}</h3>{about}{mapping_table(value)}")
+    return "\n".join(parts)
+
+
+def mapping_table(values: Mapping[str, Any]) -> str:
+    """A table of nested mappings: a row for each innermost one, its path in front."""
+    rows = list(_innermost(values, ()))
+    if not rows:
+        return "<p>–</p>"
+    if len(rows) == 1 and not rows[0][0] and len(rows[0][1]) > WIDEST:
+        return plain_table(rows[0][1])
+    columns = list(dict.fromkeys(name for _, row in rows for name in row))
+    depth = max(len(path) for path, _ in rows)
+    return _table(depth, rows, columns)
+
+
+def definitions_list(told: Mapping[str, str]) -> str:
+    """Definitions of the keys, as a table."""
+    lines = "".join(
+        f'<tr><td>{escape(key)}</td><td class="text">{escape(told[key])}</td></tr>'
+        for key in sorted(told)
+    )
+    return f'<div class="scroll"><table><tbody>{lines}</tbody></table></div>'
+
+
+def value_text(value: Any) -> str:
+    """A value with six digits; a dash for what is not known."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(value_text, value)) + "]"
+    if value is None or (isinstance(value, (float, np.floating)) and not np.isfinite(value)):
+        return "–"
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.6g}"
+    return str(value)
+
+
+def plain_table(values: Mapping[str, Any], told: Mapping[str, str] | None = None) -> str:
+    """A table with one row a key, and what it means."""
+    said = told or {}
+    lines = "".join(
+        f"<tr><td>{escape(key)}</td><td>{escape(value_text(value))}</td>"
+        f'<td class="text">{escape(said.get(key, ""))}</td></tr>'
+        for key, value in values.items()
+    )
+    return f'<div class="scroll"><table><tbody>{lines}</tbody></table></div>'
+
+
+def _innermost(
+    values: Mapping[str, Any], path: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
+    """Mappings without mappings in them, with the keys that lead there."""
+    plain = {key: value for key, value in values.items() if not isinstance(value, Mapping)}
+    if plain:
+        yield path, plain
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _innermost(value, (*path, str(key)))
+
+
+def _table(
+    depth: int,
+    rows: list[tuple[tuple[str, ...], Mapping[str, Any]]],
+    columns: list[str],
+) -> str:
+    head = "".join(f"<th>{escape(str(name))}</th>" for name in [*([""] * depth), *columns])
+    lines = []
+    for path, row in rows:
+        front = [*path, *([""] * (depth - len(path)))]
+        cells = [escape(name) for name in front]
+        cells += [escape(value_text(row[name])) if name in row else "" for name in columns]
+        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+    return (
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(lines)}</tbody></table></div>"
+    )

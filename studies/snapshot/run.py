@@ -80,10 +80,8 @@ def _draw(
 ) -> None:
     """Figures, the numbers behind the rose of contacts, and the report."""
     # Drawing is loaded only when there is something to draw.
-    from studies.snapshot.figures import draw_figures
-    from studies.snapshot.report import write_report
-    from studies.snapshot.report_map import loops_for_map
-    from studies.snapshot.roses import fabric_table
+    from studies.snapshot.figures import draw_figures, fabric_table
+    from studies.snapshot.report import loops_for_map, write_report
 
     made = summary["provenance"]
     write_table(folder, "fabric", fabric_table(snapshot.graph, summary), made, csv=csv)

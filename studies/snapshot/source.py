@@ -32,27 +32,7 @@ def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snap
 
 
 def planar(snapshot: Snapshot, where: str, *, drop: bool) -> Snapshot:
-    """A snapshot whose network has no crossing branches.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        As it was read.
-    where : str
-        Its file, for messages.
-    drop : bool
-        Whether to leave out one contact of each crossing pair; a note tells which.
-
-    Returns
-    -------
-    Snapshot
-        The same one if nothing crosses.
-
-    Raises
-    ------
-    InputError
-        If branches cross and `drop` is false.
-    """
+    """A snapshot whose network has no crossing branches."""
     pairs = find_crossings(snapshot.graph, MOST)
     if len(pairs) == 0:
         return snapshot

@@ -20,27 +20,7 @@ QUARTILES = {"q25": 0.25, "median": 0.5, "q75": 0.75}
 
 
 def spread(values: ArrayLike, weights: ArrayLike | None = None) -> dict[str, Any]:
-    """Mean, standard deviation, quartiles and number of what is known.
-
-    Parameters
-    ----------
-    values : (L,) array
-        Values; those that are not a number are left out.
-    weights : (L,) array, optional
-        Weights, not negative, of the mean and the deviation. Quartiles count every value once.
-
-    Returns
-    -------
-    dict
-        `mean`, `std` (of the values themselves, not of their mean), `median`, `q25`, `q75`,
-        `count`; not a number where there is nothing to average.
-
-    Examples
-    --------
-    >>> from studies.snapshot.statistics import spread
-    >>> spread([1.0, 2.0, 3.0, float("nan")])["mean"], spread([1.0, 3.0], [3.0, 1.0])["mean"]
-    (2.0, 1.5)
-    """
+    """Mean, standard deviation, quartiles and number of what is known."""
     value = np.asarray(values, dtype=float)
     known = ~np.isnan(value)
     value = value[known]
@@ -58,26 +38,7 @@ def spread(values: ArrayLike, weights: ArrayLike | None = None) -> dict[str, Any
 
 
 def group_rows(order: NDArray[np.int64]) -> Groups:
-    """Rows of the loops of each group of orders, and of `all`.
-
-    Parameters
-    ----------
-    order : (L,) array of int
-        Orders of the loops.
-
-    Returns
-    -------
-    dict of str to array of int or slice
-        By '3', '4', '5', '6+' and 'all'.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from studies.snapshot.statistics import group_rows
-    >>> order = np.array([3, 9, 3, 7])
-    >>> {name: order[rows].tolist() for name, rows in group_rows(order).items()}
-    {'3': [3, 3], '4': [], '5': [], '6+': [9, 7], 'all': [3, 9, 3, 7]}
-    """
+    """Rows of the loops of each group of orders, and of `all`."""
     grouped = np.minimum(order, LAST_GROUP).astype(np.int8)
     rows: Groups = {name: np.flatnonzero(grouped == 3 + k) for k, name in enumerate(GROUPS)}
     return rows | {"all": slice(None)}
@@ -86,20 +47,7 @@ def group_rows(order: NDArray[np.int64]) -> Groups:
 def spread_by_group(
     groups: Groups, values: Floats, weights: Floats | None = None
 ) -> dict[str, dict[str, Any]]:
-    """`spread` of a column for each group of orders.
-
-    Parameters
-    ----------
-    groups : dict
-        From `group_rows`.
-    values, weights : (L,) array
-        As in `spread`.
-
-    Returns
-    -------
-    dict of str to dict
-        By group, `all` among them.
-    """
+    """`spread` of a column for each group of orders."""
     return {
         name: spread(values[rows], None if weights is None else weights[rows])
         for name, rows in groups.items()
@@ -107,36 +55,12 @@ def spread_by_group(
 
 
 def share_by_group(groups: Groups, having: Mask, known: Mask) -> dict[str, Any]:
-    """Share of the loops of each group that have a property.
-
-    Parameters
-    ----------
-    groups : dict
-        From `group_rows`.
-    having, known : (L,) array of bool
-        Which loops have it, and of which one knows.
-
-    Returns
-    -------
-    dict of str to dict
-        As `share`, by group.
-    """
+    """Share of the loops of each group that have a property."""
     return {name: share(having[rows][known[rows]]) for name, rows in groups.items()}
 
 
 def share(having: Mask) -> dict[str, Any]:
-    """Share of what has a property, its standard error `sqrt(p (1 - p)/n)` and the number n.
-
-    Parameters
-    ----------
-    having : (L,) array of bool
-        Which have it.
-
-    Returns
-    -------
-    dict
-        `mean`, `std_error`, `count`.
-    """
+    """Share of what has a property, its standard error `sqrt(p (1 - p)/n)` and the number n."""
     if len(having) == 0:
         return {"mean": float("nan"), "std_error": float("nan"), "count": 0}
     p = float(having.mean())
@@ -145,18 +69,7 @@ def share(having: Mask) -> dict[str, Any]:
 
 
 def tensor_block(average: TensorMean) -> dict[str, Any]:
-    """A mean tensor with its spread, anisotropy and direction.
-
-    Parameters
-    ----------
-    average : TensorMean
-        From `loops.fabric`.
-
-    Returns
-    -------
-    dict
-        `tensor`, `std` (2x2 each), `anisotropy`, `direction` (degrees), `count`.
-    """
+    """A mean tensor with its spread, anisotropy and direction."""
     anisotropy, direction = principal(average.mean)
     return {
         "tensor": average.mean,
@@ -168,21 +81,7 @@ def tensor_block(average: TensorMean) -> dict[str, Any]:
 
 
 def axes_block(angles: Floats, weights: Floats | None = None) -> dict[str, Any]:
-    """Mean of axes, by doubled angles, with its spread.
-
-    Parameters
-    ----------
-    angles : (L,) array
-        Axes, degrees; those that are not a number are left out.
-    weights : (L,) array, optional
-        Weights.
-
-    Returns
-    -------
-    dict
-        `direction` (degrees), `resultant` (0 to 1), `std`, the circular standard deviation
-        `sqrt(-2 ln resultant)/2` (degrees), `count`.
-    """
+    """Mean of axes, by doubled angles, with its spread."""
     known = np.isfinite(angles)
     direction, resultant = axial_mean(
         np.radians(angles[known]), None if weights is None else weights[known]
@@ -198,28 +97,7 @@ def axes_block(angles: Floats, weights: Floats | None = None) -> dict[str, Any]:
 
 
 def axes_density(axes: Floats, width: float) -> dict[str, NDArray[Any]]:
-    """Density of axes over half a turn.
-
-    Parameters
-    ----------
-    axes : (L,) array
-        Axes, degrees.
-    width : float
-        Width of the bins, degrees; half a turn holds a whole number of them.
-
-    Returns
-    -------
-    dict of str to array
-        `angle`, centre of each bin (degrees, from 0), `count`, and `density` over the full circle
-        (1/rad), each axis counted in both its directions.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from studies.snapshot.statistics import axes_density
-    >>> axes_density(np.array([0.0, 179.0, -91.0]), 90.0)["count"].tolist()
-    [2, 1]
-    """
+    """Density of axes over half a turn."""
     bins = round(180 / width)
     # Bins centred on the axes of coordinates, where regular packings have their peaks.
     at = np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins

@@ -29,22 +29,7 @@ DEFINITIONS = GEOMETRY | MECHANICS
 def snapshot_summary(
     snapshot: Snapshot, faces: Faces, table: dict[str, NDArray[Any]]
 ) -> dict[str, Any]:
-    """Counts, Euler check, loop orders, fabric, stress and stability of a snapshot.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        Grains, contacts; law and regimes if there are forces.
-    faces : Faces
-        Its faces.
-    table : dict of str to array
-        From `loop_table`.
-
-    Returns
-    -------
-    dict
-        Plain values by key; see `DEFINITIONS`. Without forces the mechanical keys are absent.
-    """
+    """Counts, Euler check, loop orders, fabric, stress and stability of a snapshot."""
     area, groups = outline_area(snapshot.graph, faces), group_rows(table["order"])
     # Arrays as long as these leave the interpreter free: two threads share the work.
     with ThreadPoolExecutor(2) as pool:

@@ -80,25 +80,6 @@ def loop_table(
     - `traction_condition`, see `MacroTangent`;
     - `traction_free_lambda_min`, `*_mid`, `*_max`: the same eigenvalues under the traction closure
       with spins free, as if the loop were cut out of its packing.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-        Grains and contacts; law and regimes if there are forces.
-    faces : Faces
-        Its faces, from `find_faces`.
-    progress : callable, optional
-        Told the number of loops done since the last call.
-    compiled : bool, optional
-        Whether to take the compiled kernels; by the number of contacts if left out.
-    threads : int, optional
-        Threads that share the loops, if compiled; as many as there are cores if left out.
-
-    Returns
-    -------
-    dict of str to array
-        The columns; not a number where a tangent is not trusted, or where the sign of the
-        smallest eigenvalue is within its error bound.
     """
     parts: Iterator[tuple[Any, Columns]]
     if use_compiled(compiled, snapshot.graph.contact_count):

@@ -14,9 +14,16 @@ import pytest
 from loops import find_faces, polygon_area
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from studies.output import provenance
-from studies.snapshot.report import write_report
-from studies.snapshot.report_map import MOST_LOOPS, LoopsForMap, encoded, loops_for_map
-from studies.snapshot.report_tables import mapping_table, summary_tables, value_text
+from studies.snapshot.report import (
+    MOST_LOOPS,
+    LoopsForMap,
+    encoded,
+    loops_for_map,
+    mapping_table,
+    summary_tables,
+    value_text,
+    write_report,
+)
 from studies.snapshot.table import loop_table
 
 MADE = provenance("snapshot", {"path": "a <b>.csv", "columns": {"x": "px"}}, "as the input's")
