@@ -5,20 +5,27 @@ from __future__ import annotations
 import io
 import sys
 import warnings
-from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
 
 from loops.errors import InputError
-from studies.commands import bench, check, diamond, domain, polygon, series, snapshot
+from studies.commands.bench import bench
+from studies.commands.check import check
 from studies.commands.common import forget_output
+from studies.commands.diamond import diamond
+from studies.commands.domain import domain
+from studies.commands.polygon import polygon
+from studies.commands.series import series
+from studies.commands.snapshot import snapshot
 
 app = typer.Typer(
     invoke_without_command=True,
     add_completion=False,
+    # Plain help: rich takes longer to load than all that is shown here.
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     help="Stability of grain loops in two-dimensional granular media. Angles in degrees; "
     "forces, stresses and strains positive in compression.",
 )
@@ -33,6 +40,8 @@ def grainloops(
 ) -> None:
     """Show the version, or the help when no command is given."""
     if show_version:
+        from importlib.metadata import version
+
         typer.echo(f"grainloops {version('grainloops')}")
         raise typer.Exit
     if context.invoked_subcommand is None:
@@ -40,7 +49,7 @@ def grainloops(
 
 
 for command in (check, snapshot, series, diamond, polygon, domain, bench):
-    command.register(app)
+    app.command()(command)
 
 
 # click's UsageError, wherever typer keeps it.

@@ -9,11 +9,6 @@ import typer
 from studies.commands.common import Force, Json, Out, report
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    app.command()(bench)
-
-
 def bench(
     out: Out,
     quick: Annotated[

@@ -25,11 +25,6 @@ from studies.commands.common import (
 VERDICTS = ("ok", "doubt", "error")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    app.command()(check)
-
-
 def check(
     paths: Annotated[
         list[Path], typer.Argument(help="Files, or those of the grains; every snapshot of each.")

@@ -9,11 +9,6 @@ import typer
 from studies.commands.common import Csv, Force, Json, Out, report
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    app.command()(diamond)
-
-
 def diamond(
     out: Out,
     table: Annotated[int | None, typer.Option(help="The paper's Table 1 or 2.")] = None,

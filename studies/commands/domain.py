@@ -9,11 +9,6 @@ import typer
 from studies.commands.common import Csv, Force, Json, Out, numbers, report
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    app.command()(domain)
-
-
 def domain(
     out: Out,
     alpha0: Annotated[

@@ -11,11 +11,6 @@ from loops.errors import InputError
 from studies.commands.common import Csv, Force, Json, Out, report, shown
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    app.command()(polygon)
-
-
 def polygon(
     out: Out,
     order: Annotated[int | None, typer.Option(help="Number of grains, 3 or more.")] = None,

@@ -39,14 +39,10 @@ PREDICTORS = {
 }
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    app.command()(series)
-
-
 def series(
     paths: Annotated[
-        list[Path], typer.Argument(help="Files of the snapshots, in order; all frames of each.")
+        list[Path],
+        typer.Argument(help="Files of the snapshots, in order; all of a file with several."),
     ],
     out: Out,
     workers: Annotated[

@@ -34,11 +34,6 @@ JUDGES = {
 }
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    app.command()(snapshot)
-
-
 def snapshot(
     path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
     out: Out,
@@ -56,7 +51,8 @@ def snapshot(
     format: Format = "auto",
     columns: Columns = None,
     frame: Annotated[
-        int | None, typer.Option(help="Instant of a file with several: 0 the first, -1 the last.")
+        int | None,
+        typer.Option(help="Which snapshot of a file with several: 0 the first, -1 the last."),
     ] = None,
     drop_crossings: DropCrossings = False,
     no_figures: Annotated[

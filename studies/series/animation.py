@@ -1,4 +1,4 @@
-"""An animation of a series: its loops frame by frame, coloured by order and by stability."""
+"""An animation of a series: its loops by order and by stability."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ WORK = (
 
 
 class TrackedState(NamedTuple):
-    """One instant of a series."""
+    """One snapshot of a series and its faces."""
 
     snapshot: Snapshot
     faces: Faces

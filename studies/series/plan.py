@@ -35,7 +35,7 @@ class PlannedSnapshot:
 
     @property
     def name(self) -> str:
-        """File and frame, for messages and tables."""
+        """File, and place in a file of several, for messages and tables."""
         frame = self.how["frame"]
         return readable(self.path.name) + (f", frame {frame}" if frame is not None else "")
 
@@ -43,7 +43,7 @@ class PlannedSnapshot:
 def plan_series(
     paths: Sequence[Path], cells: Path | None, how: dict[str, Any]
 ) -> list[PlannedSnapshot]:
-    """Snapshots of a series in order: one a file, or one a frame of a file that holds several."""
+    """Snapshots of a series in order: one a file, or all of a file that holds several."""
     _require_distinct(paths)
     if how["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
@@ -73,7 +73,7 @@ def _require_distinct(paths: Sequence[Path]) -> None:
 
 
 def _frames(path: Path, how: dict[str, Any]) -> list[dict[str, Any]]:
-    """Options for each frame; a file that can't be read stands as one, for its task to say why."""
+    """Options for each snapshot of a file; what can't be read is left to its task."""
     try:
         count = count_frames(path, format=how["format"], columns=how["columns"])
     except InputError:
@@ -101,13 +101,13 @@ def _cell_of(snapshot: PlannedSnapshot, cells: dict[int, Cell], table: Path) -> 
             f"--cells {table}",
             f"no row with snap = {number}, for {snapshot.path.name}",
             "one row a snapshot",
-            "Add the row; snap is the last number in the name of the file, or the frame.",
+            "Add the row; snap is the last number in the name, or the place in a file of several.",
         )
     return cells[number]
 
 
 def number_of(path: Path, frame: int | None = None) -> int:
-    """Number of a snapshot in a table of cells: its frame, else the last number in its name."""
+    """Number in a table of cells: the place in a file of several, else the last in the name."""
     if frame is not None:
         return frame
     found = re.findall(r"\d+", ENDINGS.sub("", path.name))

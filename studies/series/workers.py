@@ -5,7 +5,9 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
+import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -110,7 +112,7 @@ def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     pool = ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
-        initializer=_end_with_parent,
+        initializer=_begin,
     )
     try:
         yield pool
@@ -172,8 +174,10 @@ def _interrupts_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _end_with_parent() -> None:
-    """A killed parent tells nobody: its processes would wait for tasks for ever."""
+def _begin() -> None:
+    """No warnings, as in the command; and a killed parent tells nobody: end with it."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
     parent = multiprocessing.parent_process()
     if parent is None:
         return

@@ -191,6 +191,28 @@ def test_the_version(monkeypatch, capsys):
     assert capsys.readouterr().out.startswith("grainloops ")
 
 
+@pytest.mark.parametrize(
+    ("asked", "unused"),
+    [
+        (["--help"], ["numpy", "rich", "loops.graph", "patterns.diamond", "stability.verdict"]),
+        (["--version"], ["numpy", "rich", "loops.graph"]),
+        (["polygon", "--help"], ["numpy", "rich", "studies.polygon"]),
+        (["snapshot", "nowhere.csv", "--out", "o"], ["matplotlib", "studies.polygon", "sympy"]),
+        (["domain", "--out", "o", "--directions", "2"], ["pyarrow.dataset", "studies.snapshot"]),
+    ],
+)
+def test_no_command_loads_rooms_that_it_does_not_use(tmp_path, asked, unused):
+    code = (
+        "import sys; from studies.cli import main\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        f"print([name for name in {unused!r} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *asked], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.stderr.splitlines()[-1] == "[]"
+
+
 def test_no_error_is_longer_than_a_screen(monkeypatch, capsys, tmp_path):
     place = "x" * 4000
     assert in_process(monkeypatch, "polygon", "--compare", place, "--out", tmp_path / "o") == 2
