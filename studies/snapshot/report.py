@@ -23,47 +23,12 @@ from studies.snapshot.loop_map import ORDER_COLOURS
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
 from studies.style import DIVERGING, SEQUENTIAL
 
-HERE = Path(__file__).parent
 # Of a figure's pixels, of which there are 300 to the inch.
 SHOWN = 0.5
 # The page asks nothing of any network, and browsers hold it to that.
 POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; "
 POLICY += "script-src 'unsafe-inline'"
 
-PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>
-{style}</style>
-</head>
-<body>
-<h1>{title}</h1>
-<p class="about">{made_by}. {units}. Sign convention: {signs}.</p>
-<nav>{links}</nav>
-{sections}
-</body>
-</html>
-"""
-MAP = """<div class="tools">
-<label>colour <select id="map-colour"></select></label>
-<span class="scale"><span id="map-low"></span><span class="bar" id="map-bar"></span>
-<span id="map-high"></span></span>
-<label>loop <input id="map-find" type="number" min="0"></label>
-<button id="map-closer" type="button">+</button>
-<button id="map-farther" type="button">&minus;</button>
-<button id="map-reset" type="button">whole sample</button>
-</div>
-<div id="map-view"><canvas id="map-canvas"></canvas><div class="row" id="map-row"></div></div>
-<p class="about">Point at a loop to see its row; click to keep it. The wheel zooms, dragging moves.
-Grey: not known. One value in a hundred lies beyond either end of the colours. Lengths in {unit};
-numbers with six digits, in full in the table beside this page.</p>
-<script type="application/json" id="map-data">{data}</script>
-<script>
-{script}</script>"""
 # Beyond so many loops a page gets too slow to handle.
 MOST_LOOPS = 50_000
 SHADES = 64
@@ -95,10 +60,10 @@ def write_report(
     }
     present = {name: text for name, text in sections.items() if text}
     made_by = f"{provenance.get('command', 'grainloops')}, version {provenance.get('version', '-')}"
-    page = PAGE.format(
+    page = _template("report.html").format(
         policy=POLICY,
         title=escape(title),
-        style=(HERE / "report.css").read_text(encoding="utf-8"),
+        style=_template("report.css"),
         made_by=escape(made_by),
         units=escape(f"Units: {provenance.get('units', 'as the input')}"),
         signs=escape(str(provenance.get("signs", ""))),
@@ -113,6 +78,10 @@ def write_report(
     return path
 
 
+def _template(name: str) -> str:
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")
+
+
 def _map_section(loops: LoopsForMap | None, count: int) -> str:
     count = count if loops is None else len(loops)
     if count > MOST_LOOPS:
@@ -122,8 +91,10 @@ def _map_section(loops: LoopsForMap | None, count: int) -> str:
         )
     if loops is None or count == 0:
         return ""
-    script = (HERE / "report.js").read_text(encoding="utf-8")
-    return MAP.format(unit=escape(loops.unit), data=packed(loops), script=script)
+    script = _template("report.js")
+    return _template("report_map.html").format(
+        unit=escape(loops.unit), data=packed(loops), script=script
+    )
 
 
 def _figure(title: str, caption: str, path: Path) -> str:

@@ -19,8 +19,9 @@ MOST, NAMED = 1_000_000, 3
 
 def reading(**how: Any) -> dict[str, Any]:
     """All options of `read_planar` but the path: those given, the others as they are by default."""
-    asked = inspect.signature(read_snapshot).parameters.values()
-    defaults = {one.name: one.default for one in asked if one.default is not one.empty}
+    asked = list(inspect.signature(read_snapshot).parameters.values())[1:]
+    # What contradicts itself is always refused here.
+    defaults = {one.name: one.default for one in asked if one.name != "strict"}
     return {**defaults, "drop_crossings": False, **how}
 
 

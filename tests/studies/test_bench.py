@@ -169,7 +169,7 @@ def test_the_command_refuses_unknown_groups(tmp_path):
     from studies.commands import bench
 
     app = typer.Typer()
-    bench.register(app)
+    app.command()(bench.bench)
     result = CliRunner().invoke(app, ["--out", str(tmp_path / "o"), "--only", "speed"])
     assert isinstance(result.exception, InputError)
     assert not (tmp_path / "o").exists()
