@@ -17,7 +17,7 @@ from studies.series.animation import Frame, animate_series, picked_frames
 from studies.series.figures import MappedInterval, draw_series
 from studies.series.increments import PREDICTIONS, increments
 from studies.series.plan import PlannedSnapshot
-from studies.series.tasks import PairTask, SnapshotTask, pairs, state_of, tracked
+from studies.series.tasks import Task, pairs, singles, state_of, tracked
 from studies.snapshot.report import LoopsForMap, loops_for_map, write_report
 
 CAPTIONS = {
@@ -57,7 +57,7 @@ def draw(
     counts = ExchangeCounts(*(exchange[name] for name in ExchangeCounts._fields))
     interval = None if mapped is None else _interval(tasks[mapped])
     draw_series(folder, evolution, counts, _joined(tasks), interval, source)
-    part = None if mapped is None else SnapshotTask(planned[mapped], out).part
+    part = None if mapped is None else singles(planned, out)[mapped].part
     series_report(folder, summary, interval, part, source)
 
 
@@ -75,9 +75,10 @@ def animate(
 def _frames(
     planned: Sequence[PlannedSnapshot], out: Path, evolution: Mapping[str, Sequence[Any]]
 ) -> Iterator[Frame]:
-    mechanical = SMALLEST in pyarrow.parquet.read_schema(SnapshotTask(planned[0], out).part).names
+    parts = [task.part for task in singles(planned, out)]
+    mechanical = SMALLEST in pyarrow.parquet.read_schema(parts[0]).names
     for k in picked_frames(len(planned)):
-        part = SnapshotTask(planned[k], out).part
+        part = parts[k]
         title = f"snapshot {planned[k].number}, shear strain {evolution['shear_strain'][k]:.4f}"
         smallest = None
         if mechanical:
@@ -86,7 +87,7 @@ def _frames(
         yield Frame(state_of(planned[k]), title, smallest)
 
 
-def _joined(tasks: Sequence[PairTask]) -> dict[str, NDArray[Any]]:
+def _joined(tasks: Sequence[Task]) -> dict[str, NDArray[Any]]:
     """What is drawn of all increments."""
     if not tasks:
         return {}
@@ -96,7 +97,7 @@ def _joined(tasks: Sequence[PairTask]) -> dict[str, NDArray[Any]]:
     return {name: table.column(name).to_numpy() for name in columns}
 
 
-def _interval(task: PairTask) -> MappedInterval:
+def _interval(task: Task) -> MappedInterval:
     before, after, fates = tracked(task)
     return MappedInterval(before, fates, increments(before, after, fates))
 

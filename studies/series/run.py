@@ -36,7 +36,7 @@ from studies.series.dataset import (
 from studies.series.evolution import evolution_table
 from studies.series.plan import PlannedSnapshot, plan_series
 from studies.series.skill import mean_skill, skill_table
-from studies.series.tasks import Failure, SnapshotTask, do_pair, do_snapshot, pairs
+from studies.series.tasks import Failure, pairs, singles
 from studies.series.workers import Runner, do_tasks, open_runner
 from studies.snapshot.source import reading
 
@@ -116,13 +116,12 @@ def _do_all(
     runner: Runner, planned: Sequence[PlannedSnapshot], out: Path, *, skip_bad: bool
 ) -> tuple[list[PlannedSnapshot], list[Failure]]:
     """Snapshots that could be read, and why the others could not."""
-    tasks = [SnapshotTask(one, out) for one in planned]
-    failures = do_tasks(runner, do_snapshot, tasks, "snapshots", skip_bad=skip_bad)
+    failures = do_tasks(runner, singles(planned, out), "snapshots", skip_bad=skip_bad)
     bad = {failure.number for failure in failures}
     good = [one for one in planned if one.number not in bad]
     if not good:
         raise failures[0].error()
-    do_tasks(runner, do_pair, pairs(good, out), "pairs", skip_bad=False)
+    do_tasks(runner, pairs(good, out), "pairs", skip_bad=False)
     return good, failures
 
 
@@ -138,7 +137,7 @@ def _gather(
 ) -> dict[str, Any]:
     """Put the finished parts of a series together; the summary."""
     datasets = {
-        "loops": [SnapshotTask(one, out).part for one in planned],
+        "loops": [task.part for task in singles(planned, out)],
         "increments": [task.part for task in pairs(planned, out)],
     }
     for name, parts in datasets.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,6 +14,7 @@ import numpy as np
 
 from loops import InputError, find_faces
 from loops.tracking import LoopFates, exchange_counts
+from studies.output import DATASETS
 from studies.series.dataset import write_part
 from studies.series.evolution import evolution_row, interval_row
 from studies.series.increments import TrackedState, increments, track_loops
@@ -53,89 +54,79 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class SnapshotTask:
-    """The loops of one snapshot."""
+class Task:
+    """One part to write: the loops of a snapshot, or what became of them by the next one."""
 
-    planned: PlannedSnapshot
+    snapshots: tuple[PlannedSnapshot, ...]
     out: Path
 
     @property
     def part(self) -> Path:
-        """Where the result goes."""
-        return self.out / "loops" / f"part-{self.planned.number:05d}.parquet"
+        """Where the result goes, below the absolute result folder."""
+        numbers = "-".join(f"{one.number:05d}" for one in self.snapshots)
+        return self.out / DATASETS[len(self.snapshots) - 1] / f"part-{numbers}.parquet"
 
     @property
     def fingerprint(self) -> str:
         """Of what the result depends on."""
-        return self.planned.fingerprint
+        return "-".join(one.fingerprint for one in self.snapshots)
 
     @property
     def name(self) -> str:
         """For messages."""
-        return self.planned.name
+        return " to ".join(one.name for one in self.snapshots)
 
 
-@dataclass(frozen=True)
-class PairTask:
-    """What became of the loops of one snapshot by the next one."""
-
-    before: PlannedSnapshot
-    after: PlannedSnapshot
-    out: Path
-
-    @property
-    def part(self) -> Path:
-        """Where the result goes."""
-        numbers = f"{self.before.number:05d}-{self.after.number:05d}"
-        return self.out / "increments" / f"part-{numbers}.parquet"
-
-    @property
-    def fingerprint(self) -> str:
-        """Of what the result depends on."""
-        return f"{self.before.fingerprint}-{self.after.fingerprint}"
-
-    @property
-    def name(self) -> str:
-        """For messages."""
-        return f"{self.before.name} to {self.after.name}"
+def singles(planned: Sequence[PlannedSnapshot], out: Path) -> list[Task]:
+    """A task for each snapshot."""
+    return [Task((one,), out) for one in planned]
 
 
-def pairs(planned: Sequence[PlannedSnapshot], out: Path) -> list[PairTask]:
-    """Tasks of each snapshot with the next."""
-    return [PairTask(before, after, out) for before, after in pairwise(planned)]
+def pairs(planned: Sequence[PlannedSnapshot], out: Path) -> list[Task]:
+    """A task for each snapshot with the next."""
+    return [Task(pair, out) for pair in pairwise(planned)]
 
 
-def do_snapshot(task: SnapshotTask) -> Failure | None:
-    """Write the loops of one snapshot, one row each, with the row of the series beside them."""
-    return _done_or_failed(_write_snapshot, task, task.planned)
+def do_task(task: Task) -> Failure | None:
+    """Write a part, or say why it could not be done; doing it again writes the same."""
+    last = task.snapshots[-1]
+    try:
+        with one_blas_thread():
+            (_write_snapshot if len(task.snapshots) == 1 else _write_pair)(task)
+    except InputError as error:
+        parts = error.where, error.received, error.expected, error.remedy
+        return Failure(last.number, last.name, *parts)
+    except OSError as error:
+        # What goes wrong with reading is an InputError already.
+        parts = str(task.part), error.strerror or str(error), "a place to write", "Make room."
+        return Failure(last.number, last.name, *parts, skippable=False)
+    return None
 
 
-def _write_snapshot(task: SnapshotTask) -> None:
-    state = state_of(task.planned)
+def _write_snapshot(task: Task) -> None:
+    """The loops, one row each, with the row of the series beside them."""
+    (planned,) = task.snapshots
+    state = state_of(planned)
     # Tasks run side by side, each on one core.
     table = loop_table(state.snapshot, state.faces, threads=1)
     row = evolution_row(state, table)
     rows, step = len(table["loop"]), state.snapshot.step
     place = {
-        "snapshot": np.full(rows, task.planned.number),
+        "snapshot": np.full(rows, planned.number),
         "step": np.full(rows, np.nan if step is None else float(step)),
     }
     about = {"fingerprint": task.fingerprint, "row": row, "notes": state.snapshot.notes}
     write_part(task.part, place | table, about)
 
 
-def do_pair(task: PairTask) -> Failure | None:
-    """Write what became of the loops of one snapshot, one row each, and the exchange of orders."""
-    return _done_or_failed(_write_pair, task, task.after)
-
-
-def _write_pair(task: PairTask) -> None:
+def _write_pair(task: Task) -> None:
+    """What became of the loops, one row a survived one, and the exchange of orders."""
     before, after, fates = tracked(task)
     table = increments(before, after, fates)
     rows = len(table["loop_before"])
     place = {
-        "snapshot_before": np.full(rows, task.before.number),
-        "snapshot_after": np.full(rows, task.after.number),
+        name: np.full(rows, one.number)
+        for name, one in zip(("snapshot_before", "snapshot_after"), task.snapshots, strict=True)
     }
     about = {
         "fingerprint": task.fingerprint,
@@ -145,25 +136,9 @@ def _write_pair(task: PairTask) -> None:
     write_part(task.part, place | table, about)
 
 
-def _done_or_failed(
-    write: Callable[[Any], None], task: SnapshotTask | PairTask, planned: PlannedSnapshot
-) -> Failure | None:
-    try:
-        with one_blas_thread():
-            write(task)
-    except InputError as error:
-        parts = error.where, error.received, error.expected, error.remedy
-        return Failure(planned.number, planned.name, *parts)
-    except OSError as error:
-        # What goes wrong with reading is an InputError already.
-        parts = str(task.part), error.strerror or str(error), "a place to write", "Make room."
-        return Failure(planned.number, planned.name, *parts, skippable=False)
-    return None
-
-
-def tracked(task: PairTask) -> tuple[TrackedState, TrackedState, LoopFates]:
+def tracked(task: Task) -> tuple[TrackedState, TrackedState, LoopFates]:
     """Two successive snapshots, and what became of the loops between them."""
-    before, after = state_of(task.before), state_of(task.after)
+    before, after = map(state_of, task.snapshots)
     return before, after, track_loops(before, after)
 
 

@@ -22,10 +22,10 @@ from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from loops import InputError
 from studies.series.dataset import is_finished
-from studies.series.tasks import Failure, PairTask, SnapshotTask
+from studies.series.tasks import Failure, Task, do_task
 from studies.snapshot.table import available_cores
 
-Task = TypeVar("Task")
+Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
 THREADS = (
     *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"),
@@ -66,14 +66,7 @@ def open_runner(
         yield partial(run_in_processes, pool)
 
 
-def do_tasks(
-    runner: Runner,
-    function: Callable[[Any], Failure | None],
-    tasks: Sequence[SnapshotTask | PairTask],
-    title: str,
-    *,
-    skip_bad: bool,
-) -> list[Failure]:
+def do_tasks(runner: Runner, tasks: Sequence[Task], title: str, *, skip_bad: bool) -> list[Failure]:
     """Do the tasks that are not finished yet, with a progress bar."""
     open_tasks = [task for task in tasks if not is_finished(task.part, task.fingerprint)]
     if not open_tasks:
@@ -88,7 +81,7 @@ def do_tasks(
     with (
         Progress(*columns, console=console, transient=True, disable=hidden) as bar,
         # Whatever ends the loop, tasks that have not begun are left.
-        closing(runner(function, open_tasks)) as answers,
+        closing(runner(do_task, open_tasks)) as answers,
     ):
         row = bar.add_task(title, total=len(tasks), completed=len(tasks) - len(open_tasks))
         for answer in answers:
@@ -100,7 +93,7 @@ def do_tasks(
     return sorted(failures, key=lambda failure: failure.number)
 
 
-def run_here(function: Callable[[Task], Answer], tasks: Sequence[Task]) -> Generator[Answer]:
+def run_here(function: Callable[[Asked], Answer], tasks: Sequence[Asked]) -> Generator[Answer]:
     """Answers one after the other, in this process."""
     for task in tasks:
         yield function(task)
@@ -121,7 +114,7 @@ def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def run_in_processes(
-    pool: ProcessPoolExecutor, function: Callable[[Task], Answer], tasks: Sequence[Task]
+    pool: ProcessPoolExecutor, function: Callable[[Asked], Answer], tasks: Sequence[Asked]
 ) -> Generator[Answer]:
     """Answers as they come, from processes of one thread each.
 
