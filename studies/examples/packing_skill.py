@@ -21,9 +21,8 @@ from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import loop_rates, packing_response
 from studies.examples import run, save
 from studies.series.cells import cells_by_number
-from studies.series.increments import increments
+from studies.series.increments import TrackedState, increments, track_loops
 from studies.series.skill import skill
-from studies.series.tracked import TrackedState, track_loops
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, styled
 
 # The target of each predictor's score; higher is likelier.
