@@ -20,8 +20,8 @@ from loops.loop_strain import rotation_and_stretch
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import loop_rates, packing_response
 from studies.examples import run, save
-from studies.series.cells import cells_by_number
 from studies.series.increments import TrackedState, increments, track_loops
+from studies.series.plan import cells_by_number
 from studies.series.skill import skill
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, styled
 
