@@ -14,7 +14,6 @@ from loops.contact_tangent import (
     ContactTangent,
     contact_regime,
     contact_tangent,
-    translational_blocks,
 )
 from loops.errors import InputError
 from loops.graph import GrainGraph
@@ -116,22 +115,7 @@ def assemble_sparse_tangent(
 
 
 def assemble_elements(element: Floats, contacts: Integers, grains: int) -> Floats:
-    """Dense tangent from the element matrices of the contacts.
-
-    Parameters
-    ----------
-    element : (..., C, 4, 4) or (..., C, 6, 6) array
-        Element matrices in the order x_i, y_i, x_j, y_j and, with spins, w_i, w_j.
-    contacts : (C, 2) array of int
-        Grains i and j of each contact.
-    grains : int
-        Number of grains G.
-
-    Returns
-    -------
-    (..., 2 G, 2 G) or (..., 3 G, 3 G) array
-        Their sum in the freedoms of the grains, see `assemble_tangent`.
-    """
+    """Dense tangent (..., 2 G, 2 G) or (..., 3 G, 3 G) from the contacts' element matrices."""
     spins = element.shape[-1] == 6
     size = (3 if spins else 2) * grains
     rows, columns = _places(_freedoms(contacts, grains, spins))
@@ -149,18 +133,7 @@ def assemble_elements(element: Floats, contacts: Integers, grains: int) -> Float
 
 
 def translational_elements(k: Floats) -> Floats:
-    """Element matrices from translational blocks: external force `-f` on grain j, `f` on i.
-
-    Parameters
-    ----------
-    k : (..., C, 2, 2) array
-        Tangent blocks, `f' = -k d'`.
-
-    Returns
-    -------
-    (..., C, 4, 4) array
-        In the order x_i, y_i, x_j, y_j.
-    """
+    """(..., C, 4, 4): external force `-f` on grain j, `f` on i, `f' = -k d'`."""
     return np.concatenate(
         [np.concatenate([k, -k], axis=-1), np.concatenate([-k, k], axis=-1)], axis=-2
     )
@@ -168,10 +141,7 @@ def translational_elements(k: Floats) -> Floats:
 
 def _elements(graph: GrainGraph, law: ContactLaw, spins: bool, regime: ArrayLike | None) -> Floats:
     state = contact_state(graph)
-    regimes = contact_regime(state, law, regime)
-    if spins:
-        return _elements_with_spins(contact_tangent(state, law, regimes))
-    return translational_elements(translational_blocks(state, law, regimes))
+    return element_matrices(contact_tangent(state, law, contact_regime(state, law, regime)), spins)
 
 
 def _freedoms(contacts: Integers, grains: int, spins: bool) -> Integers:
@@ -191,8 +161,10 @@ def _places(freedoms: Integers) -> tuple[Integers, Integers]:
     return rows, columns
 
 
-def _elements_with_spins(tangent: ContactTangent) -> Floats:
-    """(..., C, 6, 6) in the order x_i, y_i, x_j, y_j, w_i, w_j."""
+def element_matrices(tangent: ContactTangent, spins: bool) -> Floats:
+    """(..., C, 4, 4) in the order x_i, y_i, x_j, y_j, or (..., C, 6, 6) with w_i, w_j after."""
+    if not spins:
+        return translational_elements(tangent.k)
     force = np.stack([tangent.q_i, tangent.q_j], axis=-1)
     moment = np.stack([tangent.p_i, tangent.p_j], axis=-2)
     shape = np.broadcast_shapes(tangent.k.shape[:-2], tangent.c.shape[:-2])

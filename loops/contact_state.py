@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from loops.arrays import Floats
+from loops.arrays import Floats, Regimes
 from loops.graph import GrainGraph, contact_frame
 
 
@@ -22,6 +22,8 @@ class ContactState:
         `N` (compression positive) and `T` (force of grain i on grain j along `t`).
     radii_i, radii_j : (..., C) array
         Radii of the two grains (length).
+    regime : (..., C) array of Regime, or None
+        Regime of the contacts where the source told it.
     """
 
     length: Floats
@@ -31,6 +33,7 @@ class ContactState:
     shear_force: Floats
     radii_i: Floats
     radii_j: Floats
+    regime: Regimes | None = None
 
     @property
     def touching_length(self) -> Floats:
@@ -88,4 +91,5 @@ def contact_state(graph: GrainGraph) -> ContactState:
         shear_force=graph.shear_force,
         radii_i=graph.radii[..., i],
         radii_j=graph.radii[..., j],
+        regime=graph.regime,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.errors import InputError
@@ -32,6 +33,21 @@ def polygon_area(x: Floats) -> Floats:
     # Corners relative to the first one: no cancellation far from the origin.
     r = x - x[..., :1, :]
     return 0.5 * np.sum(_cross(r, np.roll(r, -1, axis=-2)), axis=-1)
+
+
+def area_growth(x: Floats) -> Floats:
+    """(...) sum of the sizes of the terms of `polygon_area` over the area: what flatness costs."""
+    r = x - x[..., :1, :]
+    s = np.roll(r, -1, axis=-2)
+    terms = np.abs(r[..., 0] * s[..., 1]) + np.abs(r[..., 1] * s[..., 0])
+    with np.errstate(divide="ignore"):
+        return 0.5 * terms.sum(axis=-1) / np.abs(polygon_area(x))
+
+
+def from_centroid(x: Floats) -> Floats:
+    """(..., n, 2) corners relative to the centroid of the polygon, wherever it lies."""
+    r = x - x[..., :1, :]
+    return r - polygon_centroid(r)[..., None, :]
 
 
 def polygon_perimeter(x: Floats) -> Floats:
@@ -110,7 +126,7 @@ def polygon_shape(x: Floats) -> tuple[Floats, Floats]:
     >>> round(float(elongation), 12), float(orientation)
     (3.0, 0.0)
     """
-    r = x - polygon_centroid(x)[..., None, :]
+    r = from_centroid(x)
     s = np.roll(r, -1, axis=-2)
     weight = _cross(r, s)
     # Integral of r (x) r over the triangle (0, r, s).
@@ -199,11 +215,26 @@ def reference_volume(graph: GrainGraph) -> Floats:
     else:
         require_loop(graph)
         volume = np.abs(polygon_area(graph.x0))
-    if not np.all(volume > 0):
-        raise InputError(
-            "reference volume", str(np.min(volume)), "a positive area", "Give `volume` explicitly."
-        )
-    return volume
+    return checked_volume(volume)
+
+
+def volume_growth(graph: GrainGraph) -> Floats:
+    """(...) factor by which rounding is amplified in `reference_volume`."""
+    if graph.cell0 is None:
+        return area_growth(graph.x0)
+    a = np.abs(graph.cell0)
+    terms = a[..., 0, 0] * a[..., 1, 1] + a[..., 0, 1] * a[..., 1, 0]
+    return np.asarray(terms / np.abs(np.linalg.det(graph.cell0)))
+
+
+def checked_volume(volume: ArrayLike) -> Floats:
+    """The volume as an array, or `InputError` unless positive and finite."""
+    area = np.asarray(volume, dtype=float)
+    wrong = ~(np.isfinite(area) & (area > 0))
+    if wrong.any():
+        received = str(area[wrong].flat[0])
+        raise InputError("reference volume", received, "a positive area", "Correct `volume`.")
+    return area
 
 
 def require_loop(graph: GrainGraph) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats, Integers, Regimes
 from loops.errors import InputError
-from loops.validation import check_branches, check_graph
+from loops.validation import check_branches, check_graph, checked_regimes
 
 
 def _frozen(values: ArrayLike, dtype: type) -> NDArray[Any]:
@@ -51,12 +51,16 @@ class GrainGraph:
         Periodic cell, its columns are the cell vectors (length).
     cell0 : (..., 2, 2) array, optional
         Reference cell. The current one if left out.
+    regime : (..., C) array of Regime, optional
+        Regime of every contact, where the source of the forces tells it; the contact law reads it
+        from the state if left out.
 
     Raises
     ------
     InputError
         If shapes disagree, a value is not finite, a radius is not positive, a contact names an
-        unknown grain, joins a grain to itself, stands there twice or joins coincident centres.
+        unknown grain, joins a grain to itself, stands there twice or joins coincident centres, or
+        a regime is none of `Regime`.
         The message names the grain or the contact.
 
     Examples
@@ -76,6 +80,7 @@ class GrainGraph:
     images: Integers | None
     cell: Floats | None
     cell0: Floats | None
+    regime: Regimes | None
 
     def __init__(
         self,
@@ -88,6 +93,7 @@ class GrainGraph:
         images: ArrayLike | None = None,
         cell: ArrayLike | None = None,
         cell0: ArrayLike | None = None,
+        regime: ArrayLike | None = None,
     ) -> None:
         pairs = _integers("contacts", contacts, columns=2)
         no_force = np.zeros(pairs.shape[:1])
@@ -100,7 +106,10 @@ class GrainGraph:
             "images": None if images is None else _integers("images", images, columns=2),
             "cell": None if cell is None else _frozen(cell, float),
             "cell0": None if cell0 is None else _frozen(cell0, float),
+            "regime": None,
         }
+        if regime is not None:
+            values["regime"] = _frozen(checked_regimes(regime, len(pairs)), np.int8)
         values["x0"] = values["x"] if x0 is None else _frozen(x0, float)
         if values["cell"] is not None:
             if values["images"] is None:
@@ -134,10 +143,14 @@ class GrainGraph:
             self.normal_force.shape[:-1],
             self.shear_force.shape[:-1],
             () if self.cell is None else self.cell.shape[:-2],
+            () if self.regime is None else self.regime.shape[:-1],
         )
 
     def replace(self, **changes: Any) -> GrainGraph:
         """Return a graph with some fields changed, validated again.
+
+        Regimes belong to the forces that they were read with: with other forces or contacts they
+        are dropped unless given again.
 
         Examples
         --------
@@ -146,6 +159,8 @@ class GrainGraph:
         >>> pair.replace(normal_force=[0.1]).normal_force.tolist()
         [0.1]
         """
+        if changes.keys() & {"contacts", "normal_force", "shear_force"}:
+            changes = {"regime": None, **changes}
         return replace(self, **changes)
 
 
@@ -180,7 +195,7 @@ def branch_vectors(graph: GrainGraph) -> Floats:
     >>> branch_vectors(row).tolist()
     [[1.0, 0.0], [1.0, 0.0]]
     """
-    return _branches(graph, graph.x, graph.cell)
+    return branches_between(graph.x, graph.contacts, graph.images, graph.cell)
 
 
 def reference_branch_vectors(graph: GrainGraph) -> Floats:
@@ -196,14 +211,27 @@ def reference_branch_vectors(graph: GrainGraph) -> Floats:
     (..., C, 2) array
         Reference branch vectors `d0` (length).
     """
-    return _branches(graph, graph.x0, graph.cell0)
+    return branches_between(graph.x0, graph.contacts, graph.images, graph.cell0)
 
 
-def _branches(graph: GrainGraph, x: Floats, cell: Floats | None) -> Floats:
-    i, j = graph.contacts.T
+def branches_between(
+    x: Floats, contacts: Integers, images: Integers | None, cell: Floats | None
+) -> Floats:
+    """(..., C, 2) branch vectors of some contacts, rounded once."""
+    i, j = contacts.T
     d = x[..., j, :] - x[..., i, :]
-    if cell is not None and graph.images is not None:
-        d = d + graph.images @ np.swapaxes(cell, -1, -2)
+    if cell is None or images is None:
+        return d
+    across = np.flatnonzero(images.any(axis=1))
+    d = np.broadcast_to(d, (*np.broadcast_shapes(d.shape[:-2], cell.shape[:-2]), *d.shape[-2:]))
+    d = d.copy()
+    # Grains on either side of the border: what the difference of their places rounds off comes
+    # back after the cell vector has been added.
+    end, start = x[..., j[across], :], x[..., i[across], :]
+    total = end - start
+    kept = end - total
+    lost = (end - (total + kept)) + (kept - start)
+    d[..., across, :] = total + images[across] @ np.swapaxes(cell, -1, -2) + lost
     return d
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loops.arrays import Integers
+from loops.arrays import Floats, Integers
 from loops.faces import Faces, faces_by_order
 from loops.graph import GrainGraph, branch_vectors
 
@@ -18,18 +18,23 @@ class LoopBatch(NamedTuple):
     Attributes
     ----------
     graph : GrainGraph
-        The loops, batch axis (L,): grains 0..n-1 counter-clockwise, contact c joins c and c+1.
-        Loops that cross a periodic border are unrolled.
+        The loops, batch axis (L,): grains 0..n-1 counter-clockwise, contact c joins c and c+1;
+        regimes go along.
     grains, contacts : (L, n) array of int
         Grains and contacts of each loop as numbered in the packing.
     face : (L,) array of int
         Face of each loop in `Faces`.
+    origin : (L, 2) array
+        Where the graph's origin lies in the packing: at zero, but at the first grain for loops
+        that cross a periodic border. These are unrolled from there, since sums with the cell
+        vectors far from the origin would round their branches off.
     """
 
     graph: GrainGraph
     grains: Integers
     contacts: Integers
     face: Integers
+    origin: Floats
 
 
 def loop_batches(
@@ -65,18 +70,27 @@ def loop_batches(
     [[[0, 1, 2], [0, 2, 3]]]
     """
     branches = branch_vectors(graph)
+    crossing = None if graph.images is None else np.asarray(graph.images.any(axis=1))
     for order, group in faces_by_order(faces, loops).items():
         ring = np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
         for start in range(0, len(group.face), size):
             part = slice(start, start + size)
             grains, contacts = group.grains[part], group.contacts[part]
-            edges = np.where(group.forward[part, :, None], 1.0, -1.0) * branches[contacts]
-            x = graph.x[grains[:, :1]] + np.cumsum(edges, axis=1) - edges
+            x, origin = graph.x[grains], np.zeros((len(grains), 2))
+            over = np.zeros(len(grains), dtype=bool)
+            if crossing is not None:
+                over = np.asarray(crossing[contacts].any(axis=1))
+            if over.any():
+                sign = np.where(group.forward[part][over][..., None], 1.0, -1.0)
+                edges = sign * branches[contacts[over]]
+                x[over] = np.cumsum(edges, axis=1) - edges
+                origin[over] = graph.x[grains[over, 0]]
             batch = GrainGraph(
                 x=x,
                 radii=graph.radii[grains],
                 contacts=ring,
                 normal_force=graph.normal_force[contacts],
                 shear_force=graph.shear_force[contacts],
+                regime=None if graph.regime is None else graph.regime[contacts],
             )
-            yield LoopBatch(batch, grains, contacts, group.face[part])
+            yield LoopBatch(batch, grains, contacts, group.face[part], origin)

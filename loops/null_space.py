@@ -12,23 +12,17 @@ from loops.arrays import Floats, Integers
 # size * eps = 1e-15 to 1e-13 there (loops of 3 to 200 grains).
 NULL_TOLERANCE = 1e-13
 
+# Unit of rounding times what a few operations per entry make of it.
+ROUNDING = 8 * float(np.finfo(np.float64).eps)
+
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
     """Least-squares solution of smallest norm, batch axes `...` first.
 
-    Attributes
-    ----------
-    x : (..., N, R) array
-        Solution.
-    nullity : (...) array of int
-        Number of null vectors met.
-    condition : (...) array
-        Condition number of the system off its null vectors.
-    residual : (...) array
-        `|M x - b| / |b|`, Frobenius; 0 if `b` is zero.
-    ambiguity : (...) array
-        Largest part of a unit null vector that the observed rows see; 0 if there is none.
+    `x` (..., N, R); `nullity`, `condition` (Frobenius, off the null vectors), `residual`
+    (`|M x - b| / |b|`), `ambiguity` (largest part of a unit null vector that the observed rows
+    see), all (...); `error` (..., O, R) bounds the error of the observed rows, None unless asked.
     """
 
     x: Floats
@@ -36,6 +30,7 @@ class LeastSquares:
     condition: Floats
     residual: Floats
     ambiguity: Floats
+    error: Floats | None = None
 
 
 def solve_through_null_space(
@@ -43,41 +38,25 @@ def solve_through_null_space(
     rhs: Floats,
     observed: Floats,
     known: Floats | None = None,
+    *,
+    size: Floats | None = None,
+    doubt: Floats | None = None,
     tolerance: float = NULL_TOLERANCE,
 ) -> LeastSquares:
-    """Solve `M x = b` in the least-squares sense, with the solution of smallest norm.
+    """Solve `M x = b`, (..., N, N) and (..., N, R), for the solution of smallest norm.
 
-    Where the known null vectors Z are all there are, the inverse of `M + Z Z^T` gives it at the
-    cost of one elimination; elsewhere the singular values do, at ten times the cost.
+    `observed` (..., O, N) are the rows that map `x` to what is wanted of it: a null vector that
+    they do not see is harmless. `known` (..., N, Z) are orthonormal null vectors of `M` and of its
+    transpose that they do not see either; where these are all there are, the inverse of
+    `M + Z Z^T` solves it, elsewhere the singular values do, at ten times the cost.
 
-    Parameters
-    ----------
-    matrix : (..., N, N) array
-        System, scaled so that its rows and columns are comparable.
-    rhs : (..., N, R) array
-        Right-hand sides.
-    observed : (..., O, N) array
-        Rows that map `x` to what is wanted of it: a null vector that they do not see is harmless.
-    known : (..., N, Z) array, optional
-        Orthonormal null vectors of `M` and of its transpose that are known beforehand and that
-        `observed` does not see.
-    tolerance : float
-        Singular values below this fraction of the largest are null.
-
-    Returns
-    -------
-    LeastSquares
-        Solution, nullity, condition, residual and ambiguity. A system that is not finite has no
-        solution (nan) and an infinite residual.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from loops.null_space import solve_through_null_space
-    >>> matrix = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    >>> found = solve_through_null_space(matrix, np.array([[2.0], [-2.0]]), np.eye(2))
-    >>> found.x.round(12).ravel().tolist(), int(found.nullity), round(float(found.ambiguity), 3)
-    ([1.0, -1.0], 1, 1.0)
+    With `size`, the sum of the sizes of the terms behind every entry of `M`, comes a bound on the
+    error of `Y b`, `Y` the observed rows of the inverse, of first order in the rounding `e`:
+    `|Y| (|r| + e (size |x| + |b|))`, `r` what is left over. A null vector `v` of which `p` is
+    observed adds `|p| |b_u| / s`, `s` its singular value and `b_u` what loads it: nothing if
+    either vanishes, everything if the direction was only weak. `doubt` is what else `b` may err
+    by. A system that is not finite has the
+    solution nan and an infinite residual.
     """
     batch = matrix.shape[:-2]
     matrix = matrix.reshape(-1, *matrix.shape[-2:])
@@ -90,26 +69,36 @@ def solve_through_null_space(
     inverse, condition = _bordered_inverse(matrix, known)
     regular = condition * tolerance < 1
     inverse = np.where(regular[:, None, None], inverse, 0.0)
+    nullity = np.full(len(matrix), 0 if known is None else known.shape[-1])
+    ambiguity = np.zeros(len(matrix))
+    dropped = np.zeros((len(matrix), observed.shape[-2], rhs.shape[-1]))
+    rest = np.flatnonzero(~regular)
+    if len(rest):
+        inverse[rest], nullity[rest], condition[rest], ambiguity[rest], dropped[rest] = (
+            _by_singular_values(matrix[rest], rhs[rest], observed[rest], tolerance)
+        )
     x = inverse @ rhs
     # One step of refinement: an inverse alone leaves a residual of condition times rounding.
     x = x + inverse @ (rhs - matrix @ x)
-    nullity = np.full(len(matrix), 0 if known is None else known.shape[-1])
-    ambiguity = np.zeros(len(matrix))
-    rest = np.flatnonzero(~regular)
-    if len(rest):
-        x[rest], nullity[rest], condition[rest], ambiguity[rest] = _by_singular_values(
-            matrix[rest], rhs[rest], observed[rest], tolerance
-        )
-    size = np.linalg.norm(rhs, axis=(-2, -1))
-    residual = np.linalg.norm(matrix @ x - rhs, axis=(-2, -1)) / np.where(size > 0, size, 1.0)
+    left = np.abs(matrix @ x - rhs)
+    load = np.linalg.norm(rhs, axis=(-2, -1))
+    residual = np.linalg.norm(left, axis=(-2, -1)) / np.where(load > 0, load, 1.0)
     x[~finite] = np.nan
     condition[~finite] = residual[~finite] = ambiguity[~finite] = np.inf
+    error = None
+    if size is not None:
+        terms = np.broadcast_to(size, (*batch, *size.shape[-2:])).reshape(matrix.shape)
+        unsure = left + ROUNDING * (terms @ np.abs(np.nan_to_num(x)) + np.abs(rhs))
+        if doubt is not None:
+            unsure += np.broadcast_to(doubt, (*batch, *doubt.shape[-2:])).reshape(rhs.shape)
+        error = (np.abs(observed @ inverse) @ unsure + dropped).reshape(*batch, *dropped.shape[1:])
     return LeastSquares(
         x=x.reshape(*batch, *x.shape[-2:]),
         nullity=nullity.reshape(batch),
         condition=condition.reshape(batch),
         residual=residual.reshape(batch),
         ambiguity=ambiguity.reshape(batch),
+        error=error,
     )
 
 
@@ -126,15 +115,21 @@ def _bordered_inverse(matrix: Floats, known: Floats | None) -> tuple[Floats, Flo
 
 def _by_singular_values(
     matrix: Floats, rhs: Floats, observed: Floats, tolerance: float
-) -> tuple[Floats, Integers, Floats, Floats]:
+) -> tuple[Floats, Integers, Floats, Floats, Floats]:
+    """Pseudo-inverse, nullity, condition, ambiguity, and what the null vectors might have added."""
     u, s, vt = np.linalg.svd(matrix)
     null = s <= tolerance * s[:, :1]
-    inverse = np.where(null, 0.0, 1.0 / np.where(null, 1.0, s))
-    x = np.swapaxes(vt, -1, -2) @ (inverse[..., None] * (np.swapaxes(u, -1, -2) @ rhs))
-    seen = observed @ np.swapaxes(vt * null[..., None], -1, -2)
-    smallest = np.min(np.where(null, np.inf, s), axis=-1)
+    scale = np.where(null, 0.0, 1.0 / np.where(null, 1.0, s))
+    inverse = (np.swapaxes(vt, -1, -2) * scale[:, None, :]) @ np.swapaxes(u, -1, -2)
+    seen = np.abs(observed @ np.swapaxes(vt * null[..., None], -1, -2))
     ambiguity = np.max(np.linalg.norm(seen, axis=-2), axis=-1)
-    return x, null.sum(axis=-1), s[:, 0] / smallest, ambiguity
+    loaded = np.abs(np.swapaxes(u * null[:, None, :], -1, -2) @ rhs)
+    # Singular values of this size are not known to a digit.
+    floor = 0.25 * np.maximum(s, ROUNDING * s[:, :1])
+    weight = np.where(null & (floor > 0), 1.0 / np.where(floor > 0, floor, 1.0), 0.0)
+    dropped = (seen * weight[:, None, :]) @ loaded
+    smallest = np.min(np.where(null, np.inf, s), axis=-1)
+    return inverse, null.sum(axis=-1), s[:, 0] / smallest, ambiguity, dropped
 
 
 def _frobenius(matrix: Floats) -> Floats:

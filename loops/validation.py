@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.errors import InputError
 
 
@@ -27,6 +27,25 @@ def check_graph(graph: Any) -> None:
     _check_shapes(graph)
     _check_grains(graph)
     _check_contacts(graph)
+
+
+def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:
+    """Regimes as int8, or `InputError` unless each is open (0), elastic (1) or sliding (2)."""
+    array = np.asarray(regime)
+    if array.shape[-1:] != (contacts,):
+        raise InputError(
+            "regime", f"shape {array.shape}", f"shape (..., {contacts})", "Give one a contact."
+        )
+    known = np.isin(array, (0, 1, 2))
+    if not known.all():
+        index = _first(~known)
+        raise InputError(
+            f"regime of contact {index[-1]}",
+            str(array[index]),
+            "0 (open), 1 (elastic) or 2 (sliding)",
+            "Use loops.Regime.",
+        )
+    return array.astype(np.int8)
 
 
 def _check_shapes(graph: Any) -> None:

@@ -2,8 +2,7 @@
 
 from loops.closures.affine import affine_tangent
 from loops.closures.macro_tangent import Closure, MacroTangent, Spins
-from loops.closures.macroscopic import macroscopic_tangent
-from loops.closures.traction import traction_tangent
+from loops.closures.traction import macroscopic_tangent, traction_tangent
 
 __all__ = [
     "Closure",

@@ -5,43 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from loops.arrays import Floats
-from loops.geometry import outward, polygon_centroid
+from loops.geometry import area_growth, from_centroid, outward
 
 
 def force_method(
     compliance: Floats, x0: Floats, volume: Floats, growth: Floats
 ) -> tuple[Floats, Floats]:
-    """Traction tangent of a ring with spins blocked, from 2x2 inverses alone.
+    """Traction tangent (..., 4, 4) of rings with spins blocked, and its condition (...).
 
     Equilibrium leaves one unknown vector per loop, `f_c = f^ - P m_c` with
     `m_c = R (x0_c + x0_{c+1})/2`; closure of the ring gives the compliance
 
         C = (1/V0) [sum k^-1_ik m_j m_l - (sum k^-1 m_j)(sum k^-1)^-1(sum k^-1 m_l)]
 
-    and `A = C^-1` (theory note, section 4).
+    and `A = C^-1`, from 2x2 inverses alone; not finite if a block or C is singular. `compliance`
+    (..., n, 2, 2) and `growth` (..., n) are those of `translational_compliances`.
 
-    Parameters
-    ----------
-    compliance : (..., n, 2, 2) array
-        Inverse tangent blocks of the contacts c = (c, c+1), in order (length per force).
-    x0 : (..., n, 2) array
-        Reference centres (length).
-    volume : (...) array
-        Reference area V0 (length squared).
-    growth : (..., n) array
-        Relative error of each compliance in units of rounding, see `compliance_growth`.
-
-    Returns
-    -------
-    matrix : (..., 4, 4) array
-        `A` in the order (11, 12, 21, 22); not finite if a block or C is singular.
-    condition : (...) array
-        Amplification of rounding errors. A change of one compliance changes C by itself times
-        `(m_c - g)^2`, `g` the change of the redundant force: the sum of these sizes over V0, times
-        `|A|`. Counted in lengths of either axis's own: the flatness of a loop along an axis costs
-        nothing.
+    A change of one compliance changes C by itself times `(m_c - g)^2`, `g` the change of the
+    redundant force: the condition is the sum of these sizes over V0, times `|A|`. Counted in
+    lengths of either axis's own: the flatness of a loop along an axis costs nothing there, only
+    what rounding does to V0.
     """
-    centred = x0 - polygon_centroid(x0)[..., None, :]
+    centred = from_centroid(x0)
     m = outward(x0, 0.5 * (centred + np.roll(centred, -1, axis=-2)))
     scale = np.sqrt((m * m).mean(axis=-2))
     m = m / scale[..., None, :]
@@ -61,24 +46,19 @@ def force_method(
         lever = np.linalg.norm(closure, axis=(-2, -1)) * np.sqrt(
             (single * single).sum(axis=(-3, -2, -1))
         )
-        reach = np.linalg.norm(m, axis=-1) + lever[..., None]
+        # The midpoints err by their mean distance from the centroid, one in these units.
+        reach = np.linalg.norm(m, axis=-1) + lever[..., None] + 1.0
         terms = growth * np.linalg.norm(compliance, axis=(-2, -1)) * reach * reach
         # The error of the scaled operator, in the norm of the operator itself.
         share = size / (scale.min(axis=-1) ** 2 * np.linalg.norm(matrix, axis=(-2, -1)))
-        condition = size * terms.sum(axis=-1) / volume * share
+        condition = size * terms.sum(axis=-1) / volume * share + area_growth(x0)
     return matrix, np.where(np.isfinite(condition), condition, np.inf)
 
 
 def _inverse_2x2(a: Floats) -> Floats:
-    adjugate = np.stack(
-        [
-            np.stack([a[..., 1, 1], -a[..., 0, 1]], axis=-1),
-            np.stack([-a[..., 1, 0], a[..., 0, 0]], axis=-1),
-        ],
-        axis=-2,
-    )
     det = a[..., 0, 0] * a[..., 1, 1] - a[..., 0, 1] * a[..., 1, 0]
-    return adjugate / det[..., None, None]
+    adjugate = np.swapaxes(a[..., ::-1, ::-1], -1, -2) * [[1.0, -1.0], [-1.0, 1.0]]
+    return np.asarray(adjugate / det[..., None, None])
 
 
 def _inverse(c: Floats) -> Floats:

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
 from loops.errors import InputError
+from loops.null_space import ROUNDING
 
 Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]
@@ -16,10 +18,8 @@ Spins = Literal["blocked", "affine", "free"]
 # A solve is trusted while these hold; see `MacroTangent`.
 RESIDUAL_LIMIT = 1e-8
 AMBIGUITY_LIMIT = 1e-6
-
-# Unit of rounding times what a few operations per entry make of it; against 50 digits the error of
-# operators and eigenvalues stays below half of this times the condition.
-ROUNDING = 8 * float(np.finfo(np.float64).eps)
+# Beyond this share of the operator a bound of first order in rounding says nothing.
+ERROR_LIMIT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class MacroTangent:
     """Macroscopic tangent `A` of a graph, `P' = A H'`, batch axes `...` first.
 
     Components in the order (11, 12, 21, 22); `P` is the nominal stress and `H` the displacement
-    gradient on the reference, both positive in compression (theory note, section 4).
+    gradient on the reference, both positive in compression.
 
     Attributes
     ----------
@@ -40,13 +40,21 @@ class MacroTangent:
     volume : (...) array
         Reference area V0 (length squared).
     condition : (...) array
-        Factor by which the solve may amplify rounding errors of its data, relative to the
-        operator's norm; 1 where nothing is solved.
+        Factor by which rounding of the data and of the solve is amplified, relative to the
+        operator's norm: contacts that cancel, soft directions, gradients of a loop that left its
+        reference, a polygon with next to no area, and what the solve left over.
     residual : (...) array
         Relative residual of the solve; 0 where nothing is solved.
     trusted : (...) array of bool
         False where the solve has no answer (residual above 1e-8), more than one (a null vector of
-        the system that changes the stress), or no digit left (`error` as large as the operator).
+        the system that changes the stress), or no digit left (error a tenth of the operator).
+    sensitivity : (...) array
+        Even loops with free spins: how far the smallest eigenvalue of Ks, in (11, 22) or in the
+        symmetric subspace, goes to zero and beyond when two grains share the lever arms of their
+        spins by the radii instead of by the point of contact, or the other way round, which
+        moves them by less than the overlap (force per length). Loops of four change sign: their
+        gear mode has next to no stiffness and next to no load. 0 where the change leads away
+        from zero, and for odd loops.
     """
 
     matrix: Floats
@@ -56,19 +64,24 @@ class MacroTangent:
     condition: Floats
     residual: Floats
     trusted: Flags
+    sensitivity: Floats
+
+    @property
+    def rounding(self) -> Floats:
+        """(...) bound on the error of the operator from rounding, `8 eps condition |A|`."""
+        matrix = np.where(self.trusted[..., None, None], self.matrix, 0.0)
+        size = np.linalg.norm(matrix, axis=(-2, -1))
+        bound = ROUNDING * np.where(self.trusted, self.condition, 0.0) * size
+        return np.where(self.trusted, bound, np.inf)
 
     @property
     def error(self) -> Floats:
-        """(...) bound on the error of the operator from rounding, Frobenius (force per length).
+        """(...) how far the operator may be off, Frobenius (force per length).
 
-        `8 eps condition |A|`: an eigenvalue of Ks within it has no sign. Infinite where the
-        operator is not trusted.
+        Bound on rounding plus `sensitivity`: an eigenvalue of Ks within it has no sign. Infinite
+        where the operator is not trusted.
         """
-        size = np.linalg.norm(
-            np.where(self.trusted[..., None, None], self.matrix, 0.0), axis=(-2, -1)
-        )
-        bound = ROUNDING * np.where(self.trusted, self.condition, 0.0) * size
-        return np.where(self.trusted, bound, np.inf)
+        return self.rounding + self.sensitivity
 
     def __str__(self) -> str:
         good = int(np.count_nonzero(self.trusted))
@@ -78,54 +91,40 @@ class MacroTangent:
         )
 
 
+def amplification(bound: Floats, matrix: Floats) -> Floats:
+    """(...) error bound over rounding times the operator's norm, at least 1; 1 for a zero one."""
+    size = ROUNDING * np.linalg.norm(matrix, axis=(-2, -1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = np.where((size == 0) & (bound == 0), 1.0, bound / size)
+    return np.where(np.isfinite(factor), np.maximum(factor, 1.0), np.inf)
+
+
 def solved(
     matrix: Floats,
     closure: Closure,
     spins: Spins,
-    volume: Floats,
+    volume: ArrayLike,
     condition: Floats,
-    residual: Floats,
-    ambiguity: Floats,
+    residual: ArrayLike = 0.0,
+    ambiguity: ArrayLike = 0.0,
+    sensitivity: ArrayLike = 0.0,
 ) -> MacroTangent:
     """Tangent from a solve; not a number where it is inconsistent, ambiguous or without a digit.
 
-    Parameters
-    ----------
-    matrix, closure, spins, volume, condition, residual
-        As in `MacroTangent`.
-    ambiguity : (...) array
-        Largest relative stress of a null vector of the system, 0 if there is none.
-
-    Returns
-    -------
-    MacroTangent
-        With `trusted` filled in.
+    `ambiguity` (...) is the largest relative stress of a null vector of the system.
     """
-    finite = np.isfinite(matrix).all(axis=(-1, -2))
-    trusted = finite & (residual <= RESIDUAL_LIMIT) & (ambiguity <= AMBIGUITY_LIMIT)
-    trusted = trusted & (ROUNDING * condition < 1.0)
+    trusted = np.asarray(np.isfinite(matrix).all(axis=(-1, -2)))
+    trusted &= (np.asarray(residual) <= RESIDUAL_LIMIT) & (np.asarray(ambiguity) <= AMBIGUITY_LIMIT)
+    trusted &= ROUNDING * condition < ERROR_LIMIT
     matrix = np.where(trusted[..., None, None], matrix, np.nan)
-    volume = np.broadcast_to(volume, trusted.shape)
-    return MacroTangent(matrix, closure, spins, volume, condition, residual, trusted)
+    volume, condition, residual, sensitivity = (
+        np.broadcast_to(a, trusted.shape) for a in (volume, condition, residual, sensitivity)
+    )
+    return MacroTangent(matrix, closure, spins, volume, condition, residual, trusted, sensitivity)
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """Raise `InputError` unless `value` is one of the choices.
-
-    Parameters
-    ----------
-    name : str
-        Name of the argument.
-    value : str
-        What was given.
-    choices : tuple of str
-        What may be given.
-
-    Raises
-    ------
-    InputError
-        If it is none of them.
-    """
+    """Raise `InputError` unless `value` is one of the choices."""
     if value not in choices:
         expected = " or ".join(repr(choice) for choice in choices)
         raise InputError(name, repr(value), expected, "Pick one of these.")

@@ -12,7 +12,7 @@ from loops.compiled.kernel import given
 from loops.contact_state import ContactState
 from loops.contact_tangent import local_blocks
 from loops.faces import Faces
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, branches_between
 from loops.laws.protocol import ContactLaw, Regimes
 
 Floats = NDArray[np.float64]
@@ -74,14 +74,13 @@ def compiled_packing(
         The arrays.
     """
     count = graph.contact_count
+    regime = graph.regime if regime is None else regime
     rows, regimes = np.zeros((count, 8)), np.zeros(count, dtype=np.int8)
 
     def fill(start: int) -> None:
         part = slice(start, min(start + BLOCK, count))
-        i, j = graph.contacts[part].T
-        d = graph.x[j] - graph.x[i]
-        if graph.cell is not None and graph.images is not None:
-            d += graph.images[part] @ graph.cell.T
+        images = None if graph.images is None else graph.images[part]
+        d = branches_between(graph.x, graph.contacts[part], images, graph.cell)
         rows[part, :2] = d
         if law is None:
             return

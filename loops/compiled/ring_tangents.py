@@ -18,37 +18,27 @@ from loops.compiled.kernel import kernel
 @kernel
 def ring_tangents(
     rows: Floats, offsets: Integers, contacts: Integers, forward: Flags, loops: Integers
-) -> tuple[Floats, Floats, Floats]:
-    """Affine and traction tangents, by the sum and by the force method.
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Affine and traction tangents (L, 4, 4), by the sum and by the force method, (11, 12, 21, 22).
 
-    Parameters
-    ----------
-    rows : (C, 8) array
-        Contacts, see the module.
-    offsets, contacts, forward : arrays
-        As in `Faces`.
-    loops : (L,) array of int
-        Faces to take, each counter-clockwise.
-
-    Returns
-    -------
-    affine, traction : (L, 4, 4) array
-        Tangents in the order (11, 12, 21, 22); the latter not a number where it is singular.
-    condition : (L,) array
-        Of the traction tangent, as `force_method` has it.
+    Of the given faces, each counter-clockwise, with their conditions (L,), as `affine_tangent` and
+    `force_method` have them; `rows` as in the module, `offsets`, `contacts`, `forward` as in
+    `Faces`. Traction is not a number where it is singular.
     """
     count = len(loops)
     affine, traction = np.zeros((count, 4, 4)), np.empty((count, 4, 4))
-    condition = np.empty(count)
+    conditions = np.empty((2, count))
     c, work = np.empty((4, 4)), np.empty((4, 8))
     single, closure = np.empty((2, 2, 2)), np.empty((2, 2))
-    k, s = np.empty((2, 2)), np.empty((2, 2))
+    k, s, sizes = np.empty((2, 2)), np.empty((2, 2)), np.empty(2)
     for loop in range(count):
         begin, end = offsets[loops[loop]], offsets[loops[loop] + 1]
-        area, centre_x, centre_y, scale_x, scale_y = _measure(rows, contacts, forward, begin, end)
+        area, growth, centre_x, centre_y, scale_x, scale_y = _measure(
+            rows, contacts, forward, begin, end
+        )
         c[:], single[:], closure[:] = 0.0, 0.0, 0.0
         # Sums of what multiplies the powers 0, 1 and 2 of the size of m in the condition.
-        power0, power1, power2 = 0.0, 0.0, 0.0
+        power0, power1, power2, stiff = 0.0, 0.0, 0.0, 0.0
         x, y = -centre_x, -centre_y
         for h in range(begin, end):
             row = rows[contacts[h]]
@@ -57,7 +47,7 @@ def ring_tangents(
             m0, m1 = (y + 0.5 * dy) / scale_x, -(x + 0.5 * dx) / scale_y
             x += dx
             y += dy
-            weight = block_and_inverse(row, k, s)
+            _block_and_inverse(row, k, s, sizes)
             for i in range(2):
                 for j in range(2):
                     closure[i, j] += s[i, j]
@@ -65,32 +55,40 @@ def ring_tangents(
                     single[i, j, 1] += s[i, j] * m1
                     _add_products(affine[loop], 2 * i, 2 * j, k[i, j], dx, dy)
                     _add_products(c, 2 * i, 2 * j, s[i, j], m0, m1)
-            square = m0 * m0 + m1 * m1
+            square, weight = m0 * m0 + m1 * m1, sizes[1]
             power0 += weight
             power1 += weight * math.sqrt(square)
             power2 += weight * square
+            stiff += sizes[0] * (dx * dx + dy * dy)
+        norm = 0.0
         for i in range(4):
             for j in range(4):
                 affine[loop, i, j] /= area
-        lever = _release(c, single, closure, area)
+                norm += affine[loop, i, j] ** 2
+        lever = 1.0 + _release(c, single, closure, area)
         terms = power2 + lever * (2.0 * power1 + lever * power0)
         amplified = _solve(c, scale_x, scale_y, work, traction[loop]) * (terms / area)
-        condition[loop] = amplified if math.isfinite(amplified) else np.inf
-    return affine, traction, condition
+        conditions[1, loop] = amplified + growth if math.isfinite(amplified) else np.inf
+        share = 1.0 if stiff == 0.0 else np.inf
+        if norm > 0.0:
+            share = max(1.0, stiff / (area * math.sqrt(norm)))
+        conditions[0, loop] = share + growth
+    return affine, traction, conditions[0], conditions[1]
 
 
 @kernel
 def _measure(
     rows: Floats, contacts: Integers, forward: Flags, begin: int, end: int
-) -> tuple[float, float, float, float, float]:
-    """Area of a loop, its centroid from the first corner, mean sizes of m along either axis."""
-    x, y, double, moment_x, moment_y = 0.0, 0.0, 0.0, 0.0, 0.0
+) -> tuple[float, float, float, float, float, float]:
+    """Area of a loop and its `area_growth`, centroid from the first corner, mean sizes of m."""
+    x, y, double, terms, moment_x, moment_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     sum_x, sum_y, square_x, square_y = 0.0, 0.0, 0.0, 0.0
     for h in range(begin, end):
         sign = 1.0 if forward[h] else -1.0
         next_x, next_y = x + sign * rows[contacts[h], 0], y + sign * rows[contacts[h], 1]
         weight = x * next_y - y * next_x
         double += weight
+        terms += abs(x * next_y) + abs(y * next_x)
         moment_x += weight * (x + next_x)
         moment_y += weight * (y + next_y)
         middle_x, middle_y = 0.5 * (x + next_x), 0.5 * (y + next_y)
@@ -103,7 +101,7 @@ def _measure(
     # m is the middle of an edge from the centroid, turned by a quarter: the axes change places.
     scale_x = math.sqrt(square_y / n - centre_y * (2.0 * sum_y / n - centre_y))
     scale_y = math.sqrt(square_x / n - centre_x * (2.0 * sum_x / n - centre_x))
-    return 0.5 * double, centre_x, centre_y, scale_x, scale_y
+    return 0.5 * double, terms / double, centre_x, centre_y, scale_x, scale_y
 
 
 @kernel
@@ -118,23 +116,26 @@ def _solve(c: Floats, scale_x: float, scale_y: float, work: Floats, out: Floats)
 
 
 @kernel
-def block_and_inverse(row: Floats, k: Floats, s: Floats) -> float:
+def _block_and_inverse(row: Floats, k: Floats, s: Floats, sizes: Floats) -> None:
     """Tangent block of a contact in the global frame, and its inverse taken in the contact's.
 
-    Returns the size of the inverse times `compliance_growth`.
+    `sizes`: of the terms of the block, and of the inverse times `compliance_growth`.
     """
     length = math.hypot(row[0], row[1])
-    n0, n1, turning = row[0] / length, row[1] / length, row[6] / length
-    product, cross = row[2] * row[5], row[3] * row[4]
-    det = product - cross
+    n0, n1 = row[0] / length, row[1] / length
+    size3 = abs(row[3] - row[7] / length) + abs(row[7] / length)
+    size5 = abs(row[5] + row[6] / length) + abs(row[6] / length)
+    sizes[0] = math.sqrt(row[2] ** 2 + size3**2 + row[4] ** 2 + size5**2)
+    det = row[2] * row[5] - row[3] * row[4]
     _to_global(row[2], row[3], row[4], row[5], n0, n1, k)
     if det == 0.0:
         s[:] = np.nan
-        return math.inf
+        sizes[1] = math.inf
+        return
     _to_global(row[5] / det, -row[3] / det, -row[4] / det, row[2] / det, n0, n1, s)
-    terms = abs(row[2]) * (abs(row[5] + turning) + abs(turning)) + abs(cross)
+    terms = abs(row[2]) * size5 + size3 * abs(row[4])
     size = math.sqrt(s[0, 0] ** 2 + s[0, 1] ** 2 + s[1, 0] ** 2 + s[1, 1] ** 2)
-    return size * terms / abs(det)
+    sizes[1] = size * terms / abs(det)
 
 
 @kernel

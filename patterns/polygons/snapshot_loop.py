@@ -19,8 +19,9 @@ class SnapshotLoop:
     Attributes
     ----------
     graph : GrainGraph
-        Grains counter-clockwise, contacts (c, c+1), unrolled if the loop crosses a periodic
-        border; forces as in the snapshot, the reference is the current configuration.
+        Grains counter-clockwise, contacts (c, c+1), unrolled from the first one at the origin
+        if the loop crosses a periodic border; forces and regimes as in the snapshot, the reference
+        is the current configuration.
     law : LinearFrictional
         Stiffness and friction of the n contacts.
     regime : (n,) array of int8
@@ -77,15 +78,19 @@ def loop_of_snapshot(snapshot: Snapshot, faces: Faces, loop: int) -> SnapshotLoo
     grains, contacts = faces.grains[start:end], faces.contacts[start:end]
     sign = np.where(faces.forward[start:end], 1.0, -1.0)
     packing = snapshot.graph
-    edges = sign[:, None] * branch_vectors(packing)[contacts]
+    law, regime = snapshot.mechanics()
+    x = packing.x[grains]
+    if packing.images is not None and packing.images[contacts].any():
+        edges = sign[:, None] * branch_vectors(packing)[contacts]
+        x = np.cumsum(edges, axis=0) - edges
     graph = GrainGraph(
-        x=packing.x[grains[0]] + np.cumsum(edges, axis=0) - edges,
+        x=x,
         radii=packing.radii[grains],
         contacts=ring_contacts(len(grains)),
         normal_force=packing.normal_force[contacts],
         shear_force=packing.shear_force[contacts],
+        regime=regime[contacts],
     )
-    law, regime = snapshot.mechanics()
     return SnapshotLoop(
         graph, law.take(contacts), regime[contacts], snapshot.ids[grains], grains, contacts
     )

@@ -52,7 +52,6 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     normals = _normals(table, rows, n)
     force = force_on_second(table, normals, frictionless=_frictionless(table, parameters))
     normal, shear = _components(force, rows, n)
-    graph = _graph(frame, bodies, rows, pairs[rows], images, cell, normal, shear)
     walls = _walls(table, bodies, pairs, force)
     law: LinearFrictional | None = None
     regime: NDArray[np.int8] | None = None
@@ -67,6 +66,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         notes += assumed
         if increment == "radii" or frame.shear_increment == "radii":
             notes.append(_increment_note(parameters.shear_increment, frame.shear_increment))
+    graph = _graph(frame, bodies, rows, pairs[rows], images, cell, normal, shear, regime)
     if images is not None and not images.any():
         notes.append("no contact crosses the border of the periodic cell")
     given = table.optional("nx", "ny")
@@ -146,6 +146,7 @@ def _graph(
     cell: Floats | None,
     normal: Floats,
     shear: Floats,
+    regime: NDArray[np.int8] | None,
 ) -> GrainGraph:
     try:
         return GrainGraph(
@@ -156,6 +157,7 @@ def _graph(
             shear_force=shear,
             images=images,
             cell=cell,
+            regime=regime,
         )
     except InputError:
         # The graph knows indices only: name the rows and the ids.

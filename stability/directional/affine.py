@@ -166,7 +166,7 @@ def affine_branches(
     g, b_i, b_j = (np.asarray(a)[..., which, None] for a in law.shear_kinematics(state))
     sigma = g * tau
     if spins == "affine":
-        sigma = sigma + (b_i + b_j) * (affine_spin(graph) @ basis.T)[..., None, :]
+        sigma = sigma + (b_i + b_j) * (affine_spin(graph).row @ basis.T)[..., None, :]
 
     def spread(rows: Floats) -> Floats:
         return np.broadcast_to(rows, (*batch, *rows.shape[-2:]))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from loops import ContactLaw, GrainGraph, InputError, Regime, boundary_vectors, polygon_area
 from loops.closures import Closure, Spins
 from loops.contact_state import ContactState, contact_state
-from loops.geometry import outward, polygon_centroid, reference_volume, require_loop
+from loops.geometry import from_centroid, outward, reference_volume, require_loop
 from loops.graph import branch_vectors, reference_branch_vectors
 from loops.symmetry import PointGroup
 from stability.paths.unknowns import Kind, UnknownSets
@@ -221,7 +221,7 @@ def without_pairs(model: PathModel, pairs: Integers) -> PathModel:
 
 def _boundary(x0: Floats, volume: float) -> tuple[Floats, Floats]:
     ratio = volume / abs(float(polygon_area(x0)))
-    centred = x0 - polygon_centroid(x0)
+    centred = from_centroid(x0)
     midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
     return ratio * boundary_vectors(x0), ratio * outward(x0, midpoints)
 

@@ -145,7 +145,7 @@ def overlaps(model: PathModel, moved: Floats) -> Floats:
     return np.asarray(model.overlap0 + shortening)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PathContacts(ContactState):
     """Contacts whose overlaps come from the displacements: stiff grains keep their digits."""
 

@@ -139,8 +139,10 @@ def _those(batch: LoopBatch, picked: NDArray[np.bool_]) -> LoopBatch:
         radii=graph.radii[picked],
         normal_force=graph.normal_force[picked],
         shear_force=graph.shear_force[picked],
+        regime=None if graph.regime is None else graph.regime[picked],
     )
-    return LoopBatch(loops, batch.grains[picked], batch.contacts[picked], batch.face[picked])
+    own = batch.grains[picked], batch.contacts[picked], batch.face[picked], batch.origin[picked]
+    return LoopBatch(loops, *own)
 
 
 def _along(loops: LoopBatch, contacts: _Contacts) -> Floats:

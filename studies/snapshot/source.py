@@ -64,6 +64,7 @@ def _without(snapshot: Snapshot, dropped: Integers, crossings: int) -> Snapshot:
             normal_force=graph.normal_force[kept],
             shear_force=graph.shear_force[kept],
             images=None if graph.images is None else graph.images[kept],
+            regime=None if regime is None else regime[kept],
         ),
         law=None if law is None else law.take(kept),
         regime=None if regime is None else regime[kept],

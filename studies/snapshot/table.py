@@ -133,7 +133,7 @@ def _plain_parts(snapshot: Snapshot, faces: Faces) -> Iterator[tuple[Integers, C
 
 def _shape(batch: LoopBatch) -> Columns:
     x = batch.graph.x
-    centre = polygon_centroid(x)
+    centre = polygon_centroid(x) + batch.origin
     elongation, orientation = polygon_shape(x)
     return {
         "x": centre[:, 0],
