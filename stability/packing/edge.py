@@ -7,7 +7,7 @@ From the relative motion `r` they are `w_c - z_c = g_c . r`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import contact_state
 from loops.graph import GrainGraph
-from loops.laws.protocol import ContactLaw, Regime
+from loops.laws.protocol import ContactLaw, Regime, require_law
 from loops.packing import (
     Factor,
     PackingSystem,
@@ -72,15 +72,19 @@ def yield_edge(
     held: ArrayLike | None = None,
     volume: float | None = None,
 ) -> YieldEdge:
-    """Find the contacts with `|T| >= yield_band mu N`, and those that `regime` has sliding."""
+    """Find the contacts near their strength, and those that `regime` has sliding."""
+    require_law(law)
     state = contact_state(graph)
-    loaded = replace(state, shear_force=state.shear_force / yield_band)
-    regimes = law.regime(loaded)
+    regimes = law.regime(state)
     if regime is not None:
         given = np.asarray(regime, dtype=np.int8)
         regimes = np.where(given == Regime.ELASTIC, regimes, given).astype(np.int8)
     # Without a shear force there is no side to slide to: frictionless contacts always slide.
-    at_yield = (regimes == Regime.SLIDING) & (state.shear_force != 0)
+    sheared = state.shear_force != 0
+    loaded = sheared & (np.abs(state.shear_force) >= yield_band * law.strength(state))
+    near = loaded & (regimes == Regime.ELASTIC)
+    regimes = np.where(near, Regime.SLIDING, regimes).astype(np.int8)
+    at_yield = sheared & (regimes == Regime.SLIDING)
     base = np.where(at_yield, Regime.ELASTIC, regimes).astype(np.int8)
     system = packing_system(graph, law, regime=base, planes=planes, held=held, volume=volume)
     settled = at_yield & _of_two_contact_grains(system)
@@ -89,14 +93,14 @@ def yield_edge(
     sign = np.sign(state.shear_force[c])
     scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
     elastic = law.local_stiffness(state, base)[c, 1]
-    slides = law.local_stiffness(state, np.where(at_yield, regimes, base))[c, 1]
+    slides = law.local_stiffness(state, regimes)[c, 1]
     g, b_i, b_j = (factor[c] for factor in law.shear_kinematics(state))
     zero = np.zeros((len(c), 2))
     normal = np.hstack([state.n[c], zero])
     shear = np.column_stack([g[:, None] * state.t[c], -b_i, -b_j])
     gauge = (elastic - slides)[:, :1] * normal + (elastic - slides)[:, 1:] * shear
     push = np.column_stack([state.t[c], -state.arm_i[c], -state.arm_j[c]])
-    sliding = contact_blocks(state, law, np.where(at_yield, regimes, base).astype(np.int8))[c]
+    sliding = contact_blocks(state, law, regimes)[c]
     return YieldEdge(
         system,
         rows,

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from loops import (
+    FrictionalLaw,
     GrainGraph,
+    HertzMindlin,
     InputError,
     LinearFrictional,
     Regime,
+    RollingResistance,
     affine_tangent,
     assemble_tangent,
     branch_vectors,
@@ -42,11 +45,59 @@ def test_rates_are_the_slope_of_the_packings_own_path(increment, sliding):
     assert np.allclose(np.divide(errors[:-1], errors[1:]), 2.0, atol=0.1)
 
 
-def test_sparse_answer_is_the_dense_one():
-    graph = packing(30, seed=2)
-    found = packing_response(graph, LAW, H)
-    K = assemble_tangent(graph, LAW, spins=True)
-    t = contact_tangent(contact_state(graph), LAW, np.ones(graph.contact_count, dtype=np.int8))
+class Cohesive(FrictionalLaw):
+    """Linear springs with a constant attraction, which the strength counts."""
+
+    def __init__(self, adhesion):
+        self.kn, self.kt, self.mu, self.adhesion = 1.0, 0.5, 0.5, adhesion
+
+    def closed_force(self, state):
+        return self.kn * state.overlap - self.adhesion
+
+    def stiffnesses(self, state):
+        return self.kn, self.kt
+
+    def strength(self, state):
+        return self.mu * (state.normal_force + self.adhesion)
+
+
+LAWS = {
+    "radii": LAW,
+    "Hertz": HertzMindlin(50.0, 0.3, 0.5),
+    "rolling": RollingResistance(LAW, 0.1),
+    "cohesive": Cohesive(0.004),
+}
+
+
+def at_strength(graph, law, share):
+    """The packing with some contacts exactly at the law's own strength."""
+    rng = np.random.default_rng(0)
+    on = rng.random(graph.contact_count) < share
+    strength = law.strength(contact_state(graph))
+    shear = np.where(on, np.sign(graph.shear_force) * strength, 0.3 * graph.shear_force)
+    return graph.replace(shear_force=shear)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_slides_where_its_own_rule_says_so(name):
+    law = LAWS[name]
+    graph = at_strength(packing(30, seed=2), law, 0.25)
+    found = packing_response(graph, law, H, yield_band=1.0 - 1e-12)
+    state, (i, j) = contact_state(graph), graph.contacts.T
+    g, b_i, b_j = law.shear_kinematics(state)
+    un = np.sum(state.n * found.branch_rate, axis=1)
+    ut = g * np.sum(state.t * found.branch_rate, axis=1) - b_i * found.spin[i] - b_j * found.spin[j]
+    assert found.candidates > found.sliding > 2
+    assert np.array_equal(found.regime, law.regime(state, (un, ut)))
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_sparse_answer_is_the_dense_one(name):
+    law, graph = LAWS[name], packing(30, seed=2)
+    graph = at_strength(graph, law, 0.0)
+    found = packing_response(graph, law, H)
+    K = assemble_tangent(graph, law, spins=True)
+    t = contact_tangent(contact_state(graph), law, np.ones(graph.contact_count, dtype=np.int8))
     stretch = -branch_vectors(graph) @ H.T
     force = -np.einsum("cij,cj->ci", t.k, stretch)
     loads = np.zeros((graph.grain_count, 3))
