@@ -118,10 +118,12 @@ def stiffness_of(edge: YieldEdge, active: Flags) -> Floats:
     return blocks
 
 
-def linear_answer(edge: YieldEdge, active: Flags, refinements: int = 8) -> LinearAnswer:
-    """Factorise with the active candidates sliding and answer the four unit strains."""
+def linear_answer(
+    edge: YieldEdge, active: Flags, refinements: int = 8, factor: Factor | None = None
+) -> LinearAnswer:
+    """Answer the four unit strains with the active candidates sliding; factorise unless given."""
     system, blocks = edge.system, stiffness_of(edge, active)
-    factor = factorised(system, blocks)
+    factor = factor or factorised(system, blocks)
     affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
     motion = factor.solve(balancing_forces(system, blocks @ affine), refinements=refinements)
     relative = relative_motion(system, motion, UNIT_STRAINS)

@@ -45,10 +45,12 @@ class PackingResponse:
     Attributes
     ----------
     status : {'unique', 'none', 'several found', 'not converged'}
-        `unique`: every start of the search led to this solution. `several found`: it led to more
-        than one; this one slips least. `none`: proved, by enumeration or by a linear programme,
-        that no combination of regimes agrees. `not converged`: none was found, without a proof.
-        In the last two the rates are those of the best regimes met, wrong in some contacts.
+        `unique`: every start of the search led to this solution (one start alone beyond 600
+        contacts at yield). `several found`: they led to more than one; this one slips least.
+        `none`: proved, by enumeration or by a linear programme, that no combination of regimes
+        agrees. `not converged`: none was found, without a proof. In the last two the rates are
+        those of the best regimes met: a few contacts, `disagreeing`, are kept from sliding. They
+        have softened so far that nothing quasi-static holds them.
     proof : str
         What stands behind the number of solutions: 'enumeration', 'positive definite',
         'infeasible', or '' for the starts alone.
@@ -106,29 +108,34 @@ class PackingRates:
     def __init__(self, edge: YieldEdge) -> None:
         self.edge = edge
         self.none = np.zeros(len(edge.rows), dtype=bool)
-        self.elastic = linear_answer(edge, self.none)
         self.every = np.arange(len(edge.rows))
-        small = len(edge.rows) <= CONDENSED
-        self.whole = condensed(edge, self.none, self.elastic, self.every) if small else None
+        if self.small:
+            self.elastic = linear_answer(edge, self.none)
+            self.whole = condensed(edge, self.none, self.elastic, self.every)
+
+    @property
+    def small(self) -> bool:
+        """Whether one matrix of all candidates is solved."""
+        return len(self.every) <= CONDENSED
 
     def response(
         self, strain_rate: ArrayLike, stress_rate: ArrayLike | None = None, starts: int = 3
     ) -> PackingResponse:
         """Answer one programme, see `packing_response`."""
         H, P = checked_control(strain_rate, stress_rate)
-        if self.whole is None:
-            active, solved = regimes_by_parts(self.edge, H, P)
+        if not self.small:
+            active, answer, solved = regimes_by_parts(self.edge, H, P)
             found = Complementarity(active[None][: int(solved)], "", 0)
         else:
             q, M = controlled(self.edge, self.none, self.elastic, self.every, self.whole, H, P)
             found = solve_complementarity(q, M, starts)
             active = found.active[0] if len(found.active) else nearest_regimes(q, M)
-        answer = linear_answer(self.edge, active) if active.any() else self.elastic
+            answer = linear_answer(self.edge, active) if active.any() else self.elastic
         return _response(self.edge, answer, active, found, controlled_strain(answer, H, P))
 
 
-def regimes_by_parts(edge: YieldEdge, H: Floats, P: Floats) -> tuple[Flags, bool]:
-    """Regimes of too many candidates to condense, and whether they agree with their rates.
+def regimes_by_parts(edge: YieldEdge, H: Floats, P: Floats) -> tuple[Flags, LinearAnswer, bool]:
+    """Regimes of too many candidates to condense, the answer, and whether the two agree.
 
     Newton's flips from all sliding, each with a factorisation; when few candidates are left wrong,
     a complementarity problem of these and those near them, with the others as they are.
@@ -144,7 +151,7 @@ def regimes_by_parts(edge: YieldEdge, H: Floats, P: Floats) -> tuple[Flags, bool
         if count < least:
             best, least = active, count
         if count == 0:
-            return active, True
+            return active, linear_answer(edge, active, factor=answer.factor), True
         active = active.copy()
         chosen = _near(edge, wrong)
         if improves or len(chosen) > CONDENSED // 2:
@@ -154,7 +161,7 @@ def regimes_by_parts(edge: YieldEdge, H: Floats, P: Floats) -> tuple[Flags, bool
         q, M = controlled(edge, active, answer, chosen, pair, H, P)
         flips, _ = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
         active[chosen] ^= nearest_regimes(q, M) if flips is None else flips
-    return best, False
+    return best, linear_answer(edge, best), False
 
 
 def controlled(

@@ -18,7 +18,7 @@ from loops import (
     contact_state,
     contact_tangent,
 )
-from stability.packing import packing_response
+from stability.packing import packing_response, response
 from tests.packings import LAW, balanced, packing, step
 
 H = np.array([[0.8, 0.3], [-0.1, -0.5]])
@@ -141,6 +141,16 @@ def test_stress_control_meets_the_strain_that_it_causes():
     assert mixed.stress_rate[0, 0] == pytest.approx(0.25, abs=1e-9)
     again = packing_response(graph, LAW, mixed.strain_rate)
     assert np.allclose(again.force_rate, mixed.force_rate, atol=1e-9)
+
+
+def test_large_packings_are_solved_in_parts_to_the_same_end(monkeypatch):
+    graph = at_strength(packing(30, seed=4), LAW, 0.6)
+    whole = packing_response(graph, LAW, H)
+    monkeypatch.setattr(response, "CONDENSED", 5)
+    parts = packing_response(graph, LAW, H)
+    assert whole.candidates > 20 and 5 < whole.sliding < whole.candidates
+    assert parts.status == "unique" and parts.residual < 1e-12
+    assert np.allclose(parts.force_rate, whole.force_rate, atol=1e-9)
 
 
 def test_rates_do_not_depend_on_units_or_place():
