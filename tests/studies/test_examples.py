@@ -32,14 +32,23 @@ def files(folder):
 
 
 def test_result_of_an_example(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["cone_surface", str(tmp_path / "out")])
+    monkeypatch.setattr(sys, "argv", ["yade_diamond", str(tmp_path / "out")])
     with pytest.warns(RuntimeWarning, match="found in sys.modules"):
-        runpy.run_module("studies.examples.cone_surface", run_name="__main__")
+        runpy.run_module("studies.examples.yade_diamond", run_name="__main__")
     endings = ("png", "svg", "parquet", "csv")
-    assert files(tmp_path / "out") == {"summary.json", *(f"cone_surface.{e}" for e in endings)}
+    assert files(tmp_path / "out") == {"summary.json", *(f"yade_diamond.{e}" for e in endings)}
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["provenance"]["command"] == "grainloops example cone_surface"
-    assert json.loads(capsys.readouterr().out)["unstable_fraction"] == summary["unstable_fraction"]
+    assert summary["provenance"]["command"] == "grainloops example yade_diamond"
+    assert json.loads(capsys.readouterr().out)["largest"] == summary["largest"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "example", [cone_surface, destabilising_control, flutter, larger_loops, sweep]
+)
+def test_every_example_runs_whole(tmp_path, example):
+    numbers = example.main(tmp_path / "out")
+    assert numbers and len(files(tmp_path / "out")) == 5
 
 
 def test_an_example_without_a_folder_says_what_it_takes(monkeypatch):
