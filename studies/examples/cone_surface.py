@@ -93,7 +93,8 @@ def draw_cone(K: Floats, ax: Axes3D, title: str) -> None:
     ax.plot(*np.stack([-isotropic, isotropic]).T, color=GREY, linestyle="--")
     share = 100.0 * float(unstable_fraction(symmetric_spectrum(K)))
     ax.set_title(f"{title}\nunstable: {share:.1f} % of directions")
-    ax.set_box_aspect((1, 1, 1), zoom=1.15)
+    ax.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
+    ax.set_box_aspect((1, 1, 1), zoom=1.2)
     ax.view_init(elev=22.0, azim=float(np.degrees(np.arctan2(axis[1], axis[0]))) - 70.0)
     ax.set_axis_off()
 

@@ -123,7 +123,8 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
                 shown = [row[key] or np.nan for row in own]
                 ax.semilogy([r["order"] for r in own], shown, look, color=colour, label=label)
         ax.set(xlabel="order", ylabel="share with flutter (dashed: W2 > 0)", title=closure)
-    ax.legend()
+    named = ax.get_legend_handles_labels()
+    figure.legend(*named, loc="outside lower center", ncols=4)
     return figure
 
 
