@@ -78,7 +78,7 @@ def draw_cone(K: Floats, ax: Axes3D, title: str) -> None:
     sign = (second_order_work(K, sphere) < 0)[..., None]
     colours = np.where(sign, to_rgba(VERMILION, 0.3), to_rgba(SKY, 0.12))
     flat: dict[str, Any] = {"shade": False, "linewidth": 0, "rasterized": True}
-    ax.plot_surface(*np.moveaxis(sphere, -1, 0), facecolors=colours, rstride=2, cstride=2, **flat)
+    ax.plot_surface(*np.moveaxis(sphere, -1, 0), facecolors=colours, rstride=1, cstride=1, **flat)
     axis, edge, inside = cone_edge(K)
     for rim in (edge, -edge) if len(edge) else ():
         cone = np.stack([0.0 * rim, rim])
@@ -94,7 +94,7 @@ def draw_cone(K: Floats, ax: Axes3D, title: str) -> None:
     share = 100.0 * float(unstable_fraction(symmetric_spectrum(K)))
     ax.set_title(f"{title}\nunstable: {share:.1f} % of directions")
     ax.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
-    ax.set_box_aspect((1, 1, 1), zoom=1.2)
+    ax.set_box_aspect((1, 1, 1), zoom=1.03)
     ax.view_init(elev=22.0, azim=float(np.degrees(np.arctan2(axis[1], axis[0]))) - 70.0)
     ax.set_axis_off()
 
