@@ -14,19 +14,21 @@ HARD = section(TEXT, "## The hard cases")
 
 
 def quoted_rows():
-    """(method, setting) to error, as the page has them."""
-    rows = [row for table in tables(section(TEXT, "## Speed against error")) for row in table]
-    return {
-        (row["method"], row["setting"].replace(" **(default)**", "")): float(row["error"])
-        for row in rows
-    }
+    """(group, method, setting) to error, as the page has them."""
+    found = {}
+    for part in section(TEXT, "## Speed against error").split("\n### ")[1:]:
+        group = part.split("\n")[0].lower()
+        for row in tables(part)[0]:
+            key = (group, row["method"], row["setting"].replace(" **(default)**", ""))
+            found[key] = float(row["error"])
+    return found
 
 
 def compare(groups, quick):
     quoted, seen = quoted_rows(), 0
     for group in groups:
         for row in (row for methods in GROUPS[group] for row in methods(quick)):
-            error = quoted.get((row.method, row.setting))
+            error = quoted.get((row.group, row.method, row.setting))
             if error is not None:
                 assert of_size(row.error, error), (row, error)
                 # An error far above rounding belongs to the method, not to the machine.
