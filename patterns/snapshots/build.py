@@ -1,4 +1,4 @@
-"""From the plain tables of one instant to a snapshot."""
+"""From the plain tables of one saved state to a snapshot: forces, law, walls, checks."""
 
 from __future__ import annotations
 
@@ -7,19 +7,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, InputError, LinearFrictional
+from loops import GrainGraph, InputError, LinearFrictional, Regime
+from loops.arrays import Floats, Integers
 from loops.laws.frictional import ShearIncrement
 from loops.validation import find_duplicate
-from patterns.snapshots.bodies import Bodies, read_bodies, read_pairs
 from patterns.snapshots.checks import Finding, State, check_state, same_normal_force
-from patterns.snapshots.contact_columns import force_on_second, law_of
-from patterns.snapshots.contact_geometry import check_cell, check_geometry, images_of
 from patterns.snapshots.frame import Frame
+from patterns.snapshots.geometry import (
+    Bodies,
+    Branches,
+    branches_of,
+    check_cell,
+    read_bodies,
+    read_pairs,
+)
 from patterns.snapshots.snapshot import Snapshot, WallContacts
 from patterns.snapshots.tables import Table
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+# A contact without a flag counts as sliding from this share of mu N on, as Yade's own tables do.
+SLIDING_SHARE = 0.999
 
 
 class Parameters(NamedTuple):
@@ -32,64 +38,68 @@ class Parameters(NamedTuple):
 
 
 def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True) -> Snapshot:
-    """Check the tables of one instant and make the snapshot of them.
+    """Check the tables of one saved state and make the snapshot of them.
 
     Without forces, or with normal forces alone on frictional grains, only the geometry. Findings
     after which nothing meaningful can follow are refused if `strict`; doubts become notes.
     """
     bodies, table = read_bodies(frame.grains), frame.contacts
-    pairs = read_pairs(table, bodies)[1]
-    rows = np.flatnonzero((pairs >= 0).all(axis=1))
+    every = read_pairs(table, bodies)
+    rows = np.flatnonzero((every[:, 0] >= 0) & (every[:, 1] >= 0))
     if len(rows) == 0:
         raise InputError(table.path, "no contact between grains", "contacts", "Check the export.")
+    pairs = every if len(rows) == len(every) else every[rows]
     cell = check_cell(frame.cell, bodies.radii)
-    images = images_of(table, rows, cell, bodies.x, pairs[rows])
-    d = bodies.x[pairs[rows, 1]] - bodies.x[pairs[rows, 0]]
-    if images is not None and cell is not None:
-        d += images @ cell.T
-    length, n = check_geometry(table, rows, bodies, pairs[rows], d, periodic=cell is not None)
+    branches = branches_of(table, rows, pairs, bodies, cell)
+    force = _force_on_second(
+        table, _normals(table, rows, branches.n), _frictionless(table, parameters)
+    )
+    normal, shear = _components(force, rows, branches.n)
+    walls = _walls(table, bodies, every, force)
     notes = list(frame.notes)
-    normals = _normals(table, rows, n)
-    force = force_on_second(table, normals, frictionless=_frictionless(table, parameters))
-    normal, shear = _components(force, rows, n)
-    walls = _walls(table, bodies, pairs, force)
     law: LinearFrictional | None = None
     regime: NDArray[np.int8] | None = None
     if force is None:
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
     else:
-        increment = parameters.shear_increment or frame.shear_increment or "branch"
-        law, regime, assumed = law_of(
-            table, rows, normal, shear, **parameters._asdict() | {"shear_increment": increment}
-        )
-        notes += assumed
-        if increment == "radii" or frame.shear_increment == "radii":
-            notes.append(_increment_note(parameters.shear_increment, frame.shear_increment))
-    graph = _graph(frame, bodies, rows, pairs[rows], images, cell, normal, shear, regime)
-    if images is not None and not images.any():
+        law, regime = _law(table, rows, (normal, shear), parameters, frame.shear_increment, notes)
+    graph = _graph(table, bodies, rows, pairs, branches.images, cell, normal, shear, regime)
+    if branches.images is not None and not branches.images.any():
         notes.append("no contact crosses the border of the periodic cell")
-    given = table.optional("nx", "ny")
-    given = table.optional("branch_x", "branch_y") if given is None else given
-    findings = check_state(
-        State(graph, d, length, law, regime, None if given is None else given[rows], walls)
-    )
-    if force is not None and table.has("fn", "fx_on_2"):
-        findings = (*findings, same_normal_force(table.column("fn")[rows], normal))
+    findings = _findings(table, rows, graph, branches, law, regime, walls)
     if strict:
         _refuse_errors(table, findings)
-    notes += [f"{one}" for one in findings if one.severity != "ok"]
+    notes += [str(one) for one in findings if one.severity != "ok"]
     return Snapshot(
         graph,
         law,
         regime,
         bodies.grain_ids,
-        len(pairs) - len(rows),
+        len(every) - len(rows),
         tuple(notes),
         walls,
         frame.step,
         findings,
     )
+
+
+def _findings(
+    table: Table,
+    rows: Integers,
+    graph: GrainGraph,
+    branches: Branches,
+    law: LinearFrictional | None,
+    regime: NDArray[np.int8] | None,
+    walls: WallContacts | None,
+) -> tuple[Finding, ...]:
+    # Normals tell more than branches, which many files make of the centres.
+    given = table.optional("nx", "ny")
+    given = branches.given if given is None else given[rows]
+    found = check_state(State(graph, branches.d, branches.length, law, regime, given, walls))
+    if law is not None and table.has("fn", "fx_on_2"):
+        found = (*found, same_normal_force(table.column("fn")[rows], graph.normal_force))
+    return found
 
 
 def _refuse_errors(table: Table, findings: tuple[Finding, ...]) -> None:
@@ -98,21 +108,8 @@ def _refuse_errors(table: Table, findings: tuple[Finding, ...]) -> None:
             raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
 
 
-def _increment_note(given: ShearIncrement | None, told: ShearIncrement | None) -> str:
-    if given is None:
-        return (
-            "shear increment 'radii', Yade's default: --shear-increment branch if the simulation "
-            "had avoidGranularRatcheting=False"
-        )
-    return f"shear increment {given!r} as given" + (
-        "" if told in (None, given) else f", not {told!r}"
-    )
-
-
 def _frictionless(table: Table, parameters: Parameters) -> bool:
-    if table.has("mu"):
-        return not table.column("mu").any()
-    return parameters.mu == 0
+    return not table.column("mu").any() if table.has("mu") else parameters.mu == 0
 
 
 def _normals(table: Table, rows: Integers, n: Floats) -> Floats:
@@ -125,20 +122,38 @@ def _normals(table: Table, rows: Integers, n: Floats) -> Floats:
         given = np.zeros((len(table), 2)) if branches is None else branches
         length = np.hypot(*given.T)
         given = given / np.where(length > 0, length, 1.0)[:, None]
+    given = given.copy()
     given[rows] = n
     return given
+
+
+def _force_on_second(table: Table, n: Floats, frictionless: bool) -> Floats | None:
+    """Total force (C, 2) on the second body of every contact, None if the file lacks a part.
+
+    A code's shear vector may lean out of the tangent by its own rounding (1e-9 of the force in
+    Yade's): the total force keeps that share in `N`.
+    """
+    total = table.optional("fx_on_2", "fy_on_2")
+    if total is not None:
+        return total
+    shear = table.optional("fsx", "fsy")
+    if shear is not None:
+        return shear + table.column("fn")[:, None] * n
+    if table.has("fn") and frictionless:
+        return table.column("fn")[:, None] * n
+    return None
 
 
 def _components(force: Floats | None, rows: Integers, n: Floats) -> tuple[Floats, Floats]:
     """`N` and `T` of the contacts between grains."""
     if force is None:
         return np.zeros(len(rows)), np.zeros(len(rows))
-    f = force[rows]
+    f = force if len(rows) == len(force) else force[rows]
     return np.einsum("ck,ck->c", f, n), n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
 
 
 def _graph(
-    frame: Frame,
+    table: Table,
     bodies: Bodies,
     rows: Integers,
     pairs: Integers,
@@ -166,7 +181,7 @@ def _graph(
             raise
         one, two = bodies.grain_ids[pairs[found[1]]].tolist()
         raise InputError(
-            f"{frame.contacts.path}, row {rows[found[1]]} (grains {one} and {two})",
+            f"{table.path}, row {rows[found[1]]} (grains {one} and {two})",
             f"the same contact as row {rows[found[0]]}",
             "each contact once",
             "Drop one of the two rows.",
@@ -177,7 +192,7 @@ def _walls(
     table: Table, bodies: Bodies, pairs: Integers, force: Floats | None
 ) -> WallContacts | None:
     """Contacts of a grain with a wall; None where the file lacks the force or the branch."""
-    single = np.flatnonzero((pairs >= 0).sum(axis=1) == 1)
+    single = np.flatnonzero((pairs[:, 0] >= 0) != (pairs[:, 1] >= 0))
     if force is None or not len(single):
         return None
     wall_first = pairs[single, 0] < 0
@@ -191,3 +206,72 @@ def _walls(
     else:
         return None
     return WallContacts(grain, sign * force[single], branch)
+
+
+def _law(
+    table: Table,
+    rows: Integers,
+    forces: tuple[Floats, Floats],
+    parameters: Parameters,
+    told: ShearIncrement | None,
+    notes: list[str],
+) -> tuple[LinearFrictional, NDArray[np.int8]]:
+    """Law and regime of every contact; what had to be assumed goes to the notes.
+
+    A contact is sliding where the table flags it, else from the forces.
+    """
+    normal, shear = forces
+    kn = _parameter(table, rows, "kn", parameters.kn, "--kn", notes)
+    kt = _parameter(table, rows, "ks", parameters.kt, "--kt", notes)
+    mu: Floats | None = None
+    if table.has("mu") or parameters.mu is not None:
+        mu = _parameter(table, rows, "mu", parameters.mu, "--mu", notes)
+    if table.has("sliding"):
+        sliding = (table.column("sliding")[rows] != 0) & (normal > 0)
+    elif mu is not None:
+        sliding = (np.abs(shear) >= SLIDING_SHARE * mu * normal) & (normal > 0)
+        notes.append(f"no column 'sliding': sliding where |T| >= {SLIDING_SHARE} mu N")
+    else:
+        sliding = np.zeros(len(rows), dtype=bool)
+        notes.append("neither 'sliding' nor 'mu': every contact is taken as elastic")
+    if mu is None:
+        # Only the sliding blocks need the friction: |T|/N where the file flags sliding.
+        loaded = np.where(normal > 0, normal, 1.0)
+        mu = np.where(sliding, np.abs(shear) / loaded, np.inf)
+        if sliding.any():
+            notes.append("no column 'mu': friction of sliding contacts taken as |T|/N")
+    given = parameters.shear_increment
+    increment = given or told or "branch"
+    if "radii" in (increment, told):
+        notes.append(_increment_note(given, told))
+    regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
+    return LinearFrictional(kn=kn, kt=kt, mu=mu, shear_increment=increment), regime
+
+
+def _parameter(
+    table: Table, rows: Integers, column: str, value: float | None, option: str, notes: list[str]
+) -> Floats:
+    if table.has(column):
+        if value is not None:
+            notes.append(f"{option} {value} not used: the table has the column {column!r}")
+        values = table.column(column)
+        return values if len(rows) == len(values) else values[rows]
+    if value is None:
+        raise InputError(
+            f"column {column!r} of {table.path}",
+            "no such column",
+            "the stiffness of each contact",
+            f"Add the column, or give {option}.",
+        )
+    notes.append(f"{column} = {value} for every contact, from {option}")
+    return np.full(len(rows), float(value))
+
+
+def _increment_note(given: ShearIncrement | None, told: ShearIncrement | None) -> str:
+    if given is None:
+        return (
+            "shear increment 'radii', Yade's default: --shear-increment branch if the simulation "
+            "had avoidGranularRatcheting=False"
+        )
+    other = "" if told in (None, given) else f", not {told!r}"
+    return f"shear increment {given!r} as given{other}"

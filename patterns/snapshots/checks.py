@@ -31,10 +31,10 @@ DEGREES = (5.0, 90.0)  # no friction, but angles
 # N over kn times overlap: 1 for linear laws, 2/3 for Hertz' tangent stiffness.
 STIFF, ROUND_NUMBER = (0.6, 1.6), 0.05
 # Distances over sums of radii: 0.99 to 1; soft grains 0.7; diameters for radii 0.5.
-CLOSE, SOFT, APART = 0.6, 0.85, 1.02
+DIAMETERS, SOFT, APART, FAR = (0.25, 0.6), 0.85, 1.02, 1.5
 GAPS = 0.01  # share of loaded contacts that may be apart: none
 # Directions of the file against the centres, in radians: 1e-9 if saved within a step.
-INSTANT = 3e-6
+TURNED_BY = 3e-6
 # Constraints over freedoms: 1.03 and more where load is carried, 0.89 in a flow.
 JAMMED, FEWEST = 0.95, 20
 
@@ -55,13 +55,21 @@ class Finding(NamedTuple):
     """What a check found: the number that tells it, a sentence on the cause, what to do."""
 
     check: str
-    severity: Severity
     number: float
     says: str
-    remedy: str
+    severity: Severity = "ok"
+    remedy: str = ""
 
     def __str__(self) -> str:
         return f"{self.says}. {self.remedy}"
+
+    def doubt(self, cause: str, remedy: str) -> Finding:
+        """The same as a doubt, with its likely cause."""
+        return Finding(self.check, self.number, f"{self.says}{cause}", "doubt", remedy)
+
+    def error(self, cause: str, remedy: str) -> Finding:
+        """The same as an error, after which nothing meaningful can follow."""
+        return Finding(self.check, self.number, f"{self.says}{cause}", "error", remedy)
 
 
 class State:
@@ -101,20 +109,14 @@ class State:
 
 def check_state(state: State) -> tuple[Finding, ...]:
     """All findings on a state, also what is as it should be."""
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        return _findings(state)
-
-
-def _findings(state: State) -> tuple[Finding, ...]:
-    checks: list[Callable[[State], Finding | None]] = [distances, touching, instants]
-    if state.law is not None:
-        if not state.normal.any() and not state.shear.any():
-            return (
-                *(f for f in (check(state) for check in checks) if f),
-                Finding("forces", "doubt", 0.0, "all contact forces are zero", "Export them."),
-            )
+    checks: list[Callable[[State], Finding | None]] = [distances, touching, same_snapshot]
+    forces: tuple[Finding, ...] = ()
+    if state.law is not None and not (state.normal.any() or state.shear.any()):
+        forces = (Finding("forces", 0.0, "all contact forces are zero", "doubt", "Export them."),)
+    elif state.law is not None:
         checks += [directions, pulling, balance, friction, sliding, stiffness, jammed]
-    return tuple(found for found in (check(state) for check in checks) if found is not None)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        return (*(found for check in checks if (found := check(state)) is not None), *forces)
 
 
 def distances(state: State) -> Finding:
@@ -122,22 +124,17 @@ def distances(state: State) -> Finding:
     rows = state.rows
     reach = float(np.median(state.length[rows] / state.radii[state.contacts[rows]].sum(axis=1)))
     says = f"centres in contact are {reach:.4g} times the sum of their radii apart (median)"
+    found = Finding("distances", reach, says)
     remedy = "Give radii and positions in one unit of length."
-    if CLOSE * SOFT < reach / 0.5 < 1 / SOFT and reach < CLOSE:
-        return Finding(
-            "distances",
-            "error",
-            reach,
-            f"{says}: the radii look like diameters",
-            "Halve the radii.",
-        )
-    if reach < CLOSE or reach > 1.5:
+    if DIAMETERS[0] < reach < DIAMETERS[1]:
+        return found.error(": the radii look like diameters", "Halve the radii.")
+    if reach <= DIAMETERS[0] or reach > FAR:
         unit = _power_of_ten(reach)
         cause = f"another unit, {unit} times as long" if unit else "another column or unit"
-        return Finding("distances", "error", reach, f"{says}: the radii look like {cause}", remedy)
+        return found.error(f": the radii look like {cause}", remedy)
     if reach < SOFT or reach > APART:
-        return Finding("distances", "doubt", reach, f"{says}, which is far from touching", remedy)
-    return Finding("distances", "ok", reach, says, "")
+        return found.doubt(", which is far from touching", remedy)
+    return found
 
 
 def touching(state: State) -> Finding | None:
@@ -148,18 +145,16 @@ def touching(state: State) -> Finding | None:
     gap = state.length[rows] - state.radii[state.contacts[rows]].sum(axis=1)
     share = float(np.mean(gap > rounding(state.x) + 1e-9 * state.length[rows]))
     says = f"{100 * share:.3g} % of the contacts that carry load are apart"
+    found = Finding("touching", share, says)
     if share <= GAPS:
-        return Finding("touching", "ok", share, says, "")
-    return Finding(
-        "touching",
-        "doubt",
-        share,
-        f"{says}: positions and contacts of different instants, radii too small, or cohesion",
-        "Take both tables from one instant.",
+        return found
+    return found.doubt(
+        ": positions and contacts of different snapshots, radii too small, or cohesion",
+        "Take both tables from one snapshot.",
     )
 
 
-def instants(state: State) -> Finding | None:
+def same_snapshot(state: State) -> Finding | None:
     """Branches or normals of the file against the centres."""
     if state.given is None:
         return None
@@ -171,15 +166,13 @@ def instants(state: State) -> Finding | None:
     coarse = 2 * rounding(state.x) / float(np.median(state.length[rows]))
     coarse += rounding(given) / float(np.median(size) or 1.0)
     says = f"contact directions are {off:.2g} rad off the lines of centres (median)"
-    if off <= INSTANT + 5 * coarse:
-        return Finding("instants", "ok", off, says, "")
-    return Finding(
-        "instants",
-        "doubt",
-        off,
-        f"{says}, and the numbers are good to {coarse:.1g}: positions and contacts of different "
-        "instants, or positions moved on before they were saved",
-        "Take both tables from one instant.",
+    found = Finding("same_snapshot", off, says)
+    if off <= TURNED_BY + 5 * coarse:
+        return found
+    return found.doubt(
+        f", and the numbers are good to {coarse:.1g}: positions and contacts of different "
+        "snapshots, or positions moved on before they were saved",
+        "Take both tables from one snapshot.",
     )
 
 
@@ -188,45 +181,40 @@ def directions(state: State) -> Finding:
     size = float(np.hypot(state.normal, state.shear).sum())
     share = float(state.normal.sum()) / size
     says = f"the forces act along the branches to {share:.3g} of their size, push positive"
+    found = Finding("directions", share, says)
     if share >= ALONG:
-        return Finding("directions", "ok", share, says, "")
+        return found
     if share <= -ALONG:
-        return Finding(
-            "directions",
-            "error",
-            share,
-            f"{says}: they pull, as with tension positive, with forces on grain 1, or with id1 and "
-            "id2 exchanged",
+        return found.error(
+            ": they pull, as with tension positive, with forces on grain 1, or with id1 and id2 "
+            "exchanged",
             "Turn the sign of the forces, or exchange id1 and id2.",
         )
     n = state.d / state.length[:, None]
     # The force with its components exchanged, along the branch.
     exchanged = 2 * n[:, 0] * n[:, 1] * state.normal + (n[:, 0] ** 2 - n[:, 1] ** 2) * state.shear
     other = float(exchanged.sum()) / size
-    cause, remedy = "forces of other contacts", "Check the columns of the force and of the ids."
     if abs(other) > 2 * ALONG:
-        cause, remedy = f"x and y exchanged give {other:.3g}", "Exchange fx and fy."
-    return Finding("directions", "error", share, f"{says}: {cause}", remedy)
+        return found.error(f": x and y exchanged give {other:.3g}", "Exchange fx and fy.")
+    remedy = "Check the columns of the force and of the ids."
+    return found.error(": forces of other contacts", remedy)
 
 
 def pulling(state: State) -> Finding:
     """Share of the normal force that pulls."""
     size = np.abs(state.normal)
     share = float(size[state.normal < 0].sum() / (float(size.sum()) or 1.0))
-    says = f"{100 * share:.3g} % of the normal force pulls"
+    found = Finding("pulling", share, f"{100 * share:.3g} % of the normal force pulls")
     if share <= PULLING or share > 0.5:
-        return Finding("pulling", "ok", share, says, "")
-    return Finding(
-        "pulling",
-        "doubt",
-        share,
-        f"{says}: cohesion, damping, or rows whose grains are exchanged",
+        return found
+    return found.doubt(
+        ": cohesion, damping, or rows whose grains are exchanged",
         "The law of the contacts here carries no tension.",
     )
 
 
 def balance(state: State) -> Finding | None:
-    """What the forces leave on the grains, a uniform body force aside."""
+    """What the forces leave on a sample of grains, a uniform body force aside."""
     chosen = np.flatnonzero(state.inner)[:: max(1, 5 * len(state.x) // SAMPLE)]
     if len(chosen) < 3:
         return None
@@ -247,22 +235,17 @@ def balance(state: State) -> Finding | None:
     mean = float(np.hypot(state.normal[state.rows], state.shear[state.rows]).mean())
     rest = [_rest(area, push + sign * turn) / mean for sign in (1, -1)]
     says = f"contact forces leave the grains {rest[0]:.2g} mean forces out of balance"
+    found = Finding("balance", rest[0], says)
     if rest[0] <= BALANCE:
-        return Finding("balance", "ok", rest[0], says, "")
+        return found
     if rest[1] < TURNED * rest[0] and len(chosen) >= FEWEST:
-        return Finding(
-            "balance",
-            "error",
-            rest[0],
-            f"{says}, and {rest[1]:.2g} with shear turned around: shear forces on grain 1, or id1 "
-            "and id2 exchanged",
+        return found.error(
+            f", and {rest[1]:.2g} with shear turned around: shear forces on grain 1, or id1 and "
+            "id2 exchanged",
             "Turn the sign of the shear forces, or exchange id1 and id2.",
         )
-    return Finding(
-        "balance",
-        "doubt",
-        rest[0],
-        f"{says}: a flow, missing contacts or walls, or forces that are not these grains'",
+    return found.doubt(
+        ": a flow, missing contacts or walls, or forces that are not these grains'",
         "Stability is that of a state at rest.",
     )
 
@@ -270,38 +253,30 @@ def balance(state: State) -> Finding | None:
 def friction(state: State) -> Finding | None:
     """Shear against Coulomb's limit; friction that is an angle."""
     every = state.parameter("mu")
-    if not np.isfinite(every).any():
-        return None
     typical = float(np.median(every[state.rows]))
     if DEGREES[0] < typical < DEGREES[1]:
-        return Finding(
-            "friction",
-            "doubt",
-            typical,
-            f"mu is {typical:.4g}, as an angle in degrees",
-            f"Give its tangent, {np.tan(np.radians(typical)):.4g}.",
-        )
+        found = Finding("friction", typical, f"mu is {typical:.4g}")
+        tangent = np.tan(np.radians(typical))
+        return found.doubt(", as an angle in degrees", f"Give its tangent, {tangent:.4g}.")
     rows = np.flatnonzero(state.loaded & (state.normal > 0))[state.rows]
-    if len(rows) == 0:
+    if len(rows) == 0 or not np.isfinite(every).any():
         return None
     ratio, mu = np.abs(state.shear[rows]) / state.normal[rows], every[rows]
     beyond = float(np.mean(ratio > BEYOND * mu))
     worst = float((ratio / np.where(mu > 0, mu, np.inf)).max())
     says = f"{100 * beyond:.3g} % of the loaded contacts have |T| > mu N, at most {worst:.3g} times"
+    found = Finding("friction", beyond, says)
     if beyond <= BEYOND_SHARE:
-        return Finding("friction", "ok", beyond, says, "")
-    return Finding(
-        "friction",
-        "doubt",
-        beyond,
-        f"{says}: friction too small, or forces of another instant or law",
+        return found
+    return found.doubt(
+        ": friction too small, or forces of another snapshot or law",
         f"The forces need mu = {float(np.quantile(ratio, 0.999)):.3g}.",
     )
 
 
 def sliding(state: State) -> Finding | None:
     """Contacts flagged as sliding against Coulomb's limit."""
-    if state.sliding is None or not state.sliding.any():
+    if state.sliding is None:
         return None
     rows = np.flatnonzero(state.sliding)[state.rows]
     mu = state.parameter("mu")[rows]
@@ -310,14 +285,11 @@ def sliding(state: State) -> Finding | None:
     if not known.any():
         return None
     ratio = float(np.median(np.abs(state.shear[rows][known]) / limit[known]))
-    says = f"sliding contacts have |T| = {ratio:.3g} mu N (median)"
+    found = Finding("sliding", ratio, f"sliding contacts have |T| = {ratio:.3g} mu N (median)")
     if abs(ratio - 1) <= 0.1:
-        return Finding("sliding", "ok", ratio, says, "")
-    return Finding(
-        "sliding",
-        "doubt",
-        ratio,
-        f"{says}: mu too {'large' if ratio < 1 else 'small'}, or flags of another instant",
+        return found
+    return found.doubt(
+        f": mu too {'large' if ratio < 1 else 'small'}, or flags of another snapshot",
         f"The forces need mu = {ratio * float(np.median(mu[known])):.3g}.",
     )
 
@@ -326,43 +298,26 @@ def stiffness(state: State) -> Finding | None:
     """N against kn times overlap: units, exchanged stiffnesses."""
     rows = np.flatnonzero(state.loaded)[state.rows]
     overlap = state.radii[state.contacts[rows]].sum(axis=1) - state.length[rows]
-    typical = float(np.median(overlap)) if len(rows) else 0.0
     # Coarser coordinates, and grains that are apart, say nothing of the stiffness.
-    if typical <= 2 * rounding(state.x):
+    if len(rows) == 0 or float(np.median(overlap)) <= 2 * rounding(state.x):
         return None
     positive = overlap > 0
     secant = state.normal[rows][positive] / overlap[positive]
     kn, kt = (state.parameter(name)[rows][positive] for name in ("kn", "kt"))
+    needed, exceeds = float(np.median(secant)), float(np.median(kt / kn))
     ratio, shear_ratio = float(np.median(secant / kn)), float(np.median(secant / kt))
-    says = f"N is {ratio:.4g} times kn times the overlap (median)"
-    exceeds = float(np.median(kt / kn))
+    found = Finding("stiffness", ratio, f"N is {ratio:.4g} times kn times the overlap (median)")
     if abs(shear_ratio - 1) < ROUND_NUMBER < abs(exceeds - 1):
-        return Finding(
-            "stiffness",
-            "doubt",
-            ratio,
-            f"{says} and {shear_ratio:.4g} times kt times it: kn and kt exchanged",
-            "Exchange them.",
-        )
-    if STIFF[0] <= ratio <= STIFF[1] and exceeds <= 1 + ROUND_NUMBER:
-        return Finding("stiffness", "ok", ratio, says, "")
-    if STIFF[0] <= ratio <= STIFF[1]:
-        return Finding(
-            "stiffness",
-            "doubt",
-            exceeds,
-            f"kt is {exceeds:.4g} kn, where grains are softer to shear",
-            "Check kn and kt.",
-        )
-    unit = _power_of_ten(ratio)
-    cause = f"units differ by {unit}, or another kn" if unit else "another kn, or units"
-    return Finding(
-        "stiffness",
-        "doubt",
-        ratio,
-        f"{says}: {cause}",
-        f"Forces and overlaps need kn = {float(np.median(secant)):.4g}.",
-    )
+        cause = f" and {shear_ratio:.4g} times kt times it: kn and kt exchanged"
+        return found.doubt(cause, "Exchange them.")
+    if not STIFF[0] <= ratio <= STIFF[1]:
+        unit = _power_of_ten(ratio)
+        cause = f"units differ by {unit}, or another kn" if unit else "another kn, or units"
+        return found.doubt(f": {cause}", f"Forces and overlaps need kn = {needed:.4g}.")
+    if exceeds > 1 + ROUND_NUMBER:
+        found = Finding("stiffness", exceeds, f"kt is {exceeds:.4g} kn")
+        return found.doubt(", where grains are softer to shear", "Check kn and kt.")
+    return found
 
 
 def jammed(state: State) -> Finding | None:
@@ -382,13 +337,11 @@ def jammed(state: State) -> Finding | None:
     shared = (2 * degree - slides if rough else degree) / 2 + walls
     ratio = float(shared[held].sum() / ((3 if rough else 2) * np.count_nonzero(held)))
     says = f"contacts give {ratio:.3g} constraints for each freedom of the grains that carry load"
+    found = Finding("jammed", ratio, says)
     if ratio >= JAMMED:
-        return Finding("jammed", "ok", ratio, says, "")
-    return Finding(
-        "jammed",
-        "doubt",
-        ratio,
-        f"{says}: the sample isn't jammed, or contacts are missing",
+        return found
+    return found.doubt(
+        ": the sample isn't jammed, or contacts are missing",
         "Loops of a flow carry no load for long.",
     )
 
@@ -396,15 +349,13 @@ def jammed(state: State) -> Finding | None:
 def same_normal_force(fn: Floats, normal: Floats) -> Finding:
     """The column `fn` against the part of the total force along the branch."""
     scale = float(np.abs(normal).mean()) or 1.0
-    off = float(np.median(np.abs(fn - normal))) / scale
+    off, turned = (float(np.median(np.abs(fn - sign * normal))) / scale for sign in (1, -1))
     says = f"fn is {off:.2g} mean forces off the normal part of fx_on_2, fy_on_2 (median)"
+    found = Finding("fn", off, says)
     if off <= 1e-3:
-        return Finding("fn", "ok", off, says, "")
-    turned = float(np.median(np.abs(fn + normal))) / scale
-    cause = "tension positive" if turned <= 1e-3 else "of other contacts, units or instants"
-    return Finding(
-        "fn", "doubt", off, f"{says}, which are used: fn is {cause}", "Correct one of the two."
-    )
+        return found
+    cause = "tension positive" if turned <= 1e-3 else "of other contacts, units or snapshots"
+    return found.doubt(f", which are used: fn is {cause}", "Correct one of the two.")
 
 
 def rounding(values: Floats) -> float:

@@ -10,13 +10,12 @@ from numpy.typing import ArrayLike
 
 from loops import InputError
 from loops.laws.frictional import ShearIncrement, checked_increment
+from patterns.snapshots import mercury as mercury_dpm
 from patterns.snapshots import plain
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.contact_geometry import as_cell
 from patterns.snapshots.dumps import lammps, liggghts
-from patterns.snapshots.frame import Frame, Source
-from patterns.snapshots.instants import Instants
-from patterns.snapshots.mercury import mercury_dpm
+from patterns.snapshots.frame import Frame, Instants, Source
+from patterns.snapshots.geometry import as_cell
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.text import head_of, require_file
 from patterns.snapshots.yade import text, vtk, xml_save
@@ -190,25 +189,7 @@ def count_frames(
 
 
 def format_of(path: Path, name: str = "auto") -> Format:
-    """The format of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    name : str
-        A key of `FORMATS`, or 'auto'.
-
-    Returns
-    -------
-    Format
-        The module that reads it.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, a file that is missing or empty or that no format recognises.
-    """
+    """The format of a file."""
     if name != "auto":
         if name not in FORMATS:
             raise InputError("--format", repr(name), f"auto, {', '.join(FORMATS)}", "Take one.")

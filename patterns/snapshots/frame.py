@@ -1,8 +1,8 @@
-"""One instant as plain tables: what every format is translated into."""
+"""One saved state as plain tables: what every format is translated into, and where it stands."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,19 +24,7 @@ PLAIN_NAMES = GRAIN_COLUMNS + CONTACT_COLUMNS
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What the user gave.
-
-    Attributes
-    ----------
-    path : Path
-        The file, or the one of the grains.
-    contacts : Path, optional
-        The file of contacts; found beside `path`, or in it, if None.
-    cell : (2, 2) array, optional
-        Periodic cell, columns are the cell vectors (length); comes before the file's own.
-    columns : mapping of str to str
-        Plain name to the column that holds it.
-    """
+    """What the user gave."""
 
     path: Path
     contacts: Path | None = None
@@ -102,3 +90,31 @@ def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Ta
         for plain in (GRAIN_COLUMNS, CONTACT_COLUMNS)
     ]
     return grains.renamed(maps[0]), contacts.renamed(maps[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """What a format finds in a file: as many instants as it has, none of them read yet."""
+
+    readers: Sequence[Callable[[], Frame]]
+
+    def __len__(self) -> int:
+        """Return the number of instants."""
+        return len(self.readers)
+
+    def __getitem__(self, number: int) -> Frame:
+        """Read one instant, counted from 0, or from -1 backwards."""
+        return self.readers[number]()
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Read one after the other."""
+        return (read() for read in self.readers)
+
+
+def refusal(error: InputError) -> Callable[[], Frame]:
+    """Reader of an instant that is damaged: raises what is wrong, when it is asked for."""
+
+    def read() -> Frame:
+        raise error
+
+    return read

@@ -110,14 +110,11 @@ def _crossings(snapshot: Any) -> Any:
     from patterns.snapshots.checks import Finding
 
     count = len(find_crossings(snapshot.graph, 1_000_000))
-    says = f"{count} pairs of branches cross"
+    found = Finding("crossings", float(count), f"{count} pairs of branches cross")
     if count == 0:
-        return Finding("crossings", "ok", 0.0, says, "")
-    return Finding(
-        "crossings",
-        "error",
-        float(count),
-        f"{says}: opposite grains of a loop overlap, or the cell is wrong",
+        return found
+    return found.error(
+        ": opposite grains of a loop overlap, or the cell is wrong",
         "Give the right cell, or leave out one of each pair by --drop-crossings.",
     )
 
@@ -140,6 +137,6 @@ def _print(rows: list[dict[str, Any]], summary: dict[str, Any]) -> None:
             place = row["path"], row["snapshot"]
             typer.echo(f"{row['path']}, snapshot {row['snapshot']}")
         text = row["says"] + (f". {row['remedy']}" if row["remedy"] else "")
-        typer.echo(f"  {row['severity']:<5}  {row['check']:<10}  {text}")
+        typer.echo(f"  {row['severity']:<5}  {row['check']:<13}  {text}")
     found = ", ".join(f"{count} {name}" for name, count in summary["findings"].items())
     typer.echo(f"{summary['snapshots']} snapshots: {found}; verdict: {summary['verdict']}")

@@ -413,7 +413,7 @@ FAULTS = {
     exchange_stiffness: {"stiffness"},
     diameters: {"distances"},
     centimetres: {"distances"},
-    other_instant: {"instants", "touching", "stiffness"},
+    other_instant: {"same_snapshot", "touching", "stiffness"},
     out_of_balance: {"balance"},
     few_contacts: {"jammed", "balance"},
 }

@@ -143,8 +143,8 @@ def test_tables_of_two_close_instants(tmp_path):
     folder = Path(__file__).parent / "samples"
     one, two = (folder / f"contacts_slow_0{k}.csv.gz" for k in (2, 3))
     grains = folder / "grains_slow_02.csv.gz"
-    assert "instants" not in suspicious(read_snapshot(grains, one))
-    assert "instants" in suspicious(read_snapshot(grains, two))
+    assert "same_snapshot" not in suspicious(read_snapshot(grains, one))
+    assert "same_snapshot" in suspicious(read_snapshot(grains, two))
 
 
 @pytest.mark.parametrize(

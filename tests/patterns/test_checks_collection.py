@@ -128,4 +128,4 @@ def test_tables_of_neighbouring_snapshots(snapshot):
     except InputError as error:
         assert "from the centres" in str(error)
     else:
-        assert "instants" in suspicious(one)
+        assert "same_snapshot" in suspicious(one)

@@ -19,7 +19,7 @@ from loops import (
 from patterns import read_snapshot, sample_path
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_text import dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import dump_frames, read_rows
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (

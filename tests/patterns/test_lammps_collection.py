@@ -21,7 +21,7 @@ from loops import (
 )
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps, liggghts
-from patterns.snapshots.dumps.dump_text import dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import dump_frames, read_rows
 from patterns.snapshots.frame import Source
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")

@@ -6,7 +6,7 @@ import pytest
 from loops import InputError, branch_vectors
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_text import dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import dump_frames, read_rows
 from patterns.snapshots.frame import Source
 from tests.patterns.dump_writers import Packing, assert_same, lammps_columns, write_lammps
 from tests.patterns.test_lammps import LAW, notes, packing, read

@@ -9,8 +9,7 @@ import pytest
 from loops import InputError
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_files import contacts_beside
-from patterns.snapshots.dumps.dump_text import dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import contacts_beside, dump_frames, read_rows
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, lammps_columns, write_lammps
@@ -87,7 +86,7 @@ BAD = {
     ),
     "a grain far away": (
         "atoms",
-        lambda r: r.__setitem__(9, " ".join(["0 1 1e300", *r[9].split()[3:], ""])),
+        lambda r: r.__setitem__(9, " ".join(["0 1 1e100", *r[9].split()[3:], ""])),
         "periodic cells apart",
     ),
     "a step of words": ("atoms", lambda r: r.__setitem__(1, "zero"), "header that breaks off"),

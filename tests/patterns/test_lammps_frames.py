@@ -8,8 +8,8 @@ import pytest
 
 from loops import GrainGraph, InputError
 from patterns import count_frames, read_frames, read_snapshot
-from patterns.snapshots.dumps import dump_text
-from patterns.snapshots.mercury import files as mercury_files
+from patterns.snapshots import mercury as mercury_files
+from patterns.snapshots.dumps import dump_files as dump_text
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,

@@ -7,7 +7,7 @@ from loops import InputError, contact_forces, euler_check, find_faces, love_webe
 from patterns import sample_path
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps, liggghts
-from patterns.snapshots.dumps.dump_text import dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import dump_frames, read_rows
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import GROUPS, LATER, Packing, assert_same, write_liggghts

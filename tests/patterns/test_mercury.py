@@ -7,10 +7,10 @@ import pytest
 
 from loops import GrainGraph, InputError
 from patterns import read_snapshot, sample_path
+from patterns.snapshots import mercury as mercury
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps, liggghts
 from patterns.snapshots.frame import Source
-from patterns.snapshots.mercury import mercury_dpm as mercury
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,

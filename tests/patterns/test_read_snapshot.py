@@ -437,3 +437,14 @@ def test_periodic_sample_has_the_stress_that_yade_gives():
     assert np.mean(snapshot.regime == Regime.SLIDING) == pytest.approx(
         0.0589112602535421, rel=1e-12
     )
+
+
+def test_walls_out_of_the_plane_and_out_of_order(tmp_path):
+    """Grains come by their ids; a wall's z is nobody's business."""
+    rows = len(GRAINS["id"])
+    wall = GRAINS["type"].index(1)
+    z = [0.5] * rows
+    z[wall] = 70.0
+    for order in (range(rows), range(rows)[::-1]):
+        grains = {name: [values[k] for k in order] for name, values in (GRAINS | {"z": z}).items()}
+        assert read_snapshot(write(tmp_path, grains)).ids.tolist() == [10, 11, 12, 13]

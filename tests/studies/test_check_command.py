@@ -36,7 +36,7 @@ def test_findings_are_printed_and_written(monkeypatch, capsys, spoilt, tmp_path)
     out = tmp_path / "out"
     assert run(monkeypatch, spoilt, "--out", out, "--csv") == 0
     shown = capsys.readouterr().out
-    assert "doubt  stiffness   N is 1e+04 times" in shown and "fn is tension positive" in shown
+    assert "doubt  stiffness      N is 1e+04 times" in shown and "fn is tension positive" in shown
     summary = json.loads((out / "summary.json").read_text())
     assert summary["verdict"] == "doubt" and summary["findings"]["doubt"] == 2
     table = pd.read_parquet(out / "findings.parquet")

@@ -1,23 +1,217 @@
-"""The two dumps of a run, its atoms and its contacts, frame by frame."""
+"""The two dumps of a run, its atoms and its contacts: headers, boxes, rows, grains."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.bodies import refuse_repeated
-from patterns.snapshots.dumps.dump_text import Box, DumpFrame, dump_frames, read_rows
-from patterns.snapshots.frame import Frame, Source
-from patterns.snapshots.instants import Instants, refusal
+from loops.arrays import Floats, Integers
+from patterns.snapshots.frame import Frame, Instants, Source, refusal
+from patterns.snapshots.geometry import refuse_repeated
+from patterns.snapshots.tables import Table
+from patterns.snapshots.text import Text, line_at, open_text, read_body
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+ITEM = b"ITEM: "
+START = b"ITEM: TIMESTEP"
+
+
+class Box(NamedTuple):
+    """Simulation box of a frame, in the plane.
+
+    `origin` (2,), `cell` (2, 2) with the edges as columns and `height` along z (length);
+    `periodic` of the two edges; `digits`, the significant ones that the header prints.
+    """
+
+    origin: Floats
+    cell: Floats
+    height: float
+    periodic: tuple[bool, bool]
+    digits: int
+
+
+@dataclass(frozen=True, eq=False)
+class DumpFrame:
+    """Where one frame stands in a dump."""
+
+    where: str
+    step: int
+    count: int
+    label: str
+    names: tuple[str, ...]
+    box: Box | None
+    text: Text
+    span: tuple[int, int]
+
+
+def is_dump(head: bytes) -> bool:
+    """Whether a file that begins so is a text dump."""
+    return head.startswith((START, b"ITEM: UNITS"))
+
+
+def first_frame(path: Path, head: bytes) -> DumpFrame:
+    """Header of the first frame, from the first bytes of a dump; `InputError` if it is none."""
+    return _frame(path, head, 0)
+
+
+def dump_frames(path: Path) -> list[DumpFrame | InputError]:
+    """Headers of all frames of a dump; their rows are passed over, not read."""
+    frames = list(_walk(path, open_text(path)))
+    seen: set[int] = set()
+    for frame in frames:
+        if isinstance(frame, InputError):
+            continue
+        if frame.step in seen:
+            raise InputError(
+                str(path), f"step {frame.step} twice", "each step once", "Part the runs."
+            )
+        seen.add(frame.step)
+    return frames
+
+
+def read_rows(frame: DumpFrame, wanted: Sequence[str]) -> Table:
+    """Columns of a frame."""
+    start, stop = frame.span
+    table = None
+    if stop > start:
+        table = Table(
+            frame.where, read_body(frame.where, frame.text, frame.span, frame.names, wanted)
+        )
+    if table is None or len(table) != frame.count:
+        raise InputError(
+            frame.where,
+            f"{0 if table is None else len(table)} rows",
+            f"{frame.count} as the header says" if frame.count else "at least one row",
+            "The frame is cut short or mixed with another one: dump or copy it again.",
+        )
+    return table
+
+
+def _walk(path: Path, text: Text) -> Iterator[DumpFrame | InputError]:
+    at = 0
+    while 0 <= at < len(text):
+        try:
+            frame = _frame(path, text, at)
+        except InputError as error:
+            if text[at:].strip():
+                yield error
+            at = _next_start(text, at)
+        else:
+            yield frame
+            at = frame.span[1]
+
+
+def _next_start(text: Text, at: int) -> int:
+    """Where the frame after a damaged one starts, -1 for nowhere."""
+    # The damaged header has a TIMESTEP of its own, perhaps after UNITS.
+    if is_dump(text[at : at + len(START)]):
+        at = text.find(START, at) + 1 or len(text)
+    return text.find(START, at)
+
+
+def _frame(path: Path, text: Text, at: int) -> DumpFrame:
+    """Read the header that starts there."""
+    if not is_dump(text[at : at + len(START)]):
+        raise InputError(str(path), f"{text[at : at + 40]!r}", START.decode(), "Give a text dump.")
+    values: dict[bytes, list[bytes]] = {}
+    label = b""
+    while True:
+        line, at = line_at(text, at)
+        if not line.startswith(ITEM):
+            raise _cut(path, values)
+        key = line.removeprefix(ITEM)
+        if label and key.split(b" ")[0] == label.split(b" ")[0]:
+            break
+        if key.startswith(b"NUMBER OF "):
+            label = key.removeprefix(b"NUMBER OF ").strip()
+        stop = text.find(ITEM, at)
+        if stop < 0:
+            raise _cut(path, values)
+        if b"TIMESTEP" in values and key.strip() == b"TIMESTEP":
+            raise _cut(path, values)
+        values[key.strip()] = text[at:stop].splitlines()
+        at = stop
+    stop = text.find(ITEM, at)
+    names = tuple(key.removeprefix(label).decode(errors="replace").split())
+    step, count = (_whole(path, values, name) for name in (b"TIMESTEP", b"NUMBER OF " + label))
+    span = (at, len(text) if stop < 0 else stop)
+    where = f"{path}, step {step}"
+    return DumpFrame(
+        where, step, count, label.decode(errors="replace"), names, _box(where, values), text, span
+    )
+
+
+def _whole(path: Path, values: dict[bytes, list[bytes]], name: bytes) -> int:
+    try:
+        number = int(values[name][0])
+    except (KeyError, IndexError, ValueError):
+        raise _cut(path, values) from None
+    if not 0 <= number < 2**63:
+        raise _cut(path, values)
+    return number
+
+
+def _cut(path: Path, values: dict[bytes, list[bytes]]) -> InputError:
+    step = b" ".join(values.get(b"TIMESTEP", [b"?"])).decode(errors="replace")
+    return InputError(
+        f"{path}, step {step}",
+        "a header that breaks off",
+        "ITEM: TIMESTEP, NUMBER OF ..., BOX BOUNDS and the names of the columns",
+        "Dump or copy it again.",
+    )
+
+
+def _box(where: str, values: dict[bytes, list[bytes]]) -> Box | None:
+    found = [(key, lines) for key, lines in values.items() if key.startswith(b"BOX BOUNDS")]
+    if not found:
+        return None
+    words = found[0][0].decode(errors="replace").split()[2:]
+    fields = [line.split() for line in found[0][1][:3]]
+    try:
+        rows = np.array([[float(value) for value in line] for line in fields])
+        if rows.shape != ((3, 4) if "abc" in words else (3, 3) if "xy" in words else (3, 2)):
+            raise ValueError
+        origin, cell, height = _edges(rows)
+        if not (np.isfinite(rows).all() and np.linalg.det(cell) > 0):
+            raise ValueError
+    except ValueError:
+        shown = [line.decode(errors="replace") for line in found[0][1][:3]]
+        raise InputError(
+            where, f"box {shown}", "three lines of bounds, low and high", "Dump or copy it again."
+        ) from None
+    # pp is periodic; f, s and m, also of one side alone, are not. Old dumps don't say.
+    flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
+    periodic = (flags[0] == "pp", flags[1] == "pp") if len(flags) == 3 else (False, False)
+    digits = max(_digits(value) for line in fields for value in line)
+    return Box(origin, cell, height, periodic, digits)
+
+
+def _edges(rows: Floats) -> tuple[Floats, Floats, float]:
+    """Origin, edges in the plane and height, from the three kinds of `BOX BOUNDS`."""
+    if rows.shape[1] == 4:
+        return rows[:2, 3].copy(), rows[:2, :2].T.copy(), float(rows[2, 2])
+    low, high = rows[:, 0].copy(), rows[:, 1].copy()
+    xy = 0.0
+    if rows.shape[1] == 3:
+        # The header has the bounds of the tilted box: take the tilt off them.
+        xy, xz, yz = rows[:, 2]
+        corners = (0.0, xy, xz, xy + xz)
+        low -= [min(corners), min(0.0, yz), 0.0]
+        high -= [max(corners), max(0.0, yz), 0.0]
+    lx, ly, lz = high - low
+    return low[:2], np.array([[lx, xy], [0.0, ly]]), float(lz)
+
+
+def _digits(value: bytes) -> int:
+    mantissa = value.lower().split(b"e")[0].lstrip(b"+-").replace(b".", b"")
+    return len(mantissa.lstrip(b"0"))
+
+
 Frames = list[DumpFrame | InputError]
 ReadPair = Callable[[Source, DumpFrame, DumpFrame, tuple[str, ...]], Frame]
 
@@ -39,18 +233,7 @@ class Atoms(NamedTuple):
 
 
 def contacts_beside(path: Path) -> Path | None:
-    """Path of the dump of contacts beside that of the atoms, if there is one.
-
-    Parameters
-    ----------
-    path : Path
-        Such as `dump.atoms.0` or `atoms.0.dump.gz`.
-
-    Returns
-    -------
-    Path or None
-        Such as `dump.contacts.0` or `contacts.0.dump`.
-    """
+    """Path of the dump of contacts beside that of the atoms, if there is one."""
     for word in ATOM_WORDS:
         if word not in path.name:
             continue
@@ -66,23 +249,6 @@ def dump_instants(source: Source, read: ReadPair) -> Instants:
     """Frames of the atoms with those of the contacts at the same step.
 
     Instants without contacts, as before the grains meet, are left out.
-
-    Parameters
-    ----------
-    source : Source
-        What the user gave.
-    read : callable
-        Reads one instant from `source`, its frame of atoms, that of its contacts, and notes.
-
-    Returns
-    -------
-    Instants
-        One a step. Reading it raises `InputError` if it is damaged or missing among the contacts.
-
-    Raises
-    ------
-    InputError
-        If a dump is missing, of the other kind, or without contacts at any instant.
     """
     atoms, contacts, contacts_path = _both_dumps(source)
     of_step = {frame.step: frame for frame in contacts if isinstance(frame, DumpFrame)}
@@ -195,23 +361,6 @@ def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
 
     Positions may be wrapped (`x`), unwrapped (`xu`) or scaled by the box (`xs`, `xsu`); for a
     radius the diameter will do.
-
-    Parameters
-    ----------
-    frame : DumpFrame
-        The frame.
-    columns : mapping of str to str
-        Plain name to column, coming first; entries for other tables are left alone.
-
-    Returns
-    -------
-    Atoms
-        In the order of the dump.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or holds anything but finite numbers.
     """
     found = {name: _find(frame, columns, name) for name in ATOM_NAMES}
     for name in ("id", "x", "y", "radius"):

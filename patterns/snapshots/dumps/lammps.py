@@ -1,24 +1,33 @@
-"""LAMMPS: `dump custom` of the atoms with `dump local` of their contacts."""
+"""LAMMPS: `dump custom` of the atoms, perhaps with walls, and `dump local` of their contacts."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.dumps.column_guess import Guess, guess_columns
-from patterns.snapshots.dumps.column_search import CONTACT_NAMES, NONE
-from patterns.snapshots.dumps.dump_files import ATOM_NAMES, dump_instants, read_atoms
-from patterns.snapshots.dumps.dump_geometry import contact_rows, space_of
-from patterns.snapshots.dumps.dump_tables import Forces, contact_table, grain_table
-from patterns.snapshots.dumps.dump_text import DumpFrame, is_dump, read_rows
-from patterns.snapshots.dumps.lammps_walls import WALL_NAMES, read_walls
-from patterns.snapshots.frame import Frame, Source
-from patterns.snapshots.instants import Instants
-
-Floats = NDArray[np.float64]
+from patterns.snapshots.dumps.columns import CONTACT_NAMES, NONE, Guess, guess_columns
+from patterns.snapshots.dumps.dump_files import (
+    ATOM_NAMES,
+    Atoms,
+    DumpFrame,
+    dump_instants,
+    is_dump,
+    read_atoms,
+    read_rows,
+)
+from patterns.snapshots.dumps.pairs import (
+    Forces,
+    Wall,
+    contact_rows,
+    contact_table,
+    grain_table,
+    space_of,
+)
+from patterns.snapshots.frame import Frame, Instants, Source
 
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be told apart"
 
@@ -38,23 +47,6 @@ def frames(source: Source) -> Instants:
     columns are told from the grains, and said in the notes. A map gives them by the plain names
     `id1, id2, dx, dy, dist, force, fx, fy, p1, p2, p4`; 'none' for what the dump lacks. Walls are
     the per-atom columns of `fix wall/gran ... contacts`.
-
-    Parameters
-    ----------
-    source : Source
-        What the user gave.
-
-    Returns
-    -------
-    Instants
-        One per step, total forces on grain 2. Reading it raises `InputError` for a frame that is
-        damaged, cut or of another step, columns that can't be told or don't hold what the map
-        says.
-
-    Raises
-    ------
-    InputError
-        For a missing dump or one without contacts, a name of the map that nothing reads.
     """
     check_names(source, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
     return dump_instants(source, _frame)
@@ -114,3 +106,69 @@ def _forces(guess: Guess) -> tuple[Forces, tuple[str, ...]]:
         missing = "no tangential force (p1, p2) among the columns; --mu 0 for frictionless grains"
         return Forces(None, -guess.normal), (DAMPING, missing)
     return Forces(-(guess.normal + guess.shear)), (DAMPING,)
+
+
+# Columns of the fix: flag, force on the atom, contact point.
+WALL_NAMES = ("wall_flag", "wall_fx", "wall_fy", "wall_x", "wall_y")
+NUMBERS = ("1", "2", "3", "5", "6")
+# A foot lies within the radius of its grain, up to what text rounds.
+ROUNDING = 1e-3
+
+
+def read_walls(
+    frame: DumpFrame, atoms: Atoms, columns: Mapping[str, str]
+) -> tuple[tuple[Wall, ...], tuple[str, ...]]:
+    """Contacts with walls from the dump of atoms.
+
+    A fix f with the columns `f_f[1]` (in contact or not), `f_f[2], f_f[3]` (force on the atom),
+    `f_f[5], f_f[6]` (contact point) is a wall if its points lie within the grains.
+    """
+    mapped = [columns[name] for name in WALL_NAMES if name in columns]
+    sets = {fix: [f"{fix}[{k}]" for k in NUMBERS] for fix in _fixes(frame.names)}
+    if mapped:
+        if len(mapped) < len(WALL_NAMES) or not set(mapped) <= set(frame.names):
+            raise InputError(
+                f"--columns for the wall of {frame.where}",
+                ", ".join(mapped),
+                f"columns of the dump for {', '.join(WALL_NAMES)}",
+                "Give all five.",
+            )
+        sets = {"wall": mapped}
+    walls, notes = [], []
+    for fix, names in sets.items():
+        wall = _wall(frame, atoms, names)
+        if wall is not None:
+            walls.append(wall)
+            notes.append(f"{fix} ({len(wall.grains)} contacts)")
+        elif mapped:
+            raise InputError(
+                f"--columns for the wall of {frame.where}",
+                "contact points beyond their grains",
+                "flag, force on the atom and contact point of 'fix wall/gran ... contacts'",
+                "Correct the names.",
+            )
+    if not notes:
+        return (), ()
+    return tuple(walls), (f"walls recognised: {', '.join(notes)}",)
+
+
+def _fixes(names: tuple[str, ...]) -> list[str]:
+    found: dict[str, set[str]] = {}
+    for name in names:
+        match = re.fullmatch(r"(f_\w+)\[(\d+)\]", name)
+        if match:
+            found.setdefault(match[1], set()).add(match[2])
+    return [fix for fix, numbers in found.items() if numbers >= set(NUMBERS)]
+
+
+def _wall(frame: DumpFrame, atoms: Atoms, names: list[str]) -> Wall | None:
+    """The wall of these columns, None if they hold something else."""
+    flag, fx, fy, x, y = read_rows(frame, names).columns(*names).T
+    grains = np.flatnonzero(flag > 0)
+    force = np.column_stack([fx, fy])[grains]
+    branch = atoms.x[grains] - np.column_stack([x, y])[grains]
+    length = np.hypot(*branch.T)
+    inside = (length > 0) & (length <= (1 + ROUNDING) * atoms.radii[grains])
+    if (flag < 0).any() or not inside.all() or np.sum(force * branch) < 0:
+        return None
+    return Wall(grains, force, branch)

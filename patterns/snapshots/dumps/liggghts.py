@@ -8,27 +8,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
+from patterns.snapshots.dumps.columns import LIGGGHTS_NAMES, NONE, Contacts, read_contacts
 from patterns.snapshots.dumps.dump_files import (
     ATOM_NAMES,
     Atoms,
+    DumpFrame,
     contacts_beside,
     dump_instants,
+    first_frame,
+    is_dump,
     read_atoms,
+    read_rows,
 )
-from patterns.snapshots.dumps.dump_geometry import (
+from patterns.snapshots.dumps.lammps import check_names
+from patterns.snapshots.dumps.pairs import (
+    Forces,
     Pairs,
     Space,
     contact_rows,
+    contact_table,
+    grain_table,
     normals,
     pairs_of,
     space_of,
 )
-from patterns.snapshots.dumps.dump_tables import Forces, contact_table, grain_table
-from patterns.snapshots.dumps.dump_text import DumpFrame, first_frame, is_dump, read_rows
-from patterns.snapshots.dumps.lammps import check_names
-from patterns.snapshots.dumps.liggghts_columns import CONTACT_NAMES, NONE, Contacts, read_contacts
-from patterns.snapshots.frame import Frame, Source
-from patterns.snapshots.instants import Instants
+from patterns.snapshots.frame import Frame, Instants, Source
 from patterns.snapshots.text import head_of
 
 Floats = NDArray[np.float64]
@@ -70,25 +74,8 @@ def frames(source: Source) -> Instants:
     by the plain names `id1, id2`, `fx, fy` (total force on atom 1) or its parts `fnx, fny, ftx,
     fty`, and `delta` (overlap); 'none' for what the dump lacks. Headers have six digits: the cell
     is found from the overlaps of the contacts that cross its border.
-
-    Parameters
-    ----------
-    source : Source
-        What the user gave.
-
-    Returns
-    -------
-    Instants
-        One per step, total forces on grain 2. Reading it raises `InputError` for a frame that is
-        damaged, cut or of another step, columns that can't be told or don't hold what the map
-        says.
-
-    Raises
-    ------
-    InputError
-        For a missing dump or one without contacts, a name of the map that nothing reads.
     """
-    check_names(source, (*ATOM_NAMES, *CONTACT_NAMES))
+    check_names(source, (*ATOM_NAMES, *LIGGGHTS_NAMES))
     return dump_instants(source, _frame)
 
 
@@ -127,22 +114,6 @@ def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, s
 
     Centres of a contact with images are `r1 + r2 - delta` apart: least squares for the lengths of
     the edges, by Newton's method from those of the header.
-
-    Parameters
-    ----------
-    atoms : Atoms
-        Grains.
-    space : Space
-        Cell of the header.
-    contacts : Contacts
-        Pairs, and overlaps if the dump has them.
-
-    Returns
-    -------
-    space : Space
-        The finer cell; the same where the dump doesn't tell it.
-    note : str
-        What was done.
     """
     coarse = "cell from a header of six digits: branches across its border are as coarse"
     across = np.flatnonzero(contacts.pairs.images.any(axis=1))

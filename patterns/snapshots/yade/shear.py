@@ -39,35 +39,6 @@ def shear_signs(
     Three balances a grain stand against about two contacts a grain. Grains on the rim of the
     sample, where walls may push, take part with their moments alone: frictionless walls have none.
     Signs come from the least-squares solution, then each is turned that betters the balance.
-
-    Parameters
-    ----------
-    x : (G, 2) array
-        Centres (length).
-    radii : (G,) array
-        Radii (length).
-    pairs : (C, 2) array of int
-        Grains of each contact, none with walls or across a periodic border.
-    normal : (C,) array
-        `N`, compression positive (force).
-    magnitude : (C,) array
-        `|T|` (force).
-
-    Returns
-    -------
-    Signs
-        Of `T` along `t`, the normal from grain 1 to grain 2 turned by +90 degrees.
-
-    Examples
-    --------
-    A grain between three others, two of them on the rim as well:
-
-    >>> import numpy as np
-    >>> x = np.array([[0.0, 0.0], [2.0, 0.0], [-1.0, 3**0.5], [-1.0, -(3**0.5)]])
-    >>> found = shear_signs(x, np.ones(4), np.array([[0, 1], [0, 2], [0, 3]]),
-    ...                     np.array([1.0, 1.2, 0.8]), np.array([0.2309401, 0.1154701, 0.1154701]))
-    >>> bool(found.sign[0] != found.sign[1]), bool(found.sign[1] == found.sign[2])
-    (True, True)
     """
     matrix, load = _balances(x, radii, pairs, normal)
     least = spla.lsqr(matrix, -load, atol=1e-10, btol=1e-10, iter_lim=2000)[0]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from loops import InputError
-from patterns.snapshots.frame import Source
-from patterns.snapshots.instants import Instants
+from patterns.snapshots.frame import Instants, Source
 
 START = b"#format "
 
@@ -17,18 +16,7 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def frames(source: Source) -> Instants:
-    """Refuse: these files have no contacts, and six digits are too few to find them.
-
-    Parameters
-    ----------
-    source : Source
-        What the user gave.
-
-    Raises
-    ------
-    InputError
-        Always.
-    """
+    """Refuse: these files have no contacts, and six digits are too few to find them."""
     raise InputError(
         str(source.path),
         "spheres without contacts (export.text)",

@@ -1,8 +1,10 @@
-"""VTK files of Yade: VTKRecorder's `.vtu`, `.vtp`, `.vtm` and VTKExporter's legacy `.vtk`."""
+"""Spheres and interactions of Yade in VTK files: `VTKRecorder` and `export.VTKExporter`."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -10,17 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.frame import Frame, Source
-from patterns.snapshots.instants import Instants
+from loops.arrays import Floats, Integers
+from patterns.snapshots.frame import Frame, Instants, Source, with_plain_names
+from patterns.snapshots.tables import Table
 from patterns.snapshots.text import open_text
 from patterns.snapshots.yade.shear import shear_signs
-from patterns.snapshots.yade.vtk_exporter import exporter_frame
 from patterns.snapshots.yade.vtk_files import Piece, read_piece
 from patterns.snapshots.yade.vtk_legacy import START, read_legacy
-from patterns.snapshots.yade.vtk_pairs import Columns, ends_of, grains_of, make_frame, refuse_strays
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Beyond this residual of the balances (over the mean normal force) signs of shear are a guess.
 BALANCED = 0.05
@@ -40,18 +38,6 @@ def frames(source: Source) -> Instants:
     The main file is that of the spheres, `...spheres.N.vtu`, with `...intrs.N.vtp` beside it; or a
     `.vtm` that names both; or `...-spheres-N.vtk` with `...-intrs-N.vtk` beside it. Lines are
     brought to the spheres by the coordinates of their ends. What the files lack is in the notes.
-
-    Parameters
-    ----------
-    source : Source
-        What the user gave.
-
-    Returns
-    -------
-    Instants
-        One; `step` is the number in the file's name. Reading it raises `InputError` for missing,
-        damaged or truncated files, files of two instants, and contacts across a periodic border,
-        which these files garble.
     """
     return Instants([partial(_frame, source)])
 
@@ -153,3 +139,170 @@ def _shear(
         f"the grains, which they leave unbalanced by {share}; {np.count_nonzero(doubtful)} of "
         f"{len(size)} undecided, of at most {100 * largest:.2g} % of the mean normal force"
     )
+
+
+Columns = dict[str, NDArray[np.generic]]
+
+SNIPPET = "Export tables from inside Yade instead, see docs/yade.md."
+
+
+def grains_of(piece: Piece, radius: str) -> tuple[Columns, list[str]]:
+    """Plain columns of the grains."""
+    if radius not in piece.points_data or not len(piece.points):
+        raise InputError(
+            str(piece.path),
+            f"points with {', '.join(piece.points_data) or 'no arrays'}",
+            f"spheres with {radius!r}",
+            "Give the file of the spheres; the recorder 'spheres' writes them.",
+        )
+    x = piece.points
+    ids = piece.points_data.get("id")
+    notes = [] if ids is not None else ["no ids in the file: grains are numbered in its order"]
+    columns: Columns = {"id": np.arange(len(x)) if ids is None else ids}
+    columns |= {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "radius": piece.points_data[radius]}
+    return columns, notes
+
+
+def ends_of(spheres: Piece, lines: Piece) -> Integers:
+    """Spheres at the ends of the lines, found by their coordinates."""
+    keys, at = _keys(spheres.points), _keys(lines.points)
+    order = np.argsort(keys)
+    place = order[np.minimum(np.searchsorted(keys, at, sorter=order), len(keys) - 1)]
+    ends = np.where(keys[place] == at, place, -1)[lines.lines]
+    if ((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)).any():
+        raise InputError(
+            str(lines.path),
+            "a line from a sphere to itself",
+            "lines between distinct centres",
+            "Export it again; two spheres at one place have no contact direction.",
+        )
+    return ends
+
+
+def _keys(points: Floats) -> NDArray[np.uint64]:
+    """One number for the bits of x and y: both files print the same ones for the same body."""
+    bits = np.ascontiguousarray(points[:, :2] + 0.0, dtype=np.float32).view(np.uint32)
+    return bits[:, 0].astype(np.uint64) << np.uint64(32) | bits[:, 1]
+
+
+def refuse_strays(lines: Piece, ends: Integers) -> None:
+    """Raise `InputError` if a line ends at no sphere."""
+    if len(ends) and (ends < 0).all():
+        raise InputError(
+            str(lines.path),
+            "lines that end at none of the spheres",
+            "files of one instant",
+            "Give the two files of the same iteration.",
+        )
+    strays = int(np.count_nonzero((ends < 0).any(axis=1)))
+    if strays:
+        raise InputError(
+            str(lines.path),
+            f"{strays} of {len(ends)} lines that end at no sphere",
+            "contacts between spheres of the other file",
+            "Contacts across a periodic border or with walls can't be told apart here, and files "
+            f"of two instants look like this too. {SNIPPET}",
+        )
+
+
+def make_frame(
+    source: Source,
+    pieces: tuple[Piece, Piece],
+    grains: Columns,
+    contacts: Columns,
+    notes: Sequence[str],
+) -> Frame:
+    """Frame of the columns of two files; its step is the last number in the name."""
+    tables = Table(pieces[0].path, grains), Table(pieces[1].path, contacts)
+    numbers = re.findall(r"\d+", source.path.name)
+    return Frame(
+        *with_plain_names(source, *tables),
+        cell=source.cell,
+        step=float(numbers[-1]) if numbers else None,
+        notes=tuple(notes),
+        shear_increment="radii",
+    )
+
+
+# Names under which the forces are looked for; others come by the column map.
+NORMAL_NAMES = ("fn", "normalForce")
+SHEAR_NAMES = ("fs", "shearForce")
+WALL_ID = -1
+PARALLEL = 1e-3
+
+
+def exporter_frame(source: Source, spheres: Piece, lines: Piece) -> Frame:
+    """Frame of `exportSpheres` and `exportInteractions`.
+
+    A vector array `A` stands for the columns `A_x, A_y, A_z`. A vector of the normal force is
+    projected on the line of centres. Lines that begin at no sphere are contacts with walls, whose
+    normal is that of their normal force; without that force they are refused.
+    """
+    grains, notes = grains_of(spheres, "radius")
+    notes.append("VTKExporter: numbers of six digits, overlaps from the centres mean nothing")
+    ends = ends_of(spheres, lines)
+    vectors = {name: v[:, :2] for name, v in lines.lines_data.items() if v.ndim == 2}
+    columns = dict(source.columns)
+    normal, shear = (
+        _named(columns.get("fn"), NORMAL_NAMES, vectors),
+        _named(None, SHEAR_NAMES, vectors),
+    )
+    force = vectors.get(normal)
+    branch = _branches(lines, ends, spheres, force)
+    n = branch / np.hypot(*branch.T)[:, None]
+    ids = np.append(grains["id"].astype(np.int64), WALL_ID)
+    contacts: Columns = {"id1": ids[ends[:, 0]], "id2": ids[ends[:, 1]]}
+    contacts |= _flattened(lines.lines_data)
+    contacts |= {"nx": n[:, 0], "ny": n[:, 1], "branch_x": branch[:, 0], "branch_y": branch[:, 1]}
+    if force is not None:
+        columns.pop("fn", None)
+        contacts["fn"] = np.einsum("ck,ck->c", force, n)
+        notes.append(f"fn from the vectors {normal!r}, along the line of centres")
+    if shear in vectors and not {"fsx", "fx_on_2"} & set(columns):
+        contacts |= {"fsx": vectors[shear][:, 0], "fsy": vectors[shear][:, 1]}
+        notes.append(f"shear force on grain 2 from the vectors {shear!r}")
+    if (ends < 0).any():
+        grains = _with_wall(grains)
+        notes.append("lines that begin at no sphere are taken as contacts with walls")
+    return make_frame(replace(source, columns=columns), (spheres, lines), grains, contacts, notes)
+
+
+def _named(given: str | None, names: tuple[str, ...], vectors: Mapping[str, Floats]) -> str:
+    wanted = names if given is None else (given,)
+    return next((name for name in wanted if name in vectors), "")
+
+
+def _flattened(arrays: Mapping[str, Floats]) -> Columns:
+    columns: Columns = {name: values for name, values in arrays.items() if values.ndim == 1}
+    for name, values in arrays.items():
+        if values.ndim == 2:
+            columns |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
+    return columns
+
+
+def _branches(lines: Piece, ends: Integers, spheres: Piece, force: Floats | None) -> Floats:
+    """From centre to centre; with walls along the normal force, from the wall to the centre."""
+    x = spheres.points[:, :2]
+    branch = x[ends[:, 1]] - x[ends[:, 0]]
+    wall = ends[:, 0] < 0
+    if not wall.any() and (ends >= 0).all():
+        return branch
+    if force is None or (ends[:, 1] < 0).any():
+        refuse_strays(lines, ends)
+        return branch
+    length = np.hypot(*force[wall].T)
+    push = force[wall] / np.where(length > 0, length, 1.0)[:, None]
+    along = np.diff(lines.points[lines.lines[wall], :2], axis=1)[:, 0]
+    turned = np.abs(push[:, 0] * along[:, 1] - push[:, 1] * along[:, 0])
+    if (turned <= PARALLEL * np.hypot(*along.T)).all() or not length.all():
+        # Along the line of centres: these are grains, on the other side of a periodic border.
+        refuse_strays(lines, ends)
+    # Walls and facets are where they lie; the position of a box is inside it, beyond the radius.
+    reach = np.abs(np.einsum("ck,ck->c", push, along))
+    branch[wall] = push * np.minimum(reach, spheres.points_data["radius"][ends[wall, 1]])[:, None]
+    return branch
+
+
+def _with_wall(grains: Columns) -> Columns:
+    grown = {name: np.append(v, WALL_ID if name == "id" else 0) for name, v in grains.items()}
+    return grown | {"type": np.append(np.zeros(len(grains["id"])), 1)}

@@ -26,19 +26,7 @@ ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """What a VTK file holds.
-
-    Attributes
-    ----------
-    path : Path
-        The file, for messages.
-    points : (P, 3) array
-        Points (length).
-    lines : (L, 2) array of int
-        First and last point of each line.
-    points_data, lines_data : dict of str to array
-        Numbers (rows,) or vectors (rows, 3) by name.
-    """
+    """What a VTK file holds."""
 
     path: Path
     points: Floats
@@ -48,24 +36,7 @@ class Piece:
 
 
 def read_piece(path: Path) -> Piece:
-    """Read a `.vtu` or `.vtp` file, plain or gzip, of any encoding that VTK knows.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    Piece
-        Its points, its lines and their arrays.
-
-    Raises
-    ------
-    InputError
-        Without the library vtk; for a missing, damaged or truncated file; if an array has
-        another number of values than there are lines.
-    """
+    """Read a `.vtu` or `.vtp` file, plain or gzip, of any encoding that VTK knows."""
     content = bytes(open_text(path))
     kind = b"UnstructuredGrid" if b"UnstructuredGrid" in content[:512] else b"PolyData"
     promised = _promised(path, content)

@@ -25,23 +25,7 @@ WIDTHS = {"SCALARS": 1, "VECTORS": 3}
 
 
 def read_legacy(path: Path) -> Piece:
-    """Read a legacy polydata file as VTKExporter writes it.
-
-    Parameters
-    ----------
-    path : Path
-        The file, plain or gzip.
-
-    Returns
-    -------
-    Piece
-        Its points, its lines of two points, and the arrays on either.
-
-    Raises
-    ------
-    InputError
-        For a missing, damaged or truncated file, and for legacy files of another layout.
-    """
+    """Read a legacy polydata file as VTKExporter writes it."""
     text = open_text(path)
     if text[: len(START)] != START or b"\nASCII\n" not in text[:512].replace(b"\r", b""):
         raise InputError(

@@ -12,7 +12,7 @@ import pytest
 
 from patterns import read_snapshot
 from patterns.snapshots.tables import read_table
-from patterns.snapshots.yade.scene import read_scene
+from patterns.snapshots.yade.xml_save import read_scene
 from patterns.snapshots.yade.yade_export import export_tables
 from tests.patterns.snapshots_yade.yade_samples import BOX, PERIODIC, cycles, table_of
 

@@ -11,7 +11,7 @@ from loops import InputError
 from patterns.snapshots.frame import Source
 from patterns.snapshots.yade import text as yade_text
 from patterns.snapshots.yade import xml_save as yade_xml
-from patterns.snapshots.yade.scene import read_scene
+from patterns.snapshots.yade.xml_save import read_scene
 from tests.patterns.snapshots_yade.yade_samples import (
     BOX,
     PERIODIC,

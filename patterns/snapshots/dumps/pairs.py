@@ -1,20 +1,18 @@
-"""Pairs of grains in a simulation box: cell, images, branches, and which pairs are contacts."""
+"""Pairs of grains of a dump: cell, images, branches, which are contacts, and their plain tables."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.bodies import index_of
-from patterns.snapshots.dumps.dump_files import Atoms
-from patterns.snapshots.dumps.dump_text import Box
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from loops.arrays import Flags, Floats, Integers
+from patterns.snapshots.dumps.dump_files import Atoms, Box
+from patterns.snapshots.geometry import index_of
+from patterns.snapshots.tables import Table
 
 FAR = 1e9  # cells that a grain may have wandered; beyond it digits are lost
 
@@ -49,22 +47,6 @@ def space_of(box: Box | None, atoms: Atoms, given: Floats | None) -> tuple[Space
 
     A box that is periodic one way alone becomes a cell in which nothing crosses the other way;
     it is made as high as the grains need.
-
-    Parameters
-    ----------
-    box : Box or None
-        From the header.
-    atoms : Atoms
-        Grains.
-    given : (2, 2) array or None
-        What the user gave; comes first.
-
-    Returns
-    -------
-    space : Space
-        Cell and periodicity.
-    notes : tuple of str
-        What was assumed.
     """
     if given is not None:
         return Space(np.asarray(given, dtype=float), (True, True)), ()
@@ -92,7 +74,7 @@ class Pairs(NamedTuple):
     images: Integers
     d: Floats
 
-    def take(self, rows: Mask | Integers) -> Pairs:
+    def take(self, rows: Flags | Integers) -> Pairs:
         """Some of the pairs."""
         return Pairs(self.i[rows], self.j[rows], self.images[rows], self.d[rows])
 
@@ -100,25 +82,7 @@ class Pairs(NamedTuple):
 def pairs_of(
     atoms: Atoms, space: Space, i: Integers, j: Integers, branch: Floats | None = None
 ) -> Pairs:
-    """Images and branches of pairs.
-
-    Parameters
-    ----------
-    atoms : Atoms
-        Grains.
-    space : Space
-        Cell.
-    i, j : (C,) array of int
-        Grains of each pair.
-    branch : (C, 2) array, optional
-        From centre i to the image of centre j, as the file has it (length); the nearest image if
-        left out.
-
-    Returns
-    -------
-    Pairs
-        Branches from the centres and images.
-    """
+    """Images and branches of pairs."""
     raw = atoms.x[j] - atoms.x[i]
     images = space.images((0.0 if branch is None else branch) - raw)
     return Pairs(i, j, images, raw + space.shift(images))
@@ -139,24 +103,7 @@ def gaps(atoms: Atoms, pairs: Pairs) -> Floats:
 def contact_rows(
     atoms: Atoms, pairs: Pairs, force: Floats | None
 ) -> tuple[Integers, tuple[str, ...]]:
-    """Rows of a list of pairs that are contacts, each once.
-
-    Parameters
-    ----------
-    atoms : Atoms
-        Grains.
-    pairs : Pairs
-        All pairs of the file.
-    force : (C, 2) array or None
-        Their forces.
-
-    Returns
-    -------
-    rows : (K,) array of int
-        The ones kept, in their order.
-    notes : tuple of str
-        What was dropped.
-    """
+    """Rows of a list of pairs that are contacts, each once."""
     apart = gaps(atoms, pairs) >= 0
     if force is not None:
         apart &= (force == 0).all(axis=1)
@@ -169,7 +116,7 @@ def contact_rows(
     return np.flatnonzero(~apart & ~again), tuple(notes)
 
 
-def _repeated(pairs: Pairs, grain_count: int) -> Mask:
+def _repeated(pairs: Pairs, grain_count: int) -> Flags:
     """Whether the same contact, in either order, stands in an earlier row."""
     low, high = np.minimum(pairs.i, pairs.j), np.maximum(pairs.i, pairs.j)
     key = low * grain_count + high
@@ -193,24 +140,7 @@ def _repeated(pairs: Pairs, grain_count: int) -> Mask:
 def require_ids(
     where: str, names: tuple[str, str], ids: Integers, one: Integers, two: Integers
 ) -> tuple[Integers, Integers]:
-    """Grains of the pairs as indices, or `InputError` for ids that no grain has.
-
-    Parameters
-    ----------
-    where : str
-        The place, for messages.
-    names : (str, str)
-        Columns of the ids.
-    ids : (G,) array of int
-        Ids of the grains.
-    one, two : (C,) array of int
-        Ids that the pairs name.
-
-    Returns
-    -------
-    i, j : (C,) array of int
-        Indices of the grains.
-    """
+    """Grains of the pairs as indices, or `InputError` for ids that no grain has."""
     found = [index_of(ids, named) for named in (one, two)]
     for name, named, index in zip(names, (one, two), found, strict=True):
         if (index < 0).any():
@@ -222,3 +152,81 @@ def require_ids(
                 "Take both dumps from one step of one run, with all the atoms.",
             )
     return found[0], found[1]
+
+
+class Forces(NamedTuple):
+    """Forces on the second grain of each pair, (C, 2) or None; `normal` is the part along n."""
+
+    total: Floats | None
+    normal: Floats | None = None
+
+    @property
+    def any(self) -> Floats | None:
+        """What there is."""
+        return self.normal if self.total is None else self.total
+
+
+class Wall(NamedTuple):
+    """Contacts of one wall: indices of the `grains` (W,), forces on them and branches (W, 2).
+
+    Branches go from the foot on the wall to the centre (length).
+    """
+
+    grains: Integers
+    force: Floats
+    branch: Floats
+
+
+def grain_table(where: str, atoms: Atoms, walls: Sequence[Wall] = ()) -> Table:
+    """Grains, and a row for each wall; walls are numbered from below the ids down."""
+    count = len(walls)
+    zeros = np.zeros(count)
+    columns = {
+        "id": np.append(atoms.ids, wall_ids(atoms, count)),
+        "type": np.append(np.zeros(len(atoms.ids), dtype=np.int64), np.ones(count, dtype=int)),
+        "x": np.append(atoms.x[:, 0], zeros),
+        "y": np.append(atoms.x[:, 1], zeros),
+        "radius": np.append(atoms.radii, zeros),
+    }
+    if atoms.z is not None:
+        columns["z"] = np.append(atoms.z, zeros)
+    return Table(where, columns)
+
+
+def wall_ids(atoms: Atoms, count: int) -> Integers:
+    """(count,) array: ids for walls that the code does not number."""
+    return min(0, int(atoms.ids.min(initial=0))) - 1 - np.arange(count)
+
+
+def contact_table(
+    where: str,
+    atoms: Atoms,
+    pairs: Pairs,
+    forces: Forces,
+    walls: Sequence[Wall] = (),
+    *,
+    periodic: bool = False,
+) -> Table:
+    """Contacts between grains, then those with walls."""
+    ids = wall_ids(atoms, len(walls))
+    ones = [np.full(len(wall.grains), own) for own, wall in zip(ids, walls, strict=True)]
+    d = np.concatenate([pairs.d, *[wall.branch for wall in walls]])
+    n = normals(d)
+    columns: dict[str, NDArray[np.generic]] = {
+        "id1": np.concatenate([atoms.ids[pairs.i], *ones]),
+        "id2": np.concatenate([atoms.ids[pairs.j], *[atoms.ids[wall.grains] for wall in walls]]),
+        "branch_x": d[:, 0],
+        "branch_y": d[:, 1],
+        "nx": n[:, 0],
+        "ny": n[:, 1],
+    }
+    if periodic:
+        images = np.concatenate([pairs.images, np.zeros((len(d) - len(pairs.i), 2), dtype=int)])
+        columns |= {"cell_dx": images[:, 0], "cell_dy": images[:, 1]}
+    if forces.total is not None:
+        total = np.concatenate([forces.total, *[wall.force for wall in walls]])
+        columns |= {"fx_on_2": total[:, 0], "fy_on_2": total[:, 1]}
+    elif forces.normal is not None:
+        normal = np.concatenate([forces.normal, *[wall.force for wall in walls]])
+        columns["fn"] = np.einsum("ck,ck->c", normal, n)
+    return Table(where, columns)

@@ -1,0 +1,303 @@
+"""Grains and walls of a snapshot's tables, the contacts between them, and their branches."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops import InputError
+from loops.arrays import Flags, Floats, Integers
+from patterns.snapshots.tables import HUGE, Table
+
+WALL = 1
+# Centres leave their plane by less than this share of the smallest radius: text is that coarse.
+PLANE_TOLERANCE = 1e-3
+# Ids up to so many times their number are looked up in a table, others by bisection.
+SPARSE = 8
+# Branches or normals of the file may differ from the centres by this share of the branch: text
+# with six digits is that coarse, a wrong cell or image is far beyond.
+GEOMETRY_TOLERANCE = 1e-3
+# Discs pack to 0.91 of the area without overlap; beyond this the cell belongs to something else.
+SOLID_LIMIT = 1.5
+# Grains this many times the sum of their radii apart touch in no contact law.
+REACH = 2.0
+BLOCK = 1 << 15  # contacts that are looked at together: what is passed on stays in the cache
+
+
+class Bodies(NamedTuple):
+    """Grains and walls of a table: `ids`, `is_wall` of all bodies, `x`, `radii` of the grains."""
+
+    ids: Integers
+    is_wall: Flags
+    x: Floats
+    radii: Floats
+
+    @property
+    def grain_ids(self) -> Integers:
+        """(G,) array: ids of the grains."""
+        return self.ids[~self.is_wall] if self.is_wall.any() else self.ids
+
+
+def read_bodies(table: Table) -> Bodies:
+    """Grains and walls of a table with `id, x, y, radius`, perhaps `type` and `z`, by their ids.
+
+    `InputError` for ids that repeat, no grains, a radius that is not positive, coincident grains,
+    and a packing in three dimensions.
+    """
+    ids = table.integers("id")
+    refuse_repeated(table, ids)
+    is_wall = table.integers("type") == WALL if table.has("type") else np.zeros(len(ids), bool)
+    x, radii = table.columns("x", "y"), table.column("radius")
+    if is_wall.any():
+        x, radii = x[~is_wall], radii[~is_wall]
+    if (ids[1:] < ids[:-1]).any():
+        order, grains = np.argsort(ids), np.argsort(ids[~is_wall])
+        ids, is_wall, x, radii = ids[order], is_wall[order], x[grains], radii[grains]
+    bodies = Bodies(ids, is_wall, x, radii)
+    if len(radii) == 0:
+        raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
+    if radii.min() < 1 / HUGE:
+        g = int(np.argmin(radii))
+        raise InputError(
+            f"radius of grain {bodies.grain_ids[g]} in {table.path}",
+            str(radii[g]),
+            "a positive length",
+            "Correct the row, or give walls type 1.",
+        )
+    _refuse_third_dimension(table, bodies)
+    _refuse_coincident(table, bodies)
+    return bodies
+
+
+def read_pairs(table: Table, bodies: Bodies) -> Integers:
+    """(C, 2) array: grains of every contact, -1 for walls; `InputError` for an unknown id."""
+    given = np.column_stack([table.integers("id1"), table.integers("id2")])
+    named = index_of(bodies.ids, given)
+    if named.min() < 0:
+        row, side = np.argwhere(named < 0)[0]
+        raise InputError(
+            f"column 'id{side + 1}' of {table.path}, row {row}",
+            f"grain {given[row, side]}",
+            "an id of the table of grains",
+            "Add the grain or drop the contact; check that both tables are of one instant.",
+        )
+    if not bodies.is_wall.any():
+        return named
+    return np.where(bodies.is_wall, -1, np.cumsum(~bodies.is_wall) - 1)[named]
+
+
+def index_of(ids: Integers, named: Integers) -> Integers:
+    """Place of ids in a list of distinct ones, -1 for one that is not there."""
+    low, high = int(ids.min()), int(ids.max())
+    if high - low < SPARSE * len(ids):
+        place = np.full(high - low + 1, -1)
+        place[ids - low] = np.arange(len(ids))
+        if named.size and named.min() >= low and named.max() <= high:
+            return place[named - low]
+        inside = (named >= low) & (named <= high)
+        return np.where(inside, place[np.where(inside, named - low, 0)], -1)
+    order = np.argsort(ids)
+    found = order[np.minimum(np.searchsorted(ids, named, sorter=order), len(ids) - 1)]
+    return np.where(ids[found] == named, found, -1)
+
+
+def refuse_repeated(table: Table, ids: Integers) -> None:
+    """Raise `InputError` if an id stands twice in the table."""
+    if (ids[1:] > ids[:-1]).all():
+        return
+    ordered = np.sort(ids)
+    same = np.flatnonzero(ordered[1:] == ordered[:-1])
+    if len(same) == 0:
+        return
+    repeated = ordered[same[0]]
+    raise InputError(
+        f"column 'id' of {table.path}",
+        f"id {repeated} {np.count_nonzero(ids == repeated)} times",
+        "each id once",
+        "Keep one instant in the table and drop repeated rows.",
+    )
+
+
+def _refuse_third_dimension(table: Table, bodies: Bodies) -> None:
+    if not table.has("z"):
+        return
+    z = table.column("z")
+    if table.has("type"):
+        z = z[table.integers("type") != WALL]
+    if np.ptp(z) <= PLANE_TOLERANCE * bodies.radii.min():
+        return
+    raise InputError(
+        f"column 'z' of {table.path}",
+        f"centres from z = {z.min():g} to {z.max():g}",
+        "a packing in two dimensions, all centres in one plane",
+        "Loops are faces of a plane network and have no counterpart in three dimensions: "
+        "simulate in a plane; a slice or projection of a 3D packing has no loops of its own.",
+    )
+
+
+def _refuse_coincident(table: Table, bodies: Bodies) -> None:
+    x = bodies.x
+    level = np.sort(x[:, 0])
+    if not (level[1:] == level[:-1]).any():
+        return
+    order = np.lexsort(x.T[::-1])
+    same = np.flatnonzero((x[order[1:]] == x[order[:-1]]).all(axis=1))
+    if len(same) == 0:
+        return
+    pair = sorted(bodies.grain_ids[order[same[0] : same[0] + 2]].tolist())
+    raise InputError(
+        table.path,
+        f"grains {pair[0]} and {pair[1]} at the same place",
+        "distinct centres",
+        "Drop one of the two.",
+    )
+
+
+def as_cell(cell: ArrayLike | None) -> Floats | None:
+    """Return a periodic cell (2, 2), columns the cell vectors; `InputError` for what is none."""
+    if cell is None:
+        return None
+    try:
+        matrix = np.asarray(cell, dtype=float)
+    except (ValueError, TypeError):
+        matrix = np.full(0, np.nan)
+    sound = matrix.shape == (2, 2) and bool((np.abs(matrix) <= HUGE).all())
+    if not sound or not np.abs(np.linalg.det(matrix)) > 0:
+        raise InputError(
+            "cell",
+            str(matrix.tolist())[:200],
+            "two independent cell vectors as the columns of HXX, HXY, HYX, HYY",
+            "Give the cell of this instant.",
+        )
+    return matrix
+
+
+def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
+    """Return the periodic cell, or raise `InputError` if it can't be the one of these grains."""
+    matrix = as_cell(cell)
+    if matrix is None:
+        return None
+    solid = float(np.pi * np.sum(radii**2) / np.abs(np.linalg.det(matrix)))
+    if solid > SOLID_LIMIT:
+        raise InputError(
+            "cell",
+            f"{matrix.tolist()}, {solid:.3g} times filled by the grains",
+            f"a cell that holds them (at most {SOLID_LIMIT} times filled)",
+            "Check its unit and the order HXX, HXY, HYX, HYY.",
+        )
+    return matrix
+
+
+class Branches(NamedTuple):
+    """Branches of the contacts between grains: `images` (C, 2) or None, `d`, `length`, `n`.
+
+    `given` (C, 2) are the branches or normals of the file, None if it has neither.
+    """
+
+    images: Integers | None
+    d: Floats
+    length: Floats
+    n: Floats
+    given: Floats | None
+
+
+def branches_of(
+    table: Table, rows: Integers, pairs: Integers, bodies: Bodies, cell: Floats | None
+) -> Branches:
+    """Branches of the contacts in some rows of the table, held against those of the file.
+
+    Images come from the file; without them there, from the branches; else they are the nearest.
+    `InputError` names the contact whose branch or normal in the file is furthest off, or whose
+    grains are too far apart.
+    """
+    normals, branches = table.optional("nx", "ny"), table.optional("branch_x", "branch_y")
+    given = normals if branches is None else branches
+    given = None if given is None else _some(given, rows)
+    images = _images_of_file(table, rows, cell)
+    count = len(rows)
+    made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
+    d, n, length, reach = (np.empty(shape) for shape in ((count, 2), (count, 2), count, count))
+    off = np.zeros(count if given is not None else 0)
+    for at in range(0, count, BLOCK):
+        part = slice(at, at + BLOCK)
+        one, two = pairs[part].T
+        gap = bodies.x[two] - bodies.x[one]
+        if cell is not None and made is not None:
+            if images is None:
+                near = -gap if branches is None or given is None else given[part] - gap
+                made[part] = np.rint(np.linalg.solve(cell, near.T).T)
+            gap += made[part] @ cell.T
+        d[part] = gap
+        length[part] = size = np.hypot(gap[:, 0], gap[:, 1])
+        # Coincident grains are refused by the graph.
+        size = np.where(size > 0, size, 1.0)
+        n[part] = gap / size[:, None]
+        reach[part] = size / (bodies.radii[one] + bodies.radii[two])
+        if given is not None:
+            error = given[part] - (n[part] if branches is None else gap)
+            off[part] = np.hypot(error[:, 0], error[:, 1]) / (1.0 if branches is None else size)
+    found = Branches(made, d, length, n, given)
+    place = _Place(table, rows, pairs, bodies, periodic=cell is not None)
+    if given is not None and off.max() > GEOMETRY_TOLERANCE:
+        _refuse_branch(place, int(np.argmax(off)), found, branches is None)
+    # Where all are apart, the radii are in question: the checks tell why.
+    if reach.max() > REACH and np.median(reach) < REACH:
+        c = int(np.argmax(reach))
+        place.refuse(
+            c, f"centres {reach[c]:.3g} times the sum of the radii apart", "grains that touch"
+        )
+    return found
+
+
+def _some(values: Any, rows: Integers) -> Any:
+    return values if len(rows) == len(values) else values[rows]
+
+
+def _images_of_file(table: Table, rows: Integers, cell: Floats | None) -> Integers | None:
+    if not table.has("cell_dx", "cell_dy"):
+        return None
+    images: Integers = np.column_stack([_some(table.integers(f"cell_d{a}"), rows) for a in "xy"])
+    if cell is None and images.any():
+        c = int(np.argmax(images.any(axis=1)))
+        raise InputError(
+            f"{table.path}, row {rows[c]}",
+            f"periodic image {images[c].tolist()} and no cell",
+            "the periodic cell",
+            "Give --cell HXX,HXY,HYX,HYY.",
+        )
+    return None if cell is None else images
+
+
+class _Place(NamedTuple):
+    """Where a contact stands, for messages."""
+
+    table: Table
+    rows: Integers
+    pairs: Integers
+    bodies: Bodies
+    periodic: bool
+
+    def refuse(self, c: int, received: str, expected: str, remedy: str = "") -> NoReturn:
+        one, two = self.bodies.grain_ids[self.pairs[c]].tolist()
+        where = f"{self.table.path}, row {self.rows[c]} (grains {one} and {two})"
+        if not remedy and self.periodic:
+            remedy = "Give the cell of this instant."
+        elif not remedy:
+            remedy = "Give --cell if the sample is periodic; else take both tables of one instant."
+        raise InputError(where, received, expected, remedy)
+
+
+def _refuse_branch(place: _Place, c: int, found: Branches, are_normals: bool) -> NoReturn:
+    expected, given = (found.n if are_normals else found.d), found.given
+    assert given is not None
+    turned = np.abs(given + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
+    place.refuse(
+        c,
+        f"{'normal' if are_normals else 'branch'} {given[c].tolist()}",
+        f"{expected[c].tolist()} from the centres, grain 1 to grain 2",
+        "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
+        if turned
+        else "",
+    )
