@@ -17,8 +17,7 @@ from patterns.snapshots.frame import Frame, Instants, Source, with_plain_names
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import open_text
 from patterns.snapshots.yade.shear import shear_signs
-from patterns.snapshots.yade.vtk_files import Piece, read_piece
-from patterns.snapshots.yade.vtk_legacy import START, read_legacy
+from patterns.snapshots.yade.vtk_files import LEGACY, Piece, read_piece
 
 # Beyond this residual of the balances (over the mean normal force) signs of shear are a guess.
 BALANCED = 0.05
@@ -26,7 +25,7 @@ BALANCED = 0.05
 
 def recognises(path: Path, head: bytes) -> bool:
     """Whether this is a VTK file of one of the kinds that Yade writes."""
-    if head.startswith(START):
+    if head.startswith(LEGACY):
         return True
     kinds = (b"UnstructuredGrid", b"PolyData", b"vtkMultiBlockDataSet")
     return b"<VTKFile" in head and any(b'type="' + kind + b'"' in head for kind in kinds)
@@ -47,7 +46,7 @@ def _frame(source: Source) -> Frame:
     name = path.name.lower().removesuffix(".gz")
     if name.endswith(".vtk"):
         contacts = _contacts_path(source, ".vtk")
-        return exporter_frame(source, read_legacy(path), read_legacy(contacts))
+        return exporter_frame(source, read_piece(path), read_piece(contacts))
     if name.endswith(".vtm"):
         path, contacts = _blocks(path)
     elif name.endswith(".vtu"):

@@ -12,11 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from patterns.snapshots.text import PACKING, open_text, whole_file
+from patterns.snapshots.text import PACKING, open_text, require_line_end, whole_file
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+LEGACY = b"# vtk DataFile"
+SECTIONS = {
+    *(b"ASCII", b"DATASET", b"POINTS", b"LINES", b"POINT_DATA", b"CELL_DATA"),
+    *(b"SCALARS", b"VECTORS", b"LOOKUP_TABLE"),
+}
+COUNTS = re.compile(rb"^(POINTS|LINES|POINT_DATA|CELL_DATA)[ \t]+(\S.*)$", re.M)
 REMEDY = "Write or copy it again."
 TAG = re.compile(
     rb"<(PointData|CellData|Points|Cells|Verts|Lines|Strips|Polys|DataArray)\b([^>]*)>"
@@ -36,47 +42,86 @@ class Piece:
 
 
 def read_piece(path: Path) -> Piece:
-    """Read a `.vtu` or `.vtp` file, plain or gzip, of any encoding that VTK knows."""
+    """Read a `.vtu` or `.vtp` file of any encoding, or legacy polydata in text; plain or gzip."""
     content = bytes(open_text(path))
-    kind = b"UnstructuredGrid" if b"UnstructuredGrid" in content[:512] else b"PolyData"
-    promised = _promised(path, content)
-    with whole_file(path):
-        _check_arrays(path, content, *promised)
-    data = _read_with_vtk(path, content, kind == b"PolyData")
+    legacy = content.startswith(LEGACY)
+    polydata = legacy or b"UnstructuredGrid" not in content[:512]
+    arrays: int | None = None
+    if legacy:
+        *promised, arrays = _check_legacy(path, content)
+    else:
+        promised = [*_promised(path, content)]
+        with whole_file(path):
+            _check_arrays(path, content, *promised)
+    data = _read_with_vtk(path, content, polydata, legacy)
     if data.GetNumberOfPoints() != promised[0] or data.GetNumberOfCells() < promised[1]:
         raise InputError(str(path), "a damaged or truncated VTK file", "a whole one", REMEDY)
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
-    def arrays(holder: Any) -> dict[str, Floats]:
+    def arrays_of(holder: Any) -> dict[str, Floats]:
         found = [holder.GetArray(k) for k in range(holder.GetNumberOfArrays())]
         return {a.GetName(): vtk_to_numpy(a).astype(float) for a in found if a is not None}
 
     points, lines = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     if data.GetNumberOfPoints():
         points = vtk_to_numpy(data.GetPoints().GetData()).astype(float)
-    if kind == b"PolyData" and promised[1]:
-        lines = vtk_to_numpy(data.GetLines().GetConnectivityArray()).astype(np.int64)
-        if len(lines) != 2 * promised[1] or lines.max() >= len(points) or lines.min() < 0:
+    if polydata and promised[1]:
+        joined = data.GetLines()
+        lines = vtk_to_numpy(joined.GetConnectivityArray()).astype(np.int64)
+        starts = vtk_to_numpy(joined.GetOffsetsArray())
+        sound = len(lines) == 2 * promised[1] and (np.diff(starts) == 2).all()
+        if not sound or lines.max() >= len(points) or lines.min() < 0:
             raise InputError(str(path), "lines that do not join two of its points", "pairs", REMEDY)
         lines = lines.reshape(-1, 2)
-    return Piece(path, points, lines, arrays(data.GetPointData()), arrays(data.GetCellData()))
+    found = arrays_of(data.GetPointData()), arrays_of(data.GetCellData())
+    if arrays is not None and arrays != len(found[0]) + len(found[1]):
+        raise InputError(str(path), "arrays that break off", f"{arrays} whole ones", REMEDY)
+    return Piece(path, points, lines, *found)
 
 
-def _read_with_vtk(path: Path, content: bytes, polydata: bool) -> Any:
+def _check_legacy(path: Path, content: bytes) -> tuple[int, int, int]:
+    """Points, lines and arrays of legacy polydata; counts must fit, vtk allocates what they say."""
+    require_line_end(str(path), content, len(content))
+    if b"\nASCII\n" not in content[:512].replace(b"\r", b""):
+        raise InputError(
+            str(path),
+            "no ASCII legacy VTK file",
+            "polydata as export.VTKExporter writes it",
+            "Write .vtu and .vtp by VTKRecorder, or see docs/yade.md.",
+        )
+    words = re.findall(rb"^([A-Z_]{4,})\b", content, re.M)
+    counts = {kind: numbers.split() for kind, numbers in COUNTS.findall(content)}
+    # Of points the type follows.
+    whole = [
+        n for kind, found in counts.items() for n in (found[:1] if kind != b"LINES" else found)
+    ]
+    sound = all(n.isdigit() and int(n) <= len(content) for n in whole)
+    if b"POINTS" not in counts or not set(words) <= SECTIONS or not sound:
+        raise InputError(str(path), "a damaged or truncated VTK file", "VTK polydata", REMEDY)
+    lines = int(counts[b"LINES"][0]) if b"LINES" in counts else 0
+    return int(counts[b"POINTS"][0]), lines, words.count(b"SCALARS") + words.count(b"VECTORS")
+
+
+def _read_with_vtk(path: Path, content: bytes, polydata: bool, legacy: bool) -> Any:
     """Dataset of a file; vtk reports on the screen, here its silence and the counts must do."""
     try:
         from vtkmodules.vtkCommonCore import vtkObject
+        from vtkmodules.vtkIOLegacy import vtkPolyDataReader
         from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
     except ImportError:
         raise InputError(
             str(path), "a VTK file", "the library vtk", "Install it: pip install 'grainloops[vtk]'."
         ) from None
-    reader = vtkXMLPolyDataReader() if polydata else vtkXMLUnstructuredGridReader()
+    reader: Any = vtkXMLPolyDataReader() if polydata else vtkXMLUnstructuredGridReader()
     shown = vtkObject.GetGlobalWarningDisplay()
     vtkObject.SetGlobalWarningDisplay(0)
     try:
-        reader.ReadFromInputStringOn()
-        reader.SetInputString(content)  # type: ignore[call-overload]
+        if legacy:
+            reader = vtkPolyDataReader()
+            reader.ReadAllScalarsOn()
+            reader.ReadAllVectorsOn()
+        reader.SetReadFromInputString(True) if legacy else reader.ReadFromInputStringOn()
+        reader.SetInputString(content)
         reader.Update()
     finally:
         vtkObject.SetGlobalWarningDisplay(shown)

@@ -6,8 +6,10 @@ import pytest
 from loops import InputError
 from patterns.snapshots.text import open_text
 from patterns.snapshots.yade import vtk as yade_vtk
-from patterns.snapshots.yade.vtk_legacy import read_legacy
+from patterns.snapshots.yade.vtk_files import read_piece
 from tests.patterns.snapshots_yade.yade_samples import BOX, changed, cycles, frame_of, snapshot_of
+
+pytest.importorskip("vtkmodules")
 
 SPHERES = BOX / "exporter-spheres-00000000.vtk"
 LINES = BOX / "exporter-intrs-00000000.vtk.gz"
@@ -34,7 +36,7 @@ def test_without_the_force_vector_walls_are_not_told_from_images(tmp_path):
 
 def test_images_beyond_a_periodic_border_are_refused(tmp_path):
     """Lines along their force whose first end is no sphere: grains, not walls."""
-    piece = read_legacy(LINES)
+    piece = read_piece(LINES)
     fn = piece.lines_data["fn"]
     walls = [k for k in range(len(fn)) if (fn[k, :2] == 0).any()]
     assert len(walls) == 18
@@ -72,11 +74,11 @@ def test_ids_exported_by_the_user(tmp_path):
     ("old", "new", "message"),
     [
         (b"ASCII", b"BINARY", "no ASCII legacy VTK file"),
-        (b"\n2 0 1\n", b"\n2 0 900\n", "lines that join no two"),
-        (b"\n2 0 1\n", b"\n3 0 1\n", "lines that join no two"),
-        (b"LINES 75 225", b"LINES 76 228", "75 rows, expected 76"),
-        (b"POINTS 150", b"POINTS many", "POINTS many"),
-        (b"SCALARS kn", b"VECTORS kn", "rows|columns|numbers"),
+        (b"\n2 0 1\n", b"\n2 0 900\n", "lines that do not join two|damaged"),
+        (b"\n2 0 1\n", b"\n3 0 1\n", "lines that do not join two|damaged"),
+        (b"LINES 75 225", b"LINES 76 228", "damaged|lines that"),
+        (b"POINTS 150", b"POINTS many", "damaged"),
+        (b"SCALARS kn", b"VECTORS kn", "arrays that break off"),
     ],
 )
 def test_damage_is_named(tmp_path, old, new, message):

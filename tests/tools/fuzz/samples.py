@@ -37,6 +37,7 @@ def write_samples(folder: Path) -> list[Sample]:
         ("csv.gz", "", "*_biaxial.csv.gz", {}),
         ("yade-vtk", "yade_native/box", "appended-*", law),
         ("yade-vtk-ascii", "yade_native/box", "ascii-*", law),
+        ("yade-exporter", "yade_native/box", "exporter-*", {"mu": 0.5}),
         ("yade-xml", "yade_native/box", "state.xml.gz", {}),
         ("lammps", "lammps", "dump.*", law),
         ("liggghts", "liggghts", "*.dump.gz", law),
