@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice, product
+from math import prod
 from typing import Generic, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -22,6 +23,8 @@ Status = Literal["unique", "none", "several"]
 
 # Up to this number of combinations of regimes all are tried; beyond it, pivoting.
 ENUMERATION_LIMIT = 256
+# Where pivoting finds nothing all are tried up to this number.
+SEARCH_LIMIT = 8192
 # Relative to the largest rate: sign conditions, and when two solutions are the same.
 SIGN_TOLERANCE = 1e-10
 SAME_RATES = 1e-8
@@ -117,7 +120,7 @@ class RateProblem(Generic[AnyTrial]):
         All that were found, the one that a path takes first: see `solve_rate_problem`.
     exhaustive : bool
         Whether every combination of regimes was tried; otherwise the status speaks of what the
-        pivoting found.
+        pivoting found, from several starts.
     singular : int
         Combinations whose equations have no single answer.
     tried : int
@@ -184,20 +187,29 @@ def solve_rate_problem(
     >>> found.status, found.taken.choices[0].regime.name
     ('unique', 'SLIDING')
     """
-    count = float(np.prod([float(len(choices)) for choices in options]))
-    exhaustive = count <= ENUMERATION_LIMIT
+    count = prod(float(len(choices)) for choices in options)
     singular, trials = 0, 0
     agreeing: list[RateSolution[AnyTrial]] = []
-    tried: Iterable[tuple[Choice, ...]] = (
-        product(*options) if exhaustive else _pivots(options, rates_for, tuple(preferred))
-    )
-    for choices in tried:
-        rates = rates_for(choices)
-        trials += 1
-        if not rates.trusted:
-            singular += _admissible(choices, rates.edge)
-        elif all(_agreement(options, choices, rates.edge)):
-            agreeing.append(RateSolution(choices, rates))
+
+    def search(combinations: Iterable[tuple[Choice, ...]]) -> None:
+        nonlocal singular, trials
+        for choices in combinations:
+            rates = rates_for(choices)
+            trials += 1
+            if not rates.trusted:
+                singular += _admissible(choices, rates.edge)
+            elif all(_agreement(options, choices, rates.edge)):
+                agreeing.append(RateSolution(choices, rates))
+
+    exhaustive = count <= ENUMERATION_LIMIT
+    if not exhaustive:
+        starts = [tuple(preferred), *(tuple(can[k] for can in options) for k in (0, -1))]
+        for start in dict.fromkeys(starts):
+            if not agreeing:
+                search(_pivots(options, rates_for, start))
+        exhaustive = not agreeing and count <= SEARCH_LIMIT
+    if exhaustive:
+        search(product(*options))
     distinct = _distinct(agreeing, preferred)
     distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
     status: Status = "none" if not distinct else "unique" if len(distinct) == 1 else "several"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,9 +129,7 @@ def edge_problem(
         for can, choice in zip(orbits.options, first, strict=True)
     ]
     found = solve_rate_problem(orbits.options, rates_for, preferred=first, direction=direction)
-    return replace(
-        found, combinations=float(np.prod([float(len(can)) for can in options.values()]))
-    )
+    return replace(found, combinations=prod(float(len(can)) for can in options.values()))
 
 
 def rate_vector(model: PathModel, rates: Rates) -> Floats:

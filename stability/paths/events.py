@@ -24,9 +24,11 @@ Floats = NDArray[np.float64]
 CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
 SINGULAR = "the controlled system is singular"
 SPECTRAL = ("det_Ks_zero", "det_K_zero")
+# More pairs of grains than these that touch at once are one event.
+MANY_PAIRS = 12
 
 
-def record_fired(record: Record, end: PhaseEnd, model: PathModel, subspace: str) -> None:
+def record_fired(record: Record, end: PhaseEnd, subspaces: tuple[str, ...]) -> None:
     """Record the events that do not depend on what the contacts do next.
 
     Parameters
@@ -35,24 +37,28 @@ def record_fired(record: Record, end: PhaseEnd, model: PathModel, subspace: str)
         Its last row is the state of the events.
     end : PhaseEnd
         What happened.
-    model : PathModel
-        Constants.
-    subspace : str
+    subspaces : tuple of str
         Where the spectra are taken.
     """
     parameter = end.seen.state.parameter
-    for kind in SPECTRAL:
-        items = [item for fired, item in end.fired if fired == kind]
-        kinds = [
-            eigenvalue_kind(end.seen.A, subspace, item) if kind == "det_K_zero" else kind
-            for item in items
-        ]
-        for each in dict.fromkeys(kinds):
-            count = kinds.count(each)
-            detail = f"{count} eigenvalues at once" if count > 1 else ""
-            record.event(cast(EventKind, each), parameter, detail=detail)
-    for pair in touched_pairs(end, model):
-        record.event("opposite_contact", parameter, (int(pair[0]), int(pair[1])))
+    for k, subspace in enumerate(subspaces):
+        for kind in SPECTRAL:
+            items = [item % 4 for fired, item in end.fired if fired == kind and item // 4 == k]
+            kinds = [
+                eigenvalue_kind(end.seen.A, subspace, item) if kind == "det_K_zero" else kind
+                for item in items
+            ]
+            for each in dict.fromkeys(kinds):
+                count = kinds.count(each)
+                detail = f"{count} eigenvalues at once" if count > 1 else ""
+                record.event(cast(EventKind, each), parameter, detail=detail, subspace=subspace)
+    touched = touched_pairs(end)
+    if len(touched) > MANY_PAIRS:
+        detail = f"{len(touched)} pairs of grains at once"
+        record.event("opposite_contact", parameter, tuple(touched.ravel().tolist()), detail)
+    else:
+        for pair in touched.tolist():
+            record.event("opposite_contact", parameter, tuple(pair))
     if ("control_limit", -1) in end.fired:
         detail = "the loading parameter has an extremum"
         record.event("control_limit", parameter, detail=detail)
@@ -105,7 +111,7 @@ def record_start(record: Record, model: PathModel, mode: Mode) -> None:
 
 
 def record_jumps(
-    record: Record, before: Floats, after: Floats, parameter: float, subspace: str
+    record: Record, before: Floats, after: Floats, parameter: float, subspaces: tuple[str, ...]
 ) -> None:
     """Record the zeros that the determinants jump over where regimes change.
 
@@ -117,20 +123,21 @@ def record_jumps(
         Tangents.
     parameter : float
         Loading parameter.
-    subspace : str
+    subspaces : tuple of str
         Where the spectra are taken.
     """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return
-    K = restrict(np.stack([before, after]), subspace)
-    below = (symmetric_spectrum(K) < -RTOL * operator_norm(K)[:, None]).sum(axis=1)
-    if below[0] != below[1]:
-        detail = f"jump: {below[0]} to {below[1]} negative eigenvalues"
-        record.event("det_Ks_zero", parameter, detail=detail)
-    det = np.linalg.det(K)
-    if det[0] * det[1] < 0:
-        detail = f"jump: from {det[0]:.3g} to {det[1]:.3g}"
-        record.event("det_K_zero", parameter, detail=detail)
+    for subspace in subspaces:
+        K = restrict(np.stack([before, after]), subspace)
+        below = (symmetric_spectrum(K) < -RTOL * operator_norm(K)[:, None]).sum(axis=1)
+        if below[0] != below[1]:
+            detail = f"jump: {below[0]} to {below[1]} negative eigenvalues"
+            record.event("det_Ks_zero", parameter, detail=detail, subspace=subspace)
+        det = np.linalg.det(K)
+        if det[0] * det[1] < 0:
+            detail = f"jump: from {det[0]:.3g} to {det[1]:.3g}"
+            record.event("det_K_zero", parameter, detail=detail, subspace=subspace)
 
 
 def hints_of(end: PhaseEnd) -> dict[int, Choice]:
@@ -145,7 +152,7 @@ def hints_of(end: PhaseEnd) -> dict[int, Choice]:
     return {item: after[kind](item) for kind, item in end.fired if kind in after}
 
 
-def touched_pairs(end: PhaseEnd, model: PathModel) -> NDArray[np.int64]:
+def touched_pairs(end: PhaseEnd) -> NDArray[np.int64]:
     """(A, 2) pairs of grains without a contact that have come to touch."""
     rows = [item for kind, item in end.fired if kind == "opposite_contact"]
-    return model.pairs[rows]
+    return end.pairs[rows]

@@ -35,13 +35,14 @@ def follow(
     *,
     closure: Closure = "affine",
     spins: Spins = "blocked",
-    subspace: str = "diagonal",
+    subspace: str | Sequence[str] = "diagonal",
     volume: ArrayLike | None = None,
     contact_on_touch: OnTouch = "ignore",
     rtol: float = 1e-12,
     atol: float = 1e-14,
     max_step: float = 0.05,
     max_steps: int = 20_000,
+    rows: int = 0,
     model: ModelOption = "auto",
 ) -> Path:
     """Integrate the rate equations of a graph under loading programmes, with exact events.
@@ -66,8 +67,8 @@ def follow(
         How the surrounding medium drives the grains.
     spins : {'blocked', 'affine', 'free'}
         What the grains' spins do.
-    subspace : {'diagonal', 'symmetric', 'full'}
-        Where the spectra are taken.
+    subspace : {'diagonal', 'symmetric', 'full'}, or several of them
+        Where the spectra are taken: `Event.subspace` says which; the first is that of `Path.K`.
     volume : float, optional
         Reference area V0; the cell's or the polygon's if left out. The diamond of Nicot et al.
         2016 uses `L10 L20`, twice its polygon.
@@ -81,6 +82,9 @@ def follow(
         Longest step in the space of `H`; events are looked for four times a step.
     max_steps : int
         Accepted steps after which the path is given up.
+    rows : int
+        Rows that each stage has at least, evenly along its length as judged from its start; between
+        steps they lie on the integrator's interpolant.
     model : {'auto', 'full'}
         The smallest model that serves: rates in the fields that the symmetry of state and
         programmes leaves, and one contact of an orbit in the branch search; or all unknowns, and a
@@ -123,7 +127,12 @@ def follow(
     number("atol", atol, 0.0)
     number("max_step", max_step, 0.0, open_low=True)
     whole_number("max_steps", max_steps, 1)
-    subspace_basis(subspace)
+    whole_number("rows", rows, 0)
+    subspaces = (subspace,) if isinstance(subspace, str) else tuple(subspace)
+    for each in subspaces:
+        subspace_basis(each)
+    if not subspaces:
+        raise InputError("subspace", "none", "one at least", "Name 'diagonal', say.")
     check_choice("model", model, get_args(ModelOption))
     full = path_model(graph, law, closure, spins, volume)
     walk = Walk(
@@ -131,11 +140,12 @@ def follow(
         y=initial_state(full, graph),
         mode=start_mode(full, graph),
         record=Record(),
-        subspace=subspace,
+        subspaces=subspaces,
         on_touch=contact_on_touch,
         rtol=rtol,
         atol=atol,
         max_step=max_step,
+        rows=rows,
         steps_left=max_steps,
         programmes=tuple(stage.programme for stage in stages),
         choice=model,
@@ -145,7 +155,7 @@ def follow(
     start = walk.model
     status, message = _walk_all(walk, stages)
     chosen = model_choice(start, model, walk.searches, walk.kept)
-    return walk.record.path(walk.model, status, message, subspace, chosen)
+    return walk.record.path(walk.model, status, message, subspaces[0], chosen)
 
 
 def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
@@ -163,7 +173,7 @@ def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
             )
         walk.record.stage = k
         status, message = walk_stage(walk, stage)
-        if status in ("opposite_contact", "lost"):
+        if status in ("opposite_contact", "no_load", "lost"):
             break
     return status, message
 

@@ -50,8 +50,11 @@ class PathModel:
         Boundary vectors of the polygon and the outward normals of its edges' midpoints
         `R (x0_c + x0_{c+1})/2`, times V0 over the polygon's area: with `F_i = -P b_i` the stress
         `P` is that of `V0`. Empty under the affine closure.
-    pairs : (Q, 2) array of int
-        Pairs of grains without contact.
+    watches_pairs : bool
+        Whether grains without a contact are watched for touching: not in a periodic cell, where
+        images could touch too.
+    met : (Q,) array of int
+        Pairs, see `pair_keys`, that are in contact or have touched.
     length, stiffness : float
         Scales: square root of V0, mean kn of the law, see `law_scale`.
     symmetry : PointGroup or None
@@ -70,7 +73,8 @@ class PathModel:
     volume: float
     b: Floats
     m: Floats
-    pairs: Integers
+    watches_pairs: bool
+    met: Integers
     length: float
     stiffness: float
     symmetry: PointGroup | None = None
@@ -178,10 +182,12 @@ def path_model(
         volume=v0,
         b=b,
         m=m,
-        pairs=_pairs_without_contact(graph),
+        watches_pairs=graph.cell is None,
+        met=np.array([], dtype=np.int64),
         length=float(np.sqrt(v0)),
         stiffness=law_scale(graph, law),
     )
+    model = without_pairs(model, graph.contacts)
     _check_normal_forces(contact_state(graph), model)
     if closure == "affine":
         _check_affine(graph, model)
@@ -215,8 +221,13 @@ def with_contact(model: PathModel, pairs: Integers) -> PathModel:
 
 def without_pairs(model: PathModel, pairs: Integers) -> PathModel:
     """Model that no longer watches the given pairs of grains, (A, 2)."""
-    gone = (model.pairs[:, None, :] == pairs[None, :, :]).all(axis=2).any(axis=1)
-    return replace(model, pairs=model.pairs[~gone])
+    return replace(model, met=np.concatenate([model.met, pair_keys(model, pairs)]))
+
+
+def pair_keys(model: PathModel, pairs: Integers) -> Integers:
+    """(Q,) one number for each pair of grains."""
+    low, high = np.sort(pairs, axis=1).T
+    return np.asarray(low * model.grain_count + high)
 
 
 def _boundary(x0: Floats, volume: float) -> tuple[Floats, Floats]:
@@ -224,16 +235,6 @@ def _boundary(x0: Floats, volume: float) -> tuple[Floats, Floats]:
     centred = from_centroid(x0)
     midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
     return ratio * boundary_vectors(x0), ratio * outward(x0, midpoints)
-
-
-def _pairs_without_contact(graph: GrainGraph) -> Integers:
-    """Pairs of grains that could still touch; none in a periodic cell, where images could too."""
-    if graph.cell is not None:
-        return np.zeros((0, 2), dtype=np.int64)
-    free = np.triu(np.ones((graph.grain_count, graph.grain_count), dtype=bool), k=1)
-    low, high = np.sort(graph.contacts, axis=1).T
-    free[low, high] = False
-    return np.argwhere(free)
 
 
 def _check_affine(graph: GrainGraph, model: PathModel) -> None:

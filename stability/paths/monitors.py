@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from loops.laws.protocol import Regime
 from stability.paths.look import Look
-from stability.paths.model import PathModel
+from stability.paths.model import PathModel, pair_keys
 from stability.paths.state import Mode
 from stability.programmes import QUANTITIES, Stage
 from stability.subspaces import subspace_basis
@@ -31,6 +32,9 @@ ROUNDING = {
     "stage_end": 0.0,
 }
 
+# Pairs of grains are watched where their gap is below this fraction of r_i + r_j.
+NEAR = 0.1
+
 # An eigenvalue of K whose imaginary part is below this fraction of |K| is real.
 REAL = 1e-7
 
@@ -44,7 +48,7 @@ class Monitors:
     kinds : list of str
         Kind of event, one per function.
     items : (M,) array of int
-        Contact, pair or eigenvalue that it belongs to; -1 for none.
+        Contact, pair or eigenvalue that it belongs to, four eigenvalues a subspace; -1 for none.
     two_sided : (M,) array of bool
         Whether a change of sign either way is the event; otherwise the function is negative until
         the event.
@@ -55,8 +59,16 @@ class Monitors:
     two_sided: NDArray[np.bool_]
     tolerance: Floats
 
+    def with_pairs(self, count: int) -> Monitors:
+        """These functions, then the gaps of so many pairs of grains."""
+        two_sided = np.concatenate([self.two_sided, np.zeros(count, dtype=bool)])
+        tolerance = np.concatenate([self.tolerance, np.full(count, ROUNDING["opposite_contact"])])
+        kinds = [*self.kinds, *["opposite_contact"] * count]
+        items = np.concatenate([self.items, np.arange(count)])
+        return Monitors(kinds, items, two_sided, tolerance)
 
-def monitors_of(model: PathModel, mode: Mode, subspace: str) -> Monitors:
+
+def monitors_of(model: PathModel, mode: Mode, subspaces: tuple[str, ...]) -> Monitors:
     """Event functions that a phase with these regimes watches.
 
     Parameters
@@ -65,7 +77,7 @@ def monitors_of(model: PathModel, mode: Mode, subspace: str) -> Monitors:
         Constants.
     mode : Mode
         Regimes of the phase.
-    subspace : str
+    subspaces : tuple of str
         Where the spectra are taken.
 
     Returns
@@ -76,15 +88,13 @@ def monitors_of(model: PathModel, mode: Mode, subspace: str) -> Monitors:
     sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & model.has_cone)
     closed = np.flatnonzero(mode.regime != Regime.OPEN)
     is_open = np.flatnonzero(mode.regime == Regime.OPEN)
-    size = len(subspace_basis(subspace))
+    eigenvalues = [4 * k + np.arange(len(subspace_basis(s))) for k, s in enumerate(subspaces)]
     groups = [
         ("yield", elastic, False),
         ("unloading", sliding, False),
         ("opening", closed, False),
         ("closing", is_open, False),
-        ("opposite_contact", np.arange(len(model.pairs)), False),
-        ("det_Ks_zero", np.arange(size), True),
-        ("det_K_zero", np.arange(size), True),
+        *((kind, each, True) for each in eigenvalues for kind in ("det_Ks_zero", "det_K_zero")),
         ("collapse", np.array([-1]), False),
         ("control_limit", np.array([-1]), False),
         ("stage_end", np.array([-1]), False),
@@ -101,13 +111,13 @@ def monitors_of(model: PathModel, mode: Mode, subspace: str) -> Monitors:
 def monitor_values(
     model: PathModel,
     seen: Look,
-    subspace: str,
+    subspaces: tuple[str, ...],
     stage: Stage,
     start: float,
     sense: float,
     size: float,
 ) -> Floats:
-    """Values of the event functions, in the order of `monitors_of`, dimensionless.
+    """Values of the event functions but the pairs', in the order of `monitors_of`, dimensionless.
 
     Parameters
     ----------
@@ -115,7 +125,7 @@ def monitor_values(
         Constants.
     seen : Look
         State.
-    subspace : str
+    subspaces : tuple of str
         Where the spectra are taken.
     stage : Stage
         Its target ends the phase.
@@ -147,8 +157,7 @@ def monitor_values(
             -seen.slip[sliding] / force,
             (model.law.gap(contacts) / unit)[closed],
             (contacts.overlap / unit)[~closed],
-            _pair_gaps(model, seen.x),
-            *_spectra(seen.A, subspace),
+            *(values for subspace in subspaces for values in _spectra(seen.A, subspace)),
             [-_area_ratio(seen.H), forward, target],
         ]
     )
@@ -187,8 +196,21 @@ def _area_ratio(H: Floats) -> float:
     return float((1.0 - H[0]) * (1.0 - H[3]) - H[1] * H[2])
 
 
-def _pair_gaps(model: PathModel, x: Floats) -> Floats:
-    i, j = model.pairs.T
+def near_pairs(model: PathModel, places: list[Floats]) -> NDArray[np.int64]:
+    """(Q, 2) watched pairs of grains that are or come close in some of the places (G, 2)."""
+    if not model.watches_pairs:
+        return np.zeros((0, 2), dtype=np.int64)
+    reach = (1.0 + NEAR) * 2.0 * float(model.radii.max())
+    found = [cKDTree(x).query_pairs(reach, output_type="ndarray") for x in places]
+    pairs = np.unique(np.concatenate(found), axis=0)
+    gaps = np.max([pair_overlaps(model, pairs, x) for x in places], axis=0, initial=-np.inf)
+    met = np.isin(pair_keys(model, pairs), model.met)
+    return np.asarray(pairs[(gaps > -NEAR) & ~met], dtype=np.int64)
+
+
+def pair_overlaps(model: PathModel, pairs: NDArray[np.int64], x: Floats) -> Floats:
+    """(Q,) overlaps of pairs of grains over `r_i + r_j`."""
+    i, j = pairs.T
     d = x[j] - x[i]
     touching = model.radii[i] + model.radii[j]
     return np.asarray((touching - np.hypot(d[:, 0], d[:, 1])) / touching)

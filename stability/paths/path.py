@@ -29,7 +29,9 @@ EventKind = Literal[
     "branching",
     "programme_change",
 ]
-PathStatus = Literal["finished", "control_limit", "opposite_contact", "no_solution", "lost"]
+PathStatus = Literal[
+    "finished", "control_limit", "opposite_contact", "no_solution", "no_load", "lost"
+]
 
 
 @dataclass(frozen=True)
@@ -52,9 +54,11 @@ class Event:
         Row of the path at the event (before it for 'branching'); if the event changes regimes or
         programme, this is the row before the change and the next row the same state after it.
     contacts : tuple of int
-        Contacts concerned, or the two grains that touch.
+        Contacts concerned, or the two grains that touch, pair by pair where many do at once.
     detail : str
         What else there is to say.
+    subspace : str
+        Of a zero of the spectra, the subspace where it is.
     """
 
     kind: EventKind
@@ -63,6 +67,7 @@ class Event:
     index: int
     contacts: tuple[int, ...] = ()
     detail: str = ""
+    subspace: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +81,9 @@ class Path:
     ----------
     status : str
         'finished'; 'control_limit': the control has no continuation where the loading parameter
-        reaches an extremum; 'no_solution': the rate problem has none; 'opposite_contact': stopped
-        there as asked; 'lost': the integration failed, see `message`.
+        reaches an extremum; 'no_solution': the rate problem has none; 'no_load': the loop has come
+        apart and carries no force; 'opposite_contact': stopped there as asked; 'lost': the
+        integration failed, see `message`.
     message : str
         The status in words.
     events : tuple of Event

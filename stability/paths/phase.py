@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,13 @@ from scipy.optimize import brentq
 from stability.paths.locate import first_crossing, polish
 from stability.paths.look import Look, look
 from stability.paths.model import PathModel
-from stability.paths.monitors import Monitors, monitor_values, monitors_of
+from stability.paths.monitors import (
+    Monitors,
+    monitor_values,
+    monitors_of,
+    near_pairs,
+    pair_overlaps,
+)
 from stability.paths.motion import gauge_along, y_rates
 from stability.paths.solve import Gauge
 from stability.paths.state import Mode
@@ -38,6 +44,9 @@ EVALUATIONS = 480
 # Integrating a part of a step again takes a few steps; more than this tell of a singular point.
 AGAIN = 100
 
+# Steps below this part of the way tell of it at once.
+CREEPS = 1e-2
+
 # Steps below this length in the space of H change nothing.
 SHORTEST = 1e-17
 
@@ -57,17 +66,20 @@ class Settings:
         Absolute tolerances.
     max_step : float
         Longest step in `|H|`.
+    row_step : float
+        Longest way in `|H|` between two rows.
     size : float
         Size of the strains of the stage, at most 1.
-    subspace : str
+    subspaces : tuple of str
         Where the spectra are taken.
     """
 
     rtol: float
     atol: Floats
     max_step: float
+    row_step: float
     size: float
-    subspace: str
+    subspaces: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +110,8 @@ class PhaseEnd:
         Accepted steps.
     message : str
         Why the integrator gave up.
+    pairs : (Q, 2) array of int
+        Pairs of grains that the items of 'opposite_contact' count.
     """
 
     y: Floats
@@ -105,6 +119,7 @@ class PhaseEnd:
     fired: list[tuple[str, int]]
     steps: int
     message: str = ""
+    pairs: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
 
 
 def run_phase(
@@ -136,7 +151,7 @@ def run_phase(
     -------
     PhaseEnd
     """
-    watch = monitors_of(task.model, task.mode, task.settings.subspace)
+    watch = monitors_of(task.model, task.mode, task.settings.subspaces)
     seen = _look(task, y, gauge)
     values = _values(task, seen)
     sign = _initial_signs(watch, values)
@@ -152,12 +167,17 @@ def run_phase(
         samples = [seen, *(step.look(theta) for theta in SAMPLES[1:])]
         table = np.vstack([values, *(_values(task, each) for each in samples[1:])])
         _adopt_signs(sign, table, watch)
-        crossing = _crossing(step, watch, sign, table)
+        step.pairs = near_pairs(task.model, [each.x for each in samples])
+        everything, signs = watch.with_pairs(len(step.pairs)), _extended(sign, len(step.pairs))
+        gaps = np.array([pair_overlaps(task.model, step.pairs, each.x) for each in samples])
+        crossing = _crossing(step, everything, signs, np.hstack([table, gaps]))
         for place in _branchings(step, samples, 1.0 if crossing is None else crossing[0]):
             branching(place)
+        for row in _dense_rows(step, 1.0 if crossing is None else crossing[0]):
+            record(row)
         if crossing is not None:
             theta, which = crossing
-            return _land(step, watch, sign, theta, which, steps)
+            return _land(step, everything, signs, theta, which, steps)
         seen, values = samples[-1], table[-1]
         record(seen)
         gauge = gauge_along(seen.rates)
@@ -165,7 +185,11 @@ def run_phase(
     return PhaseEnd(solver.y, seen, [], steps_left, "the limit on the number of steps was reached")
 
 
-@dataclass(frozen=True, eq=False)
+def _extended(sign: Floats, count: int) -> Floats:
+    return np.concatenate([sign, np.ones(count)])
+
+
+@dataclass(eq=False)
 class _Step:
     """One accepted step with its interpolant, `theta` from 0 to 1."""
 
@@ -176,6 +200,7 @@ class _Step:
     y_end: Floats
     dense: DenseOutput
     gauge: Gauge
+    pairs: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
 
     def look(self, theta: float) -> Look:
         y = self.y_end
@@ -184,7 +209,11 @@ class _Step:
         return _look(self.task, y, self.gauge)
 
     def values(self, theta: float) -> Floats:
-        return _values(self.task, self.look(theta))
+        return self.values_of(self.look(theta))
+
+    def values_of(self, seen: Look) -> Floats:
+        gaps = pair_overlaps(self.task.model, self.pairs, seen.x)
+        return np.concatenate([_values(self.task, seen), gaps])
 
     def integrate(self, theta: float) -> Floats:
         """Integrated again from the start of the step: no interpolation error."""
@@ -193,7 +222,10 @@ class _Step:
             return self.y_begin
         solver = _solver(self.task, self.y_begin, self.gauge, length, length)
         for _ in range(AGAIN):
-            if solver.status != "running":
+            # A first step that is not accepted at once tells of a singular point.
+            if solver.status != "running" or (
+                solver.t > 0.0 and solver.step_size < CREEPS * length
+            ):
                 break
             _advance(solver)
         if solver.status == "finished":
@@ -209,6 +241,13 @@ def _crossing(
     return first_crossing(
         table * sign, SAMPLES, watch.tolerance, lambda theta: step.values(theta) * sign
     )
+
+
+def _dense_rows(step: _Step, until: float) -> list[Look]:
+    """Rows between the ends of a step, on its interpolant."""
+    length = until * (step.end - step.begin)
+    parts = int(np.ceil(length / step.task.settings.row_step))
+    return [step.look(until * k / parts) for k in range(1, parts)]
 
 
 def _branchings(step: _Step, samples: list[Look], until: float) -> list[Look]:
@@ -239,14 +278,14 @@ def _land(
     def at(theta: float) -> tuple[Floats, Look, Floats]:
         y = step.integrate(theta)
         seen = _look(step.task, y, step.gauge)
-        return y, seen, _values(step.task, seen) * sign
+        return y, seen, step.values_of(seen) * sign
 
     y, seen, values = polish(at, which, theta, lambda t: float(step.values(t)[which] * sign[which]))
     before = step.values(0.0) * sign
     near = (np.abs(values) <= SIMULTANEOUS) & ((before < 0) | ~watch.two_sided)
     near[which] = True
     fired = [(watch.kinds[k], int(watch.items[k])) for k in np.flatnonzero(near)]
-    return PhaseEnd(y, seen, fired, steps)
+    return PhaseEnd(y, seen, fired, steps, pairs=step.pairs)
 
 
 def _look(task: Task, y: Floats, gauge: Gauge) -> Look:
@@ -255,7 +294,7 @@ def _look(task: Task, y: Floats, gauge: Gauge) -> Look:
 
 def _values(task: Task, seen: Look) -> Floats:
     s = task.settings
-    return monitor_values(task.model, seen, s.subspace, task.stage, task.start, task.sense, s.size)
+    return monitor_values(task.model, seen, s.subspaces, task.stage, task.start, task.sense, s.size)
 
 
 def _initial_signs(watch: Monitors, values: Floats) -> Floats:

@@ -59,10 +59,13 @@ class Record:
         parameter: float,
         contacts: tuple[int, ...] = (),
         detail: str = "",
+        subspace: str = "",
     ) -> None:
         """Append an event at the last row."""
         index = max(len(self.rows) - 1, 0)
-        self.events.append(Event(kind, float(parameter), self.stage, index, contacts, detail))
+        self.events.append(
+            Event(kind, float(parameter), self.stage, index, contacts, detail, subspace)
+        )
 
     def path(
         self,

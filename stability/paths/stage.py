@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,12 +36,18 @@ from stability.paths.state import (
 )
 from stability.paths.walk import Walk
 from stability.programmes import QUANTITIES, Stage
-from stability.rate_problem import ELASTIC, Choice, RateProblem
+from stability.rate_problem import ELASTIC, SEARCH_LIMIT, Choice, RateProblem
 
 Floats = NDArray[np.float64]
 
 # Rate problems in a row without progress after which the regimes are said to chatter.
 CHATTER = 12
+
+# Longest steps to try, over that asked for, where a singular state is in the way.
+RETRIES = (1.0, 0.86, 0.74, 0.62)
+
+# Below this strain a loop without forces is singular as it stands, and no step helps.
+UNLOADED = 1e-6
 
 # Change of H below which nothing has moved.
 STILL = 1e-13
@@ -75,6 +83,8 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
         if problem.status == "none" and walk.model.symmetry is not None:
             problem = _asymmetric(walk, stage, hints, before)
         if problem.status == "none":
+            if before is not None and _carries_nothing(walk):
+                return _came_apart(walk)
             return _no_continuation(walk, stage, problem, hints)
         seen, gauge = _enter(walk, stage, problem, before)
         if sense == 0.0:
@@ -85,12 +95,14 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
             reach = _reach(walk, stage, seen)
         settings = walk.settings(reach, float(np.abs(seen.H).max()))
         task = Task(walk.model, walk.mode, stage, start, sense, settings)
-        end = run_phase(task, walk.y, gauge, walk.row, walk.branching, walk.steps_left)
+        end = _run(walk, task, gauge)
         walk.y, walk.steps_left = end.y, walk.steps_left - end.steps
         if not end.fired:
+            if _carries_nothing(walk):
+                return _came_apart(walk)
             return "lost", f"{stage.programme.name} to {stage.quantity}: {end.message}"
         walk.row(end.seen)
-        record_fired(walk.record, end, walk.model, walk.subspace)
+        record_fired(walk.record, end, walk.subspaces)
         outcome = _outcome(walk, stage, end)
         if outcome is not None:
             return outcome
@@ -99,7 +111,34 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
         moved = float(np.abs(end.seen.H - seen.H).max()) > STILL
         idle = 0 if moved else idle + 1
         if idle > CHATTER:
+            if _carries_nothing(walk):
+                return _came_apart(walk)
             return "lost", f"the regimes keep switching at parameter {walk.parameter:.15g}"
+
+
+def _run(walk: Walk, task: Task, gauge: Gauge) -> PhaseEnd:
+    """Integrate to the next event; where strain alone drives, step over a singular point.
+
+    The closure's system may be singular in a single state. Steps of other lengths pass it.
+    """
+    rows, events = len(walk.record.rows), len(walk.record.events)
+    for shorter in RETRIES:
+        settings = replace(task.settings, max_step=shorter * task.settings.max_step)
+        end = run_phase(
+            replace(task, settings=settings),
+            walk.y,
+            gauge,
+            walk.row,
+            walk.branching,
+            walk.steps_left,
+        )
+        stuck = not end.fired or ("singular", -1) in end.fired
+        unloaded = float(np.abs(end.seen.H).max()) < UNLOADED
+        if not stuck or task.stage.programme.stress.any() or unloaded:
+            break
+        if shorter != RETRIES[-1]:
+            del walk.record.rows[rows:], walk.record.events[events:]
+    return end
 
 
 def _rate_problem(
@@ -143,7 +182,7 @@ def _enter(
         return seen, gauge
     record_changes(walk.record, old, walk.mode, walk.parameter, problem)
     if before is not None:
-        record_jumps(walk.record, before.A, seen.A, walk.parameter, walk.subspace)
+        record_jumps(walk.record, before.A, seen.A, walk.parameter, walk.subspaces)
     if before is None or (old.regime != walk.mode.regime).any():
         walk.row(seen)
     return seen, gauge
@@ -183,11 +222,27 @@ def _outcome(walk: Walk, stage: Stage, end: PhaseEnd) -> tuple[PathStatus, str] 
             f"{walk.parameter:.15g}; {stage.quantity} = {stage.target:.6g} was not reached",
         )
     if "opposite_contact" in kinds and walk.on_touch == "stop":
-        return "opposite_contact", f"grains {touched_pairs(end, walk.model).tolist()} touch"
+        return "opposite_contact", f"grains {touched_pairs(end).tolist()} touch"
     torn = _torn_contacts(walk, end)
     if torn:
         return "lost", f"contacts {torn} part while they carry a force: the loop is out of balance"
     return None
+
+
+def _carries_nothing(walk: Walk) -> bool:
+    """Whether no contact carries a force worth the name."""
+    contacts = contacts_of(walk.model, unpack(walk.model, walk.y), walk.mode)
+    force = np.maximum(np.abs(contacts.normal_force), np.abs(contacts.shear_force))
+    return bool(force.max(initial=0.0) <= RELEASE * walk.model.stiffness * walk.model.length)
+
+
+def _came_apart(walk: Walk) -> tuple[PathStatus, str]:
+    parted = int((walk.mode.regime == Regime.OPEN).sum())
+    return (
+        "no_load",
+        f"the loop has come apart at parameter {walk.parameter:.15g}: its contacts carry no force"
+        f" ({parted} of {walk.model.contact_count} open) and nothing holds its grains",
+    )
 
 
 def _torn_contacts(walk: Walk, end: PhaseEnd) -> list[int]:
@@ -202,7 +257,7 @@ def _torn_contacts(walk: Walk, end: PhaseEnd) -> list[int]:
 
 def _take_on_contacts(walk: Walk, end: PhaseEnd, hints: dict[int, Choice]) -> None:
     """Let grains that have come to touch overlap from now on, or give them a contact."""
-    pairs = touched_pairs(end, walk.model)
+    pairs = touched_pairs(end)
     if len(pairs) == 0:
         return
     walk.model = without_pairs(walk.model, pairs)
@@ -237,7 +292,10 @@ def _no_continuation(
         status = "no_solution"
         reason = "no choice of regimes agrees with the rates it causes"
     if not problem.exhaustive:
-        reason += " (as far as the pivoting found)"
+        reason += (
+            f" (of {problem.combinations:.3g} combinations pivoting from three starts found none;"
+            f" more than {SEARCH_LIMIT} are not all tried)"
+        )
     if not walk.record.rows:
         walk.row(_still(walk, stage))
     walk.record.event("control_limit", walk.parameter, tuple(sorted(hints)), reason)

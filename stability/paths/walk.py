@@ -39,11 +39,12 @@ class Walk:
     y: Floats
     mode: Mode
     record: Record
-    subspace: str
+    subspaces: tuple[str, ...]
     on_touch: str
     rtol: float
     atol: float
     max_step: float
+    rows: int
     steps_left: int
     programmes: tuple[Programme, ...]
     choice: ModelOption
@@ -82,7 +83,8 @@ class Walk:
         size = min(max(reach if np.isfinite(reach) else 1.0, strain, SMALLEST), 1.0)
         max_step = min(self.max_step, reach / STEPS)
         atol = self.atol * size * scales(self.model)
-        return Settings(self.rtol, atol, max_step, size, self.subspace)
+        row_step = reach / self.rows if self.rows else np.inf
+        return Settings(self.rtol, atol, max_step, row_step, size, self.subspaces)
 
 
 def start_mode(model: PathModel, graph: GrainGraph) -> Mode:

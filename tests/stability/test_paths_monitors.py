@@ -137,7 +137,7 @@ class Noted:
     def __init__(self):
         self.told = []
 
-    def event(self, kind, parameter, contacts=(), detail=""):
+    def event(self, kind, parameter, contacts=(), detail="", subspace=""):
         self.told.append((kind, contacts, detail))
 
 
@@ -145,11 +145,11 @@ class Noted:
 def test_a_jump_counts_negative_eigenvalues(size):
     before, after = size * np.diag([1.0, 2, 3, 4]), size * np.diag([-1.0, 2, 3, 4])
     record = Noted()
-    record_jumps(record, before, after, 0.0, "full")
+    record_jumps(record, before, after, 0.0, ("full",))
     assert [kind for kind, _, _ in record.told] == ["det_Ks_zero", "det_K_zero"]
     assert record.told[0][2] == "jump: 0 to 1 negative eigenvalues"
-    record_jumps(quiet := Noted(), before, 2 * before, 0.0, "full")
-    record_jumps(quiet, before, size * np.diag([0.0, 2, 3, 4]), 0.0, "full")
+    record_jumps(quiet := Noted(), before, 2 * before, 0.0, ("full",))
+    record_jumps(quiet, before, size * np.diag([0.0, 2, 3, 4]), 0.0, ("full",))
     assert quiet.told == []
 
 

@@ -90,12 +90,15 @@ def test_pivoting_solves_what_is_too_many_to_try(seed):
     assert np.abs(z * w).max() < 1e-9
 
 
-def test_pivoting_says_when_it_found_nothing():
+@pytest.mark.parametrize(("contacts", "exhaustive"), [(10, True), (14, False)])
+def test_nothing_found_by_pivoting_is_searched_for_while_the_search_is_finite(contacts, exhaustive):
     # w = -1 - z can never be positive.
-    M, q = -np.eye(12), -np.ones(12)
+    M, q = -np.eye(contacts), -np.ones(contacts)
     M[:, 0] -= 0.5
-    found = solve_rate_problem([SLIP] * 12, complementarity(M, q), preferred=[ELASTIC] * 12)
-    assert (found.status, found.exhaustive, found.solutions) == ("none", False, ())
+    options = [SLIP] * contacts
+    found = solve_rate_problem(options, complementarity(M, q), preferred=[ELASTIC] * contacts)
+    assert (found.status, found.exhaustive, found.solutions) == ("none", exhaustive, ())
+    assert (found.tried >= 2**contacts) == exhaustive
 
 
 def test_neutral_contacts_are_one_solution_and_the_preference_names_it():
