@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from loops.arrays import Floats
 from stability.spectra import RTOL, operator_norm
 from stability.subspaces import as_operator
 
@@ -36,9 +37,9 @@ class PlaneCone:
     """
 
     status: NDArray[np.str_]
-    opening: NDArray[np.float64]
-    axis: NDArray[np.float64]
-    edges: NDArray[np.float64]
+    opening: Floats
+    axis: Floats
+    edges: Floats
 
 
 def plane_cone(K: ArrayLike, rtol: float = RTOL) -> PlaneCone:
@@ -97,13 +98,13 @@ def plane_cone(K: ArrayLike, rtol: float = RTOL) -> PlaneCone:
     )
 
 
-def _scaled(K: NDArray[np.float64]) -> NDArray[np.float64]:
+def _scaled(K: Floats) -> Floats:
     """K over the power of two next to its largest entry: exact, and squares cannot overflow."""
     _, exponent = np.frexp(np.abs(K).max(axis=(-2, -1), keepdims=True))
     return np.ldexp(K, -exponent)
 
 
-def _extreme_eigenvalues(K: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _extreme_eigenvalues(K: Floats) -> tuple[Floats, Floats]:
     """Both eigenvalues of Ks; the one smaller in size by the determinant, which spares digits."""
     mean = 0.5 * (K[..., 0, 0] + K[..., 1, 1])
     radius = 0.5 * np.hypot(K[..., 0, 0] - K[..., 1, 1], K[..., 0, 1] + K[..., 1, 0])
@@ -112,7 +113,7 @@ def _extreme_eigenvalues(K: NDArray[np.float64]) -> tuple[NDArray[np.float64], N
     return np.minimum(inner, outer), np.maximum(inner, outer)
 
 
-def _determinant(K: NDArray[np.float64]) -> NDArray[np.float64]:
+def _determinant(K: Floats) -> Floats:
     """Determinant k11 k22 - ((k12 + k21)/2)^2 of Ks, rounding errors of sum and products added."""
     total, lost = _exact_sum(K[..., 0, 1], K[..., 1, 0])
     product, product_error = _exact_product(K[..., 0, 0], K[..., 1, 1])
@@ -120,18 +121,14 @@ def _determinant(K: NDArray[np.float64]) -> NDArray[np.float64]:
     return (product - square) + (product_error - square_error - 0.5 * total * lost)
 
 
-def _exact_sum(
-    a: NDArray[np.float64], b: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _exact_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Rounded sum and its rounding error (Knuth)."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
 
 
-def _exact_product(
-    a: NDArray[np.float64], b: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _exact_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Rounded product and its rounding error (Dekker; entries are of order one or less)."""
     product = a * b
     a_high = _SPLITTER * a - (_SPLITTER * a - a)
@@ -141,16 +138,14 @@ def _exact_product(
     return product, error
 
 
-def _axis(K: NDArray[np.float64]) -> NDArray[np.float64]:
+def _axis(K: Floats) -> Floats:
     """Direction of the smallest W2: theta0 + pi/2, theta0 that of the largest."""
     difference, shear = K[..., 0, 0] - K[..., 1, 1], K[..., 0, 1] + K[..., 1, 0]
     axis = np.mod(0.5 * np.arctan2(shear, difference) + 0.5 * np.pi, np.pi)
     return np.where((difference == 0.0) & (shear == 0.0), np.nan, axis)
 
 
-def _status(
-    smallest: NDArray[np.float64], largest: NDArray[np.float64], band: NDArray[np.float64]
-) -> NDArray[np.str_]:
+def _status(smallest: Floats, largest: Floats, band: Floats) -> NDArray[np.str_]:
     neutral = (np.abs(smallest) <= band) & (np.abs(largest) <= band)
     cases = [neutral, smallest > band, smallest >= -band, largest > band]
     return np.select(cases, ["undetermined", "empty", "ray", "open"], "all")

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from loops.errors import InputError
 from stability.destabilising import LinearControl, complement
 from stability.programmes import Programme, combination
 from stability.subspaces import subspace_basis
-
-Floats = NDArray[np.float64]
 
 
 def strain_driven(control: LinearControl, subspace: str, rate: float = 1.0) -> Programme:

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.errors import InputError
 from stability.spectra import RTOL, operator_norm, symmetric_modes
 from stability.subspaces import as_operator
 
-Floats = NDArray[np.float64]
 ControlStatus = Literal["found", "definite", "singular", "undetermined"]
 
 
@@ -165,24 +165,7 @@ def softening_control(
 
 
 def control_status(K: ArrayLike, rtol: float = RTOL) -> ControlStatus:
-    """Whether a linear control can destabilise: 'found' if Ks is indefinite and K is not singular.
-
-    Parameters
-    ----------
-    K : array_like, shape (m, m)
-    rtol : float
-        Uncertainty of the entries relative to the Frobenius norm.
-
-    Returns
-    -------
-    {'found', 'definite', 'singular', 'undetermined'}
-        See `LinearControl`.
-
-    Examples
-    --------
-    >>> control_status([[1.0, 0.0], [0.5, 0.0]])
-    'singular'
-    """
+    """Whether a linear control destabilises: 'found' if Ks is indefinite and K not singular."""
     operator = _one_operator(K)
     if not np.isfinite(operator).all():
         return "undetermined"
@@ -196,24 +179,7 @@ def control_status(K: ArrayLike, rtol: float = RTOL) -> ControlStatus:
 
 
 def constrained_tangent(K: ArrayLike, control: LinearControl) -> Floats:
-    """The tangent projected on the strain rates that the control leaves, `Q K Q^T`.
-
-    Parameters
-    ----------
-    K : array_like, shape (m, m)
-    control : LinearControl
-
-    Returns
-    -------
-    ndarray, shape (m - 1, m - 1)
-        In the orthonormal basis `Q = (direction, free)` of the plane orthogonal to `held`.
-
-    Examples
-    --------
-    >>> K = [[2.0, 0.0], [0.0, -0.5]]
-    >>> abs(constrained_tangent(K, destabilising_control(K)).item()) < 1e-15
-    True
-    """
+    """The tangent projected on the strain rates that the control leaves, `Q K Q^T`."""
     Q = np.vstack([control.direction, control.free])
     return np.asarray(Q @ _one_operator(K) @ Q.T)
 
@@ -222,22 +188,6 @@ def control_matrix(K: ArrayLike, control: LinearControl) -> Floats:
     """The matrix M of the mixed control driven by stress, `M e' = (0, 0, rate)`.
 
     Its rows are `held`, `free @ K` and `direction @ K`: strain held, stresses held, stress driven.
-
-    Parameters
-    ----------
-    K : array_like, shape (m, m)
-    control : LinearControl
-
-    Returns
-    -------
-    ndarray, shape (m, m)
-        Singular where the control loses its strength.
-
-    Examples
-    --------
-    >>> K = [[2.0, 0.0], [0.0, -0.5]]
-    >>> abs(float(np.linalg.det(control_matrix(K, destabilising_control(K))))) < 1e-15
-    True
     """
     operator = _one_operator(K)
     return np.vstack([control.held, control.free @ operator, control.direction @ operator])
@@ -258,23 +208,7 @@ def _control(operator: Floats, y: Floats, rtol: float) -> LinearControl:
 
 
 def complement(rows: Floats) -> Floats:
-    """Orthonormal rows orthogonal to the given ones.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (k, m)
-        Orthonormal.
-
-    Returns
-    -------
-    ndarray, shape (m - k, m)
-        The first component of each of at least half the largest magnitude is positive.
-
-    Examples
-    --------
-    >>> complement(np.array([[0.6, 0.8]])).round(12).tolist()
-    [[0.8, -0.6]]
-    """
+    """Orthonormal rows orthogonal to the given ones."""
     rest = np.linalg.svd(rows)[2][len(rows) :]
     return np.stack([_leading_positive(row) for row in rest]) if len(rest) else rest
 

@@ -5,29 +5,22 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from stability.cones import plane_cone
 from stability.spectra import symmetric_modes
 from stability.subspaces import restrict
 from stability.unstable_fraction import unstable_fraction
 
-Floats = NDArray[np.float64]
-
 
 class LoopStability(NamedTuple):
     """Stability of loops; not a number where the tangent is not finite.
 
-    Attributes
-    ----------
-    eigenvalues : (L, 3) array
-        Of Ks in the symmetric subspace (11, 22, (12 + 21)/sqrt 2), ascending (unit of the tangent).
-    unstable_fraction : (L,) array
-        Share of the directions of that subspace with negative second-order work.
-    cone_opening : (L,) array
-        Opening of the cone of negative second-order work in the plane (11, 22), radians; 0 if none.
-    soft_angle : (L,) array
-        Direction of the softest mode, radians in (-pi/2, pi/2], see `soft_angle`.
+    `eigenvalues` (L, 3): Of Ks in the symmetric subspace (11, 22, (12 + 21)/sqrt 2), ascending
+    (unit of the tangent); `unstable_fraction` (L,): Share of the directions of that subspace with
+    negative second-order work; `cone_opening` (L,): Opening of the cone of negative second-order
+    work in the plane (11, 22), radians; 0 if none; `soft_angle` (L,): Direction of the softest
+    mode, radians in (-pi/2, pi/2], see `soft_angle`.
     """
 
     eigenvalues: Floats
@@ -37,30 +30,7 @@ class LoopStability(NamedTuple):
 
 
 def loop_stability(tangents: Floats, *, compiled: bool = False) -> LoopStability:
-    """Judge tangents in the symmetric subspace.
-
-    Parameters
-    ----------
-    tangents : (L, 4, 4) array
-        Macroscopic tangents in the order (11, 12, 21, 22), not symmetrised.
-    compiled : bool
-        Whether to take the compiled kernel (Jacobi rotations): the same to round-off.
-
-    Returns
-    -------
-    LoopStability
-        Eigenvalues, unstable fractions, cones and soft directions.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stability.loop_stability import loop_stability
-    >>> found = loop_stability(np.diag([1.0, 0.5, 0.5, -1.0])[None])
-    >>> found.eigenvalues.round(12).tolist(), found.unstable_fraction.round(6).tolist()
-    ([[-1.0, 0.5, 1.0]], [0.351488])
-    >>> np.degrees(found.cone_opening).round(9).tolist(), np.degrees(found.soft_angle).tolist()
-    ([90.0], [90.0])
-    """
+    """Judge tangents in the symmetric subspace."""
     if compiled:
         from stability.compiled.modes import loop_modes
 
@@ -79,26 +49,9 @@ def loop_stability(tangents: Floats, *, compiled: bool = False) -> LoopStability
 def soft_angle(directions: Floats) -> Floats:
     """Direction of a strain without a sign: the axis of its principal value of larger size.
 
-    A mode is known up to its sign. With the sign that makes this principal value a compression,
-    the angle is that of the axis of compression. Of a pure shear both principal values have the
-    same size: the angle is then that of either.
-
-    Parameters
-    ----------
-    directions : (..., 3) array
-        Strains in the components (11, 22, (12 + 21)/sqrt 2).
-
-    Returns
-    -------
-    (...) array
-        Angle to axis 1, radians in (-pi/2, pi/2].
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stability.loop_stability import soft_angle
-    >>> np.degrees(soft_angle(np.array([[1.0, 0.2, 0.0], [0.2, -1.0, 0.0]]))).tolist()
-    [0.0, 90.0]
+    A mode is known up to its sign. With the sign that makes this principal value a compression, the
+    angle is that of the axis of compression. Of a pure shear both principal values have the same
+    size: the angle is then that of either.
     """
     trace = directions[..., 0] + directions[..., 1]
     sign = np.where(trace < 0, -1.0, 1.0)

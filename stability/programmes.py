@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.errors import InputError
 from stability.subspaces import COMPONENTS
 
-Floats = NDArray[np.float64]
 Axis = Literal[1, 2]
 
 QUANTITIES = tuple(f"{tensor}{component}" for tensor in "HP" for component in COMPONENTS)
@@ -136,18 +136,7 @@ class Stage:
             )
 
     def approaches(self, sense: float) -> bool:
-        """Whether the quantity moves towards its target, as far as the programme fixes its rate.
-
-        Parameters
-        ----------
-        sense : float
-            +1 if the target lies above, -1 if below.
-
-        Returns
-        -------
-        bool
-            True where the rate follows from the response of the loop.
-        """
+        """Whether the quantity moves towards its target, as far as the programme fixes its rate."""
         if self.quantity == "parameter":
             return sense > 0
         p = self.programme

@@ -14,11 +14,10 @@ from math import prod
 from typing import Generic, Literal, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from loops.laws.protocol import Regime
 
-Floats = NDArray[np.float64]
 Status = Literal["unique", "none", "several"]
 
 # Up to this number of combinations of regimes all are tried; beyond it, pivoting.
@@ -62,15 +61,10 @@ def edge_options(
 class EdgeRates:
     """Rates that decide, one entry per contact at the edge of its law.
 
-    Attributes
-    ----------
-    un : (m,) array
-        Normal displacement, positive when the contact opens (times kn, force per time).
-    shear : (m,) array
-        Shear force as if the contact stuck.
-    strength : (m,) array
-        Shear force it could carry, `mu N'`, with `N' = -kn un'` as if closed; infinite for a
-        contact inside its cone, which sticks whatever the rates.
+    `un` (m,): Normal displacement, positive when the contact opens (times kn, force per time);
+    `shear` (m,): Shear force as if the contact stuck; `strength` (m,): Shear force it could carry,
+    `mu N'`, with `N' = -kn un'` as if closed; infinite for a contact inside its cone, which sticks
+    whatever the rates.
     """
 
     un: Floats
@@ -159,33 +153,6 @@ def solve_rate_problem(
     regime (the symmetric one), then the one whose rates are closest in direction to `direction`
     (continuity), then the one with most preferred choices. Of combinations with the same rates,
     differing in neutral contacts, that with most preferred choices stands for all.
-
-    Parameters
-    ----------
-    options : sequence of sequences of Choice
-        Regimes open to each contact at the edge of its law.
-    rates_for : callable
-        Rates for one choice per contact.
-    preferred : sequence of Choice
-        One choice per contact: breaks ties, and starts the pivoting.
-    direction : (q,) array, optional
-        Rates before, in the components of `Trial.vector`.
-
-    Returns
-    -------
-    RateProblem
-
-    Examples
-    --------
-    A block on a table, pushed sideways at yield, slides:
-
-    >>> from types import SimpleNamespace
-    >>> def rates_for(choices):
-    ...     edge = EdgeRates(np.array([0.0]), np.array([1.0]), np.array([0.0]))
-    ...     return SimpleNamespace(edge=edge, vector=np.array([1.0]), trusted=True)
-    >>> found = solve_rate_problem([[ELASTIC, LEFT]], rates_for, preferred=[ELASTIC])
-    >>> found.status, found.taken.choices[0].regime.name
-    ('unique', 'SLIDING')
     """
     count = prod(float(len(choices)) for choices in options)
     singular, trials = 0, 0

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.errors import InputError
 from stability.arguments import number, whole_number
 from stability.subspaces import as_operator
@@ -27,13 +28,13 @@ class PolarDiagram(NamedTuple):
         (r + w2) (cos alphaE, sin alphaE): the abscissa goes with E2', the ordinate with E1'.
     """
 
-    angle: NDArray[np.float64]
-    direction: NDArray[np.float64]
-    work: NDArray[np.float64]
-    points: NDArray[np.float64]
+    angle: Floats
+    direction: Floats
+    work: Floats
+    points: Floats
 
 
-def second_order_work(K: ArrayLike, direction: ArrayLike) -> NDArray[np.float64]:
+def second_order_work(K: ArrayLike, direction: ArrayLike) -> Floats:
     """Second-order work W2 = s1' E1' + s2' E2' = e . K e, equation (44) in any dimension.
 
     Parameters
@@ -61,7 +62,7 @@ def second_order_work(K: ArrayLike, direction: ArrayLike) -> NDArray[np.float64]
     return np.asarray(np.einsum("...i,...i->...", stress, strain))
 
 
-def normalised_second_order_work(K: ArrayLike, direction: ArrayLike) -> NDArray[np.float64]:
+def normalised_second_order_work(K: ArrayLike, direction: ArrayLike) -> Floats:
     """Normalised second-order work w2 = s'.E'/(|s'||E'|), equation (45).
 
     It is the cosine of the angle between the strain rate and the stress rate it calls up. Where the
@@ -143,7 +144,7 @@ def polar_diagram(K: ArrayLike, r: float = 2.0, directions: int = 360) -> PolarD
     return PolarDiagram(angle, direction, work, points)
 
 
-def alpha_e(theta: ArrayLike) -> NDArray[np.float64]:
+def alpha_e(theta: ArrayLike) -> Floats:
     """The paper's angle alphaE of a direction given by theta, tan theta = E2'/E1'.
 
     Parameters
@@ -164,9 +165,7 @@ def alpha_e(theta: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(0.5 * np.pi - np.asarray(theta, dtype=np.float64))
 
 
-def _operator_and_direction(
-    K: ArrayLike, direction: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _operator_and_direction(K: ArrayLike, direction: ArrayLike) -> tuple[Floats, Floats]:
     operator = as_operator(K)
     strain = np.asarray(direction, dtype=np.float64)
     m = operator.shape[-1]

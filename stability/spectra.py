@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from loops.arrays import Flags, Floats
 from stability.subspaces import as_operator
 
 RTOL = 1e-12
@@ -15,7 +16,7 @@ The weakest effect worth telling, the geometric stiffness of stiff grains, is ab
 """
 
 
-def operator_norm(K: ArrayLike) -> NDArray[np.float64]:
+def operator_norm(K: ArrayLike) -> Floats:
     """Frobenius norm, the yardstick of every tolerance.
 
     Parameters
@@ -38,7 +39,7 @@ def operator_norm(K: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(scale * np.linalg.norm(operator / scale[..., None, None], axis=(-2, -1)))
 
 
-def symmetric_part(K: ArrayLike) -> NDArray[np.float64]:
+def symmetric_part(K: ArrayLike) -> Floats:
     """Symmetric part Ks = (K + K^T)/2, which alone carries second-order work.
 
     Parameters
@@ -80,7 +81,7 @@ def spectrum(K: ArrayLike) -> NDArray[np.complex128]:
     return np.where(finite[..., None], values, complex(np.nan, np.nan))
 
 
-def symmetric_spectrum(K: ArrayLike) -> NDArray[np.float64]:
+def symmetric_spectrum(K: ArrayLike) -> Floats:
     """Eigenvalues of the symmetric part Ks; the first one decides on second-order work.
 
     Parameters
@@ -102,7 +103,7 @@ def symmetric_spectrum(K: ArrayLike) -> NDArray[np.float64]:
     return np.where(finite[..., None], values, np.nan)
 
 
-def symmetric_modes(K: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def symmetric_modes(K: ArrayLike) -> tuple[Floats, Floats]:
     """Eigenvalues of the symmetric part Ks with their unit directions.
 
     Parameters
@@ -132,7 +133,7 @@ def symmetric_modes(K: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float
     return values, np.where(finite[..., None, None], vectors, np.nan)
 
 
-def bromwich_margin(K: ArrayLike) -> NDArray[np.float64]:
+def bromwich_margin(K: ArrayLike) -> Floats:
     """Bromwich's gap: min Re eig(K) - lambda_min(Ks), never negative.
 
     Hence det Ks vanishes no later than det K on a path (Nicot et al. 2016, section on stability).
@@ -156,7 +157,7 @@ def bromwich_margin(K: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(spectrum(K).real.min(axis=-1) - symmetric_spectrum(K)[..., 0])
 
 
-def flutter_pairs(K: ArrayLike, rtol: float = RTOL) -> NDArray[np.bool_]:
+def flutter_pairs(K: ArrayLike, rtol: float = RTOL) -> Flags:
     """Which eigenvalues of K are complex beyond what a perturbation of rtol |K| can explain.
 
     A defective double root splits by sqrt(eps): perturbing the 0 of [[1, 1], [0, 1]] by -eps makes
@@ -192,7 +193,7 @@ def flutter_pairs(K: ArrayLike, rtol: float = RTOL) -> NDArray[np.bool_]:
     return np.asarray(spectrum(K).imag ** 2 > threshold[..., None])
 
 
-def _finite(K: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _finite(K: ArrayLike) -> tuple[Floats, Flags]:
     """Operators with the non-finite ones zeroed (LAPACK would raise for the whole batch)."""
     operator = as_operator(K)
     finite = np.asarray(np.isfinite(operator).all(axis=(-2, -1)))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.errors import InputError
 
 COMPONENTS = ("11", "12", "21", "22")
@@ -12,37 +13,15 @@ COMPONENTS = ("11", "12", "21", "22")
 _HALF = np.sqrt(0.5)
 
 # Rows are orthonormal directions of H in the order of COMPONENTS.
-_BASES: dict[str, NDArray[np.float64]] = {
+_BASES: dict[str, Floats] = {
     "diagonal": np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]),
     "symmetric": np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, _HALF, _HALF, 0.0]]),
     "full": np.eye(4),
 }
 
 
-def as_operator(K: ArrayLike, size: int | None = None) -> NDArray[np.float64]:
-    """Read an operator or a batch of them: real, square in the last two axes.
-
-    Parameters
-    ----------
-    K : array_like, shape (..., m, m)
-    size : int, optional
-        The m to insist on.
-
-    Returns
-    -------
-    ndarray of float64, shape (..., m, m)
-        NaN and infinity pass: they say that a solver distrusted its number.
-
-    Raises
-    ------
-    InputError
-        If the array is not real and square in its last two axes, or m differs from `size`.
-
-    Examples
-    --------
-    >>> as_operator([[2, 1], [0, 3]]).tolist()
-    [[2.0, 1.0], [0.0, 3.0]]
-    """
+def as_operator(K: ArrayLike, size: int | None = None) -> Floats:
+    """Read an operator or a batch of them: real, square in the last two axes."""
     array = np.asarray(K)
     square = array.ndim >= 2 and array.shape[-1] == array.shape[-2] > 0
     if array.dtype.kind not in "fiu" or not square or size not in (None, array.shape[-1]):
@@ -56,7 +35,7 @@ def as_operator(K: ArrayLike, size: int | None = None) -> NDArray[np.float64]:
     return array.astype(np.float64, copy=False)
 
 
-def subspace_basis(subspace: str) -> NDArray[np.float64]:
+def subspace_basis(subspace: str) -> Floats:
     """Orthonormal basis of a subspace of displacement gradients.
 
     `diagonal` holds (11, 22), the plane of Nicot et al. 2016. `symmetric` holds (11, 22,
@@ -93,7 +72,7 @@ def subspace_basis(subspace: str) -> NDArray[np.float64]:
     return _BASES[subspace].copy()
 
 
-def restrict(A: ArrayLike, subspace: str) -> NDArray[np.float64]:
+def restrict(A: ArrayLike, subspace: str) -> Floats:
     """Restriction of a macroscopic tangent to a subspace: K = B A B^T.
 
     The rows (nominal stress rates P') and the columns (displacement gradients H') are projected on
@@ -128,7 +107,7 @@ def restrict(A: ArrayLike, subspace: str) -> NDArray[np.float64]:
     return basis @ as_operator(A, size=4) @ basis.T
 
 
-def rotate_tangent(A: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
+def rotate_tangent(A: ArrayLike, angle: ArrayLike) -> Floats:
     """Components of a macroscopic tangent in a frame turned by an angle.
 
     With the new axes as the columns of Q, a gradient reads Q^T H Q in the turned frame, and the

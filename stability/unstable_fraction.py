@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import elliprf, elliprj
 
+from loops.arrays import Floats
 from loops.errors import InputError
 
 # Positive eigenvalues over the negative one are kept above the first figure, the negative one over
@@ -27,7 +28,7 @@ _CUT_NODES = np.exp(np.arange(-80.0, 80.0 + _CUT_STEP, _CUT_STEP))
 _CHUNK = 1024  # operators at a time: a few MB for each temporary array
 
 
-def unstable_fraction(eigenvalues: ArrayLike) -> NDArray[np.float64]:
+def unstable_fraction(eigenvalues: ArrayLike) -> Floats:
     """Fraction of directions in which a quadratic form is negative.
 
     The share of the unit sphere where sum lambda_i z_i^2 < 0, lambda the eigenvalues of Ks (theory
@@ -69,7 +70,7 @@ def unstable_fraction(eigenvalues: ArrayLike) -> NDArray[np.float64]:
     return fraction.reshape(values.shape[:-1])
 
 
-def imhof_fraction(eigenvalues: ArrayLike) -> NDArray[np.float64]:
+def imhof_fraction(eigenvalues: ArrayLike) -> Floats:
     """Unstable fraction for any number of eigenvalues, by Imhof's integral.
 
     P(sum lambda_i z_i^2 < 0), z normal, is 1/2 - (1/pi) times the integral over u > 0 of
@@ -105,7 +106,7 @@ def imhof_fraction(eigenvalues: ArrayLike) -> NDArray[np.float64]:
     return fraction.reshape(values.shape[:-1])
 
 
-def _eigenvalues(eigenvalues: ArrayLike) -> NDArray[np.float64]:
+def _eigenvalues(eigenvalues: ArrayLike) -> Floats:
     values = np.asarray(eigenvalues, dtype=np.float64)
     if values.ndim == 0 or values.shape[-1] == 0:
         raise InputError(
@@ -117,11 +118,11 @@ def _eigenvalues(eigenvalues: ArrayLike) -> NDArray[np.float64]:
     return values
 
 
-def _unit_scale(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit_scale(rows: Floats) -> Floats:
     return rows / np.abs(rows).max(axis=1, keepdims=True)
 
 
-def _indefinite_fraction(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _indefinite_fraction(rows: Floats) -> Floats:
     """Rows with at least one eigenvalue of each sign."""
     if rows.shape[1] == 2:
         smallest, largest = rows.min(axis=1), rows.max(axis=1)
@@ -137,14 +138,14 @@ def _indefinite_fraction(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return fraction
 
 
-def _ratios(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _ratios(rows: Floats) -> Floats:
     """The other eigenvalues over the size of the one negative, largest first."""
     rows = np.sort(rows, axis=1)
     negative = np.maximum(-rows[:, :1], _SMALLEST_NEGATIVE)
     return np.maximum(rows[:, :0:-1] / negative, _SMALLEST_RATIO)
 
 
-def _elliptic(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
+def _elliptic(ratios: Floats) -> Floats:
     """Solid angle of the cone a x^2 + b y^2 < z^2 over that of the sphere.
 
     With z^2 > g(phi) (x^2 + y^2), g = a cos^2 + b sin^2, it is the mean of 1 - sqrt(g/(1 + g)).
@@ -156,7 +157,7 @@ def _elliptic(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.minimum(2.0 / (3.0 * np.pi) * integral / np.sqrt(a) / np.sqrt(b), 1.0))
 
 
-def _elliptic_rest(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
+def _elliptic_rest(ratios: Floats) -> Floats:
     """1 - `_elliptic`: subtracted where half or more is left, else the mean of sqrt(g/(1 + g))."""
     rest = 1.0 - _elliptic(ratios)
     narrow = ratios[:, 0] < 1.0
@@ -167,7 +168,7 @@ def _elliptic_rest(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
     return rest
 
 
-def _cut(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cut(ratios: Floats) -> Floats:
     """Fraction for one negative eigenvalue among m, ratios a_i of the others to its size.
 
     The inversion integral of the characteristic function folded onto its branch cut:
@@ -181,11 +182,11 @@ def _cut(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.minimum(integrand.sum(axis=1), 1.0))
 
 
-def _cut_rest(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cut_rest(ratios: Floats) -> Floats:
     return 1.0 - _cut(ratios)
 
 
-def _imhof(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _imhof(rows: Floats) -> Floats:
     angle = np.zeros((len(rows), len(_IMHOF_NODES)))
     amplitude = np.ones_like(angle)
     for eigenvalue in rows.T:
@@ -196,9 +197,7 @@ def _imhof(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.clip(0.5 - integral / np.pi, 0.0, 1.0))
 
 
-def _chunked(
-    fraction: Callable[[NDArray[np.float64]], NDArray[np.float64]], rows: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _chunked(fraction: Callable[[Floats], Floats], rows: Floats) -> Floats:
     """Apply to a thousand rows at a time, for bounded memory."""
     pieces = [fraction(rows[i : i + _CHUNK]) for i in range(0, len(rows), _CHUNK)]
     return np.concatenate(pieces) if pieces else np.empty(0)

@@ -68,15 +68,6 @@ def edge_contacts(
     At yield is a closed contact that carries its strength, or one that is flagged sliding; touching
     one without force and without gap, unless it is flagged open. Frictionless contacts slide both
     ways and are no question.
-
-    Examples
-    --------
-    >>> from loops import LinearFrictional
-    >>> pair = GrainGraph(x=[[0, 0], [0.9, 0]], radii=[0.5, 0.5], contacts=[[0, 1]],
-    ...                   normal_force=[0.1], shear_force=[-0.05])
-    >>> edge = edge_contacts(pair, LinearFrictional(kn=1.0, kt=0.5, mu=0.5))
-    >>> edge.at_yield.tolist(), edge.side.tolist(), edge.regime.tolist()
-    ([True], [-1.0], [1])
     """
     require_law(law)
     state = contact_state(graph)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from loops import ContactLaw, GrainGraph, Regime, macroscopic_tangent
+from loops.arrays import Floats, Regimes
 from loops.closures import Closure, Spins
 from stability.arguments import whole_number
 from stability.directional.edge import (
@@ -21,8 +22,6 @@ from stability.directional.work import Branches, branches_of
 from stability.spectra import RTOL, operator_norm, symmetric_part, symmetric_spectrum
 from stability.subspaces import restrict
 from stability.unstable_fraction import unstable_fraction
-
-Floats = NDArray[np.float64]
 
 # Directions in each scrambled sequence, as a power of two.
 POINTS_LOG2 = 10
@@ -121,7 +120,7 @@ def branch_fraction(
     whole_number("seed", seed, least=0)
     branches, edge = branches_of(graph, law, closure, spins, subspace, regime, volume)
 
-    def form(regimes: NDArray[np.int8]) -> Floats:
+    def form(regimes: Regimes) -> Floats:
         tangent = macroscopic_tangent(
             graph, law, closure, spins=spins, regime=regimes, volume=volume
         )

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops import ContactLaw, GrainGraph, InputError
+from loops.arrays import Floats, Regimes
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import check_choice
 from stability.directional.affine import affine_branches
 from stability.directional.edge import Answer, EdgeContacts, edge_contacts, unit_directions
 from stability.directional.relaxed import relaxed_branches
 from stability.subspaces import subspace_basis
-
-Floats = NDArray[np.float64]
 
 STATUSES = np.array(["none", "unique", "several"])
 
@@ -66,7 +65,7 @@ class DirectionalWork:
     status: NDArray[np.str_]
     work: Floats
     normalised: Floats
-    regime: NDArray[np.int8]
+    regime: Regimes
     edge: EdgeContacts
     singular: int
 

@@ -6,20 +6,20 @@ from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import ContactState
 from loops.laws.frictional import edge_of, edge_rates
 from loops.laws.protocol import Regime
+from stability.paths.equations import UNIT_PARAMETER, Gauge
 from stability.paths.model import PathModel
-from stability.paths.orbits import asked_first, edge_orbits
 from stability.paths.rates import Rates, state_rates
-from stability.paths.solve import UNIT_PARAMETER, Gauge
 from stability.paths.state import (
     Mode,
     PathState,
     contacts_of,
 )
+from stability.paths.symmetry import asked_first, edge_orbits
 from stability.programmes import Programme
 from stability.rate_problem import (
     INSIDE,
@@ -29,9 +29,6 @@ from stability.rate_problem import (
     edge_options,
     solve_rate_problem,
 )
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,19 +43,7 @@ class EdgeTrial:
 
 
 def edge_contacts(model: PathModel, state: PathState, mode: Mode) -> dict[int, tuple[Choice, ...]]:
-    """Contacts with more than one possible regime, and their options.
-
-    Parameters
-    ----------
-    model, state, mode
-        Where the path is and what its contacts did so far.
-
-    Returns
-    -------
-    dict
-        Options by contact. Frictionless closed contacts slide and are no question, and those
-        inside their cone stick: they have options only if the model searches all.
-    """
+    """Contacts with more than one possible regime, and their options."""
     contacts = contacts_of(model, state, mode)
     closed = mode.regime != Regime.OPEN
     normal = np.where(closed, contacts.normal_force, model.law.closed_force(contacts))
@@ -92,23 +77,6 @@ def edge_problem(
 
     Contacts that the model's symmetry sends to each other take the same regime: one of them is
     asked, and only motions that keep the symmetry are found.
-
-    Parameters
-    ----------
-    model, state, mode
-        Where the path is and what its contacts did so far.
-    programme : Programme
-        Control.
-    preferred : dict
-        Choices that break ties; a contact that is not named keeps its regime.
-    direction : (8 + 2 C,) array or None
-        Rates before, as `rate_vector`.
-    gauge : Gauge
-        `UNIT_PARAMETER`, or `RECEDING` for a falling loading parameter.
-
-    Returns
-    -------
-    RateProblem
     """
     options = edge_contacts(model, state, mode)
     orbits = edge_orbits(model, options)
@@ -150,7 +118,7 @@ def _edge_rates(
     mode: Mode,
     rates: Rates,
     contacts: Integers,
-    inside: NDArray[np.bool_],
+    inside: Flags,
 ) -> EdgeRates:
     _, shear, strength = edge_rates(model.law, state, mode.side, rates.un, rates.ut)
     # A contact that never slides has no strength to compare with.

@@ -5,21 +5,19 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.laws.protocol import Regime
 from stability.paths.edge import EdgeTrial
 from stability.paths.model import PathModel
 from stability.paths.monitors import eigenvalue_kind
 from stability.paths.path import EventKind
-from stability.paths.phase import PhaseEnd
+from stability.paths.piece import PieceEnd
 from stability.paths.record import Record
 from stability.paths.state import Mode
 from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, Choice, RateProblem
 from stability.spectra import RTOL, operator_norm, symmetric_spectrum
 from stability.subspaces import restrict
-
-Floats = NDArray[np.float64]
 
 CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
 SINGULAR = "the controlled system is singular"
@@ -28,18 +26,8 @@ SPECTRAL = ("det_Ks_zero", "det_K_zero")
 MANY_PAIRS = 12
 
 
-def record_fired(record: Record, end: PhaseEnd, subspaces: tuple[str, ...]) -> None:
-    """Record the events that do not depend on what the contacts do next.
-
-    Parameters
-    ----------
-    record : Record
-        Its last row is the state of the events.
-    end : PhaseEnd
-        What happened.
-    subspaces : tuple of str
-        Where the spectra are taken.
-    """
+def record_fired(record: Record, end: PieceEnd, subspaces: tuple[str, ...]) -> None:
+    """Record the events that do not depend on what the contacts do next."""
     parameter = end.seen.state.parameter
     for k, subspace in enumerate(subspaces):
         for kind in SPECTRAL:
@@ -74,24 +62,12 @@ def record_fired(record: Record, end: PhaseEnd, subspaces: tuple[str, ...]) -> N
 def record_changes(
     record: Record, old: Mode, new: Mode, parameter: float, problem: RateProblem[EdgeTrial]
 ) -> None:
-    """Record changes of regime, and what is worth saying about the rate problem.
-
-    Parameters
-    ----------
-    record : Record
-        Its last row is the state before the changes.
-    old, new : Mode
-        Regimes.
-    parameter : float
-        Loading parameter.
-    problem : RateProblem
-        What decided.
-    """
+    """Record changes of regime, and what is worth saying about the rate problem."""
     detail = ""
     if problem.status == "several":
         detail = f"the rate problem has {len(problem.solutions)} solutions"
     was_open, is_open = old.regime == Regime.OPEN, new.regime == Regime.OPEN
-    groups: list[tuple[EventKind, NDArray[np.bool_]]] = [
+    groups: list[tuple[EventKind, Flags]] = [
         ("yield", (new.regime == Regime.SLIDING) & (old.regime == Regime.ELASTIC)),
         ("unloading", (new.regime == Regime.ELASTIC) & (old.regime == Regime.SLIDING)),
         ("opening", is_open & ~was_open),
@@ -113,19 +89,7 @@ def record_start(record: Record, model: PathModel, mode: Mode) -> None:
 def record_jumps(
     record: Record, before: Floats, after: Floats, parameter: float, subspaces: tuple[str, ...]
 ) -> None:
-    """Record the zeros that the determinants jump over where regimes change.
-
-    Parameters
-    ----------
-    record : Record
-        Its last row is the state before the changes.
-    before, after : (4, 4) array
-        Tangents.
-    parameter : float
-        Loading parameter.
-    subspaces : tuple of str
-        Where the spectra are taken.
-    """
+    """Record the zeros that the determinants jump over where regimes change."""
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return
     for subspace in subspaces:
@@ -140,7 +104,7 @@ def record_jumps(
             record.event("det_K_zero", parameter, detail=detail, subspace=subspace)
 
 
-def hints_of(end: PhaseEnd) -> dict[int, Choice]:
+def hints_of(end: PieceEnd) -> dict[int, Choice]:
     """Regimes that contacts would take if nothing else changed: they break ties."""
     side = np.sign(end.seen.contacts.shear_force)
     after = {
@@ -152,7 +116,7 @@ def hints_of(end: PhaseEnd) -> dict[int, Choice]:
     return {item: after[kind](item) for kind, item in end.fired if kind in after}
 
 
-def touched_pairs(end: PhaseEnd) -> NDArray[np.int64]:
+def touched_pairs(end: PieceEnd) -> Integers:
     """(A, 2) pairs of grains without a contact that have come to touch."""
     rows = [item for kind, item in end.fired if kind == "opposite_contact"]
     return end.pairs[rows]

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
-Floats = NDArray[np.float64]
+from loops.arrays import Floats, Integers
+
 Anything = TypeVar("Anything")
 
 # Points at which the polynomial through the samples looks for an excursion between them.
@@ -29,31 +29,6 @@ def first_crossing(
     """First place within a step where a function rises through zero, and which one.
 
     Excursions between the samples are looked for along the polynomial through them.
-
-    Parameters
-    ----------
-    table : (S, M) array
-        Functions at the samples, negative until their event; nan is no event.
-    thetas : (S,) array
-        Samples, from 0 to 1.
-    tolerance : (M,) array
-        Functions above it have crossed.
-    values : callable
-        Functions, (M,), anywhere in the step.
-
-    Returns
-    -------
-    (theta, index) or None
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> f = lambda theta: np.array([1e-3 - (theta - 0.4) ** 2])
-    >>> thetas = np.linspace(0, 1, 5)
-    >>> table = np.array([f(theta) for theta in thetas])
-    >>> theta, which = first_crossing(table, thetas, np.zeros(1), f)
-    >>> round(theta, 9), round(0.4 - 1e-3 ** 0.5, 9)
-    (0.368377223, 0.368377223)
     """
     places, rows = _with_excursions(table, thetas, tolerance, values)
     for k in range(1, len(places)):
@@ -69,24 +44,7 @@ def polish(
     theta: float,
     interpolated: Callable[[float], float],
 ) -> tuple[Floats, Anything, Floats]:
-    """Correct a root of the interpolant by the integrator itself: Newton with a fixed slope.
-
-    Parameters
-    ----------
-    at : callable
-        State and functions, integrated to a place in the step.
-    which : int
-        The function whose root is wanted.
-    theta : float
-        Root on the interpolant.
-    interpolated : callable
-        The function on the interpolant, for its slope.
-
-    Returns
-    -------
-    tuple
-        `at` the corrected place.
-    """
+    """Correct a root of the interpolant by the integrator itself: Newton with a fixed slope."""
     low, high = max(theta - 1e-4, 0.0), min(theta + 1e-4, 1.0)
     slope = (interpolated(high) - interpolated(low)) / (high - low)
     best = at(theta)
@@ -104,7 +62,7 @@ def polish(
 
 def _earliest(
     values: Callable[[float], Floats],
-    crossed: NDArray[np.int64],
+    crossed: Integers,
     tolerance: Floats,
     places: Floats,
     rows: Floats,

@@ -5,40 +5,41 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from loops.contact_state import ContactState
+from loops.laws.protocol import Regime
+from loops.null_space import solve_through_null_space
+from stability.paths.equations import (
+    Equations,
+    Gauge,
+    closure_equations,
+    control_system,
+    is_trusted,
+    saddle_equations,
+)
 from stability.paths.model import PathModel
-from stability.paths.motion import forces, stress, unit_rates
-from stability.paths.rates import Rates, linearise, slip_rates
-from stability.paths.solve import Gauge
+from stability.paths.rates import (
+    Linearised,
+    Rates,
+    forces,
+    linearise,
+    slip_rates,
+    stress,
+    unit_rates,
+)
 from stability.paths.state import Mode, PathState, centres, unpack
-from stability.paths.tangent import branching_number, local_tangent
 from stability.programmes import Programme
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
     """A state with what follows from it.
 
-    Attributes
-    ----------
-    state, mode, contacts
-        Integrated variables, regimes, contacts with their forces.
-    H, P : (4,) array
-        Displacement gradient and nominal stress.
-    A : (4, 4) array
-        Tangent in these regimes.
-    rates : Rates
-        Per unit length of the path.
-    x : (G, 2) array
-        Centres.
-    branching : float
-        See `rates.branching_number`.
-    slip : (C,) array
-        See `rates.slip_rates`.
+    `state`, `mode`, `contacts`: Integrated variables, regimes, contacts with their forces; `H`, `P`
+    (4,): Displacement gradient and nominal stress; `A` (4, 4): Tangent in these regimes; `rates`:
+    Per unit length of the path; `x` (G, 2): Centres; `branching`: See `rates.branching_number`;
+    `slip` (C,): See `rates.slip_rates`.
     """
 
     state: PathState
@@ -85,3 +86,54 @@ def imbalance(model: PathModel, contacts: ContactState, P: Floats) -> float:
     np.add.at(unbalanced, i, -f)
     np.add.at(unbalanced, j, f)
     return float(np.abs(unbalanced).max() / (model.stiffness * model.length))
+
+
+# Loops longer than this are not searched for branching points.
+MOST_GRAINS = 60
+
+
+def local_tangent(local: Linearised) -> Floats:
+    """(4, 4) macroscopic tangent `A`, `P' = A H'`, of a linearised state; nan if not trusted."""
+    blocks = local.model.unknowns[local.kind].tangent
+    A = np.zeros((4, 4))
+    for unknowns in blocks:
+        equations = local.equations
+        if unknowns is not equations.unknowns:
+            equations = closure_equations(
+                local.model, local.H, local.signed, local.mode.regime, local.kind, unknowns
+            )
+        A += _block_tangent(equations)
+    return A * local.model.stiffness
+
+
+def _block_tangent(equations: Equations) -> Floats:
+    """(4, 4) what the unknowns' strains do to their stresses, over `kn`."""
+    E, z = equations.matrix, equations.unknowns
+    t = z.strains
+    if E.shape == (4, 8):
+        # Affine, spins not free: E reads A H' - P' = 0.
+        return E[:, :4]
+    stress = z.P[:, t:]
+    if z.rows is not None:
+        E = z.rows @ E
+    found = solve_through_null_space(E[:, t:], -E[:, :t], stress)
+    if not is_trusted(found):
+        return np.full((4, 4), np.nan)
+    return np.asarray(stress @ found.x @ z.H[:, :t].T)
+
+
+def branching_number(local: Linearised, programme: Programme, gauge: Gauge) -> float:
+    """A number that changes its sign where other paths branch off.
+
+    The determinant of the grains' balance, control and gauge together, its root of the order of
+    their number. At a limit of the control it does not vanish.
+    """
+    model, regime = local.model, local.mode.regime
+    small = model.grain_count <= MOST_GRAINS and (regime != Regime.OPEN).all()
+    if model.closure == "affine" or model.spins == "free" or not small:
+        return np.nan
+    everything = model.unknowns["saddle"].everything
+    equations = saddle_equations(model, local.H, local.signed, regime, everything)
+    system, _ = control_system(model, equations, programme.equations(local.H), gauge)
+    sign, size = np.linalg.slogdet(system)
+    return float(sign * np.exp(size / len(system)))

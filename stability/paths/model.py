@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from loops import ContactLaw, GrainGraph, InputError, Regime, boundary_vectors, polygon_area
+from loops.arrays import Flags, Floats, Integers
 from loops.closures import Closure, Spins
 from loops.contact_state import ContactState, contact_state
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
 from loops.graph import branch_vectors, reference_branch_vectors
 from loops.symmetry import PointGroup
 from stability.paths.unknowns import Kind, UnknownSets
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Rounding of coordinates, in units of r_i + r_j.
 JUST_TOUCHING = 8 * float(np.finfo(float).eps)
@@ -30,37 +28,16 @@ FORCE_MISMATCH = 1e-9
 class PathModel:
     """Constants of a path.
 
-    Attributes
-    ----------
-    law : ContactLaw
-        Contact law.
-    closure, spins : str
-        Closure and spin rule.
-    contacts : (C, 2) array of int
-        Grains i and j.
-    x0 : (G, 2) array
-        Reference centres.
-    d0 : (C, 2) array
-        Reference branch vectors.
-    radii : (G,) array
-        Radii.
-    volume : float
-        Reference area V0 that the stress refers to.
-    b, m : (G, 2) array
-        Boundary vectors of the polygon and the outward normals of its edges' midpoints
-        `R (x0_c + x0_{c+1})/2`, times V0 over the polygon's area: with `F_i = -P b_i` the stress
-        `P` is that of `V0`. Empty under the affine closure.
-    watches_pairs : bool
-        Whether grains without a contact are watched for touching: not in a periodic cell, where
-        images could touch too.
-    met : (Q,) array of int
-        Pairs, see `pair_keys`, that are in contact or have touched.
-    length, stiffness : float
-        Scales: square root of V0, mean kn of the law, see `law_scale`.
-    symmetry : PointGroup or None
-        Symmetry of the state and of its control that the rates keep; all unknowns if None.
-    search_all : bool
-        Whether the branch search tries contacts inside their cone too.
+    `law`: Contact law; `closure`, `spins`: Closure and spin rule; `contacts` (C, 2): Grains i and
+    j; `x0` (G, 2): Reference centres; `d0` (C, 2): Reference branch vectors; `radii` (G,): Radii;
+    `volume`: Reference area V0 that the stress refers to; `b`, `m` (G, 2): Boundary vectors of the
+    polygon and the outward normals of its edges' midpoints `R (x0_c + x0_{c+1})/2`, times V0 over
+    the polygon's area: with `F_i = -P b_i` the stress `P` is that of `V0`. Empty under the affine
+    closure; `watches_pairs`: Whether grains without a contact are watched for touching: not in a
+    periodic cell, where images could touch too; `met` (Q,): Pairs, see `pair_keys`, that are in
+    contact or have touched; `length`, `stiffness`: Scales: square root of V0, mean kn of the law,
+    see `law_scale`; `symmetry`: Symmetry of the state and of its control that the rates keep; all
+    unknowns if None; `search_all`: Whether the branch search tries contacts inside their cone too.
     """
 
     law: ContactLaw
@@ -112,7 +89,7 @@ class PathModel:
         return np.broadcast_to(self.law.mu, self.contact_count)
 
     @cached_property
-    def has_cone(self) -> NDArray[np.bool_]:
+    def has_cone(self) -> Flags:
         """(C,) whether a contact may both stick and slide."""
         return np.isfinite(self.mu) & (self.mu > 0)
 
@@ -136,30 +113,7 @@ def path_model(
     spins: Spins,
     volume: ArrayLike | None,
 ) -> PathModel:
-    """Gather the constants of a path from its initial graph.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        One state.
-    law : ContactLaw
-        Contact law.
-    closure, spins : str
-        Closure and spin rule.
-    volume : float, optional
-        Reference area V0; the cell's or the polygon's if left out.
-
-    Returns
-    -------
-    PathModel
-
-    Raises
-    ------
-    InputError
-        If the graph carries batch axes, is no loop under the traction closure, is no affine image
-        of its reference under the affine closure, or its normal forces are not those of its
-        overlaps.
-    """
+    """Gather the constants of a path from its initial graph."""
     if graph.batch_shape:
         raise InputError(
             "graph", f"batch axes {graph.batch_shape}", "one state", "Follow them one by one."
@@ -195,20 +149,7 @@ def path_model(
 
 
 def with_contact(model: PathModel, pairs: Integers) -> PathModel:
-    """Model in which pairs of grains have come into contact.
-
-    Parameters
-    ----------
-    model : PathModel
-        Before.
-    pairs : (A, 2) array of int
-        Grains that touch; the law's parameters of contact 0 are theirs too.
-
-    Returns
-    -------
-    PathModel
-        With the new contacts last, its symmetry to be found again.
-    """
+    """Model in which pairs of grains have come into contact."""
     parameters = np.concatenate([np.arange(model.contact_count), np.zeros(len(pairs), dtype=int)])
     return replace(
         model,

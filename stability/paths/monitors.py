@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from loops.arrays import Flags, Floats, Integers
 from loops.laws.protocol import Regime
 from stability.paths.look import Look
 from stability.paths.model import PathModel, pair_keys
 from stability.paths.state import Mode
 from stability.programmes import QUANTITIES, Stage
 from stability.subspaces import subspace_basis
-
-Floats = NDArray[np.float64]
 
 # A function has changed its sign once it is beyond zero by this much: rounding stays below.
 ROUNDING = {
@@ -41,22 +39,16 @@ REAL = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Monitors:
-    """Event functions of one phase, regimes fixed.
+    """Event functions of one piece, regimes fixed.
 
-    Attributes
-    ----------
-    kinds : list of str
-        Kind of event, one per function.
-    items : (M,) array of int
-        Contact, pair or eigenvalue that it belongs to, four eigenvalues a subspace; -1 for none.
-    two_sided : (M,) array of bool
-        Whether a change of sign either way is the event; otherwise the function is negative until
-        the event.
+    `kinds`: Kind of event, one per function; `items` (M,): Contact, pair or eigenvalue that it
+    belongs to, four eigenvalues a subspace; -1 for none; `two_sided` (M,): Whether a change of sign
+    either way is the event; otherwise the function is negative until the event.
     """
 
     kinds: list[str]
-    items: NDArray[np.int64]
-    two_sided: NDArray[np.bool_]
+    items: Integers
+    two_sided: Flags
     tolerance: Floats
 
     def with_pairs(self, count: int) -> Monitors:
@@ -69,21 +61,7 @@ class Monitors:
 
 
 def monitors_of(model: PathModel, mode: Mode, subspaces: tuple[str, ...]) -> Monitors:
-    """Event functions that a phase with these regimes watches.
-
-    Parameters
-    ----------
-    model : PathModel
-        Constants.
-    mode : Mode
-        Regimes of the phase.
-    subspaces : tuple of str
-        Where the spectra are taken.
-
-    Returns
-    -------
-    Monitors
-    """
+    """Event functions that a piece with these regimes watches."""
     elastic = np.flatnonzero((mode.regime == Regime.ELASTIC) & model.has_cone)
     sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & model.has_cone)
     closed = np.flatnonzero(mode.regime != Regime.OPEN)
@@ -117,29 +95,7 @@ def monitor_values(
     sense: float,
     size: float,
 ) -> Floats:
-    """Values of the event functions but the pairs', in the order of `monitors_of`, dimensionless.
-
-    Parameters
-    ----------
-    model : PathModel
-        Constants.
-    seen : Look
-        State.
-    subspaces : tuple of str
-        Where the spectra are taken.
-    stage : Stage
-        Its target ends the phase.
-    start : float
-        Loading parameter at the start of the stage.
-    sense : float
-        +1 if the stage's quantity starts below its target, -1 if above.
-    size : float
-        Size of the strains of the stage, at most 1.
-
-    Returns
-    -------
-    (M,) array
-    """
+    """Values of the event functions but the pairs', as in `monitors_of`, dimensionless."""
     contacts, mode = seen.contacts, seen.mode
     elastic = (mode.regime == Regime.ELASTIC) & model.has_cone
     sliding = (mode.regime == Regime.SLIDING) & model.has_cone
@@ -196,7 +152,7 @@ def _area_ratio(H: Floats) -> float:
     return float((1.0 - H[0]) * (1.0 - H[3]) - H[1] * H[2])
 
 
-def near_pairs(model: PathModel, places: list[Floats]) -> NDArray[np.int64]:
+def near_pairs(model: PathModel, places: list[Floats]) -> Integers:
     """(Q, 2) watched pairs of grains that are or come close in some of the places (G, 2)."""
     if not model.watches_pairs:
         return np.zeros((0, 2), dtype=np.int64)
@@ -208,7 +164,7 @@ def near_pairs(model: PathModel, places: list[Floats]) -> NDArray[np.int64]:
     return np.asarray(pairs[(gaps > -NEAR) & ~met], dtype=np.int64)
 
 
-def pair_overlaps(model: PathModel, pairs: NDArray[np.int64], x: Floats) -> Floats:
+def pair_overlaps(model: PathModel, pairs: Integers, x: Floats) -> Floats:
     """(Q,) overlaps of pairs of grains over `r_i + r_j`."""
     i, j = pairs.T
     d = x[j] - x[i]

@@ -9,12 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stability.paths.choice import ModelChoice
+from loops.arrays import Floats, Integers, Regimes
 from stability.paths.state import WORK_TERMS
 from stability.spectra import spectrum, symmetric_part, symmetric_spectrum
 from stability.subspaces import COMPONENTS, restrict
-
-Floats = NDArray[np.float64]
 
 EventKind = Literal[
     "yield",
@@ -32,6 +30,35 @@ EventKind = Literal[
 PathStatus = Literal[
     "finished", "control_limit", "opposite_contact", "no_solution", "no_load", "lost"
 ]
+
+
+ModelOption = Literal["auto", "full"]
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """What was modelled, and what was left out; counts as 'part of whole'.
+
+    `choice`: The smallest model that was found, or all of it as asked; `symmetry`: Point group that
+    the path keeps, 'D2 (order 4)' for example, or 'none'; `freedoms`: Independent displacements of
+    the centres; `spins`: Independent spins, or why there are none; `unknowns`: Size of the linear
+    system of the rates, control included; `contact_orbits`: Contacts that differ; `branch_search`:
+    Combinations of regimes that were solved for. Under a symmetry, of those motions alone that keep
+    it: `rates_at` counts all; `branch_solves`: How many these were, those of rate problems without
+    a choice included; `kernels`: 'plain': nothing is compiled for one loop; `kept`: Whether the
+    symmetry served to the end of the path.
+    """
+
+    choice: ModelOption
+    symmetry: str
+    freedoms: str
+    spins: str
+    unknowns: str
+    contact_orbits: str
+    branch_search: str
+    branch_solves: int
+    kernels: str
+    kept: str
 
 
 @dataclass(frozen=True)
@@ -131,14 +158,14 @@ class Path:
     message: str
     events: tuple[Event, ...]
     parameter: Floats
-    stage: NDArray[np.int64]
+    stage: Integers
     H: Floats
     P: Floats
     x: Floats
     normal_force: Floats
     shear_force: Floats
-    regime: NDArray[np.int8]
-    contacts: NDArray[np.int64]
+    regime: Regimes
+    contacts: Integers
     A: Floats
     H_rate: Floats
     P_rate: Floats

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops.laws.protocol import Regime
-from stability.paths.choice import ModelChoice
+from loops.symmetry import invariant_fields
 from stability.paths.look import Look, imbalance
 from stability.paths.model import PathModel
-from stability.paths.motion import shear_stiffness
-from stability.paths.path import Event, EventKind, Path, PathStatus
-
-Floats = NDArray[np.float64]
+from stability.paths.path import (
+    Event,
+    EventKind,
+    ModelChoice,
+    ModelOption,
+    Path,
+    PathStatus,
+)
+from stability.paths.rates import shear_stiffness
+from stability.paths.symmetry import symmetry_or_identity
+from stability.paths.unknowns import Kind
+from stability.rate_problem import RateProblem
 
 
 @dataclass
@@ -95,3 +104,68 @@ class Record:
 
 def _padded(values: NDArray[np.generic], count: int, fill: float) -> NDArray[np.generic]:
     return np.pad(values, (0, count - len(values)), constant_values=fill)
+
+
+@dataclass
+class Searches:
+    """Counts of the rate problems of a path."""
+
+    problems: int = 0
+    without_choice: int = 0
+    tried: int = 0
+    combinations: float = 0.0
+
+    def add(self, problem: RateProblem[Any]) -> None:
+        """Count one rate problem."""
+        self.problems += 1
+        if problem.combinations == 1:
+            self.without_choice += 1
+        else:
+            self.tried += problem.tried
+            self.combinations += problem.combinations
+
+    def __str__(self) -> str:
+        searched = self.problems - self.without_choice
+        return (
+            f"skipped in {self.without_choice} of {self.problems} rate problems; "
+            f"{self.tried} of {self.combinations:.6g} combinations tried in the other {searched}"
+        )
+
+
+def model_choice(
+    model: PathModel, choice: ModelOption, searches: Searches, kept: str
+) -> ModelChoice:
+    """Describe the model of a path."""
+    group = symmetry_or_identity(model)
+    freedoms = invariant_fields(group.grains, group.maps).shape[-1]
+    kind: Kind = "affine"
+    if model.closure == "traction":
+        kind = "ring" if model.is_plain_ring else "saddle"
+    sets = model.unknowns[kind]
+    return ModelChoice(
+        choice=choice,
+        symmetry="none" if group.order == 1 else f"{group.name} (order {group.order})",
+        freedoms=f"{freedoms} of {2 * model.grain_count}",
+        spins=_spins(model),
+        unknowns=f"{sets.rates.count + 1} of {_size(model, kind) + 1}",
+        contact_orbits=f"{len(np.unique(group.contact_orbits))} of {model.contact_count}",
+        branch_search=str(searches),
+        branch_solves=searches.without_choice + searches.tried,
+        kernels="plain",
+        kept=kept,
+    )
+
+
+def _spins(model: PathModel) -> str:
+    if model.spins != "free":
+        return "none: blocked" if model.spins == "blocked" else "none: tied to the loop"
+    group = symmetry_or_identity(model)
+    fields = invariant_fields(group.grains, group.parity[:, None, None])
+    return f"{fields.shape[-1]} of {model.grain_count}"
+
+
+def _size(model: PathModel, kind: Kind) -> int:
+    """Unknowns without symmetry."""
+    spins = model.grain_count if model.spins == "free" else 0
+    places = {"affine": spins, "ring": 2, "saddle": 2 * model.grain_count + spins}
+    return 8 + places[kind]

@@ -1,15 +1,15 @@
-"""One stage of a path: phases joined by rate problems."""
+"""One stage of a path: pieces joined by rate problems."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops.laws.frictional import TOUCHING
 from loops.laws.protocol import Regime
 from stability.paths.edge import EdgeTrial, edge_problem, rate_vector
+from stability.paths.equations import RECEDING, UNIT_PARAMETER, Gauge
 from stability.paths.events import (
     SINGULAR,
     hints_of,
@@ -21,10 +21,9 @@ from stability.paths.events import (
 )
 from stability.paths.look import Look, look
 from stability.paths.model import with_contact, without_pairs
-from stability.paths.motion import gauge_along, shear_stiffness, stress
 from stability.paths.path import PathStatus
-from stability.paths.phase import PhaseEnd, Task, run_phase
-from stability.paths.solve import RECEDING, UNIT_PARAMETER, Gauge
+from stability.paths.piece import PieceEnd, Task, run_piece
+from stability.paths.rates import gauge_along, shear_stiffness, stress
 from stability.paths.state import (
     Mode,
     contacts_of,
@@ -37,8 +36,6 @@ from stability.paths.state import (
 from stability.paths.walk import Walk
 from stability.programmes import QUANTITIES, Stage
 from stability.rate_problem import ELASTIC, SEARCH_LIMIT, Choice, RateProblem
-
-Floats = NDArray[np.float64]
 
 # Rate problems in a row without progress after which the regimes are said to chatter.
 CHATTER = 12
@@ -59,20 +56,7 @@ RELEASE = 1e-9
 
 
 def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
-    """Follow one stage to its target or to where it ends.
-
-    Parameters
-    ----------
-    walk : Walk
-        Updated in place.
-    stage : Stage
-        Programme and target.
-
-    Returns
-    -------
-    status, message
-        As in `Path`; 'finished' if the target was reached.
-    """
+    """Follow one stage to its target or to where it ends."""
     start = walk.parameter
     sense = float(np.sign(stage.target - _quantity_now(walk, stage)))
     hints: dict[int, Choice] = {}
@@ -116,7 +100,7 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
             return "lost", f"the regimes keep switching at parameter {walk.parameter:.15g}"
 
 
-def _run(walk: Walk, task: Task, gauge: Gauge) -> PhaseEnd:
+def _run(walk: Walk, task: Task, gauge: Gauge) -> PieceEnd:
     """Integrate to the next event; where strain alone drives, step over a singular point.
 
     The closure's system may be singular in a single state. Steps of other lengths pass it.
@@ -124,7 +108,7 @@ def _run(walk: Walk, task: Task, gauge: Gauge) -> PhaseEnd:
     rows, events = len(walk.record.rows), len(walk.record.events)
     for shorter in RETRIES:
         settings = replace(task.settings, max_step=shorter * task.settings.max_step)
-        end = run_phase(
+        end = run_piece(
             replace(task, settings=settings),
             walk.y,
             gauge,
@@ -203,7 +187,7 @@ def _set_forces(walk: Walk, old: Mode) -> None:
     walk.y = pack(state.place, shear, state.parameter, work)
 
 
-def _outcome(walk: Walk, stage: Stage, end: PhaseEnd) -> tuple[PathStatus, str] | None:
+def _outcome(walk: Walk, stage: Stage, end: PieceEnd) -> tuple[PathStatus, str] | None:
     """Status if the events end the stage."""
     kinds = {kind for kind, _ in end.fired}
     if "collapse" in kinds:
@@ -245,7 +229,7 @@ def _came_apart(walk: Walk) -> tuple[PathStatus, str]:
     )
 
 
-def _torn_contacts(walk: Walk, end: PhaseEnd) -> list[int]:
+def _torn_contacts(walk: Walk, end: PieceEnd) -> list[int]:
     """Parting contacts whose shear force would have to be balanced at once."""
     if walk.model.closure == "affine":
         return []
@@ -255,7 +239,7 @@ def _torn_contacts(walk: Walk, end: PhaseEnd) -> list[int]:
     return [c for kind, c in end.fired if kind == "opening" and force[c] > limit]
 
 
-def _take_on_contacts(walk: Walk, end: PhaseEnd, hints: dict[int, Choice]) -> None:
+def _take_on_contacts(walk: Walk, end: PieceEnd, hints: dict[int, Choice]) -> None:
     """Let grains that have come to touch overlap from now on, or give them a contact."""
     pairs = touched_pairs(end)
     if len(pairs) == 0:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import GrainGraph
+from loops.arrays import Floats, Regimes
 from loops.contact_state import ContactState
 from loops.graph import branch_vectors, reference_branch_vectors
 from loops.laws.frictional import with_sides
-from loops.laws.protocol import Regime, Regimes
+from loops.laws.protocol import Regime
 from stability.paths.model import PathModel
-
-Floats = NDArray[np.float64]
 
 WORK_TERMS = ("external_work", "moment_work", "tangential_work", "dissipation")
 
@@ -23,12 +21,7 @@ WORK_TERMS = ("external_work", "moment_work", "tangential_work", "dissipation")
 class Mode:
     """Regime of every contact and, where it slides, the side of the cone.
 
-    Attributes
-    ----------
-    regime : (C,) array of int8
-        `Regime`.
-    side : (C,) array
-        Sign of the shear force where sliding, +1 or -1.
+    `regime` (C,): `Regime`; `side` (C,): Sign of the shear force where sliding, +1 or -1.
     """
 
     regime: Regimes
@@ -39,17 +32,10 @@ class Mode:
 class PathState:
     """Integrated variables, read from the vector `y`.
 
-    Attributes
-    ----------
-    place : (4,) or (G, 2) array
-        Displacement gradient `H` under the affine closure, displacements of the centres under the
-        traction closure: small ones keep their digits.
-    shear_force : (C,) array
-        `T`.
-    parameter : float
-        Loading parameter, counted from the start of the path.
-    work : (4,) array
-        `WORK_TERMS`, counted from the start of the path.
+    `place` (4,): Displacement gradient `H` under the affine closure, displacements of the centres
+    under the traction closure: small ones keep their digits; `shear_force` (C,): `T`; `parameter`:
+    Loading parameter, counted from the start of the path; `work` (4,): `WORK_TERMS`, counted from
+    the start of the path.
     """
 
     place: Floats
@@ -59,20 +45,7 @@ class PathState:
 
 
 def initial_state(model: PathModel, graph: GrainGraph) -> Floats:
-    """Vector `y` of the initial graph.
-
-    Parameters
-    ----------
-    model : PathModel
-        Constants.
-    graph : GrainGraph
-        Initial state; under the affine closure, an affine image of its reference.
-
-    Returns
-    -------
-    (Y,) array
-        Place, shear forces, loading parameter and work terms.
-    """
+    """Vector `y` of the initial graph."""
     place = graph.x - graph.x0
     if model.closure == "affine":
         place = affine_strain(graph)
@@ -160,21 +133,8 @@ class PathContacts(ContactState):
 def contacts_of(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
     """Contacts with exact forces: `N` from the geometry, `T` at its strength where sliding.
 
-    `N` is not clipped at zero before the mode says open, so that it stays smooth beyond the
-    opening that is yet to be located.
-
-    Parameters
-    ----------
-    model : PathModel
-        Constants.
-    state : PathState
-        Integrated variables.
-    mode : Mode
-        Regimes.
-
-    Returns
-    -------
-    ContactState
+    `N` is not clipped at zero before the mode says open, so that it stays smooth beyond the opening
+    that is yet to be located.
     """
     moved = relative_displacements(model, state.place)
     d = model.d0 + moved

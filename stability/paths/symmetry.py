@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import ContactState
 from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup, identity, point_group
 from stability.paths.model import PathModel, probe
 from stability.paths.state import Mode, centres, contacts_of, unpack
 from stability.programmes import Programme
-
-Floats = NDArray[np.float64]
+from stability.rate_problem import Choice
 
 # Lengths over r_i + r_j at which the laws of contacts are compared.
 PROBES = (0.9, 0.99)
@@ -30,20 +30,6 @@ def path_symmetry(
 
     Its rates, if they are the only ones, are as symmetric: the group stays that of the path. Normal
     forces follow from the geometry and are not compared.
-
-    Parameters
-    ----------
-    model, y, mode
-        Where the path is and what its contacts do.
-    programmes : iterable of Programme
-        Control from here on.
-    periodic : bool
-        Whether the graph is periodic: then nothing is looked for.
-
-    Returns
-    -------
-    PointGroup or None
-        None where nothing but the identity is found.
     """
     if periodic:
         return None
@@ -78,32 +64,11 @@ def law_marks(model: PathModel, contacts: ContactState) -> list[Floats]:
     return marks
 
 
-def keeps_control(programme: Programme, maps: Floats) -> NDArray[np.bool_]:
+def keeps_control(programme: Programme, maps: Floats) -> Flags:
     """Orthogonal maps (S, 2, 2) under which a programme asks for the same, (S,).
 
     `H'` and `P'` turn as tensors; the equations of the programme, rates included, must span the
     same rows. The row of constant area does so by itself: `det F` is no matter of the frame.
-
-    Parameters
-    ----------
-    programme : Programme
-        Control.
-    maps : (S, 2, 2) array
-        Rotations and mirrors.
-
-    Returns
-    -------
-    (S,) array of bool
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stability import programmes
-    >>> quarter, mirror = np.array([[0.0, -1], [1, 0]]), np.diag([1.0, -1])
-    >>> maps = np.array([quarter, mirror])
-    >>> [keeps_control(p, maps).tolist() for p in (
-    ...     programmes.isotropic_strain(), programmes.drained_biaxial())]
-    [[True, True], [False, True]]
     """
     rows = np.column_stack([programme.strain, programme.stress, programme.rate])
     if programme.isochoric_row is not None:
@@ -122,3 +87,67 @@ def keeps_control(programme: Programme, maps: Floats) -> NDArray[np.bool_]:
 def symmetry_or_identity(model: PathModel) -> PointGroup:
     """The symmetry that the model keeps, the identity for None."""
     return model.symmetry or identity(model.grain_count, model.contact_count)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeOrbits:
+    """Contacts at the edge in orbits: one of each is asked, the others follow.
+
+    `asked` (m,): First contact of every orbit; `options`: Its regimes; `contacts` (E,): All
+    contacts of these orbits,; `orbit` (E,): the orbit of each, and; `sign` (E,): what turns the
+    side of the first into its own.
+    """
+
+    asked: Integers
+    options: tuple[tuple[Choice, ...], ...]
+    contacts: Integers
+    orbit: Integers
+    sign: Floats
+
+    def applied(self, mode: Mode, choices: Sequence[Choice]) -> Mode:
+        """Regimes of all contacts for one choice per orbit."""
+        regime, side = mode.regime.copy(), mode.side.copy()
+        chosen = np.array([choice.regime for choice in choices], dtype=np.int8)
+        chosen_side = np.array([choice.side for choice in choices], dtype=float)
+        regime[self.contacts] = chosen[self.orbit]
+        side[self.contacts] = chosen_side[self.orbit] * self.sign
+        return Mode(regime, side)
+
+
+def edge_orbits(model: PathModel, options: Mapping[int, tuple[Choice, ...]]) -> EdgeOrbits:
+    """Gather contacts at the edge by the model's symmetry; each by itself without one."""
+    at_edge = np.array(list(options), dtype=np.int64)
+    if model.symmetry is None:
+        each = np.arange(len(at_edge))
+        return EdgeOrbits(at_edge, tuple(options.values()), at_edge, each, np.ones(len(each)))
+    first = model.symmetry.contact_orbits
+    # A mirror turns the side; without friction there is none to turn.
+    parity = np.where(model.mu > 0, model.symmetry.contact_parity, 1.0)
+    allowed: dict[int, tuple[Choice, ...]] = {}
+    for c, can in options.items():
+        allowed.setdefault(int(first[c]), _carried(can, float(parity[c])))
+    asked = np.array(list(allowed), dtype=np.int64)
+    contacts = np.flatnonzero(np.isin(first, asked))
+    orbit = np.argsort(asked)[np.searchsorted(np.sort(asked), first[contacts])]
+    return EdgeOrbits(asked, tuple(allowed.values()), contacts, orbit, parity[contacts])
+
+
+def asked_first(
+    model: PathModel, orbits: EdgeOrbits, preferred: Mapping[int, Choice]
+) -> dict[int, Choice]:
+    """Preferred choices of any contact of an orbit, as the one that is asked has them."""
+    if model.symmetry is None:
+        return dict(preferred)
+    first: dict[int, Choice] = {}
+    for c, k, sign in zip(orbits.contacts, orbits.orbit, orbits.sign, strict=True):
+        choice = preferred.get(int(c))
+        if choice is not None:
+            first.setdefault(int(orbits.asked[k]), Choice(choice.regime, sign * choice.side))
+    return first
+
+
+def _carried(can: tuple[Choice, ...], parity: float) -> tuple[Choice, ...]:
+    """Options as the first contact of the orbit has them; on a mirror nothing slides."""
+    return tuple(
+        Choice(each.regime, parity * each.side) for each in can if each.side == 0.0 or parity != 0.0
+    )

@@ -7,12 +7,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from loops.arrays import Floats
 from loops.symmetry import PointGroup, invariant_fields
 
-Floats = NDArray[np.float64]
 Kind = Literal["affine", "ring", "saddle"]
 
 
@@ -20,21 +19,11 @@ Kind = Literal["affine", "ring", "saddle"]
 class Unknowns:
     """What the numbers `z` (r,) of a solve stand for, one column of each field per number.
 
-    Attributes
-    ----------
-    H, P : (4, r) array
-        Displacement gradient, and stress over `kn`.
-    u : (G, 2, r) array
-        Displacements of the centres over the length scale, in the saddle system.
-    w : (G, r) array
-        Spins, where they are free.
-    force : (2, r) array
-        The ring's redundant force over `kn` times length.
-    strains : int
-        The first columns of `H`; as many of `P` follow.
-    rows : (r - strains, R) array or None
-        Combinations of the R closure equations that say all there is to say of these fields; None
-        for all equations.
+    `H`, `P` (4, r): Displacement gradient, and stress over `kn`; `u` (G, 2, r): Displacements of
+    the centres over the length scale, in the saddle system; `w` (G, r): Spins, where they are free;
+    `force` (2, r): The ring's redundant force over `kn` times length; `strains`: The first columns
+    of `H`; as many of `P` follow; `rows` (r - strains, R): Combinations of the R closure equations
+    that say all there is to say of these fields; None for all equations.
     """
 
     H: Floats
@@ -52,27 +41,7 @@ class Unknowns:
 
 
 def all_unknowns(kind: Kind, grains: int, free_spins: bool) -> Unknowns:
-    """Every component, place and spin by itself.
-
-    Parameters
-    ----------
-    kind : {'affine', 'ring', 'saddle'}
-        Equations: affine closure; traction closure by one redundant force, or grain by grain.
-    grains : int
-        Number of grains G.
-    free_spins : bool
-        Whether spins are unknown.
-
-    Returns
-    -------
-    Unknowns
-        In the order H (4), P (4), redundant force (2) or displacements (2 G), spins (G).
-
-    Examples
-    --------
-    >>> all_unknowns("saddle", 4, free_spins=True).count
-    20
-    """
+    """Every component, place and spin by itself."""
     place = np.eye(2 * grains if kind == "saddle" else 0)
     return _gathered(
         np.eye(4),
@@ -87,35 +56,8 @@ def symmetric_unknowns(
 ) -> Unknowns:
     """Those fields alone that every element of a group multiplies by its character.
 
-    With the character 1 these are the fields that the symmetry leaves as they are: spins turn
-    their sign in a mirror, so they vanish on its axis and are tied off it.
-
-    Parameters
-    ----------
-    kind : {'affine', 'ring', 'saddle'}
-        Equations.
-    group : PointGroup
-        Symmetry of the state.
-    character : (S,) array
-        +1 or -1 per element.
-    free_spins : bool
-        Whether spins are unknown.
-
-    Returns
-    -------
-    Unknowns
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from loops import GrainGraph
-    >>> from loops.symmetry import loop_symmetry
-    >>> ring = [[0, 1], [1, 2], [2, 3], [3, 0]]
-    >>> rhombus = GrainGraph(x=[[4, 0], [0, 3], [-4, 0], [0, -3]], radii=[2.5] * 4, contacts=ring)
-    >>> group = loop_symmetry(rhombus)
-    >>> kept = symmetric_unknowns("saddle", group, np.ones(group.order), free_spins=True)
-    >>> group.name, kept.count, kept.strains, bool(kept.w.any())
-    ('D2', 6, 2, False)
+    With the character 1 these are the fields that the symmetry leaves as they are: spins turn their
+    sign in a mirror, so they vanish on its axis and are tied off it.
     """
     grains, sign = group.grains.shape[1], character * group.parity
     alone = np.zeros((group.order, 1), dtype=np.int64)
@@ -145,16 +87,8 @@ def symmetric_unknowns(
 class UnknownSets:
     """The unknowns of one kind of equations that a model needs.
 
-    Attributes
-    ----------
-    kind : {'affine', 'ring', 'saddle'}
-        Equations.
-    grains : int
-        Number of grains.
-    free_spins : bool
-        Whether spins are unknown.
-    group : PointGroup or None
-        Symmetry of state and control that the path keeps.
+    `kind`: Equations; `grains`: Number of grains; `free_spins`: Whether spins are unknown; `group`:
+    Symmetry of state and control that the path keeps.
     """
 
     kind: Kind

@@ -5,21 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import GrainGraph, InputError
+from loops.arrays import Floats
 from loops.contact_state import contact_state
 from loops.laws.protocol import Regime
-from stability.paths.choice import ModelOption, Searches
 from stability.paths.look import Look
 from stability.paths.model import PathModel
-from stability.paths.phase import Settings
-from stability.paths.record import Record
+from stability.paths.path import ModelOption
+from stability.paths.piece import Settings
+from stability.paths.record import Record, Searches
 from stability.paths.state import Mode, scales, unpack
 from stability.paths.symmetry import path_symmetry
 from stability.programmes import Programme
-
-Floats = NDArray[np.float64]
 
 # Steps that a stage takes at least, if it is as long as its start promises.
 STEPS = 8
@@ -88,24 +86,7 @@ class Walk:
 
 
 def start_mode(model: PathModel, graph: GrainGraph) -> Mode:
-    """Regimes of the initial graph.
-
-    Parameters
-    ----------
-    model : PathModel
-        Constants.
-    graph : GrainGraph
-        Initial state.
-
-    Returns
-    -------
-    Mode
-
-    Raises
-    ------
-    InputError
-        If a shear force lies outside the cone.
-    """
+    """Regimes of the initial graph."""
     contacts = contact_state(graph)
     regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
     strength = np.where(regime == Regime.OPEN, 0.0, model.law.strength(contacts))

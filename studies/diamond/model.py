@@ -57,7 +57,7 @@ def model_summary(path: DiamondPath) -> dict[str, Any]:
     Returns
     -------
     dict
-        See `stability.paths.choice.ModelChoice`; `check` is null unless the full model was asked
+        See `stability.paths.record.ModelChoice`; `check` is null unless the full model was asked
         for: its `status`, `rows`, and `differences`, the largest in E1, E2, s1, s2 at I, A and B.
     """
     if path.parameters.model == "auto":

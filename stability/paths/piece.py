@@ -1,4 +1,4 @@
-"""One phase of a path: regimes and programme fixed, from an event to the next."""
+"""One piece of a path: regimes and programme fixed, from an event to the next."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq
 
+from loops.arrays import Floats, Integers
+from stability.paths.equations import Gauge
 from stability.paths.locate import first_crossing, polish
 from stability.paths.look import Look, look
 from stability.paths.model import PathModel
@@ -20,12 +21,9 @@ from stability.paths.monitors import (
     near_pairs,
     pair_overlaps,
 )
-from stability.paths.motion import gauge_along, y_rates
-from stability.paths.solve import Gauge
+from stability.paths.rates import gauge_along, y_rates
 from stability.paths.state import Mode
 from stability.programmes import Stage
-
-Floats = NDArray[np.float64]
 
 SAMPLES = np.linspace(0.0, 1.0, 5)
 
@@ -58,20 +56,9 @@ SIMULTANEOUS = 1e-11
 class Settings:
     """Accuracy of a stage.
 
-    Attributes
-    ----------
-    rtol : float
-        Relative tolerance of the integrator.
-    atol : (Y,) array
-        Absolute tolerances.
-    max_step : float
-        Longest step in `|H|`.
-    row_step : float
-        Longest way in `|H|` between two rows.
-    size : float
-        Size of the strains of the stage, at most 1.
-    subspaces : tuple of str
-        Where the spectra are taken.
+    `rtol`: Relative tolerance of the integrator; `atol` (Y,): Absolute tolerances; `max_step`:
+    Longest step in `|H|`; `row_step`: Longest way in `|H|` between two rows; `size`: Size of the
+    strains of the stage, at most 1; `subspaces`: Where the spectra are taken.
     """
 
     rtol: float
@@ -84,7 +71,7 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a phase integrates."""
+    """What a piece integrates."""
 
     model: PathModel
     mode: Mode
@@ -95,23 +82,13 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class PhaseEnd:
-    """End of a phase.
+class PieceEnd:
+    """End of a piece.
 
-    Attributes
-    ----------
-    y : (Y,) array
-        Integrated variables there.
-    seen : Look
-        The state there, in the regimes of the phase.
-    fired : list of (kind, item)
-        Events there; empty if the integrator gave up.
-    steps : int
-        Accepted steps.
-    message : str
-        Why the integrator gave up.
-    pairs : (Q, 2) array of int
-        Pairs of grains that the items of 'opposite_contact' count.
+    `y` (Y,): Integrated variables there; `seen`: The state there, in the regimes of the piece;
+    `fired`: Events there; empty if the integrator gave up; `steps`: Accepted steps; `message`: Why
+    the integrator gave up; `pairs` (Q, 2): Pairs of grains that the items of 'opposite_contact'
+    count.
     """
 
     y: Floats
@@ -119,38 +96,18 @@ class PhaseEnd:
     fired: list[tuple[str, int]]
     steps: int
     message: str = ""
-    pairs: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    pairs: Integers = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
 
 
-def run_phase(
+def run_piece(
     task: Task,
     y: Floats,
     gauge: Gauge,
     record: Callable[[Look], None],
     branching: Callable[[Look], None],
     steps_left: int,
-) -> PhaseEnd:
-    """Integrate until the first event.
-
-    Parameters
-    ----------
-    task : Task
-        Model, regimes and control.
-    y : (Y,) array
-        Start.
-    gauge : Gauge
-        Direction of the start.
-    record : callable
-        Takes every accepted step.
-    branching : callable
-        Takes the places where other paths branch off.
-    steps_left : int
-        Accepted steps allowed.
-
-    Returns
-    -------
-    PhaseEnd
-    """
+) -> PieceEnd:
+    """Integrate until the first event."""
     watch = monitors_of(task.model, task.mode, task.settings.subspaces)
     seen = _look(task, y, gauge)
     values = _values(task, seen)
@@ -162,7 +119,7 @@ def run_phase(
         stalled = steps > SETTLED and _stalls(task, float(solver.t) - begin, seen)
         if message or stalled:
             fired = [("singular", -1)] if seen.rates.condition > ILL_CONDITIONED else []
-            return PhaseEnd(y_begin, seen, fired, steps, message)
+            return PieceEnd(y_begin, seen, fired, steps, message)
         step = _Step(task, begin, y_begin, float(solver.t), solver.y, solver.dense_output(), gauge)
         samples = [seen, *(step.look(theta) for theta in SAMPLES[1:])]
         table = np.vstack([values, *(_values(task, each) for each in samples[1:])])
@@ -182,7 +139,7 @@ def run_phase(
         record(seen)
         gauge = gauge_along(seen.rates)
         _follow_direction(solver, task, gauge)
-    return PhaseEnd(solver.y, seen, [], steps_left, "the limit on the number of steps was reached")
+    return PieceEnd(solver.y, seen, [], steps_left, "the limit on the number of steps was reached")
 
 
 def _extended(sign: Floats, count: int) -> Floats:
@@ -200,7 +157,7 @@ class _Step:
     y_end: Floats
     dense: DenseOutput
     gauge: Gauge
-    pairs: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    pairs: Integers = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
 
     def look(self, theta: float) -> Look:
         y = self.y_end
@@ -272,7 +229,7 @@ def _branchings(step: _Step, samples: list[Look], until: float) -> list[Look]:
 
 def _land(
     step: _Step, watch: Monitors, sign: Floats, theta: float, which: int, steps: int
-) -> PhaseEnd:
+) -> PieceEnd:
     """Put the path on the event, and find what else happens there."""
 
     def at(theta: float) -> tuple[Floats, Look, Floats]:
@@ -285,7 +242,7 @@ def _land(
     near = (np.abs(values) <= SIMULTANEOUS) & ((before < 0) | ~watch.two_sided)
     near[which] = True
     fired = [(watch.kinds[k], int(watch.items[k])) for k in np.flatnonzero(near)]
-    return PhaseEnd(y, seen, fired, steps, pairs=step.pairs)
+    return PieceEnd(y, seen, fired, steps, pairs=step.pairs)
 
 
 def _look(task: Task, y: Floats, gauge: Gauge) -> Look:
