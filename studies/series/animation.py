@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from loops.arrays import Floats
 from studies.output import as_json
 from studies.series.increments import TrackedState
 from studies.snapshot.loop_map import (
@@ -28,7 +29,6 @@ from studies.snapshot.loop_map import (
 )
 from studies.style import DIVERGING, figure_of, new_figure, styled
 
-Floats = NDArray[np.float64]
 # Bounds of the file: at most so many frames of so many dots each way.
 MOST_FRAMES = 60
 PANEL, DPI = 4.6, 110  # inches, dots per inch

@@ -13,16 +13,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import Regime, euler_check, love_weber_stress, outline_area
+from loops.arrays import Floats, Integers
 from loops.loop_strain import best_fit_strain, rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from stability import COMPONENTS, RTOL
 from studies.series.increments import PREDICTIONS, TrackedState
 from studies.snapshot.mechanics import JUDGES
 
-Floats = NDArray[np.float64]
 # Orders told apart; the last one stands for all beyond.
 LAST_ORDER = 6
 
@@ -140,7 +139,7 @@ def _ratio(part: float, whole: float) -> float | None:
     return part / whole if whole else None
 
 
-def _shares(order: NDArray[np.int64], area: Floats) -> dict[str, float | None]:
+def _shares(order: Integers, area: Floats) -> dict[str, float | None]:
     pooled = np.minimum(order, LAST_ORDER)
     row: dict[str, float | None] = {}
     for n in range(3, LAST_ORDER + 1):

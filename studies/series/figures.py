@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
 from studies.series.increments import PREDICTIONS, TrackedState
 from studies.snapshot.loop_map import loop_drawer
@@ -37,7 +38,6 @@ from studies.style import (
     styled,
 )
 
-Floats = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any]]
 STRAIN_LABEL = r"accumulated shear strain, $\Sigma\,(\varepsilon_1 - \varepsilon_2)/2$"
 # One colour and marker for each order; the last one stands for all beyond.

@@ -41,6 +41,7 @@ from loops import (
     macroscopic_tangent,
     polygon_area,
 )
+from loops.arrays import Flags, Floats
 from loops.closures import Closure, Spins
 from loops.contact_matching import match_contacts
 from loops.loop_strain import loop_strain, rotation_and_stretch, rotation_minus_one
@@ -48,7 +49,6 @@ from loops.tracking import Fate, LoopFates, loop_fates
 from patterns import Snapshot
 from stability import COMPONENTS
 
-Floats = NDArray[np.float64]
 # Column of a prediction: its closure and what the spins do.
 PREDICTIONS: dict[str, tuple[Closure, Spins]] = {
     "affine_W2": ("affine", "blocked"),
@@ -129,7 +129,7 @@ def _both_times(before: GrainGraph, after: GrainGraph, fates: LoopFates) -> _Con
     return _Contacts(branch_vectors(before), later_branches, contact_forces(before), later_forces)
 
 
-def _those(batch: LoopBatch, picked: NDArray[np.bool_]) -> LoopBatch:
+def _those(batch: LoopBatch, picked: Flags) -> LoopBatch:
     if picked.all():
         return batch
     graph, x = batch.graph, batch.graph.x[picked]

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from loops import Faces
+from loops.arrays import Flags, Floats, Integers
 from patterns import Snapshot
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
 from studies.style import (
@@ -32,9 +33,6 @@ from studies.style import (
     new_figure,
     styled,
 )
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Beyond so many loops the polygons are drawn as pixels in the SVG too.
 VECTOR_LIMIT = 20_000
@@ -159,7 +157,7 @@ def _label(ax: Axes) -> None:
     ax.set(aspect="equal", xlabel=r"$x_1$ (length unit of the input)", ylabel=r"$x_2$")
 
 
-def _outline(snapshot: Snapshot, faces: Faces, ax: Axes, unstable: NDArray[np.bool_]) -> None:
+def _outline(snapshot: Snapshot, faces: Faces, ax: Axes, unstable: Flags) -> None:
     """Draw a line around the unstable loops: some are too soft to show by their colour."""
     picked = np.flatnonzero(unstable)
     if len(picked) > VECTOR_LIMIT:

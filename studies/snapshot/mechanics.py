@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import Regime, love_weber_stress
+from loops.arrays import Flags, Floats, Integers
 from loops.fabric import mean_tensor
 from patterns import Snapshot, WallContacts
 from stability import RTOL
@@ -21,7 +22,6 @@ from studies.snapshot.statistics import (
 )
 from studies.snapshot.table import EIGENVALUES, FREE
 
-Floats = NDArray[np.float64]
 Table = dict[str, Any]
 CLOSURES = ("affine", "traction")
 # Sine of the angle by which walls of an upright box may lean, and how flat they are.
@@ -31,9 +31,9 @@ JUDGES = (*CLOSURES, FREE)
 STRESSES = ("stress_11", "stress_12", "stress_21", "stress_22")
 
 
-def unstable_loops(table: Table, closure: str) -> NDArray[np.bool_]:
+def unstable_loops(table: Table, closure: str) -> Flags:
     """Loops with an eigenvalue of Ks below zero, beyond the tolerance."""
-    unstable: NDArray[np.bool_] = table[f"{closure}_lambda_min"] < -RTOL
+    unstable: Flags = table[f"{closure}_lambda_min"] < -RTOL
     return unstable
 
 
@@ -114,9 +114,7 @@ def _stability(table: Table, groups: Groups) -> dict[str, Any]:
     return found
 
 
-def _mean_by_order(
-    order: NDArray[np.int64], values: NDArray[Any], known: NDArray[np.bool_]
-) -> dict[str, float]:
+def _mean_by_order(order: Integers, values: NDArray[Any], known: Flags) -> dict[str, float]:
     """Mean for each order, of what is known."""
     number = np.bincount(order, known)
     total = np.bincount(order, np.where(known, values, 0.0))

@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import Faces, GrainGraph
+from loops.arrays import Floats, Integers
 from loops.compiled.kernel import given, kernel
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
-
-Floats = NDArray[np.float64]
-Long = NDArray[np.int64]
 
 
 class Painting(NamedTuple):
@@ -40,7 +38,7 @@ def paint_loops(graph: GrainGraph, faces: Faces, longest: int) -> Painting:
 
 
 @kernel
-def _paint(corners: Floats, offsets: Long, rows: int, columns: int) -> NDArray[np.int32]:
+def _paint(corners: Floats, offsets: Integers, rows: int, columns: int) -> NDArray[np.int32]:
     """Fill polygons row by row, between the odd and even crossings of the line of centres."""
     picture = np.full((rows, columns), -1, dtype=np.int32)
     crossed = np.empty(np.diff(offsets).max() if len(offsets) > 1 else 0)

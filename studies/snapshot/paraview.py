@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import Faces, InputError, Regime, branch_vectors
+from loops.arrays import Floats, Integers
 from patterns import Snapshot
 from studies.output import as_json
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def write_paraview(

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.fabric import TensorMean, axial_mean, principal
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Groups = dict[str, NDArray[np.int64] | slice]
+Groups = dict[str, Integers | slice]
 
 # Loops of this order and beyond are one group.
 LAST_GROUP = 6
@@ -37,7 +36,7 @@ def spread(values: ArrayLike, weights: ArrayLike | None = None) -> dict[str, Any
     }
 
 
-def group_rows(order: NDArray[np.int64]) -> Groups:
+def group_rows(order: Integers) -> Groups:
     """Rows of the loops of each group of orders, and of `all`."""
     grouped = np.minimum(order, LAST_GROUP).astype(np.int8)
     rows: Groups = {name: np.flatnonzero(grouped == 3 + k) for k, name in enumerate(GROUPS)}
@@ -54,12 +53,12 @@ def spread_by_group(
     }
 
 
-def share_by_group(groups: Groups, having: Mask, known: Mask) -> dict[str, Any]:
+def share_by_group(groups: Groups, having: Flags, known: Flags) -> dict[str, Any]:
     """Share of the loops of each group that have a property."""
     return {name: share(having[rows][known[rows]]) for name, rows in groups.items()}
 
 
-def share(having: Mask) -> dict[str, Any]:
+def share(having: Flags) -> dict[str, Any]:
     """Share of what has a property, its standard error `sqrt(p (1 - p)/n)` and the number n."""
     if len(having) == 0:
         return {"mean": float("nan"), "std_error": float("nan"), "count": 0}

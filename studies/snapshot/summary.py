@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import Faces, branch_vectors, euler_check, outline_area
+from loops.arrays import Floats, Integers
 from loops.fabric import direction_tensors, edge_tensors, mean_tensor
 from patterns import Snapshot
 from studies.snapshot.definitions import GEOMETRY, MECHANICS
@@ -91,7 +92,7 @@ def _orders(table: dict[str, NDArray[Any]], groups: Groups) -> dict[str, Any]:
     }
 
 
-def _group(area: NDArray[np.float64], rows: NDArray[np.int64] | slice) -> dict[str, Any]:
+def _group(area: Floats, rows: Integers | slice) -> dict[str, Any]:
     number, covered = len(area[rows]), float(area[rows].sum())
     return {
         "loops": number,
