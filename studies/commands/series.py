@@ -24,8 +24,8 @@ from studies.commands.common import (
     shown,
 )
 
-# So many notes are printed.
-NOTES = 8
+# So many notes are printed, and so much of the reason why a snapshot was skipped.
+NOTES, LONGEST = 8, 300
 PREDICTORS = {
     "affine": "affine closure, blocked",
     "traction": "traction closure, blocked",
@@ -127,7 +127,7 @@ def _series_lines(summary: dict[str, Any]) -> list[str]:
     if "skill" in summary:
         lines += _skill_lines(summary["skill"])
     lines += [
-        f"skipped: snapshot {one['snapshot']} ({one['name']}), {one['reason']}"
+        f"skipped: snapshot {one['snapshot']} ({one['name']}), {one['reason'][:LONGEST]}"
         for one in summary["skipped"]
     ]
     lines += [f"note: {note}" for note in summary["notes"][:NOTES]]
