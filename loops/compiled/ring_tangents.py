@@ -139,6 +139,21 @@ def _block_and_inverse(row: Floats, k: Floats, s: Floats, sizes: Floats) -> None
 
 
 @kernel
+def block_and_sizes(row: Floats, k: Floats, out: Floats) -> None:
+    """Tangent block of a contact in the global frame, and the sizes of the terms of its entries."""
+    length = math.hypot(row[0], row[1])
+    n0, n1 = row[0] / length, row[1] / length
+    _to_global(row[2], row[3], row[4], row[5], n0, n1, k)
+    nt = abs(row[3] - row[7] / length) + abs(row[7] / length)
+    tt = abs(row[5] + row[6] / length) + abs(row[6] / length)
+    nn, tn, n0, n1 = abs(row[2]), abs(row[4]), abs(n0), abs(n1)
+    out[0, 0] = nn * n0 * n0 + (nt + tn) * n0 * n1 + tt * n1 * n1
+    out[0, 1] = nn * n0 * n1 + nt * n0 * n0 + tn * n1 * n1 + tt * n0 * n1
+    out[1, 0] = nn * n0 * n1 + nt * n1 * n1 + tn * n0 * n0 + tt * n0 * n1
+    out[1, 1] = nn * n1 * n1 + (nt + tn) * n0 * n1 + tt * n0 * n0
+
+
+@kernel
 def _to_global(nn: float, nt: float, tn: float, tt: float, x: float, y: float, out: Floats) -> None:
     """Block from the frame n = (x, y), t = (-y, x)."""
     out[0, 0] = nn * x * x - (nt + tn) * x * y + tt * y * y

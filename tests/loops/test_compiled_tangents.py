@@ -11,7 +11,9 @@ from loops import (
     find_faces,
     loop_batches,
     macroscopic_tangent,
+    traction_tangent,
 )
+from loops.closures.traction import FORCE_METHOD_LIMIT
 from loops.compiled.loop_tangents import loop_tangents
 from loops.compiled.packing import compiled_packing
 from patterns.synthetic import synthetic_network
@@ -52,6 +54,11 @@ def assert_same_tangents(graph, law, regime):
             # Both err by their condition times rounding at most, and far less as a rule.
             assert np.nanmax(error / size / np.maximum(plain.condition, 1e3)) < 1e-15
             good = plain.trusted
+            # What the saddle system leaves over is rounding, and counts.
+            np.testing.assert_allclose(fast.condition[at][good], plain.condition[good], rtol=0.3)
+            if closure == "traction":
+                force = traction_tangent(batch.graph, own, regime=regimes, method="force")
+                good &= force.condition <= FORCE_METHOD_LIMIT
             np.testing.assert_allclose(fast.condition[at][good], plain.condition[good], rtol=1e-6)
             np.testing.assert_allclose(fast.volume[at], plain.volume, rtol=1e-12)
 
