@@ -59,6 +59,7 @@ class LoopsInPlace:
         Stated error of `matrix` relative to its norm, meant to hold for 99 in 100 loops; 0 for the
         whole packing. From the distance to the nearest held grain while all contacts are elastic,
         from half the buffer otherwise; a packing that has itself lost definiteness obeys neither.
+        Infinite for a loop that reaches beyond its buffer.
     system : PackingSystem
         The carrying part, with counts of what carries nothing.
     """
@@ -97,7 +98,7 @@ def loops_in_place(
     faces : Faces
         Its faces.
     regime : (C,) array of Regime, optional
-        Regime of each contact; read from the state by the law if left out.
+        Regime of each contact; the graph's own, else read from the state by the law if left out.
     method : {'auto', 'whole', 'blocks'}
         Invert the whole packing (exact), or square blocks with a buffer around them; by size.
     block, buffer : float
@@ -137,7 +138,8 @@ def _in_blocks(
     error = np.full(len(polygons.centre), np.nan)
     for part in _blocks(system, polygons, side, buffer):
         compliance[part.loops] = _compliances(system, polygons, part)
-        error[part.loops] = ERROR * part.rho**-DECAY
+        with np.errstate(divide="ignore"):
+            error[part.loops] = ERROR * part.rho**-DECAY
     known = np.isfinite(compliance).all(axis=(1, 2))
     compliance[known] = np.linalg.inv(compliance[known])
     return compliance, error
@@ -217,14 +219,20 @@ def _blocks(
         free = carries & (np.abs(away) <= reach).all(axis=1)
         whole = bool(free[carries].all())
         mine = np.flatnonzero(number == k)
-        rho = ((reach - np.abs(off[mine])) * extent).min(axis=1)
+        rho = ((reach - np.abs(off)) * extent).min(axis=1)
+        for grains, row in zip(polygons.grains, polygons.row, strict=True):
+            # A loop that reaches beyond the buffer is freed, and nothing is said of its error.
+            beyond = (number[row] == k) & ~free[grains].all(axis=1)
+            rho[row[beyond]] = 0.0
+            free[grains[beyond]] = True
+        free &= carries
         kept = np.zeros(system.size + 1, dtype=bool)
         kept[system.freedom[free]] = True
         yield Block(
             free=free,
             x=away @ box.T,
             loops=mine,
-            rho=np.full(len(mine), np.inf) if whole else rho,
+            rho=np.full(len(mine), np.inf) if whole else rho[mine],
             freedom_kept=kept[:-1],
             whole=whole,
         )

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import contact_state
+from loops.contact_tangent import contact_regime
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw, Regime, require_law
 from loops.packing import (
@@ -75,10 +76,8 @@ def yield_edge(
     """Find the contacts near their strength, and those that `regime` has sliding."""
     require_law(law)
     state = contact_state(graph)
-    regimes = law.regime(state)
-    if regime is not None:
-        given = np.asarray(regime, dtype=np.int8)
-        regimes = np.where(given == Regime.ELASTIC, regimes, given).astype(np.int8)
+    given = contact_regime(state, law, regime)
+    regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
     # Without a shear force there is no side to slide to: frictionless contacts always slide.
     sheared = state.shear_force != 0
     loaded = sheared & (np.abs(state.shear_force) >= yield_band * law.strength(state))

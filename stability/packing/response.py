@@ -229,6 +229,7 @@ def packing_response(
         Contacts with `|T| >= yield_band mu N` may slide.
     regime : (C,) array of Regime, optional
         Flags of a DEM code: contacts flagged sliding may slide as well, open ones are left out.
+        The graph's own if left out.
     planes : PlaneContacts, optional
         Contacts with walls.
     held : (G,) array of bool, optional
