@@ -29,13 +29,13 @@ from studies.snapshot.loop_map import (
 )
 from studies.style import DIVERGING, figure_of, new_figure, styled
 
-# Bounds of the file: at most so many frames of so many dots each way.
-MOST_FRAMES = 60
+# Bounds of the file: at most so many pictures of so many dots each way.
+MOST = 60
 PANEL, DPI = 4.6, 110  # inches, dots per inch
 FRAMES_PER_SECOND = 4
 
 
-class Frame(NamedTuple):
+class Picture(NamedTuple):
     """One picture of an animation."""
 
     state: TrackedState
@@ -43,21 +43,21 @@ class Frame(NamedTuple):
     smallest: Floats | None = None
 
 
-def picked_frames(count: int) -> list[int]:
+def picked_snapshots(count: int) -> list[int]:
     """Places of the snapshots to show: all of a short series, evenly spread ones of a long one."""
-    return (
-        np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round()).astype(int).tolist()
-    )
+    return np.unique(np.linspace(0, count - 1, min(count, MOST)).round()).astype(int).tolist()
 
 
 @styled()
-def animate_series(folder: Path, frames: Iterable[Frame], source: Mapping[str, Any]) -> list[str]:
+def animate_series(
+    folder: Path, pictures: Iterable[Picture], source: Mapping[str, Any]
+) -> list[str]:
     """Write `animation.gif`, and `animation.mp4` where the program ffmpeg is at hand.
 
     Frames are drawn as they come, one snapshot in memory at a time. Colours keep their meaning,
     those of the eigenvalues from the first frame on.
     """
-    drawn = iter(frames)
+    drawn = iter(pictures)
     scene = _Scene(next(drawn))
     partial = {folder / f".partial-{name}": folder / name for name in _names()}
     try:
@@ -124,7 +124,7 @@ class _Gif(AbstractMovieWriter):
 class _Scene:
     """The figure that frames are drawn into, one after the other."""
 
-    def __init__(self, frame: Frame) -> None:
+    def __init__(self, frame: Picture) -> None:
         panels = 1 if frame.smallest is None else 2
         extent = np.ptp(frame.state.snapshot.graph.x, axis=0)
         # A panel less its colour bar, with room for the title.
@@ -142,7 +142,7 @@ class _Scene:
         for (palette, scale), ax in zip(colours, self._axes, strict=True):
             _colour_bar(ScalarMappable(scale, palette), ax)
 
-    def show(self, frame: Frame) -> None:
+    def show(self, frame: Picture) -> None:
         """Replace the loops by those of a frame."""
         for artist in self._drawn:
             artist.remove()

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from loops.arrays import Integers
 from loops.tracking import ExchangeCounts
-from studies.series.animation import Frame, animate_series, picked_frames
+from studies.series.animation import Picture, animate_series, picked_snapshots
 from studies.series.figures import MappedInterval, draw_series
 from studies.series.increments import PREDICTIONS, increments
 from studies.series.plan import PlannedSnapshot
-from studies.series.tasks import Task, pairs, singles, state_of, tracked
+from studies.series.tasks import PartTask, pairs, singles, state_of, tracked
 from studies.snapshot.report import LoopsForMap, loops_for_map, write_report
 
 CAPTIONS = {
@@ -69,25 +69,25 @@ def animate(
     source: dict[str, Any],
 ) -> None:
     """Write an animation of a series, of 60 snapshots at most."""
-    animate_series(folder, _frames(planned, out, evolution), source)
+    animate_series(folder, _pictures(planned, out, evolution), source)
 
 
-def _frames(
+def _pictures(
     planned: Sequence[PlannedSnapshot], out: Path, evolution: Mapping[str, Sequence[Any]]
-) -> Iterator[Frame]:
+) -> Iterator[Picture]:
     parts = [task.part for task in singles(planned, out)]
     mechanical = SMALLEST in pyarrow.parquet.read_schema(parts[0]).names
-    for k in picked_frames(len(planned)):
+    for k in picked_snapshots(len(planned)):
         part = parts[k]
         title = f"snapshot {planned[k].number}, shear strain {evolution['shear_strain'][k]:.4f}"
         smallest = None
         if mechanical:
             table = pyarrow.parquet.read_table(part, columns=[SMALLEST])
             smallest = table.column(SMALLEST).to_numpy()
-        yield Frame(state_of(planned[k]), title, smallest)
+        yield Picture(state_of(planned[k]), title, smallest)
 
 
-def _joined(tasks: Sequence[Task]) -> dict[str, NDArray[Any]]:
+def _joined(tasks: Sequence[PartTask]) -> dict[str, NDArray[Any]]:
     """What is drawn of all increments."""
     if not tasks:
         return {}
@@ -97,7 +97,7 @@ def _joined(tasks: Sequence[Task]) -> dict[str, NDArray[Any]]:
     return {name: table.column(name).to_numpy() for name in columns}
 
 
-def _interval(task: Task) -> MappedInterval:
+def _interval(task: PartTask) -> MappedInterval:
     before, after, fates = tracked(task)
     return MappedInterval(before, fates, increments(before, after, fates))
 

@@ -54,7 +54,7 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Task:
+class PartTask:
     """One part to write: the loops of a snapshot, or what became of them by the next one."""
 
     snapshots: tuple[PlannedSnapshot, ...]
@@ -77,17 +77,17 @@ class Task:
         return " to ".join(one.name for one in self.snapshots)
 
 
-def singles(planned: Sequence[PlannedSnapshot], out: Path) -> list[Task]:
+def singles(planned: Sequence[PlannedSnapshot], out: Path) -> list[PartTask]:
     """A task for each snapshot."""
-    return [Task((one,), out) for one in planned]
+    return [PartTask((one,), out) for one in planned]
 
 
-def pairs(planned: Sequence[PlannedSnapshot], out: Path) -> list[Task]:
+def pairs(planned: Sequence[PlannedSnapshot], out: Path) -> list[PartTask]:
     """A task for each snapshot with the next."""
-    return [Task(pair, out) for pair in pairwise(planned)]
+    return [PartTask(pair, out) for pair in pairwise(planned)]
 
 
-def do_task(task: Task) -> Failure | None:
+def do_task(task: PartTask) -> Failure | None:
     """Write a part, or say why it could not be done; doing it again writes the same."""
     last = task.snapshots[-1]
     try:
@@ -103,7 +103,7 @@ def do_task(task: Task) -> Failure | None:
     return None
 
 
-def _write_snapshot(task: Task) -> None:
+def _write_snapshot(task: PartTask) -> None:
     """The loops, one row each, with the row of the series beside them."""
     (planned,) = task.snapshots
     state = state_of(planned)
@@ -119,7 +119,7 @@ def _write_snapshot(task: Task) -> None:
     write_part(task.part, place | table, about)
 
 
-def _write_pair(task: Task) -> None:
+def _write_pair(task: PartTask) -> None:
     """What became of the loops, one row a survived one, and the exchange of orders."""
     before, after, fates = tracked(task)
     table = increments(before, after, fates)
@@ -136,7 +136,7 @@ def _write_pair(task: Task) -> None:
     write_part(task.part, place | table, about)
 
 
-def tracked(task: Task) -> tuple[TrackedState, TrackedState, LoopFates]:
+def tracked(task: PartTask) -> tuple[TrackedState, TrackedState, LoopFates]:
     """Two successive snapshots, and what became of the loops between them."""
     before, after = map(state_of, task.snapshots)
     return before, after, track_loops(before, after)

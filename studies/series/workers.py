@@ -22,7 +22,7 @@ from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from loops import InputError
 from studies.series.dataset import is_finished
-from studies.series.tasks import Failure, Task, do_task
+from studies.series.tasks import Failure, PartTask, do_task
 from studies.snapshot.table import available_cores
 
 Asked = TypeVar("Asked")
@@ -66,7 +66,9 @@ def open_runner(
         yield partial(run_in_processes, pool)
 
 
-def do_tasks(runner: Runner, tasks: Sequence[Task], title: str, *, skip_bad: bool) -> list[Failure]:
+def do_tasks(
+    runner: Runner, tasks: Sequence[PartTask], title: str, *, skip_bad: bool
+) -> list[Failure]:
     """Do the tasks that are not finished yet, with a progress bar."""
     open_tasks = [task for task in tasks if not is_finished(task.part, task.fingerprint)]
     if not open_tasks:

@@ -12,7 +12,7 @@ from loops import LinearFrictional, Regime, find_faces, polygon_area
 from loops.tracking import ExchangeCounts, Fate, exchange_counts
 from patterns import Snapshot, synthetic_network
 from studies.output import provenance
-from studies.series.animation import MOST_FRAMES, Frame, animate_series, picked_frames
+from studies.series.animation import MOST, Picture, animate_series, picked_snapshots
 from studies.series.evolution import evolution_row, evolution_table, interval_row
 from studies.series.figures import (
     ORDERS,
@@ -204,7 +204,9 @@ def test_work_histogram_counts_every_known_loop_once(series):
 @pytest.mark.parametrize("stability", [False, True])
 def test_animation(tmp_path, series, stability):
     frames = (
-        Frame(one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None)
+        Picture(
+            one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None
+        )
         for k, one in enumerate(series.states)
     )
     names = animate_series(tmp_path, frames, SOURCE)
@@ -224,7 +226,7 @@ def test_animation(tmp_path, series, stability):
 
 def test_an_animation_that_fails_leaves_nothing(tmp_path, series):
     def frames():
-        yield Frame(series.states[0], "first")
+        yield Picture(series.states[0], "first")
         raise OSError("gone")
 
     with pytest.raises(OSError, match="gone"):
@@ -233,12 +235,12 @@ def test_an_animation_that_fails_leaves_nothing(tmp_path, series):
 
 
 def test_long_series_show_few_frames():
-    picked = picked_frames(1000)
-    assert len(picked) == MOST_FRAMES
+    picked = picked_snapshots(1000)
+    assert len(picked) == MOST
     assert (picked[0], picked[-1]) == (0, 999)
     assert len(set(np.diff(picked))) <= 2
-    assert picked_frames(1) == [0]
-    assert picked_frames(MOST_FRAMES) == list(range(MOST_FRAMES))
+    assert picked_snapshots(1) == [0]
+    assert picked_snapshots(MOST) == list(range(MOST))
 
 
 def test_callers_settings_are_left_alone(series):
