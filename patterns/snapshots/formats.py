@@ -28,7 +28,7 @@ class Format(Protocol):
         """Whether a file of this name that begins so is in this format."""
 
     def frames(self, source: Source) -> Instants:
-        """Find the instants of a file, without reading their rows.
+        """Find the snapshots of a file, without reading their rows.
 
         A damaged one is counted, and raises `InputError` when it is read.
         """
@@ -61,7 +61,7 @@ def read_snapshot(
     strict: bool = True,
     frame: int | None = None,
 ) -> Snapshot:
-    """Read one instant of a simulation, of a file with several that one alone.
+    """Read one snapshot of a simulation, of a file with several that one alone.
 
     Plain tables (CSV, Parquet, npz, HDF5), columns by name. Grains: `id`, `x`, `y`, `radius`
     (length); rows with `type` 1 are walls. Contacts: `id1`, `id2`; optional are the branch
@@ -93,7 +93,7 @@ def read_snapshot(
         Whether a finding after which nothing meaningful can follow is refused; if not, it stands
         in the notes and in `Snapshot.findings`.
     frame : int, optional
-        Which instant of a file with several, from 0; -1 is the last one.
+        Which snapshot of a file with several, from 0; -1 is the last one.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def read_snapshot(
         For a missing, empty or truncated file, a missing column, a value that is no finite
         number, coincident grains, an id that is unknown or stands there twice, a radius that is
         not positive, a contact that stands there twice, a cell that does not fit, no contacts, a
-        packing in three dimensions, forces without a stiffness, several instants and no `frame`.
+        packing in three dimensions, forces without a stiffness, several snapshots and no `frame`.
 
     Examples
     --------
@@ -136,7 +136,7 @@ def read_frames(
     columns: Mapping[str, str] | None = None,
     strict: bool = True,
 ) -> Iterator[Snapshot]:
-    """Read every instant of a file, one after the other.
+    """Read every snapshot of a file, one after the other.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def count_frames(
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
 ) -> int:
-    """Number of instants in a file.
+    """Number of snapshots in a file.
 
     Parameters
     ----------
@@ -176,12 +176,12 @@ def count_frames(
     Returns
     -------
     int
-        1 for tables, which hold one each. The instants are not read: a damaged one counts.
+        1 for tables, which hold one each. The snapshots are not read: a damaged one counts.
 
     Raises
     ------
     InputError
-        For a missing or empty file, and for one with no instant that has contacts.
+        For a missing or empty file, and for one with no snapshot that has contacts.
     """
     source = _source(path, contacts, None, columns)
     reader = format_of(source.path, format)
@@ -222,13 +222,13 @@ def _source(
     )
 
 
-def _choose(path: Path, instants: Instants, number: int | None) -> Frame:
-    """One of the instants; without a number the only one."""
-    count = len(instants)
+def _choose(path: Path, snapshots: Instants, number: int | None) -> Frame:
+    """One of the snapshots; without a number the only one."""
+    count = len(snapshots)
     if number is None and count > 1:
         raise InputError(
             str(path),
-            f"{count} instants",
+            f"{count} snapshots",
             "one",
             "Give --frame 0 for the first, --frame -1 for the last; for all: series.",
         )
@@ -237,4 +237,4 @@ def _choose(path: Path, instants: Instants, number: int | None) -> Frame:
         raise InputError(
             f"--frame {number}", f"{path} has {count}", f"a number below {count}", "Count from 0."
         )
-    return instants[number]
+    return snapshots[number]

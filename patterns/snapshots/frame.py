@@ -34,7 +34,7 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One instant, columns by their plain names.
+    """One snapshot, columns by their plain names.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Frame:
     cell : (2, 2) array or None
         Periodic cell, columns are the cell vectors (length).
     step : float or None
-        The code's own number of the instant: step, iteration or time.
+        The code's own number of the snapshot: step, iteration or time.
     notes : tuple of str
         What was guessed, what the file lacks.
     shear_increment : {'branch', 'radii'} or None
@@ -94,16 +94,16 @@ def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Ta
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """What a format finds in a file: as many instants as it has, none of them read yet."""
+    """What a format finds in a file: as many snapshots as it has, none of them read yet."""
 
     readers: Sequence[Callable[[], Frame]]
 
     def __len__(self) -> int:
-        """Return the number of instants."""
+        """Return the number of snapshots."""
         return len(self.readers)
 
     def __getitem__(self, number: int) -> Frame:
-        """Read one instant, counted from 0, or from -1 backwards."""
+        """Read one snapshot, counted from 0, or from -1 backwards."""
         return self.readers[number]()
 
     def __iter__(self) -> Iterator[Frame]:
@@ -112,7 +112,7 @@ class Instants:
 
 
 def refusal(error: InputError) -> Callable[[], Frame]:
-    """Reader of an instant that is damaged: raises what is wrong, when it is asked for."""
+    """Reader of an snapshot that is damaged: raises what is wrong, when it is asked for."""
 
     def read() -> Frame:
         raise error

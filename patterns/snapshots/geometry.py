@@ -81,7 +81,7 @@ def read_pairs(table: Table, bodies: Bodies) -> Integers:
             f"column 'id{side + 1}' of {table.path}, row {row}",
             f"grain {given[row, side]}",
             "an id of the table of grains",
-            "Add the grain or drop the contact; check that both tables are of one instant.",
+            "Add the grain or drop the contact; check that both tables are of one snapshot.",
         )
     if not bodies.is_wall.any():
         return named
@@ -116,7 +116,7 @@ def refuse_repeated(table: Table, ids: Integers) -> None:
         f"column 'id' of {table.path}",
         f"id {repeated} {np.count_nonzero(ids == repeated)} times",
         "each id once",
-        "Keep one instant in the table and drop repeated rows.",
+        "Keep one snapshot in the table and drop repeated rows.",
     )
 
 
@@ -169,7 +169,7 @@ def as_cell(cell: ArrayLike | None) -> Floats | None:
             "cell",
             str(matrix.tolist())[:200],
             "two independent cell vectors as the columns of HXX, HXY, HYX, HYY",
-            "Give the cell of this instant.",
+            "Give the cell of this snapshot.",
         )
     return matrix
 
@@ -283,9 +283,9 @@ class _Place(NamedTuple):
         one, two = self.bodies.grain_ids[self.pairs[c]].tolist()
         where = f"{self.table.path}, row {self.rows[c]} (grains {one} and {two})"
         if not remedy and self.periodic:
-            remedy = "Give the cell of this instant."
+            remedy = "Give the cell of this snapshot."
         elif not remedy:
-            remedy = "Give --cell if the sample is periodic; else take both tables of one instant."
+            remedy = "Give --cell if the sample is periodic; else take both tables of one snapshot."
         raise InputError(where, received, expected, remedy)
 
 

@@ -47,7 +47,7 @@ COMMENTS = 3  # lines before the rows of a frame in .fstat
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Where the rows of one instant stand: `where` and `time`, `columns`, `text` and `span`."""
+    """Where the rows of one snapshot stand: `where` and `time`, `columns`, `text` and `span`."""
 
     where: str
     time: float

@@ -39,7 +39,7 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def frames(source: Source) -> Instants:
-    """The one instant of a pair of tables, or of a file that holds both.
+    """The one snapshot of a pair of tables, or of a file that holds both.
 
     CSV, CSV.gz, Parquet, npz or HDF5, columns by name as in `Frame`; a column map gives them
     others. The contacts stand beside the grains, `grains` in the name replaced by `contacts`; the

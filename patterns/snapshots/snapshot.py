@@ -1,4 +1,4 @@
-"""One instant of a discrete-element simulation."""
+"""One snapshot of a discrete-element simulation."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class WallContacts:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """Grains, contacts and law of one instant, walls set aside.
+    """Grains, contacts and law of one snapshot, walls set aside.
 
     Attributes
     ----------

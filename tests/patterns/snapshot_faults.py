@@ -117,7 +117,7 @@ class Dumps(Deck):
 
 
 class Mercury(Deck):
-    """`.data` of 8 columns and `.fstat` of one instant."""
+    """`.data` of 8 columns and `.fstat` of one snapshot."""
 
     def __init__(self, grains, contacts, **options):
         self.options = options

@@ -244,7 +244,7 @@ def test_instants_without_contacts_are_left_out(dumps):
 
     edit(dumps[1], empty)
     (found,) = read(dumps[0])
-    assert found.step == 500 and "1 earlier instants without contacts" in " ".join(found.notes)
+    assert found.step == 500 and "1 earlier snapshots without contacts" in " ".join(found.notes)
     edit(dumps[1], lambda rows: (rows.__setitem__(12, "0"), rows.__delitem__(slice(18, None))))
-    with pytest.raises(InputError, match="no contacts at any instant"):
+    with pytest.raises(InputError, match="no contacts in any snapshot"):
         read(dumps[0])

@@ -1,4 +1,4 @@
-"""Files of many instants, of LAMMPS, LIGGGHTS and MercuryDPM: the one asked for is read alone."""
+"""Files of many snapshots, of LAMMPS, LIGGGHTS and MercuryDPM: the one asked for is read alone."""
 
 import gzip
 import re
@@ -25,7 +25,7 @@ CELL = synthetic_network(50, periodic=True).cell
 
 
 def packing(number):
-    """Grains that move from one instant to the next, in one cell."""
+    """Grains that move from one snapshot to the next, in one cell."""
     graph = synthetic_network(50, seed=number, periodic=True, jitter=0.1)
     graph = GrainGraph(
         x=np.linalg.solve(graph.cell, graph.x.T).T @ CELL.T, radii=graph.radii,
@@ -61,7 +61,7 @@ def write_each(code, folder):
 
 @pytest.fixture(params=["lammps", "liggghts", "mercury"])
 def dumps(request, tmp_path):
-    """Paths of a file of four instants, steps 0 to 3, and of its contacts."""
+    """Paths of a file of four snapshots, steps 0 to 3, and of its contacts."""
     return write_each(request.param, tmp_path)
 
 
@@ -123,7 +123,7 @@ def test_numbers_out_of_range(dumps, parsed):
     for frame in (COUNT, -COUNT - 1):
         with pytest.raises(InputError, match=f"--frame {frame}: got .* has 4, expected .* below 4"):
             read(dumps[0], frame)
-    with pytest.raises(InputError, match=r"4 instants, expected one.*--frame 0"):
+    with pytest.raises(InputError, match=r"4 snapshots, expected one.*--frame 0"):
         read(dumps[0], None)
     assert parsed == []
 
@@ -192,8 +192,8 @@ def test_instants_without_contacts_are_not_counted(tmp_path, parsed):
     assert count_frames(dumps[0]) == 2
     last = read(dumps[0], 1)
     assert last.step == 3 and len(parsed) == 2
-    assert "2 earlier instants without contacts left out" in last.notes
-    assert "1 earlier instants without contacts left out" in read(dumps[0], 0).notes
+    assert "2 earlier snapshots without contacts left out" in last.notes
+    assert "1 earlier snapshots without contacts left out" in read(dumps[0], 0).notes
 
 
 def test_mercury_instants_without_contacts_are_not_counted(tmp_path, parsed):
@@ -204,7 +204,7 @@ def test_mercury_instants_without_contacts_are_not_counted(tmp_path, parsed):
     assert count_frames(dumps[0]) == COUNT - 1
     first = read(dumps[0], 0)
     assert first.step == 1 and len(parsed) == 2
-    assert "1 earlier instants without contacts left out" in first.notes
+    assert "1 earlier snapshots without contacts left out" in first.notes
 
 
 def test_a_series_knows_its_instants_by_their_headers(dumps, parsed):

@@ -254,8 +254,8 @@ def test_instants_without_contacts_are_left_out(tmp_path):
     own = packing()
     path, contacts = write_mercury(tmp_path, own)
     contacts.write_text("# 0 1\n# 0 0 0 1 1 1\n# 0.1 0.2 0 0 0 0\n")
-    with pytest.raises(InputError, match="no contacts at any instant"):
+    with pytest.raises(InputError, match="no contacts in any snapshot"):
         read(path, cell=own.graph.cell)
     write_mercury(tmp_path, own, 0.5)
     (found,) = read(path, cell=own.graph.cell)
-    assert found.step == 0.5 and "1 earlier instants without contacts" in " ".join(found.notes)
+    assert found.step == 0.5 and "1 earlier snapshots without contacts" in " ".join(found.notes)

@@ -145,7 +145,7 @@ def test_images_given_or_reconstructed(tmp_path):
     ("cell", "words"),
     [
         (None, ["row 1", "[1, 0]", "--cell"]),
-        ([[2.1, 0.2], [0.0, 1.0]], ["row 1", "branch [1.0, 0.0]", "cell of this instant"]),
+        ([[2.1, 0.2], [0.0, 1.0]], ["row 1", "branch [1.0, 0.0]", "cell of this snapshot"]),
         ([[2.0, 0.0], [0.0, 1.0]], ["row 2", "branch [0.2, 1.0]"]),
         ([[1.0, 1.0], [1.0, 1.0]], ["cell", "independent"]),
         ([[2.0, np.nan], [0.0, 1.0]], ["cell", "nan"]),

@@ -316,13 +316,13 @@ def is_empty(frame: DumpFrame) -> bool:
 
 
 def left_out(count: int) -> tuple[str, ...]:
-    """Note on the instants without contacts before this one."""
-    return (f"{count} earlier instants without contacts left out",) if count else ()
+    """Note on the snapshots without contacts before this one."""
+    return (f"{count} earlier snapshots without contacts left out",) if count else ()
 
 
 def no_contacts(path: Path) -> InputError:
-    """Error for a file whose instants all lack contacts."""
-    return InputError(str(path), "no contacts at any instant", "contacts", "Check the export.")
+    """Error for a file whose snapshots all lack contacts."""
+    return InputError(str(path), "no contacts in any snapshot", "contacts", "Check the export.")
 
 
 def _some(steps: list[int]) -> str:

@@ -32,7 +32,7 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def frames(source: Source) -> Instants:
-    """The one instant of a pair of VTK files.
+    """The one snapshot of a pair of VTK files.
 
     The main file is that of the spheres, `...spheres.N.vtu`, with `...intrs.N.vtp` beside it; or a
     `.vtm` that names both; or `...-spheres-N.vtk` with `...-intrs-N.vtk` beside it. Lines are
@@ -190,7 +190,7 @@ def refuse_strays(lines: Piece, ends: Integers) -> None:
         raise InputError(
             str(lines.path),
             "lines that end at none of the spheres",
-            "files of one instant",
+            "files of one snapshot",
             "Give the two files of the same iteration.",
         )
     strays = int(np.count_nonzero((ends < 0).any(axis=1)))
@@ -200,7 +200,7 @@ def refuse_strays(lines: Piece, ends: Integers) -> None:
             f"{strays} of {len(ends)} lines that end at no sphere",
             "contacts between spheres of the other file",
             "Contacts across a periodic border or with walls can't be told apart here, and files "
-            f"of two instants look like this too. {SNIPPET}",
+            f"of two snapshots look like this too. {SNIPPET}",
         )
 
 

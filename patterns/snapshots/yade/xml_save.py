@@ -206,7 +206,7 @@ def _value(element: ET.Element | None, name: str, where: str) -> float:
     return value
 
 
-# Branches and normals further apart than this (radians) are not of one instant.
+# Branches and normals further apart than this (radians) are not of one snapshot.
 SAME_INSTANT = 1e-9
 
 
@@ -218,7 +218,7 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def frames(source: Source) -> Instants:
-    """The one instant of a save.
+    """The one snapshot of a save.
 
     Spheres are grains, all other bodies walls. The branch of a wall contact runs along the normal
     from the contact point to the centre.

@@ -2,12 +2,12 @@
 
 This file runs in Yade's own Python and needs nothing else: copy it beside the script of the
 simulation, or read it with `exec(open("yade_export.py").read())`. Then `export_tables("out")`
-writes the present instant, and
+writes the present snapshot, and
 
     PyRunner(iterPeriod=1000, command='export_tables("out")')
 
 one every 1000 steps. Placed between the InteractionLoop and the NewtonIntegrator, positions,
-contacts and forces are of the same instant; elsewhere the positions are one step older or newer.
+contacts and forces are of the same snapshot; elsewhere the positions are one step older or newer.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SPHERE, WALL = 0, 1
 
 
 def export_tables(folder: str, number: int | None = None) -> str:
-    """Write `grains_KK.csv.gz`, `contacts_KK.csv.gz` and `cell_KK.json` of this instant.
+    """Write `grains_KK.csv.gz`, `contacts_KK.csv.gz` and `cell_KK.json` of this snapshot.
 
     The columns are those of the plain tables: numbers with 17 digits, compression positive, forces
     on grain 2, the branch from centre 1 to the image of centre 2. Every body that is no sphere is a
@@ -58,7 +58,7 @@ def export_tables(folder: str, number: int | None = None) -> str:
     spheres = {body.id for body in O.bodies if _is_sphere(body)}
     real = [i for i in O.interactions if i.isReal and (i.id1 in spheres or i.id2 in spheres)]
     if not real:
-        raise ValueError("no real interaction at this instant: nothing to export")
+        raise ValueError("no real interaction at this snapshot: nothing to export")
     columns = CONTACTS + (FORCES if _has_friction(real) else FORCES[:-1])
     contacts = [_contact(O, i)[: len(columns)] for i in real]
     os.makedirs(folder, exist_ok=True)

@@ -1,7 +1,7 @@
 """Every native file of a folder of Yade samples: set GRAINLOOPS_DEM to it and run with -m slow.
 
 The folder holds one folder a sample with tables `grains_KK.*`, `contacts_KK.*` and, in `native/`,
-files of the same instants: `sKK-spheres.*`, `mbKK-*`, `state_KK.*`, `spheres_KK.txt`.
+files of the same snapshots: `sKK-spheres.*`, `mbKK-*`, `state_KK.*`, `spheres_KK.txt`.
 """
 
 import gzip

@@ -55,7 +55,7 @@ def test_images_beyond_a_periodic_border_are_refused(tmp_path):
 def test_files_of_two_instants(tmp_path):
     text = bytes(open_text(LINES)).replace(b"0.", b"1.")
     (tmp_path / "other-intrs.vtk").write_bytes(text)
-    with pytest.raises(InputError, match=r"one instant|no sphere"):
+    with pytest.raises(InputError, match=r"one snapshot|no sphere"):
         frame_of(yade_vtk, SPHERES, contacts=tmp_path / "other-intrs.vtk")
 
 

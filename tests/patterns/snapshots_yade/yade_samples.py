@@ -26,7 +26,7 @@ def snapshot_of(module, path, **source):
 
 
 def table_of(folder):
-    """The tables that `export_tables` wrote inside Yade at the same instant."""
+    """The tables that `export_tables` wrote inside Yade at the same snapshot."""
     return read_snapshot(folder / "grains_00.csv.gz")
 
 
