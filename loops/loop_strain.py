@@ -152,18 +152,7 @@ def rotation_and_stretch(H: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def rotation_minus_one(angle: ArrayLike) -> Floats:
-    """`R - 1` of rotations by `angle`, to full relative precision for small ones.
-
-    Parameters
-    ----------
-    angle : (...) array
-        Radians, counter-clockwise positive.
-
-    Returns
-    -------
-    (..., 2, 2) array
-        The rotation matrix less the identity.
-    """
+    """`R - 1` of rotations by `angle`, to full relative precision for small ones."""
     turn = np.asarray(angle, dtype=float)
     s, versine = np.sin(turn), 2.0 * np.sin(0.5 * turn) ** 2
     return np.stack([np.stack([-versine, -s], axis=-1), np.stack([s, -versine], axis=-1)], axis=-2)

@@ -12,18 +12,7 @@ from loops.errors import InputError
 
 
 def check_graph(graph: Any) -> None:
-    """Raise `InputError` at the first fault of a grain graph.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        The graph under construction; not typed as such, since it is built on these checks.
-
-    Raises
-    ------
-    InputError
-        See `GrainGraph`.
-    """
+    """Raise `InputError` at the first fault of a grain graph."""
     _check_shapes(graph)
     _check_grains(graph)
     _check_contacts(graph)
@@ -162,22 +151,7 @@ def _check_duplicates(graph: Any) -> None:
 def find_duplicate(
     contacts: Integers, images: Integers | None, grain_count: int
 ) -> tuple[int, int] | None:
-    """Find two contacts that join the same two grains through the same image.
-
-    Parameters
-    ----------
-    contacts : (C, 2) array of int
-        Contacts, in either direction.
-    images : (C, 2) array of int or None
-        Periodic images of the second grains.
-    grain_count : int
-        Number of grains.
-
-    Returns
-    -------
-    (int, int) or None
-        The earlier and the later one, or None if there are none.
-    """
+    """Find two contacts that join the same two grains through the same image."""
     i, j = contacts.T
     key = np.minimum(i, j) * grain_count + np.maximum(i, j)
     # Values alone sort faster than with their places, and as a rule they are all different.
@@ -208,22 +182,7 @@ def _images_from_lower_grain(contacts: Integers, images: Integers) -> Integers:
 
 
 def check_branches(what: str, contacts: Integers, branches: Floats) -> None:
-    """Raise `InputError` if a contact joins two grains with the same centre.
-
-    Parameters
-    ----------
-    what : str
-        Which centres these are, for the message.
-    contacts : (C, 2) array of int
-        Contacts.
-    branches : (..., C, 2) array
-        Their branch vectors (length).
-
-    Raises
-    ------
-    InputError
-        Naming the contact and its two grains.
-    """
+    """Raise `InputError` if a contact joins two grains with the same centre."""
     distinct = np.asarray(branches.any(axis=-1))
     if distinct.all():
         return

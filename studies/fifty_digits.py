@@ -27,25 +27,10 @@ def affine_tangent_50(
     mu: Any,
     regime: Sequence[int] | NDArray[np.int8],
 ) -> Any:
-    """Affine tangent of a ring, `(1/V0) sum k_ik d0_j d0_l`, with 50 digits.
+    """Affine tangent of a ring, `(1/V0) sum k_ik d0_j d0_l`, with 50 digits, as mpmath.matrix.
 
-    Parameters
-    ----------
-    x, x0 : (n, 2) array
-        Centres and reference centres of the ring, counter-clockwise (length).
-    normal, shear : (n,) array
-        Forces of the contacts (c, c+1), compression positive.
-    kn, kt : float or (n,) array
-        Stiffness (force per length).
-    mu : float or (n,) array
-        Friction of sliding contacts.
-    regime : (n,) array of int
-        1 elastic, 2 sliding.
-
-    Returns
-    -------
-    mpmath.matrix
-        4 x 4, order (11, 12, 21, 22).
+    Centres `x`, `x0` (n, 2) counter-clockwise, forces (n,) of the contacts (c, c+1), regimes 1
+    (elastic) or 2 (sliding); order (11, 12, 21, 22).
     """
     import mpmath as mp
 
@@ -71,18 +56,7 @@ def traction_tangent_50(
     mu: Any,
     regime: Sequence[int] | NDArray[np.int8],
 ) -> Any:
-    """Traction tangent of a ring with spins blocked, with 50 digits.
-
-    Parameters
-    ----------
-    x, x0, normal, shear, kn, kt, mu, regime
-        As for `affine_tangent_50`.
-
-    Returns
-    -------
-    mpmath.matrix
-        4 x 4, order (11, 12, 21, 22).
-    """
+    """Traction tangent of a ring with spins blocked, with 50 digits."""
     import mpmath as mp
 
     with mp.workdps(DIGITS):
@@ -105,35 +79,13 @@ def traction_tangent_50(
 
 
 def as_array(matrix: Any) -> Floats:
-    """Round a 50-digit matrix to doubles.
-
-    Parameters
-    ----------
-    matrix : mpmath.matrix
-        Any size.
-
-    Returns
-    -------
-    array
-        Nearest doubles.
-    """
+    """Round a 50-digit matrix to doubles."""
     rows, columns = matrix.rows, matrix.cols
     return np.array([[float(matrix[i, j]) for j in range(columns)] for i in range(rows)])
 
 
 def symmetric_spectrum_50(matrix: Any) -> Floats:
-    """Eigenvalues of Ks in the symmetric subspace with 50 digits, rounded, ascending.
-
-    Parameters
-    ----------
-    matrix : mpmath.matrix
-        4 x 4, order (11, 12, 21, 22).
-
-    Returns
-    -------
-    (3,) array
-        Eigenvalues (force per length).
-    """
+    """Eigenvalues of Ks in the symmetric subspace with 50 digits, rounded, ascending."""
     import mpmath as mp
 
     with mp.workdps(DIGITS):
