@@ -31,11 +31,13 @@ class Factor:
     def solve(self, loads: Floats, *, refinements: int = 8) -> Floats:
         """(size,) or (size, k) solutions; refinement takes the regularisation out again."""
         v = self._panels(loads)
-        goal = ROUNDING * np.linalg.norm(loads)
+        goal, before = ROUNDING * np.linalg.norm(loads), np.inf
         for _ in range(refinements):
             left = loads - self.matrix @ v
-            if np.linalg.norm(left) <= goal:
+            # Loads that a mechanism doesn't carry don't get smaller, its motion only larger.
+            if (size := np.linalg.norm(left)) <= goal or size > 0.5 * before:
                 break
+            before = size
             v += self._panels(left)
         return v
 

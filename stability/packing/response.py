@@ -33,6 +33,8 @@ Status = Literal["unique", "none", "several found", "not converged"]
 
 # Wrong signs below this share of the largest rate are rounding.
 AGREEMENT = 1e-7
+# Forces left out of balance beyond this share: a mechanism that no regime stops.
+TRUSTED = 1e-6
 # Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
 CONDENSED = 600
 ROUNDS = 14
@@ -48,9 +50,10 @@ class PackingResponse:
         `unique`: every start of the search led to this solution (one start alone beyond 600
         contacts at yield). `several found`: they led to more than one; this one slips least.
         `none`: proved, by enumeration or by a linear programme, that no combination of regimes
-        agrees. `not converged`: none was found, without a proof. In the last two the rates are
-        those of the best regimes met: a few contacts, `disagreeing`, are kept from sliding. They
-        have softened so far that nothing quasi-static holds them.
+        agrees. `not converged`: none was found, without a proof, or forces stay out of balance
+        because a mechanism carries nothing. In the last two the rates are those of the best regimes
+        met: a few contacts, `disagreeing`, are kept from sliding. They have softened so far that
+        nothing quasi-static holds them.
     proof : str
         What stands behind the number of solutions: 'enumeration', 'positive definite',
         'infeasible', or '' for the starts alone.
@@ -311,6 +314,7 @@ def _response(
         system, edge.system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
     )
     size = float(np.linalg.norm(affine))
+    residual = float(np.linalg.norm(left)) / size if size > 0 else 0.0
     v = np.append(answer.motion @ H.ravel(), 0.0)[system.freedom]
     n = len(system.contacts)
     branch_rate = -branch_vectors(graph) @ H.T
@@ -321,9 +325,9 @@ def _response(
     regime[system.contacts] = system.regime[:n]
     regime[system.contacts[edge.rows[active]]] = Regime.SLIDING
     return PackingResponse(
-        status=_status(found),
+        status=_status(found, residual),
         proof=found.proof,
-        residual=float(np.linalg.norm(left)) / size if size > 0 else 0.0,
+        residual=residual,
         disagreeing=int(np.count_nonzero(disagreeing)),
         strain_rate=H,
         stress_rate=(answer.stress @ H.ravel()).reshape(2, 2),
@@ -340,7 +344,7 @@ def _response(
     )
 
 
-def _status(found: Complementarity) -> Status:
-    if len(found.active):
+def _status(found: Complementarity, residual: float) -> Status:
+    if len(found.active) and residual <= TRUSTED:
         return "unique" if len(found.active) == 1 else "several found"
     return "none" if found.proof else "not converged"

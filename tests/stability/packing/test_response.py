@@ -188,6 +188,32 @@ def test_what_carries_nothing_changes_nothing():
     assert (two.force_rate[-2:] == 0).all()
 
 
+def test_a_mechanism_is_never_called_a_solution():
+    # Frictionless and below four contacts a grain: most strains move grains that nothing holds.
+    graph = packing(30, seed=2)
+    loose = graph.replace(shear_force=np.zeros(graph.contact_count))
+    kept = np.sort(np.random.default_rng(0).permutation(graph.contact_count)[:45])
+    thin = GrainGraph(
+        x=loose.x,
+        radii=loose.radii,
+        contacts=loose.contacts[kept],
+        normal_force=loose.normal_force[kept],
+        images=loose.images[kept],
+        cell=loose.cell,
+    )
+    found = packing_response(thin, LinearFrictional(1.0, 0.5, 0.0), H)
+    assert found.residual < 1e-6 or found.status == "not converged"
+    assert np.isfinite(found.force_rate).all()
+
+
+def test_contacts_that_all_stand_at_yield():
+    graph = packing(30, seed=2, sliding=1.0)
+    found = packing_response(graph, LAW, H)
+    assert found.candidates + found.settled == len(found.system.contacts)
+    assert found.status in ("unique", "several found", "none", "not converged")
+    assert found.disagreeing == 0 or found.status in ("none", "not converged")
+
+
 def test_what_floats_or_has_no_area_is_refused():
     graph = packing(24, seed=3)
     plane = GrainGraph(graph.x, graph.radii, graph.contacts[:0])
