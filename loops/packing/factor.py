@@ -35,7 +35,8 @@ class Factor:
         for _ in range(refinements):
             left = loads - self.matrix @ v
             # Loads that a mechanism doesn't carry don't get smaller, its motion only larger.
-            if (size := np.linalg.norm(left)) <= goal or size > 0.5 * before:
+            size = float(np.linalg.norm(left))
+            if size <= goal or size > 0.5 * before:
                 break
             before = size
             v += self._panels(left)
