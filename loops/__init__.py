@@ -17,11 +17,18 @@ if TYPE_CHECKING:
     from loops.contact_matching import ContactMatch, match_contacts
     from loops.contact_state import ContactState, contact_state
     from loops.contact_tangent import contact_tangent, translational_blocks
-    from loops.crossings import find_crossings
+    from loops.crossings import crossing_contacts_to_drop, find_crossings
     from loops.errors import InputError
     from loops.exchange import from_networkx, to_networkx
     from loops.fabric import axial_mean, direction_tensors, edge_tensors, mean_tensor, principal
-    from loops.faces import FaceKind, Faces, euler_check, faces_by_order, find_faces
+    from loops.faces import (
+        FaceKind,
+        Faces,
+        euler_check,
+        faces_by_order,
+        find_faces,
+        outline_area,
+    )
     from loops.geometry import (
         boundary_vectors,
         polygon_area,
@@ -46,8 +53,6 @@ if TYPE_CHECKING:
     )
     from loops.loop_batches import LoopBatch, loop_batches
     from loops.loop_strain import best_fit_strain, loop_strain, rotation_and_stretch
-    from loops.outline import outline_area
-    from loops.planarity import crossing_contacts_to_drop
     from loops.pruning import prune_dangling
     from loops.stress import contact_forces, love_weber_stress, nominal_stress
     from loops.tracking import Fate, LoopFates, exchange_counts, exchange_matrix, loop_fates

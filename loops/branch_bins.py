@@ -62,18 +62,7 @@ class Pieces:
 
 
 def cell_branches(graph: GrainGraph) -> Branches:
-    """Branches of a graph that has contacts, in coordinates of its cell or bounding box.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        One state.
-
-    Returns
-    -------
-    Branches
-        Branches, their starts in the unit square.
-    """
+    """Branches of a graph that has contacts, in coordinates of its cell or bounding box."""
     i, j = graph.contacts.T
     u, home, sides = cell_coordinates(graph)
     reach = np.zeros((graph.contact_count, 2), dtype=np.int64)
@@ -84,22 +73,7 @@ def cell_branches(graph: GrainGraph) -> Branches:
 
 
 def cell_coordinates(graph: GrainGraph) -> tuple[Floats, Integers | None, Floats]:
-    """Centres in coordinates of the cell or of the bounding box.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        One state that has contacts.
-
-    Returns
-    -------
-    u : (G, 2) array
-        Coordinates; from 0 to 1 for every grain that has a contact.
-    home : (G, 2) array of int or None
-        Cell that each centre was brought in from; None in the plane.
-    sides : (2,) array
-        Lengths of the cell's sides.
-    """
+    """Centres in coordinates of the cell or of the bounding box."""
     if graph.cell is not None and graph.images is not None:
         u = np.linalg.solve(graph.cell, graph.x.T).T
         home = np.floor(u).astype(np.int64)
@@ -118,16 +92,6 @@ def close_branches(branches: Branches) -> Iterator[Pieces]:
 
     A bin whose branches all meet in one grain is left out if it is crowded: large grains are the
     centres of fans of branches that have nothing to cross there.
-
-    Parameters
-    ----------
-    branches : Branches
-        Branches of the graph.
-
-    Yields
-    ------
-    Pieces
-        Pieces in bins with two pieces or more.
     """
     pieces = _cut(
         branches,
@@ -146,22 +110,7 @@ def close_branches(branches: Branches) -> Iterator[Pieces]:
 
 
 def bin_counts(contacts: int, extent: Floats, sides: Floats) -> tuple[int, int]:
-    """Columns and rows: square bins, two contacts in each, fewer bins if branches are long.
-
-    Parameters
-    ----------
-    contacts : int
-        Number of contacts C.
-    extent : (2,) array
-        Mean extent of a branch along either axis, in coordinates of the cell.
-    sides : (2,) array
-        Lengths of the cell's sides.
-
-    Returns
-    -------
-    (int, int)
-        Columns and rows.
-    """
+    """Columns and rows: square bins, two contacts in each, fewer bins if branches are long."""
     width, height = np.maximum(sides, sides.max() / contacts)
     counts = np.sqrt([0.5 * contacts * width / height, 0.5 * contacts * height / width])
     crossed = contacts * float(extent @ counts)

@@ -19,7 +19,7 @@ from loops.branch_bins import (
     close_branches,
 )
 from loops.compiled import use_compiled
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, branch_vectors
 from loops.pruning import require_one_state
 
 Floats = NDArray[np.float64]
@@ -91,13 +91,57 @@ def find_crossings(
     return np.unique(np.concatenate(batches), axis=0)
 
 
+def crossing_contacts_to_drop(graph: GrainGraph, pairs: Integers) -> Integers:
+    """Contacts whose removal leaves none of the given pairs of crossing branches.
+
+    Of two that cross, the one with more crossings goes; of equal ones the one with the smaller
+    normal force, then the longer branch, then the larger number.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state.
+    pairs : (M, 2) array of int
+        From `find_crossings`.
+
+    Returns
+    -------
+    (K,) array of int
+        Contacts to leave out, ascending.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, crossing_contacts_to_drop, find_crossings
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]],
+    ...                     normal_force=[1, 1, 1, 1, 0.2, 0.3])
+    >>> crossing_contacts_to_drop(square, find_crossings(square)).tolist()
+    [4]
+    """
+    named, pair = np.unique(pairs, return_inverse=True)
+    pair = pair.reshape(-1, 2)
+    length = np.hypot(*branch_vectors(graph)[named].T)
+    crossings = np.bincount(pair.ravel(), minlength=len(named))
+    order = np.lexsort((named, length, -graph.normal_force[named], crossings))
+    rank = np.empty(len(named), dtype=np.int64)
+    rank[order] = np.arange(len(named))
+    dropped = np.zeros(len(named), dtype=bool)
+    while len(pair):
+        # The first of its neighbourhood goes; among all pairs left there is always one.
+        worst = np.full(len(named), -1)
+        np.maximum.at(worst, pair, rank[pair].max(axis=1)[:, None])
+        dropped |= worst == rank
+        pair = pair[~dropped[pair].any(axis=1)]
+    return named[dropped]
+
+
 def _compiled_crossings(graph: GrainGraph, max_pairs: int) -> Integers | None:
     """Crossings by the kernel; None where its bins are too crowded, as in fans around large grains.
 
     A pair may meet in several bins: it counts once.
     """
-    from loops.compiled.crossings import crossing_pairs
     from loops.compiled.kernel import given
+    from loops.compiled.network import crossing_pairs
 
     u, home, sides = cell_coordinates(graph)
     none = np.zeros((0, 2), dtype=np.int64)

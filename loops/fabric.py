@@ -19,17 +19,7 @@ BLOCK = 2**14  # tensors at a time
 
 
 class TensorMean(NamedTuple):
-    """Weighted mean of symmetric tensors, and how far they lie apart.
-
-    Attributes
-    ----------
-    mean : (2, 2) array
-        Weighted mean.
-    std : (2, 2) array
-        Weighted standard deviation of each component.
-    number : int
-        How many tensors.
-    """
+    """Weighted mean of symmetric tensors, and how far they lie apart."""
 
     mean: Floats
     std: Floats

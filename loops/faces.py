@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.compiled import use_compiled
-from loops.face_areas import measured_faces
 from loops.graph import GrainGraph, branch_vectors
-from loops.half_edges import cycles, half_edges_by_grain, next_half_edge
+from loops.half_edges import cycles, half_edges_by_grain, measured_faces, next_half_edge
 from loops.pruning import component_counts, component_labels, prune_dangling, require_one_state
 
 Floats = NDArray[np.float64]
@@ -146,8 +145,8 @@ def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
 
 def _compiled_faces(graph: GrainGraph) -> Faces | None:
     """Faces by the kernel; None where two directions are the same, or too close for doubles."""
-    from loops.compiled.faces import plane_faces
     from loops.compiled.kernel import given
+    from loops.compiled.network import plane_faces
 
     images = np.zeros((0, 2)) if graph.images is None else graph.images
     cell = np.zeros((2, 2)) if graph.cell is None else graph.cell
@@ -206,19 +205,7 @@ def faces_by_order(faces: Faces, loops: Integers | None = None) -> dict[int, Loo
 
 @dataclass(frozen=True, eq=False)
 class EulerCheck:
-    """Euler's formula of every component of the pruned contact graph.
-
-    Attributes
-    ----------
-    components, vertices, edges, faces : int
-        Totals; every half-edge cycle counts as a face.
-    characteristic : (components,) array of int
-        `V - E + F` of each component.
-    expected : (components,) array of int
-        2, or 0 for a component that winds around the cell in two directions.
-    ok : bool
-        Whether the two agree.
-    """
+    """Euler's formula of every component of the pruned contact graph."""
 
     components: int
     vertices: int
@@ -279,10 +266,60 @@ def euler_check(graph: GrainGraph, faces: Faces, *, compiled: bool | None = None
     )
 
 
+def outline_area(graph: GrainGraph, faces: Faces) -> float:
+    """Area of the sample: of the periodic cell, else of the polygons around its clusters.
+
+    A cluster that lies inside another one adds nothing.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The packing, one state.
+    faces : Faces
+        Its faces, from `find_faces`.
+
+    Returns
+    -------
+    float
+        Area (length squared); 0 for a packing without loops that is not periodic.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces, outline_area
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
+    >>> outline_area(square, find_faces(square))
+    1.0
+    """
+    if graph.cell is not None:
+        return float(np.abs(np.linalg.det(graph.cell)))
+    outer = np.flatnonzero(faces.kind == FaceKind.OUTER)
+    largest_first = outer[np.argsort(faces.area[outer])]
+    kept: list[Floats] = []
+    total = 0.0
+    for face in largest_first.tolist():
+        polygon = graph.x[faces.grains[faces.offsets[face] : faces.offsets[face + 1]]]
+        if not any(_contains(other, polygon[0]) for other in kept):
+            kept.append(polygon)
+            total -= float(faces.area[face])
+    return total
+
+
+def _contains(polygon: Floats, point: Floats) -> bool:
+    """Whether a ray from the point crosses the polygon an odd number of times."""
+    if (point < polygon.min(axis=0)).any() or (point > polygon.max(axis=0)).any():
+        return False
+    a, b = polygon - point, np.roll(polygon, -1, axis=0) - point
+    rising = (a[:, 1] > 0) != (b[:, 1] > 0)
+    a, b = a[rising], b[rising]
+    to_the_right = (a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1] > 0) == (b[:, 1] > a[:, 1])
+    return bool(np.count_nonzero(to_the_right) % 2)
+
+
 def _compiled_counts(graph: GrainGraph) -> tuple[Integers, Integers, Integers]:
     """`component_counts` by the kernel."""
-    from loops.compiled.components import component_counts as kernel
     from loops.compiled.kernel import given
+    from loops.compiled.network import component_counts as kernel
 
     images = np.zeros((0, 2)) if graph.images is None else graph.images
     vertices, edges, ranks = kernel(

@@ -174,20 +174,7 @@ def boundary_vectors(x: Floats) -> Floats:
 
 
 def outward(x: Floats, edges: Floats) -> Floats:
-    """Turn edge vectors of a polygon by 90 degrees, outward.
-
-    Parameters
-    ----------
-    x : (..., n, 2) array
-        Corners in order (length); their signed area tells the side.
-    edges : (..., n, 2) array
-        Vectors to turn.
-
-    Returns
-    -------
-    (..., n, 2) array
-        Turned vectors.
-    """
+    """Turn edge vectors of a polygon by 90 degrees, outward."""
     side = np.where(polygon_area(x) < 0, -1.0, 1.0)[..., None, None]
     return side * np.stack([edges[..., 1], -edges[..., 0]], axis=-1)
 
@@ -238,18 +225,7 @@ def checked_volume(volume: ArrayLike) -> Floats:
 
 
 def require_loop(graph: GrainGraph) -> None:
-    """Raise `InputError` unless contacts 0..n-1 are the ring 0-1-2-...-0; chords may follow.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        The graph to look at.
-
-    Raises
-    ------
-    InputError
-        Naming the first contact that is out of place.
-    """
+    """Raise `InputError` unless contacts 0..n-1 are the ring 0-1-2-...-0; chords may follow."""
     n = graph.grain_count
     ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
     contacts = graph.contacts[:n]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cmp_to_key
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from loops.graph import GrainGraph
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+BLOCK = 2**16  # half-edges measured at a time
 ANGLE_STEPS = 2**30 - 1  # a quarter turn in the key; a whole one stays below 2^32
 SHORT_CYCLE = 64  # longer cycles are few: they are ranked by doubling instead of walked
 
@@ -24,29 +26,7 @@ SHORT_CYCLE = 64  # longer cycles are few: they are ranked by doubling instead o
 def next_half_edge(
     grains: int, contacts: Integers, numbers: Integers, branches: Floats
 ) -> Integers:
-    """The half-edge that follows each one around the face on its left.
-
-    Parameters
-    ----------
-    grains : int
-        Number of grains.
-    contacts : (E, 2) array of int
-        Contacts at hand.
-    numbers : (E,) array of int
-        Their numbers in the graph, for the message of an error.
-    branches : (E, 2) array
-        Their branch vectors (length).
-
-    Returns
-    -------
-    (2 E,) array of int
-        A permutation of the half-edges.
-
-    Raises
-    ------
-    InputError
-        If two branches leave a grain in exactly the same direction.
-    """
+    """The half-edge that follows each one around the face on its left."""
     origin = contacts.ravel()
     order = _around_grains(origin, branches, numbers)
     degree = np.bincount(origin, minlength=grains)
@@ -120,27 +100,7 @@ def half_edges_by_grain(graph: GrainGraph, kept: Integers) -> Integers:
 
 
 def cycles(following: Integers) -> tuple[Integers, Integers]:
-    """Cycles of a permutation.
-
-    Parameters
-    ----------
-    following : (H,) array of int
-        Permutation of 0..H-1.
-
-    Returns
-    -------
-    offsets : (F + 1,) array of int
-        Where each cycle starts in `members`; the last entry is H.
-    members : (H,) array of int
-        Elements cycle by cycle, each from its smallest one on, by ascending smallest element.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from loops.half_edges import cycles
-    >>> [part.tolist() for part in cycles(np.array([2, 1, 4, 3, 0]))]
-    [[0, 3, 4, 5], [0, 2, 4, 1, 3]]
-    """
+    """Cycles of a permutation."""
     first, position = _walk_short_cycles(following)
     rest = np.flatnonzero(position < 0)
     if rest.size:
@@ -199,3 +159,35 @@ def _rank_by_doubling(following: Integers) -> tuple[Integers, Integers]:
         jump, reach = jump[jump], 2 * reach
     length = np.bincount(smallest, minlength=1)[smallest]
     return smallest, np.where(distance == 0, 0, length - distance)
+
+
+def measured_faces(
+    graph: GrainGraph,
+    branches: Floats,
+    grains: Integers,
+    contacts: Integers,
+    sign: Integers,
+    offsets: Integers,
+) -> tuple[Floats, Integers]:
+    """Signed area of each face and the sum of images along it."""
+    faces = len(offsets) - 1
+    area, winding = np.zeros(faces), np.zeros((faces, 2), dtype=np.int64)
+    # In blocks that stay in the cache.
+    cuts = np.searchsorted(offsets, np.arange(0, offsets[-1], BLOCK))
+    for start, stop in pairwise(np.unique(np.append(cuts, faces)).tolist()):
+        block = slice(offsets[start], offsets[stop])
+        begin = offsets[start:stop] - offsets[start]
+        first = np.repeat(begin, np.diff(offsets[start : stop + 1]))
+        # Corners relative to the first one of their face: no cancellation far from the origin.
+        x = graph.x[grains[block]]
+        x -= x[first]
+        turn = sign[block, None]
+        if graph.images is not None and graph.cell is not None:
+            image = graph.images[contacts[block]] * turn
+            passed = np.cumsum(image, axis=0) - image
+            x += (passed - passed[first]) @ graph.cell.T
+            winding[start:stop] = np.add.reduceat(image, begin)
+        d = branches[contacts[block]] * turn
+        cross = x[:, 0] * d[:, 1] - x[:, 1] * d[:, 0]
+        area[start:stop] = 0.5 * np.add.reduceat(cross, begin)
+    return area, winding

@@ -15,18 +15,7 @@ Mask = NDArray[np.bool_]
 
 
 def require_one_state(graph: GrainGraph) -> None:
-    """Raise `InputError` if the graph carries batch axes.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        The graph to look at.
-
-    Raises
-    ------
-    InputError
-        Naming the batch axes.
-    """
+    """Raise `InputError` if the graph carries batch axes."""
     if graph.batch_shape:
         raise InputError(
             "batch axes of the graph",
@@ -81,24 +70,7 @@ def prune_dangling(graph: GrainGraph) -> tuple[Mask, Mask]:
 
 
 def component_labels(grains: int, contacts: Integers, kept: Mask) -> tuple[int, Integers]:
-    """Number the connected components of the kept grains by their smallest grain.
-
-    Parameters
-    ----------
-    grains : int
-        Number of grains G.
-    contacts : (E, 2) array of int
-        Contacts between kept grains.
-    kept : (G,) array of bool
-        Kept grains.
-
-    Returns
-    -------
-    count : int
-        Number of components.
-    label : (G,) array of int
-        Component of each grain, -1 if it is not kept.
-    """
+    """Number the connected components of the kept grains by their smallest grain."""
     links = csr_array((np.ones(len(contacts)), contacts.T), shape=(grains, grains))
     _, label = connected_components(links, directed=False)
     _, first, inverse = np.unique(label[kept], return_index=True, return_inverse=True)
@@ -109,19 +81,7 @@ def component_labels(grains: int, contacts: Integers, kept: Mask) -> tuple[int, 
 
 
 def component_counts(graph: GrainGraph) -> tuple[Integers, Integers, Integers]:
-    """Grains, contacts and windings of every component, dangling grains left out.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        The contact graph, one state.
-
-    Returns
-    -------
-    vertices, edges, ranks : (count,) array of int
-        Of each component, numbered by its smallest grain; `ranks` from `winding_ranks`, 0 in the
-        plane.
-    """
+    """Grains, contacts and windings of every component, dangling grains left out."""
     kept_grains, kept_contacts = prune_dangling(graph)
     contacts = graph.contacts[kept_contacts]
     count, label = component_labels(graph.grain_count, contacts, kept_grains)
@@ -137,22 +97,6 @@ def winding_ranks(contacts: Integers, images: Integers, label: Integers, count: 
 
     A spanning forest gives every grain an integer offset; the images that the other contacts
     leave over are the windings of the component's cycles. Faces play no part.
-
-    Parameters
-    ----------
-    contacts : (E, 2) array of int
-        Contacts between kept grains.
-    images : (E, 2) array of int
-        Their periodic images.
-    label : (G,) array of int
-        Component of each grain, -1 if it is in none.
-    count : int
-        Number of components.
-
-    Returns
-    -------
-    (count,) array of int
-        0 (a cluster), 1 (a strip) or 2 (it spans the cell).
     """
     offset = _forest_offsets(contacts, images, label, count)
     i, j = contacts.T

@@ -30,15 +30,6 @@ class PointGroup:
     Element s sends grain g to `grains[s, g]`, at `maps[s] x_g` about the centre of the loop, and
     contact c to `contacts[s, c]`. A rotation keeps `T`, a mirror turns its sign (`N` stays), in
     whichever direction the contact is listed.
-
-    Attributes
-    ----------
-    grains : (S, G) array of int
-        Images of the grains; the identity comes first.
-    contacts : (S, C) array of int
-        Images of the contacts.
-    maps : (S, 2, 2) array
-        Rotations and mirrors.
     """
 
     grains: Integers
@@ -87,31 +78,7 @@ class PointGroup:
 def loop_symmetry(
     graph: GrainGraph, even: Sequence[ArrayLike] = (), odd: Sequence[ArrayLike] = ()
 ) -> PointGroup:
-    """Point group of a loop's state: centres, reference, radii and forces.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        One state.
-    even, odd : sequence of (C,) array
-        More numbers of the contacts, which mirrors keep (stiffness, regime) or turn the sign of.
-
-    Returns
-    -------
-    PointGroup
-        The identity alone if the graph's first contacts are no ring, or it is periodic.
-
-    Examples
-    --------
-    >>> from loops import GrainGraph
-    >>> from loops.symmetry import loop_symmetry
-    >>> ring = [[0, 1], [1, 2], [2, 3], [3, 0]]
-    >>> square = GrainGraph(x=[[1, 0], [0, 1], [-1, 0], [0, -1]], radii=[0.75] * 4, contacts=ring)
-    >>> loop_symmetry(square).name
-    'D4'
-    >>> loop_symmetry(square.replace(shear_force=[0.1, -0.1, 0.1, -0.1])).name
-    'D2'
-    """
+    """Point group of a loop's state: centres, reference, radii and forces."""
     if graph.cell is not None or graph.batch_shape:
         return identity(graph.grain_count, len(graph.contacts))
     N, T = graph.normal_force, graph.shear_force
@@ -136,23 +103,6 @@ def point_group(
     """Point group of configurations of a ring with chords, taken together.
 
     The 2 n candidates are the turns and reversals of the ring; each fixes its map.
-
-    Parameters
-    ----------
-    configurations : sequence of (G, 2) array
-        Centres, each about its own mean (length).
-    contacts : (C, 2) array of int
-        Contacts (c, c+1) of the ring first.
-    radii : (G,) array
-        Radii (length).
-    even, odd : sequence of (C,) array
-        Numbers of the contacts that mirrors keep, or turn the sign of, in their natural unit:
-        rounding is measured against 1, or the largest of them.
-
-    Returns
-    -------
-    PointGroup
-        The identity alone if the first contacts are no ring.
     """
     count = len(radii)
     if not _is_ring(contacts, count):
@@ -188,28 +138,6 @@ def invariant_fields(places: Integers, action: Floats) -> Floats:
     A field has m numbers at each of I places; element s takes them to the place `places[s]` and
     applies `action[s]`. The basis has the columns of the group average, orbit by orbit: at one
     place what its own elements leave unchanged, carried to its images.
-
-    Parameters
-    ----------
-    places : (S, I) array of int
-        Images of the places.
-    action : (S, m, m) array
-        Orthogonal; times a character (+1 or -1) for the fields that change by it.
-
-    Returns
-    -------
-    (I, m, r) array
-        r fields.
-
-    Examples
-    --------
-    Two points that a mirror swaps, with vectors:
-
-    >>> import numpy as np
-    >>> from loops.symmetry import invariant_fields
-    >>> mirror = np.array([np.eye(2), np.diag([-1.0, 1.0])])
-    >>> invariant_fields(np.array([[0, 1], [1, 0]]), mirror).shape
-    (2, 2, 2)
     """
     items, width = places.shape[1], action.shape[-1]
     fields = [np.zeros((items, width, 0))]

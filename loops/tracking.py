@@ -145,16 +145,7 @@ def loop_fates(contacts: ContactMatch, before: Faces, after: Faces) -> LoopFates
 
 
 class ExchangeCounts(NamedTuple):
-    """How many loops of one order became loops of another.
-
-    Attributes
-    ----------
-    order_before, order_after : (K,) array of int
-        Order of the earlier loop and of its successor. An order of 0 stands for none: before, of
-        loops that were born; after, of loops that died.
-    loops : (K,) array of int
-        Number of loops.
-    """
+    """How many loops of one order became loops of another."""
 
     order_before: Integers
     order_after: Integers

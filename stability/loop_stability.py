@@ -46,6 +46,15 @@ def loop_stability(tangents: Floats, *, compiled: bool = False) -> LoopStability
     return LoopStability(values, fraction, opening, soft_angle(softest))
 
 
+def loop_spectra(tangents: Floats, *, compiled: bool = False) -> Floats:
+    """(L, 3) eigenvalues of Ks in the symmetric subspace alone, as `loop_stability` has them."""
+    if compiled:
+        from stability.compiled.modes import loop_modes
+
+        return np.asarray(loop_modes(np.ascontiguousarray(tangents))[0])
+    return symmetric_modes(restrict(tangents, "symmetric"))[0]
+
+
 def soft_angle(directions: Floats) -> Floats:
     """Direction of a strain without a sign: the axis of its principal value of larger size.
 

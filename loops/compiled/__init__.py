@@ -3,7 +3,8 @@
 Each kernel does what a function of the room does with arrays, and is held to it by the tests. The
 modules here are imported by those functions only when the input is large: numba takes a third of a
 second to load, and seconds to compile what is not in its cache yet. The cache knows a kernel by
-its own file: who changes one that kernels of other files call deletes their `__pycache__`.
+its own file, so whatever a kernel calls stands in the same one: networks here, loops here, modes
+in `stability.compiled`.
 """
 
 from __future__ import annotations
@@ -17,24 +18,5 @@ machine, takes about half a minute, which small packings never earn back.
 
 
 def use_compiled(compiled: bool | None, contacts: int) -> bool:
-    """Whether to take the compiled way.
-
-    Parameters
-    ----------
-    compiled : bool or None
-        What the caller wants; None leaves it to the size.
-    contacts : int
-        Contacts of the packing.
-
-    Returns
-    -------
-    bool
-        The choice.
-
-    Examples
-    --------
-    >>> from loops.compiled import use_compiled
-    >>> use_compiled(None, 100), use_compiled(True, 100), use_compiled(None, 1_000_000)
-    (False, True, True)
-    """
+    """Whether to take the compiled way."""
     return contacts >= LARGE if compiled is None else compiled

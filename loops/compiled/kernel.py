@@ -16,38 +16,15 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     The machine code is kept beside the module, in the user's cache folder if that cannot be
     written, or where NUMBA_CACHE_DIR says. Where nothing can be written it is compiled anew in
     every process.
-
-    Parameters
-    ----------
-    function : callable
-        A function of a module, in the part of Python that numba knows.
-
-    Returns
-    -------
-    callable
-        Its compiled form.
     """
     try:
-        return numba.njit(cache=True, nogil=True)(function)
+        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:  # numba's word for: no place for the cache
-        return numba.njit(nogil=True)(function)
+        return numba.njit(nogil=True, error_model="numpy")(function)
 
 
 def given(values: ArrayLike, dtype: Any) -> NDArray[Any]:
-    """A contiguous read-only view, copied only if need be: one type of input, compiled once.
-
-    Parameters
-    ----------
-    values : array_like
-        Input of a kernel.
-    dtype : dtype
-        What the kernel expects.
-
-    Returns
-    -------
-    array
-        The values.
-    """
+    """A contiguous read-only view, copied only if need be: one type of input, compiled once."""
     view = np.ascontiguousarray(values, dtype=dtype).view()
     view.flags.writeable = False
     return view

@@ -1,49 +1,75 @@
-"""A packing and its loops as the kernels want them."""
+"""A packing and its loops as the kernels want them, and the tangents of its loops."""
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.closures.macro_tangent import Closure, MacroTangent, Spins, solved
 from loops.compiled.kernel import given
+from loops.compiled.tangents import loop_shapes, loop_tangents
 from loops.contact_state import ContactState
 from loops.contact_tangent import local_blocks
 from loops.faces import Faces
 from loops.graph import GrainGraph, branches_between
-from loops.laws.protocol import ContactLaw, Regimes
+from loops.laws.protocol import ContactLaw
+from loops.null_space import ROUNDING
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
+TANGENTS: tuple[tuple[Closure, Spins], ...] = (
+    ("affine", "blocked"),
+    ("traction", "blocked"),
+    ("traction", "free"),
+)
 BLOCK = 2**14  # contacts at a time: what is computed of them stays in the cache
 
 
-class CompiledPacking(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class CompiledPacking:
     """Arrays shared by the kernels, contiguous and read-only.
 
-    Attributes
-    ----------
-    rows : (C, 8) array
-        Contacts: branch vector, tangent block in the frame (n, t) row by row, N and T; the block
-        is zero without a law.
-    x : (G, 2) array
-        Centres.
-    regime : (C,) array of int8
-        Regime of the contacts, zero without a law.
-    offsets, grains, contacts, forward : arrays
-        As in `Faces`.
+    `rows` (C, 8): branch vector, tangent block in the frame (n, t) row by row, N and T, the block
+    zero without a law; `shear` (C,) the shear stiffness; `regime` (C,). `by_radii` tells how spins
+    shear, None if in no way that the kernel knows. `faces` in the order of `Faces`.
     """
 
+    graph: GrainGraph
+    law: ContactLaw | None
+    by_radii: bool | None
     rows: Floats
-    x: Floats
+    shear: Floats
     regime: Regimes
-    offsets: Integers
-    grains: Integers
-    contacts: Integers
-    forward: NDArray[np.bool_]
+    x: Floats
+    radii: Floats
+    faces: tuple[Integers, Integers, Integers, Flags]
+
+    def shapes(self, loops: Integers) -> Floats:
+        """(L, 11) shape and stress of faces, see the kernel."""
+        return np.asarray(loop_shapes(self.rows, self.x, self.regime, *self.faces, loops))
+
+    def tangents(self, loops: Integers) -> tuple[list[MacroTangent], Flags]:
+        """Affine and traction tangents with spins blocked, traction with spins free; poor loops.
+
+        As `macroscopic_tangent` has them, but for the conditions, which are estimates. Of the poor
+        loops (L,) rounding could by these turn a sign, and the plain closure should be asked.
+        """
+        matrices, conditions, smallest, sensitivity, area = loop_tangents(
+            self.rows, self.shear, self.radii, *self.faces, loops, self.by_radii is True
+        )
+        if self.by_radii is None:
+            conditions[2] = np.inf
+        rounding = ROUNDING * conditions * np.linalg.norm(matrices, axis=(2, 3))
+        poor = ~(np.abs(smallest) > rounding)
+        # What the arms of the spins turn has no sign, however well it is solved.
+        poor[2] &= ~((np.abs(smallest[2]) <= sensitivity) & np.isfinite(conditions[2]))
+        change = (0.0, 0.0, sensitivity)
+        tangents = [
+            solved(matrices[k], *TANGENTS[k], area, conditions[k], sensitivity=change[k])
+            for k in range(3)
+        ]
+        return tangents, poor[1] | poor[2]
 
 
 def compiled_packing(
@@ -53,53 +79,51 @@ def compiled_packing(
     regime: Regimes | None = None,
     threads: int = 1,
 ) -> CompiledPacking:
-    """Prepare a packing for the kernels.
+    """Prepare a packing, one state, for the kernels; without a law only shapes can be had.
 
-    Parameters
-    ----------
-    graph : GrainGraph
-        The packing, one state; the reference is the current configuration.
-    faces : Faces
-        Its faces.
-    law : ContactLaw, optional
-        Its law; without one only the shapes of the loops can be had.
-    regime : (C,) array of Regime, optional
-        Regime of each contact; read from the state by the law if left out.
-    threads : int
-        Threads that share the contacts.
-
-    Returns
-    -------
-    CompiledPacking
-        The arrays.
+    Regimes are the graph's, or read from the state by the law, if left out.
     """
     count = graph.contact_count
     regime = graph.regime if regime is None else regime
-    rows, regimes = np.zeros((count, 8)), np.zeros(count, dtype=np.int8)
+    rows, shear = np.zeros((count, 8)), np.zeros(count)
+    regimes = np.zeros(count, dtype=np.int8)
 
-    def fill(start: int) -> None:
+    def fill(start: int) -> tuple[bool, bool]:
         part = slice(start, min(start + BLOCK, count))
         images = None if graph.images is None else graph.images[part]
         d = branches_between(graph.x, graph.contacts[part], images, graph.cell)
         rows[part, :2] = d
         if law is None:
-            return
+            return True, True
         state, own = _state(graph, part, d), law.take(np.arange(part.start, part.stop))
         regimes[part] = own.regime(state) if regime is None else regime[part]
         rows[part, 2:6] = local_blocks(state, own, regimes[part]).reshape(-1, 4)
         rows[part, 6], rows[part, 7] = state.normal_force, state.shear_force
+        stiffness = own.local_stiffness(state, regimes[part])
+        shear[part] = stiffness[:, 1, 1]
+        if np.any(stiffness[:, 0, 1]) or np.any(own.rolling_stiffness(state, regimes[part])):
+            return False, False
+        _, arm, _ = own.shear_kinematics(state)
+        return np.array_equal(arm, state.radii_i), np.array_equal(arm, state.arm_i)
 
     with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(fill, range(0, count, BLOCK)):
-            pass
+        ways = np.array(list(pool.map(fill, range(0, count, BLOCK)))).reshape(-1, 2)
+    by_radii, by_arms = bool(ways[:, 0].all()), bool(ways[:, 1].all())
     return CompiledPacking(
+        graph=graph,
+        law=law,
+        by_radii=by_radii if by_radii or by_arms else None,
         rows=given(rows, np.float64),
-        x=given(graph.x, np.float64),
+        shear=given(shear, np.float64),
         regime=given(regimes, np.int8),
-        offsets=given(faces.offsets, np.int64),
-        grains=given(faces.grains, np.int64),
-        contacts=given(faces.contacts, np.int64),
-        forward=given(faces.forward, np.bool_),
+        x=given(graph.x, np.float64),
+        radii=given(graph.radii, np.float64),
+        faces=(
+            given(faces.offsets, np.int64),
+            given(faces.grains, np.int64),
+            given(faces.contacts, np.int64),
+            given(faces.forward, np.bool_),
+        ),
     )
 
 

@@ -7,7 +7,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from loops.compiled.exact import product_error
 from loops.compiled.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -15,27 +14,13 @@ Triple = tuple[float, float, float]
 
 HALF = math.sqrt(0.5)
 SWEEPS = 30  # four or five are enough
+SPLITTER = 2.0**27 + 1.0
 CONVERGED = 1e-18  # of the matrix: what is left moves no digit of an eigenvalue
 
 
 @kernel
 def loop_modes(tangents: Floats) -> tuple[Floats, Floats, Floats]:
-    """Spectrum, softest direction and plane cone of every tangent.
-
-    Parameters
-    ----------
-    tangents : (L, 4, 4) array
-        In the order (11, 12, 21, 22), not symmetrised.
-
-    Returns
-    -------
-    values : (L, 3) array
-        Eigenvalues of Ks in (11, 22, (12 + 21)/sqrt 2), ascending.
-    softest : (L, 3) array
-        Unit direction of the smallest one, up to its sign.
-    opening : (L,) array
-        Opening of the cone of negative second-order work in (11, 22), radians.
-    """
+    """Spectrum, softest direction and plane cone of every tangent."""
     count = len(tangents)
     values, softest, opening = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     for loop in range(count):
@@ -124,3 +109,12 @@ def _opening(k11: float, k22: float, k12: float, k21: float) -> float:
     inner = ((product - square) + (errors - half * lost)) / outer
     low, high = min(inner, outer), max(inner, outer)
     return 2.0 * math.atan2(math.sqrt(max(-low, 0.0)), math.sqrt(max(high, 0.0)))
+
+
+@kernel
+def product_error(a: float, b: float, product: float) -> float:
+    """Rounding error of a product, `a b - product` (Dekker), within `TINY` and `HUGE`."""
+    high_a = SPLITTER * a - (SPLITTER * a - a)
+    high_b = SPLITTER * b - (SPLITTER * b - b)
+    low_a, low_b = a - high_a, b - high_b
+    return low_a * low_b - (((product - high_a * high_b) - low_a * high_b) - high_a * low_b)

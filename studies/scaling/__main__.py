@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
+import os
+import platform
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,37 +15,22 @@ from studies.output import provenance, result_folder, write_summary, write_table
 from studies.scaling.figure import scaling_figure
 from studies.scaling.measure import FLOORS, floor_seconds, in_a_process, triad_bandwidth
 from studies.scaling.methods import METHODS
-from studies.scaling.page import machine, performance_page
 from studies.style import save_figure
 
+PACKAGES = ("numpy", "scipy", "numba", "pyarrow", "networkx", "shapely")
+NAMES = {
+    "faces": "faces",
+    "crossings": "search for crossings",
+    "table": "table of all loops",
+    "snapshot": "whole snapshot, no figures",
+}
 UNITS = "seconds, MB = 2^20 bytes, bytes per grain"
 
 
 def run(
     sizes: list[int], repeats: int, limits: dict[str, float], tell: Any = None
 ) -> tuple[list[dict[str, Any]], dict[str, dict[int, float]], float]:
-    """Measure every method at every size that it is meant for.
-
-    Parameters
-    ----------
-    sizes : list of int
-        Numbers of grains.
-    repeats : int
-        Timed calls of each.
-    limits : dict of str to float
-        Largest size by way, instead of the usual one.
-    tell : callable, optional
-        Told each row.
-
-    Returns
-    -------
-    rows : list of dict
-        From `measure`.
-    floors : dict of str to dict of int to float
-        Seconds that moving the data takes.
-    bandwidth : float
-        Bytes per second.
-    """
+    """Measure every method at every size that it is meant for."""
     bandwidth = triad_bandwidth()
     rows = []
     for size in sizes:
@@ -62,10 +50,9 @@ def main(
     grains: Annotated[str, typer.Option(help="Sizes, by commas.")] = "1000,10000,100000,1000000",
     repeats: Annotated[int, typer.Option(help="Timed calls.")] = 3,
     slow_up_to: Annotated[int, typer.Option(help="Largest size for shapely.")] = 100_000,
-    docs: Annotated[Path | None, typer.Option(help="Write performance.md here too.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
 ) -> None:
-    """Measure, and write the table, the figure and, if asked for, the page."""
+    """Measure; write the table, the figure and the rows for docs/performance.md."""
     sizes = [int(size) for size in grains.split(",")]
     limits: dict[str, float] = {"shapely": slow_up_to}
     with result_folder(out, force=force) as folder:
@@ -77,10 +64,29 @@ def main(
         summary = {"rows": rows, "floors": floors, "bandwidth": bandwidth, "provenance": made}
         write_summary(folder, summary)
         save_figure(scaling_figure(rows, floors), folder, "scaling", made)
-        if docs is not None:
-            (docs / "figures").mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(folder / "scaling.png", docs / "figures" / "scaling.png")
-            (docs / "performance.md").write_text(performance_page(rows, floors, bandwidth, repeats))
+        (folder / "rows.md").write_text("\n".join(_markdown(rows, floors)) + "\n")
+
+
+def machine() -> dict[str, str]:
+    """What the numbers were taken with: interpreter, packages, cores."""
+    found = {"python": platform.python_version(), "cores": str(os.cpu_count())}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def _markdown(rows: list[dict[str, Any]], floors: dict[str, dict[int, float]]) -> Iterator[str]:
+    """One row of the page's table for each measurement."""
+    for row in sorted(rows, key=lambda row: (list(NAMES).index(row["what"]), row["grains"])):
+        floor = floors.get(row["what"], {}).get(row["grains"])
+        yield (
+            f"| {NAMES[row['what']]} | {row['grains']:,} | {row['how']} | {row['seconds']:.3g} "
+            f"| {row['cpu_seconds']:.3g} | {row['bytes_per_grain']:.0f} "
+            f"| {'-' if floor is None else f'{floor:.2g}'} |"
+        )
 
 
 def _tell(row: dict[str, Any]) -> None:

@@ -33,20 +33,7 @@ Rows = list[dict[str, Any]]
 
 @styled()
 def scaling_figure(rows: Rows, floors: dict[str, dict[int, float]]) -> Figure:
-    """Time for faces and for the table, and memory per grain.
-
-    Parameters
-    ----------
-    rows : list of dict
-        From `measure`.
-    floors : dict of str to dict of int to float
-        Seconds that moving the data takes, by what is found and the number of grains.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Three panels.
-    """
+    """Time for faces and for the table, and memory per grain."""
     figure = new_figure(TWO_COLUMNS, 2.9)
     panels = figure.subplots(1, 3)
     shown: dict[str, Any] = {}

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from loops import find_faces
+from loops.arrays import Floats
+from loops.compiled.kernel import kernel
 from studies.scaling.methods import METHODS, bytes_moved, synthetic_snapshot
 from studies.snapshot.table import loop_table
 
@@ -23,24 +25,7 @@ MB = 2.0**20
 
 
 def measure(what: str, how: str, grains: int, repeats: int) -> dict[str, Any]:
-    """Time one method on a network of its own.
-
-    Parameters
-    ----------
-    what, how : str
-        Key of `METHODS`.
-    grains : int
-        Size of the network.
-    repeats : int
-        Number of timed calls, after a first one that loads what the method needs.
-
-    Returns
-    -------
-    dict
-        `what`, `how`, `grains`, `contacts`; `first_seconds` of the first call; `seconds` and
-        `cpu_seconds`, the least of the others; `peak_mb` of the process; `bytes_per_grain` that the
-        calls took beyond what the process held before, input and programs.
-    """
+    """Time one method on a network of its own."""
     prepare = METHODS[what, how][0]
     # Loads what the method needs.
     prepare(synthetic_snapshot(WARM_UP))()
@@ -64,20 +49,7 @@ def measure(what: str, how: str, grains: int, repeats: int) -> dict[str, Any]:
 
 
 def floor_seconds(grains: int, bandwidth: float) -> dict[str, float]:
-    """Least time that moving input and result through memory takes.
-
-    Parameters
-    ----------
-    grains : int
-        Size of the network.
-    bandwidth : float
-        From `triad_bandwidth`, bytes per second.
-
-    Returns
-    -------
-    dict of str to float
-        Seconds for `faces` and `table`, per grain of a network of this size times its grains.
-    """
+    """Least time that moving input and result through memory takes."""
     # Per grain the bytes are the same at any size: a small network tells them.
     sample = synthetic_snapshot(min(grains, 20_000))
     faces = find_faces(sample.graph)
@@ -90,20 +62,7 @@ FLOORS = ("faces", "table")
 
 
 def triad_bandwidth(repeats: int = 7) -> float:
-    """Bandwidth of the memory by `a = b + s c` on one thread, bytes per second.
-
-    Parameters
-    ----------
-    repeats : int
-        Runs, of which the best counts.
-
-    Returns
-    -------
-    float
-        24 bytes a number over the least time.
-    """
-    from studies.scaling.triad import triad
-
+    """Bandwidth of the memory by `a = b + s c` on one thread, bytes per second."""
     b, c = np.ones(TRIAD), np.ones(TRIAD)
     a = np.zeros(TRIAD)
     triad(a, b, c, 3.0)
@@ -111,18 +70,7 @@ def triad_bandwidth(repeats: int = 7) -> float:
 
 
 def in_a_process(what: str, how: str, grains: int, repeats: int) -> dict[str, Any]:
-    """`measure` in a fresh process, whose memory is its own.
-
-    Parameters
-    ----------
-    what, how, grains, repeats
-        As for `measure`.
-
-    Returns
-    -------
-    dict
-        The same.
-    """
+    """`measure` in a fresh process, whose memory is its own."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(measure, (what, how, grains, repeats))
 
@@ -152,3 +100,10 @@ def _peak() -> float:
         return 1024.0 * float(line.split()[1])
     except OSError:
         return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+@kernel
+def triad(a: Floats, b: Floats, c: Floats, s: float) -> None:
+    """`a = b + s c`, each number read or written once."""
+    for k in range(len(a)):
+        a[k] = b[k] + s * c[k]

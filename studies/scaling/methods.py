@@ -21,18 +21,7 @@ Work = Callable[[], Any]
 
 
 def synthetic_snapshot(grains: int) -> Snapshot:
-    """A synthetic network as a snapshot, 6 % of its contacts sliding.
-
-    Parameters
-    ----------
-    grains : int
-        Number of grains.
-
-    Returns
-    -------
-    Snapshot
-        Forces of a thousandth of kn times the mean branch.
-    """
+    """A synthetic network as a snapshot, 6 % of its contacts sliding."""
     graph = synthetic_network(grains, seed=1)
     slides = np.random.default_rng(0).random(graph.contact_count) < SLIDING
     limit = MU * graph.normal_force
@@ -124,20 +113,7 @@ def faces_shapely(snapshot: Snapshot) -> Work:
 
 
 def bytes_moved(what: str, graph: GrainGraph, faces: Faces, table: dict[str, Any]) -> int:
-    """Bytes that any program must read and write once: its input and its result.
-
-    Parameters
-    ----------
-    what : {'faces', 'table'}
-        Which result.
-    graph, faces, table
-        Input and results.
-
-    Returns
-    -------
-    int
-        Bytes.
-    """
+    """Bytes that any program must read and write once: its input and its result."""
     found = [faces.offsets, faces.grains, faces.contacts, faces.forward, faces.area]
     found += [faces.kind, faces.component]
     moved = [graph.x, graph.contacts, *found]

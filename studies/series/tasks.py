@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from loops import InputError, find_faces
+from loops import InputError
 from loops.tracking import LoopFates, exchange_counts
 from studies.output import DATASETS
 from studies.series.dataset import write_part
@@ -144,8 +144,7 @@ def tracked(task: PartTask) -> tuple[TrackedState, TrackedState, LoopFates]:
 
 def state_of(planned: PlannedSnapshot) -> TrackedState:
     """A snapshot and its faces; `InputError` as `read_planar`."""
-    snapshot = read_planar(planned.path, **planned.how)
-    return TrackedState(snapshot, find_faces(snapshot.graph))
+    return TrackedState(*read_planar(planned.path, **planned.how))
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from loops import Faces, find_faces
+from loops import Faces
 from patterns import Snapshot
 from studies.output import provenance, readable, result_folder, write_summary, write_table
 from studies.snapshot.source import read_planar, reading
@@ -60,8 +60,7 @@ def run_snapshot(
 
 def analyse(path: Path, **how: Any) -> tuple[Snapshot, Faces, dict[str, Any]]:
     """A snapshot as `read_planar` reads it, its faces and the table of its loops."""
-    snapshot = read_planar(path, **how)
-    faces = find_faces(snapshot.graph)
+    snapshot, faces = read_planar(path, **how)
     hidden = len(faces.loops) < LONG
     with Progress(console=Console(stderr=True), disable=hidden, transient=True) as bar:
         task = bar.add_task("loops", total=len(faces.loops))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import inspect
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow
 
-from loops import InputError, crossing_contacts_to_drop, find_crossings
+from loops import Faces, InputError, crossing_contacts_to_drop, find_crossings, find_faces
 from loops.arrays import Integers
 from patterns import Snapshot, read_snapshot
 
@@ -25,11 +27,19 @@ def reading(**how: Any) -> dict[str, Any]:
     return {**defaults, "drop_crossings": False, **how}
 
 
-def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snapshot:
-    """As `read_snapshot`; `InputError` if branches cross, unless contacts are left out for it."""
+def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> tuple[Snapshot, Faces]:
+    """As `read_snapshot`, and faces; `InputError` if branches cross, unless some may go."""
     if how.get("cell") is not None:
         how["cell"] = np.reshape(how["cell"], (2, 2))
-    return planar(read_snapshot(path, **how), str(path), drop=drop_crossings)
+    snapshot = read_snapshot(path, **how)
+    # A quarter of what a large file takes stays with arrow otherwise, for tables to come.
+    pyarrow.default_memory_pool().release_unused()
+    # Crossings are looked for on another core. Where there are any, faces mean nothing, not even
+    # why they cannot be found.
+    with ThreadPoolExecutor(1) as other:
+        found = other.submit(find_faces, snapshot.graph)
+        plane = planar(snapshot, str(path), drop=drop_crossings)
+    return plane, found.result() if plane is snapshot else find_faces(plane.graph)
 
 
 def planar(snapshot: Snapshot, where: str, *, drop: bool) -> Snapshot:

@@ -26,12 +26,11 @@ from loops import (
     polygon_shape,
     traction_tangent,
 )
+from loops.arrays import Flags, Floats, Integers
 from loops.compiled import use_compiled
 from patterns import Snapshot
-from stability.loop_stability import loop_stability
+from stability.loop_stability import loop_spectra, loop_stability
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]
 
 CLOSURES: tuple[Literal["affine", "traction"], ...] = ("affine", "traction")
@@ -94,30 +93,9 @@ def loop_table(
         for name, values in columns.items():
             table[name][at] = values
         if progress is not None:
-            progress(len(columns["area"]))
-    if snapshot.mechanical:
-        for at, columns in _free_parts(snapshot, faces):
-            for name, values in columns.items():
-                table[name][at] = values
+            progress(len(columns.get("area", ())))
     table["grains"] = _members(snapshot, faces)
     return table
-
-
-def _free_parts(snapshot: Snapshot, faces: Faces) -> Iterator[tuple[Integers, Columns]]:
-    """Rows and eigenvalues with free spins, some loops of one order at a time."""
-    row = np.full(len(faces.kind), -1)
-    row[faces.loops] = np.arange(len(faces.loops))
-    law, regime = snapshot.mechanics()
-    kn = float(np.mean(law.kn))
-    for k in range(0, len(faces.loops), BLOCK):
-        for batch in loop_batches(snapshot.graph, faces, loops=faces.loops[k : k + BLOCK]):
-            own, regimes = law.take(batch.contacts), regime[batch.contacts]
-            tangent = traction_tangent(batch.graph, own, spins="free", regime=regimes)
-            found = _stability(FREE, tangent, kn, compiled=False)
-            yield (
-                row[batch.face],
-                {f"{FREE}_{name}": found[f"{FREE}_{name}"] for name in EIGENVALUES},
-            )
 
 
 def _plain_parts(snapshot: Snapshot, faces: Faces) -> Iterator[tuple[Integers, Columns]]:
@@ -146,31 +124,46 @@ def _shape(batch: LoopBatch) -> Columns:
 
 
 def _mechanics(snapshot: Snapshot, batch: LoopBatch) -> Columns:
-    law, regime = snapshot.mechanics()
-    own, kn = law.take(batch.contacts), float(np.mean(law.kn))
-    regimes = regime[batch.contacts]
-    columns: Columns = {"sliding_contacts": np.count_nonzero(regimes == Regime.SLIDING, axis=1)}
+    _, regime = snapshot.mechanics()
+    sliding = np.count_nonzero(regime[batch.contacts] == Regime.SLIDING, axis=1)
+    columns: Columns = {"sliding_contacts": sliding}
     columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
+    return columns | _tangents(snapshot, batch)
+
+
+def _tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
+    """What the plain closures tell."""
+    law, regime = snapshot.mechanics()
+    own, kn, regimes = law.take(batch.contacts), float(np.mean(law.kn)), regime[batch.contacts]
+    columns: Columns = {}
     for closure in CLOSURES:
         tangent = macroscopic_tangent(batch.graph, own, closure, regime=regimes)
         columns |= _stability(closure, tangent, kn, compiled=False)
     columns["traction_condition"] = tangent.condition
-    return columns
+    free = traction_tangent(batch.graph, own, spins="free", regime=regimes)
+    return columns | _eigenvalues(free, kn, compiled=False)
 
 
 def _compiled_parts(
     snapshot: Snapshot, faces: Faces, threads: int | None
-) -> Iterator[tuple[slice, Columns]]:
-    """Rows and columns, block by block, by the kernels."""
+) -> Iterator[tuple[Any, Columns]]:
+    """Rows and columns, block by block, by the kernels; poor loops once more by the closures."""
     from loops.compiled.packing import compiled_packing
 
     law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
     threads = threads or available_cores()
     packing = compiled_packing(snapshot.graph, faces, law, regime, threads)
     blocks = [slice(k, k + BLOCK) for k in range(0, len(faces.loops), BLOCK)]
-    work = partial(_compiled_columns, snapshot, faces, packing, faces.loops)
+    work = partial(_compiled_columns, snapshot, packing, faces.loops)
+    rest = [np.zeros(0, dtype=np.int64)]
     with ThreadPoolExecutor(threads) as pool:
-        yield from zip(blocks, pool.map(work, blocks), strict=True)
+        for block, (columns, poor) in zip(blocks, pool.map(work, blocks), strict=True):
+            rest.append(faces.loops[block][poor])
+            yield block, columns
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(len(faces.loops))
+    for batch in loop_batches(snapshot.graph, faces, loops=np.concatenate(rest)):
+        yield row[batch.face], _tangents(snapshot, batch)
 
 
 def available_cores() -> int:
@@ -181,27 +174,26 @@ def available_cores() -> int:
 
 
 def _compiled_columns(
-    snapshot: Snapshot, faces: Faces, packing: Any, loops: Integers, block: slice
-) -> Columns:
-    from loops.compiled import loop_shapes as kernel
+    snapshot: Snapshot, packing: Any, loops: Integers, block: slice
+) -> tuple[Columns, Flags]:
+    """Columns of a block of loops, and which of these are poor."""
+    from loops.compiled import tangents as kernel
     from loops.compiled.kernel import given
-    from loops.compiled.loop_tangents import loop_tangents
 
     chosen = given(loops[block], np.int64)
-    shape = kernel.loop_shapes(*packing, chosen).T
+    shape = packing.shapes(chosen).T
     columns: Columns = dict(zip(SHAPE, shape, strict=False))
     columns["orientation"] = np.degrees(columns["orientation"])
     if not snapshot.mechanical:
-        return columns
-    law, _ = snapshot.mechanics()
-    kn = float(np.mean(law.kn))
+        return columns, np.zeros(len(chosen), dtype=bool)
+    kn = float(np.mean(snapshot.mechanics()[0].kn))
     columns["sliding_contacts"] = shape[kernel.SLIDING]
     columns |= _stress(shape[kernel.S11 : kernel.S22 + 1].T)
-    tangents = loop_tangents(packing, snapshot.graph, faces, law, chosen)
-    for closure, tangent in zip(CLOSURES, tangents, strict=True):
+    (*blocked, free), poor = packing.tangents(chosen)
+    for closure, tangent in zip(CLOSURES, blocked, strict=True):
         columns |= _stability(closure, tangent, kn, compiled=True)
-    columns["traction_condition"] = tangents[1].condition
-    return columns
+    columns["traction_condition"] = blocked[1].condition
+    return columns | _eigenvalues(free, kn, compiled=True), poor
 
 
 def _stress(whole: Floats) -> Columns:
@@ -225,6 +217,16 @@ def _stability(closure: str, tangent: MacroTangent, kn: float, *, compiled: bool
     names = (f"{closure}_{name}" for name in STABILITY)
     known = (np.where(unsure, np.nan, value) for value in values)
     return dict(zip(names, known, strict=True))
+
+
+def _eigenvalues(tangent: MacroTangent, kn: float, *, compiled: bool) -> Columns:
+    """Spectrum with free spins; nearly every loop is unstable, and no direction is looked for."""
+    values = loop_spectra(tangent.matrix / kn, compiled=compiled)
+    unsure = np.abs(values[:, 0]) * kn <= tangent.error
+    return {
+        f"{FREE}_{name}": np.where(unsure, np.nan, value)
+        for name, value in zip(EIGENVALUES, values.T, strict=True)
+    }
 
 
 def _members(snapshot: Snapshot, faces: Faces) -> pa.ListArray:

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError, euler_check, find_faces
-from loops.compiled.exact import UNDECIDED, turn
-from loops.compiled.half_edges import following_half_edges
 from loops.compiled.kernel import given
-from loops.compiled.spatial_order import spatial_order
+from loops.compiled.network import UNDECIDED, following_half_edges, spatial_order, turn
 from patterns.synthetic import synthetic_network
 from tests.loops.test_crossings import wheel
 from tests.loops.test_faces_compared import renumbered

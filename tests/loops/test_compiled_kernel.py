@@ -1,5 +1,7 @@
 """When kernels are loaded, and where their code is kept."""
 
+import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -30,6 +32,51 @@ from patterns import synthetic_network
 graph = synthetic_network(100)
 assert len(find_faces(graph, compiled=True).loops) == len(find_faces(graph).loops)
 """
+
+COMPARED = """
+import numpy as np
+from loops import find_crossings, find_faces
+from studies.snapshot.table import loop_table
+from tests.studies.test_loop_table import synthetic_snapshot
+snapshot = synthetic_snapshot(300, periodic=True)
+faces = find_faces(snapshot.graph, compiled=True)
+table = loop_table(snapshot, faces, compiled=True)
+pairs = find_crossings(snapshot.graph, compiled=True)
+print([name for name in table if name != "grains"], len(pairs), faces.grains.sum())
+print([float(np.nansum(table[name])).hex() for name in table if name != "grains"])
+"""
+
+
+@pytest.mark.slow
+def test_freshly_compiled_kernels_say_what_cached_ones_do(tmp_path):
+    """A cache that did not notice a change would go on with the old code."""
+    said = []
+    for place in ({}, {"NUMBA_CACHE_DIR": str(tmp_path)}):
+        done = subprocess.run(
+            [sys.executable, "-c", COMPARED],
+            cwd=ROOT,
+            env={**os.environ, **place},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        said.append(done.stdout)
+    assert list(tmp_path.rglob("*.nbc"))
+    assert said[0] == said[1]
+
+
+def test_no_kernel_calls_one_of_another_file():
+    """Numba's cache looks at the kernel's own file alone."""
+    allowed = {"kernel", "given", "use_compiled"}
+    for path in (
+        path for room in ("loops", "stability", "studies") for path in (ROOT / room).rglob("*.py")
+    ):
+        text = path.read_text()
+        if "@kernel" not in text:
+            continue
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and ".compiled" in str(node.module):
+                assert {alias.name for alias in node.names} <= allowed, path
 
 
 @pytest.mark.parametrize("script", [SMALL, pytest.param(NO_CACHE, marks=pytest.mark.slow)])

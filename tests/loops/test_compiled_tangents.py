@@ -1,4 +1,4 @@
-"""Compiled tangents: within 1e-12 of numpy's, and of 50 digits."""
+"""Compiled tangents: within their bounds of numpy's, within 1e-12 of 50 digits."""
 
 import numpy as np
 import pytest
@@ -8,15 +8,15 @@ from loops import (
     HertzMindlin,
     LinearFrictional,
     Regime,
+    RollingResistance,
     find_faces,
     loop_batches,
     macroscopic_tangent,
-    traction_tangent,
 )
-from loops.closures.traction import FORCE_METHOD_LIMIT
-from loops.compiled.loop_tangents import loop_tangents
-from loops.compiled.packing import compiled_packing
+from loops.compiled.kernel import given
+from loops.compiled.packing import TANGENTS, compiled_packing
 from patterns.synthetic import synthetic_network
+from stability.loop_stability import loop_spectra
 from studies.fifty_digits import affine_tangent_50, as_array, traction_tangent_50
 
 KN, KT, MU = 1.0, 0.4, 0.5
@@ -36,38 +36,60 @@ def stiff_network(overlap, *, periodic=False, sliding=0.1, grains=600):
 def compiled(graph, law, regime):
     faces = find_faces(graph)
     packing = compiled_packing(graph, faces, law, regime, threads=2)
-    return faces, loop_tangents(packing, graph, faces, law, faces.loops)
+    return faces, *packing.tangents(given(faces.loops, np.int64))
 
 
 def assert_same_tangents(graph, law, regime):
-    faces, tangents = compiled(graph, law, regime)
+    """Both err by their own bound at most; of the free ones a few are left to the plain closure."""
+    faces, tangents, poor = compiled(graph, law, regime)
     row = np.full(len(faces.kind), -1)
     row[faces.loops] = np.arange(len(faces.loops))
+    undecided = np.zeros((2, len(faces.loops)), dtype=bool)
     for batch in loop_batches(graph, faces):
-        own, regimes = law.take(batch.contacts), regime[batch.contacts]
-        for closure, fast in zip(("affine", "traction"), tangents, strict=True):
-            plain = macroscopic_tangent(batch.graph, own, closure, regime=regimes)
-            at = row[batch.face]
-            np.testing.assert_array_equal(fast.trusted[at], plain.trusted)
+        own, regimes, at = law.take(batch.contacts), regime[batch.contacts], row[batch.face]
+        for (closure, spins), fast in zip(TANGENTS, tangents, strict=True):
+            plain = macroscopic_tangent(batch.graph, own, closure, spins=spins, regime=regimes)
             size = np.linalg.norm(plain.matrix, axis=(1, 2))
             error = np.linalg.norm(fast.matrix[at] - plain.matrix, axis=(1, 2))
-            # Both err by their condition times rounding at most, and far less as a rule.
-            assert np.nanmax(error / size / np.maximum(plain.condition, 1e3)) < 1e-15
-            good = plain.trusted
-            # What the saddle system leaves over is rounding, and counts.
-            np.testing.assert_allclose(fast.condition[at][good], plain.condition[good], rtol=0.3)
-            if closure == "traction":
-                force = traction_tangent(batch.graph, own, regime=regimes, method="force")
-                good &= force.condition <= FORCE_METHOD_LIMIT
-            np.testing.assert_allclose(fast.condition[at][good], plain.condition[good], rtol=1e-6)
+            good = fast.trusted[at] & plain.trusted
             np.testing.assert_allclose(fast.volume[at], plain.volume, rtol=1e-12)
+            assert (error <= fast.rounding[at] + plain.rounding)[good].all()
+            if spins == "blocked":
+                # The plain closure loses digits where contacts slide, the kernel's slips do not.
+                assert good.all()
+                assert (fast.rounding[at] < 1e-10 * size).all()
+                continue
+            sign, known = signs(plain)
+            other, too = signs(fast, at)
+            assert (sign == other)[known & too].all()
+            undecided[:, at] = ~known, ~too & ~poor[at]
+    assert np.count_nonzero(poor) <= 0.06 * len(poor)
+    lost, more = np.count_nonzero(undecided[0]), np.count_nonzero(undecided[1])
+    assert more <= lost + 0.04 * len(poor)
 
 
+def signs(tangent, at=slice(None)):
+    """Sign of the smallest eigenvalue, and whether it is known."""
+    smallest = loop_spectra(np.nan_to_num(tangent.matrix[at]))[:, 0]
+    return smallest > 0, tangent.trusted[at] & (np.abs(smallest) > tangent.error[at])
+
+
+@pytest.mark.parametrize("increment", ["branch", "radii"])
 @pytest.mark.parametrize("overlap", [1e-1, 1e-3, 1e-8])
 @pytest.mark.parametrize("periodic", [False, True])
-def test_against_the_plain_closures(overlap, periodic):
+def test_against_the_plain_closures(overlap, periodic, increment):
     graph, regime = stiff_network(overlap, periodic=periodic)
-    assert_same_tangents(graph, LinearFrictional(KN, KT, MU), regime)
+    assert_same_tangents(graph, LinearFrictional(KN, KT, MU, increment), regime)
+
+
+def test_other_spins_are_left_to_the_plain_closure():
+    """Rolling resistance couples spins in a way that the kernel does not know."""
+    graph, regime = stiff_network(1e-3, grains=100)
+    law = RollingResistance(LinearFrictional(KN, KT, MU), k_r=0.1)
+    _, (_, traction, free), poor = compiled(graph, law, regime)
+    assert poor.all()
+    assert traction.trusted.all()
+    assert not free.trusted.any()
 
 
 def test_a_law_with_a_stiffness_for_each_contact():
@@ -94,7 +116,7 @@ def test_regimes_read_from_the_state():
 @pytest.mark.parametrize("overlap", [1e-1, 1e-3, 1e-8])
 def test_against_fifty_digits(overlap):
     graph, regime = stiff_network(overlap, sliding=0.3)
-    faces, tangents = compiled(graph, LinearFrictional(KN, KT, MU), regime)
+    faces, tangents, _ = compiled(graph, LinearFrictional(KN, KT, MU), regime)
     rng = np.random.default_rng(3)
     for row in rng.choice(np.flatnonzero(faces.order[faces.loops] <= 6), 12, replace=False):
         face = faces.loops[row]
@@ -102,14 +124,14 @@ def test_against_fifty_digits(overlap):
         x, c = graph.x[faces.grains[at]], faces.contacts[at]
         state = (x, x, graph.normal_force[c], graph.shear_force[c], KN, KT, MU, regime[c])
         for exact_tangent, fast in zip(
-            (affine_tangent_50, traction_tangent_50), tangents, strict=True
+            (affine_tangent_50, traction_tangent_50), tangents[:2], strict=True
         ):
             exact = as_array(exact_tangent(*state))
             error = np.linalg.norm(fast.matrix[row] - exact) / np.linalg.norm(exact)
             assert error < 1e-12, (fast.closure, faces.order[face], fast.condition[row])
 
 
-def test_singular_loops_are_left_to_the_plain_way():
+def test_singular_loops_are_left_to_the_plain_closure():
     """Open contacts have no compliance; a hexagon of frictionless contacts has mechanisms."""
     angle = np.pi / 3 * np.arange(6)
     x = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -120,11 +142,5 @@ def test_singular_loops_are_left_to_the_plain_way():
         (LinearFrictional(1.0, 0.5, 0.5), Regime.OPEN),
     ):
         regimes = np.full(6, regime, dtype=np.int8)
-        faces, (_, fast) = compiled(graph, law, regimes)
-        (batch,) = loop_batches(graph, faces)
-        plain = macroscopic_tangent(
-            batch.graph, law.take(batch.contacts), "traction", regime=regimes[batch.contacts]
-        )
-        np.testing.assert_array_equal(fast.trusted, plain.trusted)
-        np.testing.assert_allclose(fast.matrix, plain.matrix, atol=1e-14)
-        np.testing.assert_allclose(fast.residual, plain.residual, atol=1e-14)
+        _, _, poor = compiled(graph, law, regimes)
+        assert poor.tolist() == [True]

@@ -15,7 +15,7 @@ from loops import (
     macroscopic_tangent,
     polygon_shape,
 )
-from loops.compiled.loop_tangents import loop_tangents
+from loops.compiled.kernel import given
 from loops.compiled.packing import compiled_packing
 from patterns import regular_polygon, synthetic_network
 from stability import Stage, follow, programmes
@@ -75,7 +75,7 @@ def test_loops_of_packings_and_their_kernels(periodic, shift):
         a, b = (macroscopic_tangent(g, law, "traction") for g in (one.graph, two.graph))
         np.testing.assert_array_equal(a.matrix, b.matrix)
     fast = [
-        loop_tangents(compiled_packing(g, faces, LAW), g, faces, LAW, faces.loops)
+        compiled_packing(g, faces, LAW).tangents(given(faces.loops, np.int64))[0]
         for g in (here, there)
     ]
     for a, b in zip(*fast, strict=True):

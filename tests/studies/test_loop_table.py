@@ -53,6 +53,17 @@ def test_both_ways_give_the_same_table(snapshot):
             # Round loops and nearly equal eigenvalues have no direction to speak of.
             assert np.median(turn) < 1e-10
             continue
+        if name == "traction_condition":
+            assert (fast[name] < 1e8).all()  # an estimate of its own
+            continue
+        if name.startswith("traction_free"):
+            known = np.isfinite(values) & np.isfinite(fast[name])
+            # What the other arms would change has an error too, estimated otherwise.
+            assert np.mean(np.isnan(values) != np.isnan(fast[name])) < 0.04
+            # Arms to the contact point nearly allow a gear mode, which loses up to ten digits.
+            np.testing.assert_allclose(fast[name][known], values[known], atol=1e-5)
+            assert np.median(np.abs(fast[name] - values)[known]) < 1e-14
+            continue
         size = np.abs(values).max() if "lambda" not in name else 1.0
         tolerance = 1e-7 if name.endswith(("fraction", "opening")) else 1e-12
         np.testing.assert_allclose(fast[name], values, rtol=1e-10, atol=tolerance * size)
