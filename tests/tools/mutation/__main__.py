@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
@@ -44,6 +45,7 @@ def main(
         bool, typer.Option("--kernels", help="The compiled kernels, run as plain Python.")
     ] = False,
     workers: Annotated[int, typer.Option(help="Processes.")] = 2,
+    minutes: Annotated[float, typer.Option(help="Stop then, and count what was tried.")] = 600.0,
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
 ) -> None:
     """Draw mutants of loops/ and stability/ and count those that the tests notice."""
@@ -54,8 +56,8 @@ def main(
         copies = [_copy(Path(scratch) / f"copy{k}") for k in range(workers)]
         covering = record_covering(copies[0], tests.split())
         drawn, equivalent = _draw(only, sample, seed, kernels=kernels)
-        rows = []
-        for row in _try_all(drawn, covering, copies):
+        rows, end = [], time.monotonic() + 60.0 * minutes
+        for row in _try_all(drawn, covering, copies, end):
             rows.append(row)
             if row["outcome"] in ("survived", "uncovered"):
                 typer.echo(f"{row['outcome']:<9} {row['file']}:{row['line']} {row['operator']}")
@@ -109,14 +111,14 @@ def _draw(only: str, sample: int, seed: int, *, kernels: bool) -> tuple[list[Mut
     kept = [mutant for mutant in every if mutant.name not in names]
     if sample and sample < len(kept):
         chosen = np.random.default_rng(seed).choice(len(kept), sample, replace=False)
-        kept = [kept[k] for k in np.sort(chosen).tolist()]
+        kept = [kept[k] for k in chosen.tolist()]
     return kept, len(every) - len([mutant for mutant in every if mutant.name not in names])
 
 
 def _try_all(
-    mutants: list[Mutant], covering: Covering, copies: list[Path]
+    mutants: list[Mutant], covering: Covering, copies: list[Path], end: float
 ) -> Iterator[dict[str, Any]]:
-    """Outcome of each, in the order given."""
+    """Outcome of each, drawn at random, as long as the clock stands before `end`."""
     triers: queue.Queue[subprocess.Popen[str]] = queue.Queue()
     for copy in copies:
         trier = _trier(copy)
@@ -126,6 +128,8 @@ def _try_all(
         triers.put(trier)
 
     def attempt(mutant: Mutant) -> str:
+        if time.monotonic() > end:
+            return "left out"
         tests = covering.tests_of(mutant.file, mutant.line, SECONDS)
         trier = triers.get()
         try:
@@ -138,7 +142,8 @@ def _try_all(
             task = bar.add_task("mutants", total=len(mutants))
             for mutant, outcome in zip(mutants, pool.map(attempt, mutants), strict=True):
                 bar.advance(task)
-                yield {**mutant._asdict(), "outcome": outcome}
+                if outcome != "left out":
+                    yield {**mutant._asdict(), "outcome": outcome}
     finally:
         for _ in copies:
             triers.get().terminate()
