@@ -8,10 +8,12 @@ import json
 import math
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from patterns.diamond import TABLE_1, TABLE_2, drained_path
 from tests.golden.answers import CASES, SLOW
+from tests.golden.ratios import ratios
 
 FOLDER = Path(__file__).parent
 RELATIVE = 1e-12
@@ -158,3 +160,9 @@ def test_performance_record_quotes_the_pages():
     assert record["measured"] and record["machine"]
     for row in record["rows"]:
         assert row["seconds"] > 0.0 and row["what"]
+
+
+def test_ratios_to_the_record():
+    bench = pd.DataFrame(stored("performance")["accuracy"])
+    table = ratios(bench.assign(seconds_per_item=2.0 * bench.seconds_per_item))
+    assert len(table) >= 100 and (table.ratio == 2.0).all()
