@@ -70,8 +70,9 @@ def test_point_b_equals_twenty_digits(table, closure):
     assert path.status == "finished"
     (event,) = path.of_kind("yield")
     assert event.contacts == (0, 1, 2, 3)
-    assert path.H[event.index] == pytest.approx([E1, 0, 0, E2], abs=1e-13)
-    assert path.P[event.index, [0, 3]] == pytest.approx([s1, path.P[-1, 3]], abs=1e-13)
+    # Where LAPACK rounds otherwise, the steps of the traction closure do: 1.3e-13 of rtol 1e-12.
+    assert path.H[event.index] == pytest.approx([E1, 0, 0, E2], abs=3e-13)
+    assert path.P[event.index, [0, 3]] == pytest.approx([s1, path.P[-1, 3]], abs=3e-13)
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
