@@ -19,6 +19,7 @@ from patterns.diamond.geometry import (
     opposite_gaps,
     overlap_ratio,
 )
+from patterns.diamond.printed_rule import PrintedRule
 from patterns.diamond.tables import TABLE_1, TABLE_2, DiamondParameters
 from patterns.diamond.tangents import (
     critical_strain,
@@ -41,6 +42,7 @@ __all__ = [
     "DrainedEnd",
     "DrainedPath",
     "DrainedState",
+    "PrintedRule",
     "angle_from_strains",
     "critical_strain",
     "determinant_elastic",

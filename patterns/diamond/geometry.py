@@ -134,6 +134,17 @@ def external_forces(N: ArrayLike, T: ArrayLike, alpha: ArrayLike) -> tuple[Float
     return 2.0 * (N * c + T * s), 2.0 * (N * s - T * c)
 
 
+def contact_displacement_rates(
+    shortening1_rate: ArrayLike, shortening2_rate: ArrayLike, alpha: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Relative displacement rates at a contact from the shortening rates of the diagonals (16)."""
+    D1 = finite("shortening1_rate", shortening1_rate)
+    D2 = finite("shortening2_rate", shortening2_rate)
+    alpha = finite("alpha", alpha)
+    c, s = np.cos(alpha), np.sin(alpha)
+    return -0.5 * (c * D1 + s * D2), -0.5 * (s * D1 - c * D2)
+
+
 def angle_from_strains(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> Floats:
     """Branch angle, `tan(alpha) = tan(alpha0) (1 - E2)/(1 - E1)` (below (26)).
 

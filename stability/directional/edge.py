@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from loops import ContactLaw, ContactState, GrainGraph, Regime, contact_state
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.contact_tangent import contact_regime
 from loops.laws.frictional import edge_of, with_sides
 from loops.laws.protocol import require_law
 
@@ -72,7 +71,7 @@ def edge_contacts(
     """
     require_law(law)
     state = contact_state(graph)
-    read = contact_regime(state, law, regime)
+    read = law.regime(state) if regime is None else np.asarray(regime, dtype=np.int8)
     stick = law.local_stiffness(state, np.full(read.shape, Regime.ELASTIC, dtype=np.int8))
     shape = np.broadcast_shapes(stick.shape[:-2], state.normal_force.shape, read.shape)
     read = np.broadcast_to(read, shape)

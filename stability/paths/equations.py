@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from loops.arrays import Floats, Regimes
-from loops.closures.spins import spin_of_gradient
 from loops.contact_state import ContactState
 from loops.contact_tangent import (
     ContactTangent,
@@ -59,10 +58,18 @@ def closure_equations(
     return build(model, H, contacts, regime, z)
 
 
+def loop_spin(H: Floats) -> Floats:
+    """(4,) spin of the loop per component of `H'`: `w = (L21 - L12)/2`, `L = -H' F^-1`."""
+    F = np.eye(2) - H.reshape(2, 2)
+    inverse = np.array([[F[1, 1], -F[0, 1]], [-F[1, 0], F[0, 0]]])
+    inverse /= F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+    return 0.5 * np.array([inverse[0, 1], inverse[1, 1], -inverse[0, 0], -inverse[1, 0]])
+
+
 def _spins(model: PathModel, H: Floats, z: Unknowns) -> Floats:
     """(G, r) spins: unknown, turning with the loop, or blocked."""
     if model.spins == "affine":
-        return np.broadcast_to(spin_of_gradient(np.eye(2) - H.reshape(2, 2)) @ z.H, z.w.shape)
+        return np.broadcast_to(loop_spin(H) @ z.H, z.w.shape)
     return z.w
 
 

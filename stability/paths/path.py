@@ -136,12 +136,10 @@ class Path:
     parameter_rate : (R,) array
         Rate of the loading parameter in the same unit; zero at a limit of the control.
     work : (R, 4) array
-        External work `V0 Int P:H'`, work of the moments that hold the spins or wind up rolling
-        springs, work spent on shear at the contacts or lost where they break, and the part of it
-        that is dissipated; all since the start.
+        External work `V0 Int P:H'`, work of the moments that hold the spins, work spent on shear at
+        the contacts, and the part of it that slip dissipates; all since the start.
     normal_energy, tangential_energy : (R,) array
-        Energy of the normal springs as the law has it, `sum N^2/(2 kn)` of linear ones, and
-        `sum T^2/(2 kt)` with the `kt` of the state.
+        `sum N^2/(2 kn)` and `sum T^2/(2 kt)`.
     imbalance : (R,) array
         Largest unbalanced force on a grain over `kn sqrt(V0)`, the drift of the traction closure;
         nan under the affine closure, which does not balance the grains.

@@ -43,9 +43,6 @@ CHATTER = 12
 # Longest steps to try, over that asked for, where a singular state is in the way.
 RETRIES = (1.0, 0.86, 0.74, 0.62)
 
-# Steps after which a path that is stuck has crept there.
-CREEPING = 40
-
 # Below this strain a loop without forces is singular as it stands, and no step helps.
 UNLOADED = 1e-6
 
@@ -121,8 +118,7 @@ def _run(walk: Walk, task: Task, gauge: Gauge) -> PieceEnd:
         )
         stuck = not end.fired or ("singular", -1) in end.fired
         unloaded = float(np.abs(end.seen.H).max()) < UNLOADED
-        # One that creeps up to a singular state does so with any step.
-        if not stuck or task.stage.programme.stress.any() or unloaded or end.steps > CREEPING:
+        if not stuck or task.stage.programme.stress.any() or unloaded:
             break
         if shorter != RETRIES[-1]:
             del walk.record.rows[rows:], walk.record.events[events:]

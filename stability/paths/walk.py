@@ -89,10 +89,6 @@ def start_mode(model: PathModel, graph: GrainGraph) -> Mode:
     """Regimes of the initial graph."""
     contacts = contact_state(graph)
     regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
-    if contacts.regime is not None:
-        # The graph knows which contacts are open; whether one slides, the state decides.
-        read = np.where(regime == Regime.OPEN, Regime.ELASTIC, regime)
-        regime = np.where(contacts.regime == Regime.OPEN, Regime.OPEN, read).astype(np.int8)
     strength = np.where(regime == Regime.OPEN, 0.0, model.law.strength(contacts))
     wrong = np.abs(contacts.shear_force) > strength + OUTSIDE * model.stiffness * model.length
     if wrong.any():

@@ -29,12 +29,12 @@ def diamond(
     json: Json = False,
 ) -> None:
     """Follow the four-grain diamond of the paper; without options, its Table 1."""
-    from studies.diamond import DiamondParameters, run_diamond
+    from studies.paths import DiamondOptions, run_diamond
 
-    # The parameters check the words themselves, and say what is expected.
+    # The options check the words themselves, and say what is expected.
     words: Any = (closure, sliding, contact_on_touch, model)
-    parameters = DiamondParameters(table, alpha0, kappa, phi, confine, *words)
-    summary = run_diamond(parameters, out, force=force, csv=csv)
+    options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
+    summary = run_diamond(options, out, force=force, csv=csv)
     report(summary, out, json, _diamond_lines)
 
 
@@ -51,5 +51,5 @@ def _diamond_lines(summary: dict[str, Any]) -> list[str]:
     if model["check"] is not None:
         found = model["check"]["differences"].items()
         apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in found)
-        lines.append(f"all freedoms against the closed forms: {apart or 'nothing to compare'}")
+        lines.append(f"all freedoms against the smallest model: {apart or 'nothing to compare'}")
     return lines + [f"note: {note}" for note in summary["notes"]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -35,43 +34,32 @@ def polygon(
     json: Json = False,
 ) -> None:
     """Follow a regular loop of any order, or compare orders: confined, then loaded."""
-    from studies.polygon import PolygonParameters, run_polygon
+    from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
+    from studies.paths.options import orders_of
 
     if (order is None) == (compare is None):
         given = "neither" if order is None else "both"
         raise InputError("--order, --compare", given, "one of them", "Write --order 6.")
-    # The parameters check the words themselves, and say what is expected.
+    # The options check the words themselves, and say what is expected.
     words: Any = (orientation, kappa, phi, closure, spins, confine, programme, end, model)
-    if compare is not None:
-        _compare_polygons(compare, words, out, force, csv, json)
+    if compare is None:
+        summary = run_polygon(PolygonOptions(order or 0, *words), out, force=force, csv=csv)
+        report(summary, out, json, _polygon_lines)
         return
-    summary = run_polygon(PolygonParameters(order or 0, *words), out, force=force, csv=csv)
-    report(summary, out, json, _polygon_lines)
-
-
-def _compare_polygons(
-    orders: str, words: Any, out: Path, force: bool, csv: bool, json: bool
-) -> None:
-    from studies.polygon import ComparisonParameters, PolygonParameters, run_comparison
-    from studies.polygon.comparison import orders_of
-
-    listed = orders_of(orders)
-    parameters = ComparisonParameters(listed, PolygonParameters(listed[0], *words))
-    summary = run_comparison(parameters, out, force=force, csv=csv)
+    listed = orders_of(compare)
+    options = ComparisonOptions(listed, PolygonOptions(listed[0], *words))
+    summary = run_comparison(options, out, force=force, csv=csv)
     report(summary, out, json, _comparison_lines)
 
 
 def _polygon_lines(summary: dict[str, Any]) -> list[str]:
+    from studies.paths.polygon import event_lines
+
     critical = "  ".join(
         f"{name}: {'none' if strain is None else f'{strain:.10f}'}"
         for name, strain in summary["critical_strain"].items()
     )
-    lines = [f"critical isotropic strain  {critical}"]
-    lines += [
-        f"{event['kind']:<16} {event['subspace'] or '':<10} E1 = {event['E1']:.8f}  "
-        f"E2 = {event['E2']:.8f}  s1 = {event['s1']:.8f}  s2 = {event['s2']:.8f}"
-        for event in summary["events"]
-    ]
+    lines = [f"critical isotropic strain  {critical}", *event_lines(summary)]
     if summary["peak"] is not None:
         peak = summary["peak"]
         lines.append(f"peak of s1 = {peak['s1']:.8f} at E1 = {peak['E1']:.8f}")

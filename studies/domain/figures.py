@@ -39,37 +39,13 @@ DRAWN = 31
 def draw_figure(
     table: pd.DataFrame, cases: Sequence[Case], folder: Path, source: Mapping[str, Any]
 ) -> None:
-    """Write the figure `domain` as PNG and SVG, a panel for each reference angle.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From `domain_table`.
-    cases : sequence of Case
-        The diamonds.
-    folder : Path
-        Where.
-    source : mapping
-        Provenance.
-    """
+    """Write the figure `domain` as PNG and SVG, a panel for each reference angle."""
     save_figure(domain_figure(table, cases), folder, "domain", source)
 
 
 @styled()
 def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
-    """The domains, a column for each reference angle; below, near a single diamond's curves.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From `domain_table`.
-    cases : sequence of Case
-        The diamonds.
-
-    Returns
-    -------
-    Figure
-    """
+    """The domains, a column for each reference angle; below, near a single diamond's curves."""
     angles = list(dict.fromkeys(case.alpha0 for case in cases))
     rows, columns = 2 if len(angles) == len(cases) else 1, len(angles)
     width = ONE_COLUMN * 1.2 if columns == 1 else max(TWO_COLUMNS, 2.4 * columns)
@@ -121,23 +97,7 @@ def draw_domain(
     ax: Axes | None = None,
     colours: Mapping[float, str] | None = None,
 ) -> Axes:
-    """Domains of diamonds of one reference angle.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From `domain_table`.
-    cases : sequence of Case
-        Diamonds of one reference angle.
-    ax : Axes, optional
-        Where to draw.
-    colours : mapping of float to str, optional
-        Colour of each stiffness ratio.
-
-    Returns
-    -------
-    Axes
-    """
+    """Domains of diamonds of one reference angle."""
     ax = axes_or_new(ax)
     for case in cases:
         colour = (colours or _colours(cases))[case.kappa]
@@ -156,19 +116,7 @@ def draw_domain(
 
 @styled()
 def draw_programmes(case: Case, ax: Axes | None = None) -> Axes:
-    """Stresses along a few programmes, of contacts that stick, up to the loss of `det Ks`.
-
-    Parameters
-    ----------
-    case : Case
-        The diamond.
-    ax : Axes, optional
-        Where to draw.
-
-    Returns
-    -------
-    Axes
-    """
+    """Stresses along a few programmes, of contacts that stick, up to the loss of `det Ks`."""
     ax = axes_or_new(ax)
     losses = first_losses(case, DRAWN, friction=False)
     share = np.linspace(0.0, 1.0, 200)[:, None]

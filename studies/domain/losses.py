@@ -29,21 +29,10 @@ POINTS = 256
 
 @dataclass(frozen=True, eq=False)
 class Losses:
-    """First losses along the programmes of a fan; arrays (n,).
+    """First losses along the programmes of a fan; arrays (n,), NaN where there is none.
 
-    Attributes
-    ----------
-    programme : ndarray (n,)
-        Angle b of `E' = (cos b, sin b)`, radians.
-    line : StrainLine
-        The programmes.
-    mu : float
-        Friction of the contacts, infinite if they always stick.
-    det_Ks_zero, det_K_zero : ndarray (n,)
-        Lengths `u` along the lines where each determinant is first zero or jumps below it; NaN
-        where that does not happen before the contacts open or the diamond folds.
-    yields : ndarray (n,)
-        Where the contacts reach `|T| = mu N`; NaN if they never do.
+    Positions `u` on `line`, of yield too; `programme` holds angles in (E1, E2), radians; `mu` is
+    infinite where the contacts stick.
     """
 
     programme: Floats
@@ -63,26 +52,6 @@ def programme_fan(alpha0: float, directions: int) -> tuple[Floats, StrainLine]:
 
     Evenly by the angle between the line and the branch, in half diagonals: the forces along them
     are then those of every other `alpha0`.
-
-    Parameters
-    ----------
-    alpha0 : float
-        Reference angle, radians.
-    directions : int
-        How many; odd.
-
-    Returns
-    -------
-    programme : ndarray (n,)
-        Angles b in the (E1, E2) plane, radians, growing.
-    line : StrainLine
-        Rows (n,).
-
-    Examples
-    --------
-    >>> programme, _ = programme_fan(np.radians(35.0), 3)
-    >>> np.degrees(programme).round(6).tolist()
-    [-14.134401, 45.0, 82.961569]
     """
     spread = 0.5 * np.pi * np.arange(-(directions // 2), directions // 2 + 1)
     turned = alpha0 + spread / (directions // 2 + 1)
@@ -91,30 +60,7 @@ def programme_fan(alpha0: float, directions: int) -> tuple[Floats, StrainLine]:
 
 
 def first_losses(case: Case, directions: int, *, friction: bool) -> Losses:
-    """Losses of one diamond along its fan of programmes.
-
-    Parameters
-    ----------
-    case : Case
-        The diamond.
-    directions : int
-        Programmes; odd.
-    friction : bool
-        Whether the contacts slide at `|T| = mu N`, or stick for ever.
-
-    Returns
-    -------
-    Losses
-
-    Examples
-    --------
-    The isotropic programme loses both at `E = kappa/(1 + kappa)` (41):
-
-    >>> found = first_losses(Case(0.7, 0.25, 0.1), 3, friction=True)
-    >>> lost = found.det_Ks_zero[1], found.det_K_zero[1]
-    >>> [round(float(u - found.line.start[1]), 12) for u in lost]
-    [0.2, 0.2]
-    """
+    """Losses of one diamond along its fan of programmes."""
     programme, line = programme_fan(case.alpha0, directions)
     last = np.minimum(line.opening, line.folding)
     lost_K = _within(sticking_det_K_zero(line, case.kappa), last)
@@ -133,39 +79,13 @@ def first_losses(case: Case, directions: int, *, friction: bool) -> Losses:
 
 
 def sticking_det_K_zero(line: StrainLine, kappa: float) -> Floats:
-    """`u` where `l = 1/(1 + kappa)`, the zero of (35); NaN on lines that keep further off.
-
-    Parameters
-    ----------
-    line : StrainLine
-        Lines (n,).
-    kappa : float
-        Stiffness ratio.
-
-    Returns
-    -------
-    u : ndarray (n,)
-    """
+    """`u` where `l = 1/(1 + kappa)`, the zero of (35); NaN on lines that keep further off."""
     with np.errstate(invalid="ignore"):
         return -np.sqrt((1.0 + kappa) ** -2 - line.distance**2)
 
 
 def sticking_det_Ks(line: StrainLine, u: Floats, kappa: float) -> Floats:
-    """`det Ks = kappa - N/l - (T/2l)^2` of sticking contacts.
-
-    Parameters
-    ----------
-    line : StrainLine
-        Lines (n,).
-    u : ndarray (..., n)
-        Lengths along them.
-    kappa : float
-        Stiffness ratio.
-
-    Returns
-    -------
-    det_Ks : ndarray (..., n)
-    """
+    """`det Ks = kappa - N/l - (T/2l)^2` of sticking contacts."""
     length = np.hypot(line.distance, u)
     # At the limit of a radial line the branch vanishes: no state of interest.
     length = np.maximum(length, np.finfo(float).tiny)
@@ -174,21 +94,7 @@ def sticking_det_Ks(line: StrainLine, u: Floats, kappa: float) -> Floats:
 
 
 def sticking_det_Ks_zero(line: StrainLine, kappa: float, lost_K: Floats, last: Floats) -> Floats:
-    """First `u` where `det Ks = 0`, no later than `lost_K` (Bromwich); NaN if none.
-
-    Parameters
-    ----------
-    line : StrainLine
-        Lines (n,).
-    kappa : float
-        Stiffness ratio.
-    lost_K, last : ndarray (n,)
-        Zero of `det K`, NaN if none, and end of the lines.
-
-    Returns
-    -------
-    u : ndarray (n,)
-    """
+    """First `u` where `det Ks = 0`, no later than `lost_K` (Bromwich); NaN if none."""
     high = np.where(np.isnan(lost_K), last, lost_K)
     grid = line.start + np.linspace(0.0, 1.0, POINTS)[:, None] * (high - line.start)
     lost = sticking_det_Ks(line, grid, kappa) < 0.0

@@ -26,13 +26,7 @@ class Case(NamedTuple):
         return float(np.tan(self.phi)) if self.phi < 0.5 * np.pi else float("inf")
 
     def described(self) -> dict[str, float]:
-        """The diamond as the table and the summary name it, angles in degrees.
-
-        Returns
-        -------
-        dict
-            `alpha0_deg, kappa, phi_deg`.
-        """
+        """The diamond as the table and the summary name it, angles in degrees."""
         alpha0, phi = (round(float(np.degrees(angle)), 12) for angle in (self.alpha0, self.phi))
         return {"alpha0_deg": alpha0, "kappa": self.kappa, "phi_deg": phi}
 
@@ -42,34 +36,7 @@ TABLES = tuple(Case(table.alpha0, table.kappa, table.phi) for table in (TABLE_1,
 
 @dataclass(frozen=True)
 class DomainParameters:
-    """Arguments of the study. Angles in degrees.
-
-    Parameters
-    ----------
-    alpha0_deg : tuple of float, optional
-        Reference angles in (0, 90) degrees.
-    kappa : tuple of float, optional
-        Stiffness ratios `kt/kn`, positive.
-    phi_deg : float, optional
-        Contact friction angle in (0, 90] degrees; 90 means that nothing slides.
-    directions : int
-        Programmes of the fan, an odd number from 3 on: the isotropic one is among them.
-
-    Raises
-    ------
-    InputError
-        If a value leaves its range.
-
-    Examples
-    --------
-    Nothing given: the diamonds of the paper's two tables. Else every angle with every ratio, and
-    Table 1's values for what is left out:
-
-    >>> len(DomainParameters().cases())
-    2
-    >>> [case.kappa for case in DomainParameters(kappa=(0.1, 0.4)).cases()]
-    [0.1, 0.4]
-    """
+    """Arguments of the study. Angles in degrees."""
 
     alpha0_deg: tuple[float, ...] | None = None
     kappa: tuple[float, ...] | None = None
@@ -87,12 +54,7 @@ class DomainParameters:
             )
 
     def cases(self) -> tuple[Case, ...]:
-        """The diamonds, in radians.
-
-        Returns
-        -------
-        tuple of Case
-        """
+        """The diamonds, in radians."""
         if self.alpha0_deg is None and self.kappa is None and self.phi_deg is None:
             return TABLES
         angles = (TABLE_1.alpha0,) if self.alpha0_deg is None else np.radians(self.alpha0_deg)
@@ -101,12 +63,7 @@ class DomainParameters:
         return tuple(Case(float(a), k, phi) for a, k in product(angles, ratios))
 
     def described(self) -> dict[str, Any]:
-        """Every value in force, under the names of the command line.
-
-        Returns
-        -------
-        dict
-        """
+        """Every value in force, under the names of the command line."""
         cases = [case.described() for case in self.cases()]
         return {"cases": cases, "directions": self.directions}
 

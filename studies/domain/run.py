@@ -19,29 +19,7 @@ UNITS = "dimensionless: forces over kn l0, stresses over kn; angles in degrees"
 def run_domain(
     parameters: DomainParameters, out: Path, *, force: bool = False, csv: bool = False
 ) -> dict[str, Any]:
-    """Find the bifurcation domains of diamonds, and write the table, summary and figure.
-
-    Parameters
-    ----------
-    parameters : DomainParameters
-        The diamonds and the fan of programmes.
-    out : Path
-        Result folder: `domain.parquet`, `summary.json`, `domain` as PNG and SVG.
-    force : bool
-        Whether results of the same names may be replaced.
-    csv : bool
-        Whether to write the table as CSV too.
-
-    Returns
-    -------
-    dict
-        The summary.
-
-    Raises
-    ------
-    InputError
-        If `out` holds files and `force` is false.
-    """
+    """Find the bifurcation domains of diamonds, and write the table, summary and figure."""
     with result_folder(out, force=force) as folder:
         made = provenance("domain", parameters.described(), UNITS)
         table = domain_table(parameters.cases(), parameters.directions)
@@ -56,23 +34,7 @@ def run_domain(
 
 
 def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> dict[str, Any]:
-    """Counts and bounds of each diamond's domain.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From `domain_table`.
-    parameters : DomainParameters
-        What was asked.
-
-    Returns
-    -------
-    dict
-        `cases`: the diamond, `isotropic_strain` `kappa/(1 + kappa)` (41), and of each kind of
-        contacts the programmes that lose `det_Ks` and `det_K`, those among them that lose it by
-        yielding or with opposite grains overlapping, those that lose `det_Ks` before `det_K`, and
-        the extremes of the stresses at the loss of `det_Ks`; `definitions`.
-    """
+    """Counts and bounds of each diamond's domain."""
     return {
         "directions": parameters.directions,
         "cases": [_case(table, case) for case in parameters.cases()],

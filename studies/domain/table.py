@@ -18,25 +18,7 @@ KINDS = ("det_Ks_zero", "det_K_zero")
 
 
 def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
-    """Losses of every diamond along its fan, with contacts that stick and with friction.
-
-    Parameters
-    ----------
-    cases : tuple of Case
-        The diamonds.
-    directions : int
-        Programmes of each; odd.
-
-    Returns
-    -------
-    DataFrame
-        `alpha0_deg, kappa, phi_deg`; `contacts`: 'sticking' or 'frictional'; `kind`:
-        'det_Ks_zero' or 'det_K_zero'; `programme_deg`, the angle of `E'`; `regime`: 'elastic'
-        where the determinant passes zero, 'sliding' where it jumps below as the contacts yield;
-        `E1, E2, s1, s2, N, T, alpha_deg` there; `det_K, det_Ks` of that regime, by the closed
-        forms (35), (36); `opposite_overlap`: whether opposite grains overlap, which the paper
-        ignores. Programmes without a loss are left out.
-    """
+    """Losses of every diamond along its fan, with contacts that stick and with friction."""
     parts = []
     for case in cases:
         for friction in (False, True) if np.isfinite(case.mu) else (False,):
@@ -46,19 +28,7 @@ def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
 
 
 def rows_of(table: pd.DataFrame, case: Case) -> pd.DataFrame:
-    """The rows of one diamond.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From `domain_table`.
-    case : Case
-        The diamond.
-
-    Returns
-    -------
-    DataFrame
-    """
+    """The rows of one diamond."""
     named = case.described()
     return table[(table[list(named)] == list(named.values())).all(axis=1)]
 

@@ -8,13 +8,12 @@ from scipy.integrate import quad
 
 from loops import GrainGraph, contact_forces, contact_frame
 from patterns.diamond import TABLE_1, TABLE_2, drained_path, drained_states_after_turn
-from patterns.diamond.forces import (
+from patterns.diamond.geometry import (
     contact_displacement_rates,
-    force_rates,
-    side_lengths,
-    side_rates,
+    work_compress_then_shear,
+    work_shear_then_compress,
 )
-from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
+from tests.oracles.diamond_forces import force_rates, side_lengths, side_rates
 from tests.oracles.paper_samples import Samples, difference, random_samples
 
 Floats = NDArray[np.float64]

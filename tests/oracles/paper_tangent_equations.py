@@ -17,7 +17,14 @@ from patterns.diamond import (
     material_tangent,
     tangent,
 )
-from patterns.diamond.forces import (
+from patterns.diamond.tangents import (
+    determinant,
+    geometric_asymmetry,
+    geometric_softening,
+    isotropic_determinant,
+)
+from stability import bromwich_margin, restrict, second_order_work, symmetric_part
+from tests.oracles.diamond_forces import (
     congruence,
     force_geometric_tangent,
     force_material_tangent,
@@ -26,13 +33,6 @@ from patterns.diamond.forces import (
     lagrangian_tangent,
     side_rates,
 )
-from patterns.diamond.tangents import (
-    determinant,
-    geometric_asymmetry,
-    geometric_softening,
-    isotropic_determinant,
-)
-from stability import bromwich_margin, restrict, second_order_work, symmetric_part
 from tests.oracles.paper_samples import Samples, difference, operator_difference, random_samples
 
 Floats = NDArray[np.float64]

@@ -220,19 +220,3 @@ def test_accuracies_that_mean_nothing_are_refused(options):
     law = LinearFrictional(kn=1.0, kt=KAPPA)
     with pytest.raises(InputError, match=next(iter(options))):
         follow(regular_polygon(4), law, isotropic(0.1), **options)
-
-
-def test_flags_of_the_graph_are_the_regimes_of_the_start():
-    law = LinearFrictional(kn=1.0, kt=KAPPA, mu=MU)
-    graph = loaded(regular_polygon(5, strain=0.1), law)
-    shear = 0.999 * MU * graph.normal_force * (np.arange(5) == 1)
-    graph = graph.replace(shear_force=shear)
-    flagged = graph.replace(regime=np.where(np.arange(5) == 1, 2, 1))
-    circle = [[np.cos(a), np.sin(a)] for a in np.linspace(0.1, 6.2, 23)]
-    natural = directional_work(flagged, law, circle)
-    asked = directional_work(graph, law, circle, regime=flagged.regime)
-    np.testing.assert_array_equal(natural.work, asked.work)
-    assert (natural.regime[:, 1] == 2).any()
-    # A path knows how far the contact is from its cone.
-    path, plain = (follow(g, law, isotropic(0.12)) for g in (flagged, graph))
-    np.testing.assert_array_equal(path.shear_force, plain.shear_force)

@@ -196,8 +196,8 @@ def test_the_version(monkeypatch, capsys):
     [
         (["--help"], ["numpy", "rich", "loops.graph", "patterns.diamond", "stability.verdict"]),
         (["--version"], ["numpy", "rich", "loops.graph"]),
-        (["polygon", "--help"], ["numpy", "rich", "studies.polygon"]),
-        (["snapshot", "nowhere.csv", "--out", "o"], ["matplotlib", "studies.polygon", "sympy"]),
+        (["polygon", "--help"], ["numpy", "rich", "studies.paths"]),
+        (["snapshot", "nowhere.csv", "--out", "o"], ["matplotlib", "studies.paths", "sympy"]),
         (["domain", "--out", "o", "--directions", "2"], ["pyarrow.dataset", "studies.snapshot"]),
     ],
 )

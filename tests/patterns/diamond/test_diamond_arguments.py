@@ -17,9 +17,9 @@ from patterns.diamond import (
     sliding_moduli,
     tangent,
 )
-from patterns.diamond.forces import lagrangian_tangent, side_lengths
 from patterns.diamond.geometry import work_shear_then_compress
 from patterns.diamond.tangents import drained_slope
+from tests.oracles.diamond_forces import lagrangian_tangent, side_lengths
 
 BAD_CALLS = {
     "angle zero": (lambda: diamond(0.0), r"alpha0: got 0, expected an angle between"),

@@ -18,7 +18,6 @@ from patterns.diamond import (
     sliding_moduli,
     tangent,
 )
-from patterns.diamond.forces import branch_from_sides, side_lengths, stresses
 from patterns.diamond.tangents import (
     determinant,
     drained_slope,
@@ -26,6 +25,7 @@ from patterns.diamond.tangents import (
     isotropic_determinant,
 )
 from tests.oracles import diamond_symbolic as symbolic
+from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
 
 
 def random_states(seed, count=1000):

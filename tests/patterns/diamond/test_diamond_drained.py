@@ -17,13 +17,9 @@ from patterns.diamond import (
     sliding_moduli,
     tangent,
 )
-from patterns.diamond.forces import (
-    branch_from_sides,
-    contact_displacement_rates,
-    side_lengths,
-    stresses,
-)
+from patterns.diamond.geometry import contact_displacement_rates
 from patterns.diamond.tangents import drained_slope
+from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
 
 TWENTY_DIGITS = [
     (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),

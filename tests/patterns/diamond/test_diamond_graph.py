@@ -21,7 +21,7 @@ from patterns.diamond import (
     sliding_moduli,
     tangent,
 )
-from patterns.diamond.forces import branch_from_sides, side_lengths, stresses
+from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
 
 
 def random_graphs(seed, count):

@@ -12,7 +12,9 @@ from patterns.diamond import (
     sliding_moduli,
     tangent,
 )
-from patterns.diamond.forces import (
+from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
+from tests.oracles import diamond_symbolic as symbolic
+from tests.oracles.diamond_forces import (
     branch_from_sides,
     congruence,
     force_geometric_tangent,
@@ -23,8 +25,6 @@ from patterns.diamond.forces import (
     strains,
     stresses,
 )
-from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
-from tests.oracles import diamond_symbolic as symbolic
 
 STEPS = np.array([4e-3, 2e-3, 1e-3, 5e-4])
 

@@ -1,0 +1,297 @@
+"""What the studies of paths are asked: the paper's diamond, a regular loop, loops of many orders.
+
+Angles in degrees; grains of diameter 1, `kn = 1`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, get_args
+
+import numpy as np
+
+from loops import GrainGraph, InputError, LinearFrictional
+from loops.closures import Closure, Spins
+from patterns.diamond import (
+    TABLE_1,
+    TABLE_2,
+    DiamondParameters,
+    DrainedPath,
+    PrintedRule,
+    diamond,
+    drained_path,
+)
+from patterns.polygons import regular_polygon
+from patterns.polygons.shapes import Orientation
+from stability import Programme, Stage, programmes
+
+Sliding = Literal["coulomb", "printed"]
+OnTouch = Literal["ignore", "stop", "add"]
+Model = Literal["auto", "full"]
+ProgrammeName = Literal["drained", "isotropic", "isotropic-stress", "oedometric", "undrained"]
+PROGRAMMES: dict[str, Callable[[], Programme]] = {
+    "drained": programmes.drained_biaxial,
+    "isotropic": programmes.isotropic_strain,
+    "isotropic-stress": programmes.isotropic_stress,
+    "oedometric": programmes.oedometric,
+    "undrained": programmes.undrained,
+}
+TABLES = {1: TABLE_1, 2: TABLE_2}
+OWN = ("alpha0_deg", "kappa", "phi_deg", "confine")
+# Strain that the diamond is followed for after A, and at least after B.
+AFTER_A, AFTER_B = 0.3, 0.15
+# Share of the length left at A that a polygon's programme takes up, if nobody says where it ends.
+WAY = 0.4
+LARGEST_ORDER, MOST_ORDERS = 1000, 40
+
+
+@dataclass(frozen=True)
+class DiamondOptions:
+    """Options of `grainloops diamond`; what is left out is Table 1's.
+
+    `table` names one of the paper's sets of parameters, instead of `alpha0_deg` in (0, 90),
+    `kappa` of zero or more, `phi_deg` in [0, 90] (90: nothing slides) and `confine` in [0, 1), the
+    isotropic strain at A. `sliding` is Coulomb's law or (8c) as printed; `contact_on_touch` says
+    what follows when opposite grains meet: nothing (the paper), the end, or a contact between them.
+    """
+
+    table: int | None = None
+    alpha0_deg: float | None = None
+    kappa: float | None = None
+    phi_deg: float | None = None
+    confine: float | None = None
+    closure: Closure = "affine"
+    sliding: Sliding = "coulomb"
+    contact_on_touch: OnTouch = "ignore"
+    model: Model = "auto"
+
+    spins: ClassVar[Spins] = "blocked"
+    # Of a stage at least; of a polygon the steps of the integrator.
+    rows: ClassVar[int] = 80
+
+    def __post_init__(self) -> None:
+        one_of("--closure", self.closure, ("affine", "traction"))
+        one_of("--sliding", self.sliding, get_args(Sliding))
+        one_of("--contact-on-touch", self.contact_on_touch, get_args(OnTouch))
+        one_of("--model", self.model, get_args(Model))
+        own = [name for name in OWN if getattr(self, name) is not None]
+        if self.table is not None:
+            one_of("--table", self.table, tuple(TABLES))
+            if own:
+                raise InputError(
+                    "--table",
+                    f"a table and {', '.join(own)}",
+                    "one or the other",
+                    "Leave --table out to choose parameters of your own.",
+                )
+        inside("--alpha0", self.alpha0_deg, lambda a: 0.0 < a < 90.0, "degrees in (0, 90)")
+        inside("--kappa", self.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
+        inside("--phi", self.phi_deg, lambda p: 0.0 <= p <= 90.0, "degrees in [0, 90]")
+        inside("--confine", self.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")
+        if self.contact_on_touch == "add":
+            expected = "30 to 60 degrees with --contact-on-touch add: elsewhere opposite grains "
+            expected += "overlap from the start"
+            inside("--alpha0", self.alpha0_deg, lambda a: 30.0 <= a <= 60.0, expected)
+        if self.model == "full" and self.sliding == "printed":
+            expected = "coulomb: grains free to move slide by Coulomb's law"
+            raise InputError(
+                "--sliding", "printed with --model full", expected, "Drop one of them."
+            )
+
+    @property
+    def parameters(self) -> DiamondParameters:
+        """The diamond in radians."""
+        given = TABLES[self.table or 1]
+        return DiamondParameters(
+            alpha0=given.alpha0 if self.alpha0_deg is None else float(np.radians(self.alpha0_deg)),
+            kappa=given.kappa if self.kappa is None else self.kappa,
+            phi=given.phi if self.phi_deg is None else float(np.radians(self.phi_deg)),
+            confinement=given.confinement if self.confine is None else self.confine,
+        )
+
+    @property
+    def volume(self) -> float:
+        """`L10 L20`, the paper's reference area: twice the rhombus."""
+        return float(2.0 * np.sin(2.0 * self.parameters.alpha0))
+
+    def graph(self) -> GrainGraph:
+        """The barely touching diamond."""
+        return diamond(self.parameters.alpha0)
+
+    def law(self) -> LinearFrictional:
+        """Coulomb's law, or (8c) as printed: the same where alpha falls, since N grows."""
+        loop = self.parameters
+        printed = self.sliding == "printed" and drained_path(loop).direction > 0
+        return (PrintedRule if printed else LinearFrictional)(1.0, loop.kappa, loop.mu)
+
+    def stages(self) -> tuple[tuple[str, Stage], ...]:
+        """Isotropic strain to A, then the drained biaxial test; names and stages.
+
+        Without confinement there is no lateral stress: contacts of an angle above that of friction
+        open as the test starts, and nothing is left to follow.
+        """
+        loop = self.parameters
+        to_A = ("isotropic", Stage(programmes.isotropic_strain(), "H11", loop.confinement))
+        exact = drained_path(loop)
+        if exact.status == "opening":
+            return (to_A,)
+        last = last_strain(loop, exact, added=self.contact_on_touch == "add")
+        return (to_A, ("drained", Stage(programmes.drained_biaxial(), "H11", last)))
+
+    def described(self) -> dict[str, Any]:
+        """Every value in force, under the names of the command line."""
+        loop = self.parameters
+        return {
+            "table": self.table,
+            "alpha0_deg": round(float(np.degrees(loop.alpha0)), 12),
+            "kappa": loop.kappa,
+            "phi_deg": round(float(np.degrees(loop.phi)), 12),
+            "mu": loop.mu,
+            "confine": loop.confinement,
+            "closure": self.closure,
+            "sliding": self.sliding,
+            "contact_on_touch": self.contact_on_touch,
+            "model": self.model,
+        }
+
+
+@dataclass(frozen=True)
+class PolygonOptions:
+    """Options of `grainloops polygon`.
+
+    `order` from 3 to 1000; `kappa` of zero or more; `phi_deg` in [0, 90] (90: nothing slides);
+    `confine` in [0, 1), the isotropic strain at A; `programme` what follows A, up to `end`, an E1
+    above `confine` and below 1, `confine + 0.4 (1 - confine)` if left out. `H12 = H21 = 0` in all.
+    """
+
+    order: int
+    orientation: Orientation = "vertex"
+    kappa: float = 0.2
+    phi_deg: float = 5.0
+    closure: Closure = "affine"
+    spins: Spins = "blocked"
+    confine: float = 0.1
+    programme: ProgrammeName = "drained"
+    end: float | None = None
+    model: Model = "auto"
+
+    volume: ClassVar[float | None] = None
+    rows: ClassVar[int] = 0
+    contact_on_touch: ClassVar[OnTouch] = "ignore"
+
+    def __post_init__(self) -> None:
+        whole = np.isfinite(self.order) and int(self.order) == self.order
+        if not (whole and 3 <= self.order <= LARGEST_ORDER):
+            expected = f"a whole number from 3 to {LARGEST_ORDER}"
+            raise InputError("--order", str(self.order), expected, "Correct it.")
+        one_of("--orientation", self.orientation, get_args(Orientation))
+        one_of("--closure", self.closure, ("affine", "traction"))
+        one_of("--spins", self.spins, get_args(Spins))
+        one_of("--model", self.model, get_args(Model))
+        one_of("--programme", self.programme, get_args(ProgrammeName))
+        inside("--kappa", self.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
+        inside("--phi", self.phi_deg, lambda p: 0.0 <= p <= 90.0, "degrees in [0, 90]")
+        inside("--confine", self.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")
+        expected = f"a strain above that of A, {self.confine:g}, and below 1"
+        inside("--end", self.end, lambda e: self.confine < e < 1.0, expected)
+
+    @property
+    def last_strain(self) -> float:
+        """E1 at the end of the programme."""
+        if self.end is not None:
+            return self.end
+        return round(self.confine + WAY * (1.0 - self.confine), 12)
+
+    @property
+    def mu(self) -> float:
+        """Friction coefficient, infinite when nothing slides."""
+        return float(np.tan(np.radians(self.phi_deg))) if self.phi_deg < 90.0 else float("inf")
+
+    def graph(self, strain: float = 0.0) -> GrainGraph:
+        """The loop, barely touching or under isotropic strain."""
+        return regular_polygon(self.order, orientation=self.orientation, strain=strain)
+
+    def law(self) -> LinearFrictional:
+        """Coulomb's law."""
+        return LinearFrictional(kn=1.0, kt=self.kappa, mu=self.mu)
+
+    def stages(self) -> tuple[tuple[str, Stage], ...]:
+        """The confinement, left out where there is none, and the programme; names and stages."""
+        confining = ("confinement", Stage(programmes.isotropic_strain(), "H11", self.confine))
+        loading = Stage(PROGRAMMES[self.programme](), "H11", self.last_strain)
+        first = (confining,) if self.confine > 0.0 else ()
+        return (*first, (self.programme, loading))
+
+    def described(self) -> dict[str, Any]:
+        """Every value in force, under the names of the command line."""
+        names = ("order", "orientation", "kappa", "phi_deg", "mu", "closure", "spins", "confine")
+        values = {name: getattr(self, name) for name in (*names, "programme", "model")}
+        return {**values, "end": self.last_strain}
+
+
+@dataclass(frozen=True)
+class ComparisonOptions:
+    """Orders to compare, and all that the loops share; the order of `shared` plays no part."""
+
+    orders: tuple[int, ...]
+    shared: PolygonOptions
+
+    def __post_init__(self) -> None:
+        count = len(self.orders)
+        if not count or len(set(self.orders)) < count or count > MOST_ORDERS:
+            expected = f"1 to {MOST_ORDERS} different orders"
+            raise InputError("--compare", str(self.orders), expected, "Write 3-12.")
+        for order in self.orders:
+            self.of(order)
+
+    def of(self, order: int) -> PolygonOptions:
+        """Options of one of the loops."""
+        return replace(self.shared, order=order)
+
+    def described(self) -> dict[str, Any]:
+        """Every value in force, under the names of the command line."""
+        described = self.shared.described()
+        del described["order"]
+        return {"compare": list(self.orders), **described}
+
+
+def orders_of(text: str) -> tuple[int, ...]:
+    """Orders written as '3-12' or '3,4,6-8', ascending, each once."""
+    orders: set[int] = set()
+    try:
+        for part in text.split(","):
+            first, _, last = part.partition("-")
+            low, high = int(first), int(last or first)
+            if not 0 <= high - low < 10 * MOST_ORDERS:
+                raise ValueError
+            orders.update(range(low, high + 1))
+    except ValueError:
+        raise InputError(
+            "--compare", repr(text), "orders such as 3-12 or 3,4,6-8", "Write them so."
+        ) from None
+    return tuple(sorted(orders))
+
+
+def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
+    """Refuse a word that is none of the choices."""
+    if value not in choices:
+        *others, last = (str(choice) for choice in choices)
+        expected = f"{', '.join(others)} or {last}"
+        raise InputError(name, repr(value), expected, "Pick one of these.")
+
+
+def inside(name: str, value: float | None, holds: Callable[[float], bool], expected: str) -> None:
+    """Refuse a number out of its range or not finite; None was not given."""
+    if value is not None and not (np.isfinite(value) and holds(value)):
+        raise InputError(name, f"{value:.17g}", expected, "Correct it.")
+
+
+def last_strain(loop: DiamondParameters, exact: DrainedPath, *, added: bool = False) -> float:
+    """E1 where a diamond's drained test ends: a strain after A, and beyond B if it is reached."""
+    latest, least = loop.confinement, 0.0
+    # With added contacts B has no closed form.
+    if exact.status == "yield" and not added:
+        latest = float(exact.end.E1)
+        least = latest + AFTER_B
+    return min(max(loop.confinement + AFTER_A, least), 0.5 * (1.0 + latest))

@@ -1,0 +1,271 @@
+"""Regular loops of any order: the path, its peak, its thresholds and what it comes down to."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
+
+from loops import ContactLaw, contact_state, macroscopic_tangent
+from loops.arrays import Floats
+from loops.closures import Closure, Spins
+from patterns import regular_polygon
+from patterns.polygons.shapes import Orientation
+from stability import Path, judge, operator_norm, restrict, symmetric_spectrum
+from studies.paths.followed import SUBSPACES, Followed, Located, follow_options
+from studies.paths.options import PolygonOptions
+
+# Slopes of s1 over E1 below this, and steps of E1, are none.
+FLAT, STILL = 1e-10, 1e-12
+# Strains that are looked at before a root is refined: none beyond the last; so many together.
+FIRST, LAST, COUNT, CHUNKS = 1e-6, 0.99, 100, 9
+# A smallest eigenvalue at the first load that is not above this share of the norm is a loss.
+LOST = 1e-12
+DEFINITIONS = {
+    "critical_strain": "isotropic strain at which Ks first loses definiteness in the subspace: 0 "
+    f"where from the first load on, null where not below {LAST:g}",
+    "diagonal, symmetric, full": "components (11, 22); (11, 22, (12 + 21)/sqrt 2); all four",
+    "E1, E2": "H11 and H22, displacement gradient on the barely touching loop",
+    "s1, s2": "nominal stress P11/kn and P22/kn over the area of the barely touching polygon",
+    "A": "end of the isotropic strain, where the programme starts",
+    "peak": "largest s1 on the stage after A, null if s1 only falls or still rises at its end",
+    "K": "tangent of the regimes that the path arrives with",
+    "model": "what was modelled, and how much of it the loop's symmetry left out: part of whole",
+    "status": "of the path: finished, or why and where it ends before its target",
+}
+
+
+def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPACES) -> Followed:
+    """Confine a polygon and load it; `marks` are A and end. Spectra are watched in the subspaces.
+
+    >>> found = follow_polygon(PolygonOptions(4, confine=0.2, end=0.25))
+    >>> [(each.event.kind, each.subspace) for each in found.located][:3]
+    [('det_Ks_zero', 'diagonal'), ('det_K_zero', 'diagonal'), ('det_Ks_zero', 'symmetric')]
+    """
+    path, located = follow_options(options, subspaces)
+    confined = np.flatnonzero(path.stage == 0)
+    at_A = {"A": int(confined[-1])} if options.confine > 0.0 and len(confined) else {}
+    marks = {**at_A, "end": len(path) - 1}
+    with np.errstate(invalid="ignore"):
+        return Followed(options, path, located, marks, path.K, path.det_K, path.det_Ks)
+
+
+def described(found: Followed, located: Located) -> dict[str, Any]:
+    """An event as plain values; `subspace` is null where it depends on none."""
+    event = located.event
+    return {
+        "kind": event.kind,
+        "subspace": located.subspace,
+        **located.values,
+        "stage": str(found.stage_names[event.stage]),
+        "parameter": event.parameter,
+        "contacts": list(event.contacts),
+        "detail": event.detail,
+    }
+
+
+def axial_peak(found: Followed) -> dict[str, float] | None:
+    """Largest axial stress of the loading stage; None if s1 only falls, or rises to the end.
+
+    It is a row where the response turns over at an event, else it lies between two, on the cubic
+    through their values and slopes.
+
+    >>> found = follow_polygon(PolygonOptions(6, closure="traction"), ("diagonal",))
+    >>> round(axial_peak(found)["E1"], 6)
+    0.132639
+    """
+    rows = found.loading
+    if len(rows) == 0:
+        return None
+    s1 = found.s1[rows]
+    k = int(np.argmax(s1))
+    # Rows twice recorded, before and after a change, are one.
+    if s1[k] <= s1[0] + STILL or (s1[k] <= s1[-1] + STILL):
+        return None
+    row = int(rows[k])
+    at_row = {"E1": found.E1[row], "E2": found.E2[row], "s1": found.s1[row]}
+    return _between(found, row) or {name: float(value) for name, value in at_row.items()}
+
+
+def _between(found: Followed, row: int) -> dict[str, float] | None:
+    """The peak beside a row, on the side where s1 still rises; none if it is the row itself."""
+    path = found.path
+    rate = path.H_rate[row, 0]
+    if abs(rate) < STILL or abs(path.P_rate[row, 0] / rate) < FLAT:
+        return None
+    a, b = (row, row + 1) if path.P_rate[row, 0] > 0.0 else (row - 1, row)
+    rates, E1 = path.H_rate[[a, b]], path.H[[a, b], 0]
+    if path.stage[a] != path.stage[b] or E1[1] - E1[0] < STILL or not (rates[:, 0] > STILL).all():
+        return None
+    axial = CubicHermiteSpline(E1, path.P[[a, b], 0], path.P_rate[[a, b], 0] / rates[:, 0])
+    lateral = CubicHermiteSpline(E1, path.H[[a, b], 3], rates[:, 3] / rates[:, 0])
+    inner = [x for x in axial.derivative().roots(extrapolate=False) if np.isfinite(x)]
+    if not inner:
+        return None
+    best = max(inner, key=lambda x: float(axial(x)))
+    return {"E1": float(best), "E2": float(lateral(best)), "s1": float(axial(best))}
+
+
+# ---- isotropic thresholds
+
+
+def thresholds(options: PolygonOptions) -> dict[str, float | None]:
+    """Isotropic threshold by subspace; the confinement plays no part."""
+    law, o = options.law(), options
+    return {
+        subspace: isotropic_threshold(o.order, law, o.closure, o.spins, subspace, o.orientation)
+        for subspace in SUBSPACES
+    }
+
+
+def isotropic_threshold(
+    order: int,
+    law: ContactLaw,
+    closure: Closure,
+    spins: Spins = "blocked",
+    subspace: str = "diagonal",
+    orientation: Orientation = "vertex",
+) -> float | None:
+    """First isotropic strain at which Ks of a regular loop is no longer positive definite.
+
+    0 where Ks is not definite from the first load on, None where it stays so up to `LAST`. A root
+    is refined to 1e-15 where an eigenvalue changes sign between two of `COUNT` strains; one that is
+    gained again between them is missed.
+
+    >>> from loops import LinearFrictional
+    >>> law = LinearFrictional(kn=1.0, kt=0.25)
+    >>> isotropic_threshold(5, law, "traction", "free")
+    0.0
+    >>> round(isotropic_threshold(5, law, "traction"), 12)
+    0.2
+    """
+
+    def smallest(strain: Floats | float) -> Floats:
+        """Smallest eigenvalue of Ks over the norm of K; NaN where there is no single answer."""
+        loop = regular_polygon(order, strain=strain, orientation=orientation)
+        loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
+        K = restrict(macroscopic_tangent(loop, law, closure, spins=spins).matrix, subspace)
+        norm = operator_norm(K)
+        return np.asarray(symmetric_spectrum(K)[..., 0] / np.where(norm > 0.0, norm, 1.0))
+
+    # The stiffness of spheres vanishes at touching: the first load, not none at all.
+    if not float(smallest(FIRST)) > LOST:
+        return 0.0
+    below = FIRST
+    for strains in np.array_split(np.linspace(0.0, LAST, COUNT)[1:], CHUNKS):
+        lost = np.flatnonzero(~(smallest(strains) > 0.0))
+        if len(lost):
+            k = int(lost[0])
+            return _root(smallest, below if k == 0 else float(strains[k - 1]), float(strains[k]))
+        below = float(strains[-1])
+    return None
+
+
+def _root(smallest: Callable[[Floats | float], Floats], start: float, end: float) -> float | None:
+    """Zero between two strains; none where an operator between them is not known."""
+    if not np.isfinite(float(smallest(end))):
+        return None
+    return float(brentq(lambda E: float(smallest(E)), start, end, xtol=1e-15, rtol=1e-14))
+
+
+# ---- summary
+
+
+def polygon_summary(found: Followed) -> dict[str, Any]:
+    """Summary of the study, without its provenance; `states` are A and end."""
+    path, options = found.path, found.options
+    critical = thresholds(options)  # type: ignore[arg-type]
+    peak = axial_peak(found)
+    return {
+        "parameters": options.described(),
+        "critical_strain": critical,
+        "events": [described(found, located) for located in found.located],
+        "peak": peak,
+        "states": {name: _state(found, row) for name, row in found.marks.items()},
+        "status": path.status,
+        "message": path.message,
+        "rows": len(path),
+        "model": asdict(path.model),
+        "verification": _verification(found, critical),
+        "notes": _notes(found, critical, peak),
+        "definitions": DEFINITIONS,
+    }
+
+
+def event_lines(summary: dict[str, Any]) -> list[str]:
+    """One line an event of a summary; those of a kind at one state make one line, contacts counted.
+
+    The loss of stability names its subspace.
+    """
+    groups: Counter[tuple[str, ...]] = Counter()
+    for event in summary["events"]:
+        place = (f"{event[name]:.8f}" for name in ("E1", "E2", "s1", "s2"))
+        pairs = event["kind"] == "opposite_contact"
+        group = (event["kind"], event["subspace"] or "", *place, "pairs" if pairs else "contacts")
+        groups[group] += 1 if pairs else len(event["contacts"])
+    return [
+        f"{kind:<16} {subspace:<10} E1 = {E1}  E2 = {E2}  s1 = {s1}  s2 = {s2}"
+        + (f"  {count} {unit}" if count else "")
+        for (kind, subspace, E1, E2, s1, s2, unit), count in groups.items()
+    ]
+
+
+def _state(found: Followed, row: int) -> dict[str, Any]:
+    path = found.path
+    verdicts = {subspace: judge(path.A[row], subspace) for subspace in SUBSPACES}
+    return {
+        **{name: float(getattr(found, name)[row]) for name in ("E1", "E2", "s1", "s2")},
+        "N": path.normal_force[row],
+        "T": path.shear_force[row],
+        "det_K": float(found.det_K[row]),
+        "det_Ks": float(found.det_Ks[row]),
+        "eigenvalues_Ks": path.symmetric_eigenvalues[row],
+        "verdict": {
+            subspace: {"status": verdict.status, "mode": verdict.mode, "margin": verdict.margin}
+            for subspace, verdict in verdicts.items()
+        },
+    }
+
+
+def _verification(found: Followed, critical: dict[str, float | None]) -> dict[str, Any]:
+    """Two routes to the critical strain where the confinement passes it; drift of the path."""
+    path: Path = found.path
+    differences: dict[str, float | None] = {}
+    for subspace, wanted in critical.items():
+        on_way = [
+            values["E1"]
+            for event, where, values in found.located
+            if (event.kind, where, event.stage) == ("det_Ks_zero", subspace, 0)
+        ]
+        known = bool(on_way and wanted and "A" in found.marks)
+        differences[subspace] = abs(on_way[0] - (wanted or 0.0)) if known else None
+    n = path.imbalance
+    return {
+        "critical_strain_path_against_root": differences,
+        "energy_error_max": float(np.abs(path.energy_error).max()),
+        "imbalance_max": float(np.nanmax(n)) if np.isfinite(n).any() else None,
+    }
+
+
+def _notes(
+    found: Followed, critical: dict[str, float | None], peak: dict[str, float] | None
+) -> list[str]:
+    path, rows = found.path, found.loading
+    lost = [name for name, strain in critical.items() if strain == 0.0]
+    notes = [f"unstable from the first load on in the subspace {name}" for name in lost]
+    if path.status != "finished":
+        notes.append(f"the path ends early ({path.status}): {path.message}")
+    if peak is None and len(rows) > 1:
+        s1 = found.s1[rows]
+        falls = s1.max() <= s1[0] + STILL
+        notes.append("no peak: s1 " + ("falls from A on" if falls else "still rises at the end"))
+    if path.of_kind("opposite_contact"):
+        notes.append("grains without a contact touch on the way and overlap from there on")
+    if path.of_kind("branching"):
+        notes.append("other paths branch off: the path followed keeps the loop's symmetry")
+    return notes

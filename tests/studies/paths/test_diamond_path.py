@@ -1,0 +1,359 @@
+"""The diamond's drained stage: point B, energies, events, both sliding rules, polar at B."""
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from patterns.diamond import drained_path, tangent
+from patterns.diamond.geometry import work_compress_then_shear
+from patterns.diamond.geometry import work_shear_then_compress as shear_then_compress
+from stability import symmetric_part
+from studies.paths import DiamondOptions
+from studies.paths.diamond import beyond_yield, follow_diamond
+from studies.paths.diamond_summary import diamond_summary, energy_imbalance, verification
+from studies.paths.polar import state_diagram
+from studies.paths.rules import rules_summary
+from studies.paths.tables import diamond_table, path_dependence_table
+
+POINT_B = {
+    1: ("0.40973434897033423289", "0.164934999828385506", "0.25400990008305293503"),
+    2: ("0.41619122318013548716", "-0.072382919123994869769", "0.31215593602737202138"),
+}
+SWEEP = [
+    {"table": 1},
+    {"table": 2},
+    {"table": 1, "sliding": "printed"},
+    {"table": 2, "sliding": "printed"},
+    {"confine": 0.1},
+    {"phi_deg": 0.0},
+    {"phi_deg": 90.0},
+    {"alpha0_deg": 10.0, "confine": 0.0, "phi_deg": 30.0},
+    {"alpha0_deg": 18.0, "kappa": 1.26, "confine": 0.0, "phi_deg": 89.0},
+    {"alpha0_deg": 42.0, "confine": 0.0, "phi_deg": 43.0, "sliding": "printed"},
+    {"alpha0_deg": 28.0, "kappa": 1.5, "phi_deg": 6.0, "confine": 0.65},
+    {"alpha0_deg": 6.0, "kappa": 6.0, "phi_deg": 85.0, "confine": 0.1},
+    {"kappa": 0.0},
+]
+
+
+def shear_ratio(path):
+    """`|T|/(mu N)`, NaN where the contacts carry no force."""
+    with np.errstate(invalid="ignore"):
+        return np.abs(path.states.T) / (path.loop.mu * path.states.N)
+
+
+def kinds(path, stage="drained"):
+    """Kinds of the events of a stage, in order."""
+    return [kind for kind, row in path.listed if path.states.stage[row] == stage]
+
+
+def integrate_by_strain(path, rows, slip):
+    """E2 and T at the E1 of some rows, from the first of them, by DOP853 on (26) and (8)."""
+    loop, states = path.loop, path.states
+    s2 = float(states.s2[rows[0]])
+    a0, L10, L20 = loop.alpha0, 2 * np.cos(loop.alpha0), 2 * np.sin(loop.alpha0)
+
+    def rates(E1, y):
+        E2, T = y
+        L1, L2 = L10 * (1 - E1), L20 * (1 - E2)
+        length, a = 0.5 * np.hypot(L1, L2), np.arctan2(L2, L1)
+        s1 = 2 * ((1 - length) * np.cos(a) + T * np.sin(a)) / L20
+        moduli = (loop.kappa, loop.kappa) if slip == 0 else (0, 0)
+        if slip:
+            moduli = slip * loop.mu / np.tan(a), -slip * loop.mu * np.tan(a)
+        K = tangent(E1, E2, s1, s2, a0, *moduli)
+        E2_rate = -K[1, 0] / K[1, 1]
+        un = -0.5 * (np.cos(a) * L10 + np.sin(a) * L20 * E2_rate)
+        ut = 0.5 * (-np.sin(a) * L10 + np.cos(a) * L20 * E2_rate)
+        return [E2_rate, -loop.kappa * ut if slip == 0 else -slip * loop.mu * un]
+
+    E1 = states.E1[rows]
+    start = [states.E2[rows[0]], states.T[rows[0]]]
+    found = solve_ivp(rates, (E1[0], E1[-1]), start, "DOP853", rtol=1e-12, atol=1e-14)
+    return found.y[:, -1]
+
+
+# Point B and the path around it
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_point_B_to_20_digits(table):
+    path = follow_diamond(DiamondOptions(table=table))
+    (found,) = [event for event in diamond_summary(path)["events"] if event["kind"] == "yield"]
+    del found["kind"]
+    for key, digits in zip(("E1", "E2", "s1"), POINT_B[table], strict=True):
+        assert abs(mpmath.mpf(found[key]) - mpmath.mpf(digits)) < 2e-15
+    state = diamond_summary(path)["states"]["B"]
+    assert {key: state[key] for key in found} == found
+    assert (state["regime"], state["beyond"]["regime"]) == ("elastic", "sliding")
+
+
+@pytest.mark.parametrize("sliding", ["coulomb", "printed"])
+@pytest.mark.parametrize("table", [1, 2])
+def test_stages_are_solutions_of_the_rate_equations(table, sliding):
+    path = follow_diamond(DiamondOptions(table=table, sliding=sliding))
+    for slides in (False, True):
+        drained = path.states.stage == "drained"
+        rows = np.flatnonzero(drained & ((path.states.slip != 0.0) == slides))
+        assert rows.size > 25
+        E2, T = integrate_by_strain(path, rows, path.states.slip[rows[0]])
+        assert abs(E2 - path.states.E2[rows[-1]]) < 1e-11
+        assert abs(T - path.states.T[rows[-1]]) < 1e-11
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_slope_at_A_is_det_K_over_K22(table):
+    path = follow_diamond(DiamondOptions(table=table))
+    K = path.operators.K[path.marks["A"]]
+    found = verification(path)["slope_at_A"]
+    assert found["closed_form"] == pytest.approx(np.linalg.det(K) / K[1, 1], rel=1e-12)
+    assert found["difference"] < 1e-10
+
+
+def test_axial_stress_follows_the_slope_everywhere():
+    path = follow_diamond(DiamondOptions(table=2))
+    drained = path.states.stage == "drained"
+    slope = (path.det_K / path.K[:, 1, 1])[drained]
+    rates = path.path.P_rate[drained, 0] / path.path.H_rate[drained, 0]
+    np.testing.assert_allclose(rates, slope, rtol=1e-11)
+    # And by differences, of second order over rows that are a hundredth apart.
+    for slides in (False, True):
+        rows = drained & ((path.states.slip != 0.0) == slides)
+        measured = np.gradient(path.states.s1[rows], path.states.E1[rows], edge_order=2)
+        np.testing.assert_allclose(measured, path.det_K[rows] / path.K[rows, 1, 1], rtol=2e-2)
+
+
+def test_lateral_stress_is_held_and_the_path_goes_on_in_E1():
+    for arguments in SWEEP:
+        path = follow_diamond(DiamondOptions(**arguments))
+        drained = path.states.stage == "drained"
+        s2 = path.states.s2[drained]
+        # Held to the integrator's tolerance.
+        np.testing.assert_allclose(s2, s2[0], rtol=1e-12, atol=1e-13)
+        # Both rows of a state at a change come from formulas of their own: the last bit may differ.
+        assert np.all(np.diff(path.states.E1) > -2e-16)
+
+
+def test_the_path_ends_where_the_followed_strain_is_used_up():
+    assert follow_diamond(DiamondOptions(table=1)).states.E1[-1] == pytest.approx(0.6, abs=1e-12)
+    late = follow_diamond(DiamondOptions(table=2))
+    assert late.states.E1[-1] == pytest.approx(float(POINT_B[2][0]) + 0.15, abs=1e-12)
+
+
+# Energy
+
+
+def test_without_lateral_force_yield_is_the_end_of_strain_control():
+    # T = N tan(alpha) there: sliding contacts hold alpha at phi, and slip would have to go back.
+    for alpha0, phi in ((10.0, 30.0), (18.0, 89.0), (44.0, 84.0), (60.0, 85.0)):
+        path = follow_diamond(DiamondOptions(alpha0_deg=alpha0, confine=0.0, phi_deg=phi))
+        assert kinds(path)[-2:] == ["yield", "control_limit"]
+        assert np.degrees(path.states.alpha[-1]) == pytest.approx(phi, abs=1e-11)
+
+
+@pytest.mark.parametrize("arguments", SWEEP, ids=str)
+def test_energy_balance_closes(arguments):
+    path = follow_diamond(DiamondOptions(**arguments))
+    assert energy_imbalance(path) < 1e-13
+    assert np.all(np.diff(path.energies["dissipated"]) >= 0.0)
+
+
+def test_work_of_isotropic_strain_in_closed_form():
+    path = follow_diamond(DiamondOptions(table=2))
+    rows, t0 = path.states.stage == "isotropic", np.tan(np.radians(35.0))
+    expected = 0.5 * path.states.E1[rows] ** 2 * (t0 + 1.0 / t0)
+    np.testing.assert_allclose(path.energies["work"][rows], expected, rtol=1e-14, atol=1e-18)
+
+
+def test_energy_balance_sees_a_wrong_stress():
+    path = follow_diamond(DiamondOptions(table=1))
+    path.energies["stored"][100:] += 1e-9
+    assert energy_imbalance(path) > 1e-9
+
+
+# Events
+
+
+def test_events_of_the_drained_stage():
+    assert kinds(follow_diamond(DiamondOptions(table=1))) == ["yield"]
+    assert kinds(follow_diamond(DiamondOptions(table=2))) == ["opposite_contact", "yield"]
+    assert kinds(follow_diamond(DiamondOptions(phi_deg=90.0))) == []
+
+
+def test_second_pair_of_opposite_grains_meets_where_its_diagonal_is_two_radii():
+    path = follow_diamond(DiamondOptions(table=2))
+    rows = [row for kind, row in path.listed if kind == "opposite_contact"]
+    E1 = path.states.E1[rows[-1]]
+    assert abs(E1 - (1 - 1 / (2 * mpmath.cos(mpmath.radians(35))))) < 1e-15
+
+
+def test_stop_also_holds_in_the_drained_stage():
+    path = follow_diamond(DiamondOptions(confine=0.25, contact_on_touch="stop"))
+    assert kinds(path) == ["opposite_contact"]
+    assert path.states.E1[-1] == pytest.approx(1.0 - np.sqrt(0.5), abs=1e-14)
+    assert path.marks.keys() == {"I", "A"}
+
+
+def test_sticking_again_is_an_event_and_the_path_goes_on():
+    path = follow_diamond(DiamondOptions(alpha0_deg=28.0, kappa=1.5, phi_deg=6.0, confine=0.65))
+    assert kinds(path) == ["yield", "unloading"]
+    row = path.listed[-1][1]
+    exact = drained_path(path.loop)
+    # Where slip stops smoothly its zero is known to the integrator's tolerance.
+    assert abs(path.states.alpha[row] - exact.stick_angle) < 1e-12
+    assert (path.states.slip[row], path.states.slip[row + 1]) == (-1.0, 0.0)
+    ratio = shear_ratio(path)
+    assert np.all(ratio[row + 2 :] < 1.0)
+    # Nothing slips at that instant: slip stops without a kink.
+    heat = path.energies["dissipated"]
+    assert abs(heat[row] - heat[row - 1]) < 1e-2 * heat[row]
+
+
+def test_without_lateral_force_contacts_open_at_once():
+    path = follow_diamond(DiamondOptions(confine=0.0))
+    assert [kind for kind, _ in path.listed] == ["programme_change", "opening"]
+    assert not path.energies["work"].any()
+
+
+def test_a_path_that_snaps_back_ends_at_B():
+    path = follow_diamond(DiamondOptions(alpha0_deg=10.0, confine=0.0, phi_deg=30.0))
+    assert kinds(path) == ["yield", "control_limit"]
+    assert path.marks["B"] == len(path.energies["work"]) - 1
+    K22 = beyond_yield_operator(path)[1, 1]
+    assert K22 < 0.0 < path.operators.K[-1, 1, 1]
+
+
+def test_the_limit_of_strain_control_ends_the_path():
+    path = follow_diamond(DiamondOptions(alpha0_deg=6.5, kappa=4.5, phi_deg=50.0, confine=0.69))
+    assert kinds(path)[-1] == "control_limit"
+    assert path.listed[-1][1] == len(path.energies["work"]) - 1
+    K22 = path.operators.K[path.states.stage == "drained", 1, 1]
+    assert np.all(K22[:-1] > 0.0)
+    assert abs(K22[-1]) < 1e-13 * K22[0]
+
+
+def test_determinants_that_vanish_in_the_drained_stage_are_events():
+    # det K, negative at A, comes back while N falls; the shear force keeps det Ks behind it.
+    path = follow_diamond(DiamondOptions(alpha0_deg=50.0, kappa=1.5, phi_deg=73.5, confine=0.634))
+    assert kinds(path) == ["det_K_zero", "det_Ks_zero"]
+    rows = [row for _, row in path.listed if path.states.stage[row] == "drained"]
+    for kind, value in (
+        ("det_K_zero", path.operators.det_K),
+        ("det_Ks_zero", path.operators.det_Ks),
+    ):
+        drained = [row for name, row in path.listed if name == kind and row in rows]
+        signs = np.sign(value[path.states.stage == "drained"])
+        assert len(drained) == np.count_nonzero(np.diff(signs[signs != 0.0])) > 0
+        assert np.all(np.abs(value[drained]) < 1e-14)
+
+
+# Sliding rules
+
+
+@pytest.mark.parametrize(("table", "ratio"), [(1, 1.1864284), (2, 1.2507328)])
+def test_printed_rule_leaves_coulombs_cone(table, ratio):
+    found = rules_summary(DiamondOptions(table=table))
+    assert found["coulomb"]["shear_ratio"] == pytest.approx(1.0, abs=1e-14)
+    # Integrated from (8c) and the balance by hand: T = 2 mu N_B - mu N beyond B.
+    assert found["printed"]["shear_ratio"] == pytest.approx(ratio, abs=1e-7)
+    path = follow_diamond(DiamondOptions(table=table, sliding="printed"))
+    row, mu, N = path.marks["B"], path.loop.mu, path.states.N
+    beyond = slice(row + 1, None)
+    np.testing.assert_allclose(path.states.T[beyond], mu * (2.0 * N[row] - N[beyond]), rtol=1e-13)
+    assert np.all(np.diff(shear_ratio(path)[row:]) >= -1e-15)
+
+
+def test_coulombs_law_holds_beyond_B():
+    for table in (1, 2):
+        path = follow_diamond(DiamondOptions(table=table))
+        slides = path.states.slip != 0.0
+        np.testing.assert_allclose(shear_ratio(path)[slides], 1.0, rtol=1e-14)
+        assert np.all(shear_ratio(path)[~slides][1:] <= 1.0 + 1e-14)
+
+
+def test_rules_are_one_where_nothing_slides():
+    assert rules_summary(DiamondOptions(phi_deg=90.0)) is None
+    assert rules_summary(DiamondOptions(confine=0.0)) is None
+
+
+# Operators and directions
+
+
+def beyond_yield_operator(path):
+    from studies.paths.states import operators
+
+    return operators(path.loop, beyond_yield(path)).K[0]
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_generic_operator_agrees_on_the_whole_path(table):
+    for arguments in ({}, {"sliding": "printed"}):
+        found = verification(follow_diamond(DiamondOptions(table=table, **arguments)))
+        assert found["generic_vs_closed_form_max_relative"] < 2e-14
+        assert found["det_K_max_difference"] < 1e-14
+        assert found["bromwich_margin_min"] > -1e-15
+        assert found["generic_affine_untrusted"] == found["generic_traction_untrusted"] == 0
+
+
+def test_loading_direction_enters_the_cone_at_A():
+    for table in (1, 2):
+        path = follow_diamond(DiamondOptions(table=table))
+        rows = diamond_table(path)
+        isotropic = rows["stage"] == "isotropic"
+        np.testing.assert_allclose(rows["loading_alphaE_deg"][isotropic], 45.0, atol=1e-13)
+        assert rows["w2_loading"][isotropic].min() > 0.0
+        assert rows["w2_loading"][~isotropic].max() < 0.0
+        # Under constant s2 the work is s1' E1': its sign is that of (33).
+        slope = rows["det_K"] / rows["K22"]
+        assert np.all(np.sign(slope[~isotropic]) == np.sign(rows["w2_loading"][~isotropic]))
+
+
+def test_polar_diagram_at_B_takes_the_regime_that_a_direction_activates():
+    path = follow_diamond(DiamondOptions(table=2))
+    diagram, slip = state_diagram(path, "B")
+    loading = np.radians(diamond_table(path)["loading_alphaE_deg"][path.marks["B"] + 1])
+    along = int(np.argmin(np.abs(diagram.angle - loading)))
+    assert slip[along] == 1.0
+    assert slip[(along + 360) % 720] == 0.0
+    # Along each direction: the stress rate of a small step by the contact law itself.
+    row, loop = path.marks["B"], path.loop
+    E, (N, T, a, length) = diagram.direction, (
+        path.states.N[row], path.states.T[row], path.states.alpha[row], path.states.length[row]
+    )  # fmt: skip
+    D1, D2 = 2 * np.cos(loop.alpha0) * E[:, 0], 2 * np.sin(loop.alpha0) * E[:, 1]
+    N_rate = 0.5 * (np.cos(a) * D1 + np.sin(a) * D2)
+    arc = 0.5 * (np.sin(a) * D1 - np.cos(a) * D2)
+    T_rate = np.minimum(loop.kappa * arc, loop.mu * N_rate)
+    turn = arc / length
+    F1 = 2 * (N_rate * np.cos(a) + T_rate * np.sin(a)) + 2 * turn * (T * np.cos(a) - N * np.sin(a))
+    F2 = 2 * (N_rate * np.sin(a) - T_rate * np.cos(a)) + 2 * turn * (N * np.cos(a) + T * np.sin(a))
+    s1, s2 = F1 / (2 * np.sin(loop.alpha0)), F2 / (2 * np.cos(loop.alpha0))
+    work = (s1 * E[:, 0] + s2 * E[:, 1]) / np.hypot(s1, s2)
+    np.testing.assert_allclose(diagram.work, work, atol=1e-13)
+
+
+def test_cone_beyond_B_is_that_of_the_sliding_operator():
+    path = follow_diamond(DiamondOptions(table=1))
+    edges = np.radians(diamond_summary(path)["states"]["B"]["beyond"]["cone"]["edges_deg"])
+    Ks = symmetric_part(beyond_yield_operator(path))
+    for theta in edges:
+        e = np.array([np.cos(theta), np.sin(theta)])
+        assert abs(e @ Ks @ e) < 1e-14
+
+
+# Fig. 4
+
+
+def test_works_of_both_routes_by_integration():
+    table = path_dependence_table(DiamondOptions(table=2).parameters, 7)
+    alpha, D = np.radians(table["alpha_deg"]), table["compression"]
+    for route, closed in (
+        ("shear_then_compress", shear_then_compress(1.0, alpha, D, 1.0, 0.24)),
+        ("compress_then_shear", work_compress_then_shear(1.0, alpha, D, 1.0, 0.24)),
+    ):
+        np.testing.assert_allclose(table[f"{route}_integrated"], closed, rtol=1e-11)
+        np.testing.assert_allclose(table[route], closed, rtol=1e-15)
+    gap = table["shear_then_compress_integrated"] - table["compress_then_shear_integrated"]
+    expected = 0.5 * 0.24 * alpha**2 * (1.0 - (1.0 - D) ** 2)
+    np.testing.assert_allclose(gap, expected, rtol=1e-9, atol=1e-13)

@@ -1,0 +1,329 @@
+"""The diamond study under isotropic strain: events, states, verification, arguments."""
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
+from patterns import diamond
+from stability import restrict
+from studies.paths import DiamondOptions
+from studies.paths.diamond import follow_diamond
+from studies.paths.diamond_summary import diamond_summary, verification
+from studies.paths.polar import operator_diagram
+from studies.paths.states import operators, states_at
+from studies.paths.tables import diamond_table
+
+
+@pytest.fixture(scope="module")
+def summaries():
+    """The summary of both tables."""
+    return {table: diamond_summary(follow_diamond(DiamondOptions(table=table))) for table in (1, 2)}
+
+
+def strains(parameters):
+    """Strain of the first event of each kind in the isotropic stage."""
+    path, found = follow_diamond(parameters), {}
+    for kind, row in path.listed:
+        if path.states.stage[row] == "isotropic":
+            found.setdefault(kind, float(path.states.E1[row]))
+    return found
+
+
+def isotropic_rows(path):
+    """Columns of the rows of the isotropic stage."""
+    rows = diamond_table(path)
+    return {key: values[rows["stage"] == "isotropic"] for key, values in rows.items()}
+
+
+def generic(alpha0, kappa, E, closure):
+    """Generic operator under isotropic strain, from a grain graph alone."""
+    graph = diamond(alpha0, E1=E, E2=E)
+    box = 2.0 * np.sin(2.0 * alpha0)
+    return restrict(
+        closure(graph, LinearFrictional(kn=1.0, kt=kappa), volume=box).matrix, "diagonal"
+    )
+
+
+# Events
+
+
+@pytest.mark.parametrize(
+    ("table", "I", "touch", "A"),
+    [
+        (1, 1 / mpmath.mpf(6), 1 - 1 / mpmath.sqrt(2), mpmath.mpf("0.3")),
+        (
+            2,
+            mpmath.mpf(6) / 31,
+            1 - 1 / (2 * mpmath.sin(mpmath.radians(35))),
+            mpmath.mpf("0.35") * mpmath.tan(mpmath.radians(35)),
+        ),
+    ],
+)
+def test_events_of_the_tables(table, I, touch, A):  # noqa: E741
+    found = strains(DiamondOptions(table=table))
+    expected = {"det_K_zero": I, "det_Ks_zero": I, "opposite_contact": touch, "programme_change": A}
+    assert set(found) == set(expected)
+    for kind, E in expected.items():
+        assert abs(found[kind] - E) < 1e-15
+
+
+def test_events_stand_in_path_order():
+    kinds = [[kind for kind, _ in follow_diamond(DiamondOptions(table=k)).listed] for k in (1, 2)]
+    assert kinds == [
+        ["det_Ks_zero", "det_K_zero", "opposite_contact", "programme_change", "yield"],
+        [
+            "opposite_contact", "det_Ks_zero", "det_K_zero", "programme_change",
+            "opposite_contact", "yield",
+        ],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("closure", [affine_tangent, traction_tangent])
+def test_determinant_events_are_the_roots_of_the_generic_operator(closure):
+    rng = np.random.default_rng(7)
+    draws = zip(rng.uniform(5.0, 85.0, 12), rng.uniform(0.05, 2.0, 12), strict=True)
+    for alpha0, kappa in draws:
+        found = strains(DiamondOptions(alpha0_deg=alpha0, kappa=kappa, confine=0.9))
+
+        def det(E, alpha0=alpha0, kappa=kappa, symmetric=False):
+            K = generic(np.radians(alpha0), kappa, E, closure)
+            return np.linalg.det(0.5 * (K + K.T) if symmetric else K)
+
+        for kind, symmetric in (("det_K_zero", False), ("det_Ks_zero", True)):
+            root = brentq(det, 1e-3, 0.9, args=(alpha0, kappa, symmetric), xtol=1e-15)
+            assert abs(root - found[kind]) < 1e-12
+
+
+@pytest.mark.parametrize("alpha0", [30.5, 37.0, 45.0, 52.0, 59.5])
+def test_opposite_grains_touch_where_their_distance_is_two_radii(alpha0):
+    found = strains(DiamondOptions(alpha0_deg=alpha0, confine=0.4))["opposite_contact"]
+
+    def gap(E):
+        x = diamond(np.radians(alpha0), E1=E, E2=E).x
+        return min(np.linalg.norm(x[0] - x[2]), np.linalg.norm(x[1] - x[3])) - 1.0
+
+    assert abs(brentq(gap, 0.0, 0.4, xtol=1e-15) - found) < 1e-12
+
+
+def test_a_confinement_short_of_I_has_no_I():
+    summary = diamond_summary(follow_diamond(DiamondOptions(confine=0.1)))
+    assert summary["states"]["I"] is None
+    kinds = [event["kind"] for event in summary["events"]]
+    assert kinds == ["programme_change", "yield", "opposite_contact"]
+    assert summary["states"]["A"]["verdict"]["status"] == "stable"
+
+
+def test_stop_ends_the_path_where_opposite_grains_meet():
+    path = follow_diamond(DiamondOptions(table=2, contact_on_touch="stop"))
+    touch = 1.0 - 0.5 / np.sin(np.radians(35.0))
+    assert [kind for kind, _ in path.listed] == ["opposite_contact"]
+    assert abs(path.states.E1[-1] - touch) < 1e-15
+    summary = diamond_summary(path)
+    assert summary["states"] == {"I": None, "A": None, "B": None}
+    assert any("ends where opposite grains meet" in note for note in summary["notes"])
+
+
+def test_grains_that_overlap_from_the_start_have_no_event_but_a_note():
+    parameters = DiamondOptions(alpha0_deg=20.0)
+    summary = diamond_summary(follow_diamond(parameters))
+    assert "opposite_contact" not in strains(parameters)
+    assert any("overlap from the start" in note for note in summary["notes"])
+    assert summary["states"]["A"]["gaps"][1] < 0.0
+
+
+@pytest.mark.parametrize("alpha0", [30.0, 60.0])
+def test_grains_that_touch_from_the_start_meet_at_zero_strain(alpha0):
+    assert abs(strains(DiamondOptions(alpha0_deg=alpha0))["opposite_contact"]) < 1e-15
+
+
+def test_without_shear_stiffness_the_unloaded_diamond_is_already_at_I():
+    assert strains(DiamondOptions(kappa=0.0))["det_K_zero"] == 0.0
+
+
+# The path and its states
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_path_follows_equations_39_and_40(table):
+    parameters = DiamondOptions(table=table)
+    loop, rows = parameters.parameters, isotropic_rows(follow_diamond(parameters))
+    E, t0 = rows["E1"], np.tan(loop.alpha0)
+    x = E / (1.0 - E)
+    c2 = np.cos(loop.alpha0) ** 2
+    expected = {
+        "E2": E, "l": 1.0 - E, "N": E, "T": 0.0 * E, "s1": E / t0, "s2": E * t0,
+        "alpha_deg": np.degrees(loop.alpha0) + 0.0 * E,
+        "K11": c2 * (1.0 / t0 + (loop.kappa - x) * t0), "K12": c2 * (1.0 - loop.kappa + x) * t0,
+        "K21": c2 * (1.0 - loop.kappa + x) * t0, "K22": c2 * (t0**2 + loop.kappa - x) * t0,
+        "det_K": loop.kappa - x, "det_Ks": loop.kappa - x,
+    }  # fmt: skip
+    for name, values in expected.items():
+        np.testing.assert_allclose(rows[name], values, rtol=2e-15, atol=8e-15, err_msg=name)
+    assert np.all(np.diff(E) > 1e-6)
+    np.testing.assert_allclose([E[0], E[-1]], [0.0, loop.confinement], atol=1e-15)
+
+
+def test_determinants_of_a_sheared_state_are_those_of_its_operator():
+    loop = DiamondOptions(table=2).parameters
+    sheared = replace(states_at(loop, [0.2], [0.2]), s1=np.array([0.4]), s2=np.array([0.1]))
+    found = operators(loop, sheared)
+    symmetric = 0.5 * (found.K + np.swapaxes(found.K, 1, 2))
+    np.testing.assert_allclose(found.det_K, np.linalg.det(found.K), rtol=1e-13)
+    np.testing.assert_allclose(found.det_Ks, np.linalg.det(symmetric), rtol=1e-13)
+    assert found.det_Ks < found.det_K - 1e-3
+
+
+def test_every_event_is_a_row():
+    path = follow_diamond(DiamondOptions(alpha0_deg=40.0, kappa=0.17, confine=0.31))
+    for kind, value in (("det_K_zero", path.operators.det_K), ("yield", None)):
+        (row,) = {row for name, row in path.listed if name == kind}
+        if value is None:
+            value = np.abs(path.states.T) - path.loop.mu * path.states.N
+        assert abs(value[row]) < 1e-15
+
+
+def test_eigenvalues_of_table_1_are_one_and_the_determinant():
+    rows = isotropic_rows(follow_diamond(DiamondOptions(table=1)))
+    for largest, smallest in (
+        ("lambda_2", "lambda_1"),
+        ("eigenvalue_2_real", "eigenvalue_1_real"),
+    ):
+        np.testing.assert_allclose(rows[largest], 1.0, rtol=4e-15)
+        np.testing.assert_allclose(rows[smallest], rows["det_K"], rtol=0.0, atol=2e-15)
+    assert not rows["eigenvalue_1_imag"].any()
+
+
+def test_cone_of_table_1_at_A(summaries):
+    cone = summaries[1]["states"]["A"]["cone"]
+    half = np.degrees(np.arctan(np.sqrt(3.0 / 7.0 - 0.2)))
+    assert cone["status"] == "open"
+    assert cone["axis_deg"] == pytest.approx(135.0, abs=1e-12)
+    assert cone["opening_deg"] == pytest.approx(2.0 * half, abs=1e-11)
+    assert cone["edges_deg"] == pytest.approx([135.0 - half, 135.0 + half], abs=1e-11)
+    assert cone["unstable_fraction"] == pytest.approx(half / 90.0, abs=1e-13)
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_second_order_work_vanishes_on_the_edges_of_the_cone(summaries, table):
+    state = summaries[table]["states"]["A"]
+    edges = np.radians(state["cone"]["edges_deg"])
+    e = np.stack([np.cos(edges), np.sin(edges)], axis=-1)
+    np.testing.assert_allclose(np.einsum("ni,ij,nj->n", e, state["K"], e), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_cone_closes_on_one_direction_at_I(summaries, table):
+    state = summaries[table]["states"]["I"]
+    assert state["cone"]["status"] == "ray"
+    assert state["cone"]["opening_deg"] == 0.0
+    # The kernel of (42): E1'/E2' = -tan(alpha0)^2.
+    theta = np.radians(state["cone"]["axis_deg"])
+    slope = -(np.tan(np.radians(state["alpha_deg"])) ** 2)
+    assert np.cos(theta) / np.sin(theta) == pytest.approx(slope, rel=1e-12)
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_verdicts(summaries, table):
+    states = summaries[table]["states"]
+    assert states["I"]["verdict"]["status"] == "undetermined"
+    assert abs(states["I"]["verdict"]["margin"]) < 1e-15
+    assert (states["A"]["verdict"]["status"], states["A"]["verdict"]["mode"]) == (
+        "unstable",
+        "divergence",
+    )
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_generic_tangent_holds_the_papers_operator(closure):
+    state = diamond_summary(follow_diamond(DiamondOptions(table=2, closure=closure)))["states"]["A"]
+    assert state["generic"]["closure"] == closure
+    corners = state["generic"]["tangent"][np.ix_([0, 3], [0, 3])]
+    np.testing.assert_allclose(corners, state["K"], rtol=0.0, atol=1e-14)
+
+
+def test_a_row_of_the_grid_that_rounds_to_an_event_is_not_there_twice():
+    E = 0.03
+    kappa = E / (1.0 - E)
+    assert 0.0 < abs(kappa / (1.0 + kappa) - E) < 1e-15
+    path = follow_diamond(DiamondOptions(kappa=kappa, confine=2.0 * E))
+    assert np.diff(path.states.E1[path.states.stage == "isotropic"]).min() > 1e-6
+
+
+# Verification
+
+
+def test_closed_forms_and_generic_operators_agree():
+    rng = np.random.default_rng(11)
+    asked = [DiamondOptions(table=1), DiamondOptions(table=2)]
+    for _ in range(8):
+        alpha0, kappa, confine = rng.uniform([10.0, 0.05, 0.05], [80.0, 1.5, 0.6])
+        asked.append(DiamondOptions(alpha0_deg=alpha0, kappa=kappa, confine=confine))
+    for parameters in asked:
+        found = verification(follow_diamond(parameters))
+        assert found["generic_vs_closed_form_max_relative"] < 1e-13
+        assert found["isotropic_vs_closed_form_max_relative"] < 1e-14
+        assert found["det_K_max_difference"] < 1e-13
+        assert found["bromwich_margin_min"] > -1e-14
+        assert found["generic_affine_untrusted"] == found["generic_traction_untrusted"] == 0
+        root = found["det_K_zero_by_root_difference"]
+        assert root is None or root < 1e-12
+
+
+def test_verification_sees_a_wrong_operator():
+    path = follow_diamond(DiamondOptions(table=1))
+    path.operators.K[5, 0, 1] += 1e-6
+    found = verification(path)
+    assert found["generic_vs_closed_form_max_relative"] > 1e-7
+    assert found["isotropic_vs_closed_form_max_relative"] > 1e-7
+
+
+# Polar diagrams
+
+
+def test_no_direction_is_unstable_at_I(summaries):
+    for table in (1, 2):
+        K = np.array(summaries[table]["states"]["I"]["K"])
+        work = operator_diagram(K).work
+        assert 0.0 <= work.min() < 0.02
+
+
+def test_share_of_unstable_directions_is_the_cones(summaries):
+    for table in (1, 2):
+        state = summaries[table]["states"]["A"]
+        work = operator_diagram(np.array(state["K"])).work
+        share = np.count_nonzero(work < 0.0) / work.size
+        assert share == pytest.approx(state["cone"]["unstable_fraction"], abs=2 / work.size)
+
+
+# Arguments
+
+
+def test_without_arguments_the_study_is_table_1s():
+    assert DiamondOptions().parameters == DiamondOptions(table=1).parameters
+    own = DiamondOptions(alpha0_deg=45.0, kappa=0.2, phi_deg=5.0, confine=0.3)
+    assert own.parameters == DiamondOptions(table=1).parameters
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where", "expected"),
+    [
+        ({"table": 3}, "--table", "1 or 2"),
+        ({"table": 1, "kappa": 0.3}, "--table", "one or the other"),
+        ({"alpha0_deg": 90.0}, "--alpha0", r"degrees in \(0, 90\)"),
+        ({"alpha0_deg": float("nan")}, "--alpha0", "degrees"),
+        ({"kappa": -0.1}, "--kappa", "zero or more"),
+        ({"phi_deg": 91.0}, "--phi", "degrees"),
+        ({"confine": 1.0}, "--confine", "strain"),
+        ({"closure": "voigt"}, "--closure", "affine or traction"),
+        ({"sliding": "none"}, "--sliding", "coulomb or printed"),
+        ({"contact_on_touch": "go"}, "--contact-on-touch", "ignore, stop or add"),
+        ({"contact_on_touch": "add", "alpha0_deg": 20.0}, "--alpha0", "30 to 60 degrees"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, where, expected):
+    with pytest.raises(InputError, match=f"(?s){where}.*{expected}"):
+        DiamondOptions(**arguments)

@@ -1,0 +1,52 @@
+"""The smallest model of a path: the option --model of both commands."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from loops import InputError
+from studies.cli import app
+from studies.paths import DiamondOptions, PolygonOptions
+from studies.paths.diamond import follow_diamond
+from studies.paths.diamond_summary import model_summary
+
+
+@pytest.mark.parametrize(("table", "closure"), [(1, "affine"), (2, "traction")])
+def test_all_freedoms_of_the_diamond_against_its_closed_forms(table, closure):
+    path = follow_diamond(DiamondOptions(table=table, closure=closure, model="full"))
+    found = model_summary(path)
+    assert (found["choice"], found["freedoms"]) == ("full", "8 of 8")
+    assert sorted(found["check"]["differences"]) == ["A", "B", "I"]
+    assert max(found["check"]["differences"].values()) < 1e-13
+
+
+def test_the_diamond_says_that_it_has_two_freedoms():
+    found = model_summary(follow_diamond(DiamondOptions(table=1)))
+    assert (found["symmetry"], found["freedoms"]) == ("D2 (order 4)", "2 of 8")
+    assert (found["contact_orbits"], found["check"]) == ("1 of 4", None)
+
+
+def test_what_the_full_model_cannot_do_is_refused():
+    with pytest.raises(InputError, match="--sliding"):
+        DiamondOptions(sliding="printed", model="full")
+    with pytest.raises(InputError, match="--model"):
+        DiamondOptions(model="small")
+    with pytest.raises(InputError, match="--model"):
+        PolygonOptions(5, model="small")
+
+
+def test_the_command_takes_and_says_the_model(tmp_path):
+    runs = {}
+    for model in ("auto", "full"):
+        out = tmp_path / model
+        words = ["polygon", "--order", "4", "--end", "0.2", "--model", model, "--out", str(out)]
+        result = CliRunner().invoke(app, words)
+        assert result.exit_code == 0
+        assert f"model {model}: symmetry" in result.stdout
+        runs[model] = json.loads((out / "summary.json").read_text())
+    assert runs["auto"]["model"]["freedoms"] == "2 of 8"
+    assert runs["full"]["model"]["freedoms"] == "8 of 8"
+    for event, other in zip(runs["auto"]["events"], runs["full"]["events"], strict=True):
+        assert event["E1"] == pytest.approx(other["E1"], abs=1e-13)
+        assert event["kind"] == other["kind"]

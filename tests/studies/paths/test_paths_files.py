@@ -1,0 +1,175 @@
+"""What the diamond study writes: tables, summary and figures."""
+
+import json
+from dataclasses import replace
+
+import matplotlib.image
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+from matplotlib.figure import Figure
+
+from loops import InputError, find_faces
+from patterns import read_snapshot
+from studies.paths import DiamondOptions, run_diamond
+from studies.paths.diamond import follow_diamond
+from studies.paths.diamond_figures import draw_determinant
+from studies.paths.figures import draw_cone, draw_eigenvalues, draw_loop, draw_polar, draw_stress
+from studies.paths.polar import operator_diagram
+from studies.paths.tables import snapshot_tables
+from studies.style import STYLE
+
+EVENT_KEYS = {
+    "kind", "E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks"
+}  # fmt: skip
+STATE_KEYS = {
+    "E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2", "det_K", "det_Ks", "regime",
+    "K", "Kmat", "Kgeo", "Ks", "eigenvalues_K", "eigenvalues_Ks", "cone", "gaps", "verdict",
+    "generic", "work", "stored", "dissipated",
+}  # fmt: skip
+SUMMARY_KEYS = {
+    "parameters", "states", "events", "end", "model", "verification", "sliding_rules",
+    "added_contact", "figures", "notes", "definitions", "provenance",
+}  # fmt: skip
+COLUMNS = {
+    "stage", "regime", "E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2",
+    *(f"{name}{ij}" for name in ("K", "Kmat", "Kgeo") for ij in ("11", "12", "21", "22")),
+    "det_K", "det_Ks", "lambda_1", "lambda_2", "eigenvalue_1_real", "eigenvalue_1_imag",
+    "eigenvalue_2_real", "eigenvalue_2_imag", "status", "cone_status", "cone_edge_1_deg",
+    "cone_edge_2_deg", "cone_axis_deg", "cone_opening_deg", "unstable_fraction", "gap_1", "gap_2",
+    "chord_1", "chord_2", "loading_alphaE_deg", "w2_loading", "work", "stored", "dissipated",
+}  # fmt: skip
+FIGURES = (
+    "path_dependence", "axial_stress", "determinant", "eigenvalues", "split", "cone", "polar",
+    "loop_A", "sliding_rules",
+)  # fmt: skip
+FILES = {
+    "summary.json", "path.parquet", "polar.parquet", "path_dependence.parquet",
+    "grains_A.parquet", "contacts_A.parquet",
+    *(f"{name}.{end}" for name in FIGURES for end in ("png", "svg")),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The study of both tables, written once; figures of Table 1 alone."""
+    folder = tmp_path_factory.mktemp("diamond")
+    found = {1: (folder / "1", run_diamond(DiamondOptions(table=1), folder / "1"))}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("studies.paths.run.draw", lambda *_: None)
+        found[2] = folder / "2", run_diamond(DiamondOptions(table=2), folder / "2")
+    return found
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """No figures, where a test is about the rest."""
+    monkeypatch.setattr("studies.paths.run.draw", lambda *_: None)
+
+
+@pytest.mark.parametrize("table", [1, 2])
+def test_files(written, table):
+    folder, summary = written[table]
+    tables = {name for name in FILES if name.endswith((".json", ".parquet"))}
+    assert {file.name for file in folder.iterdir()} == (FILES if table == 1 else tables)
+    read = json.loads((folder / "summary.json").read_text())
+    assert set(read) == SUMMARY_KEYS
+    assert set(read["states"]) == {"I", "A", "B"}
+    assert set(read["states"]["B"].pop("beyond")) < STATE_KEYS
+    assert all(set(state) == STATE_KEYS for state in read["states"].values())
+    assert set(read["figures"].values()) <= set(FIGURES)
+    assert all(set(event) == EVENT_KEYS for event in read["events"])
+    assert read["events"] == summary["events"]
+    assert read["parameters"]["table"] == table
+
+
+def test_tables_carry_rows_and_provenance(written):
+    folder, summary = written[2]
+    table = pyarrow.parquet.read_table(folder / "path.parquet")
+    assert set(table.column_names) == COLUMNS
+    assert json.loads(table.schema.metadata[b"grainloops"]) == summary["provenance"]
+    polar = pyarrow.parquet.read_table(folder / "polar.parquet").to_pandas()
+    assert polar.groupby("state").size().to_dict() == {"I": 720, "A": 720, "B": 720}
+    radius = np.hypot(polar["x"], polar["y"])
+    np.testing.assert_allclose(radius, 2.0 + polar["w2"], rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figures_are_drawn_and_say_what_made_them(written, name):
+    folder, _ = written[1]
+    image = matplotlib.image.imread(folder / f"{name}.png")
+    assert min(image.shape[:2]) > 600
+    assert 0.01 < np.mean(image[..., :3].min(axis=-1) < 0.9) < 0.6
+    for end in ("png", "svg"):
+        data = (folder / f"{name}.{end}").read_bytes()
+        assert b"grainloops diamond" in data
+        assert b"alpha0_deg" in data
+
+
+def test_the_same_study_gives_the_same_bytes(written, tmp_path):
+    run_diamond(DiamondOptions(table=1), tmp_path / "again")
+    for file in sorted((tmp_path / "again").glob("*.*")):
+        assert file.read_bytes() == (written[1][0] / file.name).read_bytes(), file.name
+
+
+def test_loop_at_A_is_a_snapshot(written):
+    folder, summary = written[2]
+    snapshot = read_snapshot(folder / "grains_A.parquet")
+    A = summary["states"]["A"]
+    np.testing.assert_allclose(snapshot.graph.normal_force, A["N"], rtol=1e-15)
+    assert find_faces(snapshot.graph).order[find_faces(snapshot.graph).loops].tolist() == [4]
+
+
+def test_shear_forces_survive_the_way_through_a_snapshot(tmp_path):
+    path = follow_diamond(DiamondOptions(table=2))
+    signs = np.array([1.0, -1.0, 1.0, -1.0])
+    sheared = replace(path.path, shear_force=0.01 * signs + 0.0 * path.path.shear_force)
+    path = replace(path, path=sheared)
+    for name, columns in snapshot_tables(path, path.marks["A"]).items():
+        pd.DataFrame(columns).to_csv(tmp_path / f"{name}.csv", index=False)
+    shear = read_snapshot(tmp_path / "grains.csv").graph.shear_force
+    np.testing.assert_allclose(shear, [0.01, -0.01, 0.01, -0.01], rtol=1e-14)
+
+
+def test_results_are_not_overwritten_without_force(tmp_path, undrawn):
+    out, kept = tmp_path / "out", tmp_path / "out" / "summary.json"
+    out.mkdir()
+    kept.write_text("mine")
+    with pytest.raises(InputError, match="holds files"):
+        run_diamond(DiamondOptions(), out)
+    assert [file.name for file in out.iterdir()] == ["summary.json"]
+    assert kept.read_text() == "mine"
+    run_diamond(DiamondOptions(), out, force=True, csv=True)
+    assert json.loads(kept.read_text())["parameters"]["kappa"] == 0.2
+    assert {file.name for file in out.glob("*.csv")} == {
+        "path.csv", "polar.csv", "path_dependence.csv", "grains_A.csv", "contacts_A.csv"
+    }  # fmt: skip
+
+
+def test_a_path_without_named_states_is_written(tmp_path):
+    run_diamond(DiamondOptions(table=2, contact_on_touch="stop"), tmp_path / "out")
+    names = {file.stem for file in (tmp_path / "out").iterdir()}
+    assert names == {
+        "summary", "path", "polar", "path_dependence", "axial_stress", "determinant",
+        "eigenvalues", "split", "cone", "sliding_rules",
+    }  # fmt: skip
+
+
+def test_drawing_functions_use_the_axes_they_are_given():
+    path = follow_diamond(DiamondOptions(table=1))
+    before = {key: matplotlib.rcParams[key] for key in STYLE}
+    for draw in (
+        lambda ax: draw_determinant(path, ax),
+        lambda ax: draw_eigenvalues(path, ax),
+        lambda ax: draw_stress(path, ax),
+        lambda ax: draw_cone(path, ax),
+        lambda ax: draw_polar(operator_diagram(path.K[-1]), ax),
+        lambda ax: draw_loop(path, path.marks["A"], ax),
+    ):
+        ax = Figure().add_subplot()
+        assert draw(ax) is ax
+        assert ax.has_data()
+        assert ax.get_xlabel() and ax.get_ylabel()
+        assert draw(None) is not ax
+    assert {key: matplotlib.rcParams[key] for key in STYLE} == before

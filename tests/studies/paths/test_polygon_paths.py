@@ -1,0 +1,302 @@
+"""`grainloops polygon`: what it writes, and what it finds."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.optimize import brentq
+
+from loops import InputError, macroscopic_tangent
+from patterns import regular_polygon
+from patterns.diamond import DiamondParameters, drained_states
+from patterns.diamond import drained_path as exact_drained_path
+from stability import restrict, symmetric_spectrum
+from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
+from studies.paths.comparison import first_yield
+from studies.paths.options import PROGRAMMES, orders_of
+from studies.paths.polygon import axial_peak, follow_polygon, polygon_summary, thresholds
+from studies.paths.tables import polygon_table
+
+SUMMARY_KEYS = {
+    "critical_strain", "definitions", "events", "message", "model", "notes", "parameters", "peak",
+    "provenance", "rows", "states", "status", "verification",
+}  # fmt: skip
+EVENT_KEYS = {
+    "kind", "subspace", "E1", "E2", "s1", "s2", "stage", "parameter", "contacts", "detail"
+}  # fmt: skip
+COLUMNS = {
+    "stage", "parameter", "E1", "E2", "H12", "H21", "s1", "s2", "s12", "s21", "N", "T", "regime",
+    "x", "y", "det_K", "det_Ks", "lambda_1", "lambda_2", "cone_status", "cone_opening_deg",
+    "cone_axis_deg", "work", "dissipated", "energy_error", "imbalance", "A11_11", "A22_22",
+    "eigenvalue_1_real", "eigenvalue_2_imag",
+    *(f"{name}_{subspace}" for name in ("lambda_min", "unstable_fraction")
+      for subspace in ("diagonal", "symmetric", "full")),
+}  # fmt: skip
+FIGURES = ("loop", "stress_strain", "eigenvalues", "polar", "cone", "unstable_fraction")
+BAD = [
+    ({"order": 2}, "--order"),
+    ({"order": 2000}, "--order"),
+    ({"kappa": -0.1}, "--kappa"),
+    ({"kappa": np.nan}, "--kappa"),
+    ({"phi_deg": 91.0}, "--phi"),
+    ({"confine": 1.0}, "--confine"),
+    ({"confine": -0.1}, "--confine"),
+    ({"end": 0.05}, "--end"),
+    ({"orientation": "corner"}, "--orientation"),
+    ({"closure": "rigid"}, "--closure"),
+    ({"spins": "up"}, "--spins"),
+    ({"programme": "drianed"}, "--programme"),
+]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A hexagon past its threshold, under the traction closure, with figures."""
+    folder = tmp_path_factory.mktemp("polygon") / "6"
+    parameters = PolygonOptions(6, kappa=0.2, phi_deg=5.0, closure="traction", confine=0.2)
+    return folder, run_polygon(parameters, folder, csv=True)
+
+
+def test_files(written):
+    folder, _ = written
+    expected = {"summary.json", "path.parquet", "path.csv"}
+    expected |= {f"{name}.{end}" for name in FIGURES for end in ("png", "svg")}
+    assert {file.name for file in folder.iterdir()} == expected
+    assert all(file.stat().st_size > 500 for file in folder.iterdir())
+
+
+def test_summary(written):
+    folder, summary = written
+    read = json.loads((folder / "summary.json").read_text())
+    assert set(read) == set(summary) == SUMMARY_KEYS
+    assert set(read["critical_strain"]) == {"diagonal", "symmetric", "full"}
+    assert read["critical_strain"]["diagonal"] == pytest.approx(0.2 / 1.2, abs=1e-12)
+    assert all(set(event) == EVENT_KEYS for event in read["events"])
+    parameters = [event["parameter"] for event in read["events"]]
+    assert np.all(np.diff(parameters) > -1e-8)
+    difference = read["verification"]["critical_strain_path_against_root"]
+    assert all(difference[subspace] < 1e-11 for subspace in ("diagonal", "symmetric", "full"))
+    assert read["verification"]["energy_error_max"] < 1e-10
+    assert read["verification"]["imbalance_max"] < 1e-11
+    assert set(read["states"]) == {"A", "end"}
+    assert read["states"]["A"]["verdict"]["diagonal"]["status"] == "unstable"
+
+
+def test_table(written):
+    folder, summary = written
+    table = pd.read_parquet(folder / "path.parquet")
+    assert set(table.columns) >= COLUMNS
+    assert len(table) == summary["rows"]
+    assert all(len(row) == 6 for row in table["N"])
+    isotropic = table[table["stage"] == "confinement"]
+    # P = (1/V0) sum N l0 n (x) n with N = E, over the hexagon's area 3 sqrt(3)/2.
+    stress = 2.0 / np.sqrt(3.0) * isotropic["E1"]
+    np.testing.assert_allclose(isotropic["s1"], stress, atol=1e-14)
+    np.testing.assert_allclose(isotropic["s2"], stress, atol=1e-14)
+    drained = table[table["stage"] == "drained"]
+    assert np.ptp(drained["s2"]) < 1e-12
+    assert (drained[["H12", "H21"]].abs() < 1e-12).all().all()
+    for event in summary["events"]:
+        row = table[["E1", "E2", "s1", "s2"]] - [event[key] for key in ("E1", "E2", "s1", "s2")]
+        if event["subspace"] in (None, "diagonal"):
+            assert row.abs().max(axis=1).min() == 0.0
+
+
+def test_unstable_fractions_are_those_of_the_operators(written):
+    table = pd.read_parquet(written[0] / "path.parquet")
+    ratio = np.maximum(-table["lambda_1"] / table["lambda_2"], 0.0)
+    share = 2.0 / np.pi * np.arctan(np.sqrt(ratio))
+    past = table["E1"] > 0.2 / 1.2 + 1e-6
+    assert past.any()
+    np.testing.assert_allclose(table["unstable_fraction_diagonal"][past], share[past], rtol=1e-12)
+    opening = table["cone_opening_deg"][past] / 180.0
+    np.testing.assert_allclose(opening, share[past], rtol=1e-12)
+    assert (table["unstable_fraction_full"][table["E1"] < 0.16] == 0.0).all()
+
+
+def stable(kappa):
+    return (1 + kappa) / (2 + kappa)
+
+
+def diamond(kappa):
+    return kappa / (1 + kappa)
+
+
+TABLE = [
+    ("affine", "blocked", 3, stable),
+    ("affine", "blocked", 4, diamond),
+    ("affine", "blocked", 5, stable),
+    ("affine", "blocked", 6, stable),
+    ("affine", "blocked", 12, stable),
+    ("traction", "blocked", 3, stable),
+    ("traction", "blocked", 4, diamond),
+    ("traction", "blocked", 5, diamond),
+    ("traction", "blocked", 6, diamond),
+    ("traction", "blocked", 12, diamond),
+    ("traction", "free", 3, lambda kappa: 0.5),
+    ("traction", "free", 4, diamond),
+]
+
+
+@pytest.mark.parametrize(("closure", "spins", "order", "threshold"), TABLE)
+def test_thresholds_through_paths(closure, spins, order, threshold):
+    kappa = 0.3
+    given = PolygonOptions(
+        order, kappa=kappa, phi_deg=90.0, closure=closure, spins=spins, confine=0.0,
+        programme="isotropic", end=threshold(kappa) + 0.01,
+    )  # fmt: skip
+    path = follow_polygon(given, ("diagonal",)).path
+    event = path.of_kind("det_Ks_zero")[0]
+    assert abs(path.H[event.index, 0] - threshold(kappa)) < 1e-9
+    assert abs(thresholds(given)["diagonal"] - threshold(kappa)) < 1e-9
+
+
+@pytest.mark.parametrize("order", [5, 6, 9])
+def test_free_spins_roll_from_the_first_load(order):
+    parameters = PolygonOptions(order, spins="free", closure="traction", confine=0.0, end=0.01)
+    assert thresholds(parameters) == {"diagonal": 0.0, "symmetric": 0.0, "full": 0.0}
+    summary = polygon_summary(follow_polygon(parameters, ("diagonal",)))
+    assert "unstable from the first load on in the subspace diagonal" in summary["notes"]
+
+
+def test_the_square_on_its_side_is_lost_in_shear_alone():
+    found = thresholds(PolygonOptions(4, orientation="edge", closure="traction"))
+    assert found["diagonal"] is None
+    assert found["symmetric"] == pytest.approx(0.2 / 1.2, abs=1e-12)
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_inclined_contacts_of_the_hexagon_follow_the_diamond(closure):
+    exact = exact_drained_path(DiamondParameters(np.pi / 3, 0.2, np.radians(20.0), 0.1))
+    found = follow_polygon(
+        PolygonOptions(6, kappa=0.2, phi_deg=20.0, closure=closure, confine=0.1), ("diagonal",)
+    )
+    table = polygon_table(found)
+    rows = found.loading[:-1]
+    x, y = (np.array(table[name])[rows] for name in ("x", "y"))
+    alpha = np.arctan2(y[:, 1], x[:, 0] - x[:, 1])
+    elastic = (alpha > np.pi / 3) & (alpha < float(exact.end.alpha))
+    assert elastic.sum() > 3
+    states, _ = drained_states(exact, alpha[elastic])
+    N = np.array(table["N"])[rows][elastic]
+    np.testing.assert_allclose(N[:, 0], states.N, atol=1e-11)
+
+
+def test_peak_of_the_drained_diamond_is_point_B():
+    """All four contacts yield at B and the axial stress turns over: the closed path of Table 1."""
+    found = follow_polygon(PolygonOptions(4, confine=0.1, end=0.3), ("diagonal",))
+    peak = axial_peak(found)
+    exact = exact_drained_path(DiamondParameters(np.pi / 4, 0.2, np.radians(5.0), 0.1)).end
+    assert peak["E1"] == pytest.approx(float(exact.E1), abs=1e-11)
+    assert peak["E2"] == pytest.approx(float(exact.E2), abs=1e-11)
+    # Over the rhombus, half of the paper's box.
+    assert peak["s1"] == pytest.approx(2 * float(exact.s1), abs=1e-11)
+
+
+def test_no_peak_where_the_stress_falls_from_A_on():
+    """Table 1 is confined beyond its threshold."""
+    found = follow_polygon(PolygonOptions(4, confine=0.3, end=0.5), ("diagonal",))
+    assert axial_peak(found) is None
+    (event,) = found.path.of_kind("yield")
+    assert found.path.H[event.index, 0] == pytest.approx(0.40973434897033423289, abs=1e-10)
+    assert found.path.H[event.index, 3] == pytest.approx(0.164934999828385506, abs=1e-10)
+    assert found.path.P[event.index, 0] == pytest.approx(2 * 0.25400990008305293503, abs=1e-10)
+    notes = polygon_summary(found)["notes"]
+    assert "no peak: s1 falls from A on" in notes
+
+
+def test_peak_between_rows_of_an_undrained_path():
+    parameters = PolygonOptions(4, phi_deg=90.0, kappa=0.2, programme="undrained", confine=0.05)
+    found = follow_polygon(parameters, ("diagonal",))
+    peak = axial_peak(found)
+
+    def slope(end):
+        path = follow_polygon(
+            PolygonOptions(
+                4, phi_deg=90.0, kappa=0.2, programme="undrained", confine=0.05, end=end
+            ),
+            ("diagonal",),
+        ).path
+        return path.P_rate[-1, 0] / path.H_rate[-1, 0]
+
+    turning = brentq(slope, peak["E1"] - 0.02, peak["E1"] + 0.02, xtol=1e-9)
+    assert peak["E1"] == pytest.approx(turning, abs=1e-5)
+
+
+@pytest.mark.parametrize("programme", PROGRAMMES)
+def test_programmes_hold_what_they_say(programme):
+    given = PolygonOptions(5, programme=programme, confine=0.05, end=0.12, phi_deg=25.0)
+    found = follow_polygon(given, ("diagonal",))
+    path, A = found.path, found.marks["A"]
+    H, P = path.H[A:], path.P[A:]
+    area = (1 - H[:, 0]) * (1 - H[:, 3]) - H[:, 1] * H[:, 2]
+    held = {
+        "drained": P[:, 3] - P[0, 3],
+        "isotropic": H[:, 0] - H[:, 3],
+        "isotropic-stress": P[:, 0] - P[:, 3],
+        "oedometric": H[:, 3] - 0.05,
+        "undrained": area - 0.95**2,
+    }[programme]
+    assert np.abs(held).max() < 1e-12
+    assert path.status == "finished"
+    assert H[-1, 0] == pytest.approx(0.12, abs=1e-12)
+
+
+@pytest.mark.parametrize(("arguments", "word"), BAD)
+def test_bad_parameters(arguments, word):
+    with pytest.raises(InputError, match=word):
+        PolygonOptions(**{"order": 4, **arguments})
+
+
+def test_orders():
+    assert orders_of("3-6,9") == (3, 4, 5, 6, 9)
+    for text in ("", "6-3", "three", "3-9999999", "3..5"):
+        with pytest.raises(InputError, match="--compare"):
+            orders_of(text)
+    with pytest.raises(InputError, match="--order"):
+        ComparisonOptions((2, 3), PolygonOptions(3))
+
+
+def test_comparison(tmp_path):
+    shared = PolygonOptions(3, closure="traction", kappa=0.25, confine=0.05, end=0.2)
+    summary = run_comparison(ComparisonOptions((3, 4, 8), shared), tmp_path / "c")
+    table = pd.read_parquet(tmp_path / "c" / "compare.parquet").set_index("order")
+    critical = table["critical_strain_diagonal"]
+    np.testing.assert_allclose(critical, [1.25 / 2.25, 0.2, 0.2], atol=1e-12)
+    assert [loop["order"] for loop in summary["loops"]] == [3, 4, 8]
+    curves = pd.read_parquet(tmp_path / "c" / "paths.parquet")
+    assert set(curves["order"]) == {3, 4, 8}
+    # A path without a way on is kept up to there, and where its contacts yield is told.
+    end = curves[curves["order"] == 8].iloc[-1]
+    assert table.loc[8, "status"] in ("control_limit", "no_solution")
+    assert table.loc[8, "end_E1"] == end["E1"] >= table.loc[8, "first_yield_E1"]
+    names = {file.name for file in (tmp_path / "c").iterdir()}
+    assert {"critical_strain.png", "first_loss.svg", "stress_strain.png"} <= names
+
+
+def test_edges_of_a_regular_loop_against_the_operator():
+    """The tabled tangent at A is the closure's own."""
+    found = follow_polygon(PolygonOptions(7, closure="traction", confine=0.12), ("diagonal",))
+    loop = regular_polygon(7, strain=0.12)
+    A = macroscopic_tangent(loop, found.options.law(), "traction").matrix
+    row = found.marks["A"]
+    np.testing.assert_allclose(found.path.A[row], A, atol=1e-12)
+    smallest = symmetric_spectrum(restrict(A, "full"))[0]
+    assert polygon_table(found)["lambda_min_full"][row] == pytest.approx(smallest, abs=1e-12)
+
+
+@pytest.mark.parametrize("order", [4, 5, 8, 9])
+def test_relaxed_loops_are_stable_until_they_yield(order):
+    """As the page on larger loops says of drained paths confined below the threshold."""
+    given = PolygonOptions(order, kappa=0.3, phi_deg=20.0, closure="traction", end=0.3)
+    found = follow_polygon(given, ("diagonal",))
+    first = first_yield(found)
+    assert found.path.H[first_loss(found), 0] >= first["E1"] - 1e-9
+    assert first["contacts"]
+
+
+def first_loss(found):
+    """Row of the first loss of definiteness in (11, 22); the last one if there is none."""
+    events = found.path.of_kind("det_Ks_zero")
+    return events[0].index if events else len(found.path) - 1
