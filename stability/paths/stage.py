@@ -46,6 +46,9 @@ RETRIES = (1.0, 0.86, 0.74, 0.62)
 # Below this strain a loop without forces is singular as it stands, and no step helps.
 UNLOADED = 1e-6
 
+# A target this close, in strain or in stress over kn, is reached.
+REACHED = 1e-15
+
 # Change of H below which nothing has moved.
 STILL = 1e-13
 
@@ -58,7 +61,11 @@ RELEASE = 1e-9
 def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
     """Follow one stage to its target or to where it ends."""
     start = walk.parameter
-    sense = float(np.sign(stage.target - _quantity_now(walk, stage)))
+    way = stage.target - _quantity_now(walk, stage)
+    unit = walk.model.stiffness if stage.quantity.startswith("P") else 1.0
+    if walk.record.rows and abs(way) <= REACHED * unit:
+        return FINISHED
+    sense = float(np.sign(way))
     hints: dict[int, Choice] = {}
     before: Look | None = None
     idle, reach = 0, np.inf
@@ -67,7 +74,7 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
         if problem.status == "none" and walk.model.symmetry is not None:
             problem = _asymmetric(walk, stage, hints, before)
         if problem.status == "none":
-            if before is not None and _carries_nothing(walk):
+            if _carries_nothing(walk):
                 return _came_apart(walk)
             return _no_continuation(walk, stage, problem, hints)
         seen, gauge = _enter(walk, stage, problem, before)
@@ -224,8 +231,8 @@ def _came_apart(walk: Walk) -> tuple[PathStatus, str]:
     parted = int((walk.mode.regime == Regime.OPEN).sum())
     return (
         "no_load",
-        f"the loop has come apart at parameter {walk.parameter:.15g}: its contacts carry no force"
-        f" ({parted} of {walk.model.contact_count} open) and nothing holds its grains",
+        f"the loop comes apart at parameter {walk.parameter:.15g}: its contacts carry no force"
+        f" ({parted} of {walk.model.contact_count} open) and nothing resists the control",
     )
 
 

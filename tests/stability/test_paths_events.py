@@ -404,3 +404,21 @@ def test_rates_at_a_state_softening_makes_two_solutions():
     assert regimes == [[Regime.ELASTIC] * 4, [Regime.SLIDING] * 4]
     assert rising.exhaustive
     assert falling.exhaustive
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+@pytest.mark.parametrize("order", [5, 12])
+def test_a_loop_that_is_asked_to_pull_comes_apart(closure, order):
+    law = LinearFrictional(kn=1.0, kt=0.3, mu=0.3)
+    falling = programmes.isotropic_stress(-1.0)
+    stages = [
+        Stage(programmes.isotropic_strain(), "H11", 0.1),
+        Stage(falling, "P11", 0.0),
+        # It is there already, and beyond there is nothing.
+        Stage(falling, "P11", 0.0),
+        Stage(falling, "P11", -0.1),
+    ]
+    path = follow(regular_polygon(order), law, stages, closure=closure)
+    assert path.status == "no_load", path.message
+    assert "carry no force" in path.message
+    assert np.abs(path.P[-1]).max() < 1e-12
