@@ -14,13 +14,18 @@ import shapely
 
 from loops import (
     FaceKind,
+    LinearFrictional,
     euler_check,
     find_crossings,
     find_faces,
+    loop_batches,
     love_weber_stress,
     outline_area,
+    traction_tangent,
 )
 from patterns import read_snapshot
+from stability import restrict
+from stability.spectra import symmetric_spectrum
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
 PATHS = sorted(Path(FOLDER).glob("yade-*/grains_*")) if FOLDER else []
@@ -81,3 +86,29 @@ def test_snapshot(path):
     }
     assert len(polygons) == len(faces.loops)
     assert rings == found
+
+
+SLOW_SAMPLE = [path for path in PATHS if path.name[7:9] == "10" and "slow" in path.parent.name]
+
+
+@pytest.mark.parametrize("path", SLOW_SAMPLE)
+def test_free_spins_are_solved_through_the_gear_modes(path):
+    """Elastic contacts, 2,000 discs: the medians that K + eps gave, branch 4 at eps = 0."""
+    snapshot, _ = read(path)
+    law, graph = snapshot.mechanics()[0], snapshot.graph
+    wanted = {"radii": {3: 1.3180, 4: 0.8006, 5: -0.0030, 6: -0.0033, 7: -0.0133, 8: -0.0148}}
+    wanted["branch"] = {3: 1.3180, 4: -0.1187, 5: -0.0030, 7: -0.0133}
+    for increment, medians in wanted.items():
+        own = LinearFrictional(law.kn, law.kt, np.inf, increment)
+        for batch in loop_batches(graph, find_faces(graph)):
+            order, elastic = batch.grains.shape[1], np.ones_like(batch.contacts)
+            mine = own.take(batch.contacts)
+            found = traction_tangent(batch.graph, mine, spins="free", regime=elastic)
+            assert found.trusted.all() or (increment == "branch" and order % 2 == 0)
+            least = symmetric_spectrum(restrict(np.nan_to_num(found.matrix), "symmetric"))[:, 0]
+            if order == 4:
+                # Either way of sharing the arms has its sign: no loop of four has a verdict.
+                assert (np.abs(least) <= found.error).all()
+            if order in medians:
+                median = np.median(least[found.trusted]) / np.mean(law.kn)
+                assert median == pytest.approx(medians[order], abs=1e-4)
