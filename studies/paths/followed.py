@@ -10,13 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import InputError, Regime
+from loops import Regime
 from loops.arrays import Flags, Floats, Integers
 from stability import Event, Path, follow
 from studies.paths.options import DiamondOptions, PolygonOptions
 
 SUBSPACES = ("diagonal", "symmetric", "full")
-SPECTRAL = ("det_Ks_zero", "det_K_zero", "flutter")
 # A path of so many steps is given up, and said to be lost.
 MOST_STEPS = 2000
 
@@ -118,71 +117,27 @@ def follow_options(
     options: DiamondOptions | PolygonOptions, subspaces: tuple[str, ...] = ("diagonal",)
 ) -> tuple[Path, tuple[Located, ...]]:
     """The path of a study, and its events, the spectral ones of every subspace."""
-    paths = {subspace: _follow(options, subspace) for subspace in subspaces}
+    path = follow(
+        options.graph(),
+        options.law(),
+        [stage for _, stage in options.stages()],
+        closure=options.closure,
+        spins=options.spins,
+        subspace=subspaces,
+        volume=options.volume,
+        contact_on_touch=options.contact_on_touch,
+        max_steps=MOST_STEPS,
+        rows=options.rows,
+        model=options.model,
+    )
     located = [
-        Located(event, subspace if event.kind in SPECTRAL else None, values_at(path, event.index))
-        for subspace, path in paths.items()
+        Located(event, event.subspace or None, values_at(path, event.index))
         for event in path.events
-        if event.kind in SPECTRAL or subspace == "diagonal"
     ]
-    # Sorting is stable: at one parameter the path's own order stays, up to rounding.
-    located.sort(key=lambda each: round(each.event.parameter, 9))
-    return paths["diagonal"], tuple(located)
+    return path, tuple(located)
 
 
 def values_at(path: Path, row: int) -> dict[str, float]:
     """`E1, E2, s1, s2` of a row."""
     H, P = path.H[row], path.P[row]
     return {"E1": float(H[0]), "E2": float(H[3]), "s1": float(P[0]), "s2": float(P[3])}
-
-
-# Longest steps to try, the first one that of `follow`.
-LONGEST_STEPS = (0.05, 0.043, 0.037, 0.031)
-# Below this strain the loop is singular as it stands, and no step helps.
-UNLOADED = 1e-6
-
-
-def _follow(options: DiamondOptions | PolygonOptions, subspace: str) -> Path:
-    best: Path | None = None
-    for longest in LONGEST_STEPS:
-        path = _attempt(options, subspace, longest)
-        if path is None:
-            continue
-        best = path
-        stage = [stage for _, stage in options.stages()][int(path.stage[-1])]
-        elsewhere = stage.programme.name != "isotropic strain" or path.H[-1, 0] < UNLOADED
-        if path.status != "control_limit" or elsewhere:
-            break
-    if best is None:
-        raise InputError(
-            "the path",
-            "a loss of stability that can't be located",
-            "a path whose events can be told apart",
-            "Change --confine or --end.",
-        )
-    return best
-
-
-def _attempt(
-    options: DiamondOptions | PolygonOptions, subspace: str, longest: float
-) -> Path | None:
-    try:
-        return follow(
-            options.graph(),
-            options.law(),
-            [stage for _, stage in options.stages()],
-            closure=options.closure,
-            spins=options.spins,
-            subspace=subspace,
-            volume=options.volume,
-            contact_on_touch=options.contact_on_touch,
-            max_step=longest,
-            max_steps=MOST_STEPS,
-            rows=options.rows,
-            model=options.model,
-        )
-    except InputError:
-        raise
-    except ValueError:
-        # The root search of an event met an operator that is not a number.
-        return None
