@@ -154,7 +154,8 @@ def _area_ratio(H: Floats) -> float:
 
 def near_pairs(model: PathModel, places: list[Floats]) -> Integers:
     """(Q, 2) watched pairs of grains that are or come close in some of the places (G, 2)."""
-    if not model.watches_pairs:
+    # Beside a singular state the interpolant may have left the numbers.
+    if not model.watches_pairs or not np.isfinite(places).all():
         return np.zeros((0, 2), dtype=np.int64)
     reach = (1.0 + NEAR) * 2.0 * float(model.radii.max())
     found = [cKDTree(x).query_pairs(reach, output_type="ndarray") for x in places]
