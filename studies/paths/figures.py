@@ -20,7 +20,7 @@ from studies.paths.followed import Followed
 from studies.paths.options import PolygonOptions
 from studies.paths.polar import RADIUS, beyond_diagram, operator_diagram, state_diagram
 from studies.paths.polygon import axial_peak
-from studies.paths.tables import plane_columns, polygon_table
+from studies.paths.tables import plane_columns, subspace_columns
 from studies.style import (
     BLACK,
     BLUE,
@@ -132,7 +132,7 @@ def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
 def draw_unstable_fraction(found: Followed, ax: Axes | None = None) -> Axes:
     """Share of strain directions with negative second-order work, by subspace."""
     ax = axes_or_new(ax, 4.2, 2.8)
-    table, E1 = polygon_table(found), found.broken(found.E1)
+    table, E1 = subspace_columns(found), found.broken(found.E1)
     for subspace, colour, style, label in SHARES:
         share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"])
         ax.plot(E1, share, color=colour, linestyle=style, label=label)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
@@ -19,11 +18,14 @@ from patterns.polygons.shapes import Orientation
 from stability import Path, judge, operator_norm, restrict, symmetric_spectrum
 from studies.paths.followed import SUBSPACES, Followed, Located, follow_options
 from studies.paths.options import PolygonOptions
+from studies.paths.tables import table_rows
 
 # Slopes of s1 over E1 below this, and steps of E1, are none.
 FLAT, STILL = 1e-10, 1e-12
 # Strains that are looked at before a root is refined: none beyond the last; so many together.
 FIRST, LAST, COUNT, CHUNKS = 1e-6, 0.99, 100, 9
+# What is printed of an event, and lines of them beyond which they are told by kind.
+VALUES, MOST_LINES = ("E1", "E2", "s1", "s2"), 40
 # A smallest eigenvalue at the first load that is not above this share of the norm is a loss.
 LOST = 1e-12
 DEFINITIONS = {
@@ -198,21 +200,30 @@ def polygon_summary(found: Followed) -> dict[str, Any]:
 
 
 def event_lines(summary: dict[str, Any]) -> list[str]:
-    """One line an event of a summary; those of a kind at one state make one line, contacts counted.
+    """One line for the events of a kind at one state; beyond `MOST_LINES` one for each kind.
 
-    The loss of stability names its subspace.
+    The loss of stability names its subspace; contacts, or pairs of grains that touch, are counted.
     """
-    groups: Counter[tuple[str, ...]] = Counter()
-    for event in summary["events"]:
-        place = (f"{event[name]:.8f}" for name in ("E1", "E2", "s1", "s2"))
-        pairs = event["kind"] == "opposite_contact"
-        group = (event["kind"], event["subspace"] or "", *place, "pairs" if pairs else "contacts")
-        groups[group] += 1 if pairs else len(event["contacts"])
-    return [
-        f"{kind:<16} {subspace:<10} E1 = {E1}  E2 = {E2}  s1 = {s1}  s2 = {s2}"
-        + (f"  {count} {unit}" if count else "")
-        for (kind, subspace, E1, E2, s1, s2, unit), count in groups.items()
-    ]
+    events = summary["events"]
+    places = {(e["kind"], e["subspace"], *(f"{e[key]:.8f}" for key in VALUES)) for e in events}
+    by_kind = len(places) > MOST_LINES
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for event in events:
+        place = () if by_kind else tuple(f"{event[key]:.8f}" for key in VALUES)
+        groups.setdefault((event["kind"], event["subspace"] or "", *place), []).append(event)
+    return [_event_line(group) for group in groups.values()]
+
+
+def _event_line(group: list[dict[str, Any]]) -> str:
+    first, last = group[0], group[-1]
+    pairs = first["kind"] == "opposite_contact"
+    count = len(group) if pairs else sum(len(event["contacts"]) for event in group)
+    values = []
+    for key in VALUES:
+        start, end = f"{first[key]:.8f}", f"{last[key]:.8f}"
+        values.append(f"{key} = {start}" + (f" to {end}" if end != start else ""))
+    said = f"  {count} {'pairs' if pairs else 'contacts'}" if count else ""
+    return f"{first['kind']:<16} {first['subspace'] or '':<10} {'  '.join(values)}{said}"
 
 
 def _state(found: Followed, row: int) -> dict[str, Any]:
@@ -266,6 +277,8 @@ def _notes(
         notes.append("no peak: s1 " + ("falls from A on" if falls else "still rises at the end"))
     if path.of_kind("opposite_contact"):
         notes.append("grains without a contact touch on the way and overlap from there on")
+    if len(table_rows(found)) < len(path):
+        notes.append(f"the table holds {len(table_rows(found))} of {len(path)} rows of the path")
     if path.of_kind("branching"):
         notes.append("other paths branch off: the path followed keeps the loop's symmetry")
     return notes

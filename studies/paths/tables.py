@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from loops import Regime
-from loops.arrays import Floats
+from loops.arrays import Floats, Integers
 from patterns.diamond import DiamondParameters, opposite_gaps
 from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
 from stability import (
@@ -28,6 +28,8 @@ from studies.paths.diamond import FollowedDiamond
 from studies.paths.followed import SUBSPACES, Followed
 from studies.paths.states import DiamondStates, Operators
 
+# Grains times rows of a table.
+MOST_NUMBERS = 100_000
 # Compression of Fig. 4 where the study has no confinement to take it from; its largest turn.
 COMPRESSION, LAST_ANGLE = 0.2, np.pi / 4
 ROUTES = {
@@ -95,6 +97,7 @@ def polygon_table(found: Followed) -> dict[str, Any]:
     and `dissipated` over `kn` and the reference area, the path's `energy_error`, `imbalance`.
     """
     path, H, P = found.path, found.path.H, found.path.P
+    rows = table_rows(found)
     names = np.array([regime.name.lower() for regime in Regime])
     table: dict[str, Any] = {
         "stage": found.stage,
@@ -110,19 +113,42 @@ def polygon_table(found: Followed) -> dict[str, Any]:
            for j, b in enumerate(COMPONENTS)},
         **plane_columns(found.K, found.det_K, found.det_Ks),
     }  # fmt: skip
-    for subspace in SUBSPACES:
-        # Eigenvalues within the round-off of the norm are zero.
-        K = restrict(path.A, subspace)
-        values = symmetric_spectrum(K)
-        values = np.where(np.abs(values) <= RTOL * operator_norm(K)[..., None], 0.0, values)
-        table[f"lambda_min_{subspace}"] = values[:, 0]
-        table[f"unstable_fraction_{subspace}"] = unstable_fraction(values)
-    return table | {
+    table |= subspace_columns(found)
+    table |= {
         "work": path.work[:, 0] / path.volume,
         "dissipated": path.work[:, 3] / path.volume,
         "energy_error": path.energy_error,
         "imbalance": path.imbalance,
     }
+    if len(rows) == len(path):
+        return table
+    return {
+        name: [values[k] for k in rows] if isinstance(values, list) else values[rows]
+        for name, values in table.items()
+    }
+
+
+def subspace_columns(found: Followed) -> dict[str, Floats]:
+    """`lambda_min_*` and `unstable_fraction_*` of every subspace at every row."""
+    table: dict[str, Floats] = {}
+    for subspace in SUBSPACES:
+        # Eigenvalues within the round-off of the norm are zero.
+        K = restrict(found.path.A, subspace)
+        values = symmetric_spectrum(K)
+        values = np.where(np.abs(values) <= RTOL * operator_norm(K)[..., None], 0.0, values)
+        table[f"lambda_min_{subspace}"] = values[:, 0]
+        table[f"unstable_fraction_{subspace}"] = unstable_fraction(values)
+    return table
+
+
+def table_rows(found: Followed) -> Integers:
+    """Rows of a path that its table holds: all, or of large loops the ends of stages and some."""
+    count, grains = found.path.x.shape[:2]
+    most = max(MOST_NUMBERS // grains, 2)
+    if count <= most:
+        return np.arange(count)
+    ends = np.flatnonzero(np.diff(found.path.stage))
+    return np.unique(np.concatenate([np.linspace(0, count - 1, most).astype(int), ends, ends + 1]))
 
 
 def plane_columns(K: Floats, det_K: Floats, det_Ks: Floats) -> dict[str, Any]:

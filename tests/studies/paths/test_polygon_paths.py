@@ -15,7 +15,13 @@ from stability import restrict, symmetric_spectrum
 from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
 from studies.paths.comparison import first_yield
 from studies.paths.options import PROGRAMMES, orders_of
-from studies.paths.polygon import axial_peak, follow_polygon, polygon_summary, thresholds
+from studies.paths.polygon import (
+    axial_peak,
+    event_lines,
+    follow_polygon,
+    polygon_summary,
+    thresholds,
+)
 from studies.paths.tables import polygon_table
 
 SUMMARY_KEYS = {
@@ -300,3 +306,18 @@ def first_loss(found):
     """Row of the first loss of definiteness in (11, 22); the last one if there is none."""
     events = found.path.of_kind("det_Ks_zero")
     return events[0].index if events else len(found.path) - 1
+
+
+def test_what_is_printed_and_tabled_of_a_large_loop_is_bounded(monkeypatch):
+    found = follow_polygon(PolygonOptions(6, confine=0.05, end=0.3), ("diagonal",))
+    monkeypatch.setattr("studies.paths.tables.MOST_NUMBERS", 60)
+    table = polygon_table(found)
+    ends = {0, found.marks["A"], len(found.path) - 1}
+    assert 10 <= len(table["E1"]) == len(table["N"]) <= 13 < len(found.path)
+    assert {found.E1[row] for row in ends} <= set(table["E1"])
+    assert any("rows of the path" in note for note in polygon_summary(found)["notes"])
+    place = {"subspace": None, "E2": 0.0, "s1": 0.0, "s2": 0.0, "contacts": [0, 1]}
+    events = [{"kind": "yield", "E1": 0.1 + 0.001 * k, **place} for k in range(60)]
+    (line,) = event_lines({"events": events})
+    assert "E1 = 0.10000000 to 0.15900000" in line and line.endswith("120 contacts")
+    assert len(event_lines({"events": events[:30]})) == 30
