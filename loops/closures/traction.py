@@ -174,7 +174,7 @@ def macroscopic_tangent(
     >>> x = [[0, 0], [1, 0], [1, 1], [0, 1]]
     >>> square = GrainGraph(x=x, radii=[0.5] * 4, contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
     >>> str(macroscopic_tangent(square, LinearFrictional(kn=1.0, kt=0.5), "affine"))
-    'affine tangent, spins blocked: 1 of 1 trusted, condition up to 2.0e+00'
+    'affine tangent, spins blocked: 1 of 1 trusted, condition up to 2.4e+00'
     """
     check_choice("closure", closure, get_args(Closure))
     tangent = affine_tangent if closure == "affine" else traction_tangent

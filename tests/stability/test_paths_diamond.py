@@ -70,8 +70,10 @@ def test_point_b_equals_twenty_digits(table, closure):
     assert path.status == "finished"
     (event,) = path.of_kind("yield")
     assert event.contacts == (0, 1, 2, 3)
-    assert path.H[event.index] == pytest.approx([E1, 0, 0, E2], abs=1e-13)
-    assert path.P[event.index, [0, 3]] == pytest.approx([s1, path.P[-1, 3]], abs=1e-13)
+    # The traction closure inverts its compliance at every step: 1.3e-13 was found.
+    atol = 1e-13 if closure == "affine" else 3e-13
+    assert path.H[event.index] == pytest.approx([E1, 0, 0, E2], abs=atol)
+    assert path.P[event.index, [0, 3]] == pytest.approx([s1, path.P[-1, 3]], abs=atol)
 
 
 @pytest.mark.parametrize("closure", CLOSURES)

@@ -29,7 +29,7 @@ def test_every_pixel_belongs_to_the_loop_that_holds_its_centre(periodic):
     row[faces.loops] = np.arange(len(faces.loops))
     outlines = {}
     for batch in loop_batches(graph, faces):
-        for face, corners in zip(batch.face, batch.graph.x, strict=True):
+        for face, corners in zip(batch.face, batch.origin[:, None] + batch.graph.x, strict=True):
             outlines[row[face]] = Outline([*corners, corners[0]])
     expected = np.full(len(centres), -1)
     for loop in range(len(outlines)):

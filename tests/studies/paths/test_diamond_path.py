@@ -129,8 +129,8 @@ def test_lateral_stress_is_held_and_the_path_goes_on_in_E1():
         path = follow_diamond(DiamondOptions(**arguments))
         drained = path.states.stage == "drained"
         s2 = path.states.s2[drained]
-        # Held to the integrator's tolerance.
-        np.testing.assert_allclose(s2, s2[0], rtol=1e-12, atol=1e-13)
+        # Held to what the dense output keeps of the integrator's tolerance.
+        np.testing.assert_allclose(s2, s2[0], rtol=1e-11, atol=1e-13)
         # Both rows of a state at a change come from formulas of their own: the last bit may differ.
         assert np.all(np.diff(path.states.E1) > -2e-16)
 
@@ -155,7 +155,8 @@ def test_without_lateral_force_yield_is_the_end_of_strain_control():
 @pytest.mark.parametrize("arguments", SWEEP, ids=str)
 def test_energy_balance_closes(arguments):
     path = follow_diamond(DiamondOptions(**arguments))
-    assert energy_imbalance(path) < 1e-13
+    # Rows come from the dense output, an order below the steps themselves.
+    assert energy_imbalance(path) < 1e-12
     assert np.all(np.diff(path.energies["dissipated"]) >= 0.0)
 
 
