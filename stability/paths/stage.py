@@ -74,7 +74,8 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
         if problem.status == "none" and walk.model.symmetry is not None:
             problem = _asymmetric(walk, stage, hints, before)
         if problem.status == "none":
-            if _carries_nothing(walk):
+            # A loop that has not begun to carry has not come apart.
+            if walk.record.rows and _carries_nothing(walk):
                 return _came_apart(walk)
             return _no_continuation(walk, stage, problem, hints)
         seen, gauge = _enter(walk, stage, problem, before)
