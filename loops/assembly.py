@@ -120,16 +120,13 @@ def assemble_elements(element: Floats, contacts: Integers, grains: int) -> Float
     size = (3 if spins else 2) * grains
     rows, columns = _places(_freedoms(contacts, grains, spins))
     batch = element.shape[:-3]
-    values = element.reshape(*batch, -1)
-    tangent = np.zeros((*batch, size, size))
-    # One contact after the other: entries of one contact have distinct places unless it joins a
-    # grain with its own image, whose entries cancel; `add.at` keeps that case right.
-    step = element.shape[-1] ** 2
-    for c in range(len(contacts)):
-        part = slice(c * step, (c + 1) * step)
-        place: Any = (..., rows[part], columns[part])
-        np.add.at(tangent, place, values[..., part])
-    return tangent
+    entries = np.arange(len(rows))
+    # Summed by place: contacts share grains, and one may join a grain with its own image.
+    gather = sparse.csr_array(
+        (np.ones(len(rows)), (rows * size + columns, entries)), shape=(size * size, len(rows))
+    )
+    tangent = gather @ element.reshape(-1, len(rows)).T
+    return np.ascontiguousarray(tangent.T).reshape(*batch, size, size)
 
 
 def translational_elements(k: Floats) -> Floats:

@@ -81,8 +81,8 @@ def solve_through_null_space(
     # One step of refinement: an inverse alone leaves a residual of condition times rounding.
     x = x + inverse @ (rhs - matrix @ x)
     left = np.abs(matrix @ x - rhs)
-    load = np.linalg.norm(rhs, axis=(-2, -1))
-    residual = np.linalg.norm(left, axis=(-2, -1)) / np.where(load > 0, load, 1.0)
+    load = _frobenius(rhs)
+    residual = _frobenius(left) / np.where(load > 0, load, 1.0)
     x[~finite] = np.nan
     condition[~finite] = residual[~finite] = ambiguity[~finite] = np.inf
     error = None
@@ -133,4 +133,4 @@ def _by_singular_values(
 
 
 def _frobenius(matrix: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(matrix, axis=(-2, -1)), dtype=float)
+    return np.asarray(np.sqrt(np.einsum("...ij,...ij->...", matrix, matrix)), dtype=float)

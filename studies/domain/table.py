@@ -15,6 +15,8 @@ from studies.domain.losses import Losses, first_losses
 from studies.domain.parameters import Case
 
 KINDS = ("det_Ks_zero", "det_K_zero")
+# Opposite grains nearer than this, in reference branches, touch within rounding.
+TOUCHING = 1e-14
 
 
 def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
@@ -55,7 +57,7 @@ def _rows(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
         "alpha_deg": np.degrees(state.alpha),
         "det_K": det_K,
         "det_Ks": det_K - (0.5 * asymmetry) ** 2,
-        "opposite_overlap": gaps < 0.0,
+        "opposite_overlap": gaps < -TOUCHING,
     }
     return pd.DataFrame(columns)
 

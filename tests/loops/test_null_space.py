@@ -22,7 +22,8 @@ def test_small_is_not_null(small):
     assert found.nullity == 1
     np.testing.assert_allclose(found.x, exact, atol=1e-14 / small)
     assert found.condition == pytest.approx(1 / small, rel=1e-4)
-    assert found.residual < 1e-14
+    # A hundred roundings: |M||x| is larger than |b|.
+    assert found.residual < 2.5e-14
 
 
 def test_ambiguity_is_what_the_observer_sees_of_the_null_vectors():
