@@ -81,6 +81,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         walls,
         frame.step,
         findings,
+        bodies.rotation,
     )
 
 

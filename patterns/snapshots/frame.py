@@ -14,7 +14,7 @@ from loops.laws.frictional import ShearIncrement
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import listed
 
-GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius")
+GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius", "theta_z")
 CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
     *("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
@@ -39,7 +39,8 @@ class Frame:
     Attributes
     ----------
     grains : Table
-        `id, x, y, radius` (length); `type`, 1 for walls; `z`, which must be one plane.
+        `id, x, y, radius` (length); `type`, 1 for walls; `z`, which must be one plane; `theta_z`
+        (rad), the angle turned by.
     contacts : Table
         `id1, id2`; `branch_x, branch_y` from centre 1 to the image of centre 2 and `nx, ny` the
         unit normal, as far as they are there; `cell_dx, cell_dy` the image of grain 2; `fn` (force,

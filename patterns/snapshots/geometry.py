@@ -27,12 +27,13 @@ BLOCK = 1 << 15  # contacts that are looked at together: what is passed on stays
 
 
 class Bodies(NamedTuple):
-    """Grains and walls of a table: `ids`, `is_wall` of all bodies, `x`, `radii` of the grains."""
+    """Grains and walls of a table: `ids`, `is_wall` of all bodies, the rest of the grains."""
 
     ids: Integers
     is_wall: Flags
     x: Floats
     radii: Floats
+    rotation: Floats | None
 
     @property
     def grain_ids(self) -> Integers:
@@ -41,7 +42,9 @@ class Bodies(NamedTuple):
 
 
 def read_bodies(table: Table) -> Bodies:
-    """Grains and walls of a table with `id, x, y, radius`, perhaps `type` and `z`, by their ids.
+    """Grains and walls of a table with `id, x, y, radius`, by their ids.
+
+    Perhaps there are `type`, `z` and `theta_z`.
 
     `InputError` for ids that repeat, no grains, a radius that is not positive, coincident grains,
     and a packing in three dimensions.
@@ -50,12 +53,16 @@ def read_bodies(table: Table) -> Bodies:
     refuse_repeated(table, ids)
     is_wall = table.integers("type") == WALL if table.has("type") else np.zeros(len(ids), bool)
     x, radii = table.columns("x", "y"), table.column("radius")
-    if is_wall.any():
-        x, radii = x[~is_wall], radii[~is_wall]
+    rotation = table.column("theta_z") if table.has("theta_z") else None
+    grains = np.flatnonzero(~is_wall)
     if (ids[1:] < ids[:-1]).any():
-        order, grains = np.argsort(ids), np.argsort(ids[~is_wall])
-        ids, is_wall, x, radii = ids[order], is_wall[order], x[grains], radii[grains]
-    bodies = Bodies(ids, is_wall, x, radii)
+        order = np.argsort(ids)
+        grains = order[~is_wall[order]]
+        ids, is_wall = ids[order], is_wall[order]
+    if len(grains) < len(x) or (grains[1:] < grains[:-1]).any():
+        x, radii = x[grains], radii[grains]
+        rotation = None if rotation is None else rotation[grains]
+    bodies = Bodies(ids, is_wall, x, radii, rotation)
     if len(radii) == 0:
         raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
     if radii.min() < 1 / HUGE:

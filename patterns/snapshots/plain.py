@@ -159,6 +159,8 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
         )
     graph = snapshot.graph
     grains = {"id": snapshot.ids, "x": graph.x[:, 0], "y": graph.x[:, 1], "radius": graph.radii}
+    if snapshot.rotation is not None:
+        grains["theta_z"] = snapshot.rotation
     _write(path, grains)
     _write(path.with_name(path.name.replace("grains", "contacts")), _contacts(snapshot))
     cell = path.with_name(path.name.replace("grains", "cell").removesuffix(path.suffix) + ".json")

@@ -56,6 +56,8 @@ class Snapshot:
         The code's own number of the snapshot.
     findings : tuple of Finding
         What the checks told, also where nothing is wrong; doubts stand in the notes as well.
+    rotation : (G,) array or None
+        Angle that each grain has turned by, up to full turns (rad); None if the file lacks it.
     """
 
     graph: GrainGraph
@@ -67,6 +69,7 @@ class Snapshot:
     walls: WallContacts | None = None
     step: float | None = None
     findings: tuple[Finding, ...] = ()
+    rotation: NDArray[np.float64] | None = None
 
     @property
     def mechanical(self) -> bool:

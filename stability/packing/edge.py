@@ -157,6 +157,20 @@ def sided(edge: YieldEdge, active: Flags, relative: Floats) -> Floats:
     return side * np.einsum("ci,ci...->c...", edge.gauge, relative[edge.rows])
 
 
+def forces_of_motion(edge: YieldEdge, branch_rate: Floats, spin: Floats) -> Floats:
+    """(C, 2) force rates under branch rates and spins that are given; candidates slide by them."""
+    system = edge.system
+    kept = system.contacts
+    turns = spin[system.graph.contacts[kept]] * system.length
+    relative = np.zeros((len(system.branches), 4))
+    relative[: len(kept)] = np.concatenate([branch_rate[kept], turns], axis=1)
+    active = sided(edge, np.zeros(len(edge.rows), dtype=bool), relative) < 0
+    out = np.zeros_like(branch_rate)
+    forces = -np.einsum("eij,ej->ei", stiffness_of(edge, active), relative)
+    out[kept] = forces[: len(kept), :2]
+    return out
+
+
 def _of_two_contact_grains(system: PackingSystem) -> Flags:
     graph = system.graph
     degree = np.bincount(graph.contacts[system.contacts].ravel(), minlength=graph.grain_count)

@@ -27,6 +27,8 @@ from studies.commands.common import (
 # So many notes are printed, and so much of the reason why a snapshot was skipped.
 NOTES, LONGEST = 8, 300
 PREDICTORS = {
+    "packing": "its packing's rate problem",
+    "own_motion": "its grains' own motion (bound)",
     "affine": "affine closure, blocked",
     "traction": "traction closure, blocked",
     "traction_free": "traction closure, free spins",
@@ -36,6 +38,13 @@ PREDICTORS = {
     "persistence": "its work in the interval before",
     "order": "number of grains",
     "sliding": "number of sliding contacts",
+    "smallest_N": "smallest normal force",
+}
+
+TARGETS = {
+    "nonaffine": "least affine tenth",
+    "contact_lost": "contact lost",
+    "topology": "topology changed",
 }
 
 
@@ -67,6 +76,14 @@ def series(
     mu: Mu = None,
     shear_increment: ShearIncrement = None,
     drop_crossings: DropCrossings = False,
+    in_packing: Annotated[
+        bool,
+        typer.Option("--in-packing", help="Foretell each interval by the packing's rate problem."),
+    ] = False,
+    yield_band: Annotated[
+        float,
+        typer.Option(help="Contacts from this share of their strength on may slide."),
+    ] = 0.99,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Leave out snapshots that can't be read.")
     ] = False,
@@ -88,6 +105,8 @@ def series(
             cells=cells,
             workers=workers,
             scheduler=scheduler,
+            in_packing=in_packing,
+            yield_band=yield_band,
             skip_bad=skip_bad,
             force=force,
             csv=csv,
@@ -124,8 +143,12 @@ def _series_lines(summary: dict[str, Any]) -> list[str]:
         )
     strain = "  ".join(f"{name} = {_strain(summary, name)}" for name in ("H11", "H22"))
     lines.append(f"strain between them: {strain}")
+    if "packing" in summary:
+        lines += _packing_lines(summary["packing"])
     if "skill" in summary:
         lines += _skill_lines(summary["skill"])
+    if "skill_of_targets" in summary:
+        lines += _target_lines(summary["skill_of_targets"])
     lines += [
         f"skipped: snapshot {one['snapshot']} ({one['name']}), {one['reason'][:LONGEST]}"
         for one in summary["skipped"]
@@ -148,9 +171,31 @@ def _skill_lines(skill: dict[str, Any]) -> list[str]:
     lines = [
         f"{100 * base:.1f} % of the loops that survived and moved did negative second-order work "
         "(base rate); how well it is foreseen:",
-        f"  {'':<32} precision  recall    AUC",
+        f"  {'':<32} precision  recall    AUC   (lowest to highest)",
     ]
     for name, row in skill.items():
         values = "  ".join(f"{shown(row[key]):>7}" for key in ("precision", "recall", "auc"))
-        lines.append(f"  {PREDICTORS.get(name, name):<32}  {values}")
+        spread = f"   ({row['auc_min']:.3f} to {row['auc_max']:.3f})" if "auc_min" in row else ""
+        lines.append(f"  {PREDICTORS.get(name, name):<32}  {values}{spread}")
     return [*lines, "  (an AUC of 0.5 is chance; precision is to be held against the base rate)"]
+
+
+def _packing_lines(packing: dict[str, Any]) -> list[str]:
+    """How many intervals the packing's rate problem speaks for."""
+    return [
+        f"rate problem of the packing ({packing['boundary'] or 'none'}): solved in "
+        f"{packing['solved']} of {packing['intervals']} intervals, silent in the others"
+    ]
+
+
+def _target_lines(targets: dict[str, Any]) -> list[str]:
+    """AUC for what else is foreseen, beside the base rate and persistence."""
+    lines = [f"  {'AUC for':<18} base rate  packing  persistence  own motion"]
+    for target, skill in targets.items():
+        values = [skill["packing"]["base"]]
+        values += [skill[name]["auc"] for name in ("packing", "persistence")]
+        values.append(skill.get("own_motion", {}).get("auc"))
+        widths = zip(values, (9, 7, 11, 10), strict=True)
+        columns = "  ".join(f"{shown(value):>{width}}" for value, width in widths)
+        lines.append(f"  {TARGETS[target]:<18} {columns}")
+    return lines

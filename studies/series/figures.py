@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -60,11 +61,12 @@ TITLES = {
 
 
 class MappedInterval(NamedTuple):
-    """An interval to draw a map of."""
+    """An interval to draw a map of; what the packing foretells is of all earlier loops."""
 
     before: TrackedState
     fates: LoopFates
     increments: Mapping[str, NDArray[Any]]
+    foretold: Mapping[str, NDArray[Any]] = MappingProxyType({})
 
 
 def draw_series(
@@ -206,7 +208,7 @@ def _column(evolution: Columns, name: str) -> Floats:
 @styled()
 def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
     """Loops of the earlier snapshot by their normalised actual second-order work."""
-    before, fates, increments = mapped
+    before, fates, increments, _ = mapped
     ax = axes_or_new(ax, 4.6, 4.0)
     work = np.full(len(fates.before), np.nan)
     work[increments["loop_before"]] = increments["w2"]

@@ -15,10 +15,13 @@ from loops.arrays import Integers
 from loops.tracking import ExchangeCounts
 from studies.series.animation import Picture, animate_series, picked_snapshots
 from studies.series.figures import MappedInterval, draw_series
-from studies.series.increments import PREDICTIONS, increments
+from studies.series.increments import PREDICTIONS
 from studies.series.plan import PlannedSnapshot
+from studies.series.skill_figures import nonaffinity_map, skill_by_interval, skill_by_predictor
+from studies.series.targets import part_columns
 from studies.series.tasks import PartTask, pairs, singles, state_of, tracked
 from studies.snapshot.report import LoopsForMap, loops_for_map, write_report
+from studies.style import save_figure
 
 CAPTIONS = {
     "orders_over_strain": ("Orders", "Shares of the loops by order along the series."),
@@ -33,10 +36,25 @@ CAPTIONS = {
         "Work and its prediction",
         "Second-order work that the survived loops did, and the sign that three closures predict.",
     ),
+    "skill_by_predictor": (
+        "Skill",
+        "How well each predictor ranks the loops for what came true: a dot an interval. 0.5 is "
+        "chance, persistence what the loop's own past tells; own motions are an upper bound.",
+    ),
+    "skill_by_interval": (
+        "Skill from interval to interval",
+        "The same along the series, above the base rate. No dot: the rate problem of the packing "
+        "was not solved, or nothing is known of the past.",
+    ),
+    "nonaffinity_map": (
+        "Map of the non-affinity",
+        "How far each loop's strain is from the sample's: foretold and actual.",
+    ),
     "work_map": ("Map of the work", "The interval with most loops of negative work."),
     "animation": ("Animation", "Loops along the series."),
 }
-OF_INTERVAL = ("W2", "w2", *PREDICTIONS)
+OF_INTERVAL = ("W2", "w2", *PREDICTIONS, "nonaffinity")
+OF_PACKING = ("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing")
 
 SMALLEST = "traction_lambda_min"
 DRAWN = ("W2", "w2", *PREDICTIONS)
@@ -49,6 +67,7 @@ def draw(
     evolution: Mapping[str, Sequence[Any]],
     exchange: Mapping[str, Integers],
     mapped: int | None,
+    skill: Mapping[str, Sequence[Any]],
     summary: dict[str, Any],
 ) -> None:
     """Draw a series as PNG and SVG, and write the page that shows it all."""
@@ -57,6 +76,13 @@ def draw(
     counts = ExchangeCounts(*(exchange[name] for name in ExchangeCounts._fields))
     interval = None if mapped is None else _interval(tasks[mapped])
     draw_series(folder, evolution, counts, _joined(tasks), interval, source)
+    if "packing" in skill["predictor"]:
+        figures = {"skill_by_predictor": skill_by_predictor(skill)}
+        figures["skill_by_interval"] = skill_by_interval(skill)
+        if interval is not None and np.isfinite(interval.foretold["packing_nonaffinity"]).any():
+            figures["nonaffinity_map"] = nonaffinity_map(interval)
+        for name, figure in figures.items():
+            save_figure(figure, folder, name, source)
     part = None if mapped is None else singles(planned, out)[mapped].part
     series_report(folder, summary, interval, part, source)
 
@@ -98,8 +124,9 @@ def _joined(tasks: Sequence[PartTask]) -> dict[str, NDArray[Any]]:
 
 
 def _interval(task: PartTask) -> MappedInterval:
-    before, after, fates = tracked(task)
-    return MappedInterval(before, fates, increments(before, after, fates))
+    before, _, fates = tracked(task)
+    foretold = part_columns(task.packing_part) if task.packing_part.is_file() else {}
+    return MappedInterval(before, fates, dict(_columns(task.part)), foretold)
 
 
 def series_report(
@@ -125,7 +152,7 @@ def series_report(
 def _loops(mapped: MappedInterval, part: Path) -> LoopsForMap | None:
     """Loops of the earlier snapshot, with their fate and the work of those that survived."""
     table: dict[str, Any] = {
-        name: column.to_numpy()
+        name: column
         for name, column in _columns(part)
         if name not in ("grains", "snapshot", "step")
     }
@@ -134,9 +161,10 @@ def _loops(mapped: MappedInterval, part: Path) -> LoopsForMap | None:
         if name in mapped.increments:
             table[name] = np.full(len(table["loop"]), np.nan)
             table[name][rows] = mapped.increments[name]
+    table |= {name: mapped.foretold[name] for name in OF_PACKING if name in mapped.foretold}
     return loops_for_map(*mapped.before, table)
 
 
-def _columns(part: Path) -> list[tuple[str, Any]]:
+def _columns(part: Path) -> list[tuple[str, NDArray[Any]]]:
     table = pyarrow.parquet.read_table(part)
-    return list(zip(table.column_names, table.columns, strict=True))
+    return [(name, table.column(name).to_numpy()) for name in table.column_names]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -34,8 +35,9 @@ from studies.series.dataset import (
     write_csv,
 )
 from studies.series.evolution import evolution_table
+from studies.series.packing import SOLVED
 from studies.series.plan import PlannedSnapshot, plan_series
-from studies.series.skill import mean_skill, skill_table
+from studies.series.skill import skill_tables, summarised
 from studies.series.tasks import Failure, pairs, singles
 from studies.series.workers import Runner, do_tasks, open_runner
 from studies.snapshot.source import reading
@@ -60,6 +62,15 @@ DEFINITIONS = {
     "rank_correlation: Spearman's. affine, traction (blocked spins), traction_free foretell from "
     "the strain that the loop really took; *_lambda_min, order and sliding (contacts) from the "
     "earlier snapshot alone; persistence from the loop's own work in the interval before",
+    "packing": "the rate problem of the whole packing under the strain of each interval: how many "
+    "are solved (unique, several found), the largest residual and number of disagreeing contacts, "
+    "where the sample ends; what is not solved foretells nothing",
+    "skill_of_targets": "as skill: nonaffine, the tenth of the survived loops whose strain is "
+    "farthest from the sample's; contact_lost and topology (any fate but survived) of all earlier "
+    "loops; own_motion puts the motion that the grains really had through the same tangents, an "
+    "upper bound; smallest_N is the smallest normal force of a loop's contacts",
+    "skill_by_order": "AUC of negative work among the loops of one order, means over the intervals "
+    "weighted by loops; the last order stands for all beyond",
     "skipped": "snapshots that could not be read; the interval goes over them",
 }
 
@@ -76,17 +87,23 @@ def run_series(
     csv: bool = False,
     figures: bool = True,
     animation: bool = False,
+    in_packing: bool = False,
+    yield_band: float = 0.99,
     **how: Any,
 ) -> dict[str, Any]:
     """Find the loops of every snapshot of a series and what becomes of them; the summary.
 
     Snapshots are read with the options `how` of `read_planar`, their cells from a table `cells`.
+    With `in_packing` the packing's rate problem foretells each interval, and `skill.parquet` says
+    what that is worth.
     What is finished in `out` is not done again: an interrupted run goes on with the same call. A
     script calls this under `if __name__ == "__main__"`, for the processes import it.
     """
     how = reading(**how)
     planned = plan_series(paths, cells, how)
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
+    band = _checked_band(yield_band) if in_packing else None
+    read["in_packing"] = band
     made = provenance("series", {"paths": paths, "cells": cells, **read}, UNITS)
     read["cells"] = None if cells is None else cells.name
     out = out.absolute()
@@ -98,13 +115,20 @@ def run_series(
             open_folder(out, read, [one.name for one in planned], force=force)
             try:
                 with open_runner(workers, scheduler, _needed(planned, out)) as runner:
-                    good, failures = _do_all(runner, planned, out, skip_bad=skip_bad)
+                    good, failures = _do_all(runner, planned, out, band, skip_bad=skip_bad)
             except InputError:
                 if new and not has_parts(out):
                     shutil.rmtree(out)
                 raise
             drawn = {"figures": figures, "animation": animation}
-            return _gather(good, failures, out, made, csv=csv, **drawn)
+            return _gather(good, failures, out, made, band, csv=csv, **drawn)
+
+
+def _checked_band(band: float) -> float:
+    if not 0 < band <= 1:
+        remedy = "Leave it out: 0.99 is what the skill is measured with."
+        raise InputError("--yield-band", f"{band}", "a share of the strength in (0, 1]", remedy)
+    return float(band)
 
 
 def _needed(planned: Sequence[PlannedSnapshot], out: Path) -> list[Path]:
@@ -113,7 +137,12 @@ def _needed(planned: Sequence[PlannedSnapshot], out: Path) -> list[Path]:
 
 
 def _do_all(
-    runner: Runner, planned: Sequence[PlannedSnapshot], out: Path, *, skip_bad: bool
+    runner: Runner,
+    planned: Sequence[PlannedSnapshot],
+    out: Path,
+    band: float | None,
+    *,
+    skip_bad: bool,
 ) -> tuple[list[PlannedSnapshot], list[Failure]]:
     """Snapshots that could be read, and why the others could not."""
     failures = do_tasks(runner, singles(planned, out), "snapshots", skip_bad=skip_bad)
@@ -121,7 +150,7 @@ def _do_all(
     good = [one for one in planned if one.number not in bad]
     if not good:
         raise failures[0].error()
-    do_tasks(runner, pairs(good, out), "pairs", skip_bad=False)
+    do_tasks(runner, pairs(good, out, band), "pairs", skip_bad=False)
     return good, failures
 
 
@@ -130,6 +159,7 @@ def _gather(
     failures: Sequence[Failure],
     out: Path,
     made: dict[str, Any],
+    band: float | None,
     *,
     csv: bool,
     figures: bool,
@@ -140,6 +170,8 @@ def _gather(
         "loops": [task.part for task in singles(planned, out)],
         "increments": [task.part for task in pairs(planned, out)],
     }
+    if band is not None:
+        datasets["packing"] = [task.packing_part for task in pairs(planned, out)]
     for name, parts in datasets.items():
         keep_only(out / name, {part.name for part in parts})
         require_one_schema(parts)
@@ -147,9 +179,13 @@ def _gather(
     evolution, exchange = _evolution(planned, about), _exchange(planned, about)
     tables: dict[str, Any] = {"evolution": evolution, "exchange": exchange}
     summary = _summary(evolution, about, failures) | {"provenance": made}
-    skill = skill_table(datasets["increments"], datasets["loops"])
+    skill, by_order = skill_tables(**datasets)
     if skill["predictor"]:
-        tables["skill"], summary["skill"] = skill, mean_skill(skill)
+        tables["skill"] = skill
+        summary |= summarised(skill, by_order)
+    if band is not None:
+        tables["skill_by_order"] = by_order
+        summary["packing"] = _solved(about["increments"], band)
     with _put_in_place(out) as folder:
         for name, table in tables.items():
             write_table(folder, name, table, made, csv=csv)
@@ -164,15 +200,18 @@ def _gather(
         if figures:
             from studies.series.report import draw
 
-            draw(folder, planned, out, evolution, exchange, _mapped(evolution), summary)
+            draw(folder, planned, out, evolution, exchange, _mapped(evolution), skill, summary)
         summary["files"] = sorted(path.name for path in folder.iterdir())
         write_summary(folder, summary)
     return summary
 
 
 def _mapped(evolution: dict[str, list[Any]]) -> int | None:
-    """The interval with most loops of negative work, the first of several."""
+    """The interval with most loops of negative work, the first of several; a solved one if any."""
     negative = evolution.get("negative_W2", ())[1:]
+    solved = [status in SOLVED for status in evolution.get("packing_status", ())[1:]]
+    if any(solved):
+        negative = np.where(solved, negative, -1).tolist()
     return int(np.argmax(negative)) if negative else None
 
 
@@ -213,6 +252,33 @@ def _exchange(planned: Sequence[PlannedSnapshot], about: About) -> dict[str, Int
     )
 
 
+def _solved(about: Sequence[dict[str, Any]], band: float) -> dict[str, Any]:
+    """How often the packing's rate problem was solved, and how well."""
+    rows = [kept["row"] for kept in about]
+    status = [row["packing_status"] for row in rows]
+    solved = sum(one in SOLVED for one in status)
+    worst = {
+        name: max((row[name] for row in rows if name in row), default=None)
+        for name in ("packing_residual", "packing_disagreeing")
+    }
+    return {
+        "yield_band": band,
+        "intervals": len(rows),
+        "solved": solved,
+        "share_solved": solved / len(rows) if rows else None,
+        **{f"intervals {one}": status.count(one) for one in sorted(set(status))},
+        **{f"worst {name.removeprefix('packing_')}": value for name, value in worst.items()},
+        # Without the numbers, which differ from one interval to the next.
+        "boundary": "; ".join(
+            dict.fromkeys(
+                re.sub(r"\d+ ", "", row["packing_boundary"])
+                for row in rows
+                if "packing_boundary" in row
+            )
+        ),
+    }
+
+
 def _summary(
     evolution: dict[str, list[Any]], about: About, failures: Sequence[Failure]
 ) -> dict[str, Any]:
@@ -230,6 +296,10 @@ def _summary(
             for one in failures
         ],
         "work_map": _places(evolution, _mapped(evolution)),
-        "notes": list(dict.fromkeys(note for kept in about["loops"] for note in kept["notes"])),
+        "notes": list(
+            dict.fromkeys(
+                note for one in about.values() for kept in one for note in kept.get("notes", ())
+            )
+        ),
         "definitions": DEFINITIONS,
     }

@@ -1,4 +1,4 @@
-"""How well each prediction foresees the loops that really did negative second-order work."""
+"""How well each prediction foresees what the loops really did: the rows of `skill.parquet`."""
 
 from __future__ import annotations
 
@@ -7,105 +7,72 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet
-from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats
-from loops.loop_strain import rotation_and_stretch
+from studies.series.targets import OTHERS, TARGET, part_columns, targets
 
-TARGET = "W2_negative"
-# Predictors by what they are read from. A higher score means likelier; where a sign is foretold
-# the score is positive for negative work. Closures foretell from the strain that the loop really
-# took; `*_lambda_min` and the others know the earlier snapshot alone, persistence the loop's past.
-OF_INCREMENTS = {
-    "affine": "affine_W2",
-    "traction": "traction_W2",
-    "traction_free": "traction_free_W2",
-}
-OF_LOOPS = ("affine_lambda_min", "traction_lambda_min", "traction_free_lambda_min")
-SIGNED = (*OF_INCREMENTS, *OF_LOOPS, "persistence")
-STRAIN = ("H11", "H12", "H21", "H22")
-COLUMNS = (
-    *("snapshot_before", "snapshot_after", "predictor", "target"),
-    *("base", "coverage", "agreement", "precision", "recall", "auc", "rank_correlation", "loops"),
-)
+Table = dict[str, list[Any]]
+MEASURES = ("base", "coverage", "agreement", "precision", "recall", "auc", "rank_correlation")
+COLUMNS = ("snapshot_before", "snapshot_after", "predictor", "target", *MEASURES, "loops")
+# Orders told apart; the last one stands for all beyond.
+ORDERS = range(3, 9)
 
 
-def skill_table(increments: Sequence[Path], loops: Sequence[Path]) -> dict[str, list[Any]]:
-    """One row an interval and predictor, from the parts of a series; empty without forces."""
+def skill_tables(
+    loops: Sequence[Path], increments: Sequence[Path], packing: Sequence[Path] = ()
+) -> tuple[Table, Table]:
+    """One row an interval, predictor and target, from the parts of a series; the same by `order`.
+
+    Empty without forces; by order only where the packing foretells.
+    """
     rows: list[dict[str, Any]] = []
-    earlier: dict[str, NDArray[Any]] | None = None
-    for pair, snapshot in zip(increments, loops, strict=False):
-        own = _columns(pair)
+    by_order: list[dict[str, Any]] = []
+    earlier = None
+    for k, (pair, snapshot) in enumerate(zip(increments, loops, strict=False)):
+        own, state = part_columns(pair), part_columns(snapshot)
         if "w2" not in own:
             break
-        scores = _scores(own, _columns(snapshot), earlier)
-        numbers = {name: own[name][0] for name in COLUMNS[:2]} if len(own["w2"]) else {}
-        rows += [
-            {**numbers, "predictor": name, "target": TARGET}
-            | skill(score, own["w2"], signed=name in SIGNED)
-            for name, score in scores.items()
-            if numbers
-        ]
+        state |= part_columns(packing[k]) if packing else {}
+        order = np.minimum(state["order"], ORDERS[-1])
+        for target, predictor, score, value, signed in targets(own, state, earlier):
+            numbers = [own[name][0] for name in COLUMNS[:2]] if len(own["w2"]) else []
+            if not numbers:
+                continue
+            place = dict(zip(COLUMNS[:4], (*numbers, predictor, target), strict=True))
+            rows.append(place | skill(score, value, signed=signed))
+            for n in ORDERS if packing else ():
+                some = skill(score[order == n], value[order == n], signed=signed)
+                by_order.append(place | {"order": n} | some)
         earlier = own
-    return {name: [row[name] for row in rows] for name in COLUMNS}
+    return _table(rows, COLUMNS), _table(by_order, (*COLUMNS[:4], "order", *COLUMNS[4:]))
 
 
-def _columns(part: Path) -> dict[str, NDArray[Any]]:
-    wanted = (
-        *COLUMNS[:2],
-        *("loop_before", "loop_after", "order", "w2", "sliding_contacts"),
-        *STRAIN,
-        *OF_INCREMENTS.values(),
-        *OF_LOOPS,
-    )
-    there = pyarrow.parquet.read_schema(part).names
-    table = pyarrow.parquet.read_table(part, columns=[name for name in wanted if name in there])
-    return {name: table.column(name).to_numpy() for name in table.column_names}
+def _table(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> Table:
+    return {name: [row[name] for row in rows] for name in names}
 
 
-def _scores(
-    own: Mapping[str, NDArray[Any]],
-    loops: Mapping[str, NDArray[Any]],
-    earlier: Mapping[str, NDArray[Any]] | None,
-) -> dict[str, Floats]:
-    at = own["loop_before"]
-    # Over the square of the strain: a larger step has more work of either sign.
-    H = np.stack([own[name] for name in STRAIN], axis=1).reshape(-1, 2, 2)
-    square = np.sum(rotation_and_stretch(H)[1] ** 2, axis=(1, 2))
-    size = np.where(square > 0, square, np.nan)
-    scores = {name: -own[column] / size for name, column in OF_INCREMENTS.items()}
-    scores |= {name: -loops[name][at] for name in OF_LOOPS}
-    past = np.full(max(len(loops["order"]), 1), np.nan)
-    if earlier is not None:
-        past[earlier["loop_after"]] = -earlier["w2"]
-    scores["persistence"] = past[at]
-    scores["order"] = own["order"].astype(float)
-    scores["sliding"] = own["sliding_contacts"].astype(float)
-    return scores
-
-
-def skill(score: Floats, w2: Floats, *, signed: bool) -> dict[str, Any]:
+def skill(score: Floats, value: Floats, *, signed: bool) -> dict[str, Any]:
     """Hits of a score over one interval; not a number where there is nothing to divide by.
 
-    `base`: share of the loops with `w2 < 0` among those that moved; `coverage`: share of these
-    that have a score, over which the rest is taken; `agreement`, `precision`, `recall`: of the
-    sign; `auc`: chance that a loop of negative work has the higher score of two, one half for ties
-    (Mann and Whitney); `rank_correlation`: Spearman's, of the score with -w2.
+    `base`: share of the loops with `value < 0` among those that have one, not zero; `coverage`:
+    share of these that have a score, over which the rest is taken; `agreement`, `precision`,
+    `recall`: of the sign; `auc`: chance that of two loops of either sign the negative one has the
+    higher score, one half for ties (Mann and Whitney); `rank_correlation`: Spearman's, of the score
+    with -value.
     """
-    moved = np.isfinite(w2) & (w2 != 0)
+    moved = np.isfinite(value) & (value != 0)
     known = moved & np.isfinite(score)
-    actual, foretold = w2[known] < 0, score[known] > 0
+    actual, foretold = value[known] < 0, score[known] > 0
     hits = np.count_nonzero(actual & foretold)
     ranks = _ranks(score[known])
     return {
-        "base": _share(np.count_nonzero(w2[moved] < 0), np.count_nonzero(moved)),
+        "base": _share(np.count_nonzero(value[moved] < 0), np.count_nonzero(moved)),
         "coverage": _share(np.count_nonzero(known), np.count_nonzero(moved)),
         "agreement": _share(np.count_nonzero(actual == foretold) if signed else None, len(actual)),
         "precision": _share(hits if signed else None, np.count_nonzero(foretold)),
         "recall": _share(hits if signed else None, np.count_nonzero(actual)),
         "auc": _auc(ranks, actual),
-        "rank_correlation": _correlation(ranks, _ranks(-w2[known])),
+        "rank_correlation": _correlation(ranks, _ranks(-value[known])),
         "loops": int(np.count_nonzero(known)),
     }
 
@@ -132,18 +99,40 @@ def _correlation(a: Floats, b: Floats) -> float:
     return _share(float(a @ b), float(np.sqrt((a @ a) * (b @ b))))
 
 
-def mean_skill(table: Mapping[str, Sequence[Any]]) -> dict[str, dict[str, Any]]:
-    """Means over the intervals by predictor, each weighted by its loops."""
+def mean_skill(table: Mapping[str, Sequence[Any]], target: str = TARGET) -> dict[str, Any]:
+    """Means over the intervals by predictor, each weighted by its loops; the spread of the AUC."""
     found: dict[str, dict[str, Any]] = {}
-    predictor, loops = np.array(table["predictor"]), np.array(table["loops"], dtype=float)
-    for name in dict.fromkeys(table["predictor"]):
-        own = predictor == name
+    loops, of_target = np.array(table["loops"], dtype=float), np.array(table["target"]) == target
+    predictor = np.array(table["predictor"])
+    for name in dict.fromkeys(predictor[of_target].tolist()):
+        own = of_target & (predictor == name) & (loops > 0)
         row: dict[str, Any] = {"loops": int(loops[own].sum())}
-        for key in COLUMNS[4:-1]:
-            values = np.array(table[key], dtype=float)[own]
-            known = np.isfinite(values) & (loops[own] > 0)
-            row[key] = (
-                float(np.average(values[known], weights=loops[own][known])) if known.any() else None
-            )
+        for key in MEASURES:
+            row[key] = _mean(np.array(table[key], dtype=float)[own], loops[own])
+        auc = np.array(table["auc"], dtype=float)[own]
+        auc = auc[np.isfinite(auc)]
+        row |= {"auc_min": float(auc.min()), "auc_max": float(auc.max())} if len(auc) else {}
         found[name] = row
     return found
+
+
+def _mean(values: Floats, weights: Floats) -> float | None:
+    known = np.isfinite(values)
+    return float(np.average(values[known], weights=weights[known])) if known.any() else None
+
+
+def summarised(table: Table, by_order: Table) -> dict[str, Any]:
+    """Skill for the summary: means over the intervals by target, and by order."""
+    summary: dict[str, Any] = {"skill": mean_skill(table)}
+    if not by_order["order"]:
+        return summary
+    summary["skill_of_targets"] = {target: mean_skill(table, target) for target in OTHERS}
+    order = np.array(by_order["order"])
+    parts = {
+        n: {name: np.array(values)[order == n] for name, values in by_order.items()} for n in ORDERS
+    }
+    means = {n: mean_skill(part) for n, part in parts.items()}
+    summary["skill_by_order"] = {
+        name: {f"order_{n}": means[n][name]["auc"] for n in ORDERS} for name in means[ORDERS[0]]
+    }
+    return summary

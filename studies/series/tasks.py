@@ -11,13 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import _fblas as fblas
 
 from loops import InputError
 from loops.tracking import LoopFates, exchange_counts
 from studies.output import DATASETS
-from studies.series.dataset import write_part
+from studies.series.dataset import is_finished, write_part
 from studies.series.evolution import evolution_row, interval_row
 from studies.series.increments import TrackedState, increments, track_loops
+from studies.series.packing import foretold, gained
 from studies.series.plan import PlannedSnapshot
 from studies.snapshot.source import read_planar
 from studies.snapshot.table import loop_table
@@ -59,22 +61,38 @@ class PartTask:
 
     snapshots: tuple[PlannedSnapshot, ...]
     out: Path
+    yield_band: float | None = None
 
     @property
     def part(self) -> Path:
         """Where the result goes, below the absolute result folder."""
-        numbers = "-".join(f"{one.number:05d}" for one in self.snapshots)
-        return self.out / DATASETS[len(self.snapshots) - 1] / f"part-{numbers}.parquet"
+        return self._part(DATASETS[len(self.snapshots) - 1])
+
+    @property
+    def packing_part(self) -> Path:
+        """Where what the packing foretells goes."""
+        return self._part(DATASETS[2])
 
     @property
     def fingerprint(self) -> str:
         """Of what the result depends on."""
-        return "-".join(one.fingerprint for one in self.snapshots)
+        band = [] if self.yield_band is None else [repr(self.yield_band)]
+        return "-".join([*(one.fingerprint for one in self.snapshots), *band])
+
+    @property
+    def finished(self) -> bool:
+        """Whether all it writes is there, made from the same."""
+        parts = [self.part, *([] if self.yield_band is None else [self.packing_part])]
+        return all(is_finished(part, self.fingerprint) for part in parts)
 
     @property
     def name(self) -> str:
         """For messages."""
         return " to ".join(one.name for one in self.snapshots)
+
+    def _part(self, dataset: str) -> Path:
+        numbers = "-".join(f"{one.number:05d}" for one in self.snapshots)
+        return self.out / dataset / f"part-{numbers}.parquet"
 
 
 def singles(planned: Sequence[PlannedSnapshot], out: Path) -> list[PartTask]:
@@ -82,9 +100,11 @@ def singles(planned: Sequence[PlannedSnapshot], out: Path) -> list[PartTask]:
     return [PartTask((one,), out) for one in planned]
 
 
-def pairs(planned: Sequence[PlannedSnapshot], out: Path) -> list[PartTask]:
-    """A task for each snapshot with the next."""
-    return [PartTask(pair, out) for pair in pairwise(planned)]
+def pairs(
+    planned: Sequence[PlannedSnapshot], out: Path, yield_band: float | None = None
+) -> list[PartTask]:
+    """A task for each snapshot with the next; with a yield band the packing foretells as well."""
+    return [PartTask(pair, out, yield_band) for pair in pairwise(planned)]
 
 
 def do_task(task: PartTask) -> Failure | None:
@@ -123,17 +143,25 @@ def _write_pair(task: PartTask) -> None:
     """What became of the loops, one row a survived one, and the exchange of orders."""
     before, after, fates = tracked(task)
     table = increments(before, after, fates)
-    rows = len(table["loop_before"])
-    place = {
-        name: np.full(rows, one.number)
-        for name, one in zip(("snapshot_before", "snapshot_after"), task.snapshots, strict=True)
-    }
-    about = {
+    about: dict[str, Any] = {
         "fingerprint": task.fingerprint,
         "row": interval_row(before, after, fates, table),
         "exchange": exchange_counts(fates)._asdict(),
     }
-    write_part(task.part, place | table, about)
+    if task.yield_band is not None:
+        columns, row, about["notes"] = foretold(before, after, fates, task.yield_band)
+        about["row"] |= row
+        table |= gained(table, about["row"], columns)
+        # The increments come last: they are what a restart finds finished.
+        own = {"fingerprint": task.fingerprint}
+        write_part(task.packing_part, _numbers(task, len(columns["loop"])) | columns, own)
+    write_part(task.part, _numbers(task, len(table["loop_before"])) | table, about)
+
+
+def _numbers(task: PartTask, rows: int) -> dict[str, Any]:
+    names = ("snapshot_before", "snapshot_after")
+    pairs = zip(names, task.snapshots, strict=True)
+    return {name: np.full(rows, one.number) for name, one in pairs}
 
 
 def tracked(task: PartTask) -> tuple[TrackedState, TrackedState, LoopFates]:
@@ -149,27 +177,31 @@ def state_of(planned: PlannedSnapshot) -> TrackedState:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Linear algebra of numpy in one thread, in whatever process the task is done.
+    """Linear algebra of numpy and scipy in one thread, in whatever process the task is done.
 
     How OpenBLAS shares out a decomposition changes its last digit, from some 40 unknowns on; the
     same bytes must come from one process, several, or a cluster of other machines.
     """
-    get, put = _blas_threads()
-    before = get()
-    put(1)
+    libraries = _blas_threads()
+    before = [get() for get, _ in libraries]
+    for _, put in libraries:
+        put(1)
     try:
         yield
     finally:
-        put(before)
+        for (_, put), number in zip(libraries, before, strict=True):
+            put(number)
 
 
-def _blas_threads() -> tuple[Any, Any]:
-    """How many threads numpy's OpenBLAS takes, to ask and to set; nothing for other libraries."""
-    try:
-        library = ctypes.CDLL(np.linalg._umath_linalg.__file__)
-    except (OSError, AttributeError):
-        library = None
-    for get, put in BLAS:
-        if hasattr(library, get) and hasattr(library, put):
-            return getattr(library, get), getattr(library, put)
-    return (lambda: 1), (lambda number: None)
+def _blas_threads() -> list[tuple[Any, Any]]:
+    """How many threads OpenBLAS takes, to ask and to set: numpy has a library, scipy another."""
+    found = []
+    for module in (np.linalg._umath_linalg, fblas):
+        try:
+            library = ctypes.CDLL(module.__file__)
+        except (OSError, AttributeError):
+            continue
+        for get, put in BLAS:
+            if hasattr(library, get) and hasattr(library, put):
+                found.append((getattr(library, get), getattr(library, put)))
+    return found

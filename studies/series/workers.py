@@ -21,7 +21,6 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from loops import InputError
-from studies.series.dataset import is_finished
 from studies.series.tasks import Failure, PartTask, do_task
 from studies.snapshot.table import available_cores
 
@@ -70,7 +69,7 @@ def do_tasks(
     runner: Runner, tasks: Sequence[PartTask], title: str, *, skip_bad: bool
 ) -> list[Failure]:
     """Do the tasks that are not finished yet, with a progress bar."""
-    open_tasks = [task for task in tasks if not is_finished(task.part, task.fingerprint)]
+    open_tasks = [task for task in tasks if not task.finished]
     if not open_tasks:
         return []
     console = Console(stderr=True)

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy.stats import spearmanr
 
-from studies.series.skill import COLUMNS, mean_skill, skill, skill_table
+from studies.series.skill import COLUMNS, mean_skill, skill, skill_tables
 from tests.studies.test_series_run import run, write_series
 
 
@@ -92,5 +92,6 @@ def test_the_summary_tells_base_rate_and_skill(result):
 
 
 def test_without_forces_there_is_nothing_to_foresee():
-    table = skill_table([], [])
+    table, by_order = skill_tables([], [])
     assert mean_skill(table) == {}
+    assert by_order["order"] == []

@@ -1,0 +1,166 @@
+"""What the packing's own rate problem makes every loop do over an interval, and what it did.
+
+The strain of the sample over the interval is put on the earlier snapshot (`packing_response`), in
+units of the interval: works are per interval, times are shares of it. Where the solution can't be
+trusted (`packing_status` is neither 'unique' nor 'several found') nothing is foretold.
+
+As an upper bound stands the grains' own motion beside it: where a motion of all centres and spins
+that is exactly right is put through the same tangents, what is left is the tangents' fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import InputError, loop_batches, outline_area
+from loops.graph import branch_vectors
+from loops.loop_strain import rotation_and_stretch
+from loops.packing import outline_grains, plane_contacts
+from loops.tracking import Fate, LoopFates
+from stability import COMPONENTS
+from stability.packing import LoopRates, PackingRates, PackingResponse, loop_rates
+from stability.packing.edge import YieldEdge, forces_of_motion, yield_edge
+from studies.series.evolution import sample_strain
+from studies.series.increments import TrackedState
+
+Columns = dict[str, NDArray[Any]]
+# Columns of the increments, and of the packing's own dataset, by the field of `LoopRates`.
+FORETOLD = {
+    "packing_W2": "second_order_work",
+    "packing_w2": "normalised_work",
+    "packing_work": "additive_work",
+    "packing_nonaffinity": "nonaffinity",
+    "packing_opening": "opening",
+    "packing_closing": "closing",
+}
+OWN = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
+SOLVED = ("unique", "several found")
+
+
+def foretold(
+    before: TrackedState, after: TrackedState, fates: LoopFates, yield_band: float
+) -> tuple[Columns, dict[str, Any], list[str]]:
+    """What is foretold of every earlier loop and what became of it; how it was solved; notes.
+
+    A packing without a rate problem, as one that floats, is `refused` and the notes say why;
+    without forces there is nothing to foretell at all (`InputError`).
+    """
+    before.snapshot.mechanics()
+    H, source = sample_strain(before, after)
+    columns = _facts(before, fates)
+    blank = np.full(len(fates.before), np.nan)
+    columns |= {name: blank for name in (*FORETOLD, *OWN)}
+    try:
+        if source == "unknown":
+            raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
+        edge = _edge(before, yield_band)
+    except InputError as error:
+        return columns, {"packing_status": "refused"}, [f"no packing response: {error}"]
+    response = PackingRates(edge).response(H)
+    if response.status in SOLVED:
+        columns |= _picked(loop_rates(response, before.faces), FORETOLD)
+    own = _own_motion(before, after, edge, response)
+    if own is not None:
+        columns |= _picked(loop_rates(own, before.faces), OWN)
+    row = {
+        "packing_status": response.status,
+        **{
+            f"packing_{name}": getattr(response, name)
+            for name in ("proof", "residual", "disagreeing", "sliding", "candidates", "settled")
+        },
+        "packing_rattlers": response.system.carrying.rattlers,
+        "packing_boundary": response.system.boundary,
+    }
+    return columns, row, []
+
+
+def _picked(rates: LoopRates, names: dict[str, str]) -> Columns:
+    return {name: getattr(rates, field) for name, field in names.items()}
+
+
+def _facts(before: TrackedState, fates: LoopFates) -> Columns:
+    """What every earlier loop was and what became of it."""
+    graph, faces = before.snapshot.graph, before.faces
+    lost = np.ones(graph.contact_count, dtype=bool)
+    lost[fates.contacts.shared] = False
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(len(faces.loops))
+    opened, smallest = np.zeros(len(faces.loops), dtype=bool), np.empty(len(faces.loops))
+    scale = float(graph.normal_force.mean()) or 1.0
+    for batch in loop_batches(graph, faces):
+        opened[row[batch.face]] = lost[batch.contacts].any(axis=1)
+        smallest[row[batch.face]] = graph.normal_force[batch.contacts].min(axis=1) / scale
+    names = np.array([fate.name.lower() for fate in Fate])
+    return {
+        "loop": np.arange(len(faces.loops)),
+        "order": fates.order_before,
+        "fate": names[fates.before],
+        "contact_lost": opened,
+        "smallest_N": smallest,
+    }
+
+
+def _edge(before: TrackedState, yield_band: float) -> YieldEdge:
+    """The rate problem; a sample ends at its cell, at its walls, or at an outline that is held."""
+    snapshot, faces = before.snapshot, before.faces
+    graph, (law, regime) = snapshot.graph, snapshot.mechanics()
+    planes = held = volume = None
+    if graph.cell is None:
+        volume = outline_area(graph, faces)
+        if snapshot.walls is not None and len(snapshot.walls.grain):
+            walls = snapshot.walls
+            planes = plane_contacts(graph, walls.grain, walls.force, walls.branch)
+        else:
+            held = outline_grains(graph, faces)
+    return yield_edge(
+        graph, law, yield_band=yield_band, regime=regime, planes=planes, held=held, volume=volume
+    )
+
+
+def _own_motion(
+    before: TrackedState, after: TrackedState, edge: YieldEdge, response: PackingResponse
+) -> PackingResponse | None:
+    """The packing with the motion that the grains really had; None where no rotations are known."""
+    one, two = before.snapshot, after.snapshot
+    if one.rotation is None or two.rotation is None:
+        return None
+    graph = one.graph
+    _, here, there = np.intersect1d(one.ids, two.ids, assume_unique=True, return_indices=True)
+    x, spin = np.full((graph.grain_count, 2), np.nan), np.full(graph.grain_count, np.nan)
+    x[here] = two.graph.x[there]
+    # Codes tell angles up to a turn, and no grain makes half of one in an interval.
+    turned = two.rotation[there] - one.rotation[here]
+    spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
+    i, j = graph.contacts.T
+    d = branch_vectors(graph)
+    affine = d - d @ response.strain_rate.T
+    beyond = x[j] - x[i] - affine
+    cell = two.graph.cell
+    if cell is not None:
+        away = np.linalg.solve(cell, beyond.T)
+        beyond = beyond - (cell @ np.round(away)).T
+    rate = beyond + affine - d
+    return replace(response, branch_rate=rate, force_rate=forces_of_motion(edge, rate, spin))
+
+
+def gained(
+    table: Mapping[str, NDArray[Any]], row: Mapping[str, Any], columns: Columns
+) -> dict[str, Any]:
+    """Columns that the increments gain, and the actual `nonaffinity` beside what is foretold."""
+    H, whole = (
+        np.stack([values[f"{name}{ij}"] for ij in COMPONENTS], axis=-1).reshape(-1, 2, 2)
+        for name, values in (("H", table), ("dH", row))
+    )
+    own, sample = rotation_and_stretch(H)[1], rotation_and_stretch(whole)[1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        size = np.linalg.norm(sample)
+        nonaffinity = np.linalg.norm(own - sample, axis=(1, 2)) / size
+    at = table["loop_before"]
+    foreseen = {name: columns[name][at] for name in FORETOLD}
+    status = np.full(len(at), row["packing_status"])
+    return {"nonaffinity": nonaffinity} | foreseen | {"packing_status": status}

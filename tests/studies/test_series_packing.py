@@ -1,0 +1,287 @@
+"""A series foretold by its packings: columns, targets, restarts, and the skill on real series."""
+
+import json
+import os
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from loops import InputError, Regime, contact_forces, contact_state, find_faces
+from loops.loop_strain import rotation_and_stretch
+from patterns import Snapshot, read_snapshot, sample_path
+from stability.packing import loop_rates, packing_response
+from studies.series import packing as series_packing
+from studies.series.increments import TrackedState, increments, track_loops
+from studies.series.packing import FORETOLD, foretold
+from studies.series.plan import cells_by_number
+from tests.packings import LAW, packing
+from tests.studies.test_series_run import contents, run, write_series
+
+SLOW = Path(os.environ.get("GRAINLOOPS_DEM", "")) / "yade-slow"
+CELLS = sample_path("slow/cells.csv")
+PATHS = tuple(sorted(CELLS.parent.glob("grains_*.parquet")))
+H = np.array([[0.8, 0.3], [-0.1, -0.5]])
+STEP = 1e-7
+
+
+def foretell(out, paths=PATHS, **how):
+    given = {"cells": CELLS, "shear_increment": "radii", "in_packing": True}
+    return run(paths, out, **given | how)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    out = tmp_path_factory.mktemp("results") / "series"
+    foretell(out)
+    return out
+
+
+def by_interval(result, name, number):
+    frame = pd.read_parquet(result / name)
+    return frame[frame["snapshot" if name == "loops" else "snapshot_before"] == number]
+
+
+def read(number):
+    xx, xy, yx, yy = cells_by_number(CELLS)[10 + number]
+    how = {"cell": [[xx, xy], [yx, yy]], "shear_increment": "radii"}
+    return read_snapshot(PATHS[number], **how)
+
+
+def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
+    """Against the response and the loops' rates, called apart."""
+    before, after = read(1), read(2)
+    strain = np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
+    response = packing_response(before.graph, before.law, strain, yield_band=0.99)
+    rates = loop_rates(response, find_faces(before.graph))
+    every, own = by_interval(result, "packing", 1), by_interval(result, "increments", 1)
+    for name, field in FORETOLD.items():
+        np.testing.assert_array_equal(every[name], getattr(rates, field))
+        np.testing.assert_array_equal(own[name], every[name].to_numpy()[own.loop_before])
+    assert set(own.packing_status) == {response.status} == {"unique"}
+    # The additive work sums to the sample's; the other doesn't.
+    area = by_interval(result, "loops", 1).area.to_numpy()
+    whole = np.linalg.det(before.graph.cell) * np.sum(response.stress_rate * strain)
+    assert np.sum(area * every.packing_work) == pytest.approx(whole, rel=1e-10)
+    assert abs(np.sum(area * every.packing_W2) - whole) > 0.01 * abs(whole)
+    np.testing.assert_array_equal(own.order, every.order.to_numpy()[own.loop_before])
+    e, mean = rotation_and_stretch(own_strain(own))[1], rotation_and_stretch(strain)[1]
+    away = np.linalg.norm(e - mean, axis=(1, 2)) / np.linalg.norm(mean)
+    np.testing.assert_allclose(own.nonaffinity, away, rtol=1e-9)
+
+
+def own_strain(table):
+    H = np.stack([table[f"H{ij}"] for ij in ("11", "12", "21", "22")], -1)
+    return H.reshape(-1, 2, 2)
+
+
+def test_what_became_of_every_loop(result):
+    """Fates as counted in the evolution; a survived loop has lost nothing, a merged one has."""
+    evolution = pd.read_parquet(result / "evolution.parquet")
+    for k in range(3):
+        every = by_interval(result, "packing", k)
+        counts = every.fate.value_counts()
+        for fate in ("survived", "merged", "split"):
+            assert counts.get(fate, 0) == evolution[fate][k + 1]
+        assert not every[every.fate.isin(["survived", "split"])].contact_lost.any()
+        assert every[every.fate == "merged"].contact_lost.all()
+        survived = np.flatnonzero(every.fate == "survived")
+        np.testing.assert_array_equal(by_interval(result, "increments", k).loop_before, survived)
+    graph = read(0).graph
+    faces = find_faces(graph)
+    part = slice(*faces.offsets[faces.loops[7] : faces.loops[7] + 2])
+    smallest = graph.normal_force[faces.contacts[part]].min() / graph.normal_force.mean()
+    assert by_interval(result, "packing", 0).smallest_N.iloc[7] == pytest.approx(smallest)
+
+
+@pytest.mark.parametrize("target", ["nonaffine", "contact_lost", "topology"])
+def test_targets_count_what_they_say(result, target):
+    """AUC by counting pairs, base rates, and signs, from the datasets."""
+    table = pd.read_parquet(result / "skill.parquet")
+    row = table[(table.target == target) & (table.predictor == "packing")].iloc[1]
+    every, own = by_interval(result, "packing", 1), by_interval(result, "increments", 1)
+    if target == "nonaffine":
+        true = (own.nonaffinity > np.quantile(own.nonaffinity, 0.9)).to_numpy()
+        score = own.packing_nonaffinity.to_numpy()
+        assert np.isnan(row.precision)
+    else:
+        lost = target == "contact_lost"
+        true = (every.contact_lost if lost else every.fate != "survived").to_numpy()
+        times = every.packing_opening
+        times = times if lost else np.minimum(times, every.packing_closing)
+        score = -times.to_numpy()
+        assert row.precision == true[score > -1].mean()
+        assert row.recall == (score[true] > -1).mean()
+    # A loop at the quantile itself is in neither part.
+    assert row.base == pytest.approx(true.mean(), abs=1e-3)
+    pairs = product(score[true], score[~true])
+    auc = np.mean([1.0 if a > b else 0.5 if a == b else 0.0 for a, b in pairs])
+    assert row.auc == pytest.approx(auc, abs=1e-3)
+
+
+def test_persistence_of_a_change_is_that_the_loop_is_new(result):
+    table = pd.read_parquet(result / "skill.parquet")
+    rows = table[(table.predictor == "persistence") & (table.target == "topology")]
+    assert rows.loops.iloc[0] == 0
+    past, now = by_interval(result, "increments", 0), by_interval(result, "packing", 1)
+    new = ~now.loop.isin(past.loop_after)
+    assert 0 < new.sum() < 30
+    assert rows.recall.iloc[1] == new[now.fate != "survived"].mean()
+
+
+def test_skill_by_order_is_that_of_the_loops_of_an_order(result):
+    table = pd.read_parquet(result / "skill_by_order.parquet")
+    whole = pd.read_parquet(result / "skill.parquet")
+    assert sorted(table.order.unique()) == [3, 4, 5, 6, 7, 8]
+    keys = ["snapshot_before", "predictor", "target"]
+    np.testing.assert_array_equal(
+        table.groupby(keys, sort=False).loops.sum(), whole.groupby(keys, sort=False).loops.sum()
+    )
+    own = by_interval(result, "increments", 2)
+    own = own[own.order >= 8]
+    picked = table[(table.order == 8) & (table.predictor == "packing")]
+    row = picked[picked.target == "W2_negative"].iloc[2]
+    assert row.base == (own.w2 < 0).mean()
+    assert row.recall == (own.packing_w2[own.w2 < 0] < 0).mean()
+    # Within one order, its number says nothing.
+    same = table[(table.predictor == "order") & (table.order == 4)]
+    assert (same[same.target == "W2_negative"].auc == 0.5).all()
+
+
+def test_skill_on_the_sample_series(result):
+    """Measured: .969, .935 and .993; persistence .941."""
+    summary = json.loads((result / "summary.json").read_text())
+    assert (summary["packing"]["solved"], summary["packing"]["intervals"]) == (3, 3)
+    assert summary["packing"]["worst residual"] < 1e-12
+    skill, others = summary["skill"], summary["skill_of_targets"]
+    assert skill["packing"]["auc"] > 0.965 and skill["packing"]["rank_correlation"] > 0.92
+    assert skill["packing"]["auc_min"] > 0.95
+    assert skill["packing"]["auc"] > skill["persistence"]["auc"] + 0.02
+    assert skill["packing"]["auc"] > skill["traction_free"]["auc"] + 0.15
+    assert skill["own_motion"]["auc"] > 0.99
+    assert others["nonaffine"]["packing"]["auc"] > 0.99
+    assert others["topology"]["packing"]["auc"] > 0.97
+    assert 0.25 < skill["packing"]["base"] < 0.31
+    by_order = summary["skill_by_order"]["packing"]
+    assert min(by_order[f"order_{n}"] for n in (4, 5, 6, 7)) > 0.9
+
+
+def tracked(graph, rotation=None):
+    count = graph.contact_count
+    law = LAW.__class__(*(np.full(count, v) for v in (LAW.kn, LAW.kt, LAW.mu)), "radii")
+    regime = np.full(count, Regime.ELASTIC, dtype=np.int8)
+    ids = np.arange(graph.grain_count)
+    snapshot = Snapshot(graph, law, regime, ids, 0, (), rotation=rotation)
+    return TrackedState(snapshot, find_faces(graph))
+
+
+def moved(graph, response, step):
+    """The packing after the motion and the forces that the response asks for."""
+    F = np.eye(2) - step * response.strain_rate
+    x, cell = graph.x @ F.T + step * response.motion, F @ graph.cell
+    later = graph.replace(x=x, x0=x, cell=cell, cell0=cell)
+    force = contact_forces(graph) + step * response.force_rate
+    state = contact_state(later)
+    normal, shear = (np.sum(axis * force, axis=1) for axis in (state.n, state.t))
+    return later.replace(normal_force=normal, shear_force=shear)
+
+
+def test_a_packing_that_does_as_told_is_foretold():
+    """To first order in the step, by the rate problem and by its own motion."""
+    graph = packing(30, seed=3, sliding=0.3)
+    response = packing_response(graph, LAW, H)
+    turns = np.round(np.linspace(-3, 3, graph.grain_count))
+    before = tracked(graph, np.zeros(graph.grain_count))
+    assert response.status == "unique" and response.sliding > 2
+    errors = []
+    for step in (4e-5, 2e-5, 1e-5):
+        spins = step * response.spin + 2 * np.pi * turns
+        after = tracked(moved(graph, response, step), spins)
+        fates = track_loops(before, after)
+        columns, row, notes = foretold(before, after, fates, 0.99)
+        actual = increments(before, after, fates)
+        assert row["packing_status"] == "unique" and notes == []
+        assert len(actual["w2"]) == len(columns["loop"])
+        size = np.abs(actual["W2"]).max()
+        errors.append(np.abs(columns["packing_W2"] - actual["W2"]).max() / size)
+        # The motion is the rates' own: differences over the step are all that it loses.
+        np.testing.assert_allclose(columns["own_w2"], columns["packing_w2"], rtol=0, atol=1e-8)
+        for what in ("opening", "closing"):
+            times = columns[f"own_{what}"], columns[f"packing_{what}"]
+            np.testing.assert_allclose(*times, rtol=1e-5)
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 2.0, atol=0.01)
+
+
+def test_nothing_is_foretold_where_nothing_can_be_trusted(monkeypatch):
+    graph = packing(24, seed=3)
+    before = tracked(graph)
+    after = tracked(moved(graph, packing_response(graph, LAW, H), STEP))
+    fates = track_loops(before, after)
+    solved = series_packing.PackingRates.response
+    for status in ("none", "not converged"):
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                series_packing.PackingRates,
+                "response",
+                lambda self, H, status=status: replace(solved(self, H), status=status),
+            )
+            columns, row, _ = foretold(before, after, fates, 0.99)
+        assert row["packing_status"] == status
+        assert all(np.isnan(columns[name]).all() for name in FORETOLD)
+    columns, _, _ = foretold(before, after, fates, 0.99)
+    assert np.isfinite(columns["packing_W2"]).all()
+    # Without rotations nobody knows the own motion.
+    assert np.isnan(columns["own_w2"]).all()
+
+
+def test_a_packing_that_floats_is_refused():
+    graph = packing(24, seed=3)
+    across = graph.images.any(axis=1)
+    alone = graph.__class__(
+        graph.x, graph.radii, graph.contacts[~across], images=graph.images[~across], cell=graph.cell
+    )
+    state = tracked(alone)
+    columns, row, notes = foretold(state, state, track_loops(state, state), 0.99)
+    assert row == {"packing_status": "refused"}
+    assert "float" in notes[0]
+    assert np.isnan(columns["packing_W2"]).all() and len(columns["fate"]) == len(columns["loop"])
+
+
+def test_processes_and_restarts_give_the_same_bytes(result, tmp_path):
+    out = tmp_path / "out"
+    foretell(out, workers=2)
+    assert contents(out) == contents(result)
+    (out / "packing" / "part-00001-00002.parquet").unlink()
+    (out / "increments" / "part-00000-00001.parquet").unlink()
+    kept = (out / "increments" / "part-00002-00003.parquet").stat().st_mtime_ns
+    foretell(out)
+    assert contents(out) == contents(result)
+    assert (out / "increments" / "part-00002-00003.parquet").stat().st_mtime_ns == kept
+
+
+def test_another_yield_band_is_another_series(tmp_path):
+    out = tmp_path / "out"
+    foretell(out, PATHS[:2])
+    for how in ({"yield_band": 0.9}, {"in_packing": False}):
+        with pytest.raises(InputError, match=r"another series \(--in-packing\)"):
+            foretell(out, PATHS[:2], **how)
+    foretell(out, PATHS[:2], force=True, in_packing=False)
+    assert not (out / "packing").exists()
+    for band in (0.0, 1.5, float("nan")):
+        with pytest.raises(InputError, match=r"--yield-band: got .*, expected a share"):
+            foretell(out, PATHS[:2], yield_band=band)
+
+
+def test_samples_between_walls_and_without_forces(tmp_path):
+    """An outline is held where walls tell no branches; geometry alone is refused."""
+    paths = write_series(tmp_path / "run", 2)
+    summary = run(paths, tmp_path / "walls", in_packing=True)
+    assert summary["packing"]["boundary"] == "grains held to the affine motion"
+    for path in paths:
+        contacts = path.with_name(path.name.replace("grains", "contacts"))
+        pd.read_csv(contacts)[["id1", "id2"]].to_csv(contacts, index=False)
+    with pytest.raises(InputError, match="got no forces, expected forces and a law"):
+        run(paths, tmp_path / "bare", in_packing=True)
