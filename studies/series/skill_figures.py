@@ -164,9 +164,7 @@ def nonaffinity_map(mapped: MappedInterval) -> Figure:
         colours = draw(ax, values, palette, scale)
         ax.set_title(title)
     bar = figure_of(axes[0]).colorbar(colours, ax=axes, shrink=0.75, extend="both")
-    ticks = [
-        tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if scale.vmin < tick < scale.vmax
-    ]
+    ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low < tick < high]
     bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks], minor=False)
     bar.minorticks_off()
     bar.set_label(r"non-affinity, $|\varepsilon_l - \varepsilon|\,/\,|\varepsilon|$")
