@@ -129,3 +129,26 @@ def test_no_sign_within_the_error_bound(compiled):
                 np.sign(table[f"{closure}_lambda_min"]), [expected], equal_nan=True
             )
             assert np.isnan(table[f"{closure}_unstable_fraction"][0]) == np.isnan(expected)
+
+
+@pytest.mark.parametrize("shift", [2.0**10, 2.0**20, 2.0**30])
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("periodic", [False, True])
+def test_where_a_snapshot_lies_changes_nothing(periodic, compiled, shift):
+    here = synthetic_snapshot(300, periodic=periodic)
+    # Multiples of 2^-20: the shifts are exact, and so are all differences.
+    x = np.round(here.graph.x * 2.0**20) * 2.0**-20
+    cell = None if here.graph.cell is None else np.round(here.graph.cell * 2.0**20) * 2.0**-20
+    tables = []
+    for by in (np.zeros(2), np.array([shift, -0.5 * shift])):
+        graph = here.graph.replace(x=x + by, x0=x + by, cell=cell, cell0=cell)
+        tables.append(loop_table(replace(here, graph=graph), find_faces(graph), compiled=compiled))
+    assert tables[0]["grains"].equals(tables[1]["grains"])
+    for name in tables[0].keys() - {"grains"}:
+        values = [np.asarray(table[name]) for table in tables]
+        assert len(values[0]) > 80
+        if name in ("x", "y"):
+            values[1] = values[1] - {"x": shift, "y": -0.5 * shift}[name]
+            np.testing.assert_allclose(*values, atol=4e-16 * shift)
+            continue
+        np.testing.assert_array_equal(*values, err_msg=name)
