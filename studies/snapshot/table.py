@@ -79,6 +79,9 @@ def loop_table(
     - `traction_condition`, see `MacroTangent`;
     - `traction_free_lambda_min`, `*_mid`, `*_max`: the same eigenvalues under the traction closure
       with spins free, as if the loop were cut out of its packing.
+
+    Eigenvalues, fractions and angles are nan where the tangent's error leaves no sign: rounding, or
+    the lever arms of even loops with free spins (`MacroTangent.sensitivity`).
     """
     parts: Iterator[tuple[Any, Columns]]
     if use_compiled(compiled, snapshot.graph.contact_count):

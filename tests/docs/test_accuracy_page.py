@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from loops import LinearFrictional, traction_tangent
+from patterns import random_loop
 from patterns.hard_cases import HARD_CASES
 from studies.bench.groups import GROUPS
 from studies.bench.hard_paths import path_rows
@@ -117,6 +119,28 @@ def test_stiff_grains():
         assert max(row["operator_error"], float(said["operator"])) <= row["bound"]
         assert float(said["bound"]) == pytest.approx(row["bound"], rel=0.5)
         assert of_size(row["fraction_error"], float(said["fraction"]))
+
+
+@pytest.mark.parametrize(
+    ("overlap", "shares"), [(1e-2, (0.04, 0.01, 0.03)), (1e-3, (0.21, 0.64, 0.8))]
+)
+def test_even_loops_with_free_spins_that_are_not_trusted(overlap, shares):
+    rng = np.random.default_rng(1)
+    for order, share in zip((4, 6, 8), shares, strict=True):
+        ring = random_loop(order, seed=order, convex=True, polydispersity=0.5, size=1000)
+        relative = overlap * rng.uniform(0.5, 1.5, (1000, 1))
+        normal = relative * (ring.radii + np.roll(ring.radii, -1, axis=-1))
+        x = ring.x * (1 - relative[..., None])
+        shear = 0.3 * normal * rng.uniform(-1, 1, normal.shape)
+        loops = ring.replace(x=x, x0=x, normal_force=normal, shear_force=shear)
+        by_branch, by_radii = (
+            traction_tangent(
+                loops, LinearFrictional(1.0, 0.5, 0.5, shear_increment=by), spins="free"
+            )
+            for by in ("branch", "radii")
+        )
+        assert 1 - by_branch.trusted.mean() == pytest.approx(share, abs=0.04)
+        assert by_radii.trusted.all()
 
 
 def test_figures_exist():
