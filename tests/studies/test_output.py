@@ -169,7 +169,7 @@ def test_a_file_whose_name_is_no_text(tmp_path):
     done = command("snapshot", grains, "--out", out, capture_output=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert "results in" in done.stdout
-    summary = json.loads(open(out + b"/summary.json").read())
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert "report.html" in summary["files"]
     assert "udcff" in summary["provenance"]["configuration"]["path"]
 
