@@ -97,7 +97,7 @@ def destabilising_control(K: ArrayLike, rtol: float = RTOL) -> LinearControl:
     operator = _one_operator(K)
     status = control_status(operator, rtol)
     if status != "found":
-        return _none(status, len(operator))
+        return no_control(status, len(operator))
     values, vectors = symmetric_modes(operator)
     low, high = np.sqrt(-values[0]), np.sqrt(values[-1])
     pair = np.stack(
@@ -106,7 +106,7 @@ def destabilising_control(K: ArrayLike, rtol: float = RTOL) -> LinearControl:
     pair /= np.linalg.norm(pair, axis=1, keepdims=True)
     reaction = np.linalg.norm(pair @ operator.T, axis=1)
     weaker = int(reaction[1] < reaction[0] * (1.0 - RTOL))
-    return _control(operator, _leading_positive(pair[weaker]), rtol)
+    return control_along(operator, _leading_positive(pair[weaker]), rtol)
 
 
 def softening_control(
@@ -147,7 +147,7 @@ def softening_control(
     band = rtol * float(operator_norm(operator))
     if not values[0] < -band:
         known = np.isfinite(values[0]) and values[0] > band
-        return _none("definite" if known else "undetermined", len(operator))
+        return no_control("definite" if known else "undetermined", len(operator))
     y = vectors[:, 0] if direction is None else np.asarray(direction, dtype=np.float64)
     if y.shape != (len(operator),) or not np.linalg.norm(y) > 0.0:
         expected = f"{len(operator)} components, not all zero"
@@ -161,7 +161,7 @@ def softening_control(
             "a direction inside the instability cone, W2 < 0",
             "Leave it out to take the direction of the smallest W2.",
         )
-    return _control(operator, y, rtol)
+    return control_along(operator, y, rtol)
 
 
 def control_status(K: ArrayLike, rtol: float = RTOL) -> ControlStatus:
@@ -193,7 +193,7 @@ def control_matrix(K: ArrayLike, control: LinearControl) -> Floats:
     return np.vstack([control.held, control.free @ operator, control.direction @ operator])
 
 
-def _control(operator: Floats, y: Floats, rtol: float) -> LinearControl:
+def control_along(operator: Floats, y: Floats, rtol: float = RTOL) -> LinearControl:
     """Control whose response is the unit vector y."""
     stress = operator @ y
     work = float(y @ stress)
@@ -218,7 +218,8 @@ def _leading_positive(vector: Floats) -> Floats:
     return np.asarray(vector * np.sign(vector[leading]))
 
 
-def _none(status: ControlStatus, m: int) -> LinearControl:
+def no_control(status: ControlStatus, m: int) -> LinearControl:
+    """What stands for a control where there is none."""
     empty = np.full(m, np.nan)
     rest = np.full((max(m - 2, 0), m), np.nan)
     return LinearControl(status, empty, empty, rest, float("nan"), float("nan"))

@@ -1,7 +1,7 @@
 """A packing as one sparse system: who carries, assembly, factorisation, loops in place."""
 
 from loops.packing.carrying import Carrying
-from loops.packing.factor import Factor, factorised
+from loops.packing.factor import Factor, UpdatedFactors, factorised
 from loops.packing.in_place import LoopsInPlace, loops_in_place
 from loops.packing.system import (
     PackingSystem,
@@ -21,6 +21,7 @@ __all__ = [
     "LoopsInPlace",
     "PackingSystem",
     "PlaneContacts",
+    "UpdatedFactors",
     "assembled",
     "balancing_forces",
     "contact_blocks",

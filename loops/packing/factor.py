@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import splu
 
 from loops.arrays import Floats
 from loops.errors import InputError
@@ -21,12 +22,34 @@ ROUNDING = 1e-15
 PANEL = 4
 
 
+class Factors(Protocol):
+    """What solves with a matrix."""
+
+    def solve(self, rhs: Floats, /) -> Floats:
+        """(size,) or (size, k) solutions."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class UpdatedFactors:
+    """Factors of `K - P G` from those of `K`: `change` (size, k) is `K^-1 P (1 - G K^-1 P)^-1`."""
+
+    lu: Factors
+    change: Floats
+    gauge: sparse.csr_array
+
+    def solve(self, rhs: Floats, /) -> Floats:
+        """(size,) or (size, k) solutions (Woodbury)."""
+        v = self.lu.solve(rhs)
+        return np.asarray(v + self.change @ (self.gauge @ v))
+
+
 @dataclass(frozen=True, eq=False)
 class Factor:
     """`K`, and the LU factors of `K + eps`, one grain of each free component held."""
 
     matrix: sparse.csc_array
-    lu: SuperLU
+    lu: Factors
 
     def solve(self, loads: Floats, *, refinements: int = 8) -> Floats:
         """(size,) or (size, k) solutions; refinement takes the regularisation out again."""

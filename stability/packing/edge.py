@@ -21,6 +21,8 @@ from loops.packing import (
     Factor,
     PackingSystem,
     PlaneContacts,
+    UpdatedFactors,
+    assembled,
     balancing_forces,
     contact_blocks,
     factorised,
@@ -131,8 +133,24 @@ def linear_answer(
     return LinearAnswer(factor, motion, relative, forces, stress)
 
 
+def slip_motion(edge: YieldEdge, answer: LinearAnswer, chosen: Integers) -> Floats:
+    """(size, k) motion that a unit taken off each chosen candidate's `s T'` sets off."""
+    loads = -in_freedoms(edge.system, edge.rows[chosen], edge.push[chosen]).T
+    return answer.factor.solve(loads.toarray(), refinements=0)
+
+
+def updated_factor(
+    edge: YieldEdge, elastic: LinearAnswer, active: Flags, slips: Floats, matrix: Floats
+) -> Factor:
+    """The factor with the active candidates sliding, from that with none, `slips` and matrix."""
+    gauge = in_freedoms(edge.system, edge.rows[active], edge.gauge[active])
+    small = np.linalg.inv(matrix[np.ix_(active, active)])
+    lu = UpdatedFactors(elastic.factor.lu, -slips[:, active] @ small, gauge)
+    return Factor(assembled(edge.system, stiffness_of(edge, active)), lu)
+
+
 def condensed(
-    edge: YieldEdge, active: Flags, answer: LinearAnswer, chosen: Integers
+    edge: YieldEdge, active: Flags, answer: LinearAnswer, chosen: Integers, motion: Floats
 ) -> tuple[Floats, Floats]:
     """What the chosen candidates' exchanged variables do: (k, k) matrix and (4, k) stress.
 
@@ -140,8 +158,6 @@ def condensed(
     off `s T'`. The matrix gives the other one of each pair.
     """
     system, rows = edge.system, edge.rows[chosen]
-    loads = -in_freedoms(system, rows, edge.push[chosen]).T
-    motion = answer.factor.solve(loads.toarray(), refinements=0)
     side = np.where(active[chosen], -1.0, 1.0)[:, None]
     matrix = np.eye(len(chosen)) + side * (in_freedoms(system, rows, edge.gauge[chosen]) @ motion)
     blocks = stiffness_of(edge, active)

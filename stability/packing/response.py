@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,9 @@ from stability.packing.edge import (
     condensed,
     linear_answer,
     sided,
+    slip_motion,
     stiffness_of,
+    updated_factor,
     yield_edge,
 )
 
@@ -38,6 +40,8 @@ TRUSTED = 1e-6
 # Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
 CONDENSED = 600
 ROUNDS = 14
+# An updated factorisation that leaves more out of balance is made anew.
+BALANCED = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +109,23 @@ class PackingResponse:
         )
 
 
+class Control(NamedTuple):
+    """`held @ H' = strain`, `driven @ P' = stress`; all rows are orthonormal, in 11, 12, 21, 22."""
+
+    held: Floats
+    strain: Floats
+    driven: Floats
+    stress: Floats
+
+
+class Solved(NamedTuple):
+    """A response, the candidates that slide in it and the linear answer that it belongs to."""
+
+    response: PackingResponse
+    active: Flags
+    answer: LinearAnswer
+
+
 class PackingRates:
     """The rate problem of one state, prepared for any number of strain rates."""
 
@@ -112,9 +133,11 @@ class PackingRates:
         self.edge = edge
         self.none = np.zeros(len(edge.rows), dtype=bool)
         self.every = np.arange(len(edge.rows))
+        self.elastic = linear_answer(edge, self.none)
         if self.small:
-            self.elastic = linear_answer(edge, self.none)
-            self.whole = condensed(edge, self.none, self.elastic, self.every)
+            self.slips = slip_motion(edge, self.elastic, self.every)
+            self.whole = condensed(edge, self.none, self.elastic, self.every, self.slips)
+        self.last = (self.none, self.elastic)
 
     @property
     def small(self) -> bool:
@@ -125,19 +148,33 @@ class PackingRates:
         self, strain_rate: ArrayLike, stress_rate: ArrayLike | None = None, starts: int = 3
     ) -> PackingResponse:
         """Answer one programme, see `packing_response`."""
-        H, P = checked_control(strain_rate, stress_rate)
+        return self.solved(component_control(strain_rate, stress_rate), starts).response
+
+    def solved(self, control: Control, starts: int = 3) -> Solved:
+        """Answer one control."""
         if not self.small:
-            active, answer, solved = regimes_by_parts(self.edge, H, P)
-            found = Complementarity(active[None][: int(solved)], "", 0)
-        else:
-            q, M = controlled(self.edge, self.none, self.elastic, self.every, self.whole, H, P)
-            found = solve_complementarity(q, M, starts)
-            active = found.active[0] if len(found.active) else nearest_regimes(q, M)
-            answer = linear_answer(self.edge, active) if active.any() else self.elastic
-        return _response(self.edge, answer, active, found, controlled_strain(answer, H, P))
+            active, answer, done = regimes_by_parts(self.edge, control)
+            found = Complementarity(active[None][: int(done)], "", 0)
+            return Solved(_response(self.edge, answer, active, found, control), active, answer)
+        q, M = controlled(self.edge, self.none, self.elastic, self.every, self.whole, control)
+        found = solve_complementarity(q, M, starts)
+        active = found.active[0] if len(found.active) else nearest_regimes(q, M)
+        answer = self._answer(active)
+        response = _response(self.edge, answer, active, found, control)
+        if response.residual > BALANCED and active.any():
+            answer = linear_answer(self.edge, active)
+            response = _response(self.edge, answer, active, found, control)
+        return Solved(response, active, answer)
+
+    def _answer(self, active: Flags) -> LinearAnswer:
+        """The answer with these candidates sliding, from the factorisation with none."""
+        if not np.array_equal(active, self.last[0]):
+            factor = updated_factor(self.edge, self.elastic, active, self.slips, self.whole[0])
+            self.last = (active, linear_answer(self.edge, active, factor=factor))
+        return self.last[1]
 
 
-def regimes_by_parts(edge: YieldEdge, H: Floats, P: Floats) -> tuple[Flags, LinearAnswer, bool]:
+def regimes_by_parts(edge: YieldEdge, control: Control) -> tuple[Flags, LinearAnswer, bool]:
     """Regimes of too many candidates to condense, the answer, and whether the two agree.
 
     Newton's flips from all sliding, each with a factorisation; when few candidates are left wrong,
@@ -147,7 +184,7 @@ def regimes_by_parts(edge: YieldEdge, H: Floats, P: Floats) -> tuple[Flags, Line
     best, least = active, len(active) + 1
     for _ in range(ROUNDS):
         answer = linear_answer(edge, active, refinements=1)
-        values = sided(edge, active, answer.relative @ controlled_strain(answer, H, P).ravel())
+        values = sided(edge, active, answer.relative @ controlled_strain(answer, control))
         wrong = values < -AGREEMENT * np.abs(values).max(initial=0.0)
         count = int(np.count_nonzero(wrong))
         improves = count < 0.7 * least
@@ -160,8 +197,8 @@ def regimes_by_parts(edge: YieldEdge, H: Floats, P: Floats) -> tuple[Flags, Line
         if improves or len(chosen) > CONDENSED // 2:
             active[wrong] ^= True
             continue
-        pair = condensed(edge, active, answer, chosen)
-        q, M = controlled(edge, active, answer, chosen, pair, H, P)
+        pair = condensed(edge, active, answer, chosen, slip_motion(edge, answer, chosen))
+        q, M = controlled(edge, active, answer, chosen, pair, control)
         flips, _ = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
         active[chosen] ^= nearest_regimes(q, M) if flips is None else flips
     return best, linear_answer(edge, best), False
@@ -173,19 +210,16 @@ def controlled(
     answer: LinearAnswer,
     chosen: Integers,
     pair: tuple[Floats, Floats],
-    H: Floats,
-    P: Floats,
+    control: Control,
 ) -> tuple[Floats, Floats]:
     """`q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
     unit = sided(edge, active, answer.relative)[chosen]
-    h, p = H.ravel(), P.ravel()
-    f, c = np.isnan(h), ~np.isnan(h)
     matrix, stress = pair
-    A = answer.stress
-    imposed = p[f] - A[np.ix_(f, c)] @ h[c]
-    solved = np.linalg.solve(A[np.ix_(f, f)], np.column_stack([imposed, -stress[f]]))
-    q = unit[:, c] @ h[c] + unit[:, f] @ solved[:, 0]
-    return q, matrix + unit[:, f] @ solved[:, 1:]
+    held, B = control.held.T @ control.strain, control.driven
+    imposed = control.stress - B @ answer.stress @ held
+    solved = np.linalg.solve(B @ answer.stress @ B.T, np.column_stack([imposed, -B @ stress]))
+    q = unit @ (held + B.T @ solved[:, 0])
+    return q, matrix + unit @ B.T @ solved[:, 1:]
 
 
 def _near(edge: YieldEdge, wrong: Flags, rings: int = 3) -> Integers:
@@ -265,7 +299,7 @@ def packing_response(
     >>> found.status, found.stress_rate.round(9).tolist()
     ('unique', [[1.0, 0.0], [0.0, 0.0]])
     """
-    checked_control(strain_rate, stress_rate)
+    component_control(strain_rate, stress_rate)
     edge = yield_edge(
         graph,
         law,
@@ -278,8 +312,8 @@ def packing_response(
     return PackingRates(edge).response(strain_rate, stress_rate, starts)
 
 
-def checked_control(strain: ArrayLike, stress: ArrayLike | None) -> tuple[Floats, Floats]:
-    """`H'` with gaps where the stress drives, and `P'` there."""
+def component_control(strain: ArrayLike, stress: ArrayLike | None) -> Control:
+    """Components of `H'` where they are numbers, and of `P'` where they are not."""
     H = np.asarray(strain, dtype=float)
     P = np.zeros((2, 2)) if stress is None else np.asarray(stress, dtype=float)
     driven = np.isnan(H)
@@ -289,21 +323,26 @@ def checked_control(strain: ArrayLike, stress: ArrayLike | None) -> tuple[Floats
         )
     if P.shape != (2, 2) or not np.isfinite(P[driven]).all():
         raise InputError("stress_rate", f"{P.tolist()}", "a number where the strain is nan", ".")
-    return H, P
+    rows = np.eye(4)
+    return Control(rows[~driven.ravel()], H[~driven], rows[driven.ravel()], P[driven])
 
 
-def controlled_strain(answer: LinearAnswer, H: Floats, P: Floats) -> Floats:
-    """(2, 2) strain rate with the gaps filled by what the stress asks for."""
-    h, p, A = H.ravel().copy(), P.ravel(), answer.stress
-    f, c = np.isnan(h), ~np.isnan(h)
-    h[f] = np.linalg.solve(A[np.ix_(f, f)], p[f] - A[np.ix_(f, c)] @ h[c])
-    return h.reshape(2, 2)
+def controlled_strain(answer: LinearAnswer, control: Control) -> Floats:
+    """(4,) strain rate, its driven part as the stress asks for."""
+    held, B = control.held.T @ control.strain, control.driven
+    imposed = control.stress - B @ answer.stress @ held
+    return np.asarray(held + B.T @ np.linalg.solve(B @ answer.stress @ B.T, imposed))
 
 
 def _response(
-    edge: YieldEdge, answer: LinearAnswer, active: Flags, found: Complementarity, H: Floats
+    edge: YieldEdge,
+    answer: LinearAnswer,
+    active: Flags,
+    found: Complementarity,
+    control: Control,
 ) -> PackingResponse:
     system, graph = edge.system, edge.system.graph
+    H = controlled_strain(answer, control).reshape(2, 2)
     relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
     wrong = sided(edge, active, relative)
     scale = np.abs(wrong).max(initial=0.0)

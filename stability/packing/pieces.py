@@ -1,0 +1,190 @@
+"""The rate problem of a packing over directions: pieces on which it is linear, and where W2 < 0."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from loops.arrays import Flags, Floats
+from stability.cones import plane_cone
+from stability.directional.edge import works
+from stability.packing.edge import sided
+from stability.packing.response import (
+    Control,
+    PackingRates,
+    PackingResponse,
+    Solved,
+    controlled_strain,
+)
+from stability.subspaces import subspace_basis
+
+Driven = Literal["strain", "stress"]
+Subspace = Literal["diagonal", "symmetric"]
+
+TURN = 2.0 * np.pi
+# W2 over the sizes of both rates within this is no sign; angles within the other are one.
+NEUTRAL, SAME = 1e-9, 1e-10
+HALVINGS = 40
+
+
+class At(NamedTuple):
+    """Answer along one direction; its works are not numbers, its piece is -1, if undetermined."""
+
+    response: PackingResponse
+    work: float
+    normalised: float
+    piece: int
+
+
+class Cones(NamedTuple):
+    """(M, 2) angles between which `W2 < 0`, and whether it vanishes there."""
+
+    ends: Floats
+    refined: Flags
+
+
+class Pieces:
+    """Answers in a subspace, direction by direction, and the pieces that were met on the way.
+
+    `tangents` are those of the subspace; `arcs` the angles between which a piece holds, in the
+    plane.
+    """
+
+    def __init__(
+        self, rates: PackingRates, control: Driven, subspace: Subspace, starts: int
+    ) -> None:
+        self.rates, self.driven, self.starts = rates, control, starts
+        self.basis = subspace_basis(subspace)
+        self.rest = np.linalg.svd(self.basis)[2][len(self.basis) :]
+        self.number: dict[bytes, int] = {}
+        self.tangents: list[Floats] = []
+        self.arcs: list[Floats] = []
+
+    def control(self, direction: Floats) -> Control:
+        """The control along a direction: nothing outside of the subspace is strained."""
+        none = np.zeros(len(self.rest))
+        if self.driven == "stress":
+            return Control(self.rest, none, self.basis, direction)
+        return Control(
+            np.vstack([self.basis, self.rest]),
+            np.append(direction, none),
+            np.empty((0, 4)),
+            np.empty(0),
+        )
+
+    def at(self, direction: Floats) -> At:
+        """Answer along a unit direction."""
+        solved = self.rates.solved(self.control(direction), self.starts)
+        response = solved.response
+        if response.status not in ("unique", "several found"):
+            return At(response, np.nan, np.nan, -1)
+        strain = self.basis @ response.strain_rate.ravel()
+        stress = self.basis @ response.stress_rate.ravel()
+        size = float(np.linalg.norm(strain))
+        work, normalised = works(strain / size if size > 0 else strain, stress)
+        return At(response, float(work) * size, float(normalised), self._piece(solved, direction))
+
+    def elastic(self, direction: Floats) -> Floats:
+        """(2, 2, 2): `H'` and `P'` with all contacts at yield sticking."""
+        answer = self.rates.elastic
+        H = controlled_strain(answer, self.control(direction))
+        return np.stack([H, answer.stress @ H]).reshape(2, 2, 2)
+
+    def tangent_along(self, direction: Floats) -> tuple[Floats, Floats]:
+        """Tangent of the piece in a direction, and the strain there."""
+        found = self.at(direction)
+        return self.tangents[found.piece], self.basis @ found.response.strain_rate.ravel()
+
+    def tangent_at(self, angle: float) -> tuple[Floats, Floats]:
+        """The same at an angle of the plane."""
+        return self.tangent_along(_plane(angle))
+
+    def root(self, found: At, a: float, b: float) -> float | None:
+        """Where W2 of a piece vanishes between two angles and within the piece, next to `a`."""
+        tangent, arc = self.tangents[found.piece], self.arcs[found.piece]
+        form = tangent if self.driven == "strain" else np.linalg.inv(tangent)
+        low, high = min(a, b) - SAME, max(a, b) + SAME
+        ends = plane_cone(form, rtol=0.0).edges
+        angles = ends + np.pi * np.arange(-4, 7)[:, None]
+        inside = (angles >= low) & (angles <= high)
+        middle = 0.5 * (arc[0] + arc[1])
+        off = np.abs(np.mod(angles - middle + np.pi, TURN) - np.pi)
+        inside &= off <= 0.5 * (arc[1] - arc[0]) + SAME
+        near = angles[inside]
+        return float(near[np.argmin(np.abs(near - a))]) if len(near) else None
+
+    def _piece(self, solved: Solved, direction: Floats) -> int:
+        key = solved.active.tobytes()
+        if key not in self.number:
+            self.number[key] = len(self.number)
+            tangent = self.basis @ solved.answer.stress @ self.basis.T
+            self.tangents.append(tangent)
+            lines = sided(self.rates.edge, solved.active, solved.answer.relative) @ self.basis.T
+            if self.driven == "stress":
+                lines = lines @ np.linalg.inv(tangent)
+            plane = len(self.basis) == 2
+            self.arcs.append(_arc(lines, direction) if plane else np.full(2, np.nan))
+        return self.number[key]
+
+
+def cones(pieces: Pieces, directions: Floats, answers: list[At]) -> Cones | None:
+    """Cones of negative W2 in the plane; None elsewhere, or where half a turn is left out."""
+    if directions.shape[1] != 2:
+        return None
+    theta = np.mod(np.arctan2(directions[:, 1], directions[:, 0]), TURN)
+    turn = np.argsort(theta, kind="stable")
+    theta, around = theta[turn], [answers[k] for k in turn]
+    steps = np.diff(theta, append=theta[:1] + TURN)
+    if steps.max() >= np.pi:
+        return None
+    negative = np.array([answer.normalised < -NEUTRAL for answer in around])
+    if negative.all():
+        return Cones(np.array([[theta[0], theta[0] + TURN]]), np.zeros((1, 2), dtype=bool))
+    ends, refined, count = [], [], len(theta)
+    for first in np.flatnonzero(negative & ~np.roll(negative, 1)):
+        length = int(np.argmin(np.roll(negative, -first)))
+        last, after = (first + length - 1) % count, (first + length) % count
+        begin, sure = _end(
+            pieces, around[first], around[first - 1], theta[first], theta[first] - steps[first - 1]
+        )
+        width = float(steps[(first + np.arange(length - 1)) % count].sum())
+        at = theta[first] + width
+        end, certain = _end(pieces, around[last], around[after], at, at + steps[last])
+        ends.append([begin, end])
+        refined.append([sure, certain])
+    return Cones(np.array(ends).reshape(-1, 2), np.array(refined, dtype=bool).reshape(-1, 2))
+
+
+def _end(pieces: Pieces, inside: At, outside: At, a: float, b: float) -> tuple[float, bool]:
+    """Where W2 vanishes between an angle `a` with W2 < 0 and `b` without; else `a`."""
+    for _ in range(HALVINGS):
+        if outside.piece < 0:
+            return a, False
+        for found in (inside, outside):
+            if (angle := pieces.root(found, a, b)) is not None:
+                return angle, True
+        if abs(b - a) < SAME:
+            break
+        middle = 0.5 * (a + b)
+        answer = pieces.at(_plane(middle))
+        if answer.normalised < -NEUTRAL:
+            a, inside = middle, answer
+        else:
+            b, outside = middle, answer
+    return a, abs(b - a) < SAME
+
+
+def _plane(angle: float) -> Floats:
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _arc(lines: Floats, direction: Floats) -> Floats:
+    """Angles around a direction between which all rows of `lines` (k, 2) stay positive."""
+    theta = float(np.arctan2(direction[1], direction[0]))
+    size = np.linalg.norm(lines, axis=1)
+    kept = lines[size > 1e-12 * size.max(initial=0.0)]
+    off = theta - np.arctan2(kept[:, 1], kept[:, 0])
+    off = np.clip(np.mod(off + np.pi, TURN) - np.pi, -0.5 * np.pi, 0.5 * np.pi)
+    reach = [(0.5 * np.pi + off).min(initial=np.pi), (0.5 * np.pi - off).min(initial=np.pi)]
+    return np.array([theta - reach[0], theta + reach[1]])

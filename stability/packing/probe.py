@@ -1,0 +1,327 @@
+"""A state probed along many directions: envelope, second-order work, cones, and who does it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from loops import Faces, find_faces
+from loops.arrays import Flags, Floats, Integers
+from loops.closures.macro_tangent import check_choice
+from loops.errors import InputError
+from loops.graph import GrainGraph
+from loops.laws.protocol import ContactLaw
+from loops.packing import PackingSystem, PlaneContacts
+from stability.arguments import whole_number
+from stability.destabilising import LinearControl, control_along, no_control
+from stability.directional.edge import unit_directions
+from stability.packing.edge import YieldEdge, yield_edge
+from stability.packing.pieces import NEUTRAL, TURN, Cones, Driven, Pieces, Subspace, cones
+from stability.packing.response import PackingRates, PackingResponse
+from stability.subspaces import subspace_basis
+
+# Turn from one point of the spiral on the sphere to the next.
+GOLDEN = np.pi * (3.0 - 5.0**0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """Answers of a packing along D directions of an m-dimensional subspace, compression positive.
+
+    What depends on the regimes is not a number where `determined` is False.
+
+    Attributes
+    ----------
+    control : {'strain', 'stress'}
+        Which of `H'` and `P'` runs over the unit circle or sphere.
+    subspace : {'diagonal', 'symmetric'}
+        `diagonal`: (11, 22) on a circle. `symmetric`: (11, 22, (12 + 21)/sqrt 2) on a sphere.
+        Strain outside of it is zero under either control.
+    directions : (D, m) array
+        Unit directions.
+    status : (D,) array of str
+        As `PackingResponse.status`.
+    residual : (D,) array
+        Out-of-balance force rate over that of the affine motion.
+    sliding, disagreeing : (D,) array of int
+        Contacts that slide; candidates whose regime doesn't agree with their rates.
+    strain_rate, stress_rate : (D, 2, 2) array
+        `H'` and the nominal `P'` (force per length, times a strain).
+    work, normalised : (D,) array
+        `W2 = P':H'` of the sample, and over the sizes of both rates in the subspace.
+    elastic_strain, elastic_stress : (D, 2, 2) array
+        The same with all contacts at yield sticking.
+    piece : (D,) array of int
+        Number of the set of regimes; -1 where undetermined.
+    tangents : (N, m, m) array
+        Tangent of each piece on the subspace.
+    arcs : (N, 2) array, radians
+        In the plane, the angles between which the regimes of each piece hold: pieces join where one
+        arc ends and the next begins. Not numbers in more dimensions.
+    cones : (M, 2) array
+        In the plane, the angles between which `W2 < 0`; those narrower than the step between
+        directions may be missed.
+    refined : (M, 2) array of bool
+        Whether `W2` vanishes there; False where a cone ends at directions that are undetermined,
+        or not at all: then the last direction with `W2 < 0` is given.
+    unstable_fraction : float
+        Share of directions with `W2 < 0`: in the plane the width of the cones, else of the sampled
+        directions that are determined.
+    destabilising : LinearControl
+        In the plane that of the cone's edge with the weaker reaction; else that along the softest
+        direction. 'definite' where `W2 > 0` in all directions, 'undetermined' where it is in those
+        that are determined.
+    loop_work : (D, L) array
+        `V_l w_l / V`, each loop's additive share of `work`; what is left belongs to contacts that
+        are in no loop, or in one alone.
+    order : (L,) array of int
+        Grains of each loop.
+    area : (L,) array
+        Area of each loop.
+    candidates, settled : int
+        Contacts that might slide, and that stand at yield by the geometry of a grain with two.
+    system : PackingSystem
+        The carrying part.
+    """
+
+    control: Driven
+    subspace: Subspace
+    directions: Floats
+    status: NDArray[np.str_]
+    residual: Floats
+    sliding: Integers
+    disagreeing: Integers
+    strain_rate: Floats
+    stress_rate: Floats
+    work: Floats
+    normalised: Floats
+    elastic_strain: Floats
+    elastic_stress: Floats
+    piece: Integers
+    tangents: Floats
+    arcs: Floats
+    cones: Floats
+    refined: Flags
+    unstable_fraction: float
+    destabilising: LinearControl
+    loop_work: Floats
+    order: Integers
+    area: Floats
+    candidates: int
+    settled: int
+    system: PackingSystem
+
+    @property
+    def theta(self) -> Floats:
+        """(D,) angle of the direction in the (11, 22) plane, 0 to 2 pi."""
+        return np.asarray(np.mod(np.arctan2(self.directions[:, 1], self.directions[:, 0]), TURN))
+
+    @property
+    def determined(self) -> Flags:
+        """(D,) whether the rate problem has a solution that could be found."""
+        return self.piece >= 0
+
+    @property
+    def softest(self) -> int | None:
+        """Number of the direction with the smallest normalised work; None if none is determined."""
+        return int(np.nanargmin(self.normalised)) if self.determined.any() else None
+
+    def __str__(self) -> str:
+        unknown = int(np.count_nonzero(~self.determined))
+        least = "unknown" if self.softest is None else f"{self.normalised[self.softest]:.3g}"
+        return (
+            f"probe: {len(self.directions)} directions, {unknown} undetermined, smallest w2 "
+            f"{least}, W2 < 0 in {100 * self.unstable_fraction:.3g} % of directions"
+        )
+
+
+def probe(
+    graph: GrainGraph,
+    law: ContactLaw,
+    directions: ArrayLike = 72,
+    *,
+    control: Driven = "strain",
+    subspace: Subspace = "diagonal",
+    yield_band: float = 0.99,
+    regime: ArrayLike | None = None,
+    planes: PlaneContacts | None = None,
+    held: ArrayLike | None = None,
+    volume: float | None = None,
+    faces: Faces | None = None,
+    starts: int = 3,
+) -> Probe:
+    """Probe a packing: its response in many directions from one state.
+
+    Each direction is the rate problem of `packing_response` with its own regimes. One factorisation
+    serves them all: what slides is an update of small rank.
+
+    Parameters
+    ----------
+    graph, law, regime, planes, held, volume, starts
+        As in `packing_response`.
+    directions : int or (D, m) array_like
+        How many, evenly around the circle from axis 11 on (`diagonal`) or on a spiral over the
+        sphere (`symmetric`); or the directions themselves, of any length.
+    control : {'strain', 'stress'}
+        Whether the directions are those of `H'` or of `P'`.
+    subspace : {'diagonal', 'symmetric'}
+        Where the directions live, m = 2 or 3.
+    yield_band : float
+        Contacts with `|T| >= yield_band mu N` may slide, 0 to 1. It stands for the amplitude.
+    faces : Faces, optional
+        Faces of the graph.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    InputError
+        If the packing floats, an option is unknown, there is no direction, or one is zero.
+
+    Examples
+    --------
+    A square lattice of discs carries either axis alone:
+
+    >>> import numpy as np
+    >>> from loops import GrainGraph, LinearFrictional
+    >>> lattice = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5] * 4,
+    ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+    ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
+    >>> found = probe(lattice, LinearFrictional(1.0, 0.5, 0.5), 8)
+    >>> print(found)
+    probe: 8 directions, 0 undetermined, smallest w2 1, W2 < 0 in 0 % of directions
+    """
+    check_choice("control", control, get_args(Driven))
+    check_choice("subspace", subspace, get_args(Subspace))
+    wanted = probe_directions(directions, subspace)
+    edge = yield_edge(
+        graph,
+        law,
+        yield_band=checked_band(yield_band),
+        regime=regime,
+        planes=planes,
+        held=held,
+        volume=volume,
+    )
+    return probe_edge(edge, wanted, control, subspace, faces, starts)
+
+
+def probe_edge(
+    edge: YieldEdge,
+    directions: ArrayLike,
+    control: Driven = "strain",
+    subspace: Subspace = "diagonal",
+    faces: Faces | None = None,
+    starts: int = 3,
+) -> Probe:
+    """`probe` of a rate problem that is set up already."""
+    pieces = Pieces(PackingRates(edge), control, subspace, starts)
+    graph = edge.system.graph
+    found = find_faces(graph) if faces is None else faces
+    wanted = probe_directions(directions, subspace)
+    answers = [pieces.at(direction) for direction in wanted]
+    rows = [answer.response for answer in answers]
+    piece = np.array([answer.piece for answer in answers])
+    loop_work = np.array([additive_work(row, found) for row in rows])
+    strain, stress = (
+        np.array([getattr(row, name) for row in rows]) for name in ("strain_rate", "stress_rate")
+    )
+    for values in (strain, stress, loop_work):
+        values[piece < 0] = np.nan
+    elastic = np.array([pieces.elastic(direction) for direction in wanted])
+    normalised = np.array([answer.normalised for answer in answers])
+    around = cones(pieces, wanted, answers)
+    if around is None:
+        around = Cones(np.empty((0, 2)), np.empty((0, 2), dtype=bool))
+        known = normalised[piece >= 0]
+        share = float(np.mean(known < -NEUTRAL)) if len(known) else float("nan")
+    else:
+        share = float(np.ptp(around.ends, axis=1).sum()) / TURN
+    return Probe(
+        control=control,
+        subspace=subspace,
+        directions=wanted,
+        status=np.array([row.status for row in rows]),
+        residual=np.array([row.residual for row in rows]),
+        sliding=np.array([row.sliding for row in rows]),
+        disagreeing=np.array([row.disagreeing for row in rows]),
+        strain_rate=strain,
+        stress_rate=stress,
+        work=np.array([answer.work for answer in answers]),
+        normalised=normalised,
+        elastic_strain=elastic[:, 0],
+        elastic_stress=elastic[:, 1],
+        piece=piece,
+        tangents=np.array(pieces.tangents).reshape(-1, *[len(pieces.basis)] * 2),
+        arcs=np.array(pieces.arcs).reshape(-1, 2),
+        cones=around.ends,
+        refined=around.refined,
+        unstable_fraction=share,
+        destabilising=_destabilising(pieces, around, wanted, normalised),
+        loop_work=loop_work,
+        order=found.order[found.loops],
+        area=found.area[found.loops],
+        candidates=len(edge.rows),
+        settled=edge.settled,
+        system=edge.system,
+    )
+
+
+def probe_directions(directions: ArrayLike, subspace: Subspace) -> Floats:
+    """(D, m) unit directions, given or evenly spread."""
+    given, m = np.asarray(directions), len(subspace_basis(subspace))
+    if given.ndim == 0:
+        whole_number("directions", given.item(), 1)
+        k, count = np.arange(int(given)), int(given)
+        if m == 2:
+            theta = TURN * k / count
+            return np.column_stack([np.cos(theta), np.sin(theta)])
+        z = 1.0 - (2.0 * k + 1.0) / count
+        ring, phi = np.sqrt(1.0 - z**2), GOLDEN * k
+        return np.column_stack([ring * np.cos(phi), ring * np.sin(phi), z])
+    fits = given.ndim == 2 and given.shape[1] == m and len(given) > 0
+    if not (fits and np.isfinite(given).all() and np.abs(given).max(axis=1).all()):
+        raise InputError(
+            "directions",
+            f"shape {given.shape}",
+            f"(D, {m}) finite components, none all zero",
+            f"Use those of {subspace!r}, or give a number.",
+        )
+    return unit_directions(given.astype(float))
+
+
+def additive_work(response: PackingResponse, faces: Faces) -> Floats:
+    """(L,) `V_l w_l / V = -(1/(2 V)) sum f'.d'` of every loop."""
+    contact = np.sum(response.force_rate * response.branch_rate, axis=1)
+    face = np.repeat(np.arange(len(faces.kind)), faces.order)
+    sums = np.bincount(face, contact[faces.contacts], minlength=len(faces.kind))
+    return np.asarray(-0.5 * sums[faces.loops] / response.system.volume)
+
+
+def checked_band(yield_band: float) -> float:
+    """The share of its strength from which a contact may slide."""
+    if not 0.0 < yield_band <= 1.0:
+        raise InputError("yield band", f"{yield_band:g}", "above 0, up to 1", "0.99 is usual.")
+    return yield_band
+
+
+def _destabilising(
+    pieces: Pieces, around: Cones, directions: Floats, normalised: Floats
+) -> LinearControl:
+    controls = [
+        control_along(*pieces.tangent_at(angle)) for angle in around.ends[around.refined].tolist()
+    ]
+    if controls:
+        return min(controls, key=lambda one: one.reaction)
+    negative = np.flatnonzero(normalised < -NEUTRAL)
+    if len(negative) == 0:
+        known = np.isfinite(normalised).all()
+        return no_control("definite" if known else "undetermined", len(pieces.basis))
+    softest = directions[negative[np.argmin(normalised[negative])]]
+    return control_along(*pieces.tangent_along(softest))
