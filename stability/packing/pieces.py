@@ -172,7 +172,7 @@ def _end(pieces: Pieces, inside: At, outside: At, a: float, b: float) -> tuple[f
             a, inside = middle, answer
         else:
             b, outside = middle, answer
-    return a, abs(b - a) < SAME
+    return a, False
 
 
 def _plane(angle: float) -> Floats:

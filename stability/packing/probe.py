@@ -65,8 +65,8 @@ class Probe:
         In the plane, the angles between which `W2 < 0`; those narrower than the step between
         directions may be missed.
     refined : (M, 2) array of bool
-        Whether `W2` vanishes there; False where a cone ends at directions that are undetermined,
-        or not at all: then the last direction with `W2 < 0` is given.
+        Whether `W2` vanishes there; False where it jumps from one solution to another, where the
+        next directions are undetermined, or where there is no end: the last angle with `W2 < 0`.
     unstable_fraction : float
         Share of directions with `W2 < 0`: in the plane the width of the cones, else of the sampled
         directions that are determined.

@@ -40,6 +40,8 @@ TRUSTED = 1e-6
 # Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
 CONDENSED = 600
 ROUNDS = 14
+# Loads on the grains below this share of the contacts' forces are nothing to be in balance with.
+IDLE = 1e-8
 # An updated factorisation that leaves more out of balance is made anew.
 BALANCED = 1e-10
 
@@ -349,10 +351,10 @@ def _response(
     disagreeing = wrong < -AGREEMENT * scale
     lawful = stiffness_of(edge, active ^ disagreeing)
     left = balancing_forces(system, -np.einsum("eij,ej->ei", lawful, relative))
-    affine = balancing_forces(
-        system, edge.system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
-    )
-    size = float(np.linalg.norm(affine))
+    affine = system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
+    size = float(np.linalg.norm(balancing_forces(system, affine)))
+    # Where grains move affinely, as in a lattice, both are rounding.
+    size = max(size, IDLE * float(np.linalg.norm(affine)))
     residual = float(np.linalg.norm(left)) / size if size > 0 else 0.0
     v = np.append(answer.motion @ H.ravel(), 0.0)[system.freedom]
     n = len(system.contacts)

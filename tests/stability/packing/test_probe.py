@@ -1,0 +1,270 @@
+"""Probes of lattices known by hand, of the paper's diamond, against one response at a time."""
+
+import numpy as np
+import pytest
+
+from loops import InputError, LinearFrictional, affine_tangent, find_faces
+from patterns.diamond import tangent
+from patterns.diamond.tangents import elastic_moduli, sliding_moduli
+from stability import plane_cone, restrict
+from stability.packing import packing_response, probe, response
+from tests.oracles.lattices import lattice, lattice_rates
+from tests.packings import LAW, packing
+
+# Contacts that are put exactly on their strength are found there up to rounding.
+AT_YIELD = 1.0 - 1e-9
+LATTICE_LAW = LinearFrictional(1.0, 0.5, 0.3)
+
+
+def turned(angle, vectors):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]]) @ np.asarray(vectors, dtype=float)
+
+
+SQUARE = turned(0.4, np.eye(2)), [(1, 0), (0, 1)], [0.01, 0.02], [0.003, -0.003], (True, False)
+TRIANGULAR = (
+    turned(0.2, [[1, 0.5], [0, 0.75**0.5]]),
+    [(1, 0), (0, 1), (-1, 1)],
+    [0.01, 0.02, 0.015],
+    [-0.003, 0.001, 0.002],
+    (True, False, False),
+)
+
+
+def against_hand(case, cells, directions=24):
+    vectors, branches, normal, shear, at_yield = case
+    graph = lattice(vectors, branches, np.array(normal), np.array(shear), cells)
+    found = probe(graph, LATTICE_LAW, directions, yield_band=AT_YIELD)
+    count = cells[0] * cells[1]
+    for k, H in enumerate(found.strain_rate):
+        ((P, slides),) = lattice_rates(vectors, branches, normal, shear, LATTICE_LAW, H, at_yield)
+        assert np.allclose(found.stress_rate[k], P, atol=1e-14)
+        assert found.work[k] == pytest.approx(np.sum(P * H), abs=1e-14)
+        assert found.sliding[k] == count * np.count_nonzero(slides)
+    assert 0 < np.count_nonzero(found.sliding) < directions
+    return found
+
+
+def test_a_square_lattice_sheared_to_yield_answers_as_by_hand():
+    found = against_hand(SQUARE, (1, 2))
+    assert (found.status == "unique").all()
+    # Columns of two grains may also slip past each other: other regimes, the same stress.
+    wider = against_hand(SQUARE, (2, 2))
+    assert np.array_equal(wider.status == "several found", wider.sliding > 0)
+    assert np.allclose(wider.stress_rate, found.stress_rate, atol=1e-14)
+
+
+def test_a_triangular_lattice_sheared_to_yield_answers_as_by_hand():
+    assert (against_hand(TRIANGULAR, (2, 2)).status == "unique").all()
+
+
+ALPHA0, KAPPA = np.radians(40.0), 0.2
+
+
+def rhombic(E1, E2, share, mu):
+    """The diamond tiled, and its closed tangents in the present configuration."""
+    half = np.array([(1 - E1) * np.cos(ALPHA0), (1 - E2) * np.sin(ALPHA0)])
+    N = 1.0 - np.linalg.norm(half)
+    T = share * mu * N
+    alpha = np.arctan2(half[1], half[0])
+    F1, F2 = (
+        2 * (N * np.cos(alpha) + T * np.sin(alpha)),
+        2 * (N * np.sin(alpha) - T * np.cos(alpha)),
+    )
+    s = F1 / (2 * np.sin(ALPHA0)), F2 / (2 * np.cos(ALPHA0))
+    # T is positive when alpha grows: clockwise on the branch that falls.
+    graph = lattice(np.column_stack([half, half * [1, -1]]), [(1, 0), (0, 1)], [N, N], [-T, T])
+    to_stress, to_strain = np.diag([1 / (1 - E2), 1 / (1 - E1)]), np.diag([1 - E1, 1 - E2])
+    moduli = elastic_moduli(KAPPA), sliding_moduli(alpha, mu, np.sign(share))
+    tangents = [to_stress @ tangent(E1, E2, *s, ALPHA0, *pair) @ to_strain for pair in moduli]
+    return graph, tangents, (alpha, N, T)
+
+
+def test_one_diamond_tiled_has_the_papers_polar_diagram():
+    graph, (K, _), _ = rhombic(0.35, 0.25, 0.4, 0.5)
+    found = probe(graph, LinearFrictional(1.0, KAPPA, 0.5), 72)
+    P = found.directions @ K.T
+    assert np.allclose(found.stress_rate[:, [0, 1], [0, 1]], P, atol=1e-13)
+    w2 = np.sum(found.directions * P, axis=1) / np.linalg.norm(P, axis=1)
+    assert np.allclose(found.normalised, w2, atol=1e-13) and w2.min() < -0.1
+    # One piece, so the cone is double: both nappes, to the closed form's angles.
+    edges = plane_cone(K).edges
+    assert found.cones.shape == (2, 2) and found.refined.all() and len(found.arcs) == 1
+    assert np.allclose(np.mod(found.cones[0] - edges + 1, np.pi), 1, atol=1e-9)
+    assert np.allclose(found.cones[1] - found.cones[0], np.pi, atol=1e-9)
+    assert found.unstable_fraction == pytest.approx(plane_cone(K).opening / np.pi, abs=1e-9)
+    assert found.destabilising.status == "found" and abs(found.destabilising.work) < 1e-9
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_one_diamond_tiled_slides_as_the_papers_does(side):
+    mu = 0.4
+    graph, (elastic, sliding), (alpha, N, T) = rhombic(0.15, 0.1, side, mu)
+    found = probe(graph, LinearFrictional(1.0, KAPPA, mu), 72, yield_band=AT_YIELD)
+    length = 1.0 - N
+    e1, e2 = found.directions.T
+    more = length * (e1 * np.cos(alpha) ** 2 + e2 * np.sin(alpha) ** 2)
+    trial = KAPPA * length * (e1 - e2) * np.sin(alpha) * np.cos(alpha)
+    slides = np.sign(T) * trial > mu * more
+    P = np.where(slides[:, None], found.directions @ sliding.T, found.directions @ elastic.T)
+    assert np.array_equal(found.sliding == 8, slides) and 10 < slides.sum() < 60
+    assert np.allclose(found.stress_rate[:, [0, 1], [0, 1]], P, atol=1e-13)
+    # The paper blocks the spins. Free ones allow other regimes too; the least slip is its answer.
+    assert found.determined.all()
+
+
+def test_elastic_packings_are_never_stiffer_than_the_affine_sum():
+    law = LinearFrictional(1.0, 0.5)
+    for seed in range(4):
+        graph = packing(30, seed=seed, share=0.0)
+        A = restrict(affine_tangent(graph, law).matrix, "symmetric")
+        found = probe(graph, law, 40, subspace="symmetric")
+        affine = np.einsum("di,ij,dj->d", found.directions, A, found.directions)
+        assert (found.work > 0).all() and (found.work < affine).all()
+        assert found.destabilising.status == "definite" and found.unstable_fraction == 0.0
+
+
+@pytest.mark.parametrize("subspace", ["diagonal", "symmetric"])
+def test_strain_probes_are_the_responses_one_by_one(subspace):
+    graph = packing(30, seed=3, sliding=0.3)
+    found = probe(graph, LAW, 24, subspace=subspace)
+    assert len(found.arcs) > 5 and found.residual.max() < 1e-12
+    for k, H in enumerate(found.strain_rate):
+        one = packing_response(graph, LAW, H)
+        assert (found.status[k], found.sliding[k]) == (one.status, one.sliding)
+        size = np.abs(one.stress_rate).max()
+        assert np.allclose(found.stress_rate[k], one.stress_rate, rtol=0, atol=1e-13 * size)
+        elastic = packing_response(graph, LinearFrictional(1.0, 0.5, np.inf, "radii"), H)
+        assert np.allclose(found.elastic_stress[k], elastic.stress_rate, atol=1e-12)
+
+
+def test_stress_probes_are_the_responses_one_by_one():
+    graph = packing(30, seed=3, sliding=0.3)
+    found = probe(graph, LAW, 12, control="stress")
+    assert found.determined.sum() > 5 and len(found.arcs) > 3
+    for k, (p1, p2) in enumerate(found.directions):
+        one = packing_response(
+            graph, LAW, [[np.nan, 0], [0, np.nan]], stress_rate=np.diag([p1, p2])
+        )
+        assert found.status[k] == one.status
+        if found.determined[k]:
+            assert np.allclose(found.strain_rate[k], one.strain_rate, rtol=1e-10, atol=1e-12)
+            assert np.allclose(np.diag(found.stress_rate[k]), [p1, p2], atol=1e-11)
+        else:
+            assert np.isnan(
+                [found.work[k], found.normalised[k], *found.stress_rate[k].ravel()]
+            ).all()
+
+
+def test_stress_on_the_sphere_keeps_the_strain_symmetric():
+    graph = packing(30, seed=3, sliding=0.3)
+    found = probe(graph, LAW, 12, control="stress", subspace="symmetric")
+    known = found.determined
+    assert known.any()
+    H, P = found.strain_rate[known], found.stress_rate[known]
+    assert np.allclose(H, np.swapaxes(H, 1, 2), atol=1e-12)
+    parts = np.stack([P[:, 0, 0], P[:, 1, 1], (P[:, 0, 1] + P[:, 1, 0]) / 2**0.5], axis=1)
+    assert np.allclose(parts, found.directions[known], atol=1e-10)
+
+
+def test_many_contacts_at_yield_are_probed_one_direction_after_the_other(monkeypatch):
+    graph = packing(30, seed=3, sliding=0.3)
+    whole = probe(graph, LAW, 6)
+    monkeypatch.setattr(response, "CONDENSED", 3)
+    parts = probe(graph, LAW, 6)
+    assert np.array_equal(parts.sliding, whole.sliding)
+    assert np.allclose(parts.stress_rate, whole.stress_rate, atol=1e-12)
+
+
+def test_loops_carry_the_samples_work():
+    graph = packing(30, seed=3, sliding=0.3)
+    faces = find_faces(graph)
+    found = probe(graph, LAW, 12, faces=faces)
+    assert np.allclose(found.loop_work.sum(axis=1), found.work, rtol=1e-11)
+    assert np.array_equal(found.order, faces.order[faces.loops])
+    assert found.area.sum() == pytest.approx(found.system.volume)
+
+
+def under_load(seed, sliding):
+    """A packing whose normal forces are a tenth of kn l: soft, with contacts at yield."""
+    graph = packing(30, seed=seed, sliding=sliding)
+    return graph.replace(normal_force=10 * graph.normal_force, shear_force=10 * graph.shear_force)
+
+
+def at_angle(theta):
+    return [[np.cos(theta), np.sin(theta)]]
+
+
+def test_cones_end_where_the_work_of_the_regimes_there_vanishes():
+    graph = under_load(7, 0.3)
+    found = probe(graph, LAW, 72)
+    assert len(found.cones) == 1 and found.refined.all() and found.determined.all()
+    for begin, end in found.cones:
+        for edge, inwards in ((begin, 1e-4), (end, -1e-4)):
+            assert abs(probe(graph, LAW, at_angle(edge)).normalised[0]) < 1e-8
+            assert probe(graph, LAW, at_angle(edge + inwards)).normalised[0] < -1e-7
+            assert probe(graph, LAW, at_angle(edge - inwards)).normalised[0] > 1e-7
+    width = np.ptp(found.cones, axis=1).sum()
+    assert found.unstable_fraction == pytest.approx(width / (2 * np.pi), rel=1e-12)
+    assert found.unstable_fraction == pytest.approx(np.mean(found.work < 0), abs=2 / 72)
+
+
+def test_the_destabilising_control_calls_up_nothing_but_the_reaction():
+    graph = under_load(7, 0.3)
+    control = probe(graph, LAW, 72).destabilising
+    there = probe(graph, LAW, [control.direction])
+    stress = np.diag(there.stress_rate[0])
+    assert control.held @ control.direction == pytest.approx(0.0, abs=1e-12)
+    assert np.allclose(stress, control.reaction * control.held, atol=1e-8)
+    # On the sphere it lies along the softest direction.
+    sphere = probe(graph, LAW, 40, subspace="symmetric")
+    assert np.allclose(sphere.destabilising.direction, sphere.directions[sphere.softest])
+    assert sphere.destabilising.work == pytest.approx(sphere.work[sphere.softest], rel=1e-9)
+
+
+def test_pieces_hold_up_to_the_ends_of_their_arcs_and_join_there():
+    graph = packing(30, seed=3, sliding=0.3)
+    found = probe(graph, LAW, 72)
+    middle = np.column_stack([np.cos(found.arcs.mean(axis=1)), np.sin(found.arcs.mean(axis=1))])
+    again = probe(graph, LAW, middle)
+    assert np.allclose(again.tangents[again.piece], found.tangents, atol=1e-12)
+    inside = np.mod(found.theta - found.arcs[found.piece, 0], 2 * np.pi)
+    assert (inside <= np.ptp(found.arcs, axis=1)[found.piece] + 1e-9).all()
+    ends = np.sort(np.mod(found.arcs[:, 1], 2 * np.pi))
+    starts = np.mod(found.arcs[:, 0], 2 * np.pi)
+    joined = [np.abs(starts - end).min() < 1e-9 for end in ends]
+    assert np.count_nonzero(joined) > len(ends) / 2
+    for tangent_, arc in zip(found.tangents, found.arcs, strict=True):
+        e = at_angle(arc[1])[0]
+        beyond = probe(graph, LAW, at_angle(arc[1] + 1e-6))
+        assert beyond.piece[0] == 0 and not np.allclose(beyond.tangents[0], tangent_, atol=1e-9)
+        assert np.allclose(beyond.tangents[0] @ e, tangent_ @ e, atol=1e-5)
+
+
+def test_where_there_is_no_solution_nothing_is_said():
+    found = probe(under_load(0, 0.3), LAW, 72)
+    unknown = ~found.determined
+    assert 10 < unknown.sum() < 60
+    assert np.isin(found.status[unknown], ["none", "not converged"]).all()
+    assert np.isnan(found.work[unknown]).all() and np.isnan(found.loop_work[unknown]).all()
+    assert "undetermined" in str(found)
+
+
+def test_bad_input_is_one_clear_error():
+    graph = packing(24, seed=3)
+    for how, named in (
+        ({"directions": 0}, "directions"),
+        ({"directions": 2.5}, "directions"),
+        ({"directions": [[0.0, 0.0]]}, "directions"),
+        ({"directions": [[1.0, 0.0, 0.0]]}, "directions"),
+        ({"subspace": "full"}, "subspace"),
+        ({"control": "both"}, "control"),
+        ({"yield_band": 1.01}, "yield band"),
+        ({"yield_band": 0.0}, "yield band"),
+        ({"yield_band": np.nan}, "yield band"),
+    ):
+        with pytest.raises(InputError, match=named):
+            probe(graph, LAW, **how)
+    floating = graph.replace(cell=None, cell0=None, images=None)
+    with pytest.raises(InputError, match="float"):
+        probe(floating, LAW, volume=1.0)
