@@ -8,7 +8,7 @@ import numpy as np
 
 from loops.arrays import Flags, Floats
 from stability.cones import plane_cone
-from stability.directional.edge import works
+from stability.directional.edge import plane_directions, works
 from stability.packing.edge import sided
 from stability.packing.response import (
     Control,
@@ -98,7 +98,7 @@ class Pieces:
 
     def tangent_at(self, angle: float) -> tuple[Floats, Floats]:
         """The same at an angle of the plane."""
-        return self.tangent_along(_plane(angle))
+        return self.tangent_along(plane_directions(np.asarray(angle)))
 
     def root(self, found: At, a: float, b: float) -> float | None:
         """Where W2 of a piece vanishes between two angles and within the piece, next to `a`."""
@@ -167,16 +167,12 @@ def _end(pieces: Pieces, inside: At, outside: At, a: float, b: float) -> tuple[f
         if abs(b - a) < SAME:
             break
         middle = 0.5 * (a + b)
-        answer = pieces.at(_plane(middle))
+        answer = pieces.at(plane_directions(np.asarray(middle)))
         if answer.normalised < -NEUTRAL:
             a, inside = middle, answer
         else:
             b, outside = middle, answer
     return a, False
-
-
-def _plane(angle: float) -> Floats:
-    return np.array([np.cos(angle), np.sin(angle)])
 
 
 def _arc(lines: Floats, direction: Floats) -> Floats:

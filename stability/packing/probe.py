@@ -17,7 +17,7 @@ from loops.laws.protocol import ContactLaw
 from loops.packing import PackingSystem, PlaneContacts
 from stability.arguments import whole_number
 from stability.destabilising import LinearControl, control_along, no_control
-from stability.directional.edge import unit_directions
+from stability.directional.edge import plane_directions, unit_directions
 from stability.packing.edge import YieldEdge, yield_edge
 from stability.packing.pieces import NEUTRAL, TURN, Cones, Driven, Pieces, Subspace, cones
 from stability.packing.response import PackingRates, PackingResponse
@@ -280,8 +280,7 @@ def probe_directions(directions: ArrayLike, subspace: Subspace) -> Floats:
         whole_number("directions", given.item(), 1)
         k, count = np.arange(int(given)), int(given)
         if m == 2:
-            theta = TURN * k / count
-            return np.column_stack([np.cos(theta), np.sin(theta)])
+            return plane_directions(TURN * k / count)
         z = 1.0 - (2.0 * k + 1.0) / count
         ring, phi = np.sqrt(1.0 - z**2), GOLDEN * k
         return np.column_stack([ring * np.cos(phi), ring * np.sin(phi), z])
