@@ -38,10 +38,10 @@ class Equations:
 
 
 def closure_kind(model: PathModel, contacts: ContactState, regime: Regimes) -> Kind:
-    """Which equations serve a state: those of a plain ring need every contact's compliance."""
+    """Which equations serve a state: those of a long ring need every contact's compliance."""
     if model.closure == "affine":
         return "affine"
-    if model.is_plain_ring:
+    if model.is_long_ring:
         k = translational_blocks(contacts, model.law, regime)
         if (np.abs(np.linalg.det(k)) > SOFT_BLOCK * model.stiffness**2).all():
             return "ring"
