@@ -16,6 +16,8 @@ from stability import Event, Path, follow
 from studies.paths.options import DiamondOptions, PolygonOptions
 
 SUBSPACES = ("diagonal", "symmetric", "full")
+# A tenth of what a path keeps by default: strains and energies to 2e-15, for one step in twenty more.
+TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
 # A path of so many steps is given up, and said to be lost.
 MOST_STEPS = 2000
 
@@ -126,6 +128,7 @@ def follow_options(
         subspace=subspaces,
         volume=options.volume,
         contact_on_touch=options.contact_on_touch,
+        **TOLERANCES,
         max_steps=MOST_STEPS,
         rows=options.rows,
         model=options.model,

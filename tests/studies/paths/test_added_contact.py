@@ -100,8 +100,8 @@ def test_added_contacts_start_unloaded():
         for kind, row in path.listed:
             if kind in ("opposite_contact", "opening"):
                 rows = path.states.take([row, row + 1])
-                np.testing.assert_allclose(rows.s1, rows.s1[0], rtol=1e-11)
-                np.testing.assert_allclose(rows.s2, rows.s2[0], rtol=1e-11)
+                np.testing.assert_allclose(rows.s1, rows.s1[0], rtol=1e-14)
+                np.testing.assert_allclose(rows.s2, rows.s2[0], rtol=1e-14)
                 assert (rows.added[0] != rows.added[1]).any()
 
 
@@ -164,7 +164,7 @@ def test_energy_balance_closes_with_contacts(arguments):
     assert energy_imbalance(path) < 5e-12
     assert np.all(np.diff(path.energies["dissipated"]) >= 0.0)
     s2 = path.states.s2[path.states.stage == "drained"]
-    np.testing.assert_allclose(s2, s2[0], rtol=1e-11)
+    np.testing.assert_allclose(s2, s2[0], rtol=1e-14)
 
 
 @pytest.mark.parametrize("table", [1, 2])

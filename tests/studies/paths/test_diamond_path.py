@@ -83,7 +83,7 @@ def test_point_B_to_20_digits(table):
     (found,) = [event for event in diamond_summary(path)["events"] if event["kind"] == "yield"]
     del found["kind"]
     for key, digits in zip(("E1", "E2", "s1"), POINT_B[table], strict=True):
-        assert abs(mpmath.mpf(found[key]) - mpmath.mpf(digits)) < 2e-15
+        assert abs(mpmath.mpf(found[key]) - mpmath.mpf(digits)) < 1e-15
     state = diamond_summary(path)["states"]["B"]
     assert {key: state[key] for key in found} == found
     assert (state["regime"], state["beyond"]["regime"]) == ("elastic", "sliding")
@@ -98,8 +98,8 @@ def test_stages_are_solutions_of_the_rate_equations(table, sliding):
         rows = np.flatnonzero(drained & ((path.states.slip != 0.0) == slides))
         assert rows.size > 25
         E2, T = integrate_by_strain(path, rows, path.states.slip[rows[0]])
-        assert abs(E2 - path.states.E2[rows[-1]]) < 1e-11
-        assert abs(T - path.states.T[rows[-1]]) < 1e-11
+        assert abs(E2 - path.states.E2[rows[-1]]) < 2e-13
+        assert abs(T - path.states.T[rows[-1]]) < 2e-13
 
 
 @pytest.mark.parametrize("table", [1, 2])
@@ -108,7 +108,7 @@ def test_slope_at_A_is_det_K_over_K22(table):
     K = path.operators.K[path.marks["A"]]
     found = verification(path)["slope_at_A"]
     assert found["closed_form"] == pytest.approx(np.linalg.det(K) / K[1, 1], rel=1e-12)
-    assert found["difference"] < 1e-10
+    assert found["difference"] < 1e-11
 
 
 def test_axial_stress_follows_the_slope_everywhere():
@@ -116,7 +116,7 @@ def test_axial_stress_follows_the_slope_everywhere():
     drained = path.states.stage == "drained"
     slope = (path.det_K / path.K[:, 1, 1])[drained]
     rates = path.path.P_rate[drained, 0] / path.path.H_rate[drained, 0]
-    np.testing.assert_allclose(rates, slope, rtol=1e-11)
+    np.testing.assert_allclose(rates, slope, rtol=2e-14)
     # And by differences, of second order over rows that are a hundredth apart.
     for slides in (False, True):
         rows = drained & ((path.states.slip != 0.0) == slides)
@@ -129,16 +129,17 @@ def test_lateral_stress_is_held_and_the_path_goes_on_in_E1():
         path = follow_diamond(DiamondOptions(**arguments))
         drained = path.states.stage == "drained"
         s2 = path.states.s2[drained]
-        # Held to what the dense output keeps of the integrator's tolerance.
-        np.testing.assert_allclose(s2, s2[0], rtol=1e-11, atol=1e-13)
+        # Steps lengthen until the integrator's tolerance where the path is flat: 2e-13 at 0.65.
+        rtol = 1e-12 if arguments.get("confine") == 0.65 else 1e-14
+        np.testing.assert_allclose(s2, s2[0], rtol=rtol, atol=2e-15)
         # Both rows of a state at a change come from formulas of their own: the last bit may differ.
         assert np.all(np.diff(path.states.E1) > -2e-16)
 
 
 def test_the_path_ends_where_the_followed_strain_is_used_up():
-    assert follow_diamond(DiamondOptions(table=1)).states.E1[-1] == pytest.approx(0.6, abs=1e-12)
+    assert follow_diamond(DiamondOptions(table=1)).states.E1[-1] == pytest.approx(0.6, abs=1e-15)
     late = follow_diamond(DiamondOptions(table=2))
-    assert late.states.E1[-1] == pytest.approx(float(POINT_B[2][0]) + 0.15, abs=1e-12)
+    assert late.states.E1[-1] == pytest.approx(float(POINT_B[2][0]) + 0.15, abs=1e-15)
 
 
 # Energy
@@ -155,8 +156,7 @@ def test_without_lateral_force_yield_is_the_end_of_strain_control():
 @pytest.mark.parametrize("arguments", SWEEP, ids=str)
 def test_energy_balance_closes(arguments):
     path = follow_diamond(DiamondOptions(**arguments))
-    # Rows come from the dense output, an order below the steps themselves.
-    assert energy_imbalance(path) < 1e-12
+    assert energy_imbalance(path) < 1e-14
     assert np.all(np.diff(path.energies["dissipated"]) >= 0.0)
 
 
@@ -201,14 +201,14 @@ def test_sticking_again_is_an_event_and_the_path_goes_on():
     assert kinds(path) == ["yield", "unloading"]
     row = path.listed[-1][1]
     exact = drained_path(path.loop)
-    # Where slip stops smoothly its zero is known to the integrator's tolerance.
-    assert abs(path.states.alpha[row] - exact.stick_angle) < 1e-12
+    # Where slip stops smoothly its zero is known to the integrator's tolerance: 2e-13.
+    assert abs(path.states.alpha[row] - exact.stick_angle) < 5e-13
     assert (path.states.slip[row], path.states.slip[row + 1]) == (-1.0, 0.0)
     ratio = shear_ratio(path)
     assert np.all(ratio[row + 2 :] < 1.0)
     # Nothing slips at that instant: slip stops without a kink.
     heat = path.energies["dissipated"]
-    assert abs(heat[row] - heat[row - 1]) < 1e-2 * heat[row]
+    assert abs(heat[row] - heat[row - 1]) < 2e-2 * heat[row]
 
 
 def test_without_lateral_force_contacts_open_at_once():
