@@ -105,7 +105,8 @@ def test_grains_that_touch_from_the_start_are_reported(closure):
 
 def test_singular_relaxation_is_a_limit_of_the_control():
     # Under prescribed strain the relaxed centres of a soft loop branch: the rhombus shears.
-    path = follow(diamond(np.radians(60)), LAW, isotropic(0.5), closure="traction", model="full")
+    # Steps that miss the very state pass it; at 55 degrees none of the lengths that are tried does.
+    path = follow(diamond(np.radians(55)), LAW, isotropic(0.5), closure="traction", model="full")
     assert path.status == "control_limit"
     (event,) = path.of_kind("control_limit")
     assert "singular" in event.detail
@@ -114,10 +115,12 @@ def test_singular_relaxation_is_a_limit_of_the_control():
 
 
 def test_symmetric_unknowns_pass_the_singular_relaxation_and_say_so():
-    path = follow(diamond(np.radians(60)), LAW, isotropic(0.5), closure="traction")
-    assert path.status == "finished"
-    (event,) = path.of_kind("branching")
-    assert event.parameter == pytest.approx(8 / 23, abs=1e-10)
+    for model in ("auto", "full"):
+        path = follow(diamond(np.radians(60)), LAW, isotropic(0.5), closure="traction", model=model)
+        assert path.status == "finished"
+        (event,) = path.of_kind("branching")
+        assert event.parameter == pytest.approx(8 / 23, abs=1e-10)
+        np.testing.assert_allclose(path.x[-1], 0.5 * path.x[0], atol=1e-14)
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
