@@ -82,8 +82,8 @@ def follow(
     max_steps : int
         Accepted steps after which the path is given up.
     rows : int
-        Rows that each stage has at least, evenly along its length as judged from its start; between
-        steps they lie on the integrator's interpolant.
+        Rows of each stage, evenly spaced from event to event over its length as judged from its
+        start (a strain of one at most), whatever the steps are; 0 for a row at every accepted step.
     model : {'auto', 'full'}
         The smallest model that serves: rates in the fields that the symmetry of state and
         programmes leaves, and one contact of an orbit in the branch search; or all unknowns, and a

@@ -99,7 +99,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """What following a programme returns: a row for every accepted step and at every event.
+    """What following a programme returns: a row at every event and, as `rows` asks, between.
 
     Components in the order (11, 12, 21, 22); forces, stresses and strains positive in compression.
     Contacts that were added on the way are open before.

@@ -26,6 +26,9 @@ from stability.paths.rates import gauge_along, y_rates
 from stability.paths.state import Mode
 from stability.programmes import Stage
 
+# Rows closer to an event, over their spacing, are that of the event.
+CLOSE = 1e-6
+
 # Where rates are taken for rows within a step.
 NODES, _ = legendre.leggauss(10)
 
@@ -61,8 +64,8 @@ class Settings:
     """Accuracy of a stage.
 
     `rtol`: Relative tolerance of the integrator; `atol` (Y,): Absolute tolerances; `max_step`:
-    Longest step in `|H|`; `row_step`: Longest way in `|H|` between two rows; `size`: Size of the
-    strains of the stage, at most 1; `subspaces`: Where the spectra are taken.
+    Longest step in `|H|`; `row_step`: Way in `|H|` between two rows, infinite for a row at every
+    step; `size`: Size of the strains of the stage, at most 1; `subspaces`: Where the spectra are taken.
     """
 
     rtol: float
@@ -134,13 +137,14 @@ def run_piece(
         crossing = _crossing(step, everything, signs, np.hstack([table, gaps]))
         for place in _branchings(step, samples, 1.0 if crossing is None else crossing[0]):
             branching(place)
-        for row in _dense_rows(step, 1.0 if crossing is None else crossing[0]):
+        for row in _rows(step, 1.0 if crossing is None else crossing[0]):
             record(row)
         if crossing is not None:
             theta, which = crossing
             return _land(step, everything, signs, theta, which, steps)
         seen, values = samples[-1], table[-1]
-        record(seen)
+        if not np.isfinite(task.settings.row_step):
+            record(seen)
         gauge = gauge_along(seen.rates)
         _follow_direction(solver, task, gauge)
     return PieceEnd(solver.y, seen, [], steps_left, "the limit on the number of steps was reached")
@@ -208,19 +212,22 @@ def _crossing(
     )
 
 
-def _dense_rows(step: _Step, until: float) -> list[Look]:
-    """Rows between the ends of a step, where its rates integrated along its interpolant lead.
+def _rows(step: _Step, until: float) -> list[Look]:
+    """Rows of a step, where its rates integrated along its interpolant lead.
 
-    The interpolant is an order below the step. What it misses, `y' - f(y)`, oscillates: its integral
-    is smaller by what the rates change over a part of the step, and is left out.
+    The interpolant is an order below the step. What it misses, `y' - f(y)`, oscillates: its
+    integral is smaller by what the rates change over a part of the step, and is left out.
     """
-    length = until * (step.end - step.begin)
-    parts = int(np.ceil(length / step.task.settings.row_step))
-    if parts < 2:
+    length, spacing = until * (step.end - step.begin), step.task.settings.row_step
+    if not np.isfinite(spacing):
         return []
+    last = step.begin + length - (CLOSE * spacing if until < 1.0 else 0.0)
+    marks = np.arange(np.floor(step.begin / spacing) + 1.0, np.floor(last / spacing) + 1.0)
+    if len(marks) == 0:
+        return []
+    thetas = (marks * spacing - step.begin) / length
     rates = [step.rates(y) for y in step.dense(step.begin + 0.5 * length * (1.0 + NODES)).T]
     way = legendre.legint(legendre.legfit(NODES, rates, len(NODES) - 1), lbnd=-1.0)
-    thetas = np.arange(1, parts) / parts
     places = step.y_begin + 0.5 * length * legendre.legval(2.0 * thetas - 1.0, way).T
     if not np.isfinite(places).all():
         # Next to a singular point the interpolant is all there is.

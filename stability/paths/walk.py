@@ -81,7 +81,7 @@ class Walk:
         size = min(max(reach if np.isfinite(reach) else 1.0, strain, SMALLEST), 1.0)
         max_step = min(self.max_step, reach / STEPS)
         atol = self.atol * size * scales(self.model)
-        row_step = reach / self.rows if self.rows else np.inf
+        row_step = min(reach, 1.0) / self.rows if self.rows else np.inf
         return Settings(self.rtol, atol, max_step, row_step, size, self.subspaces)
 
 

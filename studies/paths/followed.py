@@ -16,7 +16,7 @@ from stability import Event, Path, follow
 from studies.paths.options import DiamondOptions, PolygonOptions
 
 SUBSPACES = ("diagonal", "symmetric", "full")
-# A tenth of what a path keeps by default: strains and energies to 2e-15, for one step in twenty more.
+# A tenth of what a path keeps by default: strains and energies to 2e-15, for 5 % more steps.
 TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
 # A path of so many steps is given up, and said to be lost.
 MOST_STEPS = 2000

@@ -103,24 +103,26 @@ def test_grains_that_touch_from_the_start_are_reported(closure):
     assert (event.contacts, event.parameter) == ((0, 2), pytest.approx(0, abs=1e-15))
 
 
-def test_singular_relaxation_is_a_limit_of_the_control():
+@pytest.mark.parametrize("alpha0", [50.0, 55.0, 60.0, 65.0])
+def test_singular_relaxation_is_met_or_passed_where_other_paths_branch_off(alpha0):
     # Under prescribed strain the relaxed centres of a soft loop branch: the rhombus shears.
-    # Steps that miss the very state pass it; at 55 degrees none of the lengths that are tried does.
-    path = follow(diamond(np.radians(55)), LAW, isotropic(0.5), closure="traction", model="full")
-    assert path.status == "control_limit"
-    (event,) = path.of_kind("control_limit")
-    assert "singular" in event.detail
-    # Its stiffness against the shear H21, held at zero, vanishes there.
-    assert path.A[event.index, 1, 1] == pytest.approx(0, abs=1e-4)
-
-
-def test_symmetric_unknowns_pass_the_singular_relaxation_and_say_so():
-    for model in ("auto", "full"):
-        path = follow(diamond(np.radians(60)), LAW, isotropic(0.5), closure="traction", model=model)
-        assert path.status == "finished"
-        (event,) = path.of_kind("branching")
-        assert event.parameter == pytest.approx(8 / 23, abs=1e-10)
-        np.testing.assert_allclose(path.x[-1], 0.5 * path.x[0], atol=1e-14)
+    loop = diamond(np.radians(alpha0))
+    small = follow(loop, LAW, isotropic(0.5), closure="traction")
+    assert small.status == "finished"
+    (branching,) = small.of_kind("branching")
+    if alpha0 == 60.0:
+        assert branching.parameter == pytest.approx(8 / 23, abs=1e-10)
+    # With all unknowns a step meets the very state or passes it: that is rounding.
+    full = follow(loop, LAW, isotropic(0.5), closure="traction", model="full")
+    met = full.status == "control_limit"
+    (event,) = full.of_kind("control_limit" if met else "branching")
+    assert event.parameter == pytest.approx(branching.parameter, abs=1e-6 if met else 1e-10)
+    if met:
+        assert "singular" in event.detail
+        # Its stiffness against the shear H21, held at zero, vanishes there.
+        assert full.A[event.index, 1, 1] == pytest.approx(0, abs=1e-4)
+    else:
+        np.testing.assert_allclose(full.x[-1], 0.5 * full.x[0], atol=1e-13)
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
