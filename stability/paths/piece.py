@@ -65,7 +65,7 @@ class Settings:
 
     `rtol`: Relative tolerance of the integrator; `atol` (Y,): Absolute tolerances; `max_step`:
     Longest step in `|H|`; `row_step`: Way in `|H|` between two rows, infinite for a row at every
-    step; `size`: Size of the strains of the stage, at most 1; `subspaces`: Where the spectra are taken.
+    step; `size`: Size of the strains of the stage, at most 1; `subspaces`: Where the spectra are.
     """
 
     rtol: float
