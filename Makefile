@@ -4,12 +4,14 @@ VENV := .venv
 RUN := $(VENV)/bin/python -m
 INSTALLED := $(VENV)/.installed
 SAMPLE := patterns/snapshots/sample/grains_biaxial.csv.gz
+SLOW := patterns/snapshots/sample/slow
 OUT := demo-output
 
 .PHONY: demo test lint types format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/grainloops snapshot $(SAMPLE) --out $(OUT)/snapshot --force
+	$(VENV)/bin/grainloops series $(SLOW)/grains_*.parquet --cells $(SLOW)/cells.csv --shear-increment radii --in-packing --out $(OUT)/series --force
 	$(VENV)/bin/grainloops diamond --table 1 --out $(OUT)/diamond-table1 --force
 	$(VENV)/bin/grainloops diamond --table 2 --out $(OUT)/diamond-table2 --force
 	@echo

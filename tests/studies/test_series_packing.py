@@ -1,10 +1,8 @@
 """A series foretold by its packings: columns, targets, restarts, and the skill on real series."""
 
 import json
-import os
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,7 +19,6 @@ from studies.series.plan import cells_by_number
 from tests.packings import LAW, packing
 from tests.studies.test_series_run import contents, run, write_series
 
-SLOW = Path(os.environ.get("GRAINLOOPS_DEM", "")) / "yade-slow"
 CELLS = sample_path("slow/cells.csv")
 PATHS = tuple(sorted(CELLS.parent.glob("grains_*.parquet")))
 H = np.array([[0.8, 0.3], [-0.1, -0.5]])
@@ -285,3 +282,35 @@ def test_samples_between_walls_and_without_forces(tmp_path):
         pd.read_csv(contacts)[["id1", "id2"]].to_csv(contacts, index=False)
     with pytest.raises(InputError, match="got no forces, expected forces and a law"):
         run(paths, tmp_path / "bare", in_packing=True)
+
+
+def test_a_sample_ends_at_its_walls():
+    """A sheared sample, unloaded and loaded on: nothing holds what the second asks for."""
+    snapshot = read_snapshot(sample_path())
+    before = TrackedState(snapshot, find_faces(snapshot.graph))
+    found = []
+    for step in (-2e-6, 2e-6):
+        x = snapshot.graph.x @ np.diag([1 + step, 1 - step])
+        moved = replace(snapshot, graph=snapshot.graph.replace(x=x, x0=x))
+        after = TrackedState(moved, before.faces)
+        found.append(foretold(before, after, track_loops(before, after), 0.99)[:2])
+    (back, unloaded), (on, loaded) = found
+    assert unloaded["packing_boundary"] == f"{len(snapshot.walls.grain)} wall contacts"
+    assert unloaded["packing_status"] == "unique" and unloaded["packing_residual"] < 1e-12
+    assert np.isfinite(back["packing_W2"]).mean() > 0.9
+    assert loaded["packing_status"] == "not converged" and loaded["packing_disagreeing"] > 0
+    assert np.isnan(on["packing_W2"]).all()
+
+
+def test_where_nothing_moves_there_is_nothing_to_foresee(tmp_path):
+    """The same snapshot twice: no work, no non-affinity, no change."""
+    for k in (1, 2):
+        for what in ("grains", "contacts"):
+            source = PATHS[0].with_name(f"{what}_10.parquet")
+            (tmp_path / f"{what}_{k}.parquet").write_bytes(source.read_bytes())
+    how = {"cells": None, "cell": cells_by_number(CELLS)[10]}
+    foretell(tmp_path / "out", sorted(tmp_path.glob("grains_*")), **how, figures=True)
+    table = pd.read_parquet(tmp_path / "out" / "skill.parquet")
+    assert (table[table.target == "W2_negative"].loops == 0).all()
+    assert table.auc.isna().all()
+    assert (table[table.target == "topology"].base == 0).all()

@@ -1,0 +1,133 @@
+"""`docs/packing.md` and the skill in `docs/series.md`: their numbers are those of the series."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from studies.examples import packing_skill
+from studies.series import run_series
+from studies.series.skill import ORDERS
+from tests.docs.pages import page, says, section, tables
+
+DEM = Path(os.environ.get("GRAINLOOPS_DEM", "/none"))
+LOOPS = section(page("packing"), "## What does each loop do?")
+FORESIGHT, BY_ORDER, SOLVED = tables(LOOPS)
+WORTH = tables(section(page("series"), "## What the predictions are worth"))
+slow = pytest.mark.slow
+collected = pytest.mark.skipif(not DEM.is_dir(), reason="no collection of samples")
+
+
+def words(text):
+    return " ".join(text.split())
+
+
+def test_the_sample_series(tmp_path):
+    """From the script; the command's own numbers are held in `test_series_packing`."""
+    numbers = packing_skill.main(tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "summary.json").read_text())
+    skill = numbers["skill"]
+    assert written["skill"] == skill
+    assert numbers["packing"]["solved"] == numbers["packing"]["intervals"] == 3
+    quoted = "{:.3f} against {:.3f} for persistence, {:.3f} for the loop cut out with free spins, "
+    names = ("packing", "persistence", "traction_free", "order")
+    told = (quoted + "{:.3f} for its order").format(*(skill[name]["auc"] for name in names))
+    assert told in words(LOOPS)
+
+
+@slow
+@collected
+@pytest.mark.parametrize(
+    "step, first, last, auc, rank, nonaffine, solved",
+    [
+        ("2e-5", 2, 22, 0.95, 0.90, 0.98, 20),
+        ("1e-4", 22, 32, 0.88, 0.77, 0.93, 8),
+        ("1e-3", 32, 36, 0.74, 0.53, 0.84, 3),
+    ],
+)
+def test_skill_of_the_slow_series(tmp_path, step, first, last, auc, rank, nonaffine, solved):
+    """The bounds that were asked for at 2e-5 and 1e-4, and every number of the pages."""
+    folder = DEM / "yade-slow"
+    paths = [folder / f"grains_{k:02d}.parquet" for k in range(first, last + 1)]
+    summary = series(tmp_path, paths, cells=folder / "macro.csv")
+    skill, others = summary["skill"], summary["skill_of_targets"]
+    assert summary["packing"]["solved"] >= solved
+    assert summary["packing"]["worst disagreeing"] <= 2
+    assert skill["packing"]["auc"] >= auc
+    assert skill["packing"]["rank_correlation"] >= rank
+    assert others["nonaffine"]["packing"]["auc"] >= nonaffine
+    assert skill["persistence"]["auc"] < skill["packing"]["auc"] < skill["own_motion"]["auc"]
+    every = {"AUC, W2 < 0": skill, "AUC, least affine tenth": others["nonaffine"]}
+    every |= {"AUC, a contact lost": others["contact_lost"]}
+    every |= {"AUC, topology changes": others["topology"]}
+    rows = {row["axial strain of a step"]: row for row in FORESIGHT}
+    for title, found in every.items():
+        assert says(rows[step][title], found["packing"]["auc"])
+        assert says(rows[f"{step}, persistence"][title], found["persistence"]["auc"])
+        assert says(rows[f"{step}, base rate"][title], found["order"]["base"])
+    for name, row in (("packing", step), ("persistence", f"{step}, persistence")):
+        assert says(rows[row]["rank correlation of w2"], skill[name]["rank_correlation"])
+    assert rows[step]["solved"] == solved_of(summary["packing"])
+    place = ("2e-5", "1e-4", "1e-3").index(step)
+    smallest, own = others["contact_lost"]["smallest_N"]["auc"], skill["own_motion"]["auc"]
+    for before, value in (
+        ("does as well or better: AUC", smallest),
+        ("same tangents, reaches", own),
+    ):
+        assert says(words(LOOPS).split(before)[1].split()[place].strip(","), value)
+    aucs, signs = WORTH[1], WORTH[2]
+    for row in aucs:
+        name, cell = row["AUC for negative work"].strip("`"), list(row.values())[1 + place]
+        if name == "base rate":
+            assert says(cell, skill["order"]["base"])
+            continue
+        values = (skill[name][key] for key in ("auc", "auc_min", "auc_max"))
+        assert cell == "{:.3f} ({:.3f} to {:.3f})".format(*values)
+    if step == "1e-4":
+        for row in signs:
+            found = skill[row["predictor"].strip("`")]
+            assert says(row["precision"], found["precision"])
+            assert says(row["recall"], found["recall"])
+        for row in BY_ORDER:
+            name, *cells = row.values()
+            values = summary["skill_by_order"][name.strip("`")].values()
+            assert len(cells) == len(ORDERS)
+            assert all(says(cell, value) for cell, value in zip(cells, values, strict=True))
+
+
+@slow
+@collected
+@pytest.mark.parametrize(
+    "place, pattern, how",
+    [
+        (0, "yade-small/grains_??.csv.gz", {}),
+        (1, "yade-medium/grains_*.parquet", {}),
+        (2, "yade-periodic/grains_*.parquet", {"cells": "yade-periodic/macro.csv"}),
+        (3, "lammps/periodic/dump.atoms.*", {"mu": 0.5}),
+        (4, "lammps/walls/dump.atoms.*", {"mu": 0.5}),
+        (5, "liggghts/atoms.*", {"mu": 0.3}),
+    ],
+)
+def test_share_of_intervals_that_are_solved(tmp_path, place, pattern, how):
+    paths = sorted(DEM.glob(pattern), key=lambda path: (number(path), path.name))
+    how = {"drop_crossings": True, **how}
+    how |= {"kn": 1e6, "kt": 5e5} if "mu" in how else {}
+    how |= {"cells": DEM / how["cells"]} if "cells" in how else {}
+    summary = series(tmp_path, paths, **how)
+    assert SOLVED[place]["solved"] == solved_of(summary["packing"])
+    ends = "wall contacts" if SOLVED[place]["ends at"] == "walls" else "periodic cell"
+    assert summary["packing"]["boundary"] == ends
+
+
+def series(tmp_path, paths, **how):
+    how = {"workers": 1, "figures": False, "in_packing": True, **how}
+    return run_series(paths, tmp_path / "out", **how)
+
+
+def solved_of(packing):
+    return f"{packing['solved']} of {packing['intervals']}"
+
+
+def number(path):
+    return int("".join(c for c in path.name if c.isdigit()) or 0)
