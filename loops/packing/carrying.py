@@ -41,7 +41,7 @@ def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Car
     if not good.any():
         raise InputError(
             "packing",
-            f"{count} clusters that float",
+            f"{count} clusters that float" if count else "grains that all float",
             "contacts that span the periodic cell, walls, or grains that are held",
             "Give the cell or the walls, or hold the outline's grains.",
         )

@@ -206,7 +206,20 @@ def _walls(
         branch = bodies.x[grain] - points[single]
     else:
         return None
-    return WallContacts(grain, sign * force[single], branch)
+    kn, kt = _wall_stiffness(table, single)
+    return WallContacts(grain, sign * force[single], branch, kn, kt)
+
+
+def _wall_stiffness(table: Table, rows: Integers) -> tuple[Floats | None, Floats | None]:
+    """Stiffness of contacts with walls; none along a wall without friction, or where one slides."""
+    if not (table.has("kn") and table.has("ks")):
+        return None, None
+    sticks = np.ones(len(rows), dtype=bool)
+    if table.has("mu"):
+        sticks &= table.column("mu")[rows] > 0
+    if table.has("sliding"):
+        sticks &= table.column("sliding")[rows] == 0
+    return table.column("kn")[rows], np.where(sticks, table.column("ks")[rows], 0.0)
 
 
 def _law(

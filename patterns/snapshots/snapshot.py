@@ -23,11 +23,15 @@ class WallContacts:
         Force of the wall on the grain (force).
     branch : (W, 2) array
         From the foot on the wall to the centre of the grain (length).
+    kn, kt : (W,) array, optional
+        Stiffness, where the file tells it; `kt` is zero where nothing sticks to the wall.
     """
 
     grain: NDArray[np.int64]
     force: NDArray[np.float64]
     branch: NDArray[np.float64]
+    kn: NDArray[np.float64] | None = None
+    kt: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

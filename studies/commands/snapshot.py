@@ -31,6 +31,7 @@ JUDGES = {
     "affine": "affine closure, spins blocked",
     "traction": "traction closure, spins blocked",
     "traction_free": "traction closure, spins free",
+    "packing": "in its packing, spins free",
 }
 
 
@@ -55,6 +56,14 @@ def snapshot(
         typer.Option(help="Which snapshot of a file with several: 0 the first, -1 the last."),
     ] = None,
     drop_crossings: DropCrossings = False,
+    in_packing: Annotated[
+        str | None,
+        typer.Option(
+            metavar="auto|whole|blocks|R",
+            help="Judge loops in their packing too: all of it, in blocks, in patches of R mean "
+            "diameters, or as its size suggests.",
+        ),
+    ] = None,
     no_figures: Annotated[
         bool, typer.Option("--no-figures", help="Tables and summary alone, no figures, no report.")
     ] = False,
@@ -73,6 +82,7 @@ def snapshot(
         csv=csv,
         figures=not no_figures,
         paraview=vtk,
+        in_packing=in_packing,
         contacts=contacts,
         cell=cell_of(cell),
         kn=kn,
@@ -104,17 +114,41 @@ def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
 
 def _verdicts(summary: dict[str, Any]) -> list[str]:
     """Shares of unstable loops, with what each assumes."""
-    from studies.snapshot.definitions import BLOCKED, FREED, WORTH
+    from studies.snapshot.definitions import BLOCKED, FREED, IN_PLACE, WORTH
 
     lines = ["unstable loops by order:"]
-    for judge, name in JUDGES.items():
+    for judge in summary["unstable_by_order"]:
+        name = JUDGES[judge]
         text = "  ".join(
             f"{group}: {_percent(share['mean'])}"
             for group, share in summary["unstable_by_order"][judge].items()
         )
         unknown = summary["untrusted_loops"][judge]
         lines.append(f"  {name:<32} {text}" + (f"  ({unknown} undetermined)" if unknown else ""))
-    return [*lines, f"spins blocked: {BLOCKED}", f"spins free: {FREED}", WORTH]
+    lines += [f"spins blocked: {BLOCKED}", f"spins free: {FREED}"]
+    if "in_packing" not in summary:
+        return [*lines, WORTH]
+    return [
+        *lines,
+        f"in its packing: {IN_PLACE.format(**summary['in_packing'])}",
+        *_around(summary),
+    ]
+
+
+def _around(summary: dict[str, Any]) -> list[str]:
+    """What the surroundings of the loops do, and how far that is known."""
+    parts = "  ".join(
+        f"{group}: {shown(share['median'])}"
+        for group, share in summary["surroundings_share"].items()
+    )
+    positive = summary["surroundings_positive"]["all"]["mean"]
+    error = summary["packing_error"]
+    exact = error["q75"] == 0
+    known = "exact" if exact else f"errors stated: median {_percent(error['median'])}"
+    return [
+        f"surroundings' share of a loop's stiffness, median by order: {parts}",
+        f"surroundings that resist every strain: {_percent(positive)} ({known})",
+    ]
 
 
 def _percent(share: float) -> str:

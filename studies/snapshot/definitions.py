@@ -11,6 +11,11 @@ WORTH = (
     "that loops really did"
 )
 
+IN_PLACE = (
+    "grains turn freely and all others stand around the loop as they do in the packing; contacts "
+    "flagged sliding keep sliding, all others stick; the sample ends at: {boundary}"
+)
+
 GEOMETRY = {
     "area": "of the periodic cell, else within the polygons around the network",
     "area_sum": "sum of the areas of the loops",
@@ -91,4 +96,15 @@ MECHANICS = {
     "untrusted_loops": "loops whose tangent is not trusted, or the sign of whose smallest "
     "eigenvalue is within its error: left out wherever it is needed",
     "wall_force": "spread of the size of the forces of the walls",
+}
+PACKING = {
+    "in_packing": "how loops were judged in their packing: the method, the radius of patches in "
+    "mean diameters; what drives the sample from outside; grains with fewer than two contacts "
+    "(pruned), clusters that nothing holds and their grains: they carry nothing",
+    "packing_error": "spread of the stated error of the operators in place, relative to the whole "
+    "packing: 99 of 100 loops are within theirs while the packing itself is stable",
+    "surroundings_positive": "share of the loops whose surroundings A_env = A_in - A_loop resist "
+    "every strain: smallest eigenvalue in the symmetric subspace above zero",
+    "surroundings_share": "spread of the surroundings' share of the trace of A_in, symmetric "
+    "subspace: 1 - tr A_loop / tr A_in, A_loop with free spins",
 }

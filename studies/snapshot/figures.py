@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from loops import Faces, GrainGraph, branch_vectors
 from loops.arrays import Floats
 from patterns import Snapshot
-from studies.snapshot.definitions import BLOCKED, FREED
+from studies.snapshot.definitions import BLOCKED, FREED, IN_PLACE
+from studies.snapshot.in_packing import PLACE, surroundings_share
 from studies.snapshot.loop_map import loop_map
-from studies.snapshot.mechanics import CLOSURES, JUDGES, unstable_loops
+from studies.snapshot.mechanics import CLOSURES, judges, unstable_loops
 from studies.snapshot.statistics import GROUPS, Groups, axes_density, group_rows
-from studies.snapshot.table import EIGENVALUES
+from studies.snapshot.table import EIGENVALUES, FREE
 from studies.style import (
     BLACK,
     BLUE,
@@ -44,6 +45,7 @@ TITLES = {
     "affine": "affine, spins blocked",
     "traction": "traction, spins blocked",
     "traction_free": "traction, spins free",
+    PLACE: "in its packing",
 }
 BINS = 60
 # The axes leave out this share of the loops at either end; the first and the last bin hold them.
@@ -91,6 +93,9 @@ def _drawings(
     if snapshot.mechanical and summary["loops"]:
         yield Drawing("eigenvalues", "Eigenvalues", _EIGENVALUES, eigenvalue_distribution(table))
         yield Drawing("directions", "Unstable loops", _ROSE, unstable_rose(table, summary))
+        if "in_packing" in summary:
+            told = _PLACE.format(IN_PLACE.format(**summary["in_packing"]))
+            yield Drawing("in_packing", "In the packing", told, in_packing(table))
 
 
 _MAP = "The loops of the sample, coloured by their order and by what else is known of them."
@@ -102,6 +107,12 @@ _EIGENVALUES = (
     "Eigenvalues of the symmetric part of the loops' tangents over the mean normal stiffness, by "
     "order of the loops; grey: negative, the loop is unstable. Spins blocked: " + BLOCKED + ". "
     "Spins free: " + FREED + "."
+)
+_PLACE = (
+    "Left: smallest eigenvalue of each loop cut out of its packing and in it, over the mean normal "
+    "stiffness: those left of zero and above it are held by their surroundings. "
+    "Right: share of the surroundings in the trace of the operator in place, a box from the lower "
+    "to the upper quartile of an order, whiskers to 5 and 95 %. In the packing: {}."
 )
 _ROSE = (
     "Soft directions and long axes of the unstable loops; a thick line shows the mean axis, as "
@@ -137,12 +148,13 @@ def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None =
 @styled()
 def eigenvalue_distribution(table: dict[str, Any]) -> Figure:
     """Histograms of the three eigenvalues of Ks, a row a closure, a colour a group of orders."""
-    figure = new_figure(TWO_COLUMNS, 5.6)
-    panels = figure.subplots(len(JUDGES), 3, sharey=True)
+    present = judges(table)
+    figure = new_figure(TWO_COLUMNS, 0.2 + 1.8 * len(present))
+    panels = figure.subplots(len(present), 3, sharey=True)
     groups = group_rows(table["order"])
     for k, (name, shown) in enumerate(zip(EIGENVALUES, NAMES, strict=True)):
-        edges = _edges(np.concatenate([table[f"{closure}_{name}"] for closure in JUDGES]))
-        for row, closure in enumerate(JUDGES):
+        edges = _edges(np.concatenate([table[f"{closure}_{name}"] for closure in present]))
+        for row, closure in enumerate(present):
             ax = panels[row, k]
             for group in GROUPS:
                 values = table[f"{closure}_{name}"][groups[group]]
@@ -150,7 +162,7 @@ def eigenvalue_distribution(table: dict[str, Any]) -> Figure:
             ax.set(yscale="log", xlim=(edges[0], edges[-1]))
             if edges[0] < 0:
                 ax.axvspan(edges[0], 0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
-            if row == len(JUDGES) - 1:
+            if row == len(present) - 1:
                 ax.set_xlabel(shown)
             if k == 0:
                 ax.set_ylabel(f"{TITLES[closure]}\nshare of the loops per bin")
@@ -247,6 +259,39 @@ def unstable_rose(table: dict[str, Any], summary: dict[str, Any]) -> Figure:
         for closure in CLOSURES:
             _mean_axis(ax, summary["soft_loops"][closure][key], CLOSURE_COLOURS[closure])
         _finish(ax, f"{title}, unstable loops", "probability density (1/rad)")
+    return figure
+
+
+@styled()
+def in_packing(table: dict[str, Any]) -> Figure:
+    """Loops cut out against loops in place, and what the surroundings give of their stiffness."""
+    figure = new_figure(TWO_COLUMNS, 3.1)
+    left, right = figure.subplots(1, 2)
+    alone, inside = table[f"{FREE}_lambda_min"], table[f"{PLACE}_lambda_min"]
+    groups = group_rows(table["order"])
+    for name in GROUPS:
+        rows = groups[name]
+        left.plot(alone[rows], inside[rows], ".", color=GROUP_COLOURS[name], markersize=2.5,
+                  label=f"order {name}", rasterized=len(alone) > FEW**2)  # fmt: skip
+    for value, limits in ((alone, left.set_xlim), (inside, left.set_ylim)):
+        edges = _edges(value)
+        limits(edges[0], edges[-1])
+    for line in (left.axhline, left.axvline):
+        line(0.0, color=GREY, linewidth=0.6)
+    left.set(xlabel="cut out, spins free", ylabel="in its packing")
+    left.set_title(r"smallest eigenvalue of $K_s$ / mean $k_n$")
+    left.legend(markerscale=3)
+    share, order = surroundings_share(table), table["order"]
+    orders = [n for n in np.unique(order) if np.isfinite(share[order == n]).any()]
+    right.boxplot(
+        [share[(order == n) & np.isfinite(share)] for n in orders],
+        positions=orders, whis=(5, 95), showfliers=False, manage_ticks=False,
+        medianprops={"color": VERMILION},
+    )  # fmt: skip
+    right.axhline(1.0, color=GREY, linewidth=0.6)
+    right.set(xlabel="loop order (number of grains)", ylabel="share of the surroundings")
+    right.xaxis.set_major_locator(MaxNLocator(12, integer=True))
+    right.set_title(r"1 - tr $A_{loop}$ / tr $A_{in}$")
     return figure
 
 

@@ -12,6 +12,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.fabric import mean_tensor
 from patterns import Snapshot, WallContacts
 from stability import RTOL
+from studies.snapshot.in_packing import PLACE
 from studies.snapshot.statistics import (
     Groups,
     axes_block,
@@ -26,9 +27,15 @@ Table = dict[str, Any]
 CLOSURES = ("affine", "traction")
 # Sine of the angle by which walls of an upright box may lean, and how flat they are.
 UPRIGHT = 1e-6
-# Whatever judges a loop: both closures with blocked spins, and the traction closure with free ones.
-JUDGES = (*CLOSURES, FREE)
+# Whatever judges a loop: both closures with blocked spins, the traction closure with free ones, and
+# the packing where it was asked.
+JUDGES = (*CLOSURES, FREE, PLACE)
 STRESSES = ("stress_11", "stress_12", "stress_21", "stress_22")
+
+
+def judges(table: Table) -> list[str]:
+    """Those of the judges that a table has."""
+    return [judge for judge in JUDGES if f"{judge}_lambda_min" in table]
 
 
 def unstable_loops(table: Table, closure: str) -> Flags:
@@ -53,7 +60,8 @@ def mechanics_summary(
         "sliding_by_order": spread_by_group(groups, table["sliding_contacts"] / table["order"]),
         "stress_by_order": _stress_by_group(table, groups),
         "untrusted_loops": {
-            judge: int(np.count_nonzero(np.isnan(table[f"{judge}_lambda_min"]))) for judge in JUDGES
+            judge: int(np.count_nonzero(np.isnan(table[f"{judge}_lambda_min"])))
+            for judge in judges(table)
         },
         **_stability(table, groups),
         **wall_summary(snapshot, area),
@@ -88,7 +96,7 @@ def _stability(table: Table, groups: Groups) -> dict[str, Any]:
     found: dict[str, Any] = {
         key: {} for key in (*keys, "unstable_directions", "cone_opening", "soft_loops")
     }
-    for judge in JUDGES:
+    for judge in judges(table):
         unstable, known = unstable_loops(table, judge), ~np.isnan(table[f"{judge}_lambda_min"])
         found["unstable_loops"][judge] = _mean_by_order(order, unstable, known)
         found["unstable_by_order"][judge] = share_by_group(groups, unstable, known)

@@ -33,7 +33,10 @@ POLICY += "script-src 'unsafe-inline'"
 MOST_LOOPS = 50_000
 SHADES = 64
 # Columns offered first for the colours.
-FIRST = ("order", "traction_lambda_min", "traction_free_lambda_min", "affine_lambda_min", "w2")
+FIRST = (
+    *("order", "packing_lambda_min", "surroundings_lambda_min", "traction_lambda_min"),
+    *("traction_free_lambda_min", "affine_lambda_min", "w2"),
+)
 # A row of more values is turned into a column.
 WIDEST = 9
 # Keys that have places of their own.

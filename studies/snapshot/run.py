@@ -12,6 +12,7 @@ from rich.progress import Progress
 from loops import Faces
 from patterns import Snapshot
 from studies.output import provenance, readable, result_folder, write_summary, write_table
+from studies.snapshot.in_packing import add_in_packing, place_options, share_by_order
 from studies.snapshot.source import read_planar, reading
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_table
@@ -32,22 +33,30 @@ def run_snapshot(
     csv: bool = False,
     figures: bool = True,
     paraview: bool = False,
+    in_packing: str | None = None,
     **how: Any,
 ) -> dict[str, Any]:
     """Find the loops of a snapshot, judge each, write tables, figures and a report; the summary.
 
-    It is read with the options `how` of `read_planar`.
+    It is read with the options `how` of `read_planar`; `in_packing` is auto, whole, blocks or a
+    radius in mean diameters.
     """
+    asked = {} if in_packing is None else {"in_packing": in_packing}
+    for name in asked.values():
+        place_options(name)
     with result_folder(out, force=force) as folder:
         snapshot, faces, table = analyse(path, **how)
-        made = provenance("snapshot", {"path": path, **reading(**how)}, UNITS)
+        place = None
+        if in_packing is not None:
+            snapshot, place = add_in_packing(snapshot, faces, table, in_packing)
+        made = provenance("snapshot", {"path": path, **reading(**how), **asked}, UNITS)
         # Of a million grains, writing takes a third as long as summing up, on another core.
         with ThreadPoolExecutor(1) as other:
             written = other.submit(write_table, folder, "loops", table, made, csv=csv)
-            summary = snapshot_summary(snapshot, faces, table)
+            summary = snapshot_summary(snapshot, faces, table, place)
             written.result()
         summary["provenance"] = made
-        write_table(folder, "orders", _orders(summary), made, csv=csv)
+        write_table(folder, "orders", _orders(summary, table), made, csv=csv)
         write_summary(folder, summary)
         if paraview:
             from studies.snapshot.paraview import write_paraview
@@ -89,7 +98,7 @@ def _draw(
     write_report(folder, title, summary, drawn, loops_for_map(snapshot, faces, table), made)
 
 
-def _orders(summary: dict[str, Any]) -> dict[str, Any]:
+def _orders(summary: dict[str, Any], table: dict[str, Any]) -> dict[str, Any]:
     """The numbers behind the figure of orders."""
     columns: dict[str, Any] = {
         "order": [int(n) for n in summary["orders"]],
@@ -98,4 +107,6 @@ def _orders(summary: dict[str, Any]) -> dict[str, Any]:
     }
     for judge, shares in summary.get("unstable_loops", {}).items():
         columns[f"{judge}_unstable_loops"] = list(shares.values())
+    if "in_packing" in summary:
+        columns |= share_by_order(table, columns["order"])
     return columns

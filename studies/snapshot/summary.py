@@ -12,7 +12,8 @@ from loops import Faces, branch_vectors, euler_check, outline_area
 from loops.arrays import Floats, Integers
 from loops.fabric import direction_tensors, edge_tensors, mean_tensor
 from patterns import Snapshot
-from studies.snapshot.definitions import GEOMETRY, MECHANICS
+from studies.snapshot.definitions import GEOMETRY, MECHANICS, PACKING
+from studies.snapshot.in_packing import packing_summary
 from studies.snapshot.mechanics import mechanics_summary
 from studies.snapshot.statistics import (
     GROUPS,
@@ -24,13 +25,17 @@ from studies.snapshot.statistics import (
     tensor_block,
 )
 
-DEFINITIONS = GEOMETRY | MECHANICS
-
 
 def snapshot_summary(
-    snapshot: Snapshot, faces: Faces, table: dict[str, NDArray[Any]]
+    snapshot: Snapshot,
+    faces: Faces,
+    table: dict[str, NDArray[Any]],
+    in_packing: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Counts, Euler check, loop orders, fabric, stress and stability of a snapshot."""
+    """Counts, Euler check, loop orders, fabric, stress and stability of a snapshot.
+
+    `in_packing` is what `add_in_packing` tells of the loops in place, if they were asked for.
+    """
     area, groups = outline_area(snapshot.graph, faces), group_rows(table["order"])
     # Arrays as long as these leave the interpreter free: two threads share the work.
     with ThreadPoolExecutor(2) as pool:
@@ -40,12 +45,16 @@ def snapshot_summary(
             forces = pool.submit(mechanics_summary, snapshot, table, groups, area)
         counted = _network(snapshot, faces) | _orders(table, groups)
         summary = {**counted, **fabric.result(), **({} if forces is None else forces.result())}
+    told = GEOMETRY | MECHANICS if snapshot.mechanical else GEOMETRY
+    if in_packing is not None:
+        summary |= packing_summary(table, groups, in_packing)
+        told = told | PACKING
     return {
         **summary,
         "area": area,
         "area_sum": float(table["area"].sum()),
         "notes": list(snapshot.notes),
-        "definitions": DEFINITIONS if snapshot.mechanical else GEOMETRY,
+        "definitions": told,
     }
 
 

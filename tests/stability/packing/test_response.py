@@ -217,7 +217,7 @@ def test_contacts_that_all_stand_at_yield():
 def test_what_floats_or_has_no_area_is_refused():
     graph = packing(24, seed=3)
     plane = GrainGraph(graph.x, graph.radii, graph.contacts[:0])
-    with pytest.raises(InputError, match="clusters that float"):
+    with pytest.raises(InputError, match="grains that all float"):
         packing_response(plane, LAW, H, volume=1.0)
     triangle = GrainGraph([[0, 0], [1, 0], [0, 1]], [0.6] * 3, [[0, 1], [1, 2], [2, 0]])
     with pytest.raises(InputError, match="float"):

@@ -1,0 +1,208 @@
+"""`snapshot --in-packing`: columns, summary and figures of loops in place; what is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from loops import GrainGraph, InputError, LinearFrictional, Regime, find_faces
+from loops.packing import loops_in_place
+from patterns import Snapshot, read_snapshot, sample_path
+from stability import restrict, symmetric_part
+from studies.snapshot.definitions import GEOMETRY, MECHANICS, PACKING
+from studies.snapshot.in_packing import add_in_packing
+from studies.snapshot.summary import snapshot_summary
+from studies.snapshot.table import loop_table
+from tests.packings import LAW, packing
+from tests.studies.test_snapshot_study import run
+
+SLOW = sample_path("slow/grains_10.parquet")
+CELL = (0.914723458490276, 0.0, 0.0, 0.897826511170329)
+COLUMNS = [
+    *(f"packing_lambda_{name}" for name in ("min", "mid", "max")),
+    "packing_unstable_fraction",
+    "surroundings_lambda_min",
+    "packing_error",
+]
+
+
+def eigenvalues(matrix):
+    known = np.isfinite(matrix[:, 0, 0])
+    out = np.full((len(matrix), 3), np.nan)
+    out[known] = np.linalg.eigvalsh(symmetric_part(restrict(matrix[known], "symmetric")))
+    return out
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    out = tmp_path_factory.mktemp("place") / "whole"
+    with pytest.MonkeyPatch.context() as patch:
+        cell = ",".join(map(repr, CELL))
+        asked = ("--cell", cell, "--in-packing", "whole", "--out", out)
+        assert run(patch, "snapshot", SLOW, *asked) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def place():
+    snapshot = read_snapshot(SLOW, cell=np.reshape(CELL, (2, 2)))
+    return loops_in_place(snapshot.graph, snapshot.law, find_faces(snapshot.graph))
+
+
+def test_columns_are_the_operators_eigenvalues(results, place):
+    table = pd.read_parquet(results / "loops.parquet")
+    added = [name for name in table if name.split("_")[0] in ("packing", "surroundings")]
+    assert added == COLUMNS
+    kn = 1e6
+    np.testing.assert_allclose(table[COLUMNS[:3]], eigenvalues(place.matrix) / kn, rtol=1e-9)
+    around = eigenvalues(place.surroundings)[:, 0] / kn
+    np.testing.assert_allclose(table["surroundings_lambda_min"], around, rtol=1e-9, atol=1e-12)
+    negative = table["packing_lambda_min"] < 0
+    assert ((table["packing_unstable_fraction"] > 0) == negative).all()
+    assert (table["packing_error"] == 0).all()
+
+
+def test_summary_of_loops_in_place(results, place):
+    summary = json.loads((results / "summary.json").read_text())
+    table = pd.read_parquet(results / "loops.parquet")
+    share = (table["packing_lambda_min"] < 0).mean()
+    assert summary["unstable_by_order"]["packing"]["all"]["mean"] == pytest.approx(share)
+    assert summary["untrusted_loops"]["packing"] == 0
+    assert summary["in_packing"]["method"] == "whole"
+    assert summary["in_packing"]["boundary"] == "periodic cell"
+    assert summary["in_packing"]["rattlers"] == place.system.carrying.rattlers > 0
+    positive = table["surroundings_lambda_min"] > 0
+    known = table["surroundings_lambda_min"].notna()
+    found = summary["surroundings_positive"]["all"]
+    assert found["mean"] == pytest.approx(positive[known].mean()) and found["count"] == known.sum()
+    # By the traces of the matrices, where the loop alone is trusted.
+    P = restrict(place.matrix, "symmetric"), restrict(place.alone, "symmetric")
+    inside, alone = (np.trace(one, axis1=1, axis2=2) for one in P)
+    three = (table["order"] == 3) & table["traction_free_lambda_min"].notna()
+    median = summary["surroundings_share"]["3"]["median"]
+    assert median == pytest.approx(np.median((1 - alone / inside)[three]), rel=1e-9)
+    orders = pd.read_parquet(results / "orders.parquet").set_index("order")
+    assert orders.loc[3, "surroundings_median"] == pytest.approx(median, rel=1e-12)
+    assert orders.loc[5, "packing_unstable_loops"] == pytest.approx(
+        (table["packing_lambda_min"] < 0)[table["order"] == 5].mean()
+    )
+
+
+def test_figure_report_and_words(results, monkeypatch, tmp_path, capsys):
+    assert (results / "in_packing.png").stat().st_size > 10_000
+    assert (results / "in_packing.svg").exists()
+    page = (results / "report.html").read_text()
+    assert '"colour_by":["order","packing_lambda_min","surroundings_lambda_min"' in page
+    cell = ",".join(map(repr, CELL))
+    asked = ("--cell", cell, "--in-packing", "6", "--out", tmp_path / "r", "--no-figures")
+    assert run(monkeypatch, "snapshot", SLOW, *asked) == 0
+    said = capsys.readouterr().out
+    assert "in its packing: grains turn freely" in said
+    assert "the sample ends at: periodic cell" in said
+    assert "neither says what a loop does in its packing" not in said
+    assert "errors stated: median" in said
+    summary = json.loads((tmp_path / "r" / "summary.json").read_text())
+    assert summary["in_packing"] | {"method": "patches", "radius": 6.0} == summary["in_packing"]
+    assert summary["provenance"]["configuration"]["in_packing"] == "6"
+
+
+def test_without_it_a_snapshot_is_what_it_was(monkeypatch, tmp_path):
+    asked = ("--out", tmp_path / "r", "--no-figures")
+    assert run(monkeypatch, "snapshot", sample_path(), *asked) == 0
+    summary = json.loads((tmp_path / "r" / "summary.json").read_text())
+    assert not set(PACKING) & set(summary)
+    assert summary["definitions"] == GEOMETRY | MECHANICS
+    assert "in_packing" not in summary["provenance"]["configuration"]
+    assert list(summary["unstable_loops"]) == ["affine", "traction", "traction_free"]
+
+
+@pytest.mark.parametrize("asked", ["foo", "", "0", "-3", "nan", "inf", "2", "1e999", "whole,8"])
+def test_nonsense_is_refused(monkeypatch, tmp_path, capsys, asked):
+    cell = ",".join(map(repr, CELL))
+    out = tmp_path / "r"
+    options = ("--cell", cell, f"--in-packing={asked}", "--out", out, "--no-figures")
+    assert run(monkeypatch, "snapshot", SLOW, *options) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and ("--in-packing" in said or "radius" in said)
+    assert "expected" in said and not out.exists()
+
+
+def snapshot_of(graph, law=LAW, regime=Regime.ELASTIC, **more):
+    law = LinearFrictional(*np.broadcast_arrays(law.kn, law.kt, law.mu, np.ones(
+        graph.contact_count))[:3], law.shear_increment)  # fmt: skip
+    regimes = np.full(graph.contact_count, regime, dtype=np.int8)
+    graph = graph.replace(regime=regimes)
+    return Snapshot(graph, law, regimes, np.arange(graph.grain_count), 0, (), **more)
+
+
+def judged(snapshot, asked="whole"):
+    faces = find_faces(snapshot.graph)
+    table = loop_table(snapshot, faces)
+    noted, told = add_in_packing(snapshot, faces, table, asked)
+    return noted, table, snapshot_summary(noted, faces, table, told)
+
+
+def test_every_key_is_defined():
+    _, _, summary = judged(snapshot_of(packing(30, seed=2)))
+    assert set(PACKING) < set(summary) and set(PACKING) < set(summary["definitions"])
+
+
+def square(**more):
+    x = [[0, 0], [1, 0], [1, 1], [0, 1.0]]
+    return GrainGraph(
+        x, [0.5] * 4, [[0, 1], [1, 2], [2, 3], [3, 0]], normal_force=[0.1] * 4, **more
+    )
+
+
+def test_a_packing_that_floats():
+    floats = square(images=[[0, 0]] * 4, cell=[[5.0, 0], [0, 5.0]])
+    with pytest.raises(InputError, match="1 clusters that float"):
+        judged(snapshot_of(floats))
+
+
+def test_a_single_loop_stands_in_no_packing():
+    noted, table, summary = judged(snapshot_of(square()))
+    assert np.isnan(table["packing_lambda_min"]).all() and np.isnan(table["packing_error"]).all()
+    assert summary["untrusted_loops"]["packing"] == 1
+    assert "no loop stands in a packing" in noted.notes[-1]
+    assert summary["in_packing"]["boundary"] == "4 grains held to the affine motion"
+
+
+def test_no_forces_are_refused():
+    snapshot = replace(snapshot_of(packing(30, seed=2)), law=None, regime=None)
+    with pytest.raises(InputError, match="no forces"):
+        judged(snapshot)
+
+
+def test_contacts_that_carry_nothing_still_have_springs():
+    graph = packing(30, seed=2)
+    nothing = np.zeros(graph.contact_count)
+    _, table, _ = judged(snapshot_of(graph.replace(normal_force=nothing, shear_force=nothing)))
+    assert (table["packing_lambda_min"] > 0).all()
+
+
+def test_all_contacts_sliding_are_judged_or_not_numbers():
+    for mu in (0.0, 0.5):
+        law = replace(LAW, mu=mu)
+        _, table, summary = judged(snapshot_of(packing(30, seed=2), law, Regime.SLIDING))
+        known = np.isfinite(table["packing_lambda_min"])
+        assert summary["untrusted_loops"]["packing"] == np.count_nonzero(~known)
+        assert np.abs(table["packing_lambda_max"][known]).max() < 1e6
+
+
+def test_all_contacts_open_are_refused():
+    with pytest.raises(InputError, match="grains that all float"):
+        judged(snapshot_of(packing(30, seed=2), regime=Regime.OPEN))
+
+
+def test_a_cell_of_one_grain_has_loops_without_a_strain():
+    one = GrainGraph([[0.0, 0.0]], [0.5], [[0, 0], [0, 0]], images=[[1, 0], [0, 1]], cell=np.eye(2))
+    place = loops_in_place(one, LAW, find_faces(one))
+    assert np.isnan(place.matrix).all()
+
+
+def test_a_singular_cell_is_refused():
+    with pytest.raises(InputError, match="cell"):
+        read_snapshot(SLOW, cell=[[1.0, 1.0], [1.0, 1.0]])
