@@ -17,7 +17,7 @@ from studies.snapshot.figures import (
     order_bars,
     unstable_rose,
 )
-from studies.snapshot.mechanics import JUDGES
+from studies.snapshot.mechanics import judges
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import EIGENVALUES, loop_table
 
@@ -84,7 +84,7 @@ def test_histograms_hold_every_loop(sample):
     _, _, table, _ = sample
     figure = eigenvalue_distribution(table)
     pooled = np.minimum(table["order"], 6)
-    names = [f"{judge}_{name}" for judge in JUDGES for name in EIGENVALUES]
+    names = [f"{judge}_{name}" for judge in judges(table) for name in EIGENVALUES]
     for ax, name in zip(figure.axes, names, strict=True):
         shares = [
             patch.get_data().values.sum() for patch in ax.patches if hasattr(patch, "get_data")
