@@ -183,15 +183,17 @@ class Edge:
     apex: Flags
 
 
-def edge_of(law: ContactLaw, state: ContactState, closed: Flags) -> Edge:
-    """Contacts at the edge of their law; `closed` says which are not open.
+def edge_of(
+    law: ContactLaw, state: ContactState, closed: Flags, band: float = 1.0 - YIELD_BAND
+) -> Edge:
+    """Contacts at the edge of their law, from `band` of their strength on; `closed`: not open.
 
     Open contacts are judged by the forces that the state gives them: those at their closing.
     """
     mu, T = np.asarray(law.mu, dtype=float), np.abs(state.shear_force)
     cone = (mu > 0) & np.isfinite(mu)
     strength = law.strength(state)
-    at_yield = closed & cone & (T > 0) & (T >= strength * (1.0 - YIELD_BAND))
+    at_yield = closed & cone & (T > 0) & (T >= strength * band)
     gap = np.where(closed, law.gap(state), -state.overlap)
     touching = np.abs(gap) <= TOUCHING * state.touching_length
     elastic = np.full(gap.shape, Regime.ELASTIC, dtype=np.int8)

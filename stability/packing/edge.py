@@ -16,6 +16,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import contact_state
 from loops.contact_tangent import contact_regime
 from loops.graph import GrainGraph
+from loops.laws.frictional import edge_of
 from loops.laws.protocol import ContactLaw, Regime, require_law
 from loops.packing import (
     Factor,
@@ -80,12 +81,10 @@ def yield_edge(
     state = contact_state(graph)
     given = contact_regime(state, law, regime)
     regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
-    # Without a shear force there is no side to slide to: frictionless contacts always slide.
-    sheared = state.shear_force != 0
-    loaded = sheared & (np.abs(state.shear_force) >= yield_band * law.strength(state))
-    near = loaded & (regimes == Regime.ELASTIC)
+    near = edge_of(law, state, regimes == Regime.ELASTIC, yield_band).at_yield
     regimes = np.where(near, Regime.SLIDING, regimes).astype(np.int8)
-    at_yield = sheared & (regimes == Regime.SLIDING)
+    # Without a shear force there is no side to slide to: frictionless contacts always slide.
+    at_yield = (state.shear_force != 0) & (regimes == Regime.SLIDING)
     base = np.where(at_yield, Regime.ELASTIC, regimes).astype(np.int8)
     system = packing_system(graph, law, regime=base, planes=planes, held=held, volume=volume)
     settled = at_yield & _of_two_contact_grains(system)
