@@ -20,7 +20,7 @@ from loops.loop_strain import best_fit_strain, rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from stability import COMPONENTS, RTOL
 from studies.series.increments import PREDICTIONS, TrackedState
-from studies.snapshot.mechanics import JUDGES
+from studies.snapshot.mechanics import judges
 
 # Orders told apart; the last one stands for all beyond.
 LAST_ORDER = 6
@@ -50,7 +50,7 @@ def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, An
     row |= {f"S{ij}": value for ij, value in zip(COMPONENTS, stress, strict=True)}
     sliding = int(np.count_nonzero(snapshot.regime == Regime.SLIDING))
     row["sliding_fraction"] = _ratio(sliding, graph.contact_count)
-    for judge in JUDGES:
+    for judge in judges(table):
         smallest = np.asarray(table[f"{judge}_lambda_min"])
         known = smallest[np.isfinite(smallest)]
         unstable = int(np.count_nonzero(known < -RTOL))
