@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ JUDGES = (*CLOSURES, FREE, PLACE)
 STRESSES = ("stress_11", "stress_12", "stress_21", "stress_22")
 
 
-def judges(table: Table) -> list[str]:
+def judges(table: Mapping[str, Any]) -> list[str]:
     """Those of the judges that a table has."""
     return [judge for judge in JUDGES if f"{judge}_lambda_min" in table]
 
