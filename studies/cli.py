@@ -16,6 +16,7 @@ from studies.commands.common import forget_output
 from studies.commands.diamond import diamond
 from studies.commands.domain import domain
 from studies.commands.polygon import polygon
+from studies.commands.probe import probe
 from studies.commands.series import series
 from studies.commands.snapshot import snapshot
 
@@ -48,7 +49,7 @@ def grainloops(
         typer.echo(context.get_help())
 
 
-for command in (check, snapshot, series, diamond, polygon, domain, bench):
+for command in (check, snapshot, series, probe, diamond, polygon, domain, bench):
     app.command()(command)
 
 

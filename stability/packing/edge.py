@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import contact_state
 from loops.contact_tangent import contact_regime
+from loops.errors import InputError
 from loops.graph import GrainGraph
 from loops.laws.frictional import edge_of
 from loops.laws.protocol import ContactLaw, Regime, require_law
@@ -78,6 +79,7 @@ def yield_edge(
 ) -> YieldEdge:
     """Find the contacts near their strength, and those that `regime` has sliding."""
     require_law(law)
+    checked_band(yield_band)
     state = contact_state(graph)
     given = contact_regime(state, law, regime)
     regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
@@ -109,6 +111,14 @@ def yield_edge(
         scale[:, None] * sliding * scale,
         int(np.count_nonzero(settled[system.contacts])),
     )
+
+
+def checked_band(yield_band: float) -> float:
+    """The share of its strength from which a contact may slide."""
+    if not 0.0 < yield_band <= 1.0:
+        remedy = "Leave it out: 0.99 is what was compared with simulations."
+        raise InputError("yield_band", f"{yield_band:g}", "a share in (0, 1]", remedy)
+    return float(yield_band)
 
 
 def stiffness_of(edge: YieldEdge, active: Flags) -> Floats:

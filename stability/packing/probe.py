@@ -54,6 +54,8 @@ class Probe:
         `W2 = P':H'` of the sample, and over the sizes of both rates in the subspace.
     elastic_strain, elastic_stress : (D, 2, 2) array
         The same with all contacts at yield sticking.
+    elastic_tangent : (4, 4) array
+        Its `A` of `P' = A H'`, order 11, 12, 21, 22.
     piece : (D,) array of int
         Number of the set of regimes; -1 where undetermined.
     tangents : (N, m, m) array
@@ -100,6 +102,7 @@ class Probe:
     normalised: Floats
     elastic_strain: Floats
     elastic_stress: Floats
+    elastic_tangent: Floats
     piece: Integers
     tangents: Floats
     arcs: Floats
@@ -197,19 +200,16 @@ def probe(
     >>> print(found)
     probe: 8 directions, 0 undetermined, smallest w2 1, W2 < 0 in 0 % of directions
     """
-    check_choice("control", control, get_args(Driven))
-    check_choice("subspace", subspace, get_args(Subspace))
-    wanted = probe_directions(directions, subspace)
     edge = yield_edge(
         graph,
         law,
-        yield_band=checked_band(yield_band),
+        yield_band=yield_band,
         regime=regime,
         planes=planes,
         held=held,
         volume=volume,
     )
-    return probe_edge(edge, wanted, control, subspace, faces, starts)
+    return probe_edge(edge, directions, control, subspace, faces, starts)
 
 
 def probe_edge(
@@ -221,6 +221,8 @@ def probe_edge(
     starts: int = 3,
 ) -> Probe:
     """`probe` of a rate problem that is set up already."""
+    check_choice("control", control, get_args(Driven))
+    check_choice("subspace", subspace, get_args(Subspace))
     pieces = Pieces(PackingRates(edge), control, subspace, starts)
     graph = edge.system.graph
     found = find_faces(graph) if faces is None else faces
@@ -257,6 +259,7 @@ def probe_edge(
         normalised=normalised,
         elastic_strain=elastic[:, 0],
         elastic_stress=elastic[:, 1],
+        elastic_tangent=pieces.rates.elastic.stress,
         piece=piece,
         tangents=np.array(pieces.tangents).reshape(-1, *[len(pieces.basis)] * 2),
         arcs=np.array(pieces.arcs).reshape(-1, 2),
@@ -301,13 +304,6 @@ def additive_work(response: PackingResponse, faces: Faces) -> Floats:
     face = np.repeat(np.arange(len(faces.kind)), faces.order)
     sums = np.bincount(face, contact[faces.contacts], minlength=len(faces.kind))
     return np.asarray(-0.5 * sums[faces.loops] / response.system.volume)
-
-
-def checked_band(yield_band: float) -> float:
-    """The share of its strength from which a contact may slide."""
-    if not 0.0 < yield_band <= 1.0:
-        raise InputError("yield band", f"{yield_band:g}", "above 0, up to 1", "0.99 is usual.")
-    return yield_band
 
 
 def _destabilising(

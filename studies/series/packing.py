@@ -17,16 +17,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import InputError, loop_batches, outline_area
+from loops import InputError, loop_batches
 from loops.graph import branch_vectors
 from loops.loop_strain import rotation_and_stretch
-from loops.packing import outline_grains, plane_contacts
 from loops.tracking import Fate, LoopFates
 from stability import COMPONENTS
 from stability.packing import LoopRates, PackingRates, PackingResponse, loop_rates
-from stability.packing.edge import YieldEdge, forces_of_motion, yield_edge
+from stability.packing.edge import YieldEdge, forces_of_motion
 from studies.series.evolution import sample_strain
 from studies.series.increments import TrackedState
+from studies.snapshot.edge import sample_edge
 
 Columns = dict[str, NDArray[Any]]
 # Columns of the increments, and of the packing's own dataset, by the field of `LoopRates`.
@@ -58,7 +58,7 @@ def foretold(
     try:
         if source == "unknown":
             raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
-        edge = _edge(before, yield_band)
+        edge = sample_edge(before.snapshot, before.faces, yield_band)
     except InputError as error:
         return columns, {"packing_status": "refused"}, [f"no packing response: {error}"]
     response = PackingRates(edge).response(H)
@@ -103,23 +103,6 @@ def _facts(before: TrackedState, fates: LoopFates) -> Columns:
         "contact_lost": opened,
         "smallest_N": smallest,
     }
-
-
-def _edge(before: TrackedState, yield_band: float) -> YieldEdge:
-    """The rate problem; a sample ends at its cell, at its walls, or at an outline that is held."""
-    snapshot, faces = before.snapshot, before.faces
-    graph, (law, regime) = snapshot.graph, snapshot.mechanics()
-    planes = held = volume = None
-    if graph.cell is None:
-        volume = outline_area(graph, faces)
-        if snapshot.walls is not None and len(snapshot.walls.grain):
-            walls = snapshot.walls
-            planes = plane_contacts(graph, walls.grain, walls.force, walls.branch)
-        else:
-            held = outline_grains(graph, faces)
-    return yield_edge(
-        graph, law, yield_band=yield_band, regime=regime, planes=planes, held=held, volume=volume
-    )
 
 
 def _own_motion(

@@ -15,6 +15,7 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Integers
 from loops.tracking import ExchangeCounts, Fate
+from stability.packing.edge import checked_band
 from studies.output import (
     SERIES,
     errors_of,
@@ -102,7 +103,7 @@ def run_series(
     how = reading(**how)
     planned = plan_series(paths, cells, how)
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
-    band = _checked_band(yield_band) if in_packing else None
+    band = checked_band(yield_band) if in_packing else None
     read["in_packing"] = band
     made = provenance("series", {"paths": paths, "cells": cells, **read}, UNITS)
     read["cells"] = None if cells is None else cells.name
@@ -122,13 +123,6 @@ def run_series(
                 raise
             drawn = {"figures": figures, "animation": animation}
             return _gather(good, failures, out, made, band, csv=csv, **drawn)
-
-
-def _checked_band(band: float) -> float:
-    if not 0 < band <= 1:
-        remedy = "Leave it out: 0.99 is what the skill is measured with."
-        raise InputError("--yield-band", f"{band}", "a share of the strength in (0, 1]", remedy)
-    return float(band)
 
 
 def _needed(planned: Sequence[PlannedSnapshot], out: Path) -> list[Path]:

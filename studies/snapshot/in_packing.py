@@ -47,7 +47,7 @@ def add_in_packing(
     """Add the columns of the loops in place; what was assumed, as notes and for the summary."""
     how = place_options(asked)
     law, _ = snapshot.mechanics()
-    planes, held, notes = _boundary(snapshot, faces)
+    planes, held, notes = sample_boundary(snapshot, faces)
     place = loops_in_place(snapshot.graph, law, faces, planes=planes, held=held, **how)
     kn = float(np.mean(law.kn))
     found = loop_stability(place.matrix / kn)
@@ -71,7 +71,7 @@ def _left_out(place: LoopsInPlace) -> dict[str, int]:
     }
 
 
-def _boundary(
+def sample_boundary(
     snapshot: Snapshot, faces: Faces
 ) -> tuple[PlaneContacts | None, Flags | None, list[str]]:
     """Walls as planes; where a sample without a cell has none, its outline's grains held."""

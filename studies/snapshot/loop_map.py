@@ -82,7 +82,7 @@ def _by_order(draw: Any, ax: Axes, order: Integers) -> None:
 
 
 def _by_eigenvalue(draw: Any, ax: Axes, smallest: Floats) -> None:
-    colours = draw(ax, smallest, mpl.colormaps[DIVERGING], _around_zero(smallest))
+    colours = draw(ax, smallest, mpl.colormaps[DIVERGING], around_zero(smallest))
     bar = figure_of(ax).colorbar(colours, ax=ax, extend="both", shrink=0.75)
     low, high = colours.get_clim()
     ticks = [low, 0.5 * low, 0.0, 0.5 * high, high]
@@ -90,7 +90,7 @@ def _by_eigenvalue(draw: Any, ax: Axes, smallest: Floats) -> None:
     bar.set_label(r"smallest eigenvalue of $K_s$ / mean $k_n$")
 
 
-def _around_zero(values: Floats) -> Normalize:
+def around_zero(values: Floats) -> Normalize:
     """Zero in the middle of the colours; each side has its own reach, so that few show as well."""
     known = values[np.isfinite(values)]
     if not known.any():

@@ -142,7 +142,7 @@ def wall_summary(snapshot: Snapshot, outline: float) -> dict[str, Any]:
     walls = snapshot.walls
     if walls is None or not snapshot.mechanical or len(walls.grain) == 0:
         return {}
-    box = None if snapshot.graph.cell is not None else _box_area(snapshot.graph.x, walls)
+    box = None if snapshot.graph.cell is not None else box_area(snapshot.graph.x, walls)
     area = outline if box is None else box
     if not area > 0:
         return {}
@@ -159,7 +159,7 @@ def wall_summary(snapshot: Snapshot, outline: float) -> dict[str, Any]:
     }
 
 
-def _box_area(x: Floats, walls: WallContacts) -> float | None:
+def box_area(x: Floats, walls: WallContacts) -> float | None:
     """Area within upright walls, all four of them touched; None for anything else."""
     feet = x[walls.grain] - walls.branch
     length = np.hypot(*walls.branch.T)

@@ -268,7 +268,7 @@ def test_another_yield_band_is_another_series(tmp_path):
     foretell(out, PATHS[:2], force=True, in_packing=False)
     assert not (out / "packing").exists()
     for band in (0.0, 1.5, float("nan")):
-        with pytest.raises(InputError, match=r"--yield-band: got .*, expected a share"):
+        with pytest.raises(InputError, match=r"yield_band: got .*, expected a share"):
             foretell(out, PATHS[:2], yield_band=band)
 
 

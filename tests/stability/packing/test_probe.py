@@ -259,9 +259,9 @@ def test_bad_input_is_one_clear_error():
         ({"directions": [[1.0, 0.0, 0.0]]}, "directions"),
         ({"subspace": "full"}, "subspace"),
         ({"control": "both"}, "control"),
-        ({"yield_band": 1.01}, "yield band"),
-        ({"yield_band": 0.0}, "yield band"),
-        ({"yield_band": np.nan}, "yield band"),
+        ({"yield_band": 1.01}, "yield_band"),
+        ({"yield_band": 0.0}, "yield_band"),
+        ({"yield_band": np.nan}, "yield_band"),
     ):
         with pytest.raises(InputError, match=named):
             probe(graph, LAW, **how)

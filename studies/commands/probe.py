@@ -1,0 +1,128 @@
+"""`grainloops probe`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from studies.commands.common import (
+    Columns,
+    Csv,
+    DropCrossings,
+    Force,
+    Format,
+    Json,
+    Kn,
+    Kt,
+    Mu,
+    Out,
+    ShearIncrement,
+    cell_of,
+    columns_of,
+    report,
+    shown,
+)
+
+
+def probe(
+    path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
+    out: Out,
+    directions: Annotated[int, typer.Option(help="Number of directions.")] = 72,
+    control: Annotated[
+        str, typer.Option(metavar="strain|stress", help="What runs over the unit circle.")
+    ] = "strain",
+    subspace: Annotated[
+        str,
+        typer.Option(
+            metavar="diagonal|symmetric", help="(11, 22) on a circle, or with shear on a sphere."
+        ),
+    ] = "diagonal",
+    yield_band: Annotated[
+        float, typer.Option(help="Contacts from this share of their strength on may slide.")
+    ] = 0.99,
+    contacts: Annotated[
+        Path | None, typer.Option(help="File of contacts; found beside PATH by its name.")
+    ] = None,
+    cell: Annotated[
+        str | None,
+        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
+    ] = None,
+    kn: Kn = None,
+    kt: Kt = None,
+    mu: Mu = None,
+    shear_increment: ShearIncrement = None,
+    format: Format = "auto",
+    columns: Columns = None,
+    frame: Annotated[
+        int | None,
+        typer.Option(help="Which snapshot of a file with several: 0 the first, -1 the last."),
+    ] = None,
+    drop_crossings: DropCrossings = False,
+    no_figures: Annotated[
+        bool, typer.Option("--no-figures", help="Tables and summary alone, no figures, no report.")
+    ] = False,
+    force: Force = False,
+    csv: Csv = False,
+    json: Json = False,
+) -> None:
+    """Probe a DEM snapshot along many directions: response envelope, cones, who is unstable."""
+    from studies.probe import run_probe
+
+    summary = run_probe(
+        path,
+        out,
+        directions=directions,
+        control=control,  # type: ignore[arg-type]
+        subspace=subspace,  # type: ignore[arg-type]
+        yield_band=yield_band,
+        force=force,
+        csv=csv,
+        figures=not no_figures,
+        contacts=contacts,
+        cell=cell_of(cell),
+        kn=kn,
+        kt=kt,
+        mu=mu,
+        format=format,
+        columns=columns_of(columns),
+        frame=frame,
+        drop_crossings=drop_crossings,
+        shear_increment=shear_increment,
+    )
+    report(summary, out, json, _probe_lines)
+
+
+def _probe_lines(summary: dict[str, Any]) -> list[str]:
+    statuses = ", ".join(f"{count} {name}" for name, count in summary["statuses"].items())
+    driven = "H'" if summary["control"] == "strain" else "P'"
+    lines = [
+        f"{summary['directions']} directions of {driven} ({summary['subspace']}): {statuses}",
+        f"{summary['candidates']} contacts may slide (yield band {summary['yield_band']:g}), "
+        f"{summary['pieces']} pieces met; {summary['boundary']}",
+    ]
+    if summary["smallest_w2"] is not None:
+        lines.append(
+            f"smallest w2 {summary['smallest_w2']:.4f} at {summary['softest_theta_deg']:.1f} "
+            f"degrees; W2 < 0 in {100 * summary['unstable_fraction']:.2f} % of directions"
+        )
+    lines += [
+        f"cone from {cone['begin_deg']:.2f} to {cone['end_deg']:.2f} degrees"
+        + ("" if all(cone["refined"]) else " (an end is not sharp)")
+        for cone in summary["cones"]
+    ]
+    if summary["undetermined"]:
+        lines.append(f"W2 undetermined in {summary['undetermined']} directions")
+    control = summary["destabilising"]
+    if control["status"] == "found":
+        held = ", ".join(f"{value:.4f}" for value in control["held"])
+        lines.append(f"loses its strength when this combination of strains is held: {held}")
+    if summary["orders"]:
+        lines.append("softest direction, loops by order: share of W2, of its negative part")
+        lines += [
+            f"  {order:>3}  {shown(row['W2_share']):>7}  {shown(row['negative_share']):>7}"
+            for order, row in summary["orders"].items()
+            if row["loops"]
+        ]
+    return lines + [f"note: {note}" for note in summary["notes"]]

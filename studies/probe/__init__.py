@@ -1,0 +1,5 @@
+"""The study behind `grainloops probe`: a snapshot's response in many directions."""
+
+from studies.probe.run import run_probe
+
+__all__ = ["run_probe"]

@@ -1,0 +1,193 @@
+"""Figures of a probe: response envelope, polar diagram of w2, orders and the map of the loops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
+from matplotlib.ticker import MaxNLocator
+
+from loops import Faces
+from loops.arrays import Floats
+from patterns import Snapshot
+from stability.packing import Probe
+from studies.snapshot.figures import Drawing
+from studies.snapshot.loop_map import around_zero, loop_drawer
+from studies.style import (
+    BLUE,
+    DIVERGING,
+    GREY,
+    LIGHT_GREY,
+    ORANGE,
+    SEQUENTIAL,
+    SKY,
+    VERMILION,
+    axes_or_new,
+    figure_of,
+    new_figure,
+    save_figure,
+    styled,
+)
+
+# The circle of w2 = 0 of the polar diagram (Nicot et al. 2016, Fig. 11).
+RADIUS = 2.0
+_ENVELOPE = (
+    "Rates {answer} that answer to rates {given} of length one{where}; dashed: all contacts at "
+    "yield stick. A dot is a direction; where the line breaks there is no solution that could be "
+    "found."
+)
+_WORK = (
+    "Normalised second-order work of the sample along the directions of {given}: distance from the "
+    "centre 2 + w2, so that inside the inner circle it is negative (shaded: the cones)."
+)
+_ORDERS = (
+    "Softest direction, {theta:.1f} degrees: what the loops of each number of grains add to the "
+    "sample's second-order work, and to its negative part, beside their area. Of a negative work a "
+    "positive share is negative work. Order 0: contacts in no loop or in one alone."
+)
+_MAP = (
+    "Softest direction, {theta:.1f} degrees: additive second-order work of every loop over its "
+    "area and the mean kn; areas times it sum to the sample's."
+)
+
+
+def draw_figures(
+    snapshot: Snapshot,
+    faces: Faces,
+    found: Probe,
+    loops: dict[str, Any],
+    summary: dict[str, Any],
+    folder: Path,
+) -> list[tuple[str, str, Path]]:
+    """Draw every figure of a probe as PNG and SVG."""
+    shown = []
+    for one in _drawings(snapshot, faces, found, loops, summary):
+        save_figure(one.figure, folder, one.name, summary["provenance"])
+        shown.append((one.title, one.caption, folder / f"{one.name}.png"))
+    return shown
+
+
+def _drawings(
+    snapshot: Snapshot,
+    faces: Faces,
+    found: Probe,
+    loops: dict[str, Any],
+    summary: dict[str, Any],
+) -> Iterator[Drawing]:
+    given, answer = ("H'", "P'") if found.control == "strain" else ("P'", "H'")
+    where = "" if found.subspace == "diagonal" else " in the three symmetric components"
+    caption = _ENVELOPE.format(given=given, answer=answer, where=where)
+    envelope = figure_of(response_envelope(found, summary["mean_kn"]))
+    yield Drawing("envelope", "Response envelope", caption, envelope)
+    yield Drawing("work", "Second-order work", _WORK.format(given=given), polar_work(found))
+    theta = summary["softest_theta_deg"]
+    if theta is not None:
+        bars = figure_of(order_bars(summary["orders"]))
+        yield Drawing("orders", "Orders", _ORDERS.format(theta=theta), bars)
+        drawn = work_map(snapshot, faces, loops["additive_w"] / summary["mean_kn"])
+        yield Drawing("map", "Loops", _MAP.format(theta=theta), drawn)
+
+
+@styled()
+def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
+    """Rates that answer to the unit circle of the driven ones, the elastic ones beside."""
+    ax = axes_or_new(ax, 3.5, 3.6)
+    if found.control == "strain":
+        answers = found.stress_rate / kn, found.elastic_stress / kn
+        labels = r"$P'_{11}$ / mean $k_n$", r"$P'_{22}$ / mean $k_n$"
+    else:
+        answers = found.strain_rate * kn, found.elastic_strain * kn
+        labels = r"$H'_{11}$ · mean $k_n$", r"$H'_{22}$ · mean $k_n$"
+    parts = [values[:, [0, 1], [0, 1]] for values in answers]
+    if found.subspace == "diagonal":
+        own, elastic = (np.vstack([part, part[:1]]) for part in parts)
+        ax.plot(*elastic.T, "--", color=GREY, linewidth=1.0, label="elastic")
+        ax.plot(*own.T, "o-", color=BLUE, markersize=2.2, linewidth=1.0, label="with sliding")
+    else:
+        ax.plot(*parts[1].T, "o", color=LIGHT_GREY, markersize=2.2, label="elastic")
+        dots = ax.scatter(
+            parts[0][:, 0], parts[0][:, 1], c=found.directions[:, 2], s=6, cmap=SEQUENTIAL
+        )
+        figure_of(ax).colorbar(dots, ax=ax, shrink=0.7, label="shear part of the direction")
+    softest = found.softest
+    if softest is not None:
+        ax.plot(*parts[0][softest], "D", color=VERMILION, markersize=5, label="softest direction")
+    ax.axhline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
+    ax.axvline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
+    ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=3, columnspacing=1.0)
+    return ax
+
+
+@styled()
+def polar_work(found: Probe) -> Figure:
+    """Normalised second-order work over the directions, with the cones."""
+    figure = new_figure(3.8, 3.7)
+    ax = figure.add_subplot(projection="polar")
+    assert isinstance(ax, PolarAxes)
+    circle = np.linspace(0.0, 2.0 * np.pi, 361)
+    ax.plot(circle, np.full(361, RADIUS), color=GREY, linewidth=0.8)
+    for begin, end in found.cones:
+        arc = np.linspace(begin, end, 181)
+        ax.fill_between(arc, 0.0, RADIUS + 1.0, color=ORANGE, alpha=0.35, linewidth=0)
+    theta, radius = found.theta, RADIUS + found.normalised
+    if found.subspace == "diagonal":
+        order = np.append(np.argsort(theta), np.argmin(theta))
+        ax.plot(theta[order], radius[order], "o-", color=BLUE, markersize=2.2, linewidth=1.0)
+    else:
+        dots = ax.scatter(theta, radius, c=found.directions[:, 2], s=6, cmap=SEQUENTIAL)
+        figure.colorbar(dots, ax=ax, shrink=0.7, pad=0.12, label="shear part of the direction")
+    unknown = theta[~found.determined]
+    ax.plot(unknown, np.full(len(unknown), RADIUS + 1.0), "x", color=GREY, markersize=3.5)
+    driven = "H" if found.control == "strain" else "P"
+    ax.set_ylim(0.0, RADIUS + 1.05)
+    ax.set_rticks([1.0, 2.0, 3.0], ["-1", "0", "1"])
+    ax.set_rlabel_position(112.5)
+    ax.set_thetagrids(range(0, 360, 45))
+    ax.grid(color=LIGHT_GREY, linewidth=0.5)
+    note = f"; x: {len(unknown)} undetermined" if len(unknown) else ""
+    ax.set_title(
+        rf"$w_2$ along $({driven}'_{{11}}, {driven}'_{{22}})$, degrees{note}"
+        f"\n$w_2 < 0$ in {100 * found.unstable_fraction:.2g} % of directions"
+    )
+    return figure
+
+
+@styled()
+def order_bars(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> Axes:
+    """Shares of the loops by order in area, in W2 and in its negative part."""
+    ax = axes_or_new(ax)
+    numbers = np.array([int(n) for n in orders])
+    for k, (name, colour, label) in enumerate(
+        (
+            ("area_share", SKY, "of the area"),
+            ("W2_share", BLUE, r"of the sample's $W_2$"),
+            ("negative_share", VERMILION, "of its negative part"),
+        )
+    ):
+        values = [row[name] for row in orders.values()]
+        ax.bar(numbers + 0.27 * (k - 1), values, 0.27, color=colour, label=label)
+    ax.axhline(0.0, color=GREY, linewidth=0.7)
+    ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops of an order")
+    ax.xaxis.set_major_locator(MaxNLocator(12, integer=True))
+    ax.legend()
+    return ax
+
+
+@styled()
+def work_map(snapshot: Snapshot, faces: Faces, work: Floats) -> Figure:
+    """Loops coloured by their additive second-order work."""
+    figure = new_figure(4.4, 4.0)
+    ax = figure.add_subplot()
+    draw = loop_drawer(snapshot, faces)
+    colours = draw(ax, work, mpl.colormaps[DIVERGING], around_zero(work))
+    bar = figure.colorbar(colours, ax=ax, extend="both", shrink=0.75)
+    bar.ax.set_yscale("linear")
+    bar.set_label(r"additive $w = -\sum f' \cdot d' / (2 V_l)$ / mean $k_n$")
+    return figure

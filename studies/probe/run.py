@@ -1,0 +1,252 @@
+"""From the files of a snapshot to its response envelope, cones and the loops behind them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import Faces
+from patterns import Snapshot
+from stability import COMPONENTS
+from stability.packing import Probe
+from stability.packing.pieces import Driven, Subspace
+from stability.packing.probe import probe_edge
+from studies.output import provenance, readable, result_folder, write_summary, write_table
+from studies.snapshot.edge import sample_edge
+from studies.snapshot.source import read_planar, reading
+
+Columns = dict[str, NDArray[Any]]
+
+UNITS = (
+    "as the input's: stress = force/length (two dimensions); P', H' and W2 are rates per unit of "
+    "the direction; angles in degrees"
+)
+DEFINITIONS = {
+    "area_share": "area of the loops of an order over the area of all loops",
+    "boundary": "what drives the sample from outside",
+    "candidates": "contacts within the yield band that may slide",
+    "cones": "angles between which second-order work is negative (diagonal subspace); refined: "
+    "whether it vanishes there, else it jumps, or the next directions are undetermined",
+    "destabilising": "the linear control of which the sample loses its strength: `held` is the "
+    "combination of strains that is held, `direction` the strain that the control admits, `work` "
+    "the slope of the conjugate stress, `reaction` the stress rate along `held`; definite: none "
+    "does",
+    "elastic_tangent": "P' = A H' with all contacts at yield sticking, order 11, 12, 21, 22",
+    "mean_kn": "mean normal stiffness of the contacts",
+    "orders": "of the softest direction, by the number of grains of the loops: their share of the "
+    "sample's W2, additive, and of its negative part, the sum over loops that do negative work",
+    "pieces": "sets of regimes met, on each of which the response is linear",
+    "pieces_cover": "share of all directions whose piece was met (diagonal subspace)",
+    "settled": "contacts at yield of a grain with two contacts, whose T/N is geometry: they stick",
+    "smallest_w2": "smallest normalised second-order work P':H'/(|P'||H'|) in the subspace",
+    "softest_theta_deg": "its direction, of H' or of P' by `control`, tan theta = 22/11",
+    "statuses": "directions whose rate problem has a unique solution, several found, none, or "
+    "where none was found (not converged); in the last two W2 is undetermined",
+    "undetermined": "directions without a solution that could be found",
+    "unstable_fraction": "share of directions with negative W2: the width of the cones, in the "
+    "symmetric subspace of the directions that are determined",
+    "yield_band": "contacts from this share of their strength on may slide; it stands for the "
+    "amplitude of a probe",
+}
+OUTLINE = (
+    "no walls and no cell are known: the outline's grains follow the strain, which stiffens the "
+    "sample"
+)
+
+
+def run_probe(
+    path: Path,
+    out: Path,
+    *,
+    directions: int = 72,
+    control: Driven = "strain",
+    subspace: Subspace = "diagonal",
+    yield_band: float = 0.99,
+    force: bool = False,
+    csv: bool = False,
+    figures: bool = True,
+    **how: Any,
+) -> dict[str, Any]:
+    """Probe a snapshot, write tables, figures and a report; the summary.
+
+    It is read with the options `how` of `read_planar`.
+    """
+    asked: dict[str, Any] = {
+        "directions": directions,
+        "control": control,
+        "subspace": subspace,
+        "yield_band": yield_band,
+    }
+    with result_folder(out, force=force) as folder:
+        snapshot, faces = read_planar(path, **how)
+        edge = sample_edge(snapshot, faces, yield_band)
+        found = probe_edge(edge, directions, control, subspace, faces)
+        made = provenance("probe", {"path": path, **reading(**how), **asked}, UNITS)
+        summary = probe_summary(snapshot, found) | asked | {"provenance": made}
+        tables = {
+            "probe": direction_table(found),
+            "pieces": piece_table(found),
+            "orders": order_table(found),
+            "loops": loop_table(found),
+        }
+        for name, columns in tables.items():
+            write_table(folder, name, columns, made, csv=csv)
+        write_summary(folder, summary)
+        if figures:
+            _draw(snapshot, faces, found, tables["loops"], summary, folder)
+    return summary
+
+
+def direction_table(found: Probe) -> Columns:
+    """One row a direction."""
+    columns: Columns = {"theta_deg": np.degrees(found.theta)}
+    for name, values in (
+        ("H", found.strain_rate),
+        ("P", found.stress_rate),
+        ("elastic_H", found.elastic_strain),
+        ("elastic_P", found.elastic_stress),
+    ):
+        parts = values.reshape(-1, 4).T
+        columns |= {f"{name}{ij}": part for ij, part in zip(COMPONENTS, parts, strict=True)}
+    return columns | {
+        "W2": found.work,
+        "w2": found.normalised,
+        "status": found.status,
+        "sliding": found.sliding,
+        "disagreeing": found.disagreeing,
+        "residual": found.residual,
+        "piece": found.piece,
+    }
+
+
+def piece_table(found: Probe) -> Columns:
+    """One row a piece: where it holds, how many directions met it, its tangent."""
+    m = found.directions.shape[1]
+    count = np.bincount(found.piece[found.determined], minlength=len(found.tangents))
+    tangents = found.tangents.reshape(-1, m * m).T
+    names = [f"K{i + 1}{j + 1}" for i in range(m) for j in range(m)]
+    return {
+        "piece": np.arange(len(found.tangents)),
+        "begin_deg": np.degrees(found.arcs[:, 0]),
+        "end_deg": np.degrees(found.arcs[:, 1]),
+        "directions": count,
+        **dict(zip(names, tangents, strict=True)),
+    }
+
+
+def order_table(found: Probe) -> Columns:
+    """One row a direction and order: what the loops add to the sample's W2, and its negative part.
+
+    Order 0 stands for the contacts that are in no loop, or in one alone.
+    """
+    orders, at = np.unique(found.order, return_inverse=True)
+    member = at == np.arange(len(orders))[:, None]
+    work = found.loop_work @ member.T
+    negative = np.minimum(found.loop_work, 0.0) @ member.T
+    rest = (found.work - work.sum(axis=1))[:, None]
+    work, negative = np.hstack([rest, work]), np.hstack([0.0 * rest, negative])
+    shape = work.shape
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shares = work / found.work[:, None], negative / negative.sum(axis=1, keepdims=True) + 0.0
+    area = np.bincount(at, found.area, minlength=len(orders)) / found.area.sum()
+    columns = {
+        "theta_deg": np.degrees(found.theta)[:, None],
+        "order": np.append(0, orders),
+        "loops": np.append(0, member.sum(axis=1)),
+        "area_share": np.append(0.0, area),
+        "W2": work,
+        "W2_share": shares[0],
+        "negative": negative,
+        "negative_share": shares[1],
+    }
+    return {name: np.broadcast_to(value, shape).ravel() for name, value in columns.items()}
+
+
+def loop_table(found: Probe) -> Columns:
+    """One row a loop: what it adds in the softest direction, and per area of its own."""
+    softest = found.softest
+    work = np.full(len(found.order), np.nan) if softest is None else found.loop_work[softest]
+    return {
+        "loop": np.arange(len(found.order)),
+        "order": found.order,
+        "area": found.area,
+        "W2": work,
+        "additive_w": work * found.system.volume / found.area,
+    }
+
+
+def probe_summary(snapshot: Snapshot, found: Probe) -> dict[str, Any]:
+    """The numbers that a probe comes down to."""
+    law, _ = snapshot.mechanics()
+    statuses, counts = np.unique(found.status, return_counts=True)
+    softest, control = found.softest, found.destabilising
+    carrying = found.system.carrying
+    theta = np.degrees(found.theta)
+    return {
+        "boundary": found.system.boundary,
+        "candidates": found.candidates,
+        "clusters": carrying.clusters,
+        "cones": [
+            {"begin_deg": begin, "end_deg": end, "refined": sure.tolist()}
+            for (begin, end), sure in zip(np.degrees(found.cones), found.refined, strict=True)
+        ],
+        "definitions": DEFINITIONS,
+        "destabilising": {
+            "status": control.status,
+            "direction": control.direction,
+            "held": control.held,
+            "work": control.work,
+            "reaction": control.reaction,
+        },
+        "elastic_tangent": found.elastic_tangent,
+        "loops": len(found.order),
+        "mean_kn": float(np.mean(law.kn)),
+        "notes": [*snapshot.notes, *([OUTLINE] if found.system.held else [])],
+        "orders": {} if softest is None else _softest_orders(found, softest),
+        "pieces": len(found.tangents),
+        "pieces_cover": _cover(found),
+        "rattlers": carrying.rattlers,
+        "settled": found.settled,
+        "smallest_w2": None if softest is None else float(found.normalised[softest]),
+        "softest_theta_deg": None if softest is None else float(theta[softest]),
+        "statuses": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
+        "undetermined": int(np.count_nonzero(~found.determined)),
+        "unstable_fraction": found.unstable_fraction,
+    }
+
+
+def _softest_orders(found: Probe, softest: int) -> dict[str, dict[str, float]]:
+    table = order_table(found)
+    rows = np.arange(len(table["order"])).reshape(len(found.work), -1)[softest]
+    names = ("loops", "area_share", "W2_share", "negative_share")
+    return {
+        str(table["order"][row]): {name: table[name][row].item() for name in names} for row in rows
+    }
+
+
+def _cover(found: Probe) -> float | None:
+    """Share of the circle on the arcs of the pieces; they overlap only where solutions do."""
+    if found.directions.shape[1] != 2 or not len(found.arcs):
+        return None
+    return float(min(np.ptp(found.arcs, axis=1).sum() / (2.0 * np.pi), 1.0))
+
+
+def _draw(
+    snapshot: Snapshot,
+    faces: Faces,
+    found: Probe,
+    loops: Columns,
+    summary: dict[str, Any],
+    folder: Path,
+) -> None:
+    # Drawing is loaded only when there is something to draw.
+    from studies.probe.figures import draw_figures
+    from studies.snapshot.report import loops_for_map, write_report
+
+    made = summary["provenance"]
+    drawn = draw_figures(snapshot, faces, found, loops, summary, folder)
+    title = f"Probes of {readable(made['configuration']['path'].name)}"
+    write_report(folder, title, summary, drawn, loops_for_map(snapshot, faces, loops), made)

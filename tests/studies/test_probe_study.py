@@ -1,0 +1,173 @@
+"""`grainloops probe`: its tables against the numerics, and what it refuses."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from loops import Regime
+from patterns import read_snapshot, sample_path
+from stability.packing import packing_response, probe
+from studies.probe import run_probe
+from tests.studies.test_snapshot_study import run
+
+SLOW = sample_path("slow/grains_10.parquet")
+ROW = pd.read_csv(sample_path("slow/cells.csv")).iloc[0]
+CELL = [float(ROW[name]) for name in ("h_xx", "h_xy", "h_yx", "h_yy")]
+FIGURES = [
+    f"{name}.{kind}" for name in ("envelope", "work", "orders", "map") for kind in ("png", "svg")
+]
+TABLES = ("probe", "pieces", "orders", "loops")
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """The command on one state of the slow sample, run once."""
+    out = tmp_path_factory.mktemp("results") / "probe"
+    cell = ",".join(map(repr, CELL))
+    with pytest.MonkeyPatch.context() as patch:
+        status = run(patch, "probe", SLOW, "--cell", cell, "--shear-increment", "radii",
+                     "--directions", "15", "--out", out)  # fmt: skip
+    assert status == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def numerics():
+    snapshot = read_snapshot(SLOW, cell=np.reshape(CELL, (2, 2)), shear_increment="radii")
+    return snapshot, probe(snapshot.graph, snapshot.law, 15, regime=snapshot.regime)
+
+
+def test_files_are_those_of_the_contract(results):
+    tables = {f"{name}.parquet" for name in TABLES}
+    files = {path.name for path in results.iterdir()}
+    assert files == {*tables, *FIGURES, "summary.json", "report.html"}
+    page = (results / "report.html").read_text()
+    assert page.count("<figure>") == 4 and "<title>Probes of grains_10.parquet</title>" in page
+
+
+def test_a_row_a_direction(results, numerics):
+    table = pd.read_parquet(results / "probe.parquet")
+    found = numerics[1]
+    head = "theta_deg H11 H12 H21 H22 P11 P12 P21 P22".split()
+    assert [name for name in table if not name.startswith("elastic")][: len(head)] == head
+    assert np.allclose(table["theta_deg"], 24.0 * np.arange(15))
+    assert np.allclose(table[["P11", "P12", "P21", "P22"]], found.stress_rate.reshape(-1, 4))
+    assert np.allclose(table["W2"], found.work) and np.allclose(table["w2"], found.normalised)
+    work = sum(table[f"P{ij}"] * table[f"H{ij}"] for ij in ("11", "12", "21", "22"))
+    assert np.allclose(table["W2"], work)
+    assert set(table["status"]) == {"unique"} and table["residual"].max() < 1e-12
+    assert (table["sliding"] > 20).all()
+
+
+def test_a_direction_is_the_packings_response_one_by_one(numerics):
+    snapshot, found = numerics
+    k = found.softest
+    one = packing_response(
+        snapshot.graph, snapshot.law, found.strain_rate[k], regime=snapshot.regime
+    )
+    size = np.abs(found.stress_rate).max()
+    assert np.allclose(found.stress_rate[k], one.stress_rate, rtol=0, atol=1e-13 * size)
+    assert found.sliding[k] == one.sliding == np.sum(one.regime == Regime.SLIDING)
+
+
+def test_the_samples_cone_lies_about_its_loading_direction(results, numerics):
+    summary = json.loads((results / "summary.json").read_text())
+    (cone,) = summary["cones"]
+    # Drained biaxial compression: H11' < 0 < H22', and the state is near its peak.
+    assert 135 < cone["begin_deg"] < summary["softest_theta_deg"] < cone["end_deg"] < 160
+    assert cone["refined"] == [True, True] and summary["smallest_w2"] < 0
+    width = cone["end_deg"] - cone["begin_deg"]
+    assert summary["unstable_fraction"] == pytest.approx(width / 360)
+    assert summary["destabilising"]["status"] == "found"
+    assert summary["undetermined"] == 0 and summary["boundary"] == "periodic cell"
+
+
+def test_orders_share_the_samples_work(results):
+    table, orders = (pd.read_parquet(results / f"{name}.parquet") for name in ("probe", "orders"))
+    grouped = orders.groupby(orders["theta_deg"].round(6))
+    assert np.allclose(grouped["W2"].sum(), table["W2"], rtol=1e-10)
+    for name in ("W2_share", "area_share"):
+        assert np.allclose(grouped[name].sum(), 1.0)
+    # In one direction no loop does negative work, and nothing is to be shared.
+    negative = grouped["negative"].sum()
+    assert (orders["negative"] <= 0).all() and np.count_nonzero(negative == 0) == 1
+    assert np.allclose(grouped["negative_share"].sum(), negative < 0)
+    # In a periodic cell every contact lies between two loops.
+    assert np.allclose(orders["W2"][orders["order"] == 0] / table["W2"].abs().max(), 0, atol=1e-12)
+    summary = json.loads((results / "summary.json").read_text())
+    assert sum(row["W2_share"] for row in summary["orders"].values()) == pytest.approx(1)
+    loops = pd.read_parquet(results / "loops.parquet")
+    assert loops["W2"].sum() == pytest.approx(table["W2"][table["w2"].idxmin()], rel=1e-10)
+    volume = np.linalg.det(np.reshape(CELL, (2, 2)))
+    assert np.allclose(loops["additive_w"] * loops["area"], loops["W2"] * volume)
+
+
+def test_stress_on_the_sphere_has_no_cones_but_a_share(tmp_path):
+    cell, how = CELL, {"shear_increment": "radii", "figures": False}
+    summary = run_probe(SLOW, tmp_path / "out", cell=cell, directions=9, control="strain",
+                        subspace="symmetric", **how)  # fmt: skip
+    table = pd.read_parquet(tmp_path / "out/probe.parquet")
+    assert summary["cones"] == [] and summary["pieces_cover"] is None
+    assert summary["unstable_fraction"] == np.mean(table["w2"] < 0)
+    assert np.allclose(table["H12"], table["H21"]) and (table["H12"].abs() > 0.1).any()
+
+
+def plain(folder, *, walls=True, forces=True):
+    """The biaxial sample, perhaps without its walls or its forces."""
+    grains, contacts = (
+        pd.read_csv(sample_path(f"{name}_biaxial.csv.gz")) for name in ("grains", "contacts")
+    )
+    if not walls:
+        alone = set(grains["id"][grains["type"] == 0])
+        grains = grains[grains["type"] == 0]
+        contacts = contacts[contacts["id1"].isin(alone) & contacts["id2"].isin(alone)]
+    if not forces:
+        contacts = contacts[["id1", "id2", "branch_x", "branch_y"]]
+    folder.mkdir()
+    grains.to_csv(folder / "grains.csv", index=False)
+    contacts.to_csv(folder / "contacts.csv", index=False)
+    return folder / "grains.csv"
+
+
+def test_walls_drive_a_box_and_a_held_outline_stiffens_it(tmp_path):
+    how = {"directions": 8, "figures": False}
+    walls = run_probe(plain(tmp_path / "a"), tmp_path / "walls", **how)
+    held = run_probe(plain(tmp_path / "b", walls=False), tmp_path / "held", **how)
+    assert "wall contacts" in walls["boundary"] and "held" in held["boundary"]
+    assert not any("outline" in note for note in walls["notes"])
+    assert any("outline's grains follow the strain" in note for note in held["notes"])
+    stiff, soft = (np.trace(one["elastic_tangent"]) for one in (held, walls))
+    assert stiff > 1.05 * soft > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--directions", "0"], "directions: got 0, expected a whole number, 1 or more"),
+        (["--subspace", "full"], "subspace: got 'full', expected 'diagonal' or 'symmetric'"),
+        (["--control", "both"], "control: got 'both', expected 'strain' or 'stress'"),
+        (["--yield-band", "1.5"], "yield_band: got 1.5, expected a share in (0, 1]"),
+    ],
+)
+def test_bad_options_are_one_clear_line(monkeypatch, capsys, tmp_path, arguments, said):
+    out = tmp_path / "out"
+    assert run(monkeypatch, "probe", sample_path(), "--out", out, *arguments) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1 and not out.exists()
+
+
+def test_a_snapshot_without_forces_and_one_that_floats_are_refused(monkeypatch, capsys, tmp_path):
+    out = tmp_path / "out"
+    assert run(monkeypatch, "probe", plain(tmp_path / "a", forces=False), "--out", out) == 2
+    assert "no forces" in capsys.readouterr().err
+    grains = tmp_path / "grains.csv"
+    pd.DataFrame({"id": [0, 1], "x": [0.0, 0.9], "y": [0.0, 0.0], "radius": [0.5, 0.5]}).to_csv(
+        grains, index=False
+    )
+    chain = {"id1": [0], "id2": [1], "branch_x": [0.9], "branch_y": [0.0], "fn": [1.0]}
+    chain |= {"fsx": [0.0], "fsy": [0.0], "kn": [10.0], "ks": [5.0], "mu": [0.5], "sliding": [0]}
+    pd.DataFrame(chain).to_csv(tmp_path / "contacts.csv", index=False)
+    assert run(monkeypatch, "probe", grains, "--cell", "5,0,0,5", "--out", out) == 2
+    assert "float" in capsys.readouterr().err and not out.exists()
