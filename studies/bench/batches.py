@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -15,7 +14,7 @@ from patterns.hard_cases import hard_case
 from stability import restrict, symmetric_spectrum
 from stability.loop_stability import loop_stability
 from studies.bench.hard_tangents import exact_answer
-from studies.bench.measure import Row, measured
+from studies.bench.measure import Rows
 from studies.bench.rings import Rings, random_rings
 
 CLOSURES = ("affine", "traction")
@@ -23,60 +22,50 @@ SIZES = (1, 10, 100, 1000, 10_000)
 OVERLAPS = (1e-1, 1e-3, 1e-5, 1e-7)
 
 
-def batch_sizes(quick: bool) -> list[Row]:
+def batch_sizes(quick: bool) -> Rows:
     """Time per hexagon over the size of the batch, with the error against 50 digits."""
-    row: Callable[..., Row] = partial(
-        measured, "batch or one by one", quick=quick, oracle="50 digits, first loop"
-    )
-    rows, whole = [], random_rings(SIZES[-1], 6, seed=9)
+    rows = Rows("batch or one by one", "50 digits, first loop", quick)
+    whole = random_rings(SIZES[-1], 6, seed=9)
     for closure in CLOSURES:
         exact = whole.exact(0, closure)
         for size in SIZES[: 3 if quick else None]:
             call = partial(tangents, whole.first(size), closure)
             gap = np.linalg.norm(call()[0] - exact) / np.linalg.norm(exact)
-            rows.append(row(f"{closure} tangent", f"{size:,} at once", call, gap, items=size))
+            rows.add(f"{closure} tangent", f"{size:,} at once", call, gap, size)
     return rows
 
 
-def precisions(quick: bool) -> list[Row]:
+def precisions(quick: bool) -> Rows:
     """The affine tangent of a stiff sliding hexagon in single and in double precision.
 
     The error is that of the smallest eigenvalue of Ks over the overlap, the size of what `N/l` adds
     to it: 1 means that nothing is known of it.
     """
     case, copies = hard_case("stiff-sliding-grains"), 100 if quick else 20_000
-    row: Callable[..., Row] = partial(
-        measured, "precision", items=copies, quick=quick, oracle="50 digits"
-    )
-    rows = []
+    rows = Rows("precision", "50 digits", quick)
     for overlap in OVERLAPS:
         scene = case.build(overlap)
-        answer = exact_answer(scene, "affine", "symmetric")
+        answer = exact_answer(scene, "affine")
         assert answer is not None
         for dtype in (np.float32, np.float64):
             call = partial(plain_kernel, *kernel_inputs(scene.graph, copies, dtype))
             values = plain_kernel(*kernel_inputs(scene.graph, 1, dtype))
             gap = (float(values[0, 0]) - answer.spectrum[0]) / overlap
             named = (np.dtype(dtype).name, f"overlap {overlap:.0e}")
-            rows.append(row(*named, call, gap, default=dtype is np.float64))
+            rows.add(*named, call, gap, copies, dtype is np.float64)
     return rows
 
 
-def compiled_modes(quick: bool) -> list[Row]:
+def compiled_modes(quick: bool) -> Rows:
     """Eigenvalues, cones and fractions of many tangents; compiled too unless quick."""
     matrices = tangents(random_rings(200 if quick else 20_000, 6, seed=13), "affine")
-    exact = symmetric_spectrum(restrict(matrices, "symmetric"))
+    exact, count = symmetric_spectrum(restrict(matrices, "symmetric")), len(matrices)
     size = np.abs(exact).max(axis=1, keepdims=True)
-    count = len(matrices)
-    row: Callable[..., Row] = partial(
-        measured, "compiled or plain", items=count, quick=quick, oracle="LAPACK"
-    )
-    rows = []
-    for compiled in (False,) if quick else (False, True):
-        call = partial(loop_stability, matrices, compiled=compiled)
-        method = "modes, compiled" if compiled else "modes, numpy"
+    rows = Rows("compiled or plain", "LAPACK", quick)
+    for how in ("numpy",) if quick else ("numpy", "compiled"):
+        call = partial(loop_stability, matrices, compiled=how == "compiled")
         gap = (call().eigenvalues - exact) / size
-        rows.append(row(method, f"{count:,} loops", call, gap))
+        rows.add(f"modes, {how}", f"{count:,} loops", call, gap, count)
     return rows
 
 

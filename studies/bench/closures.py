@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from loops import assemble_tangent, boundary_vectors, polygon_area, traction_tangent
 from loops.arrays import Floats
 from loops.closures.traction import FORCE_METHOD_LIMIT, SADDLE_GAIN
-from studies.bench.measure import Row, largest, least_seconds, measured
+from studies.bench.measure import Row, Rows, largest, least_seconds
 from studies.bench.rings import Rings, random_rings
 
 ORACLE = "primal system, 50 digits"
@@ -27,18 +26,13 @@ def closure_methods(quick: bool) -> list[Row]:
 def _of_order(order: int, loops: int, checked: int, quick: bool) -> list[Row]:
     batch = random_rings(loops, order, seed=7)
     exact = {k: batch.exact(k, "traction") for k in range(checked)}
-    row: Callable[..., Row] = partial(
-        measured, f"closures, n = {order}", quick=quick, oracle=ORACLE
-    )
-    rows = []
+    rows = Rows(f"closures, n = {order}", ORACLE, quick)
     for method, name in (("force", "force method"), ("saddle", "dense saddle"), ("auto", "both")):
-        call = partial(_solve, batch, method)
-        gap = _error(call(), exact)
-        default = method == "auto"
-        rows.append(row(name, f"method='{method}'", call, gap, items=loops, default=default))
+        call, setting = partial(_solve, batch, method), f"method='{method}'"
+        rows.add(name, setting, call, _error(call(), exact), loops, method == "auto")
     few = batch.first(max(60, checked))
-    call, gap = partial(least_squares, few), _error(least_squares(few), exact)
-    rows.append(row("least squares", "numpy lstsq, one by one", call, gap, items=len(few.regime)))
+    call, setting = partial(least_squares, few), "numpy lstsq, one by one"
+    rows.add("least squares", setting, call, _error(call(), exact), len(few.regime))
     return rows + (_limits(batch, exact, quick) if order == 6 else [])
 
 
@@ -71,17 +65,10 @@ def _limits(batch: Rings, exact: dict[int, Floats], quick: bool) -> list[Row]:
         taken = poor & (SADDLE_GAIN * saddle.condition < force.condition)
         matrix = np.where(taken[:, None, None], saddle.matrix, force.matrix)
         time = seconds[0] + seconds[1] * float(poor.mean())
-        rows.append(
-            Row(
-                *("closure switch", "force, saddle beyond the limit", f"condition {limit:.0e}"),
-                items=len(poor),
-                seconds_per_item=time / len(poor),
-                error=_error(matrix, exact),
-                peak_bytes=float("nan"),
-                oracle=ORACLE,
-                default=limit == FORCE_METHOD_LIMIT,
-            )
-        )
+        named = ("closure switch", "force, saddle beyond the limit", f"condition {limit:.0e}")
+        count, error = len(poor), _error(matrix, exact)
+        default = limit == FORCE_METHOD_LIMIT
+        rows.append(Row(*named, count, time / count, error, float("nan"), ORACLE, default))
     return rows
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from loops.arrays import Floats
 from stability import plane_cone, polar_diagram, symmetric_spectrum
-from studies.bench.measure import Row, measured
+from studies.bench.measure import Rows
 from studies.fifty_digits import DIGITS
 
 ORACLE = "cone in closed form, 50 digits"
@@ -17,25 +17,22 @@ COUNTS = (36, 360, 3600, 36_000)
 DRAWN = 360
 
 
-def direction_methods(quick: bool) -> list[Row]:
+def direction_methods(quick: bool) -> Rows:
     """Error of the unstable fraction and of the smallest W2 over the number of directions."""
     operators = np.random.default_rng(2).standard_normal((40, 2, 2)) + 0.5 * np.eye(2)
     exact = np.array([_exact(K) for K in operators])
     open_cone = (exact[:, 0] > 0.0) & (exact[:, 0] < 1.0)
     operators, exact = operators[open_cone], exact[open_cone]
-    row: Callable[..., Row] = partial(
-        measured, "directions", items=len(operators), quick=quick, oracle=ORACLE
-    )
+    rows = Rows("directions", ORACLE, quick)
     ways: list[tuple[str, str, Callable[[], Floats]]] = [
         ("sampled", f"{count:,} directions", partial(_sampled, operators, count))
         for count in COUNTS[: 2 if quick else None]
     ]
     ways.append(("closed", "plane_cone, eigvalsh", partial(_closed, operators)))
-    return [
-        row(f"{way}: {what}", setting, call, gap, default=way == "closed")
-        for way, setting, call in ways
-        for what, gap in zip(("fraction", "smallest W2"), (call() - exact).T, strict=True)
-    ]
+    for way, setting, call in ways:
+        for what, gap in zip(("fraction", "smallest W2"), (call() - exact).T, strict=True):
+            rows.add(f"{way}: {what}", setting, call, gap, len(operators), way == "closed")
+    return rows
 
 
 def _sampled(operators: Floats, count: int) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 
 from loops.arrays import Floats
 from stability import symmetric_spectrum
-from studies.bench.measure import Row, measured
+from studies.bench.measure import Rows
 from studies.fifty_digits import DIGITS
 
 ORACLE = "mpmath eigsy, 50 digits"
@@ -19,25 +19,22 @@ PAIRS = ((0, 1), (0, 2), (1, 2))
 SPLITS = (0.3, 1e-4, 1e-8, 1e-12, 0.0)
 
 
-def eigenvalue_methods(quick: bool) -> list[Row]:
+def eigenvalue_methods(quick: bool) -> Rows:
     """Time and error, over the largest eigenvalue, of operators with wide, narrow and no gaps."""
     operators = sample(2000 if quick else 50_000)
     checked = operators[: 10 if quick else 40]
     exact = np.array([_exact(K) for K in checked])
     size = np.abs(exact).max(axis=1, keepdims=True)
-    row: Callable[..., Row] = partial(
-        measured, "eigenvalues", items=len(operators), quick=quick, oracle=ORACLE
-    )
+    rows = Rows("eigenvalues", ORACLE, quick)
     ways: list[tuple[str, str, Callable[[Floats], Floats]]] = [
         ("closed form", "cubic by cosines", closed_form),
         ("LAPACK", "eigvalsh", symmetric_spectrum),
         *(("Jacobi, numpy", f"{n} sweeps", partial(jacobi, sweeps=n)) for n in SWEEPS),
     ]
-    return [
-        row(*named, partial(way, operators), (way(checked) - exact) / size,
-            default=way is symmetric_spectrum)
-        for *named, way in ways
-    ]  # fmt: skip
+    for method, setting, way in ways:
+        gap, default = (way(checked) - exact) / size, way is symmetric_spectrum
+        rows.add(method, setting, partial(way, operators), gap, len(operators), default)
+    return rows
 
 
 def sample(count: int) -> Floats:

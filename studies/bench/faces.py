@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from fractions import Fraction
 from functools import cmp_to_key, partial
 from typing import Any
@@ -14,48 +13,52 @@ from loops.arrays import Integers
 from loops.half_edges import next_half_edge
 from patterns import synthetic_network
 from patterns.hard_cases.scenes import parallel_half_edges
-from studies.bench.measure import Row, measured
+from studies.bench.measure import Rows
 
 ORACLE = "orientation by fractions"
 PAIRS = 200
 ULPS = 1.0
 
 
-def face_methods(quick: bool) -> list[Row]:
+def face_methods(quick: bool) -> Rows:
     """Time per half-edge of a packing, and wrong half-edges of a hub with parallel spokes."""
     packing = synthetic_network(2000 if quick else 50_000, coordination=4.0, seed=3)
     hub = parallel_half_edges(ULPS, PAIRS).graph
     exact = follow_exactly(hub)
     small = synthetic_network(500, coordination=4.0, seed=3)
-    cases = (
+    cases: tuple[tuple[str, str, Any, GrainGraph, bool], ...] = (
         ("sort by angle", "arctan2, float64", follow_by_angle, packing, False),
-        ("sort by angle", "arctan2, float32", follow_by_angle_32, packing, False),
+        (
+            "sort by angle",
+            "arctan2, float32",
+            partial(follow_by_angle, dtype=np.float32),
+            packing,
+            False,
+        ),
         ("key, then exact", "next_half_edge", follow_by_key, packing, True),
         ("fractions throughout", "Fraction, sorted", follow_exactly, small, False),
     )
-    row: Callable[..., Row] = partial(measured, "faces", quick=quick, oracle=ORACLE)
-    return [
-        row(*named, partial(follower, graph), (follower(hub) != exact).mean(),
-            items=2 * graph.contact_count, default=default)
-        for *named, follower, graph, default in cases
-    ]  # fmt: skip
+    rows = Rows("faces", ORACLE, quick)
+    for method, setting, follower, graph, default in cases:
+        wrong = (follower(hub) != exact).mean()
+        rows.add(method, setting, partial(follower, graph), wrong, 2 * graph.contact_count, default)
+    return rows
 
 
-def compiled_faces(quick: bool) -> list[Row]:
+def compiled_faces(quick: bool) -> Rows:
     """Faces of a packing, plain and compiled."""
     graph = synthetic_network(2000 if quick else 50_000, coordination=4.0, seed=3)
-    plain = find_faces(graph, compiled=False)
-    rows, count = [], len(plain.contacts)
-    row: Callable[..., Row] = partial(
-        measured, "compiled or plain", items=count, quick=quick, oracle="the plain way"
+    plain, rows = (
+        find_faces(graph, compiled=False),
+        Rows("compiled or plain", "the plain way", quick),
     )
-    for compiled in (False,) if quick else (False, True):
-        call = partial(find_faces, graph, compiled=compiled)
+    for how in ("numpy",) if quick else ("numpy", "compiled"):
+        call = partial(find_faces, graph, compiled=how == "compiled")
         found = call()
         same = np.array_equal(found.offsets, plain.offsets)
         wrong = float((found.contacts != plain.contacts).mean()) if same else 1.0
-        method = "faces, compiled" if compiled else "faces, numpy"
-        rows.append(row(method, f"{graph.contact_count:,} contacts", call, wrong))
+        setting = f"{graph.contact_count:,} contacts"
+        rows.add(f"faces, {how}", setting, call, wrong, len(plain.contacts))
     return rows
 
 
@@ -72,11 +75,6 @@ def follow_by_angle(graph: GrainGraph, dtype: Any = np.float64) -> Integers:
     angle = np.arctan2(both[:, 1], both[:, 0])
     origin = graph.contacts.ravel()
     return _followers(np.lexsort((angle, origin)), origin)
-
-
-def follow_by_angle_32(graph: GrainGraph) -> Integers:
-    """Followers by angles in single precision."""
-    return follow_by_angle(graph, np.float32)
 
 
 def follow_exactly(graph: GrainGraph) -> Integers:

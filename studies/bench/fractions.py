@@ -12,7 +12,7 @@ from scipy.stats import norm, qmc
 
 from loops.arrays import Floats
 from stability import imhof_fraction, unstable_fraction
-from studies.bench.measure import Row, measured
+from studies.bench.measure import Rows
 from studies.fifty_digits import DIGITS
 
 ORACLE = "mean over the azimuth, 50 digits"
@@ -35,11 +35,10 @@ SPECTRA = np.array(
 )
 
 
-def fraction_methods(quick: bool) -> list[Row]:
+def fraction_methods(quick: bool) -> Rows:
     """Time and absolute error of the unstable fraction."""
     exact = np.array([fraction_50(spectrum) for spectrum in SPECTRA])
     many = np.tile(SPECTRA, (100 if quick else 2000, 1))
-    row: Callable[..., Row] = partial(measured, "cone fractions", quick=quick, oracle=ORACLE)
     ways: list[tuple[str, str, Callable[[Floats], Floats], Floats]] = [
         ("closed form", "Carlson's integrals", unstable_fraction, many)
     ]
@@ -50,13 +49,13 @@ def fraction_methods(quick: bool) -> list[Row]:
     ways.append(("Imhof, scipy quad", "adaptive", _by_quad, SPECTRA))
     for power in DIRECTIONS[: 2 if quick else None]:
         for name, drawn in (("random directions", _normals), ("Sobol directions", _sobol)):
-            way = partial(_sampled_anew, sequence=drawn, power=power)
-            ways.append((name, f"{2**power:,}", way, SPECTRA))
-    return [
-        row(*named, partial(way, spectra), way(SPECTRA) - exact, items=len(spectra),
-            default=way is unstable_fraction)
-        for *named, way, spectra in ways
-    ]  # fmt: skip
+            sampled_anew = partial(_sampled_anew, sequence=drawn, power=power)
+            ways.append((name, f"{2**power:,}", sampled_anew, SPECTRA))
+    rows = Rows("cone fractions", ORACLE, quick)
+    for method, setting, way, spectra in ways:
+        call, default = partial(way, spectra), way is unstable_fraction
+        rows.add(method, setting, call, way(SPECTRA) - exact, len(spectra), default)
+    return rows
 
 
 def imhof(spectra: Floats, step: float) -> Floats:

@@ -23,7 +23,7 @@ from stability.directional.edge import edge_contacts
 from studies.bench.oracles import tangent_50
 from studies.fifty_digits import DIGITS, as_array
 
-CLOSURES = ("affine", "traction")
+CLOSURES, SUBSPACE = ("affine", "traction"), "symmetric"
 STATUS_LETTERS = {"stable": "s", "unstable": "u", "undetermined": "?"}
 REGIME_LETTERS = "oes"
 # An eigenvalue below this fraction of the operator is zero with 50 digits too.
@@ -70,7 +70,7 @@ def solve(scene: Scene, closure: Any) -> MacroTangent:
     )
 
 
-def exact_answer(scene: Scene, closure: str, subspace: str) -> Exact | None:
+def exact_answer(scene: Scene, closure: str) -> Exact | None:
     """Operator, spectrum of Ks and verdict with 50 digits; None where there is no oracle."""
     import mpmath as mp
 
@@ -81,7 +81,7 @@ def exact_answer(scene: Scene, closure: str, subspace: str) -> Exact | None:
     if matrix is None:
         return None
     with mp.workdps(DIGITS):
-        basis = _basis_50(subspace)
+        basis = _basis_50()
         K = basis * matrix * basis.T
         values = sorted(mp.eigsy((K + K.T) / 2, eigvals_only=True))
         small = ZERO_50 * max(abs(value) for value in values)
@@ -102,8 +102,8 @@ def _evaluated(case: HardCase, value: float, closure: str) -> dict[str, Any]:
     if scene is None:
         return {"answer": "e", "exact": "-", **dict.fromkeys(MEASURES, np.nan)}
     tangent = solve(scene, closure)
-    answer = STATUS_LETTERS[judge(tangent, case.subspace).status]
-    exact = exact_answer(scene, closure, case.subspace)
+    answer = STATUS_LETTERS[judge(tangent, SUBSPACE).status]
+    exact = exact_answer(scene, closure)
     size = float(operator_norm(np.nan_to_num(tangent.matrix)))
     stated = {
         "condition": float(tangent.condition),
@@ -127,7 +127,7 @@ MEASURES = (
 
 def _errors(case: HardCase, tangent: MacroTangent, exact: Exact) -> dict[str, float]:
     size = max(float(np.linalg.norm(exact.matrix)), np.finfo(float).tiny)
-    spectrum = symmetric_spectrum(restrict(tangent.matrix, case.subspace))
+    spectrum = symmetric_spectrum(restrict(tangent.matrix, SUBSPACE))
     return {
         "operator_error": float(np.linalg.norm(tangent.matrix - exact.matrix)) / size,
         "eigenvalue_error": float(np.abs(spectrum - exact.spectrum).max()) / size,
@@ -145,9 +145,9 @@ def _cone_error(matrix: Floats, exact: Floats) -> float:
     return float(np.minimum(gap, np.pi - np.mod(gap, np.pi)).max())
 
 
-def _basis_50(subspace: str) -> Any:
+def _basis_50() -> Any:
     import mpmath as mp
 
     # Entries are 0, 1 and sqrt(1/2), whose double is not enough.
-    basis = subspace_basis(subspace)
+    basis = subspace_basis(SUBSPACE)
     return mp.matrix([[mp.sqrt(mp.mpf(round(2 * v * v)) / 2) for v in row] for row in basis])

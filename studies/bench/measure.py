@@ -31,23 +31,27 @@ class Row:
     default: bool = False
 
 
-def measured(
-    group: str,
-    method: str,
-    setting: str,
-    call: Callable[[], Any],
-    gap: Any,
-    *,
-    items: int,
-    quick: bool,
-    oracle: str,
-    default: bool = False,
-) -> Row:
-    """Row of a method: runs it for its time, once more for its memory; `gap` from the oracle."""
-    seconds = least_seconds(call, quick=quick)
-    peak = peak_bytes(call) if seconds < TRACED else float("nan")
-    error = largest(np.abs(gap))
-    return Row(group, method, setting, items, seconds / items, error, peak, oracle, default)
+class Rows(list[Row]):
+    """Rows of one group, whose errors are all from one oracle."""
+
+    def __init__(self, group: str, oracle: str, quick: bool) -> None:
+        super().__init__()
+        self.group, self.oracle, self.quick = group, oracle, quick
+
+    def add(
+        self,
+        method: str,
+        setting: str,
+        call: Callable[[], Any],
+        gap: Any,
+        items: int = 1,
+        default: bool = False,
+    ) -> None:
+        """Run a method for its time, once more for its memory; `gap` is what the oracle leaves."""
+        seconds = least_seconds(call, quick=self.quick)
+        peak = peak_bytes(call) if seconds < TRACED else float("nan")
+        measured = (items, seconds / items, largest(np.abs(gap)), peak)
+        self.append(Row(self.group, method, setting, *measured, self.oracle, default))
 
 
 def least_seconds(call: Callable[[], Any], *, quick: bool) -> float:

@@ -21,7 +21,7 @@ from loops.arrays import Floats
 from patterns import diamond
 from patterns.diamond import TABLE_1, drained_end
 from stability import Stage, follow, programmes
-from studies.bench.measure import Row, measured
+from studies.bench.measure import Rows
 
 State = tuple[float, float, float]
 
@@ -30,28 +30,62 @@ POINT_B = (0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503)
 # E1 grows by this much in the nominal number of steps: yield comes within the last per cent.
 SPAN = 0.11
 TAN0, MU, KAPPA = math.tan(TABLE_1.alpha0), TABLE_1.mu, TABLE_1.kappa
-S2 = TABLE_1.confinement * TAN0
 START: State = (TABLE_1.confinement, TABLE_1.confinement, TABLE_1.confinement / TAN0)
-MOST_STEPS, MOST_STEPS_QUICK = 100_000, 1000
 # The default tolerance of `stability.follow`.
 DEFAULT = 1e-12
 
 
-def rates(E1: float, E2: float, s1: float) -> tuple[float, float]:
-    """Rates `dE2/dE1 = -K21/K22` and `ds1/dE1 = det K/K22` of sticking contacts (26), (33)."""
-    t = TAN0 * (1.0 - E2) / (1.0 - E1)
-    cos2, p1, p2 = 1.0 / (1.0 + t * t), s1 / (1.0 - E2), S2 / (1.0 - E1)
-    K22 = cos2 * (t * t + KAPPA - t * p1) * TAN0
-    K21 = cos2 * ((1.0 - KAPPA) * t + t * t * p1)
-    return -K21 / K22, (KAPPA - cos2 * t * (p2 + p1)) / K22
+def drained(
+    alpha0: float, kappa: float, phi: float, confinement: float
+) -> tuple[Callable[..., tuple[float, float]], Callable[..., float]]:
+    """Rates and friction left of a diamond of sticking contacts under constant s2.
+
+    Both take `E1, E2, s1`. Rates are `dE2/dE1 = -K21/K22` and `ds1/dE1 = det K/K22` (26), (33); the
+    friction left is `mu N - |T|` over `kn l0`, from balance (12), zero at yield.
+    """
+    t0, sin0, cos0, mu = math.tan(alpha0), math.sin(alpha0), math.cos(alpha0), math.tan(phi)
+    s2 = confinement * t0
+
+    # Plain floats: half the time of numpy's scalars.
+    def rates(E1: float, E2: float, s1: float) -> tuple[float, float]:
+        t = t0 * (1.0 - E2) / (1.0 - E1)
+        cos2, p1, p2 = 1.0 / (1.0 + t * t), s1 / (1.0 - E2), s2 / (1.0 - E1)
+        K22 = cos2 * (t * t + kappa - t * p1) * t0
+        K21 = cos2 * ((1.0 - kappa) * t + t * t * p1)
+        return -K21 / K22, (kappa - cos2 * t * (p2 + p1)) / K22
+
+    def friction_left(E1: float, E2: float, s1: float) -> float:
+        a = math.atan2((1.0 - E2) * sin0, (1.0 - E1) * cos0)
+        F1, F2, c, s = s1 * sin0, s2 * cos0, math.cos(a), math.sin(a)
+        return mu * (F1 * c + F2 * s) - abs(F1 * s - F2 * c)
+
+    return rates, friction_left
 
 
-def friction_left(E1: float, E2: float, s1: float) -> float:
-    """`mu N - |T|` over `kn l0`, from balance (12); zero at yield."""
-    a = math.atan(TAN0 * (1.0 - E2) / (1.0 - E1))
-    F1, F2 = s1 * math.sin(TABLE_1.alpha0), S2 * math.cos(TABLE_1.alpha0)
-    c, s = math.cos(a), math.sin(a)
-    return MU * (F1 * c + F2 * s) - abs(F1 * s - F2 * c)
+def by_scipy(
+    diamond: Sequence[float], method: str, rtol: float, atol: float, end: float = 1.0 - 1e-9
+) -> State:
+    """Point B of a diamond by scipy's integrators with their event location; NaN if it folds."""
+    rates, friction_left = drained(*diamond)
+    E = diamond[3]
+
+    def slope(E1: float, y: Floats) -> tuple[float, float]:
+        return rates(float(E1), *y.tolist())
+
+    def left(E1: float, y: Floats) -> float:
+        return friction_left(float(E1), *y.tolist())
+
+    left.terminal = True  # type: ignore[attr-defined]
+    start = np.array([E, E / math.tan(diamond[0])])
+    found = solve_ivp(slope, (E, end), start, method, events=left, rtol=rtol, atol=atol)
+    if found.status != 1:
+        return math.nan, math.nan, math.nan
+    E2, s1 = found.y_events[0][0]
+    return float(found.t_events[0][0]), float(E2), float(s1)
+
+
+DIAMOND = (TABLE_1.alpha0, TABLE_1.kappa, TABLE_1.phi, TABLE_1.confinement)
+rates, friction_left = drained(*DIAMOND)
 
 
 def euler(steps: int) -> State:
@@ -93,19 +127,8 @@ def _runge_kutta_step(state: State, h: float) -> State:
 
 
 def dop853(rtol: float) -> State:
-    """Point B by scipy's DOP853 with its event location."""
-
-    def slope(E1: float, y: Floats) -> tuple[float, float]:
-        return rates(float(E1), *y.tolist())
-
-    def left(E1: float, y: Floats) -> float:
-        return friction_left(float(E1), *y.tolist())
-
-    left.terminal = True  # type: ignore[attr-defined]
-    span, start = (START[0], START[0] + SPAN), np.array(START[1:])
-    found = solve_ivp(slope, span, start, "DOP853", events=left, rtol=rtol, atol=1e-2 * rtol)
-    E2, s1 = found.y_events[0][0]
-    return float(found.t_events[0][0]), float(E2), float(s1)
+    """Point B by scipy's DOP853."""
+    return by_scipy(DIAMOND, "DOP853", rtol, 1e-2 * rtol, START[0] + SPAN)
 
 
 def path_solver(rtol: float) -> State:
@@ -146,19 +169,13 @@ def error_at_b(found: State) -> float:
     return max(abs(value - true) for value, true in zip(found, POINT_B, strict=True))
 
 
-def path_methods(quick: bool) -> list[Row]:
+def path_methods(quick: bool) -> Rows:
     """Error at point B and time per path of every integrator."""
-    rows, most = [], MOST_STEPS_QUICK if quick else MOST_STEPS
-    row: Callable[..., Row] = partial(
-        measured, "paths", quick=quick, oracle="quadrature, 20 digits"
-    )
+    rows, most = Rows("paths", "quadrature, 20 digits", quick), 1000 if quick else 100_000
     for method, solver, control, values in METHODS:
         chosen = [value for value in values if control != "steps" or value <= most]
         for value in chosen[:: 4 if quick else 1]:
             call, default = partial(solver, value), solver is path_solver and value == DEFAULT
-            items = int(value) if control == "paths" else 1
-            gap = error_at_b(solver(value))
-            rows.append(
-                row(method, f"{control} {value:g}", call, gap, items=items, default=default)
-            )
+            items, gap = int(value) if control == "paths" else 1, error_at_b(call())
+            rows.add(method, f"{control} {value:g}", call, gap, items, default)
     return rows

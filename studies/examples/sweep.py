@@ -6,17 +6,16 @@ at once (`patterns.diamond.drained_end`), against scipy's `solve_ivp` on (33), o
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.integrate import solve_ivp
 
 from loops.arrays import Floats
 from patterns.diamond import TABLE_1, drained_end
+from studies.bench.paths import by_scipy
 from studies.examples import run, save
 from studies.style import LINE_COLOURS, SEQUENTIAL, TWO_COLUMNS, new_figure, styled
 
@@ -32,32 +31,6 @@ def random_diamonds(count: int, seed: int = 1) -> Floats:
     return drawn
 
 
-def point_b_by_steps(diamond: Floats, method: str, rtol: float) -> list[float]:
-    """E1, E2, s1 at yield by `solve_ivp`; NaN if the diamond folds first."""
-    alpha0, kappa, phi, E = diamond.tolist()
-    t0, sin0, cos0, mu = math.tan(alpha0), math.sin(alpha0), math.cos(alpha0), math.tan(phi)
-    s2 = E * t0
-
-    # Plain floats: half the time of numpy's scalars.
-    def rates(E1: float, y: Floats) -> tuple[float, float]:
-        E1, (E2, s1) = float(E1), y.tolist()
-        t = t0 * (1.0 - E2) / (1.0 - E1)
-        cos2, p1, p2 = 1.0 / (1.0 + t * t), s1 / (1.0 - E2), s2 / (1.0 - E1)
-        K22 = cos2 * (t * t + kappa - t * p1) * t0
-        return -cos2 * ((1.0 - kappa) * t + t * t * p1) / K22, (kappa - cos2 * t * (p2 + p1)) / K22
-
-    def friction(E1: float, y: Floats) -> float:
-        E1, (E2, s1) = float(E1), y.tolist()
-        a = math.atan2((1.0 - E2) * sin0, (1.0 - E1) * cos0)
-        N = s1 * sin0 * math.cos(a) + s2 * cos0 * math.sin(a)
-        return mu * N - abs(s1 * sin0 * math.sin(a) - s2 * cos0 * math.cos(a))
-
-    friction.terminal = True  # type: ignore[attr-defined]
-    start, span = np.array([E, E / t0]), (E, 1.0 - 1e-9)
-    found = solve_ivp(rates, span, start, method, events=friction, rtol=rtol, atol=1e-3 * rtol)
-    return [found.t_events[0][0], *found.y_events[0][0]] if found.status == 1 else [np.nan] * 3
-
-
 def compare(diamonds: Floats, paths: int) -> tuple[dict[str, int], list[dict[str, Any]]]:
     """How the paths end; time a path and difference at B from the exact sweep, by method."""
     start = perf_counter()
@@ -71,7 +44,9 @@ def compare(diamonds: Floats, paths: int) -> tuple[dict[str, int], list[dict[str
     ]
     for method, rtol in METHODS:
         start = perf_counter()
-        found = np.array([point_b_by_steps(diamonds[k], method, rtol) for k in picked])
+        found = np.array(
+            [by_scipy(diamonds[k].tolist(), method, rtol, 1e-3 * rtol) for k in picked]
+        )
         seconds, error = (perf_counter() - start) / len(picked), np.nanmax(np.abs(found - exact))
         rows.append({"method": f"{method}, {rtol:g}", "seconds": seconds, "error": float(error)})
     return dict(zip(names.tolist(), counts.tolist(), strict=True)), rows

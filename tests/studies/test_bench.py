@@ -27,7 +27,7 @@ from studies.bench.eigenvalues import closed_form, jacobi, sample
 from studies.bench.faces import follow_by_angle, follow_by_key, follow_exactly
 from studies.bench.fractions import SPECTRA, fraction_50, imhof
 from studies.bench.groups import GROUPS, chosen_groups
-from studies.bench.measure import Row, measured
+from studies.bench.measure import Row, Rows
 from studies.bench.oracles import compliance_tangent_50, tangent_50
 from studies.bench.rings import random_rings
 from studies.bench.smallest import Scene, compared, largest_difference
@@ -138,8 +138,9 @@ def test_sampled_directions_converge_and_the_cone_is_exact():
 
 
 def test_a_row_counts_time_per_item_and_memory():
-    row = measured("g", "m", "s", lambda: np.ones(125_000), 0.0, items=10, quick=True, oracle="o")
-    assert isinstance(row, Row)
+    rows = Rows("g", "o", quick=True)
+    rows.add("m", "s", lambda: np.ones(125_000), 0.0, items=10)
+    (row,) = rows
     assert 0.0 < row.seconds_per_item < 1.0
     assert 1.0e6 <= row.peak_bytes < 1.1e6
 
