@@ -7,30 +7,20 @@ first grain held, so that it shares nothing with the force method. mpmath comes 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from loops.arrays import Floats
+
 DIGITS = 50
 
 
-def affine_tangent_50(
-    x: Floats,
-    x0: Floats,
-    normal: Floats,
-    shear: Floats,
-    kn: Any,
-    kt: Any,
-    mu: Any,
-    regime: Sequence[int] | NDArray[np.int8],
-) -> Any:
+def affine_tangent_50(x: Floats, x0: Floats, *contacts: Any) -> Any:
     """Affine tangent of a ring, `(1/V0) sum k_ik d0_j d0_l`, with 50 digits, as mpmath.matrix.
 
-    Centres `x`, `x0` (n, 2) counter-clockwise, forces (n,) of the contacts (c, c+1), regimes 1
-    (elastic) or 2 (sliding); order (11, 12, 21, 22).
+    Centres `x`, `x0` (n, 2) counter-clockwise; of the contacts (c, c+1) what `contact_blocks_50`
+    takes; order (11, 12, 21, 22).
     """
     import mpmath as mp
 
@@ -38,7 +28,7 @@ def affine_tangent_50(
         now, reference = exact_points(x), exact_points(x0)
         out = mp.zeros(4, 4)
         volume, n = area_50(reference), len(reference)
-        for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
+        for c, k in enumerate(contact_blocks_50(now, *contacts)):
             d0 = [reference[(c + 1) % n][a] - reference[c][a] for a in range(2)]
             for p in range(4):
                 for q in range(4):
@@ -46,16 +36,7 @@ def affine_tangent_50(
         return out
 
 
-def traction_tangent_50(
-    x: Floats,
-    x0: Floats,
-    normal: Floats,
-    shear: Floats,
-    kn: Any,
-    kt: Any,
-    mu: Any,
-    regime: Sequence[int] | NDArray[np.int8],
-) -> Any:
+def traction_tangent_50(x: Floats, x0: Floats, *contacts: Any) -> Any:
     """Traction tangent of a ring with spins blocked, with 50 digits."""
     import mpmath as mp
 
@@ -63,7 +44,7 @@ def traction_tangent_50(
         now, reference = exact_points(x), exact_points(x0)
         n = len(reference)
         system = mp.zeros(2 * n + 4, 2 * n + 4)
-        for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
+        for c, k in enumerate(contact_blocks_50(now, *contacts)):
             assemble_50(system, k, c, (c + 1) % n)
         load_50(system, reference)
         # Hold grain 0: its two rows follow from the others.
@@ -84,29 +65,11 @@ def as_array(matrix: Any) -> Floats:
     return np.array([[float(matrix[i, j]) for j in range(columns)] for i in range(rows)])
 
 
-def symmetric_spectrum_50(matrix: Any) -> Floats:
-    """Eigenvalues of Ks in the symmetric subspace with 50 digits, rounded, ascending."""
-    import mpmath as mp
-
-    with mp.workdps(DIGITS):
-        half = mp.sqrt(mp.mpf(1) / 2)
-        basis = mp.matrix([[1, 0, 0, 0], [0, 0, 0, 1], [0, half, half, 0]])
-        k = basis * matrix * basis.T
-        values = mp.eigsy((k + k.T) / 2, eigvals_only=True)
-        return np.array(sorted(float(values[i]) for i in range(3)))
-
-
 def exact_points(points: Floats) -> list[list[Any]]:
     """Points (n, 2) as 50-digit numbers, taken as exact."""
     import mpmath as mp
 
     return [[mp.mpf(float(value)) for value in row] for row in points]
-
-
-def _at(value: Any, c: int) -> Any:
-    import mpmath as mp
-
-    return mp.mpf(float(value if np.ndim(value) == 0 else value[c]))
 
 
 def area_50(x0: list[list[Any]]) -> Any:
@@ -119,33 +82,22 @@ def area_50(x0: list[list[Any]]) -> Any:
 def contact_blocks_50(
     x: list[list[Any]], normal: Floats, shear: Floats, kn: Any, kt: Any, mu: Any, regime: Any
 ) -> list[Any]:
-    """Tangent blocks of a ring's contacts, `f' = -k d'`, 2 x 2 each."""
-    n = len(x)
-    return [
-        _block(
-            x[c],
-            x[(c + 1) % n],
-            _at(normal, c),
-            _at(shear, c),
-            _at(kn, c),
-            _at(kt, c),
-            _at(mu, c),
-            regime[c],
-        )
-        for c in range(n)
-    ]
+    """Tangent blocks of a ring's contacts, `f' = -k d'`, 2 x 2 each.
 
-
-def _block(
-    xi: list[Any], xj: list[Any], normal: Any, shear: Any, kn: Any, kt: Any, mu: Any, regime: int
-) -> Any:
+    Numbers for each contact or one for all; regimes 1 (elastic) or 2 (sliding).
+    """
     import mpmath as mp
 
-    length, n, t = frame_50(xi, xj)
-    geometric = -normal / length * t * t.T + shear / length * n * t.T
-    if regime == 1:
-        return kn * n * n.T + kt * t * t.T + geometric
-    return kn * n * n.T + mp.sign(shear) * mu * kn * t * n.T + geometric
+    blocks = []
+    for c in range(len(x)):
+        N, T, own_kn, own_kt, own_mu = (
+            mp.mpf(float(value if np.ndim(value) == 0 else value[c]))
+            for value in (normal, shear, kn, kt, mu)
+        )
+        length, n, t = frame_50(x[c], x[(c + 1) % len(x)])
+        across = own_kt * t * t.T if regime[c] == 1 else mp.sign(T) * own_mu * own_kn * t * n.T
+        blocks.append(own_kn * n * n.T + across - N / length * t * t.T + T / length * n * t.T)
+    return blocks
 
 
 def frame_50(xi: list[Any], xj: list[Any]) -> tuple[Any, Any, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -45,16 +46,7 @@ def tangent_50(scene: Scene, closure: str) -> Any:
     return compliance_tangent_50(*state, mu, regime)
 
 
-def compliance_tangent_50(
-    x: Floats,
-    x0: Floats,
-    normal: Floats,
-    shear: Floats,
-    kn: Any,
-    kt: Any,
-    mu: Any,
-    regime: NDArray[np.int8],
-) -> Any:
+def compliance_tangent_50(x: Floats, x0: Floats, *contacts: Any) -> Any:
     """Traction tangent of a ring by its one redundant force (theory note, section 4), 50 digits."""
     import mpmath as mp
 
@@ -63,7 +55,7 @@ def compliance_tangent_50(
         n = len(reference)
         total, double = mp.zeros(2, 2), mp.zeros(4, 4)
         single, moments = mp.zeros(2, 4), mp.zeros(4, 2)
-        for c, k in enumerate(contact_blocks_50(now, normal, shear, kn, kt, mu, regime)):
+        for c, k in enumerate(contact_blocks_50(now, *contacts)):
             a, b = reference[c], reference[(c + 1) % n]
             m = [(a[1] + b[1]) / 2, -(a[0] + b[0]) / 2]
             # Row (k, l): the stress loads the contact with P_kl m_l along k.
@@ -87,17 +79,18 @@ def _free(scene: Scene, regime: NDArray[np.int8], closure: str) -> Any:
         now, reference = exact_points(graph.x), exact_points(graph.x0)
         n = len(now)
         forces = (graph.normal_force, graph.shear_force)
-        blocks = contact_blocks_50(now, *forces, law.kn, law.kt, 0.0, regime)
         full = mp.zeros(3 * n + 4, 3 * n + 4)
-        for c, k in enumerate(blocks):
+        for c, k in enumerate(contact_blocks_50(now, *forces, law.kn, law.kt, 0.0, regime)):
             i, j = c, (c + 1) % n
             assemble_50(full, k, i, j)
             _add_rolling(full, now, i, j, n, mp.mpf(float(graph.shear_force[c])), law, c)
         load_50(full, reference)
         held = 2 * n + 1 if n % 2 == 0 else 2 * n
         if closure == "traction":
-            return _reduced(full, [*range(2, 2 * n), *range(held, 3 * n + 4)], area_50(reference))
-        return _affine_free(full, reference, list(range(held, 3 * n)))
+            kept = [*range(2, 2 * n), *range(held, 3 * n + 4)]
+            inverse = _part(full, kept, kept) ** -1
+            return -area_50(reference) * inverse[len(kept) - 4 :, len(kept) - 4 :]
+        return _affine_free(full, reference, range(held, 3 * n))
 
 
 def _add_rolling(
@@ -121,35 +114,21 @@ def _add_rolling(
             full[2 * n + grain, 2 * n + other] += arm * arm * kt
 
 
-def _reduced(full: Any, kept: list[int], volume: Any) -> Any:
+def _part(full: Any, rows: Iterable[int], columns: Iterable[int]) -> Any:
     import mpmath as mp
 
-    size = len(kept)
-    small = mp.matrix(size, size)
-    for p, row in enumerate(kept):
-        for q, column in enumerate(kept):
-            small[p, q] = full[row, column]
-    inverse = small**-1
-    return -volume * inverse[size - 4 :, size - 4 :]
+    return mp.matrix([[full[row, column] for column in columns] for row in rows])
 
 
-def _affine_free(full: Any, reference: Any, spins: list[int]) -> Any:
+def _affine_free(full: Any, reference: Any, spins: range) -> Any:
     """Centres follow `u = -H x0`; stress by virtual work, `V P_ij = -sum F_i x0_j`."""
     import mpmath as mp
 
-    n = len(reference)
-    motion = mp.zeros(2 * n, 4)
-    for g in range(n):
-        for a in range(2):
-            for b in range(2):
-                motion[2 * g + a, 2 * a + b] = -reference[g][b]
-    translations = full[: 2 * n, : 2 * n]
-    coupling, moments = mp.zeros(2 * n, len(spins)), mp.zeros(len(spins), 2 * n)
-    own = mp.zeros(len(spins), len(spins))
-    for p, spin in enumerate(spins):
-        for row in range(2 * n):
-            coupling[row, p], moments[p, row] = full[row, spin], full[spin, row]
-        for q, other in enumerate(spins):
-            own[p, q] = full[spin, other]
-    forces = translations * motion - coupling * (own**-1 * (moments * motion))
+    centres = range(2 * len(reference))
+    motion = mp.zeros(len(centres), 4)
+    for row in centres:
+        for b in range(2):
+            motion[row, 2 * (row % 2) + b] = -reference[row // 2][b]
+    relaxed = _part(full, spins, spins) ** -1 * (_part(full, spins, centres) * motion)
+    forces = _part(full, centres, centres) * motion - _part(full, centres, spins) * relaxed
     return motion.T * forces / area_50(reference)
