@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -65,27 +65,46 @@ class Frame:
     shear_increment: ShearIncrement | None = None
 
 
+def check_names(source: Source, known: Collection[str]) -> None:
+    """Raise `InputError` for plain names in the column map that a format has not."""
+    for name, column in source.columns.items():
+        if name not in known:
+            raise InputError(
+                f"--columns {name}={column}",
+                f"the name {name!r}",
+                f"one of {', '.join(known)}",
+                "Write NAME=COLUMN, the column as the file calls it.",
+            )
+
+
+def require_column(
+    name: str, column: str, names: Sequence[str], where: str, otherwise: str = ""
+) -> None:
+    """Raise `InputError` unless the column that a map gives is one of those `names`."""
+    if column not in names:
+        raise InputError(
+            f"--columns {name}={column}",
+            f"no such column in {where}",
+            f"one of {listed(names)}{otherwise}",
+            "Correct the name.",
+        )
+
+
 def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Table, Table]:
     """Rename the columns of two tables by the user's column map.
 
     `InputError` for a plain name that nothing reads, or a column that neither table has.
     """
+    check_names(source, PLAIN_NAMES)
     for name, column in source.columns.items():
-        received, expected = f"the name {name!r}", f"one of {', '.join(PLAIN_NAMES)}"
-        if name in PLAIN_NAMES:
-            if grains.has(column) or contacts.has(column):
-                continue
-            received = (
+        if not grains.has(column) and not contacts.has(column):
+            raise InputError(
+                f"--columns {name}={column}",
                 f"columns {listed(grains.names)} of {grains.path} and {listed(contacts.names)} of "
-                f"{contacts.path}"
+                f"{contacts.path}",
+                f"a column {column!r}",
+                "Write NAME=COLUMN, the column as the file calls it.",
             )
-            expected = f"a column {column!r}"
-        raise InputError(
-            f"--columns {name}={column}",
-            received,
-            expected,
-            "Write NAME=COLUMN, the column as the file calls it.",
-        )
     maps = [
         {name: source.columns[name] for name in plain if name in source.columns}
         for plain in (GRAIN_COLUMNS, CONTACT_COLUMNS)
@@ -110,12 +129,3 @@ class Instants:
     def __iter__(self) -> Iterator[Frame]:
         """Read one after the other."""
         return (read() for read in self.readers)
-
-
-def refusal(error: InputError) -> Callable[[], Frame]:
-    """Reader of an snapshot that is damaged: raises what is wrong, when it is asked for."""
-
-    def read() -> Frame:
-        raise error
-
-    return read

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -12,22 +11,21 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.dumps.dump_files import Atoms, left_out, no_contacts
+from patterns.snapshots.dumps.dump_files import Atoms
 from patterns.snapshots.dumps.pairs import (
     Forces,
     Pairs,
     Space,
     Wall,
-    contact_rows,
-    contact_table,
-    grain_table,
+    frame_of,
     normals,
     pairs_of,
 )
-from patterns.snapshots.frame import Frame, Instants, Source, refusal
+from patterns.snapshots.frame import Frame, Instants, Source
 from patterns.snapshots.geometry import PLANE_TOLERANCE
+from patterns.snapshots.listing import Listing, paired
 from patterns.snapshots.tables import Table
-from patterns.snapshots.text import Text, line_at, open_text, read_body
+from patterns.snapshots.text import Text, beside, line_at, open_text
 
 # Columns by the number of numbers in a row; the header of a frame has 6 numbers in 2D, else 8.
 DATA_COLUMNS = {
@@ -43,21 +41,6 @@ FSTAT_COLUMNS = (
     *("nx", "ny", "nz", "tx", "ty", "tz"),
 )
 COMMENTS = 3  # lines before the rows of a frame in .fstat
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Where the rows of one snapshot stand: `where` and `time`, `columns`, `text` and `span`."""
-
-    where: str
-    time: float
-    columns: tuple[str, ...]
-    text: Text
-    span: tuple[int, int]
-
-    def read(self, *wanted: str) -> Table:
-        """Columns of the rows."""
-        return Table(self.where, read_body(self.where, self.text, self.span, self.columns, wanted))
 
 
 class Head(NamedTuple):
@@ -78,13 +61,8 @@ def data_head(line: bytes) -> Head | None:
         return None
 
 
-def data_blocks(path: Path) -> list[Block | InputError]:
-    """Frames of a `.data` file; their rows are counted, not read."""
-    return _until_fault(_data_blocks(path, open_text(path)))
-
-
-def _until_fault(blocks: Iterator[Block]) -> list[Block | InputError]:
-    found: list[Block | InputError] = []
+def _until_fault(blocks: Iterator[Listing]) -> list[Listing | InputError]:
+    found: list[Listing | InputError] = []
     try:
         for block in blocks:
             found.append(block)
@@ -93,7 +71,7 @@ def _until_fault(blocks: Iterator[Block]) -> list[Block | InputError]:
     return found
 
 
-def _data_blocks(path: Path, text: Text) -> Iterator[Block]:
+def _data_listings(path: Path, text: Text) -> Iterator[Listing]:
     # A frame has no mark but its length: the ends of all lines tell where it stops.
     ends = np.flatnonzero(np.frombuffer(text, dtype=np.uint8) == ord("\n"))
     line = 0
@@ -128,7 +106,7 @@ def _data_blocks(path: Path, text: Text) -> Iterator[Block]:
                 "6 and 8 in two dimensions, or 8 and 14",
                 "Write the file with the layout of 8 or of 14 columns.",
             )
-        yield Block(where, head.time, DATA_COLUMNS[width], text, span)
+        yield Listing(where, head.time, DATA_COLUMNS[width], text, span)
         line += head.grains + 1
     rest = text[int(ends[-1]) + 1 if len(ends) else 0 :]
     if rest.strip():
@@ -140,12 +118,7 @@ def _data_blocks(path: Path, text: Text) -> Iterator[Block]:
         )
 
 
-def fstat_blocks(path: Path) -> list[Block | InputError]:
-    """Frames of an `.fstat` file; their rows are passed over, not read."""
-    return _until_fault(_fstat_blocks(path, open_text(path)))
-
-
-def _fstat_blocks(path: Path, text: Text) -> Iterator[Block]:
+def _fstat_listings(path: Path, text: Text) -> Iterator[Listing]:
     at = 0
     while at < len(text):
         first, at = line_at(text, at)
@@ -169,7 +142,7 @@ def _fstat_blocks(path: Path, text: Text) -> Iterator[Block]:
                 )
         stop = text.find(b"#", at)
         stop = len(text) if stop < 0 else stop
-        yield Block(f"{path}, time {time:g}", time, FSTAT_COLUMNS, text, (at, stop))
+        yield Listing(f"{path}, time {time:g}", time, FSTAT_COLUMNS, text, (at, stop))
         at = stop
 
 
@@ -197,31 +170,24 @@ def frames(source: Source) -> Instants:
     constant z, or of constant y: then z is taken for y.
     """
     path = source.contacts or fstat_beside(source.path)
-    blocks = fstat_blocks(path)
-    readers: list[Callable[[], Frame]] = []
-    start = empty = 0
-    for grains in data_blocks(source.path):
-        if isinstance(grains, InputError):
-            readers.append(refusal(grains))
-            continue
-        start, block = _at_time(grains, blocks, start, path)
-        if isinstance(block, InputError):
-            readers.append(refusal(block))
-        elif block.span[0] == block.span[1]:
-            empty += 1
-        else:
-            readers.append(partial(_frame, source, grains, block, left_out(empty)))
-    if not readers:
-        raise no_contacts(path)
-    return Instants(readers)
+    contacts = _until_fault(_fstat_listings(path, open_text(path)))
+    start = 0
+
+    def contacts_of(grains: Listing) -> Listing | InputError:
+        nonlocal start
+        start, found = _at_time(grains, contacts, start, path)
+        return found
+
+    grains = _until_fault(_data_listings(source.path, open_text(source.path)))
+    return paired(grains, contacts_of, partial(_frame, source), path)
 
 
 def fstat_beside(path: Path) -> Path:
     """Path of the `.fstat` file beside a `.data` file, or `InputError` if there is none."""
     name = path.name.replace(".data", ".fstat")
-    for found in (name, f"{name}.gz", name.removesuffix(".gz")):
-        if ".fstat" in found and path.with_name(found).is_file():
-            return path.with_name(found)
+    found = beside(path, name) if ".fstat" in name else None
+    if found is not None:
+        return found
     raise InputError(
         f"contacts of {path}",
         "no .fstat file beside it",
@@ -231,21 +197,21 @@ def fstat_beside(path: Path) -> Path:
 
 
 def _at_time(
-    grains: Block, blocks: list[Block | InputError], start: int, path: Path
-) -> tuple[int, Block | InputError]:
+    grains: Listing, listings: list[Listing | InputError], start: int, path: Path
+) -> tuple[int, Listing | InputError]:
     """Contacts at the time of the grains, at `start` or later, and where to go on from.
 
     Earlier ones are passed over; without any, what is wrong.
     """
     passed: list[float] = []
-    for k in range(start, len(blocks)):
-        block = blocks[k]
-        if isinstance(block, InputError):
-            return start, block
-        if abs(block.time - grains.time) <= TIME_TOLERANCE * max(abs(grains.time), 1e-300):
-            return k + 1, block
-        passed.append(block.time)
-        if block.time > grains.time:
+    for k in range(start, len(listings)):
+        found = listings[k]
+        if isinstance(found, InputError):
+            return start, found
+        if abs(found.step - grains.step) <= TIME_TOLERANCE * max(abs(grains.step), 1e-300):
+            return k + 1, found
+        passed.append(found.step)
+        if found.step > grains.step:
             break
     return start, InputError(
         str(path),
@@ -256,11 +222,11 @@ def _at_time(
 
 
 def _frame(
-    source: Source, grain_block: Block, contact_block: Block, said: tuple[str, ...]
+    source: Source, grain_listing: Listing, contact_listing: Listing, notes: tuple[str, ...]
 ) -> Frame:
-    atoms, axes = _atoms(grain_block)
+    atoms, axes = _atoms(grain_listing)
     space = Space(source.cell, (True, True))
-    table = contact_block.read(*(name for name in contact_block.columns if name != "time"))
+    table = contact_listing.read(FSTAT_COLUMNS[1:])
     i, j = table.integers("i"), table.integers("j")
     _require_known(table, atoms, i, j)
     force = _force(table, axes)
@@ -270,10 +236,7 @@ def _frame(
     reach = atoms.radii[i[between]] + atoms.radii[j[between]] - table.column("delta")[between]
     pairs = pairs_of(atoms, space, i[between], j[between], reach[:, None] * normal)
     _check_normals(table, between, pairs, normal)
-    rows, notes = contact_rows(atoms, pairs, -force[between])
     walls = _walls(table, atoms, axes, i, j, force)
-    twice = f"each contact in two rows: {len(between)} rows, {len(rows)} contacts"
-    notes = (*said, *((twice,) if len(between) == 2 * len(rows) else notes))
     if source.cell is None:
         notes = (*notes, "taken as not periodic: the files don't tell; --cell makes it so")
     if axes != "xy":
@@ -281,27 +244,14 @@ def _frame(
     if walls:
         counts = ", ".join(f"{-1 - k} ({len(w.grains)} contacts)" for k, w in enumerate(walls))
         notes = (*notes, f"walls: {counts}")
-    forces = Forces(-force[between][rows])
-    return Frame(
-        grain_table(grain_block.where, atoms, walls),
-        contact_table(
-            contact_block.where,
-            atoms,
-            pairs.take(rows),
-            forces,
-            walls,
-            periodic=source.cell is not None,
-        ),
-        source.cell,
-        grain_block.time,
-        notes,
-    )
+    forces = Forces(-force[between])
+    return frame_of((grain_listing, contact_listing), atoms, space, pairs, forces, walls, notes)
 
 
-def _atoms(block: Block) -> tuple[Atoms, str]:
+def _atoms(listing: Listing) -> tuple[Atoms, str]:
     """Grains, and the two axes of their plane."""
-    flat = "z" not in block.columns
-    table = block.read(*("xy" if flat else "xyz"), "radius")
+    flat = "z" not in listing.names
+    table = listing.read([*("xy" if flat else "xyz"), "radius"])
     radii, ids = table.column("radius"), np.arange(len(table))
     if flat:
         return Atoms(ids, table.columns("x", "y"), radii, None), "xy"

@@ -57,6 +57,15 @@ def _memory() -> int:
         return 1 << 34
 
 
+def beside(path: Path, *names: str) -> Path | None:
+    """The first file of these names beside another, gzip or not; None if there is none."""
+    for name in names:
+        for found in (name, f"{name}.gz", name.removesuffix(".gz")):
+            if path.with_name(found).is_file():
+                return path.with_name(found)
+    return None
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[None]:
     """Turn what libraries raise on damaged files into one `InputError`."""

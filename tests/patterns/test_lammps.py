@@ -19,7 +19,7 @@ from loops import (
 from patterns import read_snapshot, sample_path
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_files import dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
@@ -206,7 +206,7 @@ def test_the_sample_of_lammps_balances():
     np.add.at(total, graph.contacts[:, 1], force)
     np.add.at(total, graph.contacts[:, 0], -force)
     np.add.at(total, snapshot.walls.grain, snapshot.walls.force)
-    said = read_rows(dump_frames(path)[0], ("fx", "fy")).columns("fx", "fy")
+    said = dump_frames(path)[0].read(("fx", "fy")).columns("fx", "fy")
     assert np.abs(total - said).max() < 2e-5 * np.abs(force).mean()
     assert "f_wl (12 contacts), f_wb (16 contacts)" in " ".join(frame.notes)
     assert "include damping" in " ".join(frame.notes)

@@ -21,7 +21,7 @@ from loops import (
 )
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps, liggghts
-from patterns.snapshots.dumps.dump_files import dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
@@ -96,16 +96,16 @@ def test_forces_on_each_grain(path):
     frame = dump_frames(path)[0]
     inside = np.ones(len(total), dtype=bool)
     if path.parent.name in VISCOUS:
-        speed = read_rows(frame, ("vx", "vy")).columns("vx", "vy")
+        speed = frame.read(("vx", "vy")).columns("vx", "vy")
         total -= VISCOUS[path.parent.name] * speed
     if path.parent.name == "gravity":
         # The walls' forces are in no file: grains away from them.
         x, r = graph.x, graph.radii
         inside = (x[:, 0] > r) & (x[:, 0] < WIDTH - r) & (x[:, 1] > r)
         angle = np.radians(TILT[int(snapshot.step)])
-        weight = 9.81 * read_rows(frame, ("mass",)).column("mass")
+        weight = 9.81 * frame.read(("mass",)).column("mass")
         total += weight[:, None] * [np.sin(angle), -np.cos(angle)]
-    said = read_rows(frame, ("fx", "fy")).columns("fx", "fy")
+    said = frame.read(("fx", "fy")).columns("fx", "fy")
     assert inside.sum() > 0.8 * len(total)
     off = np.abs(total - said)[inside] / np.abs(force).mean()
     if path.name == "atoms.180000.dump":

@@ -6,7 +6,7 @@ import pytest
 from loops import InputError, branch_vectors
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_files import dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from tests.patterns.dump_writers import Packing, assert_same, lammps_columns, write_lammps
 from tests.patterns.test_lammps import LAW, notes, packing, read
@@ -52,7 +52,7 @@ def test_relative_velocities_are_no_forces(tmp_path):
     columns = lammps_columns(own)
     path, contacts = write_lammps(tmp_path, own, keep=[k for k in columns if k != "p4"])
     frame = dump_frames(contacts)[0]
-    table = read_rows(frame, frame.names)
+    table = frame.read()
     speed = np.random.default_rng(0).normal(size=len(table))
     n = np.column_stack([columns["dx"], columns["dy"]]) / columns["dist"][:, None]
     text = contacts.read_text().splitlines()
@@ -72,7 +72,7 @@ def test_pairs_written_twice_and_neighbours_are_dropped(tmp_path):
                                  shear_force=0 * graph.shear_force), own.ids)  # fmt: skip
     path, _ = write_lammps(tmp_path, own, rows=np.repeat(np.arange(graph.contact_count), 2))
     assert_same(read(path)[0], own, 1e-13)
-    assert f"{graph.contact_count} contacts stand there twice" in notes(path)
+    assert f"{2 * graph.contact_count} rows, {graph.contact_count} contacts" in notes(path)
     path.unlink()
     (tmp_path / "dump.contacts").unlink()
     lone = near.graph.normal_force.copy()

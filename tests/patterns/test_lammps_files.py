@@ -9,7 +9,7 @@ import pytest
 from loops import InputError
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_files import contacts_beside, dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import contacts_beside, dump_frames
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, lammps_columns, write_lammps
@@ -225,7 +225,7 @@ def test_boxes(tmp_path):
         assert frame.box.cell == pytest.approx(np.array(cell), abs=1e-12)
         assert frame.box.origin == pytest.approx(low, abs=1e-12)
         assert (frame.box.periodic, frame.box.digits, frame.step) == (periodic, digits, 7)
-        assert read_rows(frame, ["y", "id"]).columns("id", "y").tolist() == [[1, 0.5]]
+        assert frame.read(["y", "id"]).columns("id", "y").tolist() == [[1, 0.5]]
 
 
 def test_a_damaged_gzip_file(dumps):

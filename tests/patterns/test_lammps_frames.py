@@ -8,8 +8,7 @@ import pytest
 
 from loops import GrainGraph, InputError
 from patterns import count_frames, read_frames, read_snapshot
-from patterns.snapshots import mercury as mercury_files
-from patterns.snapshots.dumps import dump_files as dump_text
+from patterns.snapshots import listing
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,
@@ -69,14 +68,13 @@ def dumps(request, tmp_path):
 def parsed(monkeypatch):
     """The places whose rows are parsed."""
     places = []
-    for module in (dump_text, mercury_files):
-        own = module.read_body
+    own = listing.read_body
 
-        def spy(where, *rest, own=own):
-            places.append(where)
-            return own(where, *rest)
+    def spy(where, *rest):
+        places.append(where)
+        return own(where, *rest)
 
-        monkeypatch.setattr(module, "read_body", spy)
+    monkeypatch.setattr(listing, "read_body", spy)
     return places
 
 

@@ -7,7 +7,7 @@ from loops import InputError, contact_forces, euler_check, find_faces, love_webe
 from patterns import sample_path
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps, liggghts
-from patterns.snapshots.dumps.dump_files import dump_frames, read_rows
+from patterns.snapshots.dumps.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import GROUPS, LATER, Packing, assert_same, write_liggghts
@@ -195,5 +195,5 @@ def test_the_sample_of_liggghts_balances():
     total = np.zeros(graph.x.shape)
     np.add.at(total, graph.contacts[:, 1], force)
     np.add.at(total, graph.contacts[:, 0], -force)
-    written = read_rows(dump_frames(path)[0], ("fx", "fy")).columns("fx", "fy")
+    written = dump_frames(path)[0].read(("fx", "fy")).columns("fx", "fy")
     assert np.abs(total - written).max() < 1e-7 * np.abs(force).mean()

@@ -12,6 +12,7 @@ from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.dumps.dump_files import Atoms
 from patterns.snapshots.dumps.pairs import Pairs, Space, gaps, normals, pairs_of, require_ids
+from patterns.snapshots.frame import require_column
 from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import WHOLE, Table
 from patterns.snapshots.text import listed
@@ -50,13 +51,8 @@ def given_columns(table: Table, given: Mapping[str, str], names: Collection[str]
     """The columns that a map names for contacts; `InputError` for one that is not there."""
     columns = {name: column for name, column in given.items() if name in names}
     for name, column in columns.items():
-        if column != NONE and not table.has(column):
-            raise InputError(
-                f"--columns {name}={column}",
-                f"no such column in {table.path}",
-                f"one of {listed(table.names)}, or none",
-                "Correct the name.",
-            )
+        if column != NONE:
+            require_column(name, column, table.names, table.path, ", or none")
     return columns
 
 

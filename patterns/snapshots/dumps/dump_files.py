@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,10 +11,10 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.frame import Frame, Instants, Source, refusal
+from patterns.snapshots.frame import Frame, Instants, Source, require_column
 from patterns.snapshots.geometry import refuse_repeated
-from patterns.snapshots.tables import Table
-from patterns.snapshots.text import Text, line_at, open_text, read_body
+from patterns.snapshots.listing import Listing, ReadPair, paired
+from patterns.snapshots.text import Text, beside, line_at, open_text
 
 ITEM = b"ITEM: "
 START = b"ITEM: TIMESTEP"
@@ -36,17 +35,11 @@ class Box(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class DumpFrame:
-    """Where one frame stands in a dump."""
+class DumpFrame(Listing):
+    """Where one frame stands in a dump, of what, and its box."""
 
-    where: str
-    step: int
-    count: int
-    label: str
-    names: tuple[str, ...]
-    box: Box | None
-    text: Text
-    span: tuple[int, int]
+    label: str = ""
+    box: Box | None = None
 
 
 def is_dump(head: bytes) -> bool:
@@ -62,7 +55,7 @@ def first_frame(path: Path, head: bytes) -> DumpFrame:
 def dump_frames(path: Path) -> list[DumpFrame | InputError]:
     """Headers of all frames of a dump; their rows are passed over, not read."""
     frames = list(_walk(path, open_text(path)))
-    seen: set[int] = set()
+    seen: set[float] = set()
     for frame in frames:
         if isinstance(frame, InputError):
             continue
@@ -72,24 +65,6 @@ def dump_frames(path: Path) -> list[DumpFrame | InputError]:
             )
         seen.add(frame.step)
     return frames
-
-
-def read_rows(frame: DumpFrame, wanted: Sequence[str]) -> Table:
-    """Columns of a frame."""
-    start, stop = frame.span
-    table = None
-    if stop > start:
-        table = Table(
-            frame.where, read_body(frame.where, frame.text, frame.span, frame.names, wanted)
-        )
-    if table is None or len(table) != frame.count:
-        raise InputError(
-            frame.where,
-            f"{0 if table is None else len(table)} rows",
-            f"{frame.count} as the header says" if frame.count else "at least one row",
-            "The frame is cut short or mixed with another one: dump or copy it again.",
-        )
-    return table
 
 
 def _walk(path: Path, text: Text) -> Iterator[DumpFrame | InputError]:
@@ -141,9 +116,8 @@ def _frame(path: Path, text: Text, at: int) -> DumpFrame:
     step, count = (_whole(path, values, name) for name in (b"TIMESTEP", b"NUMBER OF " + label))
     span = (at, len(text) if stop < 0 else stop)
     where = f"{path}, step {step}"
-    return DumpFrame(
-        where, step, count, label.decode(errors="replace"), names, _box(where, values), text, span
-    )
+    of = label.decode(errors="replace")
+    return DumpFrame(where, step, names, text, span, count, of, _box(where, values))
 
 
 def _whole(path: Path, values: dict[bytes, list[bytes]], name: bytes) -> int:
@@ -213,7 +187,6 @@ def _digits(value: bytes) -> int:
 
 
 Frames = list[DumpFrame | InputError]
-ReadPair = Callable[[Source, DumpFrame, DumpFrame, tuple[str, ...]], Frame]
 
 ATOM_WORDS = ("atoms", "atom", "grains", "particles")
 CONTACT_WORDS = ("contacts", "contact", "local", "pairs", "pair")
@@ -234,22 +207,12 @@ class Atoms(NamedTuple):
 
 def contacts_beside(path: Path) -> Path | None:
     """Path of the dump of contacts beside that of the atoms, if there is one."""
-    for word in ATOM_WORDS:
-        if word not in path.name:
-            continue
-        for other in CONTACT_WORDS:
-            name = path.name.replace(word, other)
-            for found in (name, f"{name}.gz", name.removesuffix(".gz")):
-                if path.with_name(found).is_file():
-                    return path.with_name(found)
-    return None
+    words = [word for word in ATOM_WORDS if word in path.name]
+    return beside(path, *(path.name.replace(w, other) for w in words for other in CONTACT_WORDS))
 
 
-def dump_instants(source: Source, read: ReadPair) -> Instants:
-    """Frames of the atoms with those of the contacts at the same step.
-
-    Instants without contacts, as before the grains meet, are left out.
-    """
+def dump_instants(source: Source, read: ReadPair[DumpFrame]) -> Instants:
+    """Frames of the atoms with those of the contacts at the same step."""
     atoms, contacts, contacts_path = _both_dumps(source)
     of_step = {frame.step: frame for frame in contacts if isinstance(frame, DumpFrame)}
     steps = {frame.step for frame in atoms if isinstance(frame, DumpFrame)}
@@ -257,21 +220,16 @@ def dump_instants(source: Source, read: ReadPair) -> Instants:
     notes: tuple[str, ...] = ()
     if unused:
         notes = (f"{len(unused)} steps of {contacts_path} have no atoms, such as {unused[0]}",)
-    readers: list[Callable[[], Frame]] = []
-    empty = 0
-    for frame in atoms:
-        if isinstance(frame, InputError):
-            readers.append(refusal(frame))
-        elif frame.step not in of_step:
-            readers.append(refusal(_no_step(source, frame, contacts, contacts_path)))
-        elif is_empty(of_step[frame.step]):
-            empty += 1
-        else:
-            said = notes + left_out(empty)
-            readers.append(partial(_read_pair, source, read, frame, of_step[frame.step], said))
-    if not readers:
-        raise no_contacts(contacts_path)
-    return Instants(readers)
+
+    def contacts_of(frame: DumpFrame) -> DumpFrame | InputError:
+        found = of_step.get(frame.step)
+        return _no_step(source, frame, contacts, contacts_path) if found is None else found
+
+    def of_one_box(atoms: DumpFrame, contacts: DumpFrame, notes: tuple[str, ...]) -> Frame:
+        _require_one_box(atoms, contacts)
+        return read(atoms, contacts, notes)
+
+    return paired(atoms, contacts_of, of_one_box, contacts_path, notes)
 
 
 def _both_dumps(source: Source) -> tuple[Frames, Frames, Path]:
@@ -303,29 +261,7 @@ def _no_step(source: Source, frame: DumpFrame, contacts: Frames, path: Path) -> 
     )
 
 
-def _read_pair(
-    source: Source, read: ReadPair, atoms: DumpFrame, contacts: DumpFrame, notes: tuple[str, ...]
-) -> Frame:
-    _require_one_box(atoms, contacts)
-    return read(source, atoms, contacts, notes)
-
-
-def is_empty(frame: DumpFrame) -> bool:
-    """Whether the frame has no rows, and says so."""
-    return frame.count == 0 and frame.span[0] == frame.span[1]
-
-
-def left_out(count: int) -> tuple[str, ...]:
-    """Note on the snapshots without contacts before this one."""
-    return (f"{count} earlier snapshots without contacts left out",) if count else ()
-
-
-def no_contacts(path: Path) -> InputError:
-    """Error for a file whose snapshots all lack contacts."""
-    return InputError(str(path), "no contacts in any snapshot", "contacts", "Check the export.")
-
-
-def _some(steps: list[int]) -> str:
+def _some(steps: list[float]) -> str:
     shown = ", ".join(str(step) for step in steps[:3])
     return shown if len(steps) <= 3 else f"{shown}, ..., {steps[-1]}"
 
@@ -372,11 +308,16 @@ def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
                 f"Add {name} to the 'dump custom', or name its column: --columns {name}=COLUMN.",
             )
     wanted = [name for name in found.values() if name is not None]
-    table = read_rows(frame, wanted)
+    table = frame.read(wanted)
     x = np.column_stack([table.column(str(found[name])) for name in "xy"])
     z = None if found["z"] is None else table.column(found["z"])
     if str(found["x"]) in ("xs", "xsu"):
-        x = _unscaled(frame, x)
+        if frame.box is None:
+            expected = "a box"
+            raise InputError(
+                frame.where, "scaled positions and no box", expected, "Dump x y instead."
+            )
+        x = frame.box.origin + x @ frame.box.cell.T
     if z is not None and str(found["z"]) in ("zs", "zsu"):
         z = z * (1.0 if frame.box is None else frame.box.height)
     radii = table.column(str(found["radius"])) * (0.5 if found["radius"] == "diameter" else 1.0)
@@ -395,20 +336,7 @@ def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
 
 def _find(frame: DumpFrame, columns: Mapping[str, str], name: str) -> str | None:
     if name in columns:
-        if columns[name] not in frame.names:
-            raise InputError(
-                f"--columns {name}={columns[name]}",
-                f"no such column in {frame.where}",
-                f"one of {' '.join(frame.names)}",
-                "Correct the name.",
-            )
+        require_column(name, columns[name], frame.names, frame.where)
         return columns[name]
     others = ("diameter",) if name == "radius" else (f"{name}u", f"{name}s", f"{name}su")
     return next((column for column in (name, *others) if column in frame.names), None)
-
-
-def _unscaled(frame: DumpFrame, scaled: Floats) -> Floats:
-    box: Box | None = frame.box
-    if box is None:
-        raise InputError(frame.where, "scaled positions and no box", "a box", "Dump x y instead.")
-    return box.origin + scaled @ box.cell.T

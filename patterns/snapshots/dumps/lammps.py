@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +18,9 @@ from patterns.snapshots.dumps.dump_files import (
     dump_instants,
     is_dump,
     read_atoms,
-    read_rows,
 )
-from patterns.snapshots.dumps.pairs import (
-    Forces,
-    Wall,
-    contact_rows,
-    contact_table,
-    grain_table,
-    space_of,
-)
-from patterns.snapshots.frame import Frame, Instants, Source
+from patterns.snapshots.dumps.pairs import Forces, Wall, frame_of, space_of
+from patterns.snapshots.frame import Frame, Instants, Source, check_names
 
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be told apart"
 
@@ -49,19 +42,7 @@ def frames(source: Source) -> Instants:
     the per-atom columns of `fix wall/gran ... contacts`.
     """
     check_names(source, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
-    return dump_instants(source, _frame)
-
-
-def check_names(source: Source, known: tuple[str, ...]) -> None:
-    """Raise `InputError` for plain names in the map that this format has not."""
-    unknown = [name for name in source.columns if name not in known]
-    if unknown:
-        raise InputError(
-            f"--columns {unknown[0]}={source.columns[unknown[0]]}",
-            f"the name {unknown[0]!r}",
-            f"one of {', '.join(known)}",
-            "Name the columns by these.",
-        )
+    return dump_instants(source, partial(_frame, source))
 
 
 def _frame(
@@ -69,25 +50,13 @@ def _frame(
 ) -> Frame:
     atoms = read_atoms(atom_frame, source.columns)
     space, cell_notes = space_of(atom_frame.box, atoms, source.cell)
-    table = read_rows(contact_frame, contact_frame.names)
-    guess = guess_columns(table, atoms, space, source.columns)
+    guess = guess_columns(contact_frame.read(), atoms, space, source.columns)
     forces, force_notes = _forces(guess)
-    rows, row_notes = contact_rows(atoms, guess.pairs, forces.any)
-    pairs = guess.pairs.take(rows)
-    forces = Forces(*(part if part is None else part[rows] for part in forces))
     walls, wall_notes = read_walls(atom_frame, atoms, source.columns)
     if not walls and not all(space.periodic):
         wall_notes = ("no columns of walls: their forces are unknown",)
-    said = _columns_note(source, guess)
-    return Frame(
-        grain_table(atom_frame.where, atoms, walls),
-        contact_table(
-            contact_frame.where, atoms, pairs, forces, walls, periodic=space.cell is not None
-        ),
-        space.cell,
-        float(atom_frame.step),
-        (said, *notes, *cell_notes, *force_notes, *row_notes, *wall_notes),
-    )
+    said = (_columns_note(source, guess), *notes, *cell_notes, *force_notes, *wall_notes)
+    return frame_of((atom_frame, contact_frame), atoms, space, guess.pairs, forces, walls, said)
 
 
 def _columns_note(source: Source, guess: Guess) -> str:
@@ -163,7 +132,7 @@ def _fixes(names: tuple[str, ...]) -> list[str]:
 
 def _wall(frame: DumpFrame, atoms: Atoms, names: list[str]) -> Wall | None:
     """The wall of these columns, None if they hold something else."""
-    flag, fx, fy, x, y = read_rows(frame, names).columns(*names).T
+    flag, fx, fy, x, y = frame.read(names).columns(*names).T
     grains = np.flatnonzero(flag > 0)
     force = np.column_stack([fx, fy])[grains]
     branch = atoms.x[grains] - np.column_stack([x, y])[grains]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import InputError
 from patterns.snapshots.dumps.columns import LIGGGHTS_NAMES, NONE, Contacts, read_contacts
@@ -18,24 +18,18 @@ from patterns.snapshots.dumps.dump_files import (
     first_frame,
     is_dump,
     read_atoms,
-    read_rows,
 )
-from patterns.snapshots.dumps.lammps import check_names
 from patterns.snapshots.dumps.pairs import (
     Forces,
     Pairs,
     Space,
-    contact_rows,
-    contact_table,
-    grain_table,
+    frame_of,
     normals,
     pairs_of,
     space_of,
 )
-from patterns.snapshots.frame import Frame, Instants, Source
+from patterns.snapshots.frame import Frame, Instants, Source, check_names
 from patterns.snapshots.text import head_of
-
-Floats = NDArray[np.float64]
 
 # Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
 COARSE = 9
@@ -76,7 +70,7 @@ def frames(source: Source) -> Instants:
     is found from the overlaps of the contacts that cross its border.
     """
     check_names(source, (*ATOM_NAMES, *LIGGGHTS_NAMES))
-    return dump_instants(source, _frame)
+    return dump_instants(source, partial(_frame, source))
 
 
 def _frame(
@@ -84,8 +78,7 @@ def _frame(
 ) -> Frame:
     atoms = read_atoms(atom_frame, source.columns)
     space, said = space_of(atom_frame.box, atoms, source.cell)
-    table = read_rows(contact_frame, contact_frame.names)
-    contacts = read_contacts(table, atoms, space, dict(source.columns))
+    contacts = read_contacts(contact_frame.read(), atoms, space, dict(source.columns))
     found = ", ".join(f"{name}={c}" for name, c in contacts.columns.items() if c != NONE)
     said = (f"columns in the order of pair/gran/local: {found}", *notes, *said)
     box = atom_frame.box
@@ -93,20 +86,10 @@ def _frame(
         space, note = finer_cell(atoms, space, contacts)
         said = (*said, note)
     pairs = pairs_of(atoms, space, contacts.pairs.i, contacts.pairs.j, contacts.pairs.d)
-    force = None if contacts.force is None else -contacts.force
-    rows, row_notes = contact_rows(atoms, pairs, force)
     if not all(space.periodic):
-        row_notes = (*row_notes, "contacts with walls are not in the dumps: their share is unknown")
-    forces = Forces(None if force is None else force[rows])
-    return Frame(
-        grain_table(atom_frame.where, atoms),
-        contact_table(
-            contact_frame.where, atoms, pairs.take(rows), forces, periodic=space.cell is not None
-        ),
-        space.cell,
-        float(atom_frame.step),
-        (*said, *row_notes),
-    )
+        said = (*said, "contacts with walls are not in the dumps: their share is unknown")
+    forces = Forces(None if contacts.force is None else -contacts.force)
+    return frame_of((atom_frame, contact_frame), atoms, space, pairs, forces, notes=said)
 
 
 def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, str]:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers
 from patterns.snapshots.dumps.dump_files import Atoms, Box
+from patterns.snapshots.frame import Frame
 from patterns.snapshots.geometry import index_of
+from patterns.snapshots.listing import Listing
 from patterns.snapshots.tables import Table
 
 FAR = 1e9  # cells that a grain may have wandered; beyond it digits are lost
@@ -111,8 +113,11 @@ def contact_rows(
     notes = []
     if apart.any():
         notes.append(f"{np.count_nonzero(apart)} pairs without overlap and force are no contacts")
-    if again.any():
-        notes.append(f"{np.count_nonzero(again)} contacts stand there twice and were taken once")
+    twice = np.count_nonzero(again)
+    if twice and 2 * twice == len(again):
+        notes.append(f"each contact in two rows: {len(again)} rows, {twice} contacts")
+    elif twice:
+        notes.append(f"{twice} contacts stand there twice and were taken once")
     return np.flatnonzero(~apart & ~again), tuple(notes)
 
 
@@ -177,56 +182,65 @@ class Wall(NamedTuple):
     branch: Floats
 
 
-def grain_table(where: str, atoms: Atoms, walls: Sequence[Wall] = ()) -> Table:
-    """Grains, and a row for each wall; walls are numbered from below the ids down."""
-    count = len(walls)
-    zeros = np.zeros(count)
-    columns = {
-        "id": np.append(atoms.ids, wall_ids(atoms, count)),
-        "type": np.append(np.zeros(len(atoms.ids), dtype=np.int64), np.ones(count, dtype=int)),
-        "x": np.append(atoms.x[:, 0], zeros),
-        "y": np.append(atoms.x[:, 1], zeros),
-        "radius": np.append(atoms.radii, zeros),
-    }
-    if atoms.z is not None:
-        columns["z"] = np.append(atoms.z, zeros)
-    return Table(where, columns)
-
-
-def wall_ids(atoms: Atoms, count: int) -> Integers:
-    """(count,) array: ids for walls that the code does not number."""
-    return min(0, int(atoms.ids.min(initial=0))) - 1 - np.arange(count)
-
-
-def contact_table(
-    where: str,
+def frame_of(
+    listings: tuple[Listing, Listing],
     atoms: Atoms,
+    space: Space,
     pairs: Pairs,
     forces: Forces,
     walls: Sequence[Wall] = (),
-    *,
-    periodic: bool = False,
-) -> Table:
+    notes: Sequence[str] = (),
+) -> Frame:
+    """Plain tables of grains and of what is a contact among pairs, walls numbered below the ids."""
+    rows, said = contact_rows(atoms, pairs, forces.any)
+    forces = Forces(*(part if part is None else part[rows] for part in forces))
+    below = min(0, int(atoms.ids.min(initial=0))) - 1 - np.arange(len(walls))
+    return Frame(
+        Table(listings[0].where, _grains(atoms, below)),
+        Table(
+            listings[1].where,
+            _contacts(atoms, pairs.take(rows), forces, walls, below, space.cell is not None),
+        ),
+        space.cell,
+        float(listings[0].step),
+        (*notes, *said),
+    )
+
+
+def _grains(atoms: Atoms, walls: Integers) -> dict[str, NDArray[np.generic]]:
+    columns = {"x": atoms.x[:, 0], "y": atoms.x[:, 1], "radius": atoms.radii}
+    if atoms.z is not None:
+        columns["z"] = atoms.z
+    zeros, is_wall = np.zeros(len(walls)), np.arange(len(atoms.ids) + len(walls)) >= len(atoms.ids)
+    grown = {name: np.append(values, zeros) for name, values in columns.items()}
+    return {"id": np.append(atoms.ids, walls), "type": is_wall.astype(int), **grown}
+
+
+def _contacts(
+    atoms: Atoms,
+    pairs: Pairs,
+    forces: Forces,
+    walls: Sequence[Wall],
+    wall_ids: Integers,
+    periodic: bool,
+) -> dict[str, NDArray[np.generic]]:
     """Contacts between grains, then those with walls."""
-    ids = wall_ids(atoms, len(walls))
-    ones = [np.full(len(wall.grains), own) for own, wall in zip(ids, walls, strict=True)]
+    ones = [np.full(len(wall.grains), own) for own, wall in zip(wall_ids, walls, strict=True)]
+    twos = [atoms.ids[wall.grains] for wall in walls]
     d = np.concatenate([pairs.d, *[wall.branch for wall in walls]])
     n = normals(d)
     columns: dict[str, NDArray[np.generic]] = {
         "id1": np.concatenate([atoms.ids[pairs.i], *ones]),
-        "id2": np.concatenate([atoms.ids[pairs.j], *[atoms.ids[wall.grains] for wall in walls]]),
-        "branch_x": d[:, 0],
-        "branch_y": d[:, 1],
-        "nx": n[:, 0],
-        "ny": n[:, 1],
+        "id2": np.concatenate([atoms.ids[pairs.j], *twos]),
     }
+    columns |= {"branch_x": d[:, 0], "branch_y": d[:, 1], "nx": n[:, 0], "ny": n[:, 1]}
     if periodic:
         images = np.concatenate([pairs.images, np.zeros((len(d) - len(pairs.i), 2), dtype=int)])
         columns |= {"cell_dx": images[:, 0], "cell_dy": images[:, 1]}
-    if forces.total is not None:
-        total = np.concatenate([forces.total, *[wall.force for wall in walls]])
-        columns |= {"fx_on_2": total[:, 0], "fy_on_2": total[:, 1]}
-    elif forces.normal is not None:
-        normal = np.concatenate([forces.normal, *[wall.force for wall in walls]])
-        columns["fn"] = np.einsum("ck,ck->c", normal, n)
-    return Table(where, columns)
+    if forces.any is not None:
+        force = np.concatenate([forces.any, *[wall.force for wall in walls]])
+        if forces.total is None:
+            columns["fn"] = np.einsum("ck,ck->c", force, n)
+        else:
+            columns |= {"fx_on_2": force[:, 0], "fy_on_2": force[:, 1]}
+    return columns

@@ -15,7 +15,7 @@ from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.frame import Frame, Instants, Source, with_plain_names
 from patterns.snapshots.tables import Table
-from patterns.snapshots.text import open_text
+from patterns.snapshots.text import beside, open_text
 from patterns.snapshots.yade.shear import shear_signs
 from patterns.snapshots.yade.vtk_files import LEGACY, Piece, read_piece
 
@@ -64,9 +64,9 @@ def _contacts_path(source: Source, ending: str) -> Path:
         return source.contacts
     path = source.path
     stem = re.sub(r"\.(vtu|vtk)(\.gz)?$", "", path.name, flags=re.I)
-    for name in (stem.replace("spheres", "intrs") + e for e in (ending, ending + ".gz")):
-        if "spheres" in stem and path.with_name(name).is_file():
-            return path.with_name(name)
+    found = beside(path, stem.replace("spheres", "intrs") + ending) if "spheres" in stem else None
+    if found is not None:
+        return found
     raise InputError(
         f"interactions of {path}",
         "no such file beside it",

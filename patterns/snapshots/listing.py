@@ -1,0 +1,87 @@
+"""Snapshots listed in a text one after the other: where their rows stand, their contacts beside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from loops import InputError
+from patterns.snapshots.frame import Frame, Instants
+from patterns.snapshots.tables import Table
+from patterns.snapshots.text import Text, read_body
+
+
+@dataclass(frozen=True, eq=False)
+class Listing:
+    """Where the rows of one snapshot stand: so many, if the header tells; `step` or time."""
+
+    where: str
+    step: float
+    names: tuple[str, ...]
+    text: Text
+    span: tuple[int, int]
+    count: int | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there are no rows, and the header says nothing else."""
+        return self.span[0] == self.span[1] and not self.count
+
+    def read(self, wanted: Sequence[str] | None = None) -> Table:
+        """Columns of the rows, all of them if not told which."""
+        table = None
+        if self.span[0] < self.span[1]:
+            columns = self.names if wanted is None else wanted
+            body = read_body(self.where, self.text, self.span, self.names, columns)
+            table = Table(self.where, body)
+        rows = 0 if table is None else len(table)
+        if table is None or self.count not in (None, rows):
+            raise InputError(
+                self.where,
+                f"{rows} rows",
+                f"{self.count} as the header says" if self.count else "at least one row",
+                "The frame is cut short or mixed with another one: dump or copy it again.",
+            )
+        return table
+
+
+Found = TypeVar("Found", bound=Listing)
+ReadPair = Callable[[Found, Found, tuple[str, ...]], Frame]
+
+
+def paired(
+    grains: Iterable[Found | InputError],
+    contacts_of: Callable[[Found], Found | InputError],
+    read: ReadPair[Found],
+    contacts_path: Path,
+    notes: tuple[str, ...] = (),
+) -> Instants:
+    """Snapshots of grains with their contacts; what is wrong with one is told when it is read.
+
+    Those without contacts, as before the grains meet, are left out.
+    """
+    readers: list[Callable[[], Frame]] = []
+    empty = 0
+    for own in grains:
+        if isinstance(own, InputError):
+            readers.append(partial(_refuse, own))
+            continue
+        contacts = contacts_of(own)
+        if isinstance(contacts, InputError):
+            readers.append(partial(_refuse, contacts))
+        elif contacts.is_empty:
+            empty += 1
+        else:
+            said = (f"{empty} earlier snapshots without contacts left out",) if empty else ()
+            readers.append(partial(read, own, contacts, (*notes, *said)))
+    if not readers:
+        where = str(contacts_path)
+        raise InputError(where, "no contacts in any snapshot", "contacts", "Check the export.")
+    return Instants(readers)
+
+
+def _refuse(error: InputError) -> Frame:
+    raise error
