@@ -274,9 +274,15 @@ def write_table(
 
 
 def _as_arrow(values: Any) -> Any:
-    """Column of a table; plain numbers as they lie in memory, for which arrow needs no pandas."""
-    if isinstance(values, np.ndarray) and values.dtype in (np.float64, np.int64):
-        whole = np.ascontiguousarray(values)
-        kind = pa.from_numpy_dtype(whole.dtype)
-        return pa.Array.from_buffers(kind, len(whole), [None, pa.py_buffer(whole)])
-    return pa.array(values)
+    """Column of a table; numbers, flags and words as they lie in memory: no pandas is loaded."""
+    if not isinstance(values, np.ndarray) or values.ndim != 1 or values.dtype.kind not in "fibU":
+        return pa.array(values)
+    parts = [np.ascontiguousarray(values)]
+    kind = pa.from_numpy_dtype(values.dtype)
+    if kind == pa.bool_():
+        parts = [np.packbits(values, bitorder="little")]
+    elif kind == pa.string():
+        words = [word.encode() for word in values.tolist()]
+        ends = np.cumsum([0, *map(len, words)], dtype=np.int32)
+        parts = [ends, np.frombuffer(b"".join(words), dtype=np.uint8)]
+    return pa.Array.from_buffers(kind, len(values), [None, *map(pa.py_buffer, parts)])

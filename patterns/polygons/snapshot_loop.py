@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from loops import Faces, GrainGraph, InputError, LinearFrictional, branch_vectors
 from loops.arrays import Integers, Regimes
 from patterns.polygons.ring import ring_contacts
-from patterns.snapshots.snapshot import Snapshot
+
+if TYPE_CHECKING:
+    from patterns.snapshots.snapshot import Snapshot
 
 
 @dataclass(frozen=True, eq=False)

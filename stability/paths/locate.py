@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
 from loops.arrays import Floats, Integers
@@ -111,7 +110,8 @@ def _with_excursions(
     quiet = np.flatnonzero((table <= tolerance).all(axis=0))
     if len(quiet) == 0 or len(quiet) > MANY:
         return thetas, table
-    peaks = BarycentricInterpolator(thetas, table[:, quiet])(FINE)
+    powers = np.linalg.solve(np.vander(thetas), table[:, quiet])
+    peaks = np.vander(FINE, len(thetas)) @ powers
     above = np.flatnonzero((peaks > tolerance[quiet]).any(axis=0))
     places, rows = list(thetas), list(table)
     for column in above:
