@@ -36,7 +36,7 @@ STYLE: Any = {
     "axes.spines.top": False,
     "axes.titlesize": 8.0,
     "figure.dpi": 150.0,
-    "font.family": "sans-serif",
+    "font.family": "DejaVu Sans",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8.0,
     "legend.fontsize": 7.0,

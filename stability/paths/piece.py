@@ -30,7 +30,7 @@ from stability.programmes import Stage
 CLOSE = 1e-6
 
 # Where rates are taken for rows within a step.
-NODES, _ = legendre.leggauss(10)
+NODES, _ = legendre.leggauss(8)
 
 SAMPLES = np.linspace(0.0, 1.0, 5)
 
