@@ -34,7 +34,7 @@ format: $(INSTALLED)
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	find loops patterns stability studies tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find grainloops loops patterns stability studies tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Built afresh whenever the requirements change; an install that fails leaves no stamp.
 # Some systems split ensurepip from Python: their own pip then fills the environment.

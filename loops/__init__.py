@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     )
     from loops.loop_batches import LoopBatch, loop_batches
     from loops.loop_strain import best_fit_strain, loop_strain, rotation_and_stretch
+    from loops.loop_tangents import loop_tangents
     from loops.pruning import prune_dangling
     from loops.stress import contact_forces, love_weber_stress, nominal_stress
     from loops.tracking import Fate, LoopFates, exchange_counts, exchange_matrix, loop_fates
@@ -100,6 +101,7 @@ __all__ = [
     "loop_batches",
     "loop_fates",
     "loop_strain",
+    "loop_tangents",
     "love_weber_stress",
     "macroscopic_tangent",
     "match_contacts",

@@ -18,9 +18,12 @@ from loops.compiled import use_compiled
 from loops.graph import GrainGraph, branch_vectors
 from loops.half_edges import cycles, half_edges_by_grain, measured_faces, next_half_edge
 from loops.pruning import component_counts, component_labels, prune_dangling, require_one_state
+from loops.shown import Shown
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+# Orders that the prompt shows.
+MOST_ORDERS = 8
 
 
 class FaceKind(IntEnum):
@@ -31,8 +34,8 @@ class FaceKind(IntEnum):
     WINDING = 2
 
 
-@dataclass(frozen=True, eq=False)
-class Faces:
+@dataclass(frozen=True, eq=False, repr=False)
+class Faces(Shown):
     """Every half-edge cycle of the pruned contact graph.
 
     Face f holds the half-edges `offsets[f]` to `offsets[f + 1]`, in order, itself on their left:
@@ -77,6 +80,13 @@ class Faces:
     def loops(self) -> Integers:
         """(L,) array: faces that are loops."""
         return np.flatnonzero(self.kind == FaceKind.LOOP)
+
+    def facts(self) -> dict[str, object]:
+        """What the prompt and a notebook show."""
+        orders, counts = np.unique(self.order[self.loops], return_counts=True)
+        shown = dict(zip(orders[:MOST_ORDERS].tolist(), counts[:MOST_ORDERS].tolist(), strict=True))
+        return {"loops": len(self.loops), "other faces": len(self.kind) - len(self.loops),
+                "loops by order": shown}  # fmt: skip
 
 
 def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats, Integers, Regimes
 from loops.errors import InputError
+from loops.shown import Shown
 from loops.validation import check_branches, check_graph, checked_regimes
 
 
@@ -22,8 +23,8 @@ def _frozen(values: ArrayLike, dtype: type) -> NDArray[Any]:
     return array
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class GrainGraph:
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class GrainGraph(Shown):
     """Grains in the plane and the contacts between them, one state or a batch of states.
 
     Topology (`contacts`, `images`) is shared; everything else may carry leading batch axes
@@ -145,6 +146,12 @@ class GrainGraph:
             () if self.cell is None else self.cell.shape[:-2],
             () if self.regime is None else self.regime.shape[:-1],
         )
+
+    def facts(self) -> dict[str, object]:
+        """What the prompt and a notebook show."""
+        told = {"grains": self.grain_count, "contacts": self.contact_count}
+        periodic = {} if self.cell is None else {"cell": "periodic"}
+        return told | periodic | ({"batch": self.batch_shape} if self.batch_shape else {})
 
     def replace(self, **changes: Any) -> GrainGraph:
         """Return a graph with some fields changed, validated again.

@@ -40,8 +40,7 @@ def lazy_face(name: str, file: str) -> None:
     package.__dict__["places"] = {
         alias.name: f"{name}.{alias.name}" if node.module == name else str(node.module)
         for node in ast.walk(ast.parse(Path(file).read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] == name
+        if isinstance(node, ast.ImportFrom) and node.module not in ("typing", "loops.lazy")
         for alias in node.names
-        if node.module != "loops.lazy"
     }
     package.__class__ = LazyFace

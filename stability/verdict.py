@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from loops import MacroTangent
 from loops.arrays import Floats
 from loops.errors import InputError
+from loops.shown import Shown
 from stability.spectra import RTOL, flutter_pairs, operator_norm, spectrum, symmetric_modes
 from stability.subspaces import as_operator, restrict
 
@@ -19,8 +20,8 @@ Mode = Literal["none", "divergence", "flutter"]
 _Array = TypeVar("_Array", bound=np.ndarray[Any, Any])
 
 
-@dataclass(frozen=True, eq=False)
-class Verdict:
+@dataclass(frozen=True, eq=False, repr=False)
+class Verdict(Shown):
     """What a tangent tells about stability on a named subspace.
 
     `status` speaks of second-order work (44): stable if W2 > 0 in every direction. `divergence` and
@@ -65,6 +66,11 @@ class Verdict:
         if self.divergence:
             return "divergence"
         return "flutter" if self.flutter else "none"
+
+    def facts(self) -> dict[str, object]:
+        """What the prompt and a notebook show."""
+        return {"status": self.status, "subspace": self.subspace, "lambda_min/|K|": self.margin,
+                "tolerance": self.tolerance, "loss in the spectrum of K": self.mode}  # fmt: skip
 
     def __str__(self) -> str:
         direction = ", ".join(f"{component:.3g}" for component in self.witness)

@@ -41,9 +41,9 @@ def grainloops(
 ) -> None:
     """Show the version, or the help when no command is given."""
     if show_version:
-        from importlib.metadata import version
+        from studies.version import __version__
 
-        typer.echo(f"grainloops {version('grainloops')}")
+        typer.echo(f"grainloops {__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())

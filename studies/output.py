@@ -12,7 +12,6 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from glob import escape
 from hashlib import blake2b
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -22,6 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from loops import InputError
+from studies.version import __version__
 
 try:
     import fcntl
@@ -46,17 +46,10 @@ def provenance(command: str, configuration: Mapping[str, Any], units: str) -> di
     return {
         "command": f"grainloops {command}",
         "configuration": dict(configuration),
-        "version": _version(),
+        "version": __version__,
         "units": units,
         "signs": SIGNS,
     }
-
-
-def _version() -> str:
-    try:
-        return version("grainloops")
-    except PackageNotFoundError:
-        return "not installed"
 
 
 @cache
@@ -65,7 +58,7 @@ def code_version() -> str:
     root, digest = Path(__file__).resolve().parents[1], blake2b(digest_size=6)
     for file in sorted(file for room in PACKAGES for file in (root / room).rglob("*.py")):
         digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
-    return f"{_version()} (code {digest.hexdigest()})"
+    return f"{__version__} (code {digest.hexdigest()})"
 
 
 @contextmanager

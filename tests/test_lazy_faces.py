@@ -8,12 +8,13 @@ from types import ModuleType
 
 import pytest
 
+import grainloops
 import loops
 import patterns
 import stability
 from patterns import sample_path
 
-ROOMS = (loops, patterns, stability)
+ROOMS = (loops, patterns, stability, grainloops)
 HEAVY = {"matplotlib", "networkx", "numba", "pandas", "scipy", "sympy"}
 
 
@@ -34,8 +35,8 @@ def command(*arguments):
 
 
 def test_a_face_alone_loads_nothing():
-    expected = {"loops", "loops.lazy", "patterns", "stability"}
-    assert loaded_by("import loops, patterns, stability") == expected
+    expected = {"loops", "loops.lazy", "patterns", "stability", "grainloops"}
+    assert loaded_by("import loops, patterns, stability, grainloops") == expected
 
 
 def test_a_name_loads_its_module():
@@ -51,7 +52,7 @@ def test_a_face_shows_all_its_names_whatever_was_imported_before(room):
     assert sorted(room.places) == sorted(room.__all__)
     assert set(room.__all__) <= set(dir(room))
     modules = [name for name in room.__all__ if isinstance(getattr(room, name), ModuleType)]
-    assert modules == (["programmes"] if room is stability else [])
+    assert modules == (["programmes"] if room in (stability, grainloops) else [])
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         room.nothing  # noqa: B018
 

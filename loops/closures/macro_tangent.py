@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Flags, Floats
 from loops.errors import InputError
 from loops.null_space import ROUNDING
+from loops.shown import Shown
 
 Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]
@@ -22,8 +23,8 @@ AMBIGUITY_LIMIT = 1e-6
 ERROR_LIMIT = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class MacroTangent:
+@dataclass(frozen=True, eq=False, repr=False)
+class MacroTangent(Shown):
     """Macroscopic tangent `A` of a graph, `P' = A H'`, batch axes `...` first.
 
     Components in the order (11, 12, 21, 22); `P` is the nominal stress and `H` the displacement
@@ -82,6 +83,18 @@ class MacroTangent:
         where the operator is not trusted.
         """
         return self.rounding + self.sensitivity
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """The operator: a tangent may stand wherever a matrix is asked for."""
+        return np.array(self.matrix, dtype, copy=copy)
+
+    def facts(self) -> dict[str, object]:
+        """What the prompt and a notebook show."""
+        good = f"{int(np.count_nonzero(self.trusted))} of {self.trusted.size}"
+        condition = f"{np.max(self.condition, initial=1.0):.1e}"
+        shape = self.matrix.shape
+        return {"closure": self.closure, "spins": self.spins, "shape": shape, "trusted": good,
+                "condition up to": condition}  # fmt: skip
 
     def __str__(self) -> str:
         good = int(np.count_nonzero(self.trusted))

@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from loops import Faces, GrainGraph, InputError, LinearFrictional, branch_vectors
+from loops import GrainGraph, InputError, LinearFrictional, Regime, branch_vectors
 from loops.arrays import Integers, Regimes
+from loops.shown import Shown
 from patterns.polygons.ring import ring_contacts
 
 if TYPE_CHECKING:
     from patterns.snapshots.snapshot import Snapshot
 
 
-@dataclass(frozen=True, eq=False)
-class SnapshotLoop:
+@dataclass(frozen=True, eq=False, repr=False)
+class SnapshotLoop(Shown):
     """A loop as the simulation left it.
 
     Attributes
@@ -42,18 +43,21 @@ class SnapshotLoop:
     grains: Integers
     contacts: Integers
 
+    def facts(self) -> dict[str, object]:
+        """What the prompt and a notebook show."""
+        sliding = int(np.count_nonzero(self.regime == Regime.SLIDING))
+        return {"grains": self.ids.tolist(), "contacts sliding": sliding}
 
-def loop_of_snapshot(snapshot: Snapshot, faces: Faces, loop: int) -> SnapshotLoop:
+
+def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
     """Cut one loop out of a snapshot by its id.
 
     Parameters
     ----------
     snapshot : Snapshot
         The snapshot.
-    faces : Faces
-        Its faces, `find_faces(snapshot.graph)`.
     loop : int
-        Number of the loop in `faces.loops`, the id in the table of loops.
+        Number of the loop in `snapshot.faces.loops`, the id in the table of loops.
 
     Returns
     -------
@@ -67,13 +71,12 @@ def loop_of_snapshot(snapshot: Snapshot, faces: Faces, loop: int) -> SnapshotLoo
 
     Examples
     --------
-    >>> from loops import find_faces
     >>> from patterns import loop_of_snapshot, read_snapshot, sample_path
-    >>> snapshot = read_snapshot(sample_path())
-    >>> loop = loop_of_snapshot(snapshot, find_faces(snapshot.graph), 3)
+    >>> loop = loop_of_snapshot(read_snapshot(sample_path()), 3)
     >>> loop.graph.grain_count == len(loop.ids) == len(loop.regime)
     True
     """
+    faces = snapshot.faces
     count = len(faces.loops)
     if not (0 <= loop < count and int(loop) == loop):
         raise InputError("loop", str(loop), f"a number from 0 to {count - 1}", "Pick a loop.")

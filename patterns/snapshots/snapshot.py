@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, InputError, LinearFrictional
+from loops import Faces, GrainGraph, InputError, LinearFrictional, find_faces
+from loops.shown import Shown
 from patterns.snapshots.checks import Finding
 
 
@@ -34,8 +36,8 @@ class WallContacts:
     kt: NDArray[np.float64] | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Snapshot(Shown):
     """Grains, contacts and law of one snapshot, walls set aside.
 
     Attributes
@@ -74,6 +76,16 @@ class Snapshot:
     step: float | None = None
     findings: tuple[Finding, ...] = ()
     rotation: NDArray[np.float64] | None = None
+
+    @cached_property
+    def faces(self) -> Faces:
+        """The faces of its graph, as `find_faces` finds them."""
+        return find_faces(self.graph)
+
+    def facts(self) -> dict[str, object]:
+        """What the prompt and a notebook show."""
+        told = {**self.graph.facts(), "contacts with walls": self.wall_contacts}
+        return {**told, "forces": "known" if self.mechanical else "none", "notes": len(self.notes)}
 
     @property
     def mechanical(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers, Regimes
+from loops.shown import Shown
 from stability.paths.state import WORK_TERMS
 from stability.spectra import spectrum, symmetric_part, symmetric_spectrum
 from stability.subspaces import COMPONENTS, restrict
@@ -97,8 +99,8 @@ class Event:
     subspace: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Path:
+@dataclass(frozen=True, eq=False, repr=False)
+class Path(Shown):
     """What following a programme returns: a row at every event and, as `rows` asks, between.
 
     Components in the order (11, 12, 21, 22); forces, stresses and strains positive in compression.
@@ -181,6 +183,11 @@ class Path:
 
     def __len__(self) -> int:
         return len(self.parameter)
+
+    def facts(self) -> dict[str, object]:
+        """What the prompt and a notebook show."""
+        kinds = dict(Counter(event.kind for event in self.events))
+        return {"status": self.status, "rows": len(self), "events": kinds}
 
     @cached_property
     def K(self) -> Floats:

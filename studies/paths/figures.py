@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from loops import Regime, macroscopic_tangent
-from loops.arrays import Flags, Floats
+from loops.arrays import Flags, Floats, Integers, Regimes
 from patterns.diamond import opposite_gaps
 from stability import PolarDiagram, alpha_e, restrict, spectrum, symmetric_spectrum
 from studies.paths.diamond import FollowedDiamond
@@ -269,12 +269,22 @@ def draw_loop(found: Followed, row: int, ax: Axes | None = None) -> Axes:
 
     Blue where the contact sticks, vermilion where it slides, grey where it is open.
     """
-    ax = axes_or_new(ax, 3.0, 3.0)
-    path = found.path
-    closed = path.regime[row] != Regime.OPEN
-    x, pairs = path.x[row], path.contacts
-    N, T = path.normal_force[row], path.shear_force[row]
-    size = np.ones(len(x))
+    ax, path = axes_or_new(ax, 3.0, 3.0), found.path
+    x, size = path.x[row], np.ones(path.x.shape[1])
+    forces = path.normal_force[row], path.shear_force[row]
+    draw_grains(ax, x, size, path.contacts, *forces, path.regime[row])
+    reach = float(np.abs(path.x[[row, *found.marks.values()]]).max())
+    reach += 1.4 if len(x) <= FEW else 0.6
+    ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    ax.set(aspect="equal", xlabel=r"$x_1 / l_0$ (–)", ylabel=r"$x_2 / l_0$ (–)")
+    return ax
+
+
+def draw_grains(
+    ax: Axes, x: Floats, size: Floats, pairs: Integers, N: Floats, T: Floats, regime: Regimes
+) -> None:
+    """Grains of the diameters `size`, a line along every contact force, for few grains arrows."""
+    closed = regime != Regime.OPEN
     ax.add_collection(
         EllipseCollection(
             size, size, 0.0 * size, units="xy", offsets=x, offset_transform=ax.transData,
@@ -290,16 +300,11 @@ def draw_loop(found: Followed, row: int, ax: Axes | None = None) -> Axes:
     half = 0.5 * force * (branch / np.where(strength > 0.0, strength, 1.0))[:, None]
     middle = x[pairs].mean(axis=1)
     lines = np.stack([middle - half, middle + half], axis=1)
-    colours = [COLOURS[Regime(int(regime))] for regime in path.regime[row]]
+    colours = [COLOURS[Regime(int(each))] for each in regime]
     ax.add_collection(LineCollection(list(lines), colors=colours, linewidths=width))
     ax.plot(*x.T, "o", color=BLACK, markersize=1.5)
-    few = len(x) <= FEW
-    if few:
-        _external_forces(x, pairs, force, ax)
-    reach = float(np.abs(path.x[[row, *found.marks.values()]]).max()) + (1.4 if few else 0.6)
-    ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
-    ax.set(aspect="equal", xlabel=r"$x_1 / l_0$ (–)", ylabel=r"$x_2 / l_0$ (–)")
-    return ax
+    if len(x) <= FEW:
+        _external_forces(x, size, pairs, force, ax)
 
 
 def _forces(N: Floats, T: Floats, ends: Floats) -> Floats:
@@ -309,16 +314,18 @@ def _forces(N: Floats, T: Floats, ends: Floats) -> Floats:
     return N[:, None] * n + T[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
 
 
-def _external_forces(x: Floats, pairs: Any, force: Floats, ax: Axes) -> None:
+def _external_forces(x: Floats, diameter: Floats, pairs: Any, force: Floats, ax: Axes) -> None:
     """Arrows of the forces from outside that balance the contacts, lengths in proportion."""
     external = np.zeros_like(x)
     np.add.at(external, pairs[:, 0], force)
     np.add.at(external, pairs[:, 1], -force)
     size = np.linalg.norm(external, axis=1)
     largest = float(size.max())
-    for centre, pull in zip(x, external, strict=True):
+    unit = float(diameter.mean())
+    for centre, pull, wide in zip(x, external, diameter, strict=True):
         strength = float(np.linalg.norm(pull))
         if strength > 1e-12 * largest > 0.0:
             along = pull / strength
-            tip, tail = centre - 0.5 * along, centre - (0.6 + 0.5 * strength / largest) * along
+            tip = centre - 0.5 * wide * along
+            tail = tip - (0.1 + 0.5 * strength / largest) * unit * along
             ax.annotate("", tip, tail, arrowprops={"arrowstyle": "-|>", "color": BLACK})

@@ -26,6 +26,7 @@ from studies.style import (
     GREEN,
     ORANGE,
     PURPLE,
+    SEQUENTIAL,
     SKY,
     TWO_COLUMNS,
     VERMILION,
@@ -60,15 +61,16 @@ def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
     figure = new_figure(TWO_COLUMNS * panels / 2, height)
     axes = figure.subplots(1, panels, squeeze=False)[0]
     draw = loop_drawer(snapshot, faces)
-    _by_order(draw, axes[0], table["order"])
+    draw_orders(draw, axes[0], table["order"])
     if snapshot.mechanical:
         smallest = table["traction_lambda_min"]
-        _by_eigenvalue(draw, axes[1], smallest)
+        draw_values(draw, axes[1], smallest, r"smallest eigenvalue of $K_s$ / mean $k_n$")
         _outline(snapshot, faces, axes[1], smallest < 0)
     return figure
 
 
-def _by_order(draw: Any, ax: Axes, order: Integers) -> None:
+def draw_orders(draw: Any, ax: Axes, order: Integers) -> None:
+    """Loops coloured by order."""
     bounds = np.arange(2.5, LAST_ORDER + 1)
     colours = draw(
         ax,
@@ -81,13 +83,19 @@ def _by_order(draw: Any, ax: Axes, order: Integers) -> None:
     bar.set_label("loop order (grains)")
 
 
-def _by_eigenvalue(draw: Any, ax: Axes, smallest: Floats) -> None:
-    colours = draw(ax, smallest, mpl.colormaps[DIVERGING], around_zero(smallest))
+def draw_values(draw: Any, ax: Axes, values: Floats, label: str) -> None:
+    """Loops coloured by a value of each: around zero, or from the least on if none is negative."""
+    known = values[np.isfinite(values)]
+    signed = bool((known < 0).any()) or len(known) == 0
+    top = np.percentile(known, 98) if len(known) else 1.0
+    scale = around_zero(values) if signed else Normalize(known.min(), top)
+    colours = draw(ax, values, mpl.colormaps[DIVERGING if signed else SEQUENTIAL], scale)
     bar = figure_of(ax).colorbar(colours, ax=ax, extend="both", shrink=0.75)
     low, high = colours.get_clim()
-    ticks = [low, 0.5 * low, 0.0, 0.5 * high, high]
+    middle = 0.0 if signed else 0.5 * (low + high)
+    ticks = [low, 0.5 * (low + middle), middle, 0.5 * (middle + high), high]
     bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
-    bar.set_label(r"smallest eigenvalue of $K_s$ / mean $k_n$")
+    bar.set_label(label)
 
 
 def around_zero(values: Floats) -> Normalize:

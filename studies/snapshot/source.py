@@ -42,8 +42,27 @@ def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> tupl
     return plane, found.result() if plane is snapshot else find_faces(plane.graph)
 
 
-def planar(snapshot: Snapshot, where: str, *, drop: bool) -> Snapshot:
-    """A snapshot whose network has no crossing branches."""
+def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = False) -> Snapshot:
+    """A snapshot whose network has no crossing branches: loops are known there alone.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    where : str
+        Its name in the error.
+    drop : bool
+        Whether to leave out one contact of each crossing pair, the less loaded one.
+
+    Returns
+    -------
+    Snapshot
+        The same one if no branches cross; what was left out stands in its notes.
+
+    Raises
+    ------
+    InputError
+        If branches cross and none may go.
+    """
     pairs = find_crossings(snapshot.graph, MOST)
     if len(pairs) == 0:
         return snapshot
@@ -56,8 +75,8 @@ def planar(snapshot: Snapshot, where: str, *, drop: bool) -> Snapshot:
         f"contacts of {where}",
         f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
         "a planar network",
-        "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings leaves out one "
-        "contact of each pair, the less loaded one.",
+        "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings (in Python "
+        "gl.planar(snapshot, drop=True)) leaves out one contact of each pair, the less loaded one.",
     )
 
 

@@ -158,7 +158,7 @@ def test_the_natural_call_answers_as_the_table(sample):
     table = loop_table(sample, faces)
     kn, told = float(np.mean(sample.mechanics()[0].kn)), 0
     for loop in range(len(faces.loops)):
-        cut = loop_of_snapshot(sample, faces, loop)
+        cut = loop_of_snapshot(sample, loop)
         for closure in ("affine", "traction"):
             own = judge(macroscopic_tangent(cut.graph, cut.law, closure), "symmetric")
             stored = table[f"{closure}_lambda_min"][loop] * kn

@@ -39,7 +39,7 @@ def test_loops_are_those_of_the_batches(source):
     seen = 0
     for batch in loop_batches(snapshot.graph, faces):
         for k, face in enumerate(batch.face[:40].tolist()):
-            loop = loop_of_snapshot(snapshot, faces, number[face])
+            loop = loop_of_snapshot(snapshot, number[face])
             for name in ("x", "radii", "normal_force", "shear_force"):
                 np.testing.assert_array_equal(
                     getattr(loop.graph, name), getattr(batch.graph, name)[k]
@@ -60,7 +60,7 @@ def test_a_loop_across_the_border_keeps_its_branches():
     length = contact_frame(snapshot.graph)[0]
     crossing = 0
     for loop in range(len(faces.loops)):
-        cut = loop_of_snapshot(snapshot, faces, loop)
+        cut = loop_of_snapshot(snapshot, loop)
         np.testing.assert_allclose(contact_frame(cut.graph)[0], length[cut.contacts], rtol=1e-12)
         crossing += bool(snapshot.graph.images[cut.contacts].any())
     assert crossing > 10
@@ -70,7 +70,7 @@ def test_real_forces_and_regimes_enter_the_tangent():
     """With its flags, a loop that slides has another tangent than the same loop that sticks."""
     snapshot = synthetic_snapshot()
     faces = find_faces(snapshot.graph)
-    loops = [loop_of_snapshot(snapshot, faces, k) for k in range(len(faces.loops))]
+    loops = [loop_of_snapshot(snapshot, k) for k in range(len(faces.loops))]
     sliding = next(loop for loop in loops if (loop.regime == Regime.SLIDING).sum() == 1)
     flagged, stuck = (
         macroscopic_tangent(sliding.graph, sliding.law, "affine", regime=regime).matrix
@@ -83,4 +83,4 @@ def test_real_forces_and_regimes_enter_the_tangent():
 def test_bad_numbers(loop):
     snapshot = synthetic_snapshot()
     with pytest.raises(InputError, match="loop: got"):
-        loop_of_snapshot(snapshot, find_faces(snapshot.graph), loop)
+        loop_of_snapshot(snapshot, loop)

@@ -153,7 +153,7 @@ def test_predictions_are_those_of_the_single_loop(packing):
     H = STRAINS[2] * 1e-3
     table = table_between(before, affinely(before, H))
     for row in rng.choice(len(table["order"]), 12, replace=False):
-        loop = loop_of_snapshot(before.snapshot, before.faces, table["loop_before"][row])
+        loop = loop_of_snapshot(before.snapshot, table["loop_before"][row])
         assert table["sliding_contacts"][row] == np.count_nonzero(loop.regime == Regime.SLIDING)
         for name, (closure, spins) in PREDICTIONS.items():
             A = macroscopic_tangent(
@@ -178,7 +178,7 @@ def test_a_rigid_rotation_does_no_corotated_work(angle):
     turned = table_between(before, turn(graph, angle))
     np.testing.assert_allclose(turned["rotation"], np.degrees(angle), rtol=1e-10)
     P0 = [
-        0.5 * np.trace(love_weber_stress(loop_of_snapshot(before.snapshot, before.faces, k).graph))
+        0.5 * np.trace(love_weber_stress(loop_of_snapshot(before.snapshot, k).graph))
         for k in turned["loop_before"].tolist()
     ]
     expected = -2 * (1 - np.cos(angle)) * np.array(P0)

@@ -1,0 +1,93 @@
+"""Tables of the front door: as pandas data frames, their units in `attrs`."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pyarrow as pa
+
+from patterns import Snapshot
+from stability import Path
+from studies.output import SIGNS, provenance
+from studies.snapshot import table
+from studies.snapshot.run import UNITS
+from studies.snapshot.source import planar
+
+
+def loop_table(snapshot: Snapshot) -> pd.DataFrame:
+    """One row a loop: shape, stress and stability, as `grainloops snapshot` writes them.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        Without forces only the geometry is there.
+
+    Returns
+    -------
+    pandas.DataFrame
+        In the order of `snapshot.faces.loops`. `loop`, `order`; centroid `x, y`, `area`,
+        `perimeter`, `elongation`, `orientation` (degrees); `sliding_contacts`; `stress_11` to
+        `stress_22`, `pressure`, `deviator` (force per length, compression positive); for the
+        `affine` and the `traction` closure, spins blocked, `*_lambda_min`, `*_lambda_mid`,
+        `*_lambda_max` (eigenvalues of Ks over the mean kn, subspace `symmetric`),
+        `*_unstable_fraction`, `*_cone_opening`, `*_soft_angle` (degrees); the eigenvalues
+        `traction_free_lambda_*` with free spins; `grains`, an array of ids. Version and units
+        stand in `attrs`.
+
+    Raises
+    ------
+    InputError
+        If branches cross: faces mean nothing then; `planar` leaves contacts out.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> table = loop_table(read_snapshot(sample_path()))
+    >>> len(table), int((table["traction_lambda_min"] < 0).sum())
+    (309, 3)
+    """
+    snapshot = planar(snapshot)
+    columns = pa.table(table.loop_table(snapshot, snapshot.faces))
+    frame: pd.DataFrame = columns.to_pandas()
+    frame.attrs = provenance("loop_table", {}, UNITS)
+    return frame
+
+
+def path_table(path: Path) -> pd.DataFrame:
+    """One row a row of the path: strain, stress, contact forces, tangent, spectra, energies.
+
+    Parameters
+    ----------
+    path : Path
+        From `follow`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns of `Path.columns`: `parameter`, `stage`; `H11` to `H22`, `P11` to `P22` and their
+        rates; `N_c`, `T_c`, `regime_c` of contact c; `A11_11` to `A22_22`; `det_K`, `det_Ks`,
+        `eig_K_*`, `eig_Ks_*`; work and energies, in the units of the graph and of the law; besides
+        `event`, the kinds of the events in the row.
+
+    Examples
+    --------
+    >>> from loops import LinearFrictional
+    >>> from patterns import regular_polygon
+    >>> from stability import Stage, follow, programmes
+    >>> stage = Stage(programmes.isotropic_strain(), "H11", 0.2)
+    >>> path = follow(regular_polygon(5), LinearFrictional(kn=1.0, kt=0.2), stage)
+    >>> table = path_table(path)
+    >>> round(float(table["H11"].iloc[-1]), 12)
+    0.2
+    """
+    frame = pd.DataFrame(path.columns())
+    frame["event"] = events_of_rows(path)
+    frame.attrs = {"signs": SIGNS, "status": path.status, "volume": path.volume}
+    return frame
+
+
+def events_of_rows(path: Path) -> list[str]:
+    """The kinds of the events in each row, empty where nothing happens."""
+    kinds: list[list[str]] = [[] for _ in range(len(path))]
+    for event in path.events:
+        kinds[event.index].append(event.kind)
+    return [", ".join(dict.fromkeys(row)) for row in kinds]

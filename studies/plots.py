@@ -1,0 +1,172 @@
+"""Figures of the front door: each draws into the axes that it is given, and returns them."""
+
+from __future__ import annotations
+
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
+
+from loops import GrainGraph, InputError, Regime
+from loops.closures import MacroTangent
+from patterns import Snapshot
+from stability import Path, plane_cone, restrict
+from studies.frames import events_of_rows
+from studies.paths.figures import draw_grains, draw_polar
+from studies.paths.polar import operator_diagram
+from studies.snapshot.loop_map import draw_orders, draw_values, loop_drawer
+from studies.snapshot.source import planar
+from studies.style import BLACK, axes_or_new, styled
+
+
+@styled()
+def plot_map(
+    snapshot: Snapshot, values: ArrayLike | None = None, label: str = "", ax: Axes | None = None
+) -> Axes:
+    """Map of the loops of a snapshot, coloured by a value of each.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    values : (L,) array, optional
+        One a loop, in the order of the table of loops; nan stays white. By order if left out.
+    label : str
+        Of the colour bar.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure if left out.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If branches cross, or there is not one value a loop.
+    """
+    snapshot = planar(snapshot)
+    ax, draw = axes_or_new(ax, 4.2, 4.2), loop_drawer(snapshot, snapshot.faces)
+    order = snapshot.faces.order[snapshot.faces.loops]
+    if values is None:
+        draw_orders(draw, ax, order)
+        return ax
+    shown = np.asarray(values, dtype=float)
+    if shown.shape != order.shape:
+        raise InputError(
+            "values", f"shape {shown.shape}", f"one a loop, {order.shape}", "See gl.loop_table."
+        )
+    draw_values(draw, ax, shown, label)
+    return ax
+
+
+@styled()
+def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
+    """Grains of a loop, or of a small graph, with the forces of its contacts.
+
+    Blue where a contact sticks, vermilion where it slides, grey where it is open; the width of a
+    line is in proportion to the force. For few grains arrows show the forces from outside that
+    hold the contacts in balance.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state, not periodic; `loop_of_snapshot(...).graph` for example.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure if left out.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        For a batch of states or a periodic graph.
+    """
+    if graph.batch_shape or graph.cell is not None:
+        received = f"batch axes {graph.batch_shape}" if graph.batch_shape else "a periodic graph"
+        raise InputError("graph", received, "one state in the plane", "Cut a loop out of it.")
+    ax, regime = axes_or_new(ax, 3.0, 3.0), graph.regime
+    if regime is None:
+        regime = np.where(graph.normal_force > 0, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
+    forces = graph.normal_force, graph.shear_force
+    draw_grains(ax, graph.x, 2.0 * graph.radii, graph.contacts, *forces, regime)
+    reach = graph.radii.max() + 1.4 * graph.radii.mean()
+    (left, bottom), (right, top) = graph.x.min(axis=0) - reach, graph.x.max(axis=0) + reach
+    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    ax.set(xlabel="$x_1$ (length)", ylabel="$x_2$ (length)")
+    return ax
+
+
+@styled()
+def plot_cone(tangent: MacroTangent | ArrayLike, ax: Axes | None = None) -> Axes:
+    """Polar diagram of the normalised second-order work in (11, 22): its cone is shaded.
+
+    The curve is `(2 + w2) (cos alphaE, sin alphaE)`, `tan(alphaE) = E1'/E2'` (Nicot et al. 2016,
+    Fig. 11); inside the dashed circle `w2` is negative. The text tells the cone's opening.
+
+    Parameters
+    ----------
+    tangent : MacroTangent or (4, 4) array
+        `P' = A H'`, components (11, 12, 21, 22).
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure if left out.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    K = restrict(tangent, "diagonal")
+    opening = float(np.degrees(plane_cone(K).opening))
+    text = f"cone {opening:.2f}°" if opening > 0 else "no cone"
+    return draw_polar(operator_diagram(K), ax, text)
+
+
+@styled()
+def plot_path(
+    path: Path, x: str = "H11", y: str | tuple[str, ...] = ("P11", "P22"), ax: Axes | None = None
+) -> Axes:
+    """Columns of a path over one another, its events marked.
+
+    Parameters
+    ----------
+    path : Path
+        From `follow`.
+    x, y : str
+        Columns of `path_table`; several for `y`.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure if left out.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If there is no such column.
+    """
+    ax, table = axes_or_new(ax), path.columns()
+    names = (y,) if isinstance(y, str) else tuple(y)
+    for name in (x, *names):
+        if name not in table:
+            raise InputError("column", repr(name), "one of gl.path_table(path)", "Look there.")
+    for name in names:
+        ax.plot(table[x], table[name], label=name)
+    named = np.array(events_of_rows(path))
+    for kinds, marker in zip(sorted({*named} - {""}), cycle("osD^vP")):
+        at = named == kinds
+        look: Any = {"color": BLACK, "markersize": 4.0, "markerfacecolor": "white"}
+        ax.plot(table[x][at], table[names[0]][at], marker, label=kinds.replace("_", " "), **look)
+    ax.set(xlabel=_named(x), ylabel=_named(names[0][0] if len(names) > 1 else names[0]))
+    ax.legend()
+    return ax
+
+
+def _named(column: str) -> str:
+    """A column with its unit."""
+    units = {"H": "–", "P": "force / length", "N": "force", "T": "force"}
+    unit = units.get(column.split("_")[0].rstrip("12"))
+    return f"{column} ({unit})" if unit else column.replace("_", " ")

@@ -1,0 +1,151 @@
+"""`docs/first-steps.md`: its blocks run, print what stands below them, and are as short as said."""
+
+import re
+
+import matplotlib
+import numpy as np
+import pytest
+
+import grainloops as gl
+from tests.docs.pages import page
+
+TEXT = page("first-steps")
+BLOCK = re.compile(r"```python\n(.*?)```(?:\n```text\n(.*?)```)?", re.DOTALL)
+# Statements that do the task, its printed line aside.
+LINES = {
+    "Read a snapshot": 1,
+    "A table of loops": 1,
+    "One loop: tangent, verdict, cone, plot": 4,
+    "The eigenvalues of all pentagons": 2,
+    "The loops of a grain": 1,
+    "Second-order work on a map, in your own axes": 2,
+    "The drained path of a pentagon": 3,
+    "A contact law of your own": 10,
+    "A loop by hand, its forces from its overlaps": 4,
+    "networkx": 1,
+}
+
+
+def sections():
+    return {part.split("\n")[0]: BLOCK.findall(part) for part in TEXT.split("\n## ")}
+
+
+@pytest.fixture(scope="module")
+def session():
+    """Names of the page after all its blocks, and what each printed."""
+    names, printed = {}, []
+    lines = []
+    names["print"] = lambda *said: lines.append(" ".join(map(str, said)))
+    for blocks in sections().values():
+        for code, said in blocks:
+            lines.clear()
+            exec(compile(code, "first-steps.md", "exec"), names)
+            printed.append((code, "\n".join(lines), said.rstrip("\n")))
+    return names, printed
+
+
+def test_every_block_prints_what_stands_below_it(session):
+    for code, found, said in session[1]:
+        assert found == said, code
+
+
+def test_the_tasks_are_as_short_as_said():
+    found = sections()
+    assert found.keys() >= LINES.keys()
+    for title, most in LINES.items():
+        lines = [line for line in found[title][0][0].splitlines() if line.strip()]
+        task = [
+            line
+            for line in lines
+            if not line.startswith(("print(", "law, ", "pentagon =", "own = "))
+        ]
+        assert len(task) <= most, title
+
+
+def test_pentagons_are_those_of_the_table(session):
+    names = session[0]
+    table = names["table"][names["table"]["order"] == 5]
+    columns = [f"traction_lambda_{which}" for which in ("min", "mid", "max")]
+    scaled = names["pentagons"] / names["snapshot"].law.kn.mean()
+    # Eigenvalues over kn, of order one: rounding alone is between them.
+    np.testing.assert_allclose(scaled, table[columns].to_numpy(), rtol=0, atol=1e-13)
+
+
+def test_work_is_the_component_of_the_tangents(session):
+    names = session[0]
+    assert (names["work"] == names["tangents"].matrix[:, 3, 3]).all()
+
+
+def test_a_grain_is_in_its_loops_and_in_no_other(session):
+    names = session[0]
+    faces, snapshot = names["snapshot"].faces, names["snapshot"]
+    held = [
+        number for number, face in enumerate(faces.loops)
+        if 17 in snapshot.ids[faces.grains[faces.offsets[face] : faces.offsets[face + 1]]]
+    ]  # fmt: skip
+    assert names["of_grain"]["loop"].tolist() == held
+
+
+def test_the_cone_in_turned_axes_holds_the_softest_mode(session):
+    names = session[0]
+    K = gl.restrict(names["turned"], "diagonal")
+    smallest = np.linalg.eigvalsh(0.5 * (K + K.T))[0]
+    whole = names["verdict"].symmetric_eigenvalues[0]
+    # The softest mode is diagonal in its own axes: the plane holds its eigenvalue.
+    assert smallest == pytest.approx(whole, rel=1e-9)
+
+
+def test_the_law_with_the_first_power_is_the_linear_one(session):
+    names = session[0]
+    pentagon = gl.regular_polygon(5, strain=0.1)
+    linear = gl.LinearFrictional(kn=1.0, kt=0.2, mu=0.3)
+    first = names["Power"](k=1.0, kt=0.2, mu=0.3, m=1.0)
+    paths = [gl.follow(pentagon, law, names["drained"]) for law in (linear, first)]
+    np.testing.assert_allclose(paths[0].P[-1], paths[1].P[-1], rtol=1e-12, atol=1e-15)
+    # Five equal contacts under isotropic strain, the power 3/2: P = n N l0 / (2 V0).
+    area = 5 / (4 * np.tan(np.pi / 5))
+    assert names["own"].P[0, 0] == pytest.approx(5 * 2 * 0.1**1.5 / (2 * area), rel=1e-12)
+
+
+def test_plots_draw_into_the_axes_that_they_are_given(session):
+    names = session[0]
+    figure = matplotlib.figure.Figure()
+    for ax, plot, arguments in zip(
+        figure.subplots(1, 4),
+        (gl.plot_map, gl.plot_loop, gl.plot_cone, gl.plot_path),
+        ((names["snapshot"],), (names["loop"].graph,), (names["tangent"],), (names["path"],)),
+        strict=True,
+    ):
+        assert plot(*arguments, ax=ax) is ax
+        assert ax.get_xlabel() and ax.get_ylabel()
+    figure.canvas.draw()
+
+
+def test_signed_values_have_zero_in_the_middle_of_the_colours(session):
+    names = session[0]
+    smallest = names["table"]["traction_lambda_min"]
+    figure = gl.plot_map(names["snapshot"], smallest).figure
+    low, high = figure.axes[0].collections[0].get_clim()
+    assert low < 0 < high
+    assert figure.axes[0].collections[0].norm(0.0) == 0.5
+
+
+def test_wrong_arguments_of_plots_are_named(session):
+    names = session[0]
+    with pytest.raises(gl.InputError, match=r"values: got shape \(3,\), expected one a loop"):
+        gl.plot_map(names["snapshot"], [1.0, 2.0, 3.0])
+    with pytest.raises(gl.InputError, match="column: got 'nothing'"):
+        gl.plot_path(names["path"], y="nothing")
+    batch = gl.regular_polygon(5, strain=[0.1, 0.2])
+    with pytest.raises(gl.InputError, match=r"graph: got batch axes \(2,\)"):
+        gl.plot_loop(batch)
+
+
+def test_the_door_is_small_and_what_it_shows_tells_itself_in_a_line(session):
+    names = session[0]
+    assert len(gl.__all__) <= 60
+    assert all(getattr(gl, name).__doc__ for name in gl.__all__ if name != "__version__")
+    for name in ("snapshot", "loop", "tangent", "tangents", "verdict", "path", "square"):
+        assert len(repr(names[name])) < 250
+        assert names[name]._repr_html_().startswith("<table><caption>")
+    assert len(repr(names["snapshot"].faces)) < 250
