@@ -35,6 +35,7 @@ PREDICTORS = {
     "affine_lambda_min": "unstable, affine, blocked",
     "traction_lambda_min": "unstable, traction, blocked",
     "traction_free_lambda_min": "unstable, traction, free spins",
+    "packing_lambda_min": "unstable in its packing",
     "persistence": "its work in the interval before",
     "order": "number of grains",
     "sliding": "number of sliding contacts",

@@ -20,13 +20,16 @@ from numpy.typing import NDArray
 from loops import InputError, loop_batches
 from loops.graph import branch_vectors
 from loops.loop_strain import rotation_and_stretch
+from loops.packing import loops_in_place
 from loops.tracking import Fate, LoopFates
 from stability import COMPONENTS
+from stability.loop_stability import loop_spectra
 from stability.packing import LoopRates, PackingRates, PackingResponse, loop_rates
 from stability.packing.edge import YieldEdge, forces_of_motion
 from studies.series.evolution import sample_strain
 from studies.series.increments import TrackedState
 from studies.snapshot.edge import sample_edge
+from studies.snapshot.in_packing import sample_boundary
 
 Columns = dict[str, NDArray[Any]]
 # Columns of the increments, and of the packing's own dataset, by the field of `LoopRates`.
@@ -50,11 +53,11 @@ def foretold(
     A packing without a rate problem, as one that floats, is `refused` and the notes say why;
     without forces there is nothing to foretell at all (`InputError`).
     """
-    before.snapshot.mechanics()
+    graph, (law, _) = before.snapshot.graph, before.snapshot.mechanics()
     H, source = sample_strain(before, after)
     columns = _facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
-    columns |= {name: blank for name in (*FORETOLD, *OWN)}
+    columns |= {name: blank for name in (*FORETOLD, *OWN, "packing_lambda_min")}
     try:
         if source == "unknown":
             raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
@@ -67,6 +70,9 @@ def foretold(
     own = _own_motion(before, after, edge, response)
     if own is not None:
         columns |= _picked(loop_rates(own, before.faces), OWN)
+    planes, held, notes = sample_boundary(before.snapshot, before.faces)
+    place = loops_in_place(graph, law, before.faces, planes=planes, held=held)
+    columns["packing_lambda_min"] = loop_spectra(place.matrix / np.mean(law.kn))[:, 0]
     row = {
         "packing_status": response.status,
         **{
@@ -76,7 +82,7 @@ def foretold(
         "packing_rattlers": response.system.carrying.rattlers,
         "packing_boundary": response.system.boundary,
     }
-    return columns, row, []
+    return columns, row, notes
 
 
 def _picked(rates: LoopRates, names: dict[str, str]) -> Columns:

@@ -49,6 +49,7 @@ NAMES = {
     "traction_free": "traction, free spins",
     "traction": "traction, blocked",
     "affine": "affine, blocked",
+    "packing_lambda_min": r"$\lambda_{\min}$ in its packing",
     "traction_free_lambda_min": r"$\lambda_{\min}$ traction, free",
     "traction_lambda_min": r"$\lambda_{\min}$ traction, blocked",
     "affine_lambda_min": r"$\lambda_{\min}$ affine, blocked",

@@ -27,7 +27,10 @@ OF_INCREMENTS = {
     "traction": "traction_W2",
     "traction_free": "traction_free_W2",
 }
-OF_LOOPS = ("affine_lambda_min", "traction_lambda_min", "traction_free_lambda_min")
+OF_LOOPS = (
+    *("affine_lambda_min", "traction_lambda_min", "traction_free_lambda_min"),
+    "packing_lambda_min",
+)
 # Closures know no strain of a loop that came apart.
 OF_SURVIVED = ("W2_negative", "nonaffine")
 # Who foretells by a sign: a score that is positive for what is foretold.
@@ -74,7 +77,7 @@ def targets(
         name: _of_all(state, -own[column] / size, own["loop_before"])
         for name, column in OF_INCREMENTS.items()
     }
-    known = {name: -state[name] for name in OF_LOOPS}
+    known = {name: -state[name] for name in OF_LOOPS if name in state}
     counts = {"order": state["order"].astype(float)}
     counts["sliding"] = state["sliding_contacts"].astype(float)
     if "smallest_N" in state:
