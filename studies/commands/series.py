@@ -30,6 +30,7 @@ PREDICTORS = {
     "packing": "its packing's rate problem",
     "own_motion": "its grains' own motion (bound)",
     "affine": "affine closure, blocked",
+    "affine_free": "affine closure, free spins",
     "traction": "traction closure, blocked",
     "traction_free": "traction closure, free spins",
     "affine_lambda_min": "unstable, affine, blocked",

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
-from studies.series.increments import PREDICTIONS, TrackedState
+from studies.series.increments import TrackedState
 from studies.snapshot.loop_map import loop_drawer
 from studies.style import (
     BLACK,
@@ -55,6 +55,7 @@ LAST_SHOWN = 9
 
 TITLES = {
     "affine_W2": "affine closure, spins blocked",
+    "affine_free_W2": "affine closure, spins free",
     "traction_W2": "traction closure, spins blocked",
     "traction_free_W2": "traction closure, spins free",
 }
@@ -225,20 +226,21 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
 @styled()
 def work_signs(increments: Mapping[str, NDArray[Any]]) -> Figure:
     """Distribution of the actual work by the sign of its prediction."""
-    figure = new_figure(TWO_COLUMNS, 2.7)
+    figure = new_figure(TWO_COLUMNS, 4.6)
     actual, bins = increments["w2"], np.linspace(-1, 1, 41)
-    for ax, (name, title) in zip(
-        figure.subplots(1, len(PREDICTIONS), sharey=True), TITLES.items(), strict=True
-    ):
+    axes = figure.subplots(2, 2, sharex=True, sharey=True)
+    for ax, (name, title) in zip(axes.ravel(), TITLES.items(), strict=True):
         predicted = increments[name]
         known = np.isfinite(predicted) & (actual != 0)
         parts = actual[known & (predicted < 0)], actual[known & (predicted >= 0)]
         labels = [rf"predicted $W_2 {sign} 0$" for sign in ("<", r"\geq")]
         ax.hist(parts, bins, stacked=True, color=[VERMILION, BLUE], label=labels)
         ax.axvline(0, color=GREY, linewidth=0.8)
-        ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
         ax.set_title(f"{title}\nright: {_rate(*parts)}")
-    figure.axes[0].set_ylabel("survived loops")
+    for ax in axes[1]:
+        ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
+    for ax in axes[:, 0]:
+        ax.set_ylabel("survived loops")
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

@@ -18,9 +18,10 @@ the loop: with `1 - H = R U` (polar decomposition)
 
 which no rigid rotation between the snapshots changes. It is the work in the `symmetric` subspace,
 where a loop of a packing is judged. The tangent of the earlier snapshot predicts it as
-`e . A e / 2`, `e = 1 - U` (half, for the contacts are shared), in three ways: either closure with
-spins blocked, as in the table of a snapshot, and the traction closure with free spins. Grains of a
-packing do turn: blocked spins overrate the work of loops that roll.
+`e . A e / 2`, `e = 1 - U` (half, for the contacts are shared), in four ways: either closure with
+spins blocked, as in the table of a snapshot, and with free spins. (Spins that turn with the loop
+are blocked in the frame that turns with it.) Grains of a packing do turn: blocked spins overrate
+the work of loops that roll.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ from stability import COMPONENTS
 # Column of a prediction: its closure and what the spins do.
 PREDICTIONS: dict[str, tuple[Closure, Spins]] = {
     "affine_W2": ("affine", "blocked"),
+    "affine_free_W2": ("affine", "free"),
     "traction_W2": ("traction", "blocked"),
     "traction_free_W2": ("traction", "free"),
 }

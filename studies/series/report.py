@@ -34,7 +34,8 @@ CAPTIONS = {
     "exchange": ("Exchange of orders", "Loops by order before and after, all intervals together."),
     "work_signs": (
         "Work and its prediction",
-        "Second-order work that the survived loops did, and the sign that three closures predict.",
+        "Second-order work that the survived loops did, and the sign that two closures predict, "
+        "spins blocked or free.",
     ),
     "skill_by_predictor": (
         "Skill",

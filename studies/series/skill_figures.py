@@ -48,6 +48,7 @@ NAMES = {
     "persistence": "persistence",
     "traction_free": "traction, free spins",
     "traction": "traction, blocked",
+    "affine_free": "affine, free spins",
     "affine": "affine, blocked",
     "packing_lambda_min": r"$\lambda_{\min}$ in its packing",
     "traction_free_lambda_min": r"$\lambda_{\min}$ traction, free",

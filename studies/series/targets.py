@@ -24,6 +24,7 @@ TARGET, *OTHERS = ("W2_negative", "nonaffine", "contact_lost", "topology")
 # persistence the loop's past; own motions are those of the interval, an upper bound.
 OF_INCREMENTS = {
     "affine": "affine_W2",
+    "affine_free": "affine_free_W2",
     "traction": "traction_W2",
     "traction_free": "traction_free_W2",
 }

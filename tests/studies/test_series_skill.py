@@ -60,7 +60,7 @@ def test_the_table_of_a_series(result):
     """One row an interval and predictor; rates as counted from the parts, persistence shifted."""
     table = pd.read_parquet(result / "skill.parquet")
     assert tuple(table.columns) == COLUMNS
-    assert len(table) == 2 * table.predictor.nunique() == 18
+    assert len(table) == 2 * table.predictor.nunique() == 20
     work = [
         pd.read_parquet(result / "increments" / f"part-0000{k}-0000{k + 1}.parquet") for k in (0, 1)
     ]
