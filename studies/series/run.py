@@ -62,7 +62,8 @@ DEFINITIONS = {
     "auc: chance that of two loops the one of negative work is ranked first, 0.5 by chance; "
     "rank_correlation: Spearman's. affine, traction (blocked spins), affine_free, traction_free "
     "foretell from the strain that the loop really took; *_lambda_min, order and sliding "
-    "(contacts) from the earlier snapshot alone; persistence from the loop's own work in the interval before",
+    "(contacts) from the earlier snapshot alone; persistence from the loop's own "
+    "work in the interval before",
     "packing": "the rate problem of the whole packing under the strain of each interval: how many "
     "are solved (unique, several found), the largest residual and number of disagreeing contacts, "
     "where the sample ends; what is not solved foretells nothing",
