@@ -8,9 +8,10 @@ closure with free spins. Only the inverse's entries between grains of one loop a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import partial
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,8 +33,8 @@ from loops.packing.selected_inverse import eliminate, inverse_on_fronts
 from loops.packing.system import PackingSystem, assembled, packing_system
 from loops.packing.walls import PlaneContacts
 
-Method = Literal["auto", "whole", "blocks", "patches"]
-METHODS = ("auto", "whole", "blocks", "patches")
+Method = Literal["auto", "whole", "blocks", "patches", "extrapolated"]
+METHODS = get_args(Method)
 
 # Added to the diagonal over the typical stiffness; with refined direct solves C_in agrees to 2e-6.
 EPS = 1e-9
@@ -45,12 +46,12 @@ SINGULAR = 1e-8
 WHOLE = 30_000
 BLOCK, BUFFER = 100.0, 8.0
 # Elastic contacts: the error of a loop `rho` mean diameters from held grains is below
-# ERROR rho^-1.9 for 99 in 100 loops (constants of 2 to 4.9 in samples of 2,000 discs). With sliding
-# contacts, soft modes reach further: there SHRINK times the change from half the buffer is.
-ERROR, DECAY, SHRINK = 5.0, 1.9, 3.0
-# Patches of R and R/2 mean diameters around a loop are extrapolated in 1/R^2: the error is below
-# PATCHED times their difference for 99 in 100 loops from the least radius on, sliding or not.
-RADIUS, LEAST_RADIUS, PATCHED = 8.0, 4.0, 2.0
+# ERROR rho^-1.9 for 99 in 100 loops. With sliding contacts soft modes reach further: there it is
+# below the larger of SLIDING / rho and SHRINK times the change from half the buffer.
+ERROR, DECAY, SLIDING, SHRINK = 5.0, 1.9, 2.0, 4.0
+# A patch around every loop, in mean diameters. Extrapolated from R/2 and R in 1/R^2 the error is
+# below their difference, with sliding contacts below SHRINK times that, from the least radius on.
+RADIUS, LEAST_RADIUS = 8.0, 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +67,9 @@ class LoopsInPlace:
         `A_loop`: the loop cut out, uniform traction, spins free; not numbers where not trusted.
     error : (L,) array
         Stated error of `matrix` relative to its norm, meant to hold for 99 in 100 loops; 0 for the
-        whole packing. Of blocks from the distance to the nearest held grain while all contacts are
-        elastic, from half the buffer otherwise, infinite for a loop that reaches beyond its buffer;
-        of patches from half the radius. A packing that has itself lost definiteness obeys none.
+        whole packing. Of blocks from the distance to the nearest held grain, with sliding contacts
+        from half the buffer too, infinite for a loop that reaches beyond its buffer; of patches
+        from their radius, and half of it. A packing that has lost definiteness obeys none.
     system : PackingSystem
         The carrying part, with counts of what carries nothing.
     """
@@ -109,9 +110,9 @@ def loops_in_place(
         Its faces.
     regime : (C,) array of Regime, optional
         Regime of each contact; the graph's own, else read from the state by the law if left out.
-    method : {'auto', 'whole', 'blocks', 'patches'}
+    method : {'auto', 'whole', 'blocks', 'patches', 'extrapolated'}
         Invert the whole packing (exact), or square blocks with a buffer around them; by size. Or
-        one patch a loop, extrapolated, which is slower than blocks of the same error.
+        a patch a loop, also extrapolated from half of it: slower than blocks of the same error.
     block, buffer, radius : float
         Side of a block, width of its buffer and of a patch around its loop, in mean diameters.
     planes, held
@@ -135,31 +136,47 @@ def loops_in_place(
     volume = None if graph.cell is not None else 1.0
     system = packing_system(graph, law, regime=regime, planes=planes, held=held, volume=volume)
     polygons = _polygons(graph, faces)
-    alone = _alone(graph, law, faces, regime)
-    if method == "patches":
-        matrix, error = _extrapolated(system, polygons, radius)
-        return LoopsInPlace(matrix, alone, error, system)
-    whole = method == "whole" or (method == "auto" and graph.grain_count <= WHOLE)
-    side, width = (np.inf, np.inf) if whole else (block, buffer)
-    matrix, error = _in_blocks(system, polygons, side, width)
-    if not whole and (system.regime == Regime.SLIDING).any():
-        nearer, _ = _in_blocks(system, polygons, side, 0.5 * width)
-        change = np.linalg.norm(matrix - nearer, axis=(1, 2))
-        error = np.where(error > 0, SHRINK * change / np.linalg.norm(matrix, axis=(1, 2)), 0.0)
-    return LoopsInPlace(matrix, alone, error, system)
+    if method == "auto":
+        method = "whole" if graph.grain_count <= WHOLE else "blocks"
+    if method in ("patches", "extrapolated"):
+        find, width = partial(_in_patches, system, polygons), radius
+    else:
+        whole = method == "whole"
+        find = partial(_in_blocks, system, polygons, np.inf if whole else block)
+        width = np.inf if whole else buffer
+    matrix, error = _with_error(find, width, method, (system.regime == Regime.SLIDING).any())
+    return LoopsInPlace(matrix, _alone(graph, law, faces, regime), error, system)
+
+
+def _with_error(
+    find: Callable[[float], tuple[Floats, Floats]], width: float, method: Method, slides: bool
+) -> tuple[Floats, Floats]:
+    """`A_in` with so much left to move around the loops, and its stated error."""
+    matrix, rho = find(width)
+    with np.errstate(divide="ignore"):
+        error = ERROR * rho**-DECAY
+        if np.isinf(rho).all() or not (slides or method == "extrapolated"):
+            return matrix, error
+        nearer, _ = find(0.5 * width)
+        change = matrix - nearer
+        if method == "extrapolated":
+            matrix = matrix + change / 3.0
+        size = np.linalg.norm(change, axis=(1, 2)) / np.linalg.norm(matrix, axis=(1, 2))
+        if method == "extrapolated":
+            return matrix, (SHRINK if slides else 1.0) * size
+        return matrix, np.where(rho < np.inf, np.maximum(SLIDING / rho, SHRINK * size), 0.0)
 
 
 def _in_blocks(
     system: PackingSystem, polygons: Polygons, side: float, buffer: float
 ) -> tuple[Floats, Floats]:
-    """`A_in` of all loops and the error that elastic contacts would have."""
+    """`A_in` of all loops and their distances to held grains."""
     compliance = np.full((len(polygons.centre), 4, 4), np.nan)
-    error = np.full(len(polygons.centre), np.nan)
+    rho = np.full(len(polygons.centre), np.nan)
     for part in _blocks(system, polygons, side, buffer):
         compliance[part.loops] = _compliances(system, polygons, part)
-        with np.errstate(divide="ignore"):
-            error[part.loops] = ERROR * part.rho**-DECAY
-    return _inverted(compliance), error
+        rho[part.loops] = part.rho
+    return _inverted(compliance), rho
 
 
 def _inverted(compliance: Floats) -> Floats:
@@ -271,17 +288,7 @@ def _blocks(
         )
 
 
-def _extrapolated(
-    system: PackingSystem, polygons: Polygons, radius: float
-) -> tuple[Floats, Floats]:
-    """`A_in` from patches of two radii, its error falling as 1/R^2, and what is left of that."""
-    near, far = (_in_patches(system, polygons, part * radius) for part in (0.5, 1.0))
-    matrix: Floats = far + (far - near) / 3.0
-    change = np.linalg.norm(far - near, axis=(1, 2))
-    return matrix, PATCHED * change / np.linalg.norm(matrix, axis=(1, 2))
-
-
-def _in_patches(system: PackingSystem, polygons: Polygons, radius: float) -> Floats:
+def _in_patches(system: PackingSystem, polygons: Polygons, radius: float) -> tuple[Floats, Floats]:
     """`A_in` of every loop, grains further than `radius` mean diameters around it held."""
     graph, carries = system.graph, system.carrying.grains
     box, origin = _box(graph)
@@ -321,7 +328,7 @@ def _in_patches(system: PackingSystem, polygons: Polygons, radius: float) -> Flo
                 options={"SymmetricMode": True},
             )
             out[row[k]] = B.T @ lu.solve(B) / polygons.area[group][k]
-    return _inverted(out)
+    return _inverted(out), np.full(len(out), radius)
 
 
 def _box(graph: GrainGraph) -> tuple[Floats, Floats]:

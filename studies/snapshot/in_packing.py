@@ -27,11 +27,11 @@ WHERE = "--in-packing"
 
 
 def place_options(asked: str) -> dict[str, Any]:
-    """Options of `loops_in_place`: a method by its name, or patches of a radius."""
+    """Options of `loops_in_place`: a method by its name, or extrapolated patches."""
     if asked in ("auto", "whole", "blocks"):
         return {"method": asked}
     try:
-        return {"method": "patches", "radius": float(asked)}
+        return {"method": "extrapolated", "radius": float(asked)}
     except ValueError:
         raise InputError(
             WHERE,

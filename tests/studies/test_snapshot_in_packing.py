@@ -104,7 +104,9 @@ def test_figure_report_and_words(results, monkeypatch, tmp_path, capsys):
     assert "neither says what a loop does in its packing" not in said
     assert "errors stated: median" in said
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
-    assert summary["in_packing"] | {"method": "patches", "radius": 6.0} == summary["in_packing"]
+    assert (
+        summary["in_packing"] | {"method": "extrapolated", "radius": 6.0} == summary["in_packing"]
+    )
     assert summary["provenance"]["configuration"]["in_packing"] == "6"
 
 

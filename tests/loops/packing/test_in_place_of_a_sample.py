@@ -1,0 +1,174 @@
+"""Loops in place on real states: every method against the whole packing, and what theory found."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from loops import Regime, find_faces, loop_batches
+from loops.geometry import boundary_vectors, polygon_area
+from loops.packing import factorised, loops_in_place, packing_system
+from patterns import read_snapshot, sample_path
+from stability import restrict, symmetric_part
+from studies.series.plan import cells_by_number
+
+FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "")) / "yade-slow"
+COLLECTION = pytest.mark.skipif(not FOLDER.is_dir(), reason="no collection of samples")
+
+
+class State:
+    """A snapshot with its faces, and the whole packing's answer."""
+
+    def __init__(self, path, cells, number, *, sliding):
+        xx, xy, yx, yy = cells_by_number(cells)[number]
+        snapshot = read_snapshot(path, cell=[[xx, xy], [yx, yy]], shear_increment="radii")
+        self.law, graph = snapshot.law, snapshot.graph
+        if not sliding:
+            graph = graph.replace(regime=np.full(graph.contact_count, Regime.ELASTIC, np.int8))
+        self.graph, self.faces = graph, find_faces(graph)
+        self.order = self.faces.order[self.faces.loops]
+        self.whole = self.by(method="whole")
+
+    def by(self, **how):
+        return loops_in_place(self.graph, self.law, self.faces, **how)
+
+    def error(self, found):
+        size = np.linalg.norm(self.whole.matrix, axis=(1, 2))
+        return np.linalg.norm(found.matrix - self.whole.matrix, axis=(1, 2)) / size
+
+    def share(self):
+        """Of the surroundings in the trace of `A_in`, median by order; 7 and more together."""
+        inside, alone = (
+            np.trace(restrict(one, "symmetric"), axis1=1, axis2=2)
+            for one in (self.whole.matrix, self.whole.alone)
+        )
+        share, order = 1 - alone / inside, np.minimum(self.order, 7)
+        return [float(np.nanmedian(share[order == n])) for n in range(3, 8)]
+
+    def unstable(self, matrix):
+        values = smallest(matrix)
+        return float(np.mean(values[np.isfinite(values)] < 0))
+
+
+def smallest(matrix):
+    out, known = np.full(len(matrix), np.nan), np.isfinite(matrix).all(axis=(1, 2))
+    out[known] = np.linalg.eigvalsh(symmetric_part(restrict(matrix[known], "symmetric")))[:, 0]
+    return out
+
+
+def sample(*, sliding):
+    path = sample_path("slow/grains_10.parquet")
+    return State(path, path.parent / "cells.csv", 10, sliding=sliding)
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return sample(sliding=False)
+
+
+@pytest.fixture(scope="module")
+def flagged():
+    return sample(sliding=True)
+
+
+@pytest.mark.parametrize("name, bound", [("elastic", 2e-6), ("flagged", 1e-5)])
+def test_selected_inverse_is_the_direct_solve(request, name, bound):
+    """Refined solves know no regularisation; 1e-9 of it weighs more in the soft modes of sliders."""
+    state = request.getfixturevalue(name)
+    system = packing_system(state.graph, state.law)
+    factor = factorised(system)
+    row = {face: k for k, face in enumerate(state.faces.loops)}
+    for batch in loop_batches(state.graph, state.faces):
+        vectors, area = boundary_vectors(batch.graph.x), polygon_area(batch.graph.x)
+        for k in range(0, len(batch.face), 1 + len(batch.face) // 3):
+            B = np.zeros((system.size, 4))
+            np.add.at(B[:, :2], system.freedom[batch.grains[k], 0], vectors[k])
+            np.add.at(B[:, 2:], system.freedom[batch.grains[k], 1], vectors[k])
+            compliance = B.T @ factor.solve(B) / area[k]
+            found = np.linalg.inv(state.whole.matrix[row[batch.face[k]]])
+            assert np.linalg.norm(found - compliance) < bound * np.linalg.norm(compliance)
+
+
+def test_blocks_converge_to_the_whole(elastic):
+    """As R^-1.9; 0.2 is what the slope scatters by from state to state."""
+    points = []
+    for buffer in (4.0, 8.0, 12.0):
+        found = elastic.by(method="blocks", block=6.0, buffer=buffer)
+        rho = (found.error / 5.0) ** (-1 / 1.9)
+        points.append((np.log(np.median(rho)), np.log(np.median(elastic.error(found)))))
+    slope = np.polyfit(*np.transpose(points), 1)[0]
+    assert slope == pytest.approx(-1.9, abs=0.2)
+
+
+def test_extrapolated_patches_gain_half_a_radius(elastic):
+    """Median errors in per cent at R = 4 and 8: as they are, and extrapolated."""
+    plain, better = (
+        [np.median(elastic.error(elastic.by(method=how, radius=R))) for R in (4.0, 8.0)]
+        for how in ("patches", "extrapolated")
+    )
+    assert plain == pytest.approx([0.067, 0.019], rel=0.05)
+    assert better == pytest.approx([0.034, 0.007], rel=0.05)
+
+
+SETTINGS = [
+    {"method": "blocks", "block": 25.0, "buffer": 4.0},
+    {"method": "blocks", "block": 12.0, "buffer": 8.0},
+    {"method": "patches", "radius": 6.0},
+    {"method": "extrapolated", "radius": 4.0},
+]
+
+
+@pytest.mark.parametrize("how", SETTINGS, ids=lambda how: how["method"])
+@pytest.mark.parametrize("name", ["elastic", "flagged"])
+def test_the_stated_error_holds(request, name, how):
+    state = request.getfixturevalue(name)
+    found = state.by(**how)
+    assert (found.error > 0).all() and np.isfinite(found.error).all()
+    assert np.mean(state.error(found) <= found.error) >= 0.99
+    # A bound says something only where it is not far above.
+    assert np.median(found.error / state.error(found)) < 20
+
+
+def test_loops_across_the_border_are_judged_where_they_stand(elastic):
+    """Unrolled from their first grain they were once taken to lie at the cell's corner."""
+    found = elastic.by(method="patches", radius=4.0)
+    error, crossing = elastic.error(found), np.zeros(len(elastic.order), dtype=bool)
+    for batch in loop_batches(elastic.graph, elastic.faces):
+        over = elastic.graph.images[batch.contacts].any(axis=(1, 2))
+        crossing[np.searchsorted(elastic.faces.loops, batch.face[over])] = True
+    assert 50 < crossing.sum() < 200
+    assert np.median(error[crossing]) == pytest.approx(np.median(error[~crossing]), rel=0.1)
+    assert error.max() < 0.35
+
+
+def test_what_surrounds_the_loops(elastic, flagged):
+    """Shares of theory 11.3 on the sample; cut out, every loop of five and more is unstable."""
+    assert elastic.share() == pytest.approx([0.22, 0.13, 0.45, 0.43, 1.0], abs=0.04)
+    assert elastic.unstable(elastic.whole.matrix) == 0
+    assert elastic.unstable(elastic.whole.surroundings) < 0.003
+    assert (smallest(elastic.whole.alone)[elastic.order >= 5] < 0).all()
+    assert flagged.unstable(flagged.whole.matrix) == pytest.approx(0.05, abs=0.02)
+    assert flagged.unstable(flagged.whole.alone) > 0.6
+
+
+@pytest.mark.slow
+@COLLECTION
+def test_what_surrounds_the_loops_of_the_slow_series():
+    """Elastic: at least 99.7 % of surroundings positive definite, no loop in place unstable."""
+    shares, inside, around, alone, sliding = [], [], [], [], []
+    for number in (2, 7, 12, 17, 22, 27, 32):
+        path, cells = FOLDER / f"grains_{number:02d}.parquet", FOLDER / "macro.csv"
+        state = State(path, cells, number, sliding=False)
+        shares.append(state.share())
+        inside.append(state.unstable(state.whole.matrix))
+        around.append(state.unstable(state.whole.surroundings))
+        alone.append(np.mean(smallest(state.whole.alone) < 0))
+        flags = State(path, cells, number, sliding=True)
+        sliding.append(flags.unstable(flags.whole.matrix))
+        blocks = flags.by(method="blocks", block=25.0, buffer=8.0)
+        assert np.mean(flags.error(blocks) <= blocks.error) >= 0.99
+    assert max(inside) == 0 and max(around) <= 0.003
+    assert np.mean(shares, axis=0) == pytest.approx([0.22, 0.13, 0.45, 0.43, 1.0], abs=0.03)
+    assert np.mean(alone) == pytest.approx(0.50, abs=0.03)
+    assert 0.04 < np.mean(sliding) < 0.13
