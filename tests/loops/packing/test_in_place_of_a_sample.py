@@ -74,7 +74,7 @@ def flagged():
 
 @pytest.mark.parametrize("name, bound", [("elastic", 2e-6), ("flagged", 1e-5)])
 def test_selected_inverse_is_the_direct_solve(request, name, bound):
-    """Refined solves know no regularisation; 1e-9 of it weighs more in the soft modes of sliders."""
+    """Refined solves know no regularisation; 1e-9 of it weighs more in sliders' soft modes."""
     state = request.getfixturevalue(name)
     system = packing_system(state.graph, state.law)
     factor = factorised(system)
@@ -138,7 +138,8 @@ def test_loops_across_the_border_are_judged_where_they_stand(elastic):
         over = elastic.graph.images[batch.contacts].any(axis=(1, 2))
         crossing[np.searchsorted(elastic.faces.loops, batch.face[over])] = True
     assert 50 < crossing.sum() < 200
-    assert np.median(error[crossing]) == pytest.approx(np.median(error[~crossing]), rel=0.1)
+    # Large loops, which reach across more often, have the larger errors.
+    assert np.median(error[crossing]) < 1.5 * np.median(error[~crossing])
     assert error.max() < 0.35
 
 
