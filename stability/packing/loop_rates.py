@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from loops.arrays import Floats
+from loops.arrays import Flags, Floats
 from loops.contact_state import contact_state
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import branch_vectors
+from loops.graph import GrainGraph, branch_vectors
 from loops.loop_batches import LoopBatch, loop_batches
 from loops.stress import contact_forces
 from stability.packing.response import PackingResponse
+from stability.packing.state import PackingState
 
 QUARTER_TURN: Floats = np.array([[0.0, -1.0], [1.0, 0.0]])
 
@@ -70,41 +71,79 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
     -------
     LoopRates
     """
-    graph, count = response.system.graph, len(faces.loops)
+    graph = response.system.graph
+    carries = np.zeros(graph.contact_count, dtype=bool)
+    carries[response.system.contacts] = True
+    rates = response.strain_rate, response.branch_rate, response.force_rate
+    return _of_all(_Parts(graph, carries, *rates), faces)
+
+
+def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopRates:
+    """What every loop did on the way to a later state, as rates per whole way.
+
+    Parameters
+    ----------
+    before : GrainGraph
+        The packing at the start.
+    after : PackingState
+        Of the same packing, from `replay` or `follow_packing`.
+    faces : Faces
+        Faces of the start.
+
+    Returns
+    -------
+    LoopRates
+        Of all loops, opened ones too; `strain` is the change of the displacement gradient.
+    """
+    count = before.contact_count
+    assert before.cell is not None
+    return _of_all(
+        _Parts(
+            before,
+            np.ones(count, dtype=bool),
+            np.eye(2) - after.cell @ np.linalg.inv(before.cell),
+            after.branches[:count] - branch_vectors(before),
+            after.forces[:count] - contact_forces(before),
+        ),
+        faces,
+    )
+
+
+def _of_all(parts: _Parts, faces: Faces) -> LoopRates:
+    count = len(faces.loops)
     row = np.full(len(faces.kind), -1)
     row[faces.loops] = np.arange(count)
-    parts = _Parts(response)
     out: dict[str, Floats] = {name: np.empty(count) for name in LoopRates.__annotations__}
     out |= {name: np.empty((count, 2, 2)) for name in ("strain", "stress")}
-    for batch in loop_batches(graph, faces):
+    for batch in loop_batches(parts.graph, faces):
         for name, values in parts.of(batch).items():
             out[name][row[batch.face]] = values
     return LoopRates(**out)
 
 
 class _Parts:
-    """What a response gives to loops: rates of branches, forces and normal forces."""
+    """What a packing gives to its loops: rates of branches, forces and normal forces."""
 
-    def __init__(self, response: PackingResponse) -> None:
-        graph = response.system.graph
+    def __init__(
+        self, graph: GrainGraph, carries: Flags, strain: Floats, branch: Floats, force: Floats
+    ) -> None:
         state = contact_state(graph)
-        self.response = response
+        self.graph, self.carries = graph, carries
+        self.strain, self.branch_rate, self.force_rate = strain, branch, force
         self.forces, self.branches = contact_forces(graph), branch_vectors(graph)
-        self.carries = np.zeros(graph.contact_count, dtype=bool)
-        self.carries[response.system.contacts] = True
-        turn = np.sum(state.t * response.branch_rate, axis=1) / state.length
-        normal = np.sum(state.n * response.force_rate, axis=1) + state.shear_force * turn
+        turn = np.sum(state.t * branch, axis=1) / state.length
+        normal = np.sum(state.n * force, axis=1) + state.shear_force * turn
         self.losing = _time(state.normal_force, normal)
 
     def of(self, batch: LoopBatch) -> dict[str, Floats]:
         """Fields of `LoopRates` for loops of one order."""
-        c, x, response = batch.contacts, batch.graph.x, self.response
+        c, x = batch.contacts, batch.graph.x
         known = self.carries[c].all(axis=1)
         sides = np.roll(x, -1, axis=1) - x
         # Whether a loop's sides run along its contacts or against them.
         along = np.sign(np.sum(sides * self.branches[c], axis=2, keepdims=True))
-        stretch = along * response.branch_rate[c]
-        force, rate = along * self.forces[c], along * response.force_rate[c]
+        stretch = along * self.branch_rate[c]
+        force, rate = along * self.forces[c], along * self.force_rate[c]
         area = polygon_area(x)
         v = np.cumsum(stretch, axis=1) - stretch
         strain = -np.swapaxes(v, 1, 2) @ boundary_vectors(x) / area[:, None, None]
@@ -114,7 +153,7 @@ class _Parts:
         held = half * np.swapaxes(force, 1, 2) @ sides
         turned = stress - spin[:, None, None] * (QUARTER_TURN @ held)
         e = 0.5 * (strain + np.swapaxes(strain, 1, 2))
-        whole = 0.5 * (response.strain_rate + response.strain_rate.T)
+        whole = 0.5 * (self.strain + self.strain.T)
         work = np.sum(turned * e, axis=(1, 2))
         with np.errstate(invalid="ignore", divide="ignore"):
             sizes = np.linalg.norm(turned, axis=(1, 2)) * np.linalg.norm(e, axis=(1, 2))

@@ -1,0 +1,104 @@
+"""Pairs of grains that touch or soon might, and the law's numbers for each."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from loops.arrays import Floats, Integers
+from loops.errors import InputError
+from loops.graph import GrainGraph
+from loops.laws import LinearFrictional
+from loops.pruning import require_one_state
+
+
+class Pairs(NamedTuple):
+    """Pairs (P, 2) with the image of the second grain (P, 2), and `kn`, `kt`, `mu` (P,)."""
+
+    grains: Integers
+    images: Integers
+    kn: Floats
+    kt: Floats
+    mu: Floats
+
+    def __len__(self) -> int:
+        return len(self.grains)
+
+
+def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
+    """The law, if its edge is piecewise linear; the graph is one periodic state."""
+    require_one_state(graph)
+    if not isinstance(law, LinearFrictional):
+        raise InputError(
+            "law",
+            type(law).__name__,
+            "LinearFrictional: springs and a cone that are piecewise linear",
+            "Ask packing_response for the rates under another law.",
+        )
+    if graph.cell is None:
+        raise InputError(
+            "packing", "no cell", "a periodic packing", "Paths of samples with walls are missing."
+        )
+    return law
+
+
+def contact_pairs(graph: GrainGraph, law: LinearFrictional) -> Pairs:
+    """The contacts of a graph."""
+    assert graph.images is not None
+    numbers = (np.broadcast_to(k, graph.contact_count) for k in (law.kn, law.kt, law.mu))
+    return Pairs(graph.contacts, graph.images, *(np.array(k, dtype=float) for k in numbers))
+
+
+def with_near(pairs: Pairs, x: Floats, cell: Floats, radii: Floats, gap: float) -> Pairs:
+    """The pairs, then all others closer than `gap`, with the medians of the given numbers."""
+    grains, images = near_pairs(x, cell, radii, gap)
+    # A pair stands in either order: the smaller grain first, of one grain the larger image.
+    known = {tuple(row) for row in np.column_stack(_ordered(pairs.grains, pairs.images)).tolist()}
+    rows = np.column_stack([grains, images]).tolist()
+    new = np.array([tuple(row) not in known for row in rows], dtype=bool)
+    numbers = (
+        np.append(k, np.full(np.count_nonzero(new), np.median(k)))
+        for k in (pairs.kn, pairs.kt, pairs.mu)
+    )
+    return Pairs(
+        np.concatenate([pairs.grains, grains[new]]),
+        np.concatenate([pairs.images, images[new]]),
+        *numbers,
+    )
+
+
+def near_pairs(x: Floats, cell: Floats, radii: Floats, gap: float) -> tuple[Integers, Integers]:
+    """Pairs (P, 2) whose surfaces are closer than `gap`, smaller grain first, and their images."""
+    reach = 2.0 * float(radii.max()) + gap
+    share = np.linalg.solve(cell, x.T).T
+    home = np.floor(share).astype(np.int64)
+    share = share - home
+    # Heights of the cell over its sides: how far copies reach into it, in shares.
+    margin = reach * np.linalg.norm(np.linalg.inv(cell), axis=1)
+    count = np.ceil(margin).astype(int)
+    shifts = np.stack(
+        np.meshgrid(*(np.arange(-m, m + 1) for m in count), indexing="ij"), axis=-1
+    ).reshape(-1, 2)
+    copies = share[None] + shifts[:, None]
+    shift, j = np.nonzero(((copies > -margin) & (copies < 1 + margin)).all(axis=2))
+    tree = cKDTree(copies[shift, j] @ cell.T)
+    found = cKDTree(share @ cell.T).sparse_distance_matrix(tree, reach, output_type="coo_matrix")
+    i, other = found.row.astype(np.int64), found.col
+    second, image = j[other], shifts[shift[other]] + home[i] - home[j[other]]
+    first = i < second
+    own = (i == second) & ((image[:, 0] > 0) | ((image[:, 0] == 0) & (image[:, 1] > 0)))
+    close = found.data < radii[i] + radii[second] + gap
+    kept = (first | own) & close
+    return np.column_stack([i, second])[kept], image[kept]
+
+
+def _ordered(grains: Integers, images: Integers) -> tuple[Integers, Integers]:
+    i, j = grains.T
+    back = (images[:, 0] < 0) | ((images[:, 0] == 0) & (images[:, 1] < 0))
+    flip = (i > j) | ((i == j) & back)
+    return (
+        np.where(flip[:, None], grains[:, ::-1], grains),
+        np.where(flip[:, None], -images, images),
+    )

@@ -1,0 +1,87 @@
+"""A packing on its way: what it has become, and what that did to every loop of the start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from loops.arrays import Flags, Floats, Integers
+from loops.graph import GrainGraph, branches_between
+
+
+@dataclass(frozen=True, eq=False)
+class PackingState:
+    """One state of a packing on its way.
+
+    Attributes
+    ----------
+    x, angle : (G, 2), (G,) array
+        Centres, and angles that the grains have turned by since the start.
+    cell : (2, 2) array
+        Periodic cell.
+    contacts, images : (C, 2) array of int
+        Contacts of the start first, then pairs that have touched or might.
+    normal_force, shear_force : (C,) array
+        `N` and `T`; zero where open.
+    """
+
+    radii: Floats
+    x: Floats
+    angle: Floats
+    cell: Floats
+    contacts: Integers
+    images: Integers
+    normal_force: Floats
+    shear_force: Floats
+
+    @property
+    def closed(self) -> Flags:
+        """(C,) contacts that carry a force."""
+        return self.normal_force > 0
+
+    @property
+    def branches(self) -> Floats:
+        """(C, 2) branch vectors."""
+        return branches_between(self.x, self.contacts, self.images, self.cell)
+
+    @property
+    def forces(self) -> Floats:
+        """(C, 2) forces of grain i on grain j."""
+        d = self.branches
+        n = d / np.linalg.norm(d, axis=1, keepdims=True)
+        t = np.column_stack([-n[:, 1], n[:, 0]])
+        return self.normal_force[:, None] * n + self.shear_force[:, None] * t
+
+    @property
+    def stress(self) -> Floats:
+        """(2, 2) stress, compression positive, over the current cell."""
+        return self.forces.T @ self.branches / abs(np.linalg.det(self.cell))
+
+    def graph(self) -> GrainGraph:
+        """The closed contacts as a graph of their own."""
+        c = self.closed
+        return GrainGraph(
+            x=self.x,
+            radii=self.radii,
+            contacts=self.contacts[c],
+            images=self.images[c],
+            cell=self.cell,
+            normal_force=self.normal_force[c],
+            shear_force=self.shear_force[c],
+        )
+
+
+def start_state(graph: GrainGraph) -> PackingState:
+    """The state of a graph, normal forces and all as they stand."""
+    assert graph.cell is not None and graph.images is not None
+    return PackingState(
+        radii=graph.radii,
+        x=graph.x,
+        angle=np.zeros(graph.grain_count),
+        cell=graph.cell,
+        contacts=graph.contacts,
+        images=graph.images,
+        normal_force=graph.normal_force,
+        shear_force=graph.shear_force,
+    )

@@ -1,0 +1,189 @@
+"""A packing replayed by equations of motion: closed forms, brute force, and Yade's next states."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, find_faces
+from patterns import read_snapshot, sample_path
+from stability.packing import loop_changes, replay
+from stability.packing.pairs import near_pairs
+from studies.series.increments import TrackedState, increments, track_loops
+from studies.series.plan import cells_by_number
+from studies.series.skill import skill
+from tests.packings import LAW, packing
+
+COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM", "none")) / "yade-slow"
+STILL = np.zeros((2, 2))
+
+
+def pair(distance, **forces):
+    return GrainGraph(
+        x=[[1.0, 2.0], [1.0 + distance, 2.0]],
+        radii=[0.5, 0.5],
+        contacts=[[0, 1]],
+        images=[[0, 0]],
+        cell=4 * np.eye(2),
+        **forces,
+    )
+
+
+def test_an_elastic_collision_in_closed_form():
+    """Overlap `v/w sin w t`, `w^2 = 2 kn/m`, then the velocities are exchanged."""
+    v, omega = 1e-3, np.sqrt(2 * 2.0 / 1.0)
+    touching = pair(1.0)
+    start = {"mass": [1.0, 1.0], "velocity": [[v, 0], [0, 0]], "damping": 0.0}
+    law, dt = LinearFrictional(2.0, 1.0, 0.5), 1e-3
+    half = replay(touching, law, STILL, duration=0.5 * np.pi / omega, time_step=dt, **start)
+    # Leapfrog: frequency to (w dt)^2/24, the start half a step off.
+    assert half.state.normal_force[0] == pytest.approx(2.0 * v / omega, rel=1e-5)
+    after = replay(touching, law, STILL, duration=1.5 * np.pi / omega, time_step=dt, **start)
+    np.testing.assert_allclose(after.velocity, [[0, 0], [v, 0]], atol=1e-5 * v)
+    assert after.state.normal_force[0] == 0
+
+
+@pytest.mark.parametrize("increment", ["branch", "radii"])
+def test_an_undamped_pair_rolls_in_closed_form(increment):
+    """Spins against shear: `T = kt w a/W sin W t`, and the energy stays."""
+    w, kn, kt, overlap = 1e-5, 2.0, 1.0, 1e-6
+    graph, law = pair(1.0 - overlap), LinearFrictional(kn, kt, 50.0, increment)
+    start = {"mass": [1.0, 1.0], "spin": [w, w], "damping": 0.0, "time_step": 1e-4}
+    arm = 0.5
+    Omega = np.sqrt(kt * (2.0 + 2 * arm**2 / 0.1))
+    times = np.array([0.2, 0.4, 0.6]) * np.pi / Omega
+    ends = [replay(graph, law, STILL, duration=t, **start) for t in times]
+    shear = [end.state.shear_force[0] for end in ends]
+    wanted = kt * 2 * arm * w / Omega * np.sin(Omega * times)
+    # The first half step, and turning by the overlap's share.
+    np.testing.assert_allclose(shear, wanted, rtol=3e-4)
+    stored = kn * overlap**2 / 2
+    for end in ends:
+        N, T = end.state.normal_force[0], end.state.shear_force[0]
+        moving = 0.5 * np.sum(end.velocity**2) + 0.5 * 0.1 * np.sum(end.spin**2)
+        energy = N**2 / (2 * kn) + T**2 / (2 * kt) + moving
+        assert energy - stored == pytest.approx(0.1 * w**2, rel=2e-3)
+
+
+@pytest.mark.parametrize(("damping", "viscous"), [(0.3, 0.0), (0.0, 0.5)])
+def test_damping_of_either_kind_takes_energy(damping, viscous):
+    """A pair pressed together flies apart slower than without damping."""
+    graph, law = pair(0.999), LinearFrictional(1.0, 0.5, 0.5)
+    run = {"mass": [1.0, 1.0], "duration": 5.0, "time_step": 1e-3}
+    free, damped = (
+        replay(graph, law, STILL, damping=a, viscous=b, **run).velocity
+        for a, b in ((0.0, 0.0), (damping, viscous))
+    )
+    assert np.abs(free).max() == pytest.approx(1e-3 / np.sqrt(2), rel=1e-4)
+    assert 0 < np.abs(damped).max() < 0.95 * np.abs(free).max()
+
+
+def test_the_cell_ends_where_it_was_asked_to():
+    graph, H = packing(16), np.array([[2e-3, 1e-3], [-5e-4, -1e-3]])
+    end = replay(graph, LAW, H, duration=20.0).state
+    np.testing.assert_allclose(end.cell, (np.eye(2) - H) @ graph.cell, rtol=1e-12)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.1, 1.5])
+def test_pairs_are_those_of_brute_force(gap):
+    graph = packing(12, seed=3)
+    x = graph.x + np.array([[5, -3]]) * (np.arange(12) % 3)[:, None] @ graph.cell.T
+    found, images = near_pairs(x, graph.cell, graph.radii, gap)
+    told = {(*p, *m) for p, m in zip(found.tolist(), images.tolist(), strict=True)}
+    assert len(told) == len(found)
+    wanted = set()
+    for i in range(12):
+        for j in range(i, 12):
+            for a in range(-20, 21):
+                for b in range(-20, 21):
+                    if i == j and (a, b) <= (0, 0):
+                        continue
+                    d = x[j] - x[i] + graph.cell @ [a, b]
+                    if np.hypot(*d) < graph.radii[i] + graph.radii[j] + gap:
+                        wanted.add((i, j, a, b))
+    assert told == wanted
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"law": HertzMindlin(1.0, 0.3, 0.5)}, "LinearFrictional"),
+        ({"strain": [[1.5, 0], [0, 0]]}, "strain"),
+        ({"mass": [1.0]}, "mass"),
+        ({"damping": -1}, "damping"),
+        ({"inertial_number": 0}, "inertial_number"),
+        ({"graph": pair(0.99).replace(cell=None, cell0=None, images=None)}, "periodic"),
+    ],
+)
+def test_bad_input(change, message):
+    given = {"graph": packing(12), "law": LAW, "strain": 1e-5 * np.eye(2)} | change
+    with pytest.raises(InputError, match=message):
+        replay(given.pop("graph"), given.pop("law"), given.pop("strain"), **given)
+
+
+def foreseen(before, after, changes):
+    """AUC of the changes for what the loops did between two snapshots."""
+    one, two = (TrackedState(s, find_faces(s.graph)) for s in (before, after))
+    table = increments(one, two, track_loops(one, two))
+    actual = np.full(len(one.faces.loops), np.nan)
+    actual[table["loop_before"]] = table["w2"]
+    return skill(-changes(one.faces).normalised_work, actual, signed=True)["auc"]
+
+
+def strain_between(before, after):
+    return np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
+
+
+def test_yades_next_state_of_the_sample_series():
+    """From rest and unit density, at the rate of the run: the code's velocities aren't needed."""
+    cells = sample_path("slow/cells.csv")
+    one, two = (
+        read_snapshot(
+            cells.parent / f"grains_{k}.parquet",
+            cell=np.reshape(cells_by_number(cells)[k], (2, 2)),
+            shear_increment="radii",
+        )
+        for k in (10, 11)
+    )
+    end = replay(one.graph, one.law, strain_between(one, two), inertial_number=2e-6)
+    assert foreseen(one, two, lambda f: loop_changes(one.graph, end.state, f)) > 0.9995
+    assert end.unbalanced < 1.5e-4
+
+
+def slow(number):
+    macro = pd.read_csv(COLLECTION / "macro.csv").set_index("snap").loc[number]
+    return read_snapshot(
+        COLLECTION / f"grains_{number:02d}.parquet",
+        cell=macro[["h_xx", "h_xy", "h_yx", "h_yy"]].to_numpy(float).reshape(2, 2),
+        shear_increment="radii",
+    ), float(macro.time)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not COLLECTION.is_dir(), reason="GRAINLOOPS_DEM names no folder of samples")
+@pytest.mark.parametrize(("numbers", "least"), [(range(3, 22), 0.999), (range(22, 32), 0.998)])
+def test_yades_next_states(numbers, least):
+    """Steps of 2e-5 and 1e-4 with Yade's own velocities, time step and damping."""
+    dt = json.loads((COLLECTION / "params.json").read_text())["dt"]
+    found = []
+    for number in numbers:
+        (one, t), (two, later) = slow(number), slow(number + 1)
+        H = strain_between(one, two)
+        grains = pd.read_parquet(COLLECTION / f"grains_{number:02d}.parquet")
+        grains = grains.set_index("id").loc[one.ids]
+        end = replay(
+            one.graph,
+            one.law,
+            H,
+            duration=later - t,
+            time_step=dt,
+            mass=grains["mass"],
+            velocity=grains[["vx", "vy"]].to_numpy() + one.graph.x @ H.T / (later - t),
+            spin=grains["omega_z"],
+        )
+        changes = lambda f, one=one, end=end: loop_changes(one.graph, end.state, f)  # noqa: E731
+        found.append(foreseen(one, two, changes))
+    assert np.mean(found) > least
