@@ -136,28 +136,26 @@ def _check_self_contacts(graph: Any) -> None:
 
 
 def _check_duplicates(graph: Any) -> None:
-    found = find_duplicate(graph.contacts, graph.images, graph.grain_count)
-    if found is None:
-        return
-    c, d = found
-    raise InputError(
-        f"contact {d}",
-        f"grains {graph.contacts[d].tolist()}, the same as contact {c}",
-        "each contact once",
-        "Drop one of the two.",
-    )
+    again, first = repeated_contacts(graph.contacts, graph.images, graph.grain_count)
+    if len(again):
+        raise InputError(
+            f"contact {again[0]}",
+            f"grains {graph.contacts[again[0]].tolist()}, the same as contact {first[0]}",
+            "each contact once",
+            "Drop one of the two.",
+        )
 
 
-def find_duplicate(
+def repeated_contacts(
     contacts: Integers, images: Integers | None, grain_count: int
-) -> tuple[int, int] | None:
-    """Find two contacts that join the same two grains through the same image."""
+) -> tuple[Integers, Integers]:
+    """Contacts whose grains and image an earlier one joins already, and the first one of each."""
     i, j = contacts.T
     key = np.minimum(i, j) * grain_count + np.maximum(i, j)
     # Values alone sort faster than with their places, and as a rule they are all different.
     ascending = np.sort(key)
     if not (ascending[1:] == ascending[:-1]).any():
-        return None
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
     # Only pairs of grains that occur more than once need their images compared.
@@ -167,10 +165,8 @@ def find_duplicate(
         table = np.column_stack([table, _images_from_lower_grain(contacts[rows], images[rows])])
     _, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
     earlier = first[inverse.ravel()]
-    later = np.flatnonzero(earlier != np.arange(len(rows)))
-    if len(later) == 0:
-        return None
-    return int(rows[earlier[later[0]]]), int(rows[later[0]])
+    again = np.flatnonzero(earlier != np.arange(len(rows)))
+    return rows[again], rows[earlier[again]]
 
 
 def _images_from_lower_grain(contacts: Integers, images: Integers) -> Integers:

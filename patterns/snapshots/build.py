@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from loops import GrainGraph, InputError, LinearFrictional, Regime
 from loops.arrays import Floats, Integers
 from loops.laws.frictional import ShearIncrement
-from loops.validation import find_duplicate
-from patterns.snapshots.checks import Finding, State, check_state, same_normal_force
+from loops.validation import repeated_contacts
+from patterns.snapshots.checks import State, check_state, same_normal_force
 from patterns.snapshots.frame import Frame
 from patterns.snapshots.geometry import (
     Bodies,
-    Branches,
     branches_of,
     check_cell,
     read_bodies,
@@ -51,9 +50,8 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     pairs = every if len(rows) == len(every) else every[rows]
     cell = check_cell(frame.cell, bodies.radii)
     branches = branches_of(table, rows, pairs, bodies, cell)
-    force = _force_on_second(
-        table, _normals(table, rows, branches.n), _frictionless(table, parameters)
-    )
+    frictionless = not table.column("mu").any() if table.has("mu") else parameters.mu == 0
+    force = _force_on_second(table, _normals(table, rows, branches.n), frictionless)
     normal, shear = _components(force, rows, branches.n)
     walls = _walls(table, bodies, every, force)
     notes = list(frame.notes)
@@ -64,12 +62,33 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
     else:
         law, regime = _law(table, rows, (normal, shear), parameters, frame.shear_increment, notes)
-    graph = _graph(table, bodies, rows, pairs, branches.images, cell, normal, shear, regime)
+    try:
+        graph = GrainGraph(
+            x=bodies.x,
+            radii=bodies.radii,
+            contacts=pairs,
+            normal_force=normal,
+            shear_force=shear,
+            images=branches.images,
+            cell=cell,
+            regime=regime,
+        )
+    except InputError:
+        _refuse_repeated(table, bodies, rows, pairs, branches.images)
+        raise
     if branches.images is not None and not branches.images.any():
         notes.append("no contact crosses the border of the periodic cell")
-    findings = _findings(table, rows, graph, branches, law, regime, walls)
-    if strict:
-        _refuse_errors(table, findings)
+    # Normals tell more than branches, which many files make of the centres.
+    given = table.optional("nx", "ny")
+    given = branches.given if given is None else given[rows]
+    pushed = None if walls is None else (walls.grain, walls.force)
+    state = State(graph, branches.d, branches.length, law, regime, given, pushed)
+    findings = check_state(state)
+    if law is not None and table.has("fn", "fx_on_2"):
+        findings = (*findings, same_normal_force(table.column("fn")[rows], normal))
+    for found in findings:
+        if strict and found.severity == "error":
+            raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
     notes += [str(one) for one in findings if one.severity != "ok"]
     return Snapshot(
         graph,
@@ -83,34 +102,6 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         findings,
         bodies.rotation,
     )
-
-
-def _findings(
-    table: Table,
-    rows: Integers,
-    graph: GrainGraph,
-    branches: Branches,
-    law: LinearFrictional | None,
-    regime: NDArray[np.int8] | None,
-    walls: WallContacts | None,
-) -> tuple[Finding, ...]:
-    # Normals tell more than branches, which many files make of the centres.
-    given = table.optional("nx", "ny")
-    given = branches.given if given is None else given[rows]
-    found = check_state(State(graph, branches.d, branches.length, law, regime, given, walls))
-    if law is not None and table.has("fn", "fx_on_2"):
-        found = (*found, same_normal_force(table.column("fn")[rows], graph.normal_force))
-    return found
-
-
-def _refuse_errors(table: Table, findings: tuple[Finding, ...]) -> None:
-    for found in findings:
-        if found.severity == "error":
-            raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
-
-
-def _frictionless(table: Table, parameters: Parameters) -> bool:
-    return not table.column("mu").any() if table.has("mu") else parameters.mu == 0
 
 
 def _normals(table: Table, rows: Integers, n: Floats) -> Floats:
@@ -153,37 +144,16 @@ def _components(force: Floats | None, rows: Integers, n: Floats) -> tuple[Floats
     return np.einsum("ck,ck->c", f, n), n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
 
 
-def _graph(
-    table: Table,
-    bodies: Bodies,
-    rows: Integers,
-    pairs: Integers,
-    images: Integers | None,
-    cell: Floats | None,
-    normal: Floats,
-    shear: Floats,
-    regime: NDArray[np.int8] | None,
-) -> GrainGraph:
-    try:
-        return GrainGraph(
-            x=bodies.x,
-            radii=bodies.radii,
-            contacts=pairs,
-            normal_force=normal,
-            shear_force=shear,
-            images=images,
-            cell=cell,
-            regime=regime,
-        )
-    except InputError:
-        # The graph knows indices only: name the rows and the ids.
-        found = find_duplicate(pairs, images, len(bodies.x))
-        if found is None:
-            raise
-        one, two = bodies.grain_ids[pairs[found[1]]].tolist()
+def _refuse_repeated(
+    table: Table, bodies: Bodies, rows: Integers, pairs: Integers, images: Integers | None
+) -> None:
+    """Raise `InputError` with rows and ids, which the graph doesn't know."""
+    again, first = repeated_contacts(pairs, images, len(bodies.x))
+    if len(again):
+        one, two = bodies.grain_ids[pairs[again[0]]].tolist()
         raise InputError(
-            f"{table.path}, row {rows[found[1]]} (grains {one} and {two})",
-            f"the same contact as row {rows[found[0]]}",
+            f"{table.path}, row {rows[again[0]]} (grains {one} and {two})",
+            f"the same contact as row {rows[first[0]]}",
             "each contact once",
             "Drop one of the two rows.",
         ) from None

@@ -7,7 +7,7 @@ figures stand beside each. All sums are over all contacts, medians over a sample
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,18 +39,6 @@ TURNED_BY = 3e-6
 JAMMED, FEWEST = 0.95, 20
 
 
-class Forces(Protocol):
-    """Forces of the walls on grains."""
-
-    @property
-    def grain(self) -> Integers:
-        """(W,) array: the grains."""
-
-    @property
-    def force(self) -> Floats:
-        """(W, 2) array: the forces on them."""
-
-
 class Finding(NamedTuple):
     """What a check found: the number that tells it, a sentence on the cause, what to do."""
 
@@ -75,7 +63,8 @@ class Finding(NamedTuple):
 class State:
     """What the checks look at: the contacts between grains, their branches, law and regimes.
 
-    `given` (C, 2) are the branches or normals of the file, `walls` forces of the walls.
+    `given` (C, 2) are the branches or normals of the file, `walls` the grains that walls touch and
+    the forces on them (W, 2).
     """
 
     def __init__(
@@ -86,7 +75,7 @@ class State:
         law: LinearFrictional | None,
         regime: NDArray[np.int8] | None,
         given: Floats | None,
-        walls: Forces | None,
+        walls: tuple[Integers, Floats] | None,
     ) -> None:
         self.x, self.radii, self.contacts = graph.x, graph.radii, graph.contacts
         self.normal, self.shear = graph.normal_force, graph.shear_force
@@ -229,8 +218,8 @@ def balance(state: State) -> Finding | None:
     turned = np.column_stack([-n[:, 1], n[:, 0]])
     turn = _on_grains(ends, state.shear[rows, None] * turned, len(chosen))
     if state.walls is not None:
-        known = taken[state.walls.grain]
-        np.add.at(push, place[state.walls.grain[known]], state.walls.force[known])
+        grain, force = state.walls
+        np.add.at(push, place[grain[taken[grain]]], force[taken[grain]])
     area = state.radii[chosen] ** 2
     mean = float(np.hypot(state.normal[state.rows], state.shear[state.rows]).mean())
     rest = [_rest(area, push + sign * turn) / mean for sign in (1, -1)]
@@ -327,7 +316,7 @@ def jammed(state: State) -> Finding | None:
     degree = state.degree
     walls = np.zeros(len(degree))
     if state.walls is not None:
-        walls += np.bincount(state.walls.grain, minlength=len(degree))
+        walls += np.bincount(state.walls[0], minlength=len(degree))
     # Two freedoms without friction, three with: shear that is zero throughout is none.
     rough = bool(state.shear.any())
     held = state.inner & (degree + walls >= (2 if rough else 3))

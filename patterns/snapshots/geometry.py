@@ -245,17 +245,25 @@ def branches_of(
         if given is not None:
             error = given[part] - (n[part] if branches is None else gap)
             off[part] = np.hypot(error[:, 0], error[:, 1]) / (1.0 if branches is None else size)
-    found = Branches(made, d, length, n, given)
-    place = _Place(table, rows, pairs, bodies, periodic=cell is not None)
+    place = _Place(table, rows, pairs, bodies, cell is not None)
     if given is not None and off.max() > GEOMETRY_TOLERANCE:
-        _refuse_branch(place, int(np.argmax(off)), found, branches is None)
+        c = int(np.argmax(off))
+        what, expected = ("branch", d) if branches is not None else ("normal", n)
+        turned = np.abs(given + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
+        place.refuse(
+            c,
+            f"{what} {given[c].tolist()}",
+            f"{expected[c].tolist()} from the centres, grain 1 to grain 2",
+            "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
+            if turned
+            else "",
+        )
     # Where all are apart, the radii are in question: the checks tell why.
     if reach.max() > REACH and np.median(reach) < REACH:
         c = int(np.argmax(reach))
-        place.refuse(
-            c, f"centres {reach[c]:.3g} times the sum of the radii apart", "grains that touch"
-        )
-    return found
+        received = f"centres {reach[c]:.3g} times the sum of the radii apart"
+        place.refuse(c, received, "grains that touch")
+    return Branches(made, d, length, n, given)
 
 
 def _some(values: Any, rows: Integers) -> Any:
@@ -294,17 +302,3 @@ class _Place(NamedTuple):
         elif not remedy:
             remedy = "Give --cell if the sample is periodic; else take both tables of one snapshot."
         raise InputError(where, received, expected, remedy)
-
-
-def _refuse_branch(place: _Place, c: int, found: Branches, are_normals: bool) -> NoReturn:
-    expected, given = (found.n if are_normals else found.d), found.given
-    assert given is not None
-    turned = np.abs(given + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
-    place.refuse(
-        c,
-        f"{'normal' if are_normals else 'branch'} {given[c].tolist()}",
-        f"{expected[c].tolist()} from the centres, grain 1 to grain 2",
-        "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
-        if turned
-        else "",
-    )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers
+from loops.validation import repeated_contacts
 from patterns.snapshots.dumps.dump_files import Atoms, Box
 from patterns.snapshots.frame import Frame
 from patterns.snapshots.geometry import index_of
@@ -109,7 +110,10 @@ def contact_rows(
     apart = gaps(atoms, pairs) >= 0
     if force is not None:
         apart &= (force == 0).all(axis=1)
-    again = _repeated(pairs, len(atoms.ids)) & ~apart
+    again = np.zeros(len(apart), dtype=bool)
+    ends = np.column_stack([pairs.i, pairs.j])
+    again[repeated_contacts(ends, pairs.images, len(atoms.ids))[0]] = True
+    again &= ~apart
     notes = []
     if apart.any():
         notes.append(f"{np.count_nonzero(apart)} pairs without overlap and force are no contacts")
@@ -119,27 +123,6 @@ def contact_rows(
     elif twice:
         notes.append(f"{twice} contacts stand there twice and were taken once")
     return np.flatnonzero(~apart & ~again), tuple(notes)
-
-
-def _repeated(pairs: Pairs, grain_count: int) -> Flags:
-    """Whether the same contact, in either order, stands in an earlier row."""
-    low, high = np.minimum(pairs.i, pairs.j), np.maximum(pairs.i, pairs.j)
-    key = low * grain_count + high
-    repeated = np.zeros(len(key), dtype=bool)
-    ordered = np.sort(key)
-    twice = ordered[1:][ordered[1:] == ordered[:-1]]
-    if len(twice) == 0:
-        return repeated
-    rows = np.flatnonzero(np.isin(key, twice))
-    # Seen from the lower grain, two contacts of a pair differ by their images.
-    images = np.where((pairs.i > pairs.j)[rows, None], -pairs.images[rows], pairs.images[rows])
-    reach = int(np.abs(images).max())
-    own = np.unique(key[rows], return_inverse=True)[1]
-    for column in images.T:
-        own = own * (2 * reach + 1) + column + reach
-    first = np.unique(own, return_index=True)[1]
-    repeated[np.delete(rows, first)] = True
-    return repeated
 
 
 def require_ids(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.frame import Frame, Instants, Source, with_plain_names
+from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import require_file, whole_file
 
@@ -26,35 +27,21 @@ SNIPPET = "Load it in Yade, O.load(...), and export the tables from there: see d
 
 
 @dataclass(eq=False)
-class Scene:
-    """What a save holds, as far as it is asked for.
+class Save:
+    """What a save holds, as far as it is asked for."""
 
-    Attributes
-    ----------
-    bodies : list of (id, shape, x, y, z, radius)
-        Spheres and others; of others, the radius is 0. Shapes by Yade's class names.
-    interactions : list of 16 numbers
-        Real ones: `id1, id2`, then x and y of the normal, the contact point, the normal force and
-        the shear force on body 2, the image of body 2, `kn, ks`, and the friction, nan without.
-    cell : list of 4 numbers
-        `hSize` in the plane, by rows.
-    periodic : bool
-        Whether the cell is used.
-    iteration : int
-        Number of steps done.
-    radii : bool
-        Whether shear turns by the radii (`avoidGranularRatcheting` of two spheres), as by default.
-    """
-
+    # Id, shape by Yade's class name, x, y, z, and the radius of a sphere, else 0.
     bodies: list[tuple[int, str, float, float, float, float]] = field(default_factory=list)
+    # Real ones: id1, id2, then x and y of normal, contact point, normal force, shear force on body
+    # 2 and image of body 2; kn, ks; friction, nan without.
     interactions: list[list[float]] = field(default_factory=list)
-    cell: list[float] = field(default_factory=list)
+    cell: list[float] = field(default_factory=list)  # hSize in the plane, by rows
     periodic: bool = False
     iteration: int = 0
-    radii: bool = True
+    radii: bool = True  # whether shear turns by the radii, avoidGranularRatcheting
 
 
-def read_scene(path: Path) -> Scene:
+def read_save(path: Path) -> Save:
     """Read what a save holds of bodies, interactions and cell.
 
     Memory is that of the rows, not of the file: elements are dropped once they are read.
@@ -80,11 +67,11 @@ def read_scene(path: Path) -> Scene:
         raise InputError(
             str(path), f"another serialisation, {error}", "a save of Yade 2023", SNIPPET
         ) from None
-    scene = reader.scene
-    if not done or not reader.scene_read or (scene.periodic and not scene.cell):
+    save = reader.save
+    if not done or not reader.scene_read or (save.periodic and not save.cell):
         received = "no <cell>" if done and reader.scene_read else "no <scene>"
         raise InputError(str(path), received, "a save of Yade, O.save(...)", SNIPPET)
-    return scene
+    return save
 
 
 class _MissingError(Exception):
@@ -116,7 +103,7 @@ class _Reader:
     """Takes the objects, `<px>`, as they end, and remembers classes and shared shapes."""
 
     def __init__(self) -> None:
-        self.scene = Scene()
+        self.save = Save()
         self.scene_read = False
         self.classes: dict[str, str] = {}
         self.shapes: dict[str, tuple[str, float]] = {}
@@ -132,12 +119,12 @@ class _Reader:
             self._body(px)
         elif name is not None and self._class_of(px).startswith("Ig2_Sphere_Sphere"):
             if px.find("avoidGranularRatcheting") is not None:
-                self.scene.radii = _number(px, "avoidGranularRatcheting") != 0
+                self.save.radii = _number(px, "avoidGranularRatcheting") != 0
         elif px.find("hSize") is not None:
-            self.scene.cell = [_number(px.find("hSize"), m) for m in ("m00", "m01", "m10", "m11")]
+            self.save.cell = [_number(px.find("hSize"), m) for m in ("m00", "m01", "m10", "m11")]
         elif px.find("isPeriodic") is not None and px.find("bodies") is not None:
-            self.scene.periodic = _number(px, "isPeriodic") != 0
-            self.scene.iteration = int(_number(px, "iter"))
+            self.save.periodic = _number(px, "isPeriodic") != 0
+            self.save.iteration = int(_number(px, "iter"))
             self.scene_read = True
 
     def _body(self, px: ET.Element) -> None:
@@ -148,7 +135,7 @@ class _Reader:
         shape, radius = self._shape(px, body)
         position = next(px.find("state").iter("position"), None)  # type: ignore[union-attr]
         x, y, z = (_number(position, axis, f"position of body {body}") for axis in "xyz")
-        self.scene.bodies.append((body, shape, x, y, z, radius))
+        self.save.bodies.append((body, shape, x, y, z, radius))
 
     def _shape(self, px: ET.Element, body: int) -> tuple[str, float]:
         """Class and radius of a shape, which bodies may share."""
@@ -187,7 +174,7 @@ class _Reader:
             row.append(_value(found.get(name), name, where))
         friction = found.get("tangensOfFrictionAngle")
         row.append(math.nan if friction is None else _value(friction, "friction", where))
-        self.scene.interactions.append(row)
+        self.save.interactions.append(row)
 
 
 def _number(parent: ET.Element | None, name: str, where: str = "") -> float:
@@ -223,25 +210,25 @@ def frames(source: Source) -> Instants:
     Spheres are grains, all other bodies walls. The branch of a wall contact runs along the normal
     from the contact point to the centre.
     """
-    return Instants([lambda: frame_of_scene(source, read_scene(source.path))])
+    return Instants([lambda: frame_of_save(source, read_save(source.path))])
 
 
-def frame_of_scene(source: Source, scene: Scene) -> Frame:
+def frame_of_save(source: Source, save: Save) -> Frame:
     """Plain tables of what a save holds."""
-    if not scene.interactions or not scene.bodies:
+    if not save.interactions or not save.bodies:
         raise InputError(
             str(source.path),
             "no interaction with forces",
             "contacts",
             "Save after a step, without resetting the interactions.",
         )
-    ids = np.array([body[0] for body in scene.bodies], dtype=np.int64)
-    sphere = np.array([body[1] == "Sphere" for body in scene.bodies])
-    place = np.array([body[2:] for body in scene.bodies], dtype=float)
+    ids = np.array([body[0] for body in save.bodies], dtype=np.int64)
+    sphere = np.array([body[1] == "Sphere" for body in save.bodies])
+    place = np.array([body[2:] for body in save.bodies], dtype=float)
     grains = {"id": ids, "type": np.where(sphere, 0, 1)}
     grains |= dict(zip(("x", "y", "z", "radius"), place.T, strict=True))
-    cell = np.reshape(scene.cell, (2, 2)) if scene.periodic else None
-    contacts, off = _contacts(source.path, scene, ids, place, cell)
+    cell = np.reshape(save.cell, (2, 2)) if save.periodic else None
+    contacts, off = _contacts(source.path, save, ids, place, cell)
     tables = (
         Table(f"bodies of {source.path}", grains),
         Table(f"interactions of {source.path}", contacts),
@@ -249,23 +236,22 @@ def frame_of_scene(source: Source, scene: Scene) -> Frame:
     return Frame(
         *with_plain_names(source, *tables),
         cell=cell if source.cell is None else source.cell,
-        step=float(scene.iteration),
-        notes=_notes(scene, off),
-        shear_increment="radii" if scene.radii else "branch",
+        step=float(save.iteration),
+        notes=_notes(save, off),
+        shear_increment="radii" if save.radii else "branch",
     )
 
 
 def _contacts(
-    path: Path, scene: Scene, ids: Integers, place: Floats, cell: Floats | None
+    path: Path, save: Save, ids: Integers, place: Floats, cell: Floats | None
 ) -> tuple[dict[str, NDArray[np.generic]], float]:
     """Plain columns, walls first in each row; how far normals are off the line of centres."""
-    rows = np.array(scene.interactions)
+    rows = np.array(save.interactions)
     pairs = rows[:, :2].astype(np.int64)
     n, point, normal, shear, image = (rows[:, k : k + 2] for k in range(2, 12, 2))
-    order = np.argsort(ids)
-    found = order[np.minimum(np.searchsorted(ids, pairs, sorter=order), len(ids) - 1)]
-    if (ids[found] != pairs).any():
-        c = int(np.argmax((ids[found] != pairs).any(axis=1)))
+    found = index_of(ids, pairs)
+    if (found < 0).any():
+        c = int(np.argmax((found < 0).any(axis=1)))
         raise InputError(
             f"interaction {pairs[c, 0]}-{pairs[c, 1]} of {path}",
             "a body that is not saved",
@@ -282,7 +268,7 @@ def _contacts(
     single = wall.any(axis=1)
     length = np.hypot(*branch.T)
     off = np.abs(branch / np.where(length > 0, length, 1.0)[:, None] - n)[~single].max(initial=0.0)
-    reach = _reach(scene, found, np.einsum("ck,ck->c", x[found[:, 1]] - point, n), place[:, 3])
+    reach = _reach(save, found, np.einsum("ck,ck->c", x[found[:, 1]] - point, n), place[:, 3])
     branch = np.where(single[:, None], reach[:, None] * n, branch)
     force = normal + shear
     columns: dict[str, NDArray[np.generic]] = {"id1": pairs[:, 0], "id2": pairs[:, 1]}
@@ -295,23 +281,23 @@ def _contacts(
     return columns, float(off)
 
 
-def _reach(scene: Scene, found: Integers, distance: Floats, radii: Floats) -> Floats:
+def _reach(save: Save, found: Integers, distance: Floats, radii: Floats) -> Floats:
     """From the foot on the wall to the centre: Yade's contact point is the foot on a `Wall`.
 
     On boxes and facets it lies halfway through the overlap.
     """
-    infinite = np.array([body[1] == "Wall" for body in scene.bodies])[found[:, 0]]
+    infinite = np.array([body[1] == "Wall" for body in save.bodies])[found[:, 0]]
     return np.where(infinite, distance, 2 * distance - radii[found[:, 1]])
 
 
-def _notes(scene: Scene, off: float) -> tuple[str, ...]:
+def _notes(save: Save, off: float) -> tuple[str, ...]:
     notes = []
     if off > SAME_INSTANT:
         notes.append(
             f"normals up to {off:.1g} rad off the line of centres: saved after the grains moved, "
             "forces are one step older than positions"
         )
-    other = sorted({body[1] for body in scene.bodies} - {"Sphere"})
+    other = sorted({body[1] for body in save.bodies} - {"Sphere"})
     if other:
         notes.append(f"bodies taken as walls: {', '.join(other)}")
     return tuple(notes)

@@ -12,7 +12,7 @@ import pytest
 
 from patterns import read_snapshot
 from patterns.snapshots.tables import read_table
-from patterns.snapshots.yade.xml_save import read_scene
+from patterns.snapshots.yade.xml_save import read_save
 from patterns.snapshots.yade.yade_export import export_tables
 from tests.patterns.snapshots_yade.yade_samples import BOX, PERIODIC, cycles, table_of
 
@@ -62,7 +62,7 @@ def interaction_of(row, bodies):
 
 
 def stand_in(folder):
-    scene = read_scene(folder / "state.xml.gz")
+    scene = read_save(folder / "state.xml.gz")
     bodies = [body_of(row) for row in scene.bodies]
     h = dict(zip([(0, 0), (0, 1), (1, 0), (1, 1)], scene.cell, strict=True))
     h |= {(0, 2): 0.0, (1, 2): 0.0}

@@ -11,7 +11,7 @@ from loops import InputError
 from patterns.snapshots.frame import Source
 from patterns.snapshots.yade import text as yade_text
 from patterns.snapshots.yade import xml_save as yade_xml
-from patterns.snapshots.yade.xml_save import read_scene
+from patterns.snapshots.yade.xml_save import read_save
 from tests.patterns.snapshots_yade.yade_samples import (
     BOX,
     PERIODIC,
@@ -165,18 +165,18 @@ def test_shared_shapes(tmp_path):
 
 def test_walls_come_first_whatever_the_order_in_the_file(tmp_path):
     """Swap the two bodies of a wall contact and turn all its vectors."""
-    scene = read_scene(SAVE)
+    scene = read_save(SAVE)
     walls = {body[0] for body in scene.bodies if body[1] == "Wall"}
     assert any(row[0] in walls for row in scene.interactions)
     for row in scene.interactions:
         row[8:10] = [-3 * row[3], 3 * row[2]]
-    expected = yade_xml.frame_of_scene(Source(SAVE), scene).contacts
+    expected = yade_xml.frame_of_save(Source(SAVE), scene).contacts
     for row in scene.interactions:
         if row[0] in walls:
             row[0], row[1] = row[1], row[0]
             for k in (2, 3, 6, 7, 8, 9, 10, 11):
                 row[k] = -row[k]
-    found = yade_xml.frame_of_scene(Source(SAVE), scene).contacts
+    found = yade_xml.frame_of_save(Source(SAVE), scene).contacts
     for name in expected.names:
         assert (found.column(name) == expected.column(name)).all()
 
@@ -187,13 +187,13 @@ def test_branch_from_the_foot_on_the_wall(shape):
 
     Yade's contact point lies on a Wall, and halfway through the overlap of a Box or Facet.
     """
-    scene = read_scene(SAVE)
+    scene = read_save(SAVE)
     point = 0.0 if shape == "Wall" else -0.05
     scene.bodies = [(0, "Sphere", 5.0, 0.9, 0.0, 1.0), (1, shape, 0.0, 0.0, 0.0, 0.0)]
     scene.interactions = [
         [1, 0, 0.0, 1.0, 5.0, point, 0.0, 50.0, 7.0, 0.0, 0, 0, 500.0, 250.0, 0.5]
     ]
-    contacts = yade_xml.frame_of_scene(Source(SAVE), scene).contacts
+    contacts = yade_xml.frame_of_save(Source(SAVE), scene).contacts
     assert contacts.column("branch_y")[0] == pytest.approx(0.9, rel=1e-15)
     assert contacts.column("branch_x")[0] == 0
     assert contacts.column("fx_on_2")[0] == 7
@@ -201,10 +201,10 @@ def test_branch_from_the_foot_on_the_wall(shape):
 
 
 def test_an_interaction_with_a_body_that_is_not_there():
-    scene = read_scene(SAVE)
+    scene = read_save(SAVE)
     scene.bodies = scene.bodies[1:]
     with pytest.raises(InputError, match=r"interaction .*a body that is not saved"):
-        yade_xml.frame_of_scene(Source(SAVE), scene)
+        yade_xml.frame_of_save(Source(SAVE), scene)
 
 
 def test_damaged_saves_raise_the_one_error_or_read(tmp_path):
