@@ -51,13 +51,16 @@ class Finding(NamedTuple):
     def __str__(self) -> str:
         return f"{self.says}. {self.remedy}"
 
-    def doubt(self, cause: str, remedy: str) -> Finding:
-        """The same as a doubt, with its likely cause."""
-        return Finding(self.check, self.number, f"{self.says}{cause}", "doubt", remedy)
+    def doubt(self, cause: str, remedy: str, holds: bool = True) -> Finding:
+        """The same as a doubt, with its likely cause, if one holds."""
+        return self._worse("doubt", cause, remedy) if holds else self
 
     def error(self, cause: str, remedy: str) -> Finding:
         """The same as an error, after which nothing meaningful can follow."""
-        return Finding(self.check, self.number, f"{self.says}{cause}", "error", remedy)
+        return self._worse("error", cause, remedy)
+
+    def _worse(self, severity: Severity, cause: str, remedy: str) -> Finding:
+        return Finding(self.check, self.number, f"{self.says}{cause}", severity, remedy)
 
 
 class State:
@@ -134,12 +137,10 @@ def touching(state: State) -> Finding | None:
     gap = state.length[rows] - state.radii[state.contacts[rows]].sum(axis=1)
     share = float(np.mean(gap > rounding(state.x) + 1e-9 * state.length[rows]))
     says = f"{100 * share:.3g} % of the contacts that carry load are apart"
-    found = Finding("touching", share, says)
-    if share <= GAPS:
-        return found
-    return found.doubt(
+    return Finding("touching", share, says).doubt(
         ": positions and contacts of different snapshots, radii too small, or cohesion",
         "Take both tables from one snapshot.",
+        share > GAPS,
     )
 
 
@@ -155,13 +156,11 @@ def same_snapshot(state: State) -> Finding | None:
     coarse = 2 * rounding(state.x) / float(np.median(state.length[rows]))
     coarse += rounding(given) / float(np.median(size) or 1.0)
     says = f"contact directions are {off:.2g} rad off the lines of centres (median)"
-    found = Finding("same_snapshot", off, says)
-    if off <= TURNED_BY + 5 * coarse:
-        return found
-    return found.doubt(
+    return Finding("same_snapshot", off, says).doubt(
         f", and the numbers are good to {coarse:.1g}: positions and contacts of different "
         "snapshots, or positions moved on before they were saved",
         "Take both tables from one snapshot.",
+        off > TURNED_BY + 5 * coarse,
     )
 
 
@@ -194,11 +193,10 @@ def pulling(state: State) -> Finding:
     size = np.abs(state.normal)
     share = float(size[state.normal < 0].sum() / (float(size.sum()) or 1.0))
     found = Finding("pulling", share, f"{100 * share:.3g} % of the normal force pulls")
-    if share <= PULLING or share > 0.5:
-        return found
     return found.doubt(
         ": cohesion, damping, or rows whose grains are exchanged",
         "The law of the contacts here carries no tension.",
+        PULLING < share <= 0.5,
     )
 
 
@@ -254,12 +252,10 @@ def friction(state: State) -> Finding | None:
     beyond = float(np.mean(ratio > BEYOND * mu))
     worst = float((ratio / np.where(mu > 0, mu, np.inf)).max())
     says = f"{100 * beyond:.3g} % of the loaded contacts have |T| > mu N, at most {worst:.3g} times"
-    found = Finding("friction", beyond, says)
-    if beyond <= BEYOND_SHARE:
-        return found
-    return found.doubt(
+    return Finding("friction", beyond, says).doubt(
         ": friction too small, or forces of another snapshot or law",
         f"The forces need mu = {float(np.quantile(ratio, 0.999)):.3g}.",
+        beyond > BEYOND_SHARE,
     )
 
 
@@ -275,11 +271,10 @@ def sliding(state: State) -> Finding | None:
         return None
     ratio = float(np.median(np.abs(state.shear[rows][known]) / limit[known]))
     found = Finding("sliding", ratio, f"sliding contacts have |T| = {ratio:.3g} mu N (median)")
-    if abs(ratio - 1) <= 0.1:
-        return found
     return found.doubt(
         f": mu too {'large' if ratio < 1 else 'small'}, or flags of another snapshot",
         f"The forces need mu = {ratio * float(np.median(mu[known])):.3g}.",
+        abs(ratio - 1) > 0.1,
     )
 
 
@@ -326,13 +321,9 @@ def jammed(state: State) -> Finding | None:
     shared = (2 * degree - slides if rough else degree) / 2 + walls
     ratio = float(shared[held].sum() / ((3 if rough else 2) * np.count_nonzero(held)))
     says = f"contacts give {ratio:.3g} constraints for each freedom of the grains that carry load"
-    found = Finding("jammed", ratio, says)
-    if ratio >= JAMMED:
-        return found
-    return found.doubt(
-        ": the sample isn't jammed, or contacts are missing",
-        "Loops of a flow carry no load for long.",
-    )
+    cause = ": the sample isn't jammed, or contacts are missing"
+    remedy = "Loops of a flow carry no load for long."
+    return Finding("jammed", ratio, says).doubt(cause, remedy, ratio < JAMMED)
 
 
 def same_normal_force(fn: Floats, normal: Floats) -> Finding:
@@ -340,11 +331,9 @@ def same_normal_force(fn: Floats, normal: Floats) -> Finding:
     scale = float(np.abs(normal).mean()) or 1.0
     off, turned = (float(np.median(np.abs(fn - sign * normal))) / scale for sign in (1, -1))
     says = f"fn is {off:.2g} mean forces off the normal part of fx_on_2, fy_on_2 (median)"
-    found = Finding("fn", off, says)
-    if off <= 1e-3:
-        return found
     cause = "tension positive" if turned <= 1e-3 else "of other contacts, units or snapshots"
-    return found.doubt(f", which are used: fn is {cause}", "Correct one of the two.")
+    found = Finding("fn", off, says)
+    return found.doubt(f", which are used: fn is {cause}", "Correct one of the two.", off > 1e-3)
 
 
 def rounding(values: Floats) -> float:

@@ -283,7 +283,9 @@ def _read_parquet(path: Path, wanted: Collection[str] | None) -> Table:
         read = names if wanted is None else [name for name in names if name in set(wanted)]
         require_room(path, 8 * len(read) * file.metadata.num_rows, path.stat().st_size)
         table = file.read(columns=read)
-        return Table(path, table if read else _rows_alone(file.metadata.num_rows), names)
+        # Rows without a column that is wanted.
+        none: dict[str, Any] = {} if file.metadata.num_rows else {"": np.zeros(0)}
+        return Table(path, table if read else none, names)
     raise AssertionError
 
 
@@ -291,11 +293,11 @@ def _read_csv(path: Path, wanted: Collection[str] | None) -> Table:
     text = open_text(path)
     require_line_end(str(path), text, len(text))
     with whole_file(path):
+        content = pyarrow.BufferReader(pyarrow.py_buffer(text))
         names = _header(path, text[: text.find(b"\n")])
         read = None if wanted is None else [name for name in names if name in set(wanted)]
-        options = None if not read else pyarrow.csv.ConvertOptions(include_columns=read)
-        content = pyarrow.py_buffer(text)
-        table = pyarrow.csv.read_csv(pyarrow.BufferReader(content), convert_options=options)
+        options = pyarrow.csv.ConvertOptions(include_columns=read) if read else None
+        table = pyarrow.csv.read_csv(content, convert_options=options)
         return Table(path, table, names)
     raise AssertionError
 
@@ -312,7 +314,3 @@ def _header(path: Path, line: bytes) -> list[str]:
     names = next(csv.reader([text]), []) if '"' in text else text.split(",")
     require_once(str(path), names)
     return names
-
-
-def _rows_alone(count: int) -> dict[str, Any]:
-    return {} if count else {"": np.zeros(0)}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
-from itertools import permutations
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +42,7 @@ KNOWN = 0.5  # share of a column that must be ids of grains
 # Centres of a pair are at most this many times the sum of the radii apart: pair lists may hold
 # neighbours beside contacts.
 REACH = 1.5
+AS_WRITTEN = "Give --columns as the dump was written, and both dumps of one step."
 SAMPLE = 4096  # rows that are looked at to tell columns apart; all are checked at the end
 MOST = 100  # columns among which vectors are looked for
 
@@ -77,11 +77,43 @@ def reach_of(atoms: Atoms, space: Space, one: Floats, two: Floats) -> float:
     return float(np.quantile(np.hypot(*d.T) / (atoms.radii[i] + atoms.radii[j]), 0.9))
 
 
-def id_pairs(table: Table, atoms: Atoms, columns: Map) -> tuple[Integers, Integers]:
-    """Grains of the pairs, by the columns `id1` and `id2` of a map."""
-    names = (columns["id1"], columns["id2"])
-    one, two = (table.integers(name) for name in names)
-    return require_ids(table.path, names, atoms.ids, one, two)
+def find_ids(
+    table: Table,
+    atoms: Atoms,
+    space: Space,
+    columns: Map,
+    choices: list[tuple[str, str]],
+    expected: str,
+    remedy: str,
+) -> tuple[Integers, Integers]:
+    """Grains of the pairs: adds `id1` and `id2` to the map, of the choices those nearest."""
+    rows = _sample_rows(table)
+    known = {n: table.column(n)[rows] for pair in choices for n in pair}
+    known = {n: values for n, values in known.items() if are_ids(values, atoms)}
+    reach = [
+        (reach_of(atoms, space, known[one], known[two]), (one, two))
+        for one, two in choices
+        if one in known and two in known
+    ]
+    best = min(reach, default=(np.inf, ("", "")), key=lambda item: item[0])
+    if best[0] > REACH:
+        given = ", ".join(f"{n}={columns[n]}" for n in ("id1", "id2") if n in columns)
+        raise InputError(
+            f"columns {listed(table.names)} of {table.path}",
+            f"no ids of grains that touch{' with ' + given if given else ''}",
+            expected,
+            f"Name them: --columns id1=COLUMN,id2=COLUMN{remedy}.",
+        )
+    columns["id1"], columns["id2"] = best[1]
+    return require_ids(table.path, best[1], atoms.ids, *(table.integers(n) for n in best[1]))
+
+
+def _sample_rows(table: Table) -> Integers:
+    return np.unique(np.linspace(0, len(table) - 1, SAMPLE).astype(np.int64))
+
+
+def _named(columns: Map, names: Iterable[str]) -> str:
+    return ", ".join(f"{name}={columns[name]}" for name in names)
 
 
 def shares(vector: Floats, n: Floats) -> tuple[float, float]:
@@ -121,10 +153,14 @@ class ColumnSearch:
             self._check(names, error(self.vector(names), np.arange(len(self.table))))
             self._size(names, size)
             return True
+        ones, twos = ([name] if name else self.free() for name in known)
         found = [
             pair
-            for pair in self._choices(known)
-            if (vector := self._sample(pair)).any() and error(vector, self.rows) <= TOLERANCE
+            for one in ones
+            for two in twos
+            if one != two
+            and (vector := self._sample(pair := (one, two))).any()
+            and error(vector, self.rows) <= TOLERANCE
         ]
         sized = [pair for pair in found if size and self._size_of(pair, size)]
         found = sized or found
@@ -152,22 +188,13 @@ class ColumnSearch:
     def _sample(self, pair: tuple[str, str]) -> Floats:
         return np.column_stack([self.data[column][self.rows] for column in pair])
 
-    def _choices(self, known: list[str | None]) -> Iterator[tuple[str, str]]:
-        free = self.free()
-        for one in [known[0]] if known[0] else free:
-            for two in [known[1]] if known[1] else free:
-                if one != two:
-                    yield one, two
-
     def _check(self, names: tuple[str, str], error: float) -> None:
         if error > TOLERANCE:
-            what = " and ".join(f"{name} ({CONTACT_NAMES[name]})" for name in names)
             raise InputError(
-                f"columns {', '.join(f'{name}={self.columns[name]}' for name in names)} of "
-                f"{self.table.path}",
+                f"columns {_named(self.columns, names)} of {self.table.path}",
                 f"vectors {error:.2g} off the branches of the grains",
-                what,
-                "Give --columns as the dump was written, and both dumps of one step.",
+                " and ".join(f"{name} ({CONTACT_NAMES[name]})" for name in names),
+                AS_WRITTEN,
             )
 
     def _size(self, names: tuple[str, str], size: str) -> None:
@@ -234,38 +261,15 @@ def guess_columns(table: Table, atoms: Atoms, space: Space, given: Mapping[str, 
             "Name them: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN,p1=COLUMN,p2=COLUMN.",
         )
     data = {name: table.column(name) for name in table.names}
-    rows = np.unique(np.linspace(0, len(table) - 1, SAMPLE).astype(np.int64))
-    _find_lammps_ids(table, {n: v[rows] for n, v in data.items()}, atoms, space, columns)
-    search = ColumnSearch(table, data, columns, rows)
-    pairs = _branches(search, atoms, space, *id_pairs(table, atoms, columns))
+    free = [name for name in table.names if name != "index"]
+    ones, twos = ([columns[name]] if name in columns else free for name in ("id1", "id2"))
+    choices = [(one, two) for one in ones for two in twos if one != two]
+    expected = "patom1 and patom2 of 'compute property/local'"
+    ids = find_ids(table, atoms, space, columns, choices, expected, "")
+    search = ColumnSearch(table, data, columns, _sample_rows(table))
+    pairs = _branches(search, atoms, space, *ids)
     normal, shear = _lammps_forces(search, pairs)
     return Guess(columns, pairs, normal, shear)
-
-
-def _find_lammps_ids(
-    table: Table, sample: dict[str, Floats], atoms: Atoms, space: Space, columns: Map
-) -> None:
-    """Add `id1` and `id2` to the map: the columns whose grains are nearest; check those given."""
-    known = [columns.get(name) for name in ("id1", "id2")]
-    ids = [name for name, values in sample.items() if are_ids(values, atoms)]
-    free = [name for name in ids if name != "index"]
-    choices = [
-        (one, two)
-        for one, two in permutations(ids, 2)
-        if (one == known[0] if known[0] else one in free)
-        and (two == known[1] if known[1] else two in free)
-    ]
-    reach = [(reach_of(atoms, space, sample[one], sample[two]), (one, two)) for one, two in choices]
-    best = min(reach, default=(np.inf, ("", "")), key=lambda item: item[0])
-    if best[0] > REACH:
-        names = ", ".join(f"{n}={columns[n]}" for n in ("id1", "id2") if n in columns)
-        raise InputError(
-            f"columns {listed(table.names)} of {table.path}",
-            f"no ids of two grains that touch{' with ' + names if names else ''}",
-            "patom1 and patom2 of 'compute property/local'",
-            "Name them: --columns id1=COLUMN,id2=COLUMN.",
-        )
-    columns["id1"], columns["id2"] = best[1]
 
 
 def _branches(search: ColumnSearch, atoms: Atoms, space: Space, i: Integers, j: Integers) -> Pairs:
@@ -356,34 +360,22 @@ class Contacts(NamedTuple):
 def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Contacts:
     """Tell ids, forces and overlaps in the columns of `pair/gran/local`."""
     columns = given_columns(table, given, LIGGGHTS_NAMES)
-    first = _find_ids(table, atoms, space, columns)
-    pairs = pairs_of(atoms, space, *id_pairs(table, atoms, columns))
+    # Behind the ids stands the flag of the periodic border.
+    places = [names for at in (0, 6, 12) if len(names := table.names[at : at + 3]) == 3]
+    choices = [(a, b) for a, b, flag in places if np.isin(table.column(flag), (0, 1)).all()]
+    if "id1" in columns and "id2" in columns:
+        choices = [(columns["id1"], columns["id2"])]
+    expected = (
+        "ids in column 1, 7 or 13, the order of pair/gran/local: pos, vel, id, force, ... with "
+        "'id' among them"
+    )
+    ids = find_ids(table, atoms, space, columns, choices, expected, ",fx=COLUMN,fy=COLUMN")
+    pairs = pairs_of(atoms, space, *ids)
+    first = table.names.index(columns["id1"])
     if first >= 6:
         _check_positions(table, atoms, space, pairs, first)
     force = _force(table, pairs, columns, first + 3)
     return Contacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
-
-
-def _find_ids(table: Table, atoms: Atoms, space: Space, columns: Map) -> int:
-    """Add `id1` and `id2` to the map; return how many columns stand before them."""
-    if "id1" in columns and "id2" in columns:
-        return table.names.index(columns["id1"])
-    for first in (0, 6, 12):
-        names = table.names[first : first + 3]
-        if len(names) < 3:
-            continue
-        one, two, flag = (table.column(name) for name in names)
-        if not (are_ids(one, atoms) and are_ids(two, atoms) and np.isin(flag, (0, 1)).all()):
-            continue
-        if reach_of(atoms, space, one, two) <= REACH:
-            columns |= {"id1": names[0], "id2": names[1]}
-            return first
-    raise InputError(
-        f"{len(table.names)} columns of {table.path}",
-        "no ids of grains that touch in column 1, 7 or 13",
-        "the order of pair/gran/local: pos, vel, id, force, ... with 'id' among them",
-        "Name the columns: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN.",
-    )
 
 
 def _check_positions(table: Table, atoms: Atoms, space: Space, pairs: Pairs, first: int) -> None:
@@ -489,10 +481,10 @@ def _require_kind(table: Table, pairs: Pairs, columns: Map, normal: Floats, shea
         kind = _kind(pairs, vector)
         if kind not in (expected, "zero"):
             raise InputError(
-                f"columns {', '.join(f'{name}={columns[name]}' for name in names)} of {table.path}",
+                f"columns {_named(columns, names)} of {table.path}",
                 f"vectors {kind} to the branches of the grains",
                 f"vectors {expected} them",
-                "Give --columns as the dump was written, and both dumps of one step.",
+                AS_WRITTEN,
             )
 
 
@@ -501,7 +493,7 @@ def _checked(table: Table, pairs: Pairs, columns: Map, force: Floats) -> Floats:
     if np.sum(force * pairs.d) <= 0:
         return force
     raise InputError(
-        f"columns {', '.join(f'{name}={columns[name]}' for name in columns)} of {table.path}",
+        f"columns {_named(columns, columns)} of {table.path}",
         "forces that pull the grains together",
         "forces on the first atom that push it away from the second",
         "Name the columns: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN.",
