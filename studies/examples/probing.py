@@ -1,0 +1,170 @@
+"""Is a packing's response in every direction foretold from one state?
+
+States of a biaxial compression (Yade, 2000 discs) were strained along 24 directions, each from a
+fork of the running simulation. Their stress increments, direction by direction, against the rate
+problem of the state alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from loops import Regime, contact_state, love_weber_stress
+from loops.arrays import Floats
+from patterns import Snapshot, read_snapshot, sample_path
+from stability.packing import PackingRates, probe
+from stability.packing.edge import yield_edge
+from studies.examples import run, save
+from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
+
+STATES = ("before", "after")
+BANDS = {"0.999": 0.999, "0.99": 0.99, "elastic": None}
+COLOURS = dict(zip(BANDS, (BLUE, VERMILION, GREY), strict=True))
+STRESS = ["sig2d_xx", "sig2d_xy", "sig2d_yx", "sig2d_yy"]
+
+
+def state(name: str) -> tuple[Snapshot, pd.DataFrame]:
+    """A state, and what Yade's probes made of it: stress increments, compression positive."""
+    table = pd.read_csv(sample_path(f"probe/probes_{name}.csv.gz"))
+    start, rows = table.iloc[0], table.iloc[1:].sort_values(["amplitude", "theta_deg"])
+    rows[STRESS] = start[STRESS].to_numpy(float) - rows[STRESS]
+    cell = np.diag([start["h_xx"], start["h_yy"]])
+    path = sample_path(f"probe/grains_{name}.parquet")
+    return read_snapshot(path, cell=cell, shear_increment="radii"), rows
+
+
+def convected(H: Floats, stress: Floats) -> Floats:
+    """What the Cauchy stress gains beyond the nominal one: `tr(H') S - S H'^T`."""
+    return np.trace(H, axis1=1, axis2=2)[:, None, None] * stress - stress @ np.swapaxes(H, 1, 2)
+
+
+def compared(name: str) -> Iterator[dict[str, Any]]:
+    """A row a band, amplitude and direction: measured and foretold stress, error, both W2."""
+    snapshot, measured = state(name)
+    law, regime = snapshot.mechanics()
+    stress, theta = love_weber_stress(snapshot.graph), measured["theta_deg"].unique()
+    wanted = np.column_stack([np.cos(np.radians(theta)), np.sin(np.radians(theta))])
+    for label, band in BANDS.items():
+        if band is not None:
+            found = probe(snapshot.graph, law, wanted, yield_band=band, regime=regime)
+        P = found.elastic_stress if label == "elastic" else found.stress_rate
+        H, more = found.elastic_strain, convected(found.elastic_strain, stress)
+        for amplitude, rows in measured.groupby("amplitude"):
+            size = np.hypot(rows["H11"], rows["H22"]).to_numpy()[:, None, None]
+            actual = rows[STRESS].to_numpy().reshape(-1, 2, 2) / size
+            error = np.linalg.norm(P + more - actual, axis=(1, 2))
+            length = np.linalg.norm(actual, axis=(1, 2))
+            columns = {
+                **{f"measured_{ij}": actual[:, i, j] for ij, (i, j) in PARTS.items()},
+                **{f"foretold_{ij}": (P + more)[:, i, j] for ij, (i, j) in PARTS.items()},
+                "error": error / length,
+                "error_of_largest": error / length.max(),
+                "error_of_state": error * size[:, 0, 0] / np.linalg.norm(stress),
+                "measured_W2": np.sum((actual - more) * H, axis=(1, 2)),
+                "foretold_W2": np.sum(P * H, axis=(1, 2)),
+                "unbalanced": rows["unbalanced"].to_numpy(),
+            }
+            key = {"state": name, "band": label, "amplitude": amplitude}
+            for k, angle in enumerate(theta):
+                yield key | {"theta_deg": angle} | {c: float(v[k]) for c, v in columns.items()}
+
+
+PARTS = {"11": (0, 0), "12": (0, 1), "21": (1, 0), "22": (1, 1)}
+
+
+def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
+    """Contacts that reach their cone, and that open, on the way: by the first rates, a direction.
+
+    Means over the directions.
+    """
+    snapshot, measured = state(name)
+    law, regime = snapshot.mechanics()
+    rates = PackingRates(yield_edge(snapshot.graph, law, yield_band=0.999, regime=regime))
+    now, counts = contact_state(snapshot.graph), []
+    for angle in np.radians(measured["theta_deg"].unique()):
+        H = np.diag([np.cos(angle), np.sin(angle)])
+        found = rates.response(H)
+        turn = np.sum(now.t * found.branch_rate, axis=1) / now.length
+        dN = np.sum(now.n * found.force_rate, axis=1) + now.shear_force * turn
+        dT = np.sum(now.t * found.force_rate, axis=1) - now.normal_force * turn
+        N, T = (a[:, None] + b[:, None] * amplitudes for a, b in
+                ((now.normal_force, dN), (now.shear_force, dT)))  # fmt: skip
+        sticks = (found.regime != Regime.SLIDING)[:, None]
+        over = sticks & (N > 0) & (np.abs(T) > np.asarray(law.mu)[:, None] * N)
+        counts.append([np.count_nonzero(over, axis=0), np.count_nonzero(N <= 0, axis=0)])
+    yields, opens = np.mean(counts, axis=0).tolist()
+    return {"amplitude": amplitudes.tolist(), "reach_yield": yields, "open": opens}
+
+
+def summed(rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """Errors over the directions in percent, and how often the sign of W2 agrees."""
+    out = []
+    for key, part in rows.groupby(["state", "band", "amplitude"], sort=False):
+        error = 100 * part["error"]
+        row = dict(zip(("state", "band", "amplitude"), key, strict=True))
+        row |= {"median": error.median(), "q90": error.quantile(0.9), "largest": error.max()}
+        row |= {
+            "largest_of_largest": 100 * part["error_of_largest"].max(),
+            "of_state": part["error_of_state"].median(),
+            "worst_theta_deg": part["theta_deg"][error.idxmax()],
+            "signs": int(np.sum((part["measured_W2"] < 0) == (part["foretold_W2"] < 0))),
+            "negative": int(np.sum(part["measured_W2"] < 0)),
+            "unbalanced": part["unbalanced"].median(),
+        }
+        out.append(row)
+    return out
+
+
+@styled()
+def draw(rows: pd.DataFrame, sums: pd.DataFrame, kn: float = 1e6) -> Figure:
+    """Envelopes, measured and foretold, and the errors over the amplitude."""
+    figure = new_figure(TWO_COLUMNS, 3.1)
+    panels = figure.subplots(1, 3, width_ratios=[1, 1, 1.15])
+    for ax, name in zip(panels, STATES, strict=False):
+        for label, near in (("elastic", 2e-6), ("0.999", 2e-6), ("0.99", 2e-5)):
+            part = rows[(rows["state"] == name) & (rows["band"] == label)]
+            part = part[np.isclose(part["amplitude"], near)]
+            loop = np.append(np.arange(len(part)), 0)
+            values = part[["foretold_11", "foretold_22"]].to_numpy()[loop] / kn
+            told = label if label == "elastic" else f"foretold, band {label}"
+            style = "--" if label == "elastic" else "-"
+            ax.plot(*values.T, style, color=COLOURS[label], linewidth=1.0, label=told)
+            if label != "elastic":
+                points = part[["measured_11", "measured_22"]].to_numpy() / kn
+                look = {"color": COLOURS[label], "markersize": 3.0, "fillstyle": "none"}
+                ax.plot(*points.T, "os"[near > 5e-6], **look, label=f"Yade, {near:.0e}")
+        ax.set(title=f"{name} the peak", aspect="equal", xlabel=r"$\Delta\sigma_{11}/(a\,k_n)$")
+    panels[0].set_ylabel(r"$\Delta\sigma_{22}/(a\,k_n)$")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    for name, mark in zip(STATES, "os", strict=False):
+        for label in BANDS:
+            part = sums[(sums["state"] == name) & (sums["band"] == label)]
+            look = {"color": COLOURS[label], "fillstyle": "full" if mark == "o" else "none"}
+            panels[2].loglog(part["amplitude"], part["median"], f"{mark}-", **look)
+            panels[2].loglog(part["amplitude"], part["q90"], f"{mark}:", **look)
+    panels[2].set(
+        title="o before, s after; line: median, dots: 90 %",
+        xlabel="amplitude a of the probe",
+        ylabel="error of the stress increment (%)",
+    )
+    return figure
+
+
+def main(out: Path) -> dict[str, Any]:
+    """Compare both states, write the table and the figure."""
+    rows = pd.DataFrame(row for name in STATES for row in compared(name))
+    sums = summed(rows)
+    amplitudes = rows["amplitude"].unique()
+    numbers = {"errors": sums, "on_the_way": {name: reached(name, amplitudes) for name in STATES}}
+    figure = draw(rows, pd.DataFrame(sums))
+    return save(out, "probing", figure, numbers, dict(rows.items()), "as Yade's: N, m")
+
+
+if __name__ == "__main__":
+    run(main)
