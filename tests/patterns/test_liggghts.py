@@ -106,7 +106,7 @@ def test_a_map_comes_before_the_order(tmp_path):
     rows[8] = "ITEM: ENTRIES " + " ".join(f"c_c[{k + 1}]" for k in range(25))
     rows[9:] = [" ".join([*row.split()[::-1], ""]) for row in rows[9:]]
     contacts.write_text("\n".join(rows) + "\n")
-    with pytest.raises(InputError, match=r"no ids of grains that touch.*--columns id1=COLUMN"):
+    with pytest.raises(InputError, match=r"no ids of two grains that touch.*--columns id1=COLUMN"):
         read(path)
     names = {"id1": 7, "id2": 8, "fx": 10, "fy": 11}
     columns = {name: f"c_c[{26 - k}]" for name, k in names.items()}

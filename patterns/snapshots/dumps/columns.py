@@ -100,7 +100,7 @@ def find_ids(
         given = ", ".join(f"{n}={columns[n]}" for n in ("id1", "id2") if n in columns)
         raise InputError(
             f"columns {listed(table.names)} of {table.path}",
-            f"no ids of grains that touch{' with ' + given if given else ''}",
+            f"no ids of two grains that touch{' with ' + given if given else ''}",
             expected,
             f"Name them: --columns id1=COLUMN,id2=COLUMN{remedy}.",
         )
