@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 
 from loops import InputError
@@ -39,3 +40,24 @@ def test_names_that_can_not_be_read_again(tmp_path):
     for name in ("discs.parquet", "grains_1.xlsx"):
         with pytest.raises(InputError, match=r"grains\.\.\. ending"):
             write_snapshot(tmp_path / name, snapshot)
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".csv"])
+def test_rotations_of_the_grains_are_kept(tmp_path, ending):
+    """By the ids, walls left aside, whatever the column is called; there are none without it."""
+    grains = pd.read_csv(sample_path()).rename(columns={"theta_z": "turned"})
+    mixed = grains.sample(frac=1.0, random_state=0)
+    mixed.to_csv(tmp_path / "grains_0.csv", index=False)
+    contacts = pd.read_csv(sample_path("contacts_biaxial.csv.gz"))
+    contacts.to_csv(tmp_path / "contacts_0.csv", index=False)
+    assert read_snapshot(tmp_path / "grains_0.csv").rotation is None
+    found = read_snapshot(tmp_path / "grains_0.csv", columns={"theta_z": "turned"})
+    spheres = grains[grains.type == 0].sort_values("id")
+    assert 0 < len(spheres) < len(grains)
+    np.testing.assert_array_equal(found.ids, spheres.id)
+    np.testing.assert_array_equal(found.rotation, spheres.turned)
+    assert np.ptp(found.rotation) > 0
+    np.testing.assert_array_equal(found.graph.radii, spheres.radius)
+    write_snapshot(tmp_path / f"grains_1{ending}", found)
+    again = read_snapshot(tmp_path / f"grains_1{ending}")
+    np.testing.assert_array_equal(again.rotation, found.rotation)

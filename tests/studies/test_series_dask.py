@@ -14,6 +14,7 @@ import pytest
 
 import studies
 from loops import InputError
+from patterns import sample_path
 from studies.output import code_version
 from studies.series import cluster
 from tests.studies.test_series_run import (
@@ -85,6 +86,22 @@ def test_a_worker_lost_in_the_middle(tmp_path, scheduler, workers):
     assert complaints == ""
     assert "8 snapshots" in printed
     run(paths, tmp_path / "alone")
+    assert contents(out) == contents(tmp_path / "alone")
+
+
+@pytest.mark.slow
+def test_the_packing_foretells_the_same_on_a_cluster(tmp_path, scheduler, workers):
+    """Byte for byte, on workers and in this process."""
+    cells = sample_path("slow/cells.csv")
+    paths = sorted(cells.parent.glob("grains_*.parquet"))
+    options = ("--cells", cells, "--shear-increment", "radii", "--in-packing", "--no-figures")
+    out = tmp_path / "out"
+    process = command(*paths, *options, "--out", out, "--scheduler", scheduler[1])
+    printed, complaints = process.communicate(timeout=120)
+    assert process.returncode == 0, complaints
+    assert "solved in 3 of 3 intervals" in printed
+    how = {"cells": cells, "shear_increment": "radii", "in_packing": True}
+    run(paths, tmp_path / "alone", **how)
     assert contents(out) == contents(tmp_path / "alone")
 
 

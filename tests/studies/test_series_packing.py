@@ -1,6 +1,7 @@
 """A series foretold by its packings: columns, targets, restarts, and the skill on real series."""
 
 import json
+import shutil
 from dataclasses import replace
 from itertools import product
 
@@ -16,6 +17,7 @@ from studies.series import packing as series_packing
 from studies.series.increments import TrackedState, increments, track_loops
 from studies.series.packing import FORETOLD, foretold
 from studies.series.plan import cells_by_number
+from studies.series.skill_figures import skill_by_interval, skill_by_predictor
 from tests.packings import LAW, packing
 from tests.studies.test_series_run import contents, run, write_series
 
@@ -314,3 +316,26 @@ def test_where_nothing_moves_there_is_nothing_to_foresee(tmp_path):
     assert (table[table.target == "W2_negative"].loops == 0).all()
     assert table.auc.isna().all()
     assert (table[table.target == "topology"].base == 0).all()
+
+
+def test_figures_stand_on_the_page(result, tmp_path):
+    """The map shows a solved interval; every dot is an interval that has a score."""
+    out = tmp_path / "out"
+    shutil.copytree(result, out)
+    summary = foretell(out, figures=True)
+    page = (out / "report.html").read_text()
+    for name in ("skill_by_predictor", "skill_by_interval", "nonaffinity_map"):
+        assert {f"{name}.png", f"{name}.svg"} <= set(summary["files"])
+    assert page.count("Map of the non-affinity") == 2 and "packing_opening" in page
+    table = pd.read_parquet(out / "skill.parquet")
+    own = table[(table.target == "nonaffine") & (table.predictor == "packing")]
+    dots, mean = skill_by_predictor(table.to_dict("list")).axes[1].lines[:2]
+    np.testing.assert_array_equal(dots.get_xdata(), own.auc)
+    assert mean.get_xdata()[0] == pytest.approx(own.auc.mean())
+    lines = {line.get_label(): line for line in skill_by_interval(own_rows(table)).axes[0].lines}
+    assert lines["persistence"].get_xdata().tolist() == [1, 2, 3]
+    assert np.isnan(lines["persistence"].get_ydata()).tolist() == [True, False, False]
+
+
+def own_rows(table):
+    return table[table.target.isin(["W2_negative", "topology"])].to_dict("list")
