@@ -21,14 +21,7 @@ if TYPE_CHECKING:
     from loops.errors import InputError
     from loops.exchange import from_networkx, to_networkx
     from loops.fabric import axial_mean, direction_tensors, edge_tensors, mean_tensor, principal
-    from loops.faces import (
-        FaceKind,
-        Faces,
-        euler_check,
-        faces_by_order,
-        find_faces,
-        outline_area,
-    )
+    from loops.faces import FaceKind, Faces, euler_check, faces_by_order, find_faces, outline_area
     from loops.geometry import (
         boundary_vectors,
         polygon_area,
@@ -37,12 +30,7 @@ if TYPE_CHECKING:
         polygon_shape,
         reference_volume,
     )
-    from loops.graph import (
-        GrainGraph,
-        branch_vectors,
-        contact_frame,
-        reference_branch_vectors,
-    )
+    from loops.graph import GrainGraph, branch_vectors, contact_frame, reference_branch_vectors
     from loops.laws import (
         ContactLaw,
         FrictionalLaw,

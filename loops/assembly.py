@@ -8,22 +8,14 @@ from scipy import sparse
 
 from loops.arrays import Floats, Integers
 from loops.contact_state import contact_state
-from loops.contact_tangent import (
-    ContactTangent,
-    contact_regime,
-    contact_tangent,
-)
+from loops.contact_tangent import ContactTangent, contact_regime, contact_tangent
 from loops.errors import InputError
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 
 
 def assemble_tangent(
-    graph: GrainGraph,
-    law: ContactLaw,
-    *,
-    spins: bool = False,
-    regime: ArrayLike | None = None,
+    graph: GrainGraph, law: ContactLaw, *, spins: bool = False, regime: ArrayLike | None = None
 ) -> Floats:
     """Dense grain-level tangent `K`: external force rates `F' = K v` that move the grains by `v`.
 
@@ -64,11 +56,7 @@ def assemble_tangent(
 
 
 def assemble_sparse_tangent(
-    graph: GrainGraph,
-    law: ContactLaw,
-    *,
-    spins: bool = False,
-    regime: ArrayLike | None = None,
+    graph: GrainGraph, law: ContactLaw, *, spins: bool = False, regime: ArrayLike | None = None
 ) -> sparse.csr_array:
     """Grain-level tangent of a packing as a sparse matrix; see `assemble_tangent`.
 

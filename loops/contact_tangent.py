@@ -141,10 +141,7 @@ def compliance_growth(state: ContactState, law: ContactLaw, regime: Regimes) -> 
 
 
 def contact_tangent(
-    state: ContactState,
-    law: ContactLaw,
-    regime: Regimes,
-    arms: tuple[Floats, Floats] | None = None,
+    state: ContactState, law: ContactLaw, regime: Regimes, arms: tuple[Floats, Floats] | None = None
 ) -> ContactTangent:
     """Tangent of the contacts with translations and spins.
 

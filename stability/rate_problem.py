@@ -202,12 +202,7 @@ def _agreement(
 
 
 def _agrees(
-    can: Sequence[Choice],
-    choice: Choice,
-    un: float,
-    shear: float,
-    strength: float,
-    tol: float,
+    can: Sequence[Choice], choice: Choice, un: float, shear: float, strength: float, tol: float
 ) -> bool:
     touching = OPEN in can
     if choice == OPEN:

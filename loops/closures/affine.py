@@ -9,13 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.closures.macro_tangent import (
-    MacroTangent,
-    Spins,
-    amplification,
-    check_choice,
-    solved,
-)
+from loops.closures.macro_tangent import MacroTangent, Spins, amplification, check_choice, solved
 from loops.closures.spins import affine_spin
 from loops.closures.system import contact_blocks, relax_spins, sensitivity, stress_sum
 from loops.contact_state import contact_state

@@ -9,12 +9,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.contact_state import ContactState
-from loops.laws.frictional import (
-    FrictionalLaw,
-    ShearIncrement,
-    friction_and_increment,
-    parameter,
-)
+from loops.laws.frictional import FrictionalLaw, ShearIncrement, friction_and_increment, parameter
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -153,11 +153,7 @@ def _wave(rng: np.random.Generator, order: int, count: int) -> Floats:
 
 
 def _fault(
-    directions: Floats,
-    sides: Floats,
-    radii: Floats,
-    pairs: tuple[Integers, Integers],
-    convex: bool,
+    directions: Floats, sides: Floats, radii: Floats, pairs: tuple[Integers, Integers], convex: bool
 ) -> Floats:
     """How far loops are from what is wanted, 0 where they are; inf if open or not turning once."""
     edges = sides * np.exp(1j * directions)

@@ -13,13 +13,7 @@ from loops.laws.frictional import ShearIncrement
 from loops.validation import repeated_contacts
 from patterns.snapshots.checks import State, check_state, same_normal_force
 from patterns.snapshots.frame import Frame
-from patterns.snapshots.geometry import (
-    Bodies,
-    branches_of,
-    check_cell,
-    read_bodies,
-    read_pairs,
-)
+from patterns.snapshots.geometry import Bodies, branches_of, check_cell, read_bodies, read_pairs
 from patterns.snapshots.snapshot import Snapshot, WallContacts
 from patterns.snapshots.tables import Table
 

@@ -12,15 +12,7 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.dumps.dump_files import Atoms
-from patterns.snapshots.dumps.pairs import (
-    Forces,
-    Pairs,
-    Space,
-    Wall,
-    frame_of,
-    normals,
-    pairs_of,
-)
+from patterns.snapshots.dumps.pairs import Forces, Pairs, Space, Wall, frame_of, normals, pairs_of
 from patterns.snapshots.frame import Frame, Instants, Source
 from patterns.snapshots.geometry import PLANE_TOLERANCE
 from patterns.snapshots.listing import Listing, paired

@@ -11,13 +11,7 @@ from loops import ContactLaw, GrainGraph, Regime, macroscopic_tangent
 from loops.arrays import Floats, Regimes
 from loops.closures import Closure, Spins
 from stability.arguments import whole_number
-from stability.directional.edge import (
-    edges_of,
-    middles,
-    plane_directions,
-    unit_directions,
-    widths,
-)
+from stability.directional.edge import edges_of, middles, plane_directions, unit_directions, widths
 from stability.directional.work import Branches, branches_of
 from stability.spectra import RTOL, operator_norm, symmetric_part, symmetric_spectrum
 from stability.subspaces import restrict

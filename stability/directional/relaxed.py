@@ -29,13 +29,7 @@ from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.closures.spins import affine_spin
 from loops.closures.system import contact_blocks, relax_centres, relax_spins
 from stability.cones import plane_cone
-from stability.directional.edge import (
-    SIGN_TOLERANCE,
-    Answer,
-    EdgeContacts,
-    line_angles,
-    works,
-)
+from stability.directional.edge import SIGN_TOLERANCE, Answer, EdgeContacts, line_angles, works
 from stability.rate_problem import SAME_RATES, Choice, edge_options
 from stability.subspaces import restrict, subspace_basis
 
@@ -246,11 +240,7 @@ def _vectors(state: ContactState, law: ContactLaw, which: Integers) -> Floats:
 
 
 def _rows(
-    graph: GrainGraph,
-    state: ContactState,
-    law: ContactLaw,
-    which: Integers,
-    spins: bool,
+    graph: GrainGraph, state: ContactState, law: ContactLaw, which: Integers, spins: bool
 ) -> Floats:
     """(2 E, 2 G) or (2 E, 3 G): `un'`, then `ut'`, per rate of the freedoms."""
     grains, each = graph.grain_count, np.arange(len(which))

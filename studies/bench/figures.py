@@ -12,15 +12,7 @@ from matplotlib.ticker import NullFormatter
 
 from studies.bench.groups import by_group
 from studies.bench.measure import Row
-from studies.style import (
-    BLACK,
-    GREY,
-    LINE_COLOURS,
-    TWO_COLUMNS,
-    new_figure,
-    save_figure,
-    styled,
-)
+from studies.style import BLACK, GREY, LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
 
 # Stands for an error of zero.
 LEAST = 1e-17

@@ -68,12 +68,7 @@ def _times(ax: Axes, rows: Rows, what: str) -> None:
 
 
 def _line(
-    ax: Axes,
-    rows: Rows,
-    method: tuple[str, str],
-    key: str,
-    label: str,
-    colour: str | None = None,
+    ax: Axes, rows: Rows, method: tuple[str, str], key: str, label: str, colour: str | None = None
 ) -> None:
     own = sorted((row["grains"], row[key]) for row in rows if (row["what"], row["how"]) == method)
     x, y = [point[0] for point in own], [point[1] for point in own]

@@ -32,11 +32,7 @@ def test_spins_and_translations_meet_every_entry_of_the_law():
     radii = np.concatenate([[0.6], rng.uniform(0.4, 0.6, 6)])
     N, T = rng.uniform(0.1, 0.3, 6), rng.uniform(-0.1, 0.1, 6)
     star = GrainGraph(
-        x=x,
-        radii=radii,
-        contacts=[[0, k] for k in range(1, 7)],
-        normal_force=N,
-        shear_force=T,
+        x=x, radii=radii, contacts=[[0, k] for k in range(1, 7)], normal_force=N, shear_force=T
     )
     law, elastic = Dilating(kn=1.2, kt=0.5), np.full(6, Regime.ELASTIC, dtype=np.int8)
     state = contact_state(star)

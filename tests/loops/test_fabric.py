@@ -5,13 +5,7 @@ import pytest
 import scipy.stats
 
 from loops import GrainGraph, InputError, branch_vectors, find_faces, polygon_shape
-from loops.fabric import (
-    axial_mean,
-    direction_tensors,
-    edge_tensors,
-    mean_tensor,
-    principal,
-)
+from loops.fabric import axial_mean, direction_tensors, edge_tensors, mean_tensor, principal
 from patterns import synthetic_network
 
 # So many grains fill their lattice: every loop is a triangle.

@@ -295,10 +295,7 @@ def fates_by_sets(old, new):
         else:
             fate = Fate.CHANGED
         found.update(dict.fromkeys(part, fate))
-    return (
-        [found["old", k] for k in range(len(old))],
-        [found["new", k] for k in range(len(new))],
-    )
+    return ([found["old", k] for k in range(len(old))], [found["new", k] for k in range(len(new))])
 
 
 @pytest.mark.parametrize("periodic", [False, True])

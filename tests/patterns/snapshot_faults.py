@@ -252,10 +252,7 @@ class Save(Deck):
 
     def __init__(self, path, **options):
         self.options = options
-        roles = {
-            "force": ("fnx", "fny", "fsx", "fsy"),
-            "xy": (("fnx", "fny"), ("fsx", "fsy")),
-        }
+        roles = {"force": ("fnx", "fny", "fsx", "fsy"), "xy": (("fnx", "fny"), ("fsx", "fsy"))}
         super().__init__(roles, grains=path)
 
     def load(self, key, path):

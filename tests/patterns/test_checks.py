@@ -52,9 +52,7 @@ DECKS = {
     ),
     "yade-xml": lambda: faults.Save(BOX / "state.xml.gz"),
     "yade-exporter": lambda: faults.Legacy(
-        BOX / "exporter-spheres-00000000.vtk",
-        BOX / "exporter-intrs-00000000.vtk.gz",
-        mu=0.5,
+        BOX / "exporter-spheres-00000000.vtk", BOX / "exporter-intrs-00000000.vtk.gz", mu=0.5
     ),
     "yade-recorder": lambda: faults.Recorder(
         BOX / "ascii-spheres.77504.vtu", BOX / "ascii-intrs.77504.vtp", **BOX_LAW

@@ -87,14 +87,7 @@ def test_balance_of_every_grain():
     F1, F2, G = hexagon_external_forces(N1, T1, N2, alpha)
     zero = np.zeros(COUNT)
     expected = np.array(
-        [
-            [-F1, zero],
-            [-G, -F2 / 2],
-            [G, -F2 / 2],
-            [F1, zero],
-            [G, F2 / 2],
-            [-G, F2 / 2],
-        ]
+        [[-F1, zero], [-G, -F2 / 2], [G, -F2 / 2], [F1, zero], [G, F2 / 2], [-G, F2 / 2]]
     )
     np.testing.assert_allclose(np.moveaxis(net_forces(graph), 0, -1), expected, atol=1e-14)
 

@@ -10,13 +10,7 @@ from loops import (
     loop_batches,
     macroscopic_tangent,
 )
-from patterns import (
-    Snapshot,
-    loop_of_snapshot,
-    read_snapshot,
-    sample_path,
-    synthetic_network,
-)
+from patterns import Snapshot, loop_of_snapshot, read_snapshot, sample_path, synthetic_network
 
 
 def synthetic_snapshot():

@@ -143,10 +143,7 @@ def test_love_weber_is_the_boundary_average(scene, shift):
 def test_units_scale_out_of_verdicts(scene, length, stiffness, spins):
     graph, law = scene
     scaled_law = LinearFrictional(
-        kn=stiffness * law.kn,
-        kt=stiffness * law.kt,
-        mu=law.mu,
-        shear_increment=law.shear_increment,
+        kn=stiffness * law.kn, kt=stiffness * law.kt, mu=law.mu, shear_increment=law.shear_increment
     )
     scaled = moved(graph, np.eye(2), length, length * stiffness)
     V = area(graph)

@@ -9,14 +9,7 @@ import pytest
 from loops import LinearFrictional, Regime
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes, rates_at
-from stability.rate_problem import (
-    ELASTIC,
-    LEFT,
-    OPEN,
-    RIGHT,
-    EdgeRates,
-    solve_rate_problem,
-)
+from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, EdgeRates, solve_rate_problem
 
 SLIP = (ELASTIC, LEFT)
 

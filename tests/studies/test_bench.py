@@ -11,14 +11,7 @@ from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
 from patterns import regular_polygon, synthetic_network
 from patterns.hard_cases import hard_case
 from patterns.hard_cases.scenes import parallel_half_edges
-from stability import (
-    Stage,
-    follow,
-    imhof_fraction,
-    programmes,
-    restrict,
-    symmetric_spectrum,
-)
+from stability import Stage, follow, imhof_fraction, programmes, restrict, symmetric_spectrum
 from studies.bench import run_bench
 from studies.bench.batches import kernel_inputs, plain_kernel
 from studies.bench.closures import least_squares

@@ -21,12 +21,7 @@ from studies.domain.parameters import TABLES, Case
 from studies.domain.table import domain_table
 
 # The paper's diamonds, flat and tall ones, soft and stiff shear.
-CASES = (
-    *TABLES,
-    Case(0.2, 0.05, 0.3),
-    Case(1.3, 1.0, 0.6),
-    Case(0.9, 4.0, 0.2),
-)
+CASES = (*TABLES, Case(0.2, 0.05, 0.3), Case(1.3, 1.0, 0.6), Case(0.9, 4.0, 0.2))
 KINDS = ("det_Ks_zero", "det_K_zero")
 
 

@@ -10,13 +10,7 @@ import pytest
 from loops import LinearFrictional, affine_tangent
 from patterns import regular_polygon
 from patterns.diamond import TABLE_1
-from stability import (
-    restrict,
-    second_order_work,
-    spectrum,
-    symmetric_spectrum,
-    unstable_fraction,
-)
+from stability import restrict, second_order_work, spectrum, symmetric_spectrum, unstable_fraction
 from studies.bench.paths import by_scipy
 from studies.examples import (
     cone_surface,

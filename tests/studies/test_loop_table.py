@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional, Regime, affine_tangent, contact_forces, find_faces, loop_batches
-from patterns import (
-    Snapshot,
-    diamond,
-    read_snapshot,
-    sample_cell,
-    sample_path,
-    synthetic_network,
-)
+from patterns import Snapshot, diamond, read_snapshot, sample_cell, sample_path, synthetic_network
 from stability import plane_cone, restrict, symmetric_modes
 from studies.snapshot.table import MECHANICS, SHAPE, loop_table
 
