@@ -36,7 +36,7 @@ METHODS: dict[str, tuple[dict[str, Any], int]] = {
     "blocks 25, buffer 8": ({"method": "blocks", "block": 25.0, "buffer": 8.0}, 200_000),
     "blocks 6, buffer 8": ({"method": "blocks", "block": 6.0, "buffer": 8.0}, 40_000),
     **{
-        f"{how}, R {radius}": ({"method": name, "radius": float(radius)}, 10_000)
+        f"{how}, R {radius}": ({"method": name, "radius": float(radius)}, 2_000)
         for how, name in (("patches", "patches"), ("extrapolated", "extrapolated"))
         for radius in (4, 8, 12)
     },

@@ -1,15 +1,18 @@
 """`snapshot --in-packing`: columns, summary and figures of loops in place; what is refused."""
 
 import json
+import os
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime, find_faces
-from loops.packing import loops_in_place
-from patterns import Snapshot, read_snapshot, sample_path
+from loops.packing import loops_in_place, outline_grains
+from patterns import Snapshot, read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
 from studies.snapshot.definitions import GEOMETRY, MECHANICS, PACKING
 from studies.snapshot.in_packing import add_in_packing
@@ -208,3 +211,74 @@ def test_a_cell_of_one_grain_has_loops_without_a_strain():
 def test_a_singular_cell_is_refused():
     with pytest.raises(InputError, match="cell"):
         read_snapshot(SLOW, cell=[[1.0, 1.0], [1.0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def box():
+    return read_snapshot(sample_path())
+
+
+def test_walls_are_planes_of_the_files_stiffness(box):
+    contacts = pd.read_csv(sample_path("contacts_biaxial.csv.gz"))
+    grains = pd.read_csv(sample_path()).set_index("id")
+    own = contacts[grains.loc[contacts["id1"], "type"].to_numpy() == 1]
+    assert len(own) == box.wall_contacts == 61
+    np.testing.assert_array_equal(box.walls.kn, own["kn"])
+    # The walls have no friction, whatever their shear stiffness.
+    assert (own["ks"] > 0).all() and (box.walls.kt == 0).all()
+    _, table, summary = judged(box)
+    assert summary["in_packing"]["boundary"] == "61 wall contacts"
+    assert summary["untrusted_loops"]["packing"] == 0
+    # Yade's law is N = kn times overlap, and tables have fifteen digits of lengths.
+    noted, again, _ = judged(replace(box, walls=replace(box.walls, kn=None, kt=None)))
+    assert noted.notes[-1] == "walls: smooth, as stiff as their forces over the overlaps"
+    for name in COLUMNS[:3]:
+        np.testing.assert_allclose(again[name], table[name], rtol=1e-6, atol=1e-9)
+
+
+def test_rough_walls_hold_until_they_slide(tmp_path):
+    contacts = pd.read_csv(sample_path("contacts_biaxial.csv.gz"))
+    wall = contacts["id1"].isin(range(600, 604))
+    contacts.loc[wall, "mu"] = 0.3
+    contacts.loc[np.flatnonzero(wall)[0], "sliding"] = 1
+    shutil.copy(sample_path(), tmp_path / "grains_biaxial.csv.gz")
+    contacts.to_csv(tmp_path / "contacts_biaxial.csv.gz", index=False)
+    walls = read_snapshot(tmp_path / "grains_biaxial.csv.gz").walls
+    np.testing.assert_array_equal(walls.kt[1:], contacts["ks"][wall][1:])
+    assert walls.kt[0] == 0
+
+
+def test_a_wall_sample_without_walls_is_held_at_its_outline(box):
+    _, table, _ = judged(box)
+    noted, held, summary = judged(replace(box, walls=None))
+    faces = find_faces(box.graph)
+    count = outline_grains(box.graph, faces).sum()
+    assert summary["in_packing"]["boundary"] == f"{count} grains held to the affine motion"
+    assert f"the {count} grains of the outline follow the affine motion" in noted.notes[-1]
+    known = np.isfinite(held["packing_lambda_min"])
+    assert summary["untrusted_loops"]["packing"] == np.count_nonzero(~known) > 50
+    # The outline is stiffer than walls: that tells on its neighbours alone.
+    change = held["packing_lambda_max"][known] / table["packing_lambda_max"][known] - 1
+    assert -0.01 < np.median(change) < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("GRAINLOOPS_DEM" not in os.environ, reason="no folder of samples")
+@pytest.mark.parametrize("name", ["yade-small/grains_08.csv.gz", "yade-medium/grains_05.parquet"])
+def test_loops_between_walls(name):
+    snapshot = read_snapshot(Path(os.environ["GRAINLOOPS_DEM"]) / name)
+    _, table, summary = judged(snapshot, "auto")
+    assert summary["in_packing"]["boundary"] == f"{snapshot.wall_contacts} wall contacts"
+    assert summary["untrusted_loops"]["packing"] == 0
+    assert 0.03 < summary["unstable_by_order"]["packing"]["all"]["mean"] < 0.13
+    order, smallest = table["order"], table["traction_free_lambda_min"]
+    assert (smallest[(order >= 5) & np.isfinite(smallest)] < 0).all()
+
+
+def test_a_packing_past_its_limit_is_noted():
+    """Sheared far, its soft modes reach through all of it; the whole packing needs no error."""
+    snapshot = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
+    noted, table, _ = judged(snapshot, "8")
+    assert "stated errors do not hold" in noted.notes[-1]
+    assert np.mean(table["packing_lambda_min"] < 0) > 0.15
+    assert judged(snapshot)[0].notes == snapshot.notes
