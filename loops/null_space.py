@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats, Integers, all_finite, frobenius
 
 # Singular values below this fraction of the largest count as zero. Rounding leaves about
 # size * eps = 1e-15 to 1e-13 there (loops of 3 to 200 grains).
@@ -63,8 +63,8 @@ def solve_through_null_space(
     rhs = np.broadcast_to(rhs, (*batch, *rhs.shape[-2:])).reshape(-1, *rhs.shape[-2:])
     observed = np.broadcast_to(observed, (*batch, *observed.shape[-2:]))
     observed = observed.reshape(-1, *observed.shape[-2:])
-    finite = np.asarray(np.isfinite(matrix).all(axis=(-2, -1)))
-    finite &= np.isfinite(rhs).all(axis=(-2, -1))
+    finite = all_finite(matrix)
+    finite &= all_finite(rhs)
     matrix = np.where(finite[:, None, None], matrix, 0.0)
     inverse, condition = _bordered_inverse(matrix, known)
     regular = condition * tolerance < 1
@@ -81,8 +81,8 @@ def solve_through_null_space(
     # One step of refinement: an inverse alone leaves a residual of condition times rounding.
     x = x + inverse @ (rhs - matrix @ x)
     left = np.abs(matrix @ x - rhs)
-    load = _frobenius(rhs)
-    residual = _frobenius(left) / np.where(load > 0, load, 1.0)
+    load = frobenius(rhs)
+    residual = frobenius(left) / np.where(load > 0, load, 1.0)
     x[~finite] = np.nan
     condition[~finite] = residual[~finite] = ambiguity[~finite] = np.inf
     error = None
@@ -109,7 +109,7 @@ def _bordered_inverse(matrix: Floats, known: Floats | None) -> tuple[Floats, Flo
         inverse: Floats = np.asarray(np.linalg.inv(bordered), dtype=float)
     except np.linalg.LinAlgError:
         return np.zeros_like(matrix), np.full(len(matrix), np.inf)
-    condition = _frobenius(bordered) * _frobenius(inverse)
+    condition = frobenius(bordered) * frobenius(inverse)
     return inverse, np.where(np.isfinite(condition), condition, np.inf)
 
 
@@ -130,7 +130,3 @@ def _by_singular_values(
     dropped = (seen * weight[:, None, :]) @ loaded
     smallest = np.min(np.where(null, np.inf, s), axis=-1)
     return inverse, null.sum(axis=-1), s[:, 0] / smallest, ambiguity, dropped
-
-
-def _frobenius(matrix: Floats) -> Floats:
-    return np.asarray(np.sqrt(np.einsum("...ij,...ij->...", matrix, matrix)), dtype=float)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Floats
+from loops.arrays import Floats, all_finite
 from stability.spectra import RTOL, operator_norm
 from stability.subspaces import as_operator
 
@@ -79,7 +79,7 @@ def plane_cone(K: ArrayLike, rtol: float = RTOL) -> PlaneCone:
     [0.5, 0.647584]
     """
     operator = as_operator(K, size=2)
-    finite = np.asarray(np.isfinite(operator).all(axis=(-2, -1)))
+    finite = all_finite(operator)
     scaled = _scaled(np.where(finite[..., None, None], operator, 0.0))
     smallest, largest = _extreme_eigenvalues(scaled)
     status = _status(smallest, largest, rtol * operator_norm(scaled))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Flags, Floats
+from loops.arrays import Flags, Floats, all_finite, frobenius
 from stability.subspaces import as_operator
 
 RTOL = 1e-12
@@ -36,7 +36,7 @@ def operator_norm(K: ArrayLike) -> Floats:
     largest = np.abs(operator).max(axis=(-2, -1))
     # Scaled by the largest entry, so that no unit makes the squares overflow or vanish.
     scale = np.where(np.isfinite(largest) & (largest > 0.0), largest, 1.0)
-    return np.asarray(scale * np.linalg.norm(operator / scale[..., None, None], axis=(-2, -1)))
+    return np.asarray(scale * frobenius(operator / scale[..., None, None]))
 
 
 def symmetric_part(K: ArrayLike) -> Floats:
@@ -196,5 +196,5 @@ def flutter_pairs(K: ArrayLike, rtol: float = RTOL) -> Flags:
 def _finite(K: ArrayLike) -> tuple[Floats, Flags]:
     """Operators with the non-finite ones zeroed (LAPACK would raise for the whole batch)."""
     operator = as_operator(K)
-    finite = np.asarray(np.isfinite(operator).all(axis=(-2, -1)))
+    finite = all_finite(operator)
     return np.where(finite[..., None, None], operator, 0.0), finite

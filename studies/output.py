@@ -249,7 +249,7 @@ def write_table(
 
     Lists are joined by blanks in the CSV.
     """
-    table = pa.table({key: _as_arrow(value) for key, value in columns.items()})
+    table = pa.table({key: as_arrow(value) for key, value in columns.items()})
     metadata = {b"grainloops": as_json(source).encode()}
     # Columns of measurements hardly repeat: a dictionary of their values only costs time.
     repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
@@ -266,8 +266,10 @@ def write_table(
         frame.to_csv(folder / f"{name}.csv", index=False)
 
 
-def _as_arrow(values: Any) -> Any:
+def as_arrow(values: Any) -> Any:
     """Column of a table; numbers, flags and words as they lie in memory: no pandas is loaded."""
+    if isinstance(values, list) and {type(value) for value in values} in ({int}, {float}):
+        values = np.array(values)
     if not isinstance(values, np.ndarray) or values.ndim != 1 or values.dtype.kind not in "fibU":
         return pa.array(values)
     parts = [np.ascontiguousarray(values)]

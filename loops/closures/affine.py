@@ -8,7 +8,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats
+from loops.arrays import Floats, frobenius
 from loops.closures.macro_tangent import MacroTangent, Spins, amplification, check_choice, solved
 from loops.closures.spins import affine_spin
 from loops.closures.system import contact_blocks, relax_spins, sensitivity, stress_sum
@@ -78,7 +78,7 @@ def affine_tangent(
     regimes = contact_regime(state, law, regime)
     d0 = reference_branch_vectors(graph)
     matrix = _sum(translational_blocks(state, law, regimes), d0)
-    sizes = np.linalg.norm(local_sizes(state, law, regimes), axis=(-2, -1))
+    sizes = frobenius(local_sizes(state, law, regimes))
     bound = ROUNDING * (sizes * (d0 * d0).sum(axis=-1)).sum(axis=-1)
     residual = ambiguity = change = np.zeros(bound.shape)
     if spins == "affine":
@@ -88,13 +88,13 @@ def affine_tangent(
         matrix = matrix + turned[..., :, None] * spin.row[..., None, :]
         doubt = stress_sum(held_sizes.q_i + held_sizes.q_j, np.abs(d0))
         unsure = spin.error + ROUNDING * np.abs(spin.row)
-        bound = bound + np.linalg.norm(doubt[..., :, None] * unsure[..., None, :], axis=(-2, -1))
+        bound = bound + frobenius(doubt[..., :, None] * unsure[..., None, :])
     if spins == "free":
         relax = partial(relax_spins, d0, graph.grain_count)
         relaxed = relax(contact_blocks(graph, law, spins, state, regimes))
         change = sensitivity(relax, relaxed, matrix, graph, law, state, regimes) / v0
         matrix = matrix + relaxed.stress
-        bound = bound + np.linalg.norm(relaxed.error, axis=(-2, -1))
+        bound = bound + frobenius(relaxed.error)
         residual, ambiguity = relaxed.found.residual, relaxed.found.ambiguity
     matrix = matrix / v0[..., None, None]
     growth = volume_growth(graph) if volume is None else 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from loops.arrays import Floats
+from loops.arrays import Floats, all_finite, frobenius
 from loops.geometry import area_growth, from_centroid, outward
 
 
@@ -40,17 +40,15 @@ def force_method(
         right = np.einsum("...ijb,...bkl->...ijkl", left, single)
         c = (double - right).reshape(*compliance.shape[:-3], 4, 4) / volume[..., None, None]
         scaled = _inverse(c)
-        size = np.linalg.norm(scaled, axis=(-2, -1))
+        size = frobenius(scaled)
         columns = np.concatenate([scale, scale], axis=-1)
         matrix = scaled / (columns[..., :, None] * columns[..., None, :])
-        lever = np.linalg.norm(closure, axis=(-2, -1)) * np.sqrt(
-            (single * single).sum(axis=(-3, -2, -1))
-        )
+        lever = frobenius(closure) * np.sqrt((single * single).sum(axis=(-3, -2, -1)))
         # The midpoints err by their mean distance from the centroid, one in these units.
         reach = np.linalg.norm(m, axis=-1) + lever[..., None] + 1.0
-        terms = growth * np.linalg.norm(compliance, axis=(-2, -1)) * reach * reach
+        terms = growth * frobenius(compliance) * reach * reach
         # The error of the scaled operator, in the norm of the operator itself.
-        share = size / (scale.min(axis=-1) ** 2 * np.linalg.norm(matrix, axis=(-2, -1)))
+        share = size / (scale.min(axis=-1) ** 2 * frobenius(matrix))
         condition = size * terms.sum(axis=-1) / volume * share + area_growth(x0)
     return matrix, np.where(np.isfinite(condition), condition, np.inf)
 
@@ -63,6 +61,6 @@ def _inverse_2x2(a: Floats) -> Floats:
 
 def _inverse(c: Floats) -> Floats:
     """Inverse of each matrix of a batch; nan where one is singular or not finite."""
-    usable = np.isfinite(c).all(axis=(-2, -1)) & (np.linalg.det(np.nan_to_num(c)) != 0)
+    usable = all_finite(c) & (np.linalg.det(np.nan_to_num(c)) != 0)
     safe = np.where(usable[..., None, None], c, np.eye(4))
     return np.where(usable[..., None, None], np.linalg.inv(safe), np.nan)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Flags, Floats
+from loops.arrays import Flags, Floats, all_finite, frobenius
 from loops.errors import InputError
 from loops.null_space import ROUNDING
 from loops.shown import Shown
@@ -71,7 +71,7 @@ class MacroTangent(Shown):
     def rounding(self) -> Floats:
         """(...) bound on the error of the operator from rounding, `8 eps condition |A|`."""
         matrix = np.where(self.trusted[..., None, None], self.matrix, 0.0)
-        size = np.linalg.norm(matrix, axis=(-2, -1))
+        size = frobenius(matrix)
         bound = ROUNDING * np.where(self.trusted, self.condition, 0.0) * size
         return np.where(self.trusted, bound, np.inf)
 
@@ -106,7 +106,7 @@ class MacroTangent(Shown):
 
 def amplification(bound: Floats, matrix: Floats) -> Floats:
     """(...) error bound over rounding times the operator's norm, at least 1; 1 for a zero one."""
-    size = ROUNDING * np.linalg.norm(matrix, axis=(-2, -1))
+    size = ROUNDING * frobenius(matrix)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where((size == 0) & (bound == 0), 1.0, bound / size)
     return np.where(np.isfinite(factor), np.maximum(factor, 1.0), np.inf)
@@ -126,7 +126,7 @@ def solved(
 
     `ambiguity` (...) is the largest relative stress of a null vector of the system.
     """
-    trusted = np.asarray(np.isfinite(matrix).all(axis=(-1, -2)))
+    trusted = all_finite(matrix)
     trusted &= (np.asarray(residual) <= RESIDUAL_LIMIT) & (np.asarray(ambiguity) <= AMBIGUITY_LIMIT)
     trusted &= ROUNDING * condition < ERROR_LIMIT
     matrix = np.where(trusted[..., None, None], matrix, np.nan)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Floats, Integers, Regimes, frobenius
 from loops.assembly import assemble_elements, element_matrices
 from loops.closures.macro_tangent import Spins
 from loops.closures.spins import LoopSpin, gear_projector, other_arms
@@ -99,7 +99,7 @@ def sensitivity(
     if graph.contact_count != graph.grain_count or graph.grain_count % 2:
         return np.zeros(own.stress.shape[:-2])
     other = relax(contact_blocks(graph, law, "free", state, regime, other_arms(state, law)))
-    doubt = np.linalg.norm(other.error, axis=(-2, -1))
+    doubt = frobenius(other.error)
     return np.maximum(
         *(
             _towards_zero(_smallest(given + own.stress, m), _smallest(given + other.stress, m))

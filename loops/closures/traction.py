@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Regimes
+from loops.arrays import Floats, Regimes, frobenius
 from loops.closures.affine import affine_tangent
 from loops.closures.force_method import force_method
 from loops.closures.macro_tangent import (
@@ -207,7 +207,7 @@ def _by_saddle(
 def _found(relaxed: Relaxed, x0: Floats) -> _Found:
     area = np.abs(polygon_area(x0))
     matrix = relaxed.stress / area[..., None, None]
-    bound = np.linalg.norm(relaxed.error, axis=(-2, -1)) / area
+    bound = frobenius(relaxed.error) / area
     condition = amplification(bound, matrix) + area_growth(x0)
     residual = relaxed.found.residual
     return _Found(matrix, condition, residual, relaxed.found.ambiguity, np.zeros(condition.shape))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.arrays import Flags, Floats, Integers, Regimes, frobenius
 from loops.closures.macro_tangent import Closure, MacroTangent, Spins, solved
 from loops.compiled.kernel import given
 from loops.compiled.tangents import loop_shapes, loop_tangents
@@ -60,7 +60,7 @@ class CompiledPacking:
         )
         if self.by_radii is None:
             conditions[2] = np.inf
-        rounding = ROUNDING * conditions * np.linalg.norm(matrices, axis=(2, 3))
+        rounding = ROUNDING * conditions * frobenius(matrices)
         poor = ~(np.abs(smallest) > rounding)
         # What the arms of the spins turn has no sign, however well it is solved.
         poor[2] &= ~((np.abs(smallest[2]) <= sensitivity) & np.isfinite(conditions[2]))

@@ -137,7 +137,11 @@ def _as_floats(column: Column) -> Floats:
     if isinstance(column, pyarrow.ChunkedArray):
         if pyarrow.types.is_boolean(column.type):
             column = column.cast(pyarrow.int8())
-        column = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
+        column = column.cast(pyarrow.float64())
+        if column.null_count or not column.num_chunks:
+            column = column.to_numpy(zero_copy_only=False)
+        else:  # `to_numpy` loads pandas, which takes longer than reading most tables
+            column = np.from_dlpack(pyarrow.concat_arrays(column.chunks))
     if column.dtype.kind not in "iufb":
         raise TypeError(f"values of type {column.dtype}"[:80])
     with np.errstate(over="ignore"):  # of longer floats

@@ -30,6 +30,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.compiled import use_compiled
 from patterns import Snapshot
 from stability.loop_stability import loop_spectra, loop_stability
+from studies.output import as_arrow
 
 Columns = dict[str, NDArray[Any]]
 
@@ -239,4 +240,4 @@ def _members(snapshot: Snapshot, faces: Faces) -> pa.ListArray:
     inside[loops] = True
     ids = snapshot.ids[faces.grains[np.repeat(inside, order)]]
     offsets = np.concatenate([[0], np.cumsum(order[loops])])
-    return pa.LargeListArray.from_arrays(offsets, ids)
+    return pa.LargeListArray.from_arrays(as_arrow(offsets), as_arrow(ids))
