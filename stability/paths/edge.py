@@ -42,17 +42,26 @@ class EdgeTrial:
     trusted: bool
 
 
-def edge_contacts(model: PathModel, state: PathState, mode: Mode) -> dict[int, tuple[Choice, ...]]:
-    """Contacts with more than one possible regime, and their options."""
+def edge_contacts(
+    model: PathModel, state: PathState, mode: Mode, fired: dict[int, Choice]
+) -> dict[int, tuple[Choice, ...]]:
+    """Contacts with more than one possible regime, and their options.
+
+    Those whose event has `fired` are at the edge, however few digits their forces have left.
+    """
     contacts = contacts_of(model, state, mode)
     closed = mode.regime != Regime.OPEN
     normal = np.where(closed, contacts.normal_force, model.law.closed_force(contacts))
     edge = edge_of(model.law, replace(contacts, normal_force=normal), closed)
+    touching, at_yield = edge.touching.copy(), edge.at_yield.copy()
+    for c, choice in fired.items():
+        touching[c] |= choice.regime == Regime.OPEN or not closed[c]
+        at_yield[c] |= choice.regime == Regime.SLIDING and not edge.apex[c]
     options: dict[int, tuple[Choice, ...]] = {}
-    for c in np.flatnonzero(edge.touching | edge.at_yield).tolist():
+    for c in np.flatnonzero(touching | at_yield).tolist():
         options[c] = edge_options(
-            touching=bool(edge.touching[c]),
-            at_yield=bool(edge.at_yield[c]),
+            touching=bool(touching[c]),
+            at_yield=bool(at_yield[c]),
             apex=bool(edge.apex[c]),
             frictionless=bool(model.mu[c] == 0.0),
             side=float(contacts.shear_force[c]),
@@ -78,7 +87,7 @@ def edge_problem(
     Contacts that the model's symmetry sends to each other take the same regime: one of them is
     asked, and only motions that keep the symmetry are found.
     """
-    options = edge_contacts(model, state, mode)
+    options = edge_contacts(model, state, mode, preferred)
     orbits = edge_orbits(model, options)
     closed = Mode(np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8), mode.side)
     contacts = contacts_of(model, state, closed)

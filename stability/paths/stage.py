@@ -37,7 +37,7 @@ from stability.paths.walk import Walk
 from stability.programmes import QUANTITIES, Stage
 from stability.rate_problem import ELASTIC, SEARCH_LIMIT, Choice, RateProblem
 
-# Rate problems in a row without progress after which the regimes are said to chatter.
+# Rate problems in a row without progress after which no regime is said to hold.
 CHATTER = 12
 
 # Longest steps to try, over that asked for, where a singular state is in the way.
@@ -105,7 +105,7 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
         if idle > CHATTER:
             if _carries_nothing(walk):
                 return _came_apart(walk)
-            return "lost", f"the regimes keep switching at parameter {walk.parameter:.15g}"
+            return _nothing_holds(walk, stage, hints)
 
 
 def _run(walk: Walk, task: Task, gauge: Gauge) -> PieceEnd:
@@ -292,6 +292,14 @@ def _no_continuation(
         walk.row(_still(walk, stage))
     walk.record.event("control_limit", walk.parameter, tuple(sorted(hints)), reason)
     return status, f"{stage.programme.name} at parameter {walk.parameter:.15g}: {reason}"
+
+
+def _nothing_holds(walk: Walk, stage: Stage, hints: dict[int, Choice]) -> tuple[PathStatus, str]:
+    """The contacts leave at once whatever regimes agree with the rates."""
+    contacts = tuple(sorted(hints))
+    reason = f"contacts {list(contacts)} leave at once every regime that agrees with its rates"
+    walk.record.event("control_limit", walk.parameter, contacts, reason)
+    return "no_solution", f"{stage.programme.name} at parameter {walk.parameter:.15g}: {reason}"
 
 
 def _turns_back(walk: Walk, stage: Stage, hints: dict[int, Choice]) -> bool:
