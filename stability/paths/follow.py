@@ -171,6 +171,7 @@ def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
                 "programme_change", walk.parameter, detail=f"to {stage.programme.name}"
             )
         walk.record.stage = k
+        walk.enter(stage.programme)
         status, message = walk_stage(walk, stage)
         if status in ("opposite_contact", "no_load", "lost"):
             break

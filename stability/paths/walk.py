@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from loops import GrainGraph, InputError
 from loops.arrays import Floats
 from loops.contact_state import contact_state
 from loops.laws.protocol import Regime
+from loops.symmetry import PointGroup
 from stability.paths.look import Look
 from stability.paths.model import PathModel
 from stability.paths.path import ModelOption
@@ -24,6 +26,9 @@ STEPS = 8
 
 # Strain below which nothing is told apart.
 SMALLEST = 1e-12
+
+# Of a symmetry that was never given up.
+TO_THE_END = "to the end"
 
 # Shear force outside the cone that passes for rounding, over kn times length.
 OUTSIDE = 1e-9
@@ -48,13 +53,27 @@ class Walk:
     choice: ModelOption
     periodic: bool
     searches: Searches = field(default_factory=Searches)
-    kept: str = "to the end"
+    common: PointGroup | None = None
+    kept: str = TO_THE_END
 
     def find_symmetry(self) -> None:
         """Look for the symmetry of the state and of what follows, if the model may be smaller."""
         if self.choice == "auto":
-            group = path_symmetry(self.model, self.y, self.mode, self.programmes, self.periodic)
-            self.model = replace(self.model, symmetry=group)
+            self.common = self._symmetry(self.programmes)
+            self.model = replace(self.model, symmetry=self.common)
+
+    def enter(self, programme: Programme) -> None:
+        """Take on the symmetry of a stage: by itself it may keep more than all of them do.
+
+        Fewer freedoms are left to go singular: those of a ring do so together at a threshold.
+        """
+        if self.choice == "auto" and self.kept == TO_THE_END and len(self.programmes) > 1:
+            own = self._symmetry([programme])
+            larger = own is not None and own.order > (self.common.order if self.common else 1)
+            self.model = replace(self.model, symmetry=own if larger else self.common)
+
+    def _symmetry(self, programmes: Iterable[Programme]) -> PointGroup | None:
+        return path_symmetry(self.model, self.y, self.mode, programmes, self.periodic)
 
     def drop_symmetry(self) -> None:
         """Go on with the full model."""

@@ -9,6 +9,7 @@ from patterns.diamond import DiamondParameters, angle_from_strains
 from patterns.diamond import drained_path as exact_drained_path
 from patterns.diamond.geometry import SHEAR_SIGNS
 from stability import Stage, follow, programmes
+from tests.tools.random_paths import random_scene
 
 CLOSURES = ("affine", "traction")
 
@@ -137,3 +138,19 @@ def test_through_a_singular_threshold_there_is_always_an_answer(order, orientati
     (loss,) = [event for event in path.of_kind("det_Ks_zero")][:1]
     assert abs(path.H[loss.index, 0] - kappa / (1 + kappa)) < 1e-8
     assert np.isfinite(path.H).all() and np.isfinite(path.P).all()
+
+
+@pytest.mark.parametrize(
+    ("seed", "status", "said"),
+    [
+        # Hertzian contacts that yield with 1e-11 of overlap left: no digit of their forces tells.
+        (48, "control_limit", "isotropic stress"),
+        # Contacts that slide without a force, and part as soon as they move.
+        (170, "no_solution", "leave at once every regime"),
+    ],
+)
+def test_regimes_do_not_keep_switching(seed, status, said):
+    graph, law, stages, options = random_scene(seed)
+    path = follow(graph, law, stages, **options)
+    assert path.status == status
+    assert said in path.message

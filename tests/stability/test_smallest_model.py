@@ -136,6 +136,16 @@ def test_isotropic_loading_leaves_one_freedom():
     assert path.model.unknowns == "4 of 36"
 
 
+def test_a_stage_keeps_the_symmetry_that_is_its_own():
+    """Many relaxed modes of a ring go singular together; under isotropic strain none is left."""
+    loop = regular_polygon(40)
+    path = follow(loop, LAW, stages(0.47, 0.48), closure="traction")
+    assert path.status == "finished"
+    assert path.model.symmetry.startswith("D2")
+    (threshold,) = path.of_kind("det_Ks_zero")
+    assert threshold.parameter == pytest.approx(0.8 / 1.8, abs=1e-13)
+
+
 def test_spins_of_a_diamond_vanish_by_symmetry():
     path = follow(diamond(np.radians(40)), LAW, stages(), closure="traction", spins="free")
     assert path.model.spins == "0 of 4"
