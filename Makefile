@@ -15,8 +15,14 @@ demo: $(INSTALLED)
 	$(VENV)/bin/grainloops diamond --table 1 --out $(OUT)/diamond-table1 --force
 	$(VENV)/bin/grainloops diamond --table 2 --out $(OUT)/diamond-table2 --force
 	@echo
-	@echo "The figures are in:"
-	@find $(CURDIR)/$(OUT) -name '*.png' | sort | sed 's/^/  /'
+	@echo "Open these pages in a browser; figures and tables stand beside them:"
+	@echo "  $(CURDIR)/$(OUT)/snapshot/report.html"
+	@echo "  $(CURDIR)/$(OUT)/series/report.html"
+	@echo "The paper's Tables 1 and 2 (states I, A, B above), as figures:"
+	@echo "  $(CURDIR)/$(OUT)/diamond-table1, $(CURDIR)/$(OUT)/diamond-table2"
+	@echo "Then a snapshot of your own:"
+	@echo "  . $(VENV)/bin/activate"
+	@echo "  grainloops snapshot grains_05.csv     # contacts_05.csv stands beside it"
 
 test: $(INSTALLED)
 	$(RUN) pytest -n 2

@@ -257,7 +257,7 @@ def _read_hdf5(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
         import h5py
     except ImportError:
         raise InputError(
-            str(path), "an HDF5 file", "h5py", "Install it: pip install 'grainloops[hdf5]'."
+            str(path), "an HDF5 file", "h5py", "Install it: pip install h5py."
         ) from None
     names: list[str] = []
     arrays: Arrays = {}

@@ -93,7 +93,9 @@ def report(
     if json:
         text = (out / "summary.json").read_text().rstrip()
     else:
-        text = "\n".join([*lines(summary), f"results in {out}"])
+        page = out / "report.html"
+        where = f"results in {out}" + (f"; open {page} first" if page.is_file() else "")
+        text = "\n".join([*lines(summary), where])
     try:
         typer.echo(text)
     except OSError as error:

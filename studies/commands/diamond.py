@@ -38,12 +38,24 @@ def diamond(
     report(summary, out, json, _diamond_lines)
 
 
+def _cone(cone: dict[str, Any]) -> str:
+    """The cone of a state in words."""
+    if cone["status"] == "ray":
+        return "on the edge: second-order work vanishes in one direction"
+    return f"cone of unstable directions {cone['opening_deg']:.2f} degrees wide"
+
+
 def _diamond_lines(summary: dict[str, Any]) -> list[str]:
     lines = [
         f"{event['kind']:<18} E1 = {event['E1']:.10f}  E2 = {event['E2']:.10f}  "
         f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
         for event in summary["events"]
     ]
+    for name, state in summary["states"].items():
+        lines.append(
+            f"state {name:<12} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
+            f"{state['verdict']['status']}, {_cone(state['cone'])}"
+        )
     model = summary["model"]
     lines.append(
         f"model {model['choice']}: symmetry {model['symmetry']}, freedoms {model['freedoms']}"

@@ -81,7 +81,7 @@ def _require_dask() -> None:
             "--scheduler",
             "no Dask here",
             "dask.distributed",
-            "Install it: pip install 'grainloops[cluster]'.",
+            "Install it: pip install distributed.",
         ) from None
 
 

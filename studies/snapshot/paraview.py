@@ -72,7 +72,7 @@ def write_polydata(
         from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
     except ImportError:
         raise InputError(
-            path.name, "no library to write it", "vtk", "Install it: pip install 'grainloops[vtk]'."
+            path.name, "no library to write it", "vtk", "Install it: pip install vtk."
         ) from None
     # VTK keeps pointers, not copies: every array has a name until the file is written.
     corners = np.column_stack([points, np.zeros(len(points))])

@@ -110,7 +110,7 @@ def _read_with_vtk(path: Path, content: bytes, polydata: bool, legacy: bool) -> 
         from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
     except ImportError:
         raise InputError(
-            str(path), "a VTK file", "the library vtk", "Install it: pip install 'grainloops[vtk]'."
+            str(path), "a VTK file", "the library vtk", "Install it: pip install vtk."
         ) from None
     reader: Any = vtkXMLPolyDataReader() if polydata else vtkXMLUnstructuredGridReader()
     shown = vtkObject.GetGlobalWarningDisplay()
