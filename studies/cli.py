@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 import warnings
 from typing import Annotated, Any
@@ -10,8 +11,10 @@ from typing import Annotated, Any
 import typer
 
 from loops.errors import InputError
+from studies.commands import common
 from studies.commands.bench import bench
 from studies.commands.check import check
+from studies.commands.clock import clock
 from studies.commands.common import forget_output
 from studies.commands.diamond import diamond
 from studies.commands.domain import domain
@@ -22,7 +25,7 @@ from studies.commands.snapshot import snapshot
 
 app = typer.Typer(
     invoke_without_command=True,
-    add_completion=False,
+    add_completion=True,
     # Plain help: rich takes longer to load than all that is shown here.
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -32,14 +35,23 @@ app = typer.Typer(
 )
 # No error is longer than a screen: the middle of what was received is left out.
 LONGEST = 1000
+INTERRUPTED = 130
+# Whoever shows its progress itself, or none.
+SHOWN_OTHERWISE = {"series", "bench", "--quiet", "--help", "--version"}
 
 
 @app.callback()
 def grainloops(
     context: typer.Context,
     show_version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="Print errors alone, and --json; anywhere in the line.")
+    ] = False,
 ) -> None:
     """Show the version, or the help when no command is given."""
+    common.quiet = quiet
+    if quiet:
+        os.environ["TTY_COMPATIBLE"] = "0"  # no progress bars of rich
     if show_version:
         from studies.version import __version__
 
@@ -65,21 +77,27 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        status = app(standalone_mode=False)
+        # Common options may stand anywhere.
+        arguments = sorted(sys.argv[1:], key=lambda one: one not in ("--quiet", "--version"))
+        if not SHOWN_OTHERWISE & {*arguments}:
+            clock.start("grainloops")
+        status = app(arguments, standalone_mode=False)
     except InputError as error:
         _fail(str(error))
     except UsageError as error:
         _fail(f"{error.format_message().rstrip('.')}. Try 'grainloops --help'.")
     except (typer.Abort, KeyboardInterrupt):
-        typer.echo("grainloops: interrupted; nothing was written.", err=True)
-        sys.exit(130)
+        status = INTERRUPTED
     except (OSError, MemoryError) as error:
         forget_output()
         _fail(str(error) or "out of memory", status=1)
+    if status == INTERRUPTED:  # typer may have turned Ctrl-C into this already
+        _fail(f"interrupted; {common.interrupted}.", status=INTERRUPTED)
     sys.exit(status if isinstance(status, int) else 0)
 
 
 def _fail(message: str, status: int = 2) -> None:
+    clock.stop()
     line = " ".join(message.split())
     if len(line) > LONGEST:
         line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"

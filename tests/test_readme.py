@@ -12,3 +12,17 @@ def test_the_example_runs(capsys):
     printed = capsys.readouterr().out
     assert printed.startswith("unstable (diagonal)")
     assert "27.66 degrees wide" in printed
+
+
+def test_the_first_screen_leads_from_nothing_to_a_result():
+    first = README.read_text().split("```")[1]
+    lines = [line.split("#")[0].strip() for line in first.strip().splitlines()]
+    assert lines[:2] == ["make demo", ". .venv/bin/activate"]
+    assert lines[-1].startswith("grainloops snapshot ")
+    assert len(README.read_text().split("```")[0].splitlines()) < 10
+
+
+def test_no_page_asks_for_a_package_that_is_on_no_index():
+    root = README.parent
+    pages = [README, *root.glob("docs/*.md"), *root.glob("[lps]*/**/*.py")]
+    assert [page for page in pages if "pip install 'grainloops" in page.read_text()] == []

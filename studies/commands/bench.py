@@ -6,11 +6,12 @@ from typing import Annotated, Any
 
 import typer
 
-from studies.commands.common import Force, Json, Out, report
+from studies.commands import common
+from studies.commands.common import Force, Json, Out, out_or, report
 
 
 def bench(
-    out: Out,
+    out: Out = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Smaller sizes, fewer settings, nothing compiled.")
     ] = False,
@@ -23,8 +24,11 @@ def bench(
     """Measure speed against error of every method with a choice, and run the hard cases."""
     from studies.bench import run_bench
 
+    out = out_or(out, "bench")
+
     def say(name: str) -> None:
-        typer.echo(f"bench: {name}", err=True)
+        if not common.quiet:
+            typer.echo(f"bench: {name}", err=True)
 
     summary = run_bench(out, quick=quick, only=only, force=force, progress=say)
     report(summary, out, json, _bench_lines)

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from loops.errors import InputError
+from studies.commands import common
+from studies.commands.clock import clock
 from studies.commands.common import (
     Columns,
     Csv,
@@ -73,9 +75,10 @@ def check(
                 table = {name: [row[name] for row in rows] for name in rows[0]}
                 write_table(folder, "findings", table, made, csv=csv)
             write_summary(folder, summary)
+    clock.stop()
     if json:
         typer.echo(as_json(summary))
-    else:
+    elif not common.quiet:
         _print(rows, summary)
     if unread:
         raise unread[0]

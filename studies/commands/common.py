@@ -12,10 +12,14 @@ from typing import Annotated, Any
 import typer
 
 from loops.errors import InputError
+from studies.commands.clock import clock
 
 # The readers themselves are loaded only by the commands that read.
 FORMATS = ("table", "yade-vtk", "yade-xml", "yade-text", "lammps", "liggghts", "mercury")
-Out = Annotated[Path, typer.Option(help="Result folder; created.", show_default=False)]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Result folder; created. By default named after the input, here."),
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace results of the same names.")]
 Csv = Annotated[bool, typer.Option("--csv", help="Write the tables as CSV too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
@@ -36,6 +40,27 @@ ShearIncrement = Annotated[
 DropCrossings = Annotated[
     bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
 ]
+
+
+# What no name of a result folder keeps of its input's.
+ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
+# Whether summaries are left out: `grainloops --quiet`.
+quiet = False
+# What an interruption leaves.
+interrupted = "nothing was written"
+
+
+def out_or(out: Path | None, command: str, path: Path | None = None) -> Path:
+    """The folder asked for, or one named after input and command in the current folder.
+
+    >>> out_or(None, "snapshot", Path("run/grains_05.csv.gz")).name
+    'grains_05-snapshot'
+    """
+    if out is not None or path is None:
+        return out or Path(command)
+    while path.suffix.lower() in ENDINGS:
+        path = path.with_suffix("")
+    return Path(f"{path.name}-{command}")
 
 
 def numbers(name: str, text: str | None) -> tuple[float, ...] | None:
@@ -90,8 +115,11 @@ def report(
 
     The results are in their place by then: who stops reading changes nothing.
     """
+    clock.stop()
     if json:
         text = (out / "summary.json").read_text().rstrip()
+    elif quiet:
+        return
     else:
         page = out / "report.html"
         where = f"results in {out}" + (f"; open {page} first" if page.is_file() else "")

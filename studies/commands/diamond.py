@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 import typer
 
-from studies.commands.common import Csv, Force, Json, Out, report
+from studies.commands.common import Csv, Force, Json, Out, out_or, report
 
 
 def diamond(
-    out: Out,
+    out: Out = None,
     table: Annotated[int | None, typer.Option(help="The paper's Table 1 or 2.")] = None,
     alpha0: Annotated[float | None, typer.Option(help="Reference angle (degrees).")] = None,
     kappa: Annotated[float | None, typer.Option(help="Stiffness ratio kt/kn.")] = None,
@@ -31,6 +31,8 @@ def diamond(
     """Follow the four-grain diamond of the paper; without options, its Table 1."""
     from studies.paths import DiamondOptions, run_diamond
 
+    own = {alpha0, kappa, phi, confine} != {None}
+    out = out_or(out, "diamond" if own else f"diamond-table{table or 1}")
     # The options check the words themselves, and say what is expected.
     words: Any = (closure, sliding, contact_on_touch, model)
     options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
@@ -40,6 +42,8 @@ def diamond(
 
 def _cone(cone: dict[str, Any]) -> str:
     """The cone of a state in words."""
+    if cone["status"] == "empty":
+        return "no unstable direction"
     if cone["status"] == "ray":
         return "on the edge: second-order work vanishes in one direction"
     return f"cone of unstable directions {cone['opening_deg']:.2f} degrees wide"

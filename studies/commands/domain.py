@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 import typer
 
-from studies.commands.common import Csv, Force, Json, Out, numbers, report
+from studies.commands.common import Csv, Force, Json, Out, numbers, out_or, report
 
 
 def domain(
-    out: Out,
+    out: Out = None,
     alpha0: Annotated[
         str | None, typer.Option(help="Reference angles (degrees), by commas.")
     ] = None,
@@ -24,6 +24,7 @@ def domain(
     """Draw the diamond's bifurcation domain; without options, of the paper's Tables 1 and 2."""
     from studies.domain import DomainParameters, run_domain
 
+    out = out_or(out, "domain")
     lists = numbers("--alpha0", alpha0), numbers("--kappa", kappa)
     summary = run_domain(DomainParameters(*lists, phi, directions), out, force=force, csv=csv)
     report(summary, out, json, _domain_lines)

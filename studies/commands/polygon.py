@@ -7,11 +7,11 @@ from typing import Annotated, Any
 import typer
 
 from loops.errors import InputError
-from studies.commands.common import Csv, Force, Json, Out, report, shown
+from studies.commands.common import Csv, Force, Json, Out, out_or, report, shown
 
 
 def polygon(
-    out: Out,
+    out: Out = None,
     order: Annotated[int | None, typer.Option(help="Number of grains, 3 or more.")] = None,
     compare: Annotated[
         str | None, typer.Option(metavar="ORDERS", help="Orders side by side, such as 3-12.")
@@ -37,6 +37,7 @@ def polygon(
     from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
     from studies.paths.options import orders_of
 
+    out = out_or(out, f"polygon-{order or compare}")
     if (order is None) == (compare is None):
         given = "neither" if order is None else "both"
         raise InputError("--order, --compare", given, "one of them", "Write --order 6.")

@@ -21,6 +21,7 @@ from studies.commands.common import (
     ShearIncrement,
     cell_of,
     columns_of,
+    out_or,
     report,
     shown,
 )
@@ -28,7 +29,7 @@ from studies.commands.common import (
 
 def probe(
     path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
-    out: Out,
+    out: Out = None,
     directions: Annotated[int, typer.Option(help="Number of directions.")] = 72,
     control: Annotated[
         str, typer.Option(metavar="strain|stress", help="What runs over the unit circle.")
@@ -70,6 +71,7 @@ def probe(
     """Probe a DEM snapshot along many directions: response envelope, cones, who is unstable."""
     from studies.probe import run_probe
 
+    out = out_or(out, "probe", path)
     summary = run_probe(
         path,
         out,

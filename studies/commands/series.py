@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from studies.commands import common
 from studies.commands.common import (
     Columns,
     Csv,
@@ -20,6 +21,7 @@ from studies.commands.common import (
     ShearIncrement,
     cell_of,
     columns_of,
+    out_or,
     report,
     shown,
 )
@@ -55,7 +57,7 @@ def series(
         list[Path],
         typer.Argument(help="Files of the snapshots, in order; all of a file with several."),
     ],
-    out: Out,
+    out: Out = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes on this machine; by default one a core.")
     ] = None,
@@ -100,34 +102,30 @@ def series(
     """Follow the loops through a series of snapshots; the same command goes on after a stop."""
     from studies.series import run_series
 
-    try:
-        summary = run_series(
-            paths,
-            out,
-            cells=cells,
-            workers=workers,
-            scheduler=scheduler,
-            in_packing=in_packing,
-            yield_band=yield_band,
-            skip_bad=skip_bad,
-            force=force,
-            csv=csv,
-            figures=figures,
-            animation=animation,
-            format=format,
-            columns=columns_of(columns),
-            cell=cell_of(cell),
-            kn=kn,
-            kt=kt,
-            mu=mu,
-            drop_crossings=drop_crossings,
-            shear_increment=shear_increment,
-        )
-    except KeyboardInterrupt:
-        typer.echo(
-            "grainloops: interrupted; what is finished is kept, the same command goes on.", err=True
-        )
-        raise typer.Exit(130) from None
+    out = out_or(out, "series", paths[0])
+    common.interrupted = "what is finished is kept, the same command goes on"
+    summary = run_series(
+        paths,
+        out,
+        cells=cells,
+        workers=workers,
+        scheduler=scheduler,
+        in_packing=in_packing,
+        yield_band=yield_band,
+        skip_bad=skip_bad,
+        force=force,
+        csv=csv,
+        figures=figures,
+        animation=animation,
+        format=format,
+        columns=columns_of(columns),
+        cell=cell_of(cell),
+        kn=kn,
+        kt=kt,
+        mu=mu,
+        drop_crossings=drop_crossings,
+        shear_increment=shear_increment,
+    )
     report(summary, out, json, _series_lines)
 
 

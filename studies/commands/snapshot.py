@@ -21,6 +21,7 @@ from studies.commands.common import (
     ShearIncrement,
     cell_of,
     columns_of,
+    out_or,
     report,
     shown,
 )
@@ -37,7 +38,7 @@ JUDGES = {
 
 def snapshot(
     path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
-    out: Out,
+    out: Out = None,
     contacts: Annotated[
         Path | None, typer.Option(help="File of contacts; found beside PATH by its name.")
     ] = None,
@@ -75,6 +76,7 @@ def snapshot(
     """Find the loops of a DEM snapshot and judge the stability of each."""
     from studies.snapshot import run_snapshot
 
+    out = out_or(out, "snapshot", path)
     summary = run_snapshot(
         path,
         out,

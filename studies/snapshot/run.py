@@ -6,9 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import Progress
-
 from loops import Faces
 from patterns import Snapshot
 from studies.output import provenance, readable, result_folder, write_summary, write_table
@@ -21,8 +18,6 @@ UNITS = (
     "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
     "mean kn; angles in degrees"
 )
-# Shorter work needs no progress bar.
-LONG = 20_000
 
 
 def run_snapshot(
@@ -70,11 +65,7 @@ def run_snapshot(
 def analyse(path: Path, **how: Any) -> tuple[Snapshot, Faces, dict[str, Any]]:
     """A snapshot as `read_planar` reads it, its faces and the table of its loops."""
     snapshot, faces = read_planar(path, **how)
-    hidden = len(faces.loops) < LONG
-    with Progress(console=Console(stderr=True), disable=hidden, transient=True) as bar:
-        task = bar.add_task("loops", total=len(faces.loops))
-        table = loop_table(snapshot, faces, lambda done: bar.advance(task, done))
-    return snapshot, faces, table
+    return snapshot, faces, loop_table(snapshot, faces)
 
 
 def _draw(

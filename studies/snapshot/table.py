@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Literal
@@ -54,7 +54,6 @@ BLOCK = 2**13  # loops that a thread takes at a time
 def loop_table(
     snapshot: Snapshot,
     faces: Faces,
-    progress: Callable[[int], None] | None = None,
     *,
     compiled: bool | None = None,
     threads: int | None = None,
@@ -96,8 +95,6 @@ def loop_table(
     for at, columns in parts:
         for name, values in columns.items():
             table[name][at] = values
-        if progress is not None:
-            progress(len(columns.get("area", ())))
     table["grains"] = _members(snapshot, faces)
     return table
 

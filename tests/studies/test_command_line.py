@@ -1,0 +1,92 @@
+"""What all commands share: where results go, silence, an interruption, a clock."""
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import grainloops as gl
+from studies.commands.common import out_or
+
+SAMPLE = str(gl.sample_path())
+COMMAND = [sys.executable, "-m", "studies.cli"]
+ROOT = str(gl.sample_path().parents[3])
+
+
+def run(*arguments, cwd):
+    environment = {**os.environ, "PYTHONPATH": ROOT}
+    return subprocess.run(
+        [*COMMAND, *arguments], cwd=cwd, env=environment, capture_output=True, text=True
+    )
+
+
+def test_results_go_beside_where_one_stands(tmp_path):
+    done = run("snapshot", SAMPLE, "--no-figures", cwd=tmp_path)
+    assert done.returncode == 0 and done.stdout.endswith("results in grains_biaxial-snapshot\n")
+    assert (tmp_path / "grains_biaxial-snapshot" / "summary.json").is_file()
+    again = run("snapshot", SAMPLE, "--no-figures", cwd=tmp_path)
+    assert again.returncode == 2 and "--force" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
+        ("run/grains_05.csv.gz", "grains_05-snapshot"),
+        ("grains.parquet", "grains-snapshot"),
+        ("dump.atoms.160000", "dump.atoms.160000-snapshot"),
+    ],
+)
+def test_names_of_results(path, name):
+    assert str(out_or(None, "snapshot", Path(path))) == name
+
+
+def test_quiet_prints_nothing_but_errors(tmp_path):
+    done = run("snapshot", SAMPLE, "--no-figures", "--quiet", cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    failed = run("check", "grains_none.csv", "--quiet", cwd=tmp_path)
+    assert failed.returncode == 2 and failed.stdout == "" and failed.stderr.count("\n") == 1
+
+
+def test_the_version_stands_anywhere(tmp_path):
+    assert run("snapshot", "--version", cwd=tmp_path).stdout == f"grainloops {gl.__version__}\n"
+
+
+def test_an_interruption_leaves_a_sentence_and_no_folder(tmp_path):
+    environment = {**os.environ, "PYTHONPATH": ROOT}
+    # A shell may have told the tests, hence this process, to ignore the signal.
+    code = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        f"sys.argv = ['grainloops', 'snapshot', {SAMPLE!r}]; from studies.cli import main; main()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    # The hidden folder is there from the first moment of the work on.
+    while process.poll() is None and not any(tmp_path.iterdir()):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    shown, said = process.communicate()
+    assert said == "grainloops: interrupted; nothing was written.\n"
+    assert (process.returncode, shown, list(tmp_path.iterdir())) == (130, "", [])
+
+
+def test_a_terminal_sees_the_seconds(tmp_path):
+    code = (
+        "import sys, time; from studies.commands import clock as c; c.PATIENCE = c.TICK = 0.01; "
+        "c.clock.start('work'); time.sleep(0.5); c.clock.stop(); print('done', file=sys.stderr)"
+    )
+    above, below = pty.openpty()
+    environment = {**os.environ, "PYTHONPATH": ROOT}
+    subprocess.run([sys.executable, "-c", code], stderr=below, env=environment, check=True)
+    os.close(below)
+    shown = os.read(above, 100_000).decode()
+    os.close(above)
+    assert "work: 0 s" in shown
+    # The line is cleared before anything else is said.
+    assert shown.endswith("\r\x1b[Kdone\r\n")
