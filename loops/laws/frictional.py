@@ -166,21 +166,11 @@ class FrictionalLaw:
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """Contacts whose regime the motion decides, (..., C) each.
+    """Contacts whose regime the motion decides, (..., C) each."""
 
-    Attributes
-    ----------
-    at_yield : array of bool
-        Closed and at its strength: sticks or slides.
-    touching : array of bool
-        Where the contact opens or closes.
-    apex : array of bool
-        Touching without strength: may slide to either side.
-    """
-
-    at_yield: Flags
-    touching: Flags
-    apex: Flags
+    at_yield: Flags  # closed and at the strength: sticks or slides
+    touching: Flags  # where a contact opens or closes
+    apex: Flags  # touching without strength: may slide to either side
 
 
 def edge_of(

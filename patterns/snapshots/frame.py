@@ -34,27 +34,12 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One snapshot, columns by their plain names.
+    """One snapshot, columns by their plain names (see `read_snapshot`).
 
-    Attributes
-    ----------
-    grains : Table
-        `id, x, y, radius` (length); `type`, 1 for walls; `z`, which must be one plane; `theta_z`
-        (rad), the angle turned by.
-    contacts : Table
-        `id1, id2`; `branch_x, branch_y` from centre 1 to the image of centre 2 and `nx, ny` the
-        unit normal, as far as they are there; `cell_dx, cell_dy` the image of grain 2; `fn` (force,
-        compression positive) and the shear force on grain 2 `fsx, fsy`, or the total force on it
-        `fx_on_2, fy_on_2`; `kn, ks` (force per length), `mu`, `sliding`. Of a wall, the branch
-        starts at its foot, the contact point.
-    cell : (2, 2) array or None
-        Periodic cell, columns are the cell vectors (length).
-    step : float or None
-        The code's own number of the snapshot: step, iteration or time.
-    notes : tuple of str
-        What was guessed, what the file lacks.
-    shear_increment : {'branch', 'radii'} or None
-        What the code turns shear by, where the source tells it.
+    `grains` may have `z`, which must be one plane, and `theta_z` (rad); of a wall the branch starts
+    at its foot, the contact point. Columns of `cell` (2, 2) are its vectors (length); `step` is the
+    code's own number, a step, iteration or time; `notes` say what was guessed or lacks, and
+    `shear_increment` what the code turns shear by, where the source tells it.
     """
 
     grains: Table

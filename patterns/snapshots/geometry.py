@@ -42,13 +42,7 @@ class Bodies(NamedTuple):
 
 
 def read_bodies(table: Table) -> Bodies:
-    """Grains and walls of a table with `id, x, y, radius`, by their ids.
-
-    Perhaps there are `type`, `z` and `theta_z`.
-
-    `InputError` for ids that repeat, no grains, a radius that is not positive, coincident grains,
-    and a packing in three dimensions.
-    """
+    """Grains and walls of a table by their ids: refuses what can't be a packing in the plane."""
     ids = table.integers("id")
     refuse_repeated(table, ids)
     is_wall = table.integers("type") == WALL if table.has("type") else np.zeros(len(ids), bool)
@@ -216,8 +210,6 @@ def branches_of(
     """Branches of the contacts in some rows of the table, held against those of the file.
 
     Images come from the file; without them there, from the branches; else they are the nearest.
-    `InputError` names the contact whose branch or normal in the file is furthest off, or whose
-    grains are too far apart.
     """
     normals, branches = table.optional("nx", "ny"), table.optional("branch_x", "branch_y")
     given = normals if branches is None else branches

@@ -156,10 +156,8 @@ def recognises(path: Path, head: bytes) -> bool:
 def frames(source: Source) -> Instants:
     """Instants of a `.data` file, with the `.fstat` file beside it.
 
-    Instants without contacts, as before the grains meet, are left out. Grains are numbered from 0
-    in the order of the file, walls from -1 down. The files don't say whether the sample is
-    periodic: the user's cell does. In three dimensions the packing must lie in one plane of
-    constant z, or of constant y: then z is taken for y.
+    Grains are numbered from 0 in the order of the file, walls from -1 down; in three dimensions the
+    packing lies in one plane of constant z, or of constant y: then z is taken for y.
     """
     path = source.contacts or fstat_beside(source.path)
     contacts = _until_fault(_fstat_listings(path, open_text(path)))

@@ -39,13 +39,11 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def frames(source: Source) -> Instants:
-    """The one snapshot of a pair of tables, or of a file that holds both.
+    """The one snapshot of a pair of tables, or of one npz or HDF5 file with both and the `cell`.
 
-    CSV, CSV.gz, Parquet, npz or HDF5, columns by name as in `Frame`; a column map gives them
-    others. The contacts stand beside the grains, `grains` in the name replaced by `contacts`; the
-    cell may stand there as well, in `cell_....json`:
-    `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000, "shear_increment": "radii"}`,
-    null for no cell. One npz or HDF5 file may hold it all: `grains/x`, `contacts/id1`, ..., `cell`.
+    The contacts stand beside the grains, `grains` in the name replaced by `contacts`, and so may
+    `cell_....json`: `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000,
+    "shear_increment": "radii"}`, null for no cell.
     """
     return Instants([partial(_frame, source)])
 

@@ -245,11 +245,9 @@ class Guess(NamedTuple):
 
 
 def guess_columns(table: Table, atoms: Atoms, space: Space, given: Mapping[str, str]) -> Guess:
-    """Tell the columns of a dump of contacts apart.
+    """Tell the columns of a dump of contacts apart: ids of grains that touch, distances, forces.
 
-    Two columns of whole numbers are ids of grains that touch; two are the components of their
-    distance; two form a vector along the branch, the normal force, whose size is another column;
-    two form one across it, the tangential force, likewise.
+    The normal force is a vector along the branch, the tangential one across it; sizes are others.
     """
     columns = given_columns(table, given, CONTACT_NAMES)
     columns |= {name: name for name in CONTACT_NAMES if table.has(name) and name not in given}

@@ -75,18 +75,13 @@ def _walk(path: Path, text: Text) -> Iterator[DumpFrame | InputError]:
         except InputError as error:
             if text[at:].strip():
                 yield error
-            at = _next_start(text, at)
+            # The damaged header has a TIMESTEP of its own, perhaps after UNITS.
+            if is_dump(text[at : at + len(START)]):
+                at = text.find(START, at) + 1 or len(text)
+            at = text.find(START, at)
         else:
             yield frame
             at = frame.span[1]
-
-
-def _next_start(text: Text, at: int) -> int:
-    """Where the frame after a damaged one starts, -1 for nowhere."""
-    # The damaged header has a TIMESTEP of its own, perhaps after UNITS.
-    if is_dump(text[at : at + len(START)]):
-        at = text.find(START, at) + 1 or len(text)
-    return text.find(START, at)
 
 
 def _frame(path: Path, text: Text, at: int) -> DumpFrame:
@@ -105,29 +100,22 @@ def _frame(path: Path, text: Text, at: int) -> DumpFrame:
         if key.startswith(b"NUMBER OF "):
             label = key.removeprefix(b"NUMBER OF ").strip()
         stop = text.find(ITEM, at)
-        if stop < 0:
-            raise _cut(path, values)
-        if b"TIMESTEP" in values and key.strip() == b"TIMESTEP":
+        if stop < 0 or (b"TIMESTEP" in values and key.strip() == b"TIMESTEP"):
             raise _cut(path, values)
         values[key.strip()] = text[at:stop].splitlines()
         at = stop
     stop = text.find(ITEM, at)
     names = tuple(key.removeprefix(label).decode(errors="replace").split())
-    step, count = (_whole(path, values, name) for name in (b"TIMESTEP", b"NUMBER OF " + label))
+    try:
+        step, count = (int(values[name][0]) for name in (b"TIMESTEP", b"NUMBER OF " + label))
+    except (KeyError, IndexError, ValueError):
+        raise _cut(path, values) from None
+    if not (0 <= step < 2**63 and 0 <= count < 2**63):
+        raise _cut(path, values)
     span = (at, len(text) if stop < 0 else stop)
     where = f"{path}, step {step}"
     of = label.decode(errors="replace")
     return DumpFrame(where, step, names, text, span, count, of, _box(where, values))
-
-
-def _whole(path: Path, values: dict[bytes, list[bytes]], name: bytes) -> int:
-    try:
-        number = int(values[name][0])
-    except (KeyError, IndexError, ValueError):
-        raise _cut(path, values) from None
-    if not 0 <= number < 2**63:
-        raise _cut(path, values)
-    return number
 
 
 def _cut(path: Path, values: dict[bytes, list[bytes]]) -> InputError:
@@ -161,7 +149,8 @@ def _box(where: str, values: dict[bytes, list[bytes]]) -> Box | None:
     # pp is periodic; f, s and m, also of one side alone, are not. Old dumps don't say.
     flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
     periodic = (flags[0] == "pp", flags[1] == "pp") if len(flags) == 3 else (False, False)
-    digits = max(_digits(value) for line in fields for value in line)
+    mantissas = [v.lower().split(b"e")[0].lstrip(b"+-") for line in fields for v in line]
+    digits = max(len(mantissa.replace(b".", b"").lstrip(b"0")) for mantissa in mantissas)
     return Box(origin, cell, height, periodic, digits)
 
 
@@ -179,11 +168,6 @@ def _edges(rows: Floats) -> tuple[Floats, Floats, float]:
         high -= [max(corners), max(0.0, yz), 0.0]
     lx, ly, lz = high - low
     return low[:2], np.array([[lx, xy], [0.0, ly]]), float(lz)
-
-
-def _digits(value: bytes) -> int:
-    mantissa = value.lower().split(b"e")[0].lstrip(b"+-").replace(b".", b"")
-    return len(mantissa.lstrip(b"0"))
 
 
 Frames = list[DumpFrame | InputError]
@@ -253,17 +237,14 @@ def _no_step(source: Source, frame: DumpFrame, contacts: Frames, path: Path) -> 
     damaged = [other for other in contacts if isinstance(other, InputError)]
     if damaged:
         return damaged[0]
+    steps = sorted(f.step for f in contacts if isinstance(f, DumpFrame))
+    shown = ", ".join(str(step) for step in steps[:3])
     return InputError(
         str(path),
-        f"steps {_some(sorted(f.step for f in contacts if isinstance(f, DumpFrame)))}",
+        f"steps {shown}{f', ..., {steps[-1]}' if len(steps) > 3 else ''}",
         f"step {frame.step} of {source.path}",
         "Take both dumps from the same steps of one run.",
     )
-
-
-def _some(steps: list[float]) -> str:
-    shown = ", ".join(str(step) for step in steps[:3])
-    return shown if len(steps) <= 3 else f"{shown}, ..., {steps[-1]}"
 
 
 def _require_kind(frames: Frames, *, atom: bool) -> None:

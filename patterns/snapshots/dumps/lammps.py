@@ -31,15 +31,10 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def frames(source: Source) -> Instants:
-    """Instants of a dump of atoms, with the dump of their contacts beside it.
+    """Instants of a dump of atoms with the dump of their contacts, as docs/lammps.md has them.
 
-    Instants without contacts, as before the grains meet, are left out.
-
-    The contacts are a `dump local` of `compute property/local patom1 patom2` and
-    `compute pair/local` with as many of `dist dx dy force fx fy p1 p2 p4` as possible; its
-    columns are told from the grains, and said in the notes. A map gives them by the plain names
-    `id1, id2, dx, dy, dist, force, fx, fy, p1, p2, p4`; 'none' for what the dump lacks. Walls are
-    the per-atom columns of `fix wall/gran ... contacts`.
+    Columns of contacts are told from the grains, or by a map of `CONTACT_NAMES`; walls are the
+    per-atom columns of `fix wall/gran ... contacts`.
     """
     check_names(source, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
     return dump_instants(source, partial(_frame, source))
@@ -55,16 +50,13 @@ def _frame(
     walls, wall_notes = read_walls(atom_frame, atoms, source.columns)
     if not walls and not all(space.periodic):
         wall_notes = ("no columns of walls: their forces are unknown",)
-    said = (_columns_note(source, guess), *notes, *cell_notes, *force_notes, *wall_notes)
-    return frame_of((atom_frame, contact_frame), atoms, space, guess.pairs, forces, walls, said)
-
-
-def _columns_note(source: Source, guess: Guess) -> str:
     found = [(name, guess.columns[name]) for name in CONTACT_NAMES if name in guess.columns]
-    shown = ", ".join(f"{name}={column}" for name, column in found if column != NONE)
-    if all(name in source.columns or name == column for name, column in found):
-        return f"columns: {shown}"
-    return f"columns guessed: {shown}; give --columns to overrule"
+    columns = ", ".join(f"{name}={column}" for name, column in found if column != NONE)
+    given = all(name in source.columns or name == column for name, column in found)
+    told = f"columns{'' if given else ' guessed'}: {columns}"
+    told += "" if given else "; give --columns to overrule"
+    said = (told, *notes, *cell_notes, *force_notes, *wall_notes)
+    return frame_of((atom_frame, contact_frame), atoms, space, guess.pairs, forces, walls, said)
 
 
 def _forces(guess: Guess) -> tuple[Forces, tuple[str, ...]]:
@@ -93,7 +85,9 @@ def read_walls(
     `f_f[5], f_f[6]` (contact point) is a wall if its points lie within the grains.
     """
     mapped = [columns[name] for name in WALL_NAMES if name in columns]
-    sets = {fix: [f"{fix}[{k}]" for k in NUMBERS] for fix in _fixes(frame.names)}
+    found = [match for name in frame.names if (match := re.fullmatch(r"(f_\w+)\[\d+\]", name))]
+    each = {match[1]: [f"{match[1]}[{k}]" for k in NUMBERS] for match in found}
+    sets = {fix: names for fix, names in each.items() if set(names) <= set(frame.names)}
     if mapped:
         if len(mapped) < len(WALL_NAMES) or not set(mapped) <= set(frame.names):
             raise InputError(
@@ -119,15 +113,6 @@ def read_walls(
     if not notes:
         return (), ()
     return tuple(walls), (f"walls recognised: {', '.join(notes)}",)
-
-
-def _fixes(names: tuple[str, ...]) -> list[str]:
-    found: dict[str, set[str]] = {}
-    for name in names:
-        match = re.fullmatch(r"(f_\w+)\[(\d+)\]", name)
-        if match:
-            found.setdefault(match[1], set()).add(match[2])
-    return [fix for fix, numbers in found.items() if numbers >= set(NUMBERS)]
 
 
 def _wall(frame: DumpFrame, atoms: Atoms, names: list[str]) -> Wall | None:

@@ -46,28 +46,19 @@ def recognises(path: Path, head: bytes) -> bool:
     if contacts is None:
         return False
     try:
-        return _one_compute(first_frame(contacts, head_of(contacts)).names)
+        names = first_frame(contacts, head_of(contacts)).names
     except InputError:
         return False
-
-
-def _one_compute(names: tuple[str, ...]) -> bool:
-    """Whether all columns are those of one compute, ids with forces among them."""
     numbered = {f"[{k + 1}]" for k in range(len(names))}
     stems = {name.rpartition("[")[0] for name in names}
     return len(names) >= 3 and len(stems) == 1 and {n[n.rfind("[") :] for n in names} == numbered
 
 
 def frames(source: Source) -> Instants:
-    """Instants of a dump of atoms, with the dump of their contacts beside it.
+    """Instants of a dump of atoms with all columns of `compute pair/gran/local` (docs/lammps.md).
 
-    Instants without contacts, as before the grains meet, are left out.
-
-    The contacts are a `dump local` of all columns of `compute pair/gran/local` with at least `id`;
-    which columns hold the forces is told from the grains, and said in the notes. A map gives them
-    by the plain names `id1, id2`, `fx, fy` (total force on atom 1) or its parts `fnx, fny, ftx,
-    fty`, and `delta` (overlap); 'none' for what the dump lacks. Headers have six digits: the cell
-    is found from the overlaps of the contacts that cross its border.
+    Which hold the forces is told from the grains, or by a map of `LIGGGHTS_NAMES`. Headers have six
+    digits: the cell is found from the overlaps of the contacts that cross its border.
     """
     check_names(source, (*ATOM_NAMES, *LIGGGHTS_NAMES))
     return dump_instants(source, partial(_frame, source))

@@ -20,10 +20,9 @@ ROUNDS = 100
 
 
 class Signs(NamedTuple):
-    """Signs of the shear forces and how well the grains balance with them.
+    """Signs (C,), 1 or -1; whether turning one would show; what the balances leave.
 
-    `sign` (C,) is 1 or -1, `decided` (C,) whether turning it would show; `residual` is the root
-    mean square of what the balances leave, over the mean normal force.
+    The `residual` is a root mean square over the mean normal force.
     """
 
     sign: Floats
@@ -36,9 +35,8 @@ def shear_signs(
 ) -> Signs:
     """Signs of `T` that balance the forces and moments of the grains best.
 
-    Three balances a grain stand against about two contacts a grain. Grains on the rim of the
-    sample, where walls may push, take part with their moments alone: frictionless walls have none.
-    Signs come from the least-squares solution, then each is turned that betters the balance.
+    From the least-squares solution, then each is turned that betters the balance. Grains on the
+    rim, where walls may push, take part with their moments alone: frictionless walls have none.
     """
     matrix, load = _balances(x, radii, pairs, normal)
     least = spla.lsqr(matrix, -load, atol=1e-10, btol=1e-10, iter_lim=2000)[0]

@@ -32,11 +32,9 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def frames(source: Source) -> Instants:
-    """The one snapshot of a pair of VTK files.
+    """The one snapshot of `...spheres.N.vtu` and `...intrs.N.vtp` beside it, or a `.vtm` of both.
 
-    The main file is that of the spheres, `...spheres.N.vtu`, with `...intrs.N.vtp` beside it; or a
-    `.vtm` that names both; or `...-spheres-N.vtk` with `...-intrs-N.vtk` beside it. Lines are
-    brought to the spheres by the coordinates of their ends. What the files lack is in the notes.
+    Or of `...-spheres-N.vtk` and `...-intrs-N.vtk`.
     """
     return Instants([partial(_frame, source)])
 
@@ -231,11 +229,10 @@ PARALLEL = 1e-3
 
 
 def exporter_frame(source: Source, spheres: Piece, lines: Piece) -> Frame:
-    """Frame of `exportSpheres` and `exportInteractions`.
+    """Frame of `exportSpheres` and `exportInteractions`; a vector `A` is `A_x, A_y, A_z`.
 
-    A vector array `A` stands for the columns `A_x, A_y, A_z`. A vector of the normal force is
-    projected on the line of centres. Lines that begin at no sphere are contacts with walls, whose
-    normal is that of their normal force; without that force they are refused.
+    Lines that begin at no sphere are contacts with walls, whose normal is that of their normal
+    force; without that force they are refused.
     """
     grains, notes = grains_of(spheres, "radius")
     notes.append("VTKExporter: numbers of six digits, overlaps from the centres mean nothing")
@@ -251,7 +248,11 @@ def exporter_frame(source: Source, spheres: Piece, lines: Piece) -> Frame:
     n = branch / np.hypot(*branch.T)[:, None]
     ids = np.append(grains["id"].astype(np.int64), WALL_ID)
     contacts: Columns = {"id1": ids[ends[:, 0]], "id2": ids[ends[:, 1]]}
-    contacts |= _flattened(lines.lines_data)
+    for name, values in lines.lines_data.items():
+        if values.ndim == 1:
+            contacts[name] = values
+        else:
+            contacts |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
     contacts |= {"nx": n[:, 0], "ny": n[:, 1], "branch_x": branch[:, 0], "branch_y": branch[:, 1]}
     if force is not None:
         columns.pop("fn", None)
@@ -261,7 +262,9 @@ def exporter_frame(source: Source, spheres: Piece, lines: Piece) -> Frame:
         contacts |= {"fsx": vectors[shear][:, 0], "fsy": vectors[shear][:, 1]}
         notes.append(f"shear force on grain 2 from the vectors {shear!r}")
     if (ends < 0).any():
-        grains = _with_wall(grains)
+        types = np.append(np.zeros(len(grains["id"])), 1)
+        grains = {key: np.append(v, WALL_ID if key == "id" else 0) for key, v in grains.items()}
+        grains["type"] = types
         notes.append("lines that begin at no sphere are taken as contacts with walls")
     return make_frame(replace(source, columns=columns), (spheres, lines), grains, contacts, notes)
 
@@ -269,14 +272,6 @@ def exporter_frame(source: Source, spheres: Piece, lines: Piece) -> Frame:
 def _named(given: str | None, names: tuple[str, ...], vectors: Mapping[str, Floats]) -> str:
     wanted = names if given is None else (given,)
     return next((name for name in wanted if name in vectors), "")
-
-
-def _flattened(arrays: Mapping[str, Floats]) -> Columns:
-    columns: Columns = {name: values for name, values in arrays.items() if values.ndim == 1}
-    for name, values in arrays.items():
-        if values.ndim == 2:
-            columns |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
-    return columns
 
 
 def _branches(lines: Piece, ends: Integers, spheres: Piece, force: Floats | None) -> Floats:
@@ -300,8 +295,3 @@ def _branches(lines: Piece, ends: Integers, spheres: Piece, force: Floats | None
     reach = np.abs(np.einsum("ck,ck->c", push, along))
     branch[wall] = push * np.minimum(reach, spheres.points_data["radius"][ends[wall, 1]])[:, None]
     return branch
-
-
-def _with_wall(grains: Columns) -> Columns:
-    grown = {name: np.append(v, WALL_ID if name == "id" else 0) for name, v in grains.items()}
-    return grown | {"type": np.append(np.zeros(len(grains["id"])), 1)}
