@@ -2,7 +2,7 @@
 
 Every contact is two half-edges, one each way. A half-edge is followed, at the grain where it
 ends, by the next one clockwise from its own way back; the cycles of this permutation are the
-faces, each on the left of its half-edges (theory note, section 8).
+faces, each on the left of its half-edges.
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ def euler_check(graph: GrainGraph, faces: Faces, *, compiled: bool | None = None
     """Check the faces by Euler's formula, component by component.
 
     `V - E + F = 2` in the plane, outer cycle included, and for a strip around a periodic cell,
-    whose two borders both count; 0 for a component that winds both ways (theory note, section 8).
+    whose two borders both count; 0 for a component that winds both ways.
     How a component winds is read from a spanning forest, not from its faces. Some crossings show
     here, others do not: see `find_crossings`.
 

@@ -151,7 +151,7 @@ def boundary_vectors(x: Floats) -> Floats:
 
     `B_i = R (x_{i+1} - x_{i-1})/2`, where R turns an edge into its outward normal. A uniform
     stress `P` (compression positive) loads corner i by `-P B_i`, and the displacement gradient of
-    the polygon is `(1/V0) sum u_i (x) B_i` (theory note, section 4).
+    the polygon is `(1/V0) sum u_i (x) B_i`.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from loops.geometry import boundary_vectors, polygon_area
 def loop_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
     """Displacement gradient of loops by the boundary formula, `H = -(1/V0) sum u_i (x) B_i`.
 
-    `B_i` are the boundary vectors of the reference polygon (theory note, section 4). The mean of
+    `B_i` are the boundary vectors of the reference polygon. The mean of
     the gradient over the polygon of a displacement that is linear along every side; exact for an
     affine motion `x = F x0 + c`, where `H = 1 - F`. A translation of either polygon adds nothing.
 

@@ -28,8 +28,8 @@ def require_one_state(graph: GrainGraph) -> None:
 def prune_dangling(graph: GrainGraph) -> tuple[Mask, Mask]:
     """Remove grains with fewer than two contacts, again and again until none is left.
 
-    What remains is the 2-core of the contact graph: the only part that loops can pass through
-    (theory note, section 8). A contact of a grain with its own periodic image counts twice.
+    What remains is the 2-core of the contact graph: the only part that loops can pass through.
+    A contact of a grain with its own periodic image counts twice.
 
     Parameters
     ----------

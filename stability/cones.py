@@ -45,7 +45,7 @@ class PlaneCone:
 def plane_cone(K: ArrayLike, rtol: float = RTOL) -> PlaneCone:
     """Instability cone of an operator in the plane.
 
-    W2 along (cos theta, sin theta) is q = m + R cos 2(theta - theta0) (theory note, section 6), so
+    W2 along (cos theta, sin theta) is q = m + R cos 2(theta - theta0) (44), so
     the cone lies about theta0 + pi/2 with opening 2 atan sqrt(-lambda_min/lambda_max). The smaller
     eigenvalue comes from det Ks/lambda_max with an error-free determinant: the opening keeps full
     relative accuracy as the cone closes, axis and edges are right to 1e-15, however different the

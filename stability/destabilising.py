@@ -5,7 +5,7 @@ Let x be isotropic, `x . K x = 0`, and hold the strain combination along `K x`. 
 is orthogonal to `K x`), and the stress rate `K x` that it calls up is all reaction: the tangent
 projected on the plane that is left has x in its kernel. Such an x exists if and only if Ks is not
 definite, so definiteness of Ks is stability under every linear control (Lerbet, Challamel, Nicot,
-Darve; theory note, section 6).
+Darve).
 
 In the orthonormal frame (y, n, Z) with n along the part of `K y` orthogonal to y, any direction y
 has the stress rate `W2(y) y + |r| n` and none along Z. Holding the strain along n and the stress

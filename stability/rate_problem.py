@@ -146,8 +146,7 @@ def solve_rate_problem(
     """Find the regimes that agree with the rates they cause.
 
     Where no contact has a choice one solve answers. Sticking agrees while the shear rate stays
-    within the cone, sliding while sticking would leave it, parting while the branch lengthens
-    (theory note, sections 2 and 6).
+    within the cone, sliding while sticking would leave it, parting while the branch lengthens.
 
     Of several solutions the first is the one in which contacts with as many options take the same
     regime (the symmetric one), then the one whose rates are closest in direction to `direction`

@@ -1,4 +1,4 @@
-"""The exact drained biaxial path of one diamond (theory note section 5).
+"""The exact drained biaxial path of one diamond (Nicot et al. 2016, Figs. 6 and 8).
 
 From the confined state A (isotropic strain, `T = 0`) `E1` grows under constant `s2`. The elastic
 part is a quadrature, the sliding part is algebraic, `N = f/(sin a - s mu cos a)` with

@@ -1,4 +1,4 @@
-"""The end of the elastic drained path for whole sweeps of diamonds (theory note section 5).
+"""The end of the elastic drained path for whole sweeps of diamonds.
 
 Arrays are rows (n,) of one path each; lengths over `l0`, forces over `kn l0`, radians,
 `f = F2/(2 kn l0)`. Balance (12) gives `N = (T cos a + f)/sin a`, and `T' = kappa l` becomes

@@ -213,8 +213,8 @@ def overlap_ratio(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> Floats:
 def opposite_gaps(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
     """Gaps between opposite grains over the reference branch, `(L_k - l0)/l0`.
 
-    The paper lets opposite grains overlap; a negative gap says where it does (theory note
-    section 9).
+    The paper lets opposite grains overlap; a negative gap says where it does
+    (docs/paper.md, departures).
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def opposite_gaps(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> tuple[Floa
 
 
 def opposite_contact_strain(alpha0: ArrayLike) -> Floats:
-    """Isotropic strain at which a pair of opposite grains first touches (theory note section 9)."""
+    """Isotropic strain at which a pair of opposite grains first touches (docs/paper.md)."""
     alpha0 = acute_angle("alpha0", alpha0)
     return 1.0 - 0.5 / np.minimum(np.sin(alpha0), np.cos(alpha0))
 

@@ -71,4 +71,4 @@ TABLE_2 = DiamondParameters(
     phi=float(np.radians(14.0)),
     confinement=float(isotropic_strain(0.35, np.radians(35.0))),
 )
-"""Table 2: 35 degrees, an isotropic strain path up to `s1 = 0.35` (theory note section 9)."""
+"""Table 2: 35 degrees, an isotropic strain path up to `s1 = 0.35`."""

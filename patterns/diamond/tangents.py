@@ -46,7 +46,7 @@ def sliding_moduli(alpha: ArrayLike, mu: ArrayLike, s: ArrayLike) -> tuple[Float
     """Moduli of sliding contacts, `Lambda1 = s mu / tan(alpha)`, `Lambda2 = -s mu tan(alpha)`.
 
     The paper's `zeta_n zeta_t` is read as `s = sign(T)`, which keeps `|T| = mu N` also when the
-    contact unloads (theory note section 9).
+    contact unloads (docs/paper.md, departures).
 
     Parameters
     ----------
@@ -344,7 +344,7 @@ def _current_stresses(
 def isotropic_stress(E: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
     """Stresses on the path, `s1 = E/tan(alpha0)` and `s2 = E tan(alpha0)` (39).
 
-    Equal only at 45 degrees: isotropic is the strain, not the stress (theory note section 9).
+    Equal only at 45 degrees: isotropic is the strain, not the stress (docs/paper.md, departures).
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class HardCase:
-    """A named hard case (theory note, section 10).
+    """A named hard case (docs/accuracy.md).
 
     `values` of `parameter` go from mild to extreme, often beyond what double precision can tell;
     `build` makes a scene of one, or raises `InputError` where none is to be had. What is expected

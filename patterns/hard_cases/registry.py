@@ -1,4 +1,4 @@
-"""The registry: every hard case of the theory note, section 10, by its name."""
+"""The registry: every hard case of docs/accuracy.md by its name."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def regular_polygon(
     """Regular equilateral loop of equal grains under isotropic compression.
 
     The reference is the barely touching loop, `l0 = 2 r`; the current state is scaled by
-    `1 - strain`, so that `N = kn l0 strain` and `T = 0` (theory note, section 7).
+    `1 - strain`, so that `N = kn l0 strain` and `T = 0`.
 
     Parameters
     ----------

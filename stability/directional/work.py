@@ -84,7 +84,7 @@ def directional_work(
     """Second-order work along directions, branch by branch.
 
     A contact at yield slides or sticks, a touching one parts, sticks or slides, as the direction
-    asks (theory note, section 6). Under the affine closure with spins blocked or affine each
+    asks. Under the affine closure with spins blocked or affine each
     contact decides by itself; a closure that relaxes makes it a complementarity problem, solved by
     trying all combinations of regimes.
 

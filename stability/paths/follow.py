@@ -46,7 +46,7 @@ def follow(
 ) -> Path:
     """Integrate the rate equations of a graph under loading programmes, with exact events.
 
-    Every contact is elastic, sliding or open (theory note, section 2). The normal force is that of
+    Every contact is elastic, sliding or open (8). The normal force is that of
     the geometry, the shear force of a sliding contact is `s mu N`; the rest is integrated by an
     explicit Runge-Kutta method of order 8 over the length of the path in the space of `H`,
     restarted at every event. Events are located on the dense output and corrected by integrating
@@ -204,7 +204,7 @@ def rates_at(
     """Rates of a graph under a programme, contacts at the edge of their law included.
 
     Contacts at yield stick or slide, touching ones part as well, as the motion decides: all
-    combinations are tried if there are few (theory note, sections 2 and 6).
+    combinations are tried if there are few.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ def tangent_50(scene: Scene, closure: str) -> Any:
 
 
 def compliance_tangent_50(x: Floats, x0: Floats, *contacts: Any) -> Any:
-    """Traction tangent of a ring by its one redundant force (theory note, section 4), 50 digits."""
+    """Traction tangent of a ring by its one redundant force, 50 digits."""
     import mpmath as mp
 
     with mp.workdps(DIGITS):

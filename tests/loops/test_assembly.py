@@ -120,7 +120,7 @@ def test_action_equals_reaction():
 
 @pytest.mark.parametrize("order", [3, 4, 5, 6, 7, 12, 31])
 def test_null_space_of_an_unloaded_sticking_loop(order):
-    """3 rigid motions and n - 3 rolling mechanisms; frictionless 2 n (theory note, section 3)."""
+    """3 rigid motions and n - 3 rolling mechanisms; frictionless 2 n."""
     graph = regular_polygon(order)
     for kt, nullity in ((0.4, order), (0.0, 2 * order)):
         tangent = assemble_tangent(graph, LinearFrictional(kn=1.0, kt=kt), spins=True)

@@ -152,7 +152,7 @@ def test_batch_equals_one_by_one(closure):
 
 
 def test_blocked_and_affine_spins_agree_in_the_symmetric_subspace():
-    """On the current configuration a symmetric H holds no rotation (theory note, section 6)."""
+    """On the current configuration a symmetric H holds no rotation."""
     graph = random_rings(np.random.default_rng(15), 20, 6)
     blocked = affine_tangent(graph, LAW, spins="blocked").matrix
     affine = affine_tangent(graph, LAW, spins="affine").matrix

@@ -132,7 +132,7 @@ def congruence(alpha0: ArrayLike) -> Floats:
 
     A congruence, not a similarity: determinants agree and so do the signs of the symmetric
     parts' eigenvalues; the eigenvalues themselves agree only at 45 degrees. The appendix claims
-    more (theory note section 9).
+    more (docs/paper.md, departures).
     """
     root = np.sqrt(np.tan(acute_angle("alpha0", alpha0)))
     zero = np.zeros_like(root)

@@ -1,4 +1,4 @@
-"""The drained biaxial path in many digits, from the quadrature formula of the theory note.
+"""The drained biaxial path in many digits, by a quadrature.
 
 `l(a) tan a sin^kappa a = l_A tan a_A sin^kappa a_A + Int sin^kappa b (sec^2 b - f sec b tan b) db`
 with `f = F2/(2 kn l0)`, then `T = (N sin a - f)/cos a`, `N = 1 - l`. Nothing of the package.

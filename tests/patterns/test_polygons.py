@@ -1,4 +1,4 @@
-"""The table of the theory note, section 7: where Ks first loses definiteness in (11, 22)."""
+"""The table of docs/larger-loops.md: where Ks first loses definiteness in (11, 22)."""
 
 import numpy as np
 import pytest

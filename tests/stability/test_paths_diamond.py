@@ -32,7 +32,7 @@ from stability import Stage, follow, programmes
 from tests.oracles.diamond_forces import contact_forces
 
 CLOSURES = ("affine", "traction")
-# Twenty digits, theory note, section 5: E1, E2, s1.
+# Twenty digits, by tests/oracles/diamond_mpmath.py: E1, E2, s1.
 POINT_B = {
     "table 1": (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),
     "table 2": (TABLE_2, 0.41619122318013548716, -0.072382919123994869769, 0.31215593602737202138),
@@ -210,7 +210,7 @@ def test_isotropic_stress_at_45_degrees_is_isotropic_strain():
 
 
 def test_isotropic_stress_from_the_first_touch_beyond_friction_has_no_path():
-    # T/N = -cot(2 alpha0) = -0.36 at 35 degrees, beyond tan 14 degrees (theory note, section 9.2).
+    # T/N = -cot(2 alpha0) = -0.36 at 35 degrees, beyond tan 14 degrees (docs/paper.md).
     path = follow_diamond(
         TABLE_2.alpha0, 0.24, TABLE_2.mu, Stage(programmes.isotropic_stress(), "P11", 0.1)
     )

@@ -144,7 +144,7 @@ def test_loops_across_the_border_are_judged_where_they_stand(elastic):
 
 
 def test_what_surrounds_the_loops(elastic, flagged):
-    """Shares of theory 11.3 on the sample; cut out, every loop of five and more is unstable."""
+    """Shares of the sample; cut out, every loop of five and more is unstable."""
     assert elastic.share() == pytest.approx([0.22, 0.13, 0.45, 0.43, 1.0], abs=0.04)
     assert elastic.unstable(elastic.whole.matrix) == 0
     assert elastic.unstable(elastic.whole.surroundings) < 0.003

@@ -1,0 +1,34 @@
+"""What docstrings cite is there: pages of the repository, equations of the paper."""
+
+import re
+
+import pytest
+
+from tests.docs.pages import DOCS
+
+ROOT = DOCS.parent
+SOURCES = [
+    path
+    for room in ("grainloops", "loops", "patterns", "stability", "studies", "tests")
+    for path in sorted((ROOT / room).rglob("*.py"))
+]
+
+
+def test_pages_that_docstrings_cite_are_there():
+    cited = {page for path in SOURCES for page in re.findall(r"docs/[\w-]+\.md", path.read_text())}
+    assert "docs/paper.md" in cited
+    assert [page for page in sorted(cited) if not (ROOT / page).is_file()] == []
+
+
+def test_nothing_cites_a_note_that_is_not_here():
+    word = "theory" + " note"
+    assert [path.name for path in SOURCES if word in path.read_text().lower()] == []
+
+
+@pytest.mark.parametrize(
+    "page", sorted([*DOCS.glob("*.md"), *ROOT.glob("*.md")]), ids=lambda p: p.name
+)
+def test_links_between_pages_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text()):
+        if not target.startswith("http"):
+            assert (page.parent / target).exists(), target
