@@ -40,7 +40,7 @@ def subspace_basis(subspace: str) -> Floats:
 
     `diagonal` holds (11, 22), the plane of Nicot et al. 2016. `symmetric` holds (11, 22,
     (12 + 21)/sqrt 2): no rotation, the right one for loops inside a packing. `full` holds all four;
-    under compressive dead stress it contains an unstable rotation once the spins turn with the loop.
+    under compressive dead stress it contains an unstable rotation once spins turn with the loop.
 
     Parameters
     ----------
