@@ -47,8 +47,8 @@ def follow(
     """Integrate the rate equations of a graph under loading programmes, with exact events.
 
     Every contact is elastic, sliding or open (Nicot et al. 2016, equation (8)). The normal force is
-    that of the geometry, the shear force of a sliding contact is `s mu N`; the rest is integrated by an
-    explicit Runge-Kutta method of order 8 over the length of the path in the space of `H`,
+    that of the geometry, the shear force of a sliding contact is `s mu N`; the rest is integrated
+    by an explicit Runge-Kutta method of order 8 over the length of the path in the space of `H`,
     restarted at every event. Events are located on the dense output and corrected by integrating
     to them again. Where contacts are at the edge of their law, a rate problem decides
     (`stability.rate_problem`).
