@@ -57,24 +57,7 @@ class DrainedPath:
 
 
 def drained_path(parameters: DiamondParameters) -> DrainedPath:
-    """Follow a diamond's drained biaxial path to the end of its elastic part.
-
-    Parameters
-    ----------
-    parameters : DiamondParameters
-        Shape, contact law and confinement.
-
-    Returns
-    -------
-    DrainedPath
-
-    Examples
-    --------
-    >>> from patterns.diamond import TABLE_2
-    >>> path = drained_path(TABLE_2)
-    >>> path.status, round(float(path.end.E1), 12), round(float(path.end.E2), 12)
-    ('yield', 0.41619122318, -0.072382919124)
-    """
+    """Follow a diamond's drained biaxial path to the end of its elastic part."""
     p, zero = parameters, np.zeros(())
     end = drained_end(p.alpha0, p.kappa, p.phi, p.confinement)
     status, direction = str(end.status), int(end.direction)
@@ -91,34 +74,9 @@ def drained_path(parameters: DiamondParameters) -> DrainedPath:
 
 
 def drained_states(path: DrainedPath, alpha: ArrayLike) -> tuple[DrainedState, NDArray[np.str_]]:
-    """States of the path where the branch stands at `alpha`.
+    """States of the path where the branch stands at `alpha`, and 'elastic', 'sliding' or 'open'.
 
-    Parameters
-    ----------
-    path : DrainedPath
-        From `drained_path`.
-    alpha : array_like (...)
-        Branch angles from `alpha0` on in the path's direction, radians.
-
-    Returns
-    -------
-    state : DrainedState
-        Arrays (...). At B itself the state is still elastic.
-    regime : ndarray (...) of str
-        'elastic', 'sliding' or 'open'.
-
-    Raises
-    ------
-    InputError
-        If an angle lies against the path's direction, beyond a limit of strain control, at or
-        beyond 90 degrees, or where the grains' centres have met.
-
-    Examples
-    --------
-    >>> from patterns.diamond import TABLE_1
-    >>> state, regime = drained_states(drained_path(TABLE_1), np.radians([45.0, 48.0, 60.0]))
-    >>> regime.tolist(), state.s1.round(6).tolist()
-    (['elastic', 'elastic', 'sliding'], [0.3, 0.284151, 0.210062])
+    Angles from `alpha0` on in the path's direction; at B itself the state is still elastic.
     """
     return drained_states_after_turn(path, finite("alpha", alpha) - path.parameters.alpha0)
 
@@ -126,37 +84,10 @@ def drained_states(path: DrainedPath, alpha: ArrayLike) -> tuple[DrainedState, N
 def drained_states_after_turn(
     path: DrainedPath, turn: ArrayLike
 ) -> tuple[DrainedState, NDArray[np.str_]]:
-    """States of the path after the branch has turned by `turn = alpha - alpha0`.
+    """States of the path after the branch has turned by `turn = alpha - alpha0`, and regimes.
 
-    As `drained_states`, but exact to relative rounding errors also where stiff grains yield
-    after a turn of 1e-9.
-
-    Parameters
-    ----------
-    path : DrainedPath
-        From `drained_path`.
-    turn : array_like (...)
-        Turns from A in the path's direction, radians.
-
-    Returns
-    -------
-    state : DrainedState
-        Arrays (...).
-    regime : ndarray (...) of str
-        'elastic', 'sliding' or 'open'.
-
-    Raises
-    ------
-    InputError
-        As `drained_states`.
-
-    Examples
-    --------
-    >>> stiff = DiamondParameters(alpha0=0.7, kappa=0.5, phi=0.4, confinement=1e-12)
-    >>> path = drained_path(stiff)
-    >>> state, _ = drained_states_after_turn(path, path.end.turn)
-    >>> round(float(state.T / state.N) / stiff.mu, 12)
-    1.0
+    As `drained_states`, but exact to relative rounding errors also where stiff grains yield after a
+    turn of 1e-9.
     """
     p, turn = path.parameters, _on_path(path, turn)
     T, regime = _shear_and_regime(path, turn.reshape(-1))
@@ -175,30 +106,6 @@ def printed_states_after_turn(path: DrainedPath, turn: ArrayLike) -> DrainedStat
     Beyond B the printed rule adds `-mu N'` to `T` where alpha grows and N falls: with
     `T = T_B - mu (N - N_B)` balance (12b) gives `N (sin a + mu cos a) = f + (T_B + mu N_B) cos a`,
     and `|T|` leaves Coulomb's cone. Where alpha falls N grows, and the rule is Coulomb's.
-
-    Parameters
-    ----------
-    path : DrainedPath
-        Path that yields, from `drained_path`.
-    turn : array_like (...)
-        Turns of the branch since A, radians.
-
-    Returns
-    -------
-    DrainedState
-
-    Raises
-    ------
-    InputError
-        If a turn is not on the path.
-
-    Examples
-    --------
-    >>> from patterns.diamond import TABLE_1
-    >>> path = drained_path(TABLE_1)
-    >>> state = printed_states_after_turn(path, path.end.turn + np.array([0.0, 0.2]))
-    >>> (state.T / state.N / TABLE_1.mu).round(3).tolist()
-    [1.0, 1.272]
     """
     exact, regime = drained_states_after_turn(path, turn)
     if path.direction < 0:

@@ -74,32 +74,8 @@ def drained_end(
     """End of the elastic drained path, `E1' > 0` and `s2' = 0` from the confined state A.
 
     Exact up to rounding: quadrature of the closed form, Newton's method on the branch angle.
-
-    Parameters
-    ----------
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-    kappa : array_like (...)
-        Stiffness ratio `kt/kn` in [0, 1000]. The cost grows with it
-        beyond 3, where the limit of strain control is looked for.
-    phi : array_like (...)
-        Contact friction angle in [0, pi/2], radians; pi/2 means that nothing slides.
-    confinement : array_like (...)
-        Isotropic strain at A in [0, 1).
-
-    Returns
-    -------
-    DrainedEnd
-        Arrays of the broadcast shape.
-
-    Raises
-    ------
-    InputError
-        If a parameter leaves its range.
-
-    Examples
-    --------
-    Point B of Table 1:
+    Arguments broadcast; `phi = pi/2` means that nothing slides. The cost grows with `kappa` beyond
+    3, where the limit of strain control is looked for.
 
     >>> end = drained_end(np.pi / 4, 0.2, np.radians(5.0), 0.3)
     >>> str(end.status), round(float(end.state.E1), 12), round(float(end.state.s1), 12)

@@ -109,25 +109,9 @@ def _closed_overlap(E1: Floats, E2: Floats, alpha0: Floats) -> Floats:
 
 
 def external_forces(N: ArrayLike, T: ArrayLike, alpha: ArrayLike) -> tuple[Floats, Floats]:
-    """External forces that balance the contacts, compression positive (12).
+    """External forces `F1, F2` that balance the contacts, compression positive (12).
 
-    Parameters
-    ----------
-    N, T : array_like (...)
-        Normal (compression positive) and tangential force (positive when alpha grows) of a contact.
-    alpha : array_like (...)
-        Branch angle, radians.
-
-    Returns
-    -------
-    F1, F2 : ndarray (...)
-        `2 (N cos(alpha) + T sin(alpha))` and `2 (N sin(alpha) - T cos(alpha))`.
-
-    Examples
-    --------
-    >>> F1, F2 = external_forces(1.0, 0.5, 0.0)
-    >>> float(F1), float(F2)
-    (2.0, -1.0)
+    `2 (N cos(alpha) + T sin(alpha))` and `2 (N sin(alpha) - T cos(alpha))`.
     """
     N, T, alpha = finite("N", N), finite("T", T), finite("alpha", alpha)
     c, s = np.cos(alpha), np.sin(alpha)
@@ -146,30 +130,7 @@ def contact_displacement_rates(
 
 
 def angle_from_strains(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> Floats:
-    """Branch angle, `tan(alpha) = tan(alpha0) (1 - E2)/(1 - E1)` (below (26)).
-
-    Parameters
-    ----------
-    E1, E2 : array_like (...)
-        Strains below 1, compression positive.
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-
-    Returns
-    -------
-    alpha : ndarray (...)
-        Radians.
-
-    Raises
-    ------
-    InputError
-        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
-
-    Examples
-    --------
-    >>> round(float(np.degrees(angle_from_strains(0.5, 0.0, np.arctan(0.5)))), 10)
-    45.0
-    """
+    """Branch angle, `tan(alpha) = tan(alpha0) (1 - E2)/(1 - E1)` (below (26))."""
     E1, E2 = strain("E1", E1), strain("E2", E2)
     alpha0 = acute_angle("alpha0", alpha0)
     return np.arctan2((1.0 - E2) * np.sin(alpha0), (1.0 - E1) * np.cos(alpha0))
@@ -178,30 +139,8 @@ def angle_from_strains(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> Float
 def overlap_ratio(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> Floats:
     """Overlap of a contact over the reference branch, `1 - l/l0`; also `N/(kn l0)` by (8a).
 
-    Written from `l0^2 - l^2`, so that it keeps its relative accuracy at stiff grains, where
-    `l` and `l0` agree to many digits.
-
-    Parameters
-    ----------
-    E1, E2 : array_like (...)
-        Strains below 1, compression positive.
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-
-    Returns
-    -------
-    overlap : ndarray (...)
-        Positive in compression, negative where the contact has opened.
-
-    Raises
-    ------
-    InputError
-        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
-
-    Examples
-    --------
-    >>> round(float(overlap_ratio(0.3, 0.3, 0.6)), 12)
-    0.3
+    Written from `l0^2 - l^2`, so that it keeps its relative accuracy at stiff grains, where `l` and
+    `l0` agree to many digits. Negative where the contact has opened.
     """
     E1, E2 = strain("E1", E1), strain("E2", E2)
     alpha0 = acute_angle("alpha0", alpha0)
@@ -211,33 +150,9 @@ def overlap_ratio(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> Floats:
 
 
 def opposite_gaps(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
-    """Gaps between opposite grains over the reference branch, `(L_k - l0)/l0`.
+    """Gaps between opposite grains along axes 1 and 2 over the reference branch, `(L_k - l0)/l0`.
 
-    The paper lets opposite grains overlap; a negative gap says where it does
-    (docs/paper.md, departures).
-
-    Parameters
-    ----------
-    E1, E2 : array_like (...)
-        Strains below 1, compression positive.
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-
-    Returns
-    -------
-    gap1, gap2 : ndarray (...)
-        Along axis 1 (right and left grains) and along axis 2 (top and bottom grains).
-
-    Raises
-    ------
-    InputError
-        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
-
-    Examples
-    --------
-    >>> gap1, gap2 = opposite_gaps(0.0, 0.0, np.pi / 6)
-    >>> round(float(gap1), 12), round(float(gap2), 12)
-    (0.732050807569, -0.0)
+    The paper lets them overlap; a negative gap says where they do (docs/paper.md, departures).
     """
     E1, E2 = strain("E1", E1), strain("E2", E2)
     alpha0 = acute_angle("alpha0", alpha0)

@@ -17,27 +17,7 @@ from patterns.diamond.geometry import angle_from_strains
 
 
 def elastic_moduli(kappa: ArrayLike) -> tuple[Floats, Floats]:
-    """Moduli of elastic contacts, `Lambda1 = Lambda2 = kappa`.
-
-    Parameters
-    ----------
-    kappa : array_like (...)
-        Stiffness ratio `kt/kn`, zero or more.
-
-    Returns
-    -------
-    lambda1, lambda2 : ndarray (...)
-
-    Raises
-    ------
-    InputError
-        If `kappa` is negative or not finite.
-
-    Examples
-    --------
-    >>> [float(x) for x in elastic_moduli(0.2)]
-    [0.2, 0.2]
-    """
+    """Moduli of elastic contacts, `Lambda1 = Lambda2 = kappa`."""
     kappa = nonnegative("kappa", kappa)
     return kappa, kappa
 
@@ -47,29 +27,6 @@ def sliding_moduli(alpha: ArrayLike, mu: ArrayLike, s: ArrayLike) -> tuple[Float
 
     The paper's `zeta_n zeta_t` is read as `s = sign(T)`, which keeps `|T| = mu N` also when the
     contact unloads (docs/paper.md, departures).
-
-    Parameters
-    ----------
-    alpha : array_like (...)
-        Branch angle in (0, pi/2), radians.
-    mu : array_like (...)
-        Friction coefficient `tan(phi_g)`, zero or more.
-    s : array_like (...)
-        Sign of T, +1 or -1.
-
-    Returns
-    -------
-    lambda1, lambda2 : ndarray (...)
-
-    Raises
-    ------
-    InputError
-        If `alpha` leaves (0, pi/2), `mu` is negative, or `s` is not a sign.
-
-    Examples
-    --------
-    >>> [round(float(x), 12) for x in sliding_moduli(np.pi / 4, 0.1, 1)]
-    [0.1, -0.1]
     """
     t = np.tan(acute_angle("alpha", alpha))
     friction = sliding_sign("s", s) * nonnegative("mu", mu)
@@ -79,31 +36,9 @@ def sliding_moduli(alpha: ArrayLike, mu: ArrayLike, s: ArrayLike) -> tuple[Float
 def material_tangent(
     E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike, lambda1: ArrayLike, lambda2: ArrayLike
 ) -> Floats:
-    """Material part `Kmat`, from the contact law alone (27).
+    """Material part `Kmat` (..., 2, 2), from the contact law alone (27).
 
-    Parameters
-    ----------
-    E1, E2 : array_like (...)
-        Strains below 1.
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-    lambda1, lambda2 : array_like (...)
-        Moduli from `elastic_moduli` or `sliding_moduli`.
-
-    Returns
-    -------
-    K : ndarray (..., 2, 2)
-        `Kmat12 - Kmat21` is 0 when elastic and `s mu` when sliding (29).
-
-    Raises
-    ------
-    InputError
-        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
-
-    Examples
-    --------
-    >>> material_tangent(0.0, 0.0, np.pi / 4, 0.2, 0.2).round(12).tolist()
-    [[0.6, 0.4], [0.4, 0.6]]
+    `Kmat12 - Kmat21` is 0 when elastic and `s mu` when sliding (29).
     """
     alpha = angle_from_strains(E1, E2, alpha0)
     lambda1, lambda2 = finite("lambda1", lambda1), finite("lambda2", lambda2)
@@ -119,31 +54,9 @@ def material_tangent(
 def geometric_tangent(
     E1: ArrayLike, E2: ArrayLike, s1: ArrayLike, s2: ArrayLike, alpha0: ArrayLike
 ) -> Floats:
-    """Geometric part `Kgeo`, from the stresses carried while the branches turn (28).
+    """Geometric part `Kgeo` (..., 2, 2), from the stresses carried while the branches turn (28).
 
-    Parameters
-    ----------
-    E1, E2 : array_like (...)
-        Strains below 1.
-    s1, s2 : array_like (...)
-        Dimensionless stresses, compression positive.
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-
-    Returns
-    -------
-    K : ndarray (..., 2, 2)
-        Symmetric if and only if `T = 0` (30), (31): `Kgeo12 - Kgeo21 = -T/(kn l)`.
-
-    Raises
-    ------
-    InputError
-        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
-
-    Examples
-    --------
-    >>> geometric_tangent(0.5, 0.5, 0.2, 0.1, np.pi / 4).round(12).tolist()
-    [[-0.1, 0.1], [0.2, -0.2]]
+    Symmetric if and only if `T = 0` (30), (31): `Kgeo12 - Kgeo21 = -T/(kn l)`.
     """
     alpha = angle_from_strains(E1, E2, alpha0)
     t0, c, s = np.tan(np.asarray(alpha0)), np.cos(alpha), np.sin(alpha)
@@ -161,36 +74,9 @@ def tangent(
     lambda1: ArrayLike,
     lambda2: ArrayLike,
 ) -> Floats:
-    """Dimensionless tangent `K = Kmat + Kgeo` of `s' = K E'` (25), (26).
+    """Dimensionless tangent `K = Kmat + Kgeo` (..., 2, 2) of `s' = K E'` (25), (26).
 
-    Parameters
-    ----------
-    E1, E2 : array_like (...)
-        Strains below 1, compression positive.
-    s1, s2 : array_like (...)
-        Dimensionless stresses `S/kn`, compression positive.
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-    lambda1, lambda2 : array_like (...)
-        Moduli from `elastic_moduli` or `sliding_moduli`.
-
-    Returns
-    -------
-    K : ndarray (..., 2, 2)
-        `K = K^/kn`; the printed `K = kn K^` before (26) is a misprint.
-
-    Raises
-    ------
-    InputError
-        If a strain reaches 1 or `alpha0` leaves (0, pi/2).
-
-    Examples
-    --------
-    At the end of the confinement of Table 1 the determinant is `0.2 - 0.3/0.7`:
-
-    >>> K = tangent(0.3, 0.3, 0.3, 0.3, np.pi / 4, 0.2, 0.2)
-    >>> round(float(np.linalg.det(K)), 12), round(0.2 - 0.3 / 0.7, 12)
-    (-0.228571428571, -0.228571428571)
+    `K = K^/kn`; the printed `K = kn K^` before (26) is a misprint.
     """
     return material_tangent(E1, E2, alpha0, lambda1, lambda2) + geometric_tangent(
         E1, E2, s1, s2, alpha0
@@ -227,30 +113,7 @@ def determinant_elastic(
     alpha: ArrayLike,
     kappa: ArrayLike,
 ) -> Floats:
-    """`det K = kappa - N/(kn l)` of elastic contacts (35).
-
-    Parameters
-    ----------
-    E1, E2, s1, s2, alpha : array_like (...)
-        As in `determinant`.
-    kappa : array_like (...)
-        Stiffness ratio `kt/kn`, zero or more.
-
-    Returns
-    -------
-    det_K : ndarray (...)
-        Vanishes where the geometric softening equals `kappa` (37).
-
-    Raises
-    ------
-    InputError
-        If a strain reaches 1, `alpha` leaves (0, pi/2) or `kappa` is negative.
-
-    Examples
-    --------
-    >>> round(float(determinant_elastic(0.3, 0.3, 0.3, 0.3, np.pi / 4, 0.2)), 12)
-    -0.228571428571
-    """
+    """`det K = kappa - N/(kn l)` of elastic contacts (35), zero where (37) holds."""
     return nonnegative("kappa", kappa) - geometric_softening(E1, E2, s1, s2, alpha)
 
 
@@ -266,29 +129,6 @@ def determinant_sliding(
     """`det K` of sliding contacts (36), `s = sign(T)` in place of `zeta_n zeta_t`.
 
     Where `T = s mu N` it equals `-(1 + mu^2) N/(kn l)`: never positive.
-
-    Parameters
-    ----------
-    E1, E2, s1, s2, alpha : array_like (...)
-        As in `determinant`.
-    mu : array_like (...)
-        Friction coefficient, zero or more.
-    s : array_like (...)
-        Sign of T, +1 or -1.
-
-    Returns
-    -------
-    det_K : ndarray (...)
-
-    Raises
-    ------
-    InputError
-        If a strain reaches 1, `alpha` leaves (0, pi/2), `mu` is negative or `s` is not a sign.
-
-    Examples
-    --------
-    >>> round(float(determinant_sliding(0.3, 0.3, 0.3, 0.3, np.pi / 4, 0.1, 1)), 12)
-    -0.428571428571
     """
     turning = geometric_asymmetry(E1, E2, s1, s2, alpha)
     return material_asymmetry(mu, s) * turning - geometric_softening(E1, E2, s1, s2, alpha)
@@ -345,60 +185,13 @@ def isotropic_stress(E: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
     """Stresses on the path, `s1 = E/tan(alpha0)` and `s2 = E tan(alpha0)` (39).
 
     Equal only at 45 degrees: isotropic is the strain, not the stress (docs/paper.md, departures).
-
-    Parameters
-    ----------
-    E : array_like (...)
-        Isotropic strain below 1, compression positive.
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-
-    Returns
-    -------
-    s1, s2 : ndarray (...)
-        Dimensionless, compression positive.
-
-    Raises
-    ------
-    InputError
-        If `E` reaches 1 or `alpha0` leaves (0, pi/2).
-
-    Examples
-    --------
-    >>> s1, s2 = isotropic_stress(0.2, np.arctan(0.5))
-    >>> round(float(s1), 12), round(float(s2), 12)
-    (0.4, 0.1)
     """
     E, t0 = strain("E", E), np.tan(acute_angle("alpha0", alpha0))
     return E / t0, E * t0
 
 
 def isotropic_strain(s1: ArrayLike, alpha0: ArrayLike) -> Floats:
-    """Strain that carries the axial stress `s1` on the path: the inverse of (39a).
-
-    Parameters
-    ----------
-    s1 : array_like (...)
-        Dimensionless axial stress, compression positive.
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-
-    Returns
-    -------
-    E : ndarray (...)
-
-    Raises
-    ------
-    InputError
-        If `alpha0` leaves (0, pi/2), or no strain below 1 carries `s1`.
-
-    Examples
-    --------
-    Table 2 of the paper:
-
-    >>> round(float(isotropic_strain(0.35, np.radians(35.0))), 5)
-    0.24507
-    """
+    """Strain that carries the axial stress `s1` on the path: the inverse of (39a)."""
     t0 = np.tan(acute_angle("alpha0", alpha0))
     return strain("isotropic strain under s1", finite("s1", s1) * t0)
 
@@ -406,31 +199,7 @@ def isotropic_strain(s1: ArrayLike, alpha0: ArrayLike) -> Floats:
 def isotropic_tangent(E: ArrayLike, alpha0: ArrayLike, kappa: ArrayLike) -> Floats:
     """Elastic tangent on the path (38), (40); at 45 degrees (43), at the critical strain (42).
 
-    Parameters
-    ----------
-    E : array_like (...)
-        Isotropic strain below 1.
-    alpha0 : array_like (...)
-        Reference angle in (0, pi/2), radians.
-    kappa : array_like (...)
-        Stiffness ratio `kt/kn`, zero or more.
-
-    Returns
-    -------
-    K : ndarray (..., 2, 2)
-        Symmetric. At 45 degrees its eigenvalues are 1 and `kappa - E/(1-E)`.
-
-    Raises
-    ------
-    InputError
-        If `E` reaches 1, `alpha0` leaves (0, pi/2) or `kappa` is negative.
-
-    Examples
-    --------
-    At the critical strain and 45 degrees K is half the all-ones matrix:
-
-    >>> isotropic_tangent(critical_strain(0.2), np.pi / 4, 0.2).round(12).tolist()
-    [[0.5, 0.5], [0.5, 0.5]]
+    At 45 degrees its eigenvalues are 1 and `kappa - E/(1-E)`.
     """
     alpha0 = acute_angle("alpha0", alpha0)
     excess = isotropic_determinant(E, kappa)
@@ -446,27 +215,7 @@ def isotropic_determinant(E: ArrayLike, kappa: ArrayLike) -> Floats:
 
 
 def critical_strain(kappa: ArrayLike) -> Floats:
-    """Isotropic strain `E* = kappa/(1 + kappa)` at which `det K` vanishes (41).
-
-    Parameters
-    ----------
-    kappa : array_like (...)
-        Stiffness ratio `kt/kn`, zero or more.
-
-    Returns
-    -------
-    E : ndarray (...)
-
-    Raises
-    ------
-    InputError
-        If `kappa` is negative.
-
-    Examples
-    --------
-    >>> float(critical_strain(1.0))
-    0.5
-    """
+    """Isotropic strain `E* = kappa/(1 + kappa)` at which `det K` vanishes (41)."""
     kappa = nonnegative("kappa", kappa)
     return kappa / (1.0 + kappa)
 
