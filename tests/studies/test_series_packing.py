@@ -14,13 +14,14 @@ from loops.loop_strain import rotation_and_stretch
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import loop_rates, packing_response
 from studies.series import packing as series_packing
+from studies.series.figures import MappedInterval
 from studies.series.increments import TrackedState, increments, track_loops
 from studies.series.packing import FORETOLD, foretold
 from studies.series.plan import cells_by_number
-from studies.series.skill_figures import skill_by_interval, skill_by_predictor
+from studies.series.skill_figures import nonaffinity_map, skill_by_interval, skill_by_predictor
 from studies.snapshot.in_packing import add_in_packing
 from tests.packings import LAW, packing
-from tests.studies.test_series_run import contents, run, write_series
+from tests.studies.test_series_run import contents, run, times, write_series
 
 CELLS = sample_path("slow/cells.csv")
 PATHS = tuple(sorted(CELLS.parent.glob("grains_*.parquet")))
@@ -255,16 +256,21 @@ def test_a_packing_that_floats_is_refused():
     assert np.isnan(columns["packing_W2"]).all() and len(columns["fate"]) == len(columns["loop"])
 
 
-def test_processes_and_restarts_give_the_same_bytes(result, tmp_path):
-    out = tmp_path / "out"
-    foretell(out, workers=2)
-    assert contents(out) == contents(result)
-    (out / "packing" / "part-00001-00002.parquet").unlink()
-    (out / "increments" / "part-00000-00001.parquet").unlink()
-    kept = (out / "increments" / "part-00002-00003.parquet").stat().st_mtime_ns
-    foretell(out)
-    assert contents(out) == contents(result)
-    assert (out / "increments" / "part-00002-00003.parquet").stat().st_mtime_ns == kept
+def test_processes_and_restarts_give_the_same_bytes(tmp_path):
+    """Either of the two parts of an interval that is lost is made again, and the rest is kept."""
+    alone, out = tmp_path / "alone", tmp_path / "out"
+    foretell(alone, PATHS[:2])
+    foretell(out, PATHS[:2], workers=2)
+    assert contents(out) == contents(alone)
+    before = times(alone)
+    for dataset in ("packing", "increments"):
+        (out / dataset / "part-00000-00001.parquet").unlink()
+        kept = (out / "loops" / "part-00000.parquet").stat().st_mtime_ns
+        foretell(out, PATHS[:2])
+        assert contents(out) == contents(alone)
+        assert (out / "loops" / "part-00000.parquet").stat().st_mtime_ns == kept
+    foretell(alone, PATHS[:2])
+    assert times(alone) == before
 
 
 def test_another_yield_band_is_another_series(tmp_path):
@@ -317,15 +323,17 @@ def test_where_nothing_moves_there_is_nothing_to_foresee(tmp_path):
             source = PATHS[0].with_name(f"{what}_10.parquet")
             (tmp_path / f"{what}_{k}.parquet").write_bytes(source.read_bytes())
     how = {"cells": None, "cell": cells_by_number(CELLS)[10]}
-    foretell(tmp_path / "out", sorted(tmp_path.glob("grains_*")), **how, figures=True)
+    foretell(tmp_path / "out", sorted(tmp_path.glob("grains_*")), **how)
     table = pd.read_parquet(tmp_path / "out" / "skill.parquet")
     assert (table[table.target == "W2_negative"].loops == 0).all()
     assert table.auc.isna().all()
     assert (table[table.target == "topology"].base == 0).all()
+    for draw in (skill_by_predictor, skill_by_interval):
+        assert len(draw(table.to_dict("list")).axes) == 4
 
 
+@pytest.mark.slow
 def test_figures_stand_on_the_page(result, tmp_path):
-    """The map shows a solved interval; every dot is an interval that has a score."""
     out = tmp_path / "out"
     shutil.copytree(result, out)
     summary = foretell(out, figures=True)
@@ -333,15 +341,27 @@ def test_figures_stand_on_the_page(result, tmp_path):
     for name in ("skill_by_predictor", "skill_by_interval", "nonaffinity_map"):
         assert {f"{name}.png", f"{name}.svg"} <= set(summary["files"])
     assert page.count("Map of the non-affinity") == 2 and "packing_opening" in page
-    table = pd.read_parquet(out / "skill.parquet")
-    own = table[(table.target == "nonaffine") & (table.predictor == "packing")]
-    dots, mean = skill_by_predictor(table.to_dict("list")).axes[1].lines[:2]
+
+
+def test_every_dot_is_an_interval_with_a_score(result):
+    skill = pd.read_parquet(result / "skill.parquet")
+    table = skill.to_dict("list")
+    own = skill[(skill.target == "nonaffine") & (skill.predictor == "packing")]
+    dots, mean = skill_by_predictor(table).axes[1].lines[:2]
     np.testing.assert_array_equal(dots.get_xdata(), own.auc)
     assert mean.get_xdata()[0] == pytest.approx(own.auc.mean())
-    lines = {line.get_label(): line for line in skill_by_interval(own_rows(table)).axes[0].lines}
+    lines = {line.get_label(): line for line in skill_by_interval(table).axes[0].lines}
     assert lines["persistence"].get_xdata().tolist() == [1, 2, 3]
     assert np.isnan(lines["persistence"].get_ydata()).tolist() == [True, False, False]
 
 
-def own_rows(table):
-    return table[table.target.isin(["W2_negative", "topology"])].to_dict("list")
+def test_the_map_shows_what_is_foretold_beside_what_came(result):
+    """In the order that the drawer has, values of all loops, and none for those that are lost."""
+    before, after = (TrackedState(one, find_faces(one.graph)) for one in (read(0), read(1)))
+    fates = track_loops(before, after)
+    every, own = by_interval(result, "packing", 0), by_interval(result, "increments", 0)
+    mapped = MappedInterval(before, fates, dict(own.items()), dict(every.items()))
+    drawn = [ax.collections[0].get_array() for ax in nonaffinity_map(mapped).axes[:2]]
+    sums = every.packing_nonaffinity.sum(), own.nonaffinity.sum()
+    assert [np.ma.masked_invalid(one).sum() for one in drawn] == pytest.approx(sums)
+    assert [np.ma.masked_invalid(one).count() for one in drawn] == [len(every), len(own)]
