@@ -106,5 +106,6 @@ PACKING = {
     "surroundings_positive": "share of the loops whose surroundings A_env = A_in - A_loop resist "
     "every strain: smallest eigenvalue in the symmetric subspace above zero",
     "surroundings_share": "spread of the surroundings' share of the trace of A_in, symmetric "
-    "subspace: 1 - tr A_loop / tr A_in, A_loop with free spins",
+    "subspace: 1 - tr A_loop / tr A_in, A_loop with free spins; loops whose A_loop is undetermined "
+    "are left out",
 }

@@ -112,7 +112,8 @@ _PLACE = (
     "Left: smallest eigenvalue of each loop cut out of its packing and in it, over the mean normal "
     "stiffness: those left of zero and above it are held by their surroundings. "
     "Right: share of the surroundings in the trace of the operator in place, a box from the lower "
-    "to the upper quartile of an order, whiskers to 5 and 95 %. In the packing: {}."
+    "to the upper quartile of an order, whiskers to 5 and 95 %. Loops whose tangent cut out is "
+    "undetermined are left out. In the packing: {}."
 )
 _ROSE = (
     "Soft directions and long axes of the unstable loops; a thick line shows the mean axis, as "

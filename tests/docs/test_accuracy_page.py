@@ -9,10 +9,12 @@ from patterns.hard_cases import HARD_CASES
 from studies.bench.groups import GROUPS
 from studies.bench.hard_paths import path_rows
 from studies.bench.hard_tangents import tangent_rows
+from studies.scaling.in_place import METHODS, measured
 from tests.docs.pages import DOCS, of_size, page, section, tables
 
 TEXT = page("accuracy")
 HARD = section(TEXT, "## The hard cases")
+IN_PLACE = "## Loops in place"
 
 
 def quoted_rows():
@@ -144,6 +146,34 @@ def test_even_loops_with_free_spins_that_are_not_trusted(overlap, shares):
 
 
 def test_figures_exist():
-    for name in ("pareto", "batches", "stiff"):
+    for name in ("pareto", "batches", "stiff", "in-place"):
         assert f"figures/accuracy-{name}.png" in TEXT
         assert (DOCS / "figures" / f"accuracy-{name}.png").exists()
+
+
+def loops_in_place(names, times):
+    quoted = {(row["grains"], row["method"]): row for row in tables(section(TEXT, IN_PLACE))[0]}
+    exact = measured("whole", times, False)[1]
+    for name in names:
+        row, matrix, stated = measured(name, times, False)
+        said = quoted[f"{row['grains']:,}", name]
+        error = np.linalg.norm(matrix - exact, axis=(1, 2)) / np.linalg.norm(exact, axis=(1, 2))
+        found = (*np.quantile(error, [0.5, 0.9, 1.0]), np.median(stated), np.mean(error <= stated))
+        for title, value in zip(
+            ("median", "90 %", "largest", "stated", "within"), found, strict=True
+        ):
+            # Two digits; the regularisation of 1e-9 moves the softest loops by less.
+            assert float(said[title]) == pytest.approx(100 * value, rel=0.06, abs=0.1), (
+                name,
+                title,
+            )
+
+
+def test_loops_in_place():
+    loops_in_place(("blocks 25, buffer 4", "blocks 6, buffer 8", "extrapolated, R 4"), 1)
+
+
+@pytest.mark.slow
+def test_loops_in_place_by_every_method():
+    loops_in_place([name for name in METHODS if name != "whole"], 1)
+    loops_in_place([name for name, (_, most) in METHODS.items() if most > 8_000], 2)

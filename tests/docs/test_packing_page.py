@@ -2,19 +2,36 @@
 
 import json
 import os
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from loops.packing import loops_in_place, outline_grains
+from loops.packing.in_place import (
+    BLOCK,
+    BUFFER,
+    DECAY,
+    ERROR,
+    LEAST_RADIUS,
+    SHRINK,
+    SLIDING,
+    WHOLE,
+)
+from patterns import read_snapshot, sample_path
 from studies.examples import packing_skill
 from studies.series import run_series
 from studies.series.skill import ORDERS
+from studies.snapshot.in_packing import sample_boundary
 from tests.docs.pages import page, says, section, tables
+from tests.loops.packing.test_in_place_of_a_sample import State, smallest
 
 DEM = Path(os.environ.get("GRAINLOOPS_DEM", "/none"))
 LOOPS = section(page("packing"), "## What does each loop do?")
 FORESIGHT, BY_ORDER, SOLVED = tables(LOOPS)
 WORTH = tables(section(page("series"), "## What the predictions are worth"))
+PLACE = section(page("packing"), "## The operator of a loop in place")
 slow = pytest.mark.slow
 collected = pytest.mark.skipif(not DEM.is_dir(), reason="no collection of samples")
 
@@ -34,6 +51,54 @@ def test_the_sample_series(tmp_path):
     names = ("packing", "persistence", "traction_free", "order")
     told = (quoted + "{:.3f} for its order").format(*(skill[name]["auc"] for name in names))
     assert told in words(LOOPS)
+
+
+def test_settings_of_loops_in_place():
+    text = words(PLACE)
+    assert f"whole packing is inverted up to {WHOLE:,} grains" in text
+    assert f"blocks of side {BLOCK:g} with a buffer of {BUFFER:g}" in text
+    assert f"`{ERROR:g} rho^-{DECAY:g}`" in text and f"`{SLIDING:g} / rho`" in text
+    assert SHRINK == 4.0 and "four times the change from half the buffer" in text
+    assert f"of that radius ({LEAST_RADIUS:g} and more)" in text
+
+
+def test_an_outline_against_walls():
+    """Errors of loops whose sample is held at its outline, in per cent."""
+    box = read_snapshot(sample_path())
+    faces = box.faces
+    planes, _, _ = sample_boundary(box, faces)
+    between = loops_in_place(box.graph, box.law, faces, planes=planes).matrix
+    held = outline_grains(box.graph, faces)
+    found = loops_in_place(box.graph, box.law, faces, held=held).matrix
+    error = np.linalg.norm(found - between, axis=(1, 2)) / np.linalg.norm(between, axis=(1, 2))
+    ends = [slice(*faces.offsets[face : face + 2]) for face in faces.loops]
+    centre = np.array([box.graph.x[faces.grains[one]].mean(axis=0) for one in ends])
+    away = np.linalg.norm(centre[:, None] - box.graph.x[held], axis=2).min(axis=1)
+    rho = away / (2 * box.graph.radii.mean())
+    near = np.nanmedian(error[(rho > 4) & (rho < 8)])
+    told = f"{100 * np.nanmedian(error):.0f} % in the median, {100 * near:.0f} % at four to eight"
+    assert told in words(PLACE)
+
+
+@slow
+@collected
+def test_loops_in_place_of_the_slow_series():
+    """Every eighth state or so; `test_in_place_of_a_sample` has the bounds."""
+    states = [in_place(number, sliding=False) for number in (2, 12, 22, 32)]
+    shares = np.array([state.share() for state in states])
+    text = words(PLACE)
+    quoted = re.findall(r"(\.\d\d) to (\.\d\d)", text)
+    for (low, high), column in zip(quoted, shares.T, strict=False):
+        assert float(low) - 0.005 <= column.min() and column.max() <= float(high) + 0.005
+    assert len(quoted) == 4 and shares[:, 4] == pytest.approx(1.0, abs=0.02)
+    alone = np.mean([np.mean(smallest(state.whole.alone) < 0) for state in states])
+    assert f"cut out, {100 * alone:.0f} % have one" in text
+
+
+def in_place(number, *, sliding):
+    folder = DEM / "yade-slow"
+    path = folder / f"grains_{number:02d}.parquet"
+    return State(path, folder / "macro.csv", number, sliding=sliding)
 
 
 @slow
