@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -87,6 +88,21 @@ class Task:
     sense: float
     settings: Settings
 
+    def look(self, y: Floats, gauge: Gauge) -> Look:
+        """Evaluate a state completely."""
+        return look(self.model, y, self.mode, self.stage.programme, gauge)
+
+    def rates(self, y: Floats, gauge: Gauge) -> Floats:
+        """Right-hand side."""
+        return y_rates(self.model, y, self.mode, self.stage.programme, gauge)
+
+    def values(self, seen: Look) -> Floats:
+        """Event functions but the pairs'."""
+        s = self.settings
+        return monitor_values(
+            self.model, seen, s.subspaces, self.stage, self.start, self.sense, s.size
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class PieceEnd:
@@ -116,28 +132,35 @@ def run_piece(
 ) -> PieceEnd:
     """Integrate until the first event."""
     watch = monitors_of(task.model, task.mode, task.settings.subspaces)
-    seen = _look(task, y, gauge)
-    values = _values(task, seen)
+    seen = task.look(y, gauge)
+    values = task.values(seen)
     sign = _initial_signs(watch, values)
     solver = _solver(task, y, gauge, np.inf, None)
     for steps in range(1, steps_left + 1):
         begin, y_begin = float(solver.t), solver.y
         message = _advance(solver)
-        stalled = steps > SETTLED and _stalls(task, float(solver.t) - begin, seen)
-        if message or stalled:
-            fired = [("singular", -1)] if seen.rates.condition > ILL_CONDITIONED else []
+        ill = seen.rates.condition > ILL_CONDITIONED
+        # The integrator creeps up to a singular point of the controlled system.
+        short = float(solver.t) - begin < STALLED * task.settings.size
+        if message or (steps > SETTLED and short and ill):
+            fired = [("singular", -1)] if ill else []
             return PieceEnd(y_begin, seen, fired, steps, message)
         step = _Step(task, begin, y_begin, float(solver.t), solver.y, solver.dense_output(), gauge)
         samples = [seen, *(step.look(theta) for theta in SAMPLES[1:])]
-        table = np.vstack([values, *(_values(task, each) for each in samples[1:])])
+        table = np.vstack([values, *(task.values(each) for each in samples[1:])])
         _adopt_signs(sign, table, watch)
         step.pairs = near_pairs(task.model, [each.x for each in samples])
-        everything, signs = watch.with_pairs(len(step.pairs)), _extended(sign, len(step.pairs))
+        everything = watch.with_pairs(len(step.pairs))
+        signs = np.concatenate([sign, np.ones(len(step.pairs))])
         gaps = np.array([pair_overlaps(task.model, step.pairs, each.x) for each in samples])
-        crossing = _crossing(step, everything, signs, np.hstack([table, gaps]))
-        for place in _branchings(step, samples, 1.0 if crossing is None else crossing[0]):
+        functions = np.hstack([table, gaps]) * signs
+        crossing = first_crossing(
+            functions, SAMPLES, everything.tolerance, partial(step.signed_values, signs)
+        )
+        until = 1.0 if crossing is None else crossing[0]
+        for place in _branchings(step, samples, until):
             branching(place)
-        for row in _rows(step, 1.0 if crossing is None else crossing[0]):
+        for row in _rows(step, until):
             record(row)
         if crossing is not None:
             theta, which = crossing
@@ -145,13 +168,10 @@ def run_piece(
         seen, values = samples[-1], table[-1]
         if not np.isfinite(task.settings.row_step):
             record(seen)
+        # The next step's direction is measured against the current one.
         gauge = gauge_along(seen.rates)
-        _follow_direction(solver, task, gauge)
+        solver.fun = partial(_right_hand_side, task, gauge)
     return PieceEnd(solver.y, seen, [], steps_left, "the limit on the number of steps was reached")
-
-
-def _extended(sign: Floats, count: int) -> Floats:
-    return np.concatenate([sign, np.ones(count)])
 
 
 @dataclass(eq=False)
@@ -171,18 +191,14 @@ class _Step:
         y = self.y_end
         if theta < 1.0:
             y = self.dense(self.begin + theta * (self.end - self.begin))
-        return _look(self.task, y, self.gauge)
+        return self.task.look(y, self.gauge)
 
-    def values(self, theta: float) -> Floats:
-        return self.values_of(self.look(theta))
+    def signed_values(self, sign: Floats, theta: float) -> Floats:
+        return self.values_of(self.look(theta)) * sign
 
     def values_of(self, seen: Look) -> Floats:
         gaps = pair_overlaps(self.task.model, self.pairs, seen.x)
-        return np.concatenate([_values(self.task, seen), gaps])
-
-    def rates(self, y: Floats) -> Floats:
-        task = self.task
-        return y_rates(task.model, y, task.mode, task.stage.programme, self.gauge)
+        return np.concatenate([self.task.values(seen), gaps])
 
     def integrate(self, theta: float) -> Floats:
         """Integrated again from the start of the step: no interpolation error."""
@@ -203,15 +219,6 @@ class _Step:
         return np.asarray(self.dense(self.begin + length))
 
 
-def _crossing(
-    step: _Step, watch: Monitors, sign: Floats, table: Floats
-) -> tuple[float, int] | None:
-    """First event within a step, from the functions at the samples."""
-    return first_crossing(
-        table * sign, SAMPLES, watch.tolerance, lambda theta: step.values(theta) * sign
-    )
-
-
 def _rows(step: _Step, until: float) -> list[Look]:
     """Rows of a step, where its rates integrated along its interpolant lead.
 
@@ -226,13 +233,16 @@ def _rows(step: _Step, until: float) -> list[Look]:
     if len(marks) == 0:
         return []
     thetas = (marks * spacing - step.begin) / length
-    rates = [step.rates(y) for y in step.dense(step.begin + 0.5 * length * (1.0 + NODES)).T]
+    rates = [
+        step.task.rates(y, step.gauge)
+        for y in step.dense(step.begin + 0.5 * length * (1.0 + NODES)).T
+    ]
     way = legendre.legint(legendre.legfit(NODES, rates, len(NODES) - 1), lbnd=-1.0)
     places = step.y_begin + 0.5 * length * legendre.legval(2.0 * thetas - 1.0, way).T
     if not np.isfinite(places).all():
         # Next to a singular point the interpolant is all there is.
         return [step.look(until * theta) for theta in thetas]
-    return [_look(step.task, y, step.gauge) for y in places]
+    return [step.task.look(y, step.gauge) for y in places]
 
 
 def _branchings(step: _Step, samples: list[Look], until: float) -> list[Look]:
@@ -262,24 +272,15 @@ def _land(
 
     def at(theta: float) -> tuple[Floats, Look, Floats]:
         y = step.integrate(theta)
-        seen = _look(step.task, y, step.gauge)
+        seen = step.task.look(y, step.gauge)
         return y, seen, step.values_of(seen) * sign
 
-    y, seen, values = polish(at, which, theta, lambda t: float(step.values(t)[which] * sign[which]))
-    before = step.values(0.0) * sign
+    y, seen, values = polish(at, which, theta, lambda t: float(step.signed_values(sign, t)[which]))
+    before = step.signed_values(sign, 0.0)
     near = (np.abs(values) <= SIMULTANEOUS) & ((before < 0) | ~watch.two_sided)
     near[which] = True
     fired = [(watch.kinds[k], int(watch.items[k])) for k in np.flatnonzero(near)]
     return PieceEnd(y, seen, fired, steps, pairs=step.pairs)
-
-
-def _look(task: Task, y: Floats, gauge: Gauge) -> Look:
-    return look(task.model, y, task.mode, task.stage.programme, gauge)
-
-
-def _values(task: Task, seen: Look) -> Floats:
-    s = task.settings
-    return monitor_values(task.model, seen, s.subspaces, task.stage, task.start, task.sense, s.size)
 
 
 def _initial_signs(watch: Monitors, values: Floats) -> Floats:
@@ -298,8 +299,8 @@ def _adopt_signs(sign: Floats, table: Floats, watch: Monitors) -> None:
 
 def _solver(task: Task, y: Floats, gauge: Gauge, bound: float, first_step: float | None) -> DOP853:
     s = task.settings
-    solver = DOP853(
-        lambda t, y: y_rates(task.model, y, task.mode, task.stage.programme, gauge),
+    return DOP853(
+        partial(_right_hand_side, task, gauge),
         0.0,
         y,
         bound,
@@ -308,18 +309,10 @@ def _solver(task: Task, y: Floats, gauge: Gauge, bound: float, first_step: float
         atol=s.atol,
         first_step=first_step,
     )
-    return solver
 
 
-def _follow_direction(solver: DOP853, task: Task, gauge: Gauge) -> None:
-    """Measure the next step's direction against the current one."""
-    solver.fun = lambda t, y: y_rates(task.model, y, task.mode, task.stage.programme, gauge)
-
-
-def _stalls(task: Task, length: float, seen: Look) -> bool:
-    """Whether the integrator creeps up to a singular point of the controlled system."""
-    short = length < STALLED * task.settings.size
-    return short and seen.rates.condition > ILL_CONDITIONED
+def _right_hand_side(task: Task, gauge: Gauge, _: float, y: Floats) -> Floats:
+    return task.rates(y, gauge)
 
 
 class _RejectedError(Exception):

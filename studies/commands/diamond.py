@@ -55,7 +55,8 @@ def _diamond_lines(summary: dict[str, Any]) -> list[str]:
         f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
         for event in summary["events"]
     ]
-    for name, state in summary["states"].items():
+    reached = {name: state for name, state in summary["states"].items() if state is not None}
+    for name, state in reached.items():
         lines.append(
             f"state {name:<12} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
             f"{state['verdict']['status']}, {_cone(state['cone'])}"

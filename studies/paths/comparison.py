@@ -64,15 +64,14 @@ def compare(options: ComparisonOptions) -> Compared:
 def first_yield(found: Followed) -> dict[str, Any] | None:
     """First event at which contacts reach `|T| = mu N`, a control limit where it ends the path."""
     path, mu = found.path, found.options.law().mu
-    for located in found.located:
-        event = located.event
+    for event in path.events:
         contacts = list(event.contacts)
         reached = event.kind == "yield"
         if event.kind == "control_limit" and contacts:
             N, T = path.normal_force[event.index, contacts], path.shear_force[event.index, contacts]
             reached = bool((np.abs(T) >= mu * N * (1.0 - REACHED)).all())
         if reached:
-            return described(found, located)
+            return described(found, event)
     return None
 
 

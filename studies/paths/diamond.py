@@ -68,7 +68,7 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
     >>> {name: round(float(found.E1[row]), 6) for name, row in found.marks.items()}
     {'I': 0.166667, 'A': 0.3, 'B': 0.409734}
     """
-    path, located = follow_options(options)
+    path = follow_options(options)
     loop, names = options.parameters, [name for name, _ in options.stages()]
     outward = 1.0 if options.law().keeps_strength else -1.0
     states = _states(loop, path, np.array(names)[path.stage], outward)
@@ -80,9 +80,7 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
             marks[name] = row
     tangents = operators(loop, states)
     determinants = tangents.K, tangents.det_K, tangents.det_Ks
-    return FollowedDiamond(
-        options, path, located, marks, *determinants, loop, states, tangents, listed
-    )
+    return FollowedDiamond(options, path, marks, *determinants, loop, states, tangents, listed)
 
 
 def beyond_yield(found: FollowedDiamond) -> DiamondStates | None:

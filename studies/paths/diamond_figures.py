@@ -9,8 +9,8 @@ from matplotlib.patches import Circle
 
 from loops.arrays import Floats
 from stability import symmetric_spectrum
+from studies.paths.added_contact import isotropic_eigenvalues
 from studies.paths.diamond import FollowedDiamond
-from studies.paths.diamond_summary import isotropic_eigenvalues
 from studies.paths.figures import (
     DASHED,
     STRAIN,

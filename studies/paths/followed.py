@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops import Regime
 from loops.arrays import Flags, Floats, Integers
-from stability import Event, Path, follow
+from stability import Path, follow
 from studies.paths.options import DiamondOptions, PolygonOptions
 
 SUBSPACES = ("diagonal", "symmetric", "full")
@@ -22,25 +21,15 @@ TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
 MOST_STEPS = 2000
 
 
-class Located(NamedTuple):
-    """An event with its row's E1, E2, s1, s2; of a loss of stability, the subspace where it is."""
-
-    event: Event
-    subspace: str | None
-    values: dict[str, float]
-
-
 @dataclass(frozen=True, eq=False)
 class Followed:
     """A path with what its study asks of every row; E1, E2 are H11, H22, s1, s2 are P11, P22.
 
-    `located` are the events in path order, the spectral ones of every subspace that was watched;
     `marks` names rows; `K (R, 2, 2)` is the tangent in (11, 22), NaN where it is not known.
     """
 
     options: DiamondOptions | PolygonOptions
     path: Path
-    located: tuple[Located, ...]
     marks: dict[str, int]
     K: Floats
     det_K: Floats
@@ -117,9 +106,9 @@ class Followed:
 
 def follow_options(
     options: DiamondOptions | PolygonOptions, subspaces: tuple[str, ...] = ("diagonal",)
-) -> tuple[Path, tuple[Located, ...]]:
-    """The path of a study, and its events, the spectral ones of every subspace."""
-    path = follow(
+) -> Path:
+    """The path of a study, with the spectral events of every subspace."""
+    return follow(
         options.graph(),
         options.law(),
         [stage for _, stage in options.stages()],
@@ -133,11 +122,6 @@ def follow_options(
         rows=options.rows,
         model=options.model,
     )
-    located = [
-        Located(event, event.subspace or None, values_at(path, event.index))
-        for event in path.events
-    ]
-    return path, tuple(located)
 
 
 def values_at(path: Path, row: int) -> dict[str, float]:

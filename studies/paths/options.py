@@ -71,10 +71,9 @@ class DiamondOptions:
     rows: ClassVar[int] = 80
 
     def __post_init__(self) -> None:
-        one_of("--closure", self.closure, ("affine", "traction"))
+        _check_shared(self)
         one_of("--sliding", self.sliding, get_args(Sliding))
         one_of("--contact-on-touch", self.contact_on_touch, get_args(OnTouch))
-        one_of("--model", self.model, get_args(Model))
         own = [name for name in OWN if getattr(self, name) is not None]
         if self.table is not None:
             one_of("--table", self.table, tuple(TABLES))
@@ -86,9 +85,6 @@ class DiamondOptions:
                     "Leave --table out to choose parameters of your own.",
                 )
         inside("--alpha0", self.alpha0_deg, lambda a: 0.0 < a < 90.0, "degrees in (0, 90)")
-        inside("--kappa", self.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
-        inside("--phi", self.phi_deg, lambda p: 0.0 <= p <= 90.0, "degrees in [0, 90]")
-        inside("--confine", self.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")
         if self.contact_on_touch == "add":
             expected = "30 to 60 degrees with --contact-on-touch add: elsewhere opposite grains "
             expected += "overlap from the start"
@@ -143,16 +139,12 @@ class DiamondOptions:
         """Every value in force, under the names of the command line."""
         loop = self.parameters
         return {
-            "table": self.table,
+            **vars(self),
             "alpha0_deg": round(float(np.degrees(loop.alpha0)), 12),
             "kappa": loop.kappa,
             "phi_deg": round(float(np.degrees(loop.phi)), 12),
             "mu": loop.mu,
             "confine": loop.confinement,
-            "closure": self.closure,
-            "sliding": self.sliding,
-            "contact_on_touch": self.contact_on_touch,
-            "model": self.model,
         }
 
 
@@ -186,13 +178,9 @@ class PolygonOptions:
             expected = f"a whole number from 3 to {LARGEST_ORDER}"
             raise InputError("--order", str(self.order), expected, "Correct it.")
         one_of("--orientation", self.orientation, get_args(Orientation))
-        one_of("--closure", self.closure, ("affine", "traction"))
         one_of("--spins", self.spins, get_args(Spins))
-        one_of("--model", self.model, get_args(Model))
         one_of("--programme", self.programme, get_args(ProgrammeName))
-        inside("--kappa", self.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
-        inside("--phi", self.phi_deg, lambda p: 0.0 <= p <= 90.0, "degrees in [0, 90]")
-        inside("--confine", self.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")
+        _check_shared(self)
         expected = f"a strain above that of A, {self.confine:g}, and below 1"
         inside("--end", self.end, lambda e: self.confine < e < 1.0, expected)
 
@@ -279,6 +267,15 @@ def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
         *others, last = (str(choice) for choice in choices)
         expected = f"{', '.join(others)} or {last}"
         raise InputError(name, repr(value), expected, "Pick one of these.")
+
+
+def _check_shared(options: DiamondOptions | PolygonOptions) -> None:
+    """Refuse what neither a diamond nor a polygon can be asked."""
+    one_of("--closure", options.closure, ("affine", "traction"))
+    one_of("--model", options.model, get_args(Model))
+    inside("--kappa", options.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
+    inside("--phi", options.phi_deg, lambda p: 0.0 <= p <= 90.0, "degrees in [0, 90]")
+    inside("--confine", options.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")
 
 
 def inside(name: str, value: float | None, holds: Callable[[float], bool], expected: str) -> None:

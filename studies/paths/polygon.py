@@ -15,8 +15,8 @@ from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from patterns import regular_polygon
 from patterns.polygons.shapes import Orientation
-from stability import Path, judge, operator_norm, restrict, symmetric_spectrum
-from studies.paths.followed import SUBSPACES, Followed, Located, follow_options
+from stability import Event, Path, judge, operator_norm, restrict, symmetric_spectrum
+from studies.paths.followed import SUBSPACES, Followed, follow_options, values_at
 from studies.paths.options import PolygonOptions
 from studies.paths.tables import table_rows
 
@@ -46,24 +46,23 @@ def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPAC
     """Confine a polygon and load it; `marks` are A and end. Spectra are watched in the subspaces.
 
     >>> found = follow_polygon(PolygonOptions(4, confine=0.2, end=0.25))
-    >>> [(each.event.kind, each.subspace) for each in found.located][:3]
+    >>> [(event.kind, event.subspace) for event in found.path.events][:3]
     [('det_Ks_zero', 'diagonal'), ('det_K_zero', 'diagonal'), ('det_Ks_zero', 'symmetric')]
     """
-    path, located = follow_options(options, subspaces)
+    path = follow_options(options, subspaces)
     confined = np.flatnonzero(path.stage == 0)
     at_A = {"A": int(confined[-1])} if options.confine > 0.0 and len(confined) else {}
     marks = {**at_A, "end": len(path) - 1}
     with np.errstate(invalid="ignore"):
-        return Followed(options, path, located, marks, path.K, path.det_K, path.det_Ks)
+        return Followed(options, path, marks, path.K, path.det_K, path.det_Ks)
 
 
-def described(found: Followed, located: Located) -> dict[str, Any]:
+def described(found: Followed, event: Event) -> dict[str, Any]:
     """An event as plain values; `subspace` is null where it depends on none."""
-    event = located.event
     return {
         "kind": event.kind,
-        "subspace": located.subspace,
-        **located.values,
+        "subspace": event.subspace or None,
+        **values_at(found.path, event.index),
         "stage": str(found.stage_names[event.stage]),
         "parameter": event.parameter,
         "contacts": list(event.contacts),
@@ -186,7 +185,7 @@ def polygon_summary(found: Followed) -> dict[str, Any]:
     return {
         "parameters": options.described(),
         "critical_strain": critical,
-        "events": [described(found, located) for located in found.located],
+        "events": [described(found, event) for event in path.events],
         "peak": peak,
         "states": {name: _state(found, row) for name, row in found.marks.items()},
         "status": path.status,
@@ -249,9 +248,9 @@ def _verification(found: Followed, critical: dict[str, float | None]) -> dict[st
     differences: dict[str, float | None] = {}
     for subspace, wanted in critical.items():
         on_way = [
-            values["E1"]
-            for event, where, values in found.located
-            if (event.kind, where, event.stage) == ("det_Ks_zero", subspace, 0)
+            float(path.H[event.index, 0])
+            for event in path.events
+            if (event.kind, event.subspace, event.stage) == ("det_Ks_zero", subspace, 0)
         ]
         known = bool(on_way and wanted and "A" in found.marks)
         differences[subspace] = abs(on_way[0] - (wanted or 0.0)) if known else None

@@ -13,15 +13,13 @@ from loops import LinearFrictional, affine_tangent
 from patterns import diamond
 from stability import restrict, symmetric_spectrum
 from studies.paths import DiamondOptions, run_diamond
-from studies.paths.diamond import follow_diamond
-from studies.paths.diamond_summary import (
+from studies.paths.added_contact import (
     added_critical_strain,
     definite_intervals,
-    diamond_summary,
-    energy_imbalance,
     isotropic_eigenvalues,
-    verification,
 )
+from studies.paths.diamond import follow_diamond
+from studies.paths.diamond_summary import diamond_summary, energy_imbalance, verification
 
 
 @functools.cache
