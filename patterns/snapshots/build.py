@@ -125,6 +125,9 @@ def _force_on_second(table: Table, n: Floats, frictionless: bool) -> Floats | No
     shear = table.optional("fsx", "fsy")
     if shear is not None:
         return shear + table.column("fn")[:, None] * n
+    if table.has("fn", "ft"):
+        turned = np.stack([-n[:, 1], n[:, 0]], axis=1)
+        return table.column("fn")[:, None] * n + table.column("ft")[:, None] * turned
     if table.has("fn") and frictionless:
         return table.column("fn")[:, None] * n
     return None

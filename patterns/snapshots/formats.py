@@ -63,12 +63,14 @@ def read_snapshot(
 ) -> Snapshot:
     """Read one snapshot of a simulation, of a file with several that one alone.
 
-    Plain tables (CSV, Parquet, npz, HDF5), columns by name. Grains: `id`, `x`, `y`, `radius`
-    (length), perhaps `theta_z`, the angle turned by (rad); rows with `type` 1 are walls. Contacts:
-    `id1`, `id2`; optional are the branch `branch_x, branch_y` or the normal `nx, ny`, from grain 1
-    to grain 2; the forces: `fn` (compression positive) and the shear force `fsx, fsy`, or the total
-    force `fx_on_2, fy_on_2` on grain 2; `kn`, `ks` (force per length); `mu`; `sliding` (0 or 1);
-    `cell_dx, cell_dy`, the image of grain 2. Other formats are translated into these tables.
+    Plain tables (CSV and other text, Parquet, npz, HDF5), columns by name; delimiter and decimal
+    comma of a text are found, lines of `#` left out, aliases such as `rad` or `F_n` noted. Grains:
+    `id`, `x`, `y`, `radius` (length), perhaps `theta_z`, the angle turned by (rad); rows with
+    `type` 1 are walls. Contacts: `id1`, `id2`; optional are the branch `branch_x, branch_y` or the
+    normal `nx, ny`, from grain 1 to grain 2; the forces: `fn` (compression positive) and the shear
+    force on grain 2, `fsx, fsy` or `ft` along the normal turned by 90 degrees counter-clockwise, or
+    the total force `fx_on_2, fy_on_2` on grain 2; `kn`, `ks` (force per length); `mu`; `sliding` (0
+    or 1); `cell_dx, cell_dy`, the image of grain 2. Other formats are translated into these tables.
 
     Parameters
     ----------

@@ -17,9 +17,26 @@ from patterns.snapshots.text import listed
 GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius", "theta_z")
 CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
-    *("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
+    *("fn", "ft", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
 )
 PLAIN_NAMES = GRAIN_COLUMNS + CONTACT_COLUMNS
+# What the columns are called elsewhere; case does not matter.
+ALIASES: dict[str, tuple[str, ...]] = {
+    "id": ("grain", "grain_id", "particle", "particle_id", "body", "body_id"),
+    "x": ("pos_x", "x_pos", "posx", "position_x"),
+    "y": ("pos_y", "y_pos", "posy", "position_y"),
+    "radius": ("rad", "r", "radii"),
+    "id1": ("id_1", "i", "grain1", "grain_1", "particle1", "body1", "i1"),
+    "id2": ("id_2", "j", "grain2", "grain_2", "particle2", "body2", "i2"),
+    "nx": ("n_x", "normal_x"),
+    "ny": ("n_y", "normal_y"),
+    "fn": ("f_n", "normal_force", "force_n"),
+    "ft": ("f_t", "f_s", "fs", "shear_force", "tangential_force", "force_t"),
+    "kn": ("k_n",),
+    "ks": ("k_s", "kt", "k_t"),
+    "mu": ("friction", "mu_g"),
+    "sliding": ("is_sliding", "slides"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +112,27 @@ def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Ta
         for plain in (GRAIN_COLUMNS, CONTACT_COLUMNS)
     ]
     return grains.renamed(maps[0]), contacts.renamed(maps[1])
+
+
+def known_spellings() -> set[str]:
+    """Every name that a column of a table may have, in the usual cases."""
+    names = {*PLAIN_NAMES, *(alias for several in ALIASES.values() for alias in several)}
+    cases = (str, str.upper, str.capitalize, str.title)
+    return {case(name) for name in names for case in cases}
+
+
+def with_aliases(table: Table, plain: Sequence[str]) -> tuple[Table, list[str]]:
+    """Rename columns that have one of their other names, and say so."""
+    found: dict[str, str] = {}
+    spelt = {name.lower(): name for name in table.names}
+    for name in plain:
+        hits = [spelt[other] for other in (name, *ALIASES.get(name, ())) if other in spelt]
+        if not table.has(name) and len(hits) == 1:
+            found[name] = hits[0]
+    notes = [
+        f"column {column!r} of {table.path} read as {name!r}" for name, column in found.items()
+    ]
+    return table.renamed(found) if found else table, notes
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 from loops import InputError, LinearFrictional, Regime, branch_vectors, contact_forces
 from loops.arrays import Floats
 from loops.laws.frictional import ShearIncrement, checked_increment
-from patterns.snapshots.frame import PLAIN_NAMES, Frame, Instants, Source, with_plain_names
+from patterns.snapshots.frame import (
+    CONTACT_COLUMNS,
+    GRAIN_COLUMNS,
+    Frame,
+    Instants,
+    Source,
+    known_spellings,
+    with_aliases,
+    with_plain_names,
+)
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import (
     ARRAY_FILES,
@@ -49,7 +58,7 @@ def frames(source: Source) -> Instants:
 
 
 def _frame(source: Source) -> Frame:
-    wanted = {*PLAIN_NAMES, *source.columns.values()}
+    wanted = known_spellings() | {*source.columns.values()}
     if source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES):
         names, arrays = read_arrays(source.path, wanted | {"cell"})
         if any(name.startswith("contacts/") for name in names):
@@ -67,14 +76,18 @@ def _plain_frame(
     step: float | None,
     increment: ShearIncrement | None,
 ) -> Frame:
-    grains, contacts = tables
+    grains, contacts = with_plain_names(source, *tables)
+    grains, other_grains = with_aliases(grains, GRAIN_COLUMNS)
+    contacts, other_contacts = with_aliases(contacts, CONTACT_COLUMNS)
     if increment is None and contacts.has(*YADE_COLUMNS):
         increment = "radii"
     return Frame(
-        *with_plain_names(source, grains, contacts),
+        grains,
+        contacts,
         cell=cell if source.cell is None else source.cell,
         step=step,
         shear_increment=increment,
+        notes=(*other_grains, *other_contacts),
     )
 
 

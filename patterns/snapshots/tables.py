@@ -1,8 +1,7 @@
-"""Columns of numbers, and the files they come from: CSV, Parquet, npz and HDF5."""
+"""Columns of numbers, and the files they come from: text, Parquet, npz and HDF5."""
 
 from __future__ import annotations
 
-import csv
 import math
 import tokenize
 import zipfile
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
+from patterns.snapshots.layout import layout_of, rows_of
 from patterns.snapshots.text import (
     listed,
     open_text,
@@ -32,7 +32,8 @@ Column = Any  # an array of numpy or of pyarrow
 Arrays = dict[str, NDArray[Any]]
 
 ARRAY_FILES = (".npz", ".h5", ".hdf5")
-ENDINGS = (".csv", ".csv.gz", ".parquet", *ARRAY_FILES)
+TEXTS = (".csv", ".csv.gz", ".tsv", ".txt", ".dat")
+ENDINGS = (*TEXTS, ".parquet", *ARRAY_FILES)
 # Beyond these squares overflow, and a float64 no longer tells neighbouring ids apart.
 HUGE, WHOLE = 1e150, 2.0**53
 
@@ -174,8 +175,8 @@ def read_table(path: Path, wanted: Collection[str] | None = None) -> Table:
         return table_of_arrays(str(path), names, arrays)
     if name.endswith(".parquet"):
         return _read_parquet(path, wanted)
-    if name.endswith((".csv", ".csv.gz")):
-        return _read_csv(path, wanted)
+    if name.endswith(TEXTS):
+        return _read_text(path, wanted)
     raise InputError(
         str(path),
         f"a file ending in {path.suffix[:20]!r}",
@@ -293,28 +294,23 @@ def _read_parquet(path: Path, wanted: Collection[str] | None) -> Table:
     raise AssertionError
 
 
-def _read_csv(path: Path, wanted: Collection[str] | None) -> Table:
+def _read_text(path: Path, wanted: Collection[str] | None) -> Table:
     text = open_text(path)
     require_line_end(str(path), text, len(text))
     with whole_file(path):
-        content = pyarrow.BufferReader(pyarrow.py_buffer(text))
-        names = _header(path, text[: text.find(b"\n")])
-        read = None if wanted is None else [name for name in names if name in set(wanted)]
-        options = pyarrow.csv.ConvertOptions(include_columns=read) if read else None
-        table = pyarrow.csv.read_csv(content, convert_options=options)
-        return Table(path, table, names)
+        layout = layout_of(path, text)
+        require_once(str(path), layout.names)
+        body = rows_of(text, layout)
+        if not bytes(body[:1000]).strip():
+            return Table(path, {})
+        read = None if wanted is None else [name for name in layout.names if name in set(wanted)]
+        table = pyarrow.csv.read_csv(
+            pyarrow.BufferReader(pyarrow.py_buffer(body)),
+            read_options=pyarrow.csv.ReadOptions(column_names=layout.names),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=layout.delimiter),
+            convert_options=pyarrow.csv.ConvertOptions(
+                include_columns=read or None, decimal_point=layout.decimal
+            ),
+        )
+        return Table(path, table, layout.names)
     raise AssertionError
-
-
-def _header(path: Path, line: bytes) -> list[str]:
-    csv.field_size_limit(max(len(line), csv.field_size_limit()))
-    try:
-        text = line.removeprefix(b"\xef\xbb\xbf").decode()
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"header of {path}", f"bytes that are no text ({error})", "column names", "Correct it."
-        ) from None
-    text = text.rstrip("\r")
-    names = next(csv.reader([text]), []) if '"' in text else text.split(",")
-    require_once(str(path), names)
-    return names

@@ -30,6 +30,13 @@ SHOWN = 12  # names of a list that a message shows
 
 def require_file(path: Path) -> None:
     """Raise `InputError` if there is no such file or nothing in it."""
+    if path.is_dir():
+        raise InputError(
+            str(path),
+            "a folder",
+            "a snapshot's file",
+            "Name the file of the grains; of many snapshots, all of them to grainloops series.",
+        )
     if not path.is_file():
         raise InputError(str(path), "no such file", "a snapshot's file", "Check the path.")
     if path.stat().st_size == 0:

@@ -255,7 +255,7 @@ def test_files_that_are_not_there_or_not_whole(tmp_path):
             path.write_bytes(whole[:cut])
             with pytest.raises(InputError, match=r"complete|truncated"):
                 read_snapshot(path)
-    other = tmp_path / "grains_1.txt"
+    other = tmp_path / "grains_1.xyz"
     other.write_text("id x y\n")
     with pytest.raises(InputError, match="unknown format"):
         read_snapshot(other)
