@@ -118,11 +118,9 @@ def read_snapshot(
     >>> snapshot.graph.grain_count, snapshot.graph.contact_count, snapshot.wall_contacts
     (600, 819, 61)
     """
-    source = _source(path, contacts, cell, columns)
     parameters = Parameters(kn, kt, mu, _checked(shear_increment))
-    reader = format_of(source.path, format)
-    chosen = _choose(source.path, reader.frames(source), frame)
-    return build_snapshot(chosen, parameters, strict=strict)
+    instants = _instants(path, contacts, format, columns, cell)
+    return build_snapshot(_choose(path, instants, frame), parameters, strict=strict)
 
 
 def read_frames(
@@ -155,9 +153,8 @@ def read_frames(
     InputError
         See `read_snapshot`.
     """
-    source = _source(path, contacts, cell, columns)
     parameters = Parameters(kn, kt, mu, _checked(shear_increment))
-    for frame in format_of(source.path, format).frames(source):
+    for frame in _instants(path, contacts, format, columns, cell):
         yield build_snapshot(frame, parameters, strict=strict)
 
 
@@ -185,9 +182,7 @@ def count_frames(
     InputError
         For a missing or empty file, and for one with no snapshot that has contacts.
     """
-    source = _source(path, contacts, None, columns)
-    reader = format_of(source.path, format)
-    return len(reader.frames(source))
+    return len(_instants(path, contacts, format, columns))
 
 
 def format_of(path: Path, name: str = "auto") -> Format:
@@ -213,18 +208,19 @@ def _checked(increment: str | None) -> ShearIncrement | None:
     return None if increment is None else checked_increment(increment)
 
 
-def _source(
+def _instants(
     path: str | Path,
     contacts: str | Path | None,
-    cell: ArrayLike | None,
+    format: str,
     columns: Mapping[str, str] | None,
-) -> Source:
-    return Source(
-        Path(path), None if contacts is None else Path(contacts), as_cell(cell), dict(columns or {})
-    )
+    cell: ArrayLike | None = None,
+) -> Instants:
+    beside = None if contacts is None else Path(contacts)
+    source = Source(Path(path), beside, as_cell(cell), dict(columns or {}))
+    return format_of(source.path, format).frames(source)
 
 
-def _choose(path: Path, snapshots: Instants, number: int | None) -> Frame:
+def _choose(path: str | Path, snapshots: Instants, number: int | None) -> Frame:
     """One of the snapshots; without a number the only one."""
     count = len(snapshots)
     if number is None and count > 1:

@@ -6,6 +6,7 @@ import gzip
 import mmap
 import os
 import re
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -83,7 +84,8 @@ def whole_file(path: Path) -> Iterator[None]:
     except (
         *(pyarrow.ArrowException, OSError, EOFError, zlib.error, zipfile.BadZipFile),
         *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, MemoryError),
-        ArithmeticError,
+        # Headers of npy files are parsed as Python.
+        *(ArithmeticError, SyntaxError, tokenize.TokenError),
     ) as error:
         raise InputError(
             str(path),

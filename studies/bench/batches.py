@@ -13,7 +13,7 @@ from loops.arrays import Floats
 from patterns.hard_cases import hard_case
 from stability import restrict, symmetric_spectrum
 from stability.loop_stability import loop_stability
-from studies.bench.hard_tangents import exact_answer
+from studies.bench.hard_cases import exact_answer
 from studies.bench.measure import Rows
 from studies.bench.rings import Rings, random_rings
 

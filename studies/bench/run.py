@@ -13,8 +13,7 @@ import numpy as np
 
 from patterns.hard_cases import HARD_CASES
 from studies.bench.groups import GROUPS, HARD, SMALLEST, by_group, chosen_groups, knee
-from studies.bench.hard_paths import loop_letters, path_rows
-from studies.bench.hard_tangents import read_letters, tangent_rows
+from studies.bench.hard_cases import loop_letters, path_rows, read_letters, tangent_rows
 from studies.bench.measure import Row, table
 from studies.bench.smallest import rows as smallest_model_rows
 from studies.output import provenance, result_folder, write_summary, write_table

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,8 +16,7 @@ from loops.arrays import Floats
 from patterns.diamond import critical_strain, isotropic_stress
 from patterns.diamond.strain_lines import line_states
 from studies.domain.losses import first_losses
-from studies.domain.parameters import Case
-from studies.domain.table import rows_of
+from studies.domain.parameters import Case, rows_of
 from studies.style import (
     BLACK,
     LIGHT_GREY,
@@ -28,19 +25,11 @@ from studies.style import (
     TWO_COLUMNS,
     axes_or_new,
     new_figure,
-    save_figure,
     styled,
 )
 
 # Programmes drawn.
 DRAWN = 31
-
-
-def draw_figure(
-    table: pd.DataFrame, cases: Sequence[Case], folder: Path, source: Mapping[str, Any]
-) -> None:
-    """Write the figure `domain` as PNG and SVG, a panel for each reference angle."""
-    save_figure(domain_figure(table, cases), folder, "domain", source)
 
 
 @styled()

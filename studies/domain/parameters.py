@@ -8,6 +8,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from loops import InputError
 from patterns.diamond import TABLE_1, TABLE_2
@@ -29,6 +30,12 @@ class Case(NamedTuple):
         """The diamond as the table and the summary name it, angles in degrees."""
         alpha0, phi = (round(float(np.degrees(angle)), 12) for angle in (self.alpha0, self.phi))
         return {"alpha0_deg": alpha0, "kappa": self.kappa, "phi_deg": phi}
+
+
+def rows_of(table: pd.DataFrame, case: Case) -> pd.DataFrame:
+    """The rows of one diamond."""
+    named = case.described()
+    return table[(table[list(named)] == list(named.values())).all(axis=1)]
 
 
 TABLES = tuple(Case(table.alpha0, table.kappa, table.phi) for table in (TABLE_1, TABLE_2))

@@ -8,12 +8,68 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from patterns.diamond import critical_strain
-from studies.domain.parameters import Case, DomainParameters
-from studies.domain.table import KINDS, domain_table, rows_of
+from loops.arrays import Floats
+from patterns.diamond import (
+    critical_strain,
+    determinant_elastic,
+    determinant_sliding,
+    opposite_gaps,
+)
+from patterns.diamond.strain_lines import LineStates, line_states
+from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
+from studies.domain.losses import Losses, first_losses
+from studies.domain.parameters import Case, DomainParameters, rows_of
 from studies.output import provenance, result_folder, write_summary, write_table
 
 UNITS = "dimensionless: forces over kn l0, stresses over kn; angles in degrees"
+KINDS = ("det_Ks_zero", "det_K_zero")
+# Opposite grains nearer than this, in reference branches, touch within rounding.
+TOUCHING = 1e-14
+
+
+def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
+    """Losses of every diamond along its fan, with contacts that stick and with friction."""
+    parts = []
+    for case in cases:
+        for friction in (False, True) if np.isfinite(case.mu) else (False,):
+            losses = first_losses(case, directions, friction=friction)
+            parts += [_rows(case, losses, kind) for kind in KINDS]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _rows(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
+    u = getattr(losses, kind)
+    found = np.isfinite(u)
+    line, sliding = losses.line.take(found), losses.by_yielding(u)[found]
+    state = line_states(line, u[found], case.kappa, losses.mu)
+    det_K, asymmetry = _determinant_and_asymmetry(case, state, np.where(sliding, line.sense, 0.0))
+    gaps = np.minimum(*opposite_gaps(state.E1, state.E2, case.alpha0))
+    columns: dict[str, Any] = {
+        **case.described(),
+        "contacts": "frictional" if np.isfinite(losses.mu) else "sticking",
+        "kind": kind,
+        "programme_deg": np.degrees(losses.programme[found]),
+        "regime": np.where(sliding, "sliding", "elastic"),
+        **{name: getattr(state, name) for name in ("E1", "E2", "s1", "s2", "N", "T")},
+        "alpha_deg": np.degrees(state.alpha),
+        "det_K": det_K,
+        "det_Ks": det_K - (0.5 * asymmetry) ** 2,
+        "opposite_overlap": gaps < -TOUCHING,
+    }
+    return pd.DataFrame(columns)
+
+
+def _determinant_and_asymmetry(
+    case: Case, state: LineStates, slides: Floats
+) -> tuple[Floats, Floats]:
+    """`det K` and `K12 - K21` (29) to (36), `slides` the sign of T of sliding contacts, else 0."""
+    measures = (state.E1, state.E2, state.s1, state.s2, state.alpha)
+    s, mu = np.where(slides == 0.0, 1.0, slides), case.mu if np.isfinite(case.mu) else 0.0
+    elastic = determinant_elastic(*measures, case.kappa)
+    sliding = determinant_sliding(*measures, mu, s)
+    material = np.where(slides == 0.0, 0.0, material_asymmetry(mu, s))
+    det_K = np.where(slides == 0.0, elastic, sliding)
+    return det_K, material + geometric_asymmetry(*measures)
 
 
 def run_domain(
@@ -27,9 +83,10 @@ def run_domain(
         write_table(folder, "domain", dict(table.items()), made, csv=csv)
         write_summary(folder, summary)
         # Drawing is loaded only when there is something to draw.
-        from studies.domain.figures import draw_figure
+        from studies.domain.figures import domain_figure
+        from studies.style import save_figure
 
-        draw_figure(table, parameters.cases(), folder, made)
+        save_figure(domain_figure(table, parameters.cases()), folder, "domain", made)
     return summary
 
 
@@ -37,22 +94,23 @@ def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> dict[st
     """Counts and bounds of each diamond's domain."""
     return {
         "directions": parameters.directions,
-        "cases": [_case(table, case) for case in parameters.cases()],
+        "cases": [
+            {
+                **case.described(),
+                "isotropic_strain": float(critical_strain(case.kappa)),
+                "contacts": {
+                    str(name): _contacts(own)
+                    for name, own in rows_of(table, case).groupby("contacts")
+                },
+            }
+            for case in parameters.cases()
+        ],
         "definitions": {
             "programmes": "straight lines in (E1, E2) from the virgin loop, each at the angle "
             "programme_deg; all that compress it",
             "sticking": "contacts never slide",
             "frictional": "contacts slide at |T| = mu N; both determinants are then negative",
         },
-    }
-
-
-def _case(table: pd.DataFrame, case: Case) -> dict[str, Any]:
-    groups = rows_of(table, case).groupby("contacts")
-    return {
-        **case.described(),
-        "isotropic_strain": float(critical_strain(case.kappa)),
-        "contacts": {str(name): _contacts(own) for name, own in groups},
     }
 
 

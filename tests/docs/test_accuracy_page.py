@@ -7,8 +7,7 @@ from loops import LinearFrictional, traction_tangent
 from patterns import random_loop
 from patterns.hard_cases import HARD_CASES
 from studies.bench.groups import GROUPS
-from studies.bench.hard_paths import path_rows
-from studies.bench.hard_tangents import tangent_rows
+from studies.bench.hard_cases import path_rows, tangent_rows
 from studies.scaling.in_place import METHODS, measured
 from tests.docs.pages import DOCS, of_size, page, section, tables
 

@@ -17,8 +17,14 @@ from stability import (
     statuses,
     symmetric_spectrum,
 )
-from studies.bench.hard_paths import followed, loop_letters, path_rows
-from studies.bench.hard_tangents import read_letters, solve, tangent_rows
+from studies.bench.hard_cases import (
+    followed,
+    loop_letters,
+    path_rows,
+    read_letters,
+    solve,
+    tangent_rows,
+)
 
 # The longest rings take seconds in 50 digits.
 TANGENTS = [case for case in HARD_CASES if case.kind == "tangent" and case.name != "gear-mode"]

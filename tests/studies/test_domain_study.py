@@ -18,7 +18,7 @@ from studies.domain import DomainParameters, run_domain
 from studies.domain.figures import domain_figure
 from studies.domain.losses import first_losses, programme_fan, sticking_det_Ks
 from studies.domain.parameters import TABLES, Case
-from studies.domain.table import domain_table
+from studies.domain.run import domain_table
 
 # The paper's diamonds, flat and tall ones, soft and stiff shear.
 CASES = (*TABLES, Case(0.2, 0.05, 0.3), Case(1.3, 1.0, 0.6), Case(0.9, 4.0, 0.2))

@@ -7,10 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from loops.arrays import Flags, Floats, Integers
 
 # Grains this near the bounding box, in mean radii, may touch a wall whose force is not known.
 RIM = 0.05
@@ -26,7 +24,7 @@ class Signs(NamedTuple):
     """
 
     sign: Floats
-    decided: NDArray[np.bool_]
+    decided: Flags
     residual: float
 
 
@@ -82,7 +80,7 @@ def _balances(
     return matrix[keep], load.ravel()[keep]
 
 
-def on_rim(x: Floats, radii: Floats, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def on_rim(x: Floats, radii: Floats, touched: Flags) -> Flags:
     """(G,) array: grains at the border of the box around those touched, where walls may be."""
     low, high = x - radii[:, None], x + radii[:, None]
     margin = RIM * radii.mean()
@@ -91,7 +89,7 @@ def on_rim(x: Floats, radii: Floats, touched: NDArray[np.bool_]) -> NDArray[np.b
     return np.asarray((near_low | near_high).any(axis=1))
 
 
-def _lowest_of_both(cost: Floats, pairs: Integers, grains: int) -> NDArray[np.bool_]:
+def _lowest_of_both(cost: Floats, pairs: Integers, grains: int) -> Flags:
     """Contacts of lowest cost at both of their grains: these can be turned at once."""
     lowest = np.full(grains, np.inf)
     for side in (0, 1):

@@ -9,13 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import InputError
+from loops.arrays import Floats, Integers
 from patterns.snapshots.text import PACKING, open_text, require_line_end, whole_file
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 LEGACY = b"# vtk DataFile"
 SECTIONS = {
@@ -55,7 +52,7 @@ def read_piece(path: Path) -> Piece:
             _check_arrays(path, content, *promised)
     data = _read_with_vtk(path, content, polydata, legacy)
     if data.GetNumberOfPoints() != promised[0] or data.GetNumberOfCells() < promised[1]:
-        raise InputError(str(path), "a damaged or truncated VTK file", "a whole one", REMEDY)
+        raise _damaged(path)
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     def arrays_of(holder: Any) -> dict[str, Floats]:
@@ -79,6 +76,10 @@ def read_piece(path: Path) -> Piece:
     return Piece(path, points, lines, *found)
 
 
+def _damaged(path: Path) -> InputError:
+    return InputError(str(path), "a damaged or truncated VTK file", "a whole one", REMEDY)
+
+
 def _check_legacy(path: Path, content: bytes) -> tuple[int, int, int]:
     """Points, lines and arrays of legacy polydata; counts must fit, vtk allocates what they say."""
     require_line_end(str(path), content, len(content))
@@ -97,7 +98,7 @@ def _check_legacy(path: Path, content: bytes) -> tuple[int, int, int]:
     ]
     sound = all(n.isdigit() and int(n) <= len(content) for n in whole)
     if b"POINTS" not in counts or not set(words) <= SECTIONS or not sound:
-        raise InputError(str(path), "a damaged or truncated VTK file", "VTK polydata", REMEDY)
+        raise _damaged(path)
     lines = int(counts[b"LINES"][0]) if b"LINES" in counts else 0
     return int(counts[b"POINTS"][0]), lines, words.count(b"SCALARS") + words.count(b"VECTORS")
 
@@ -126,7 +127,7 @@ def _read_with_vtk(path: Path, content: bytes, polydata: bool, legacy: bool) -> 
     finally:
         vtkObject.SetGlobalWarningDisplay(shown)
     if reader.GetErrorCode():
-        raise InputError(str(path), "a damaged or truncated VTK file", "a whole one", REMEDY)
+        raise _damaged(path)
     return reader.GetOutput()
 
 
@@ -138,7 +139,7 @@ def _promised(path: Path, content: bytes) -> tuple[int, int]:
         for name in (b"NumberOfPoints", b"NumberOf(?:Lines|Cells)")
     ]
     if b"</VTKFile>" not in content[-64:] or counts[0] is None or counts[1] is None:
-        raise InputError(str(path), "a damaged or truncated VTK file", "a whole one", REMEDY)
+        raise _damaged(path)
     points, lines = int(counts[0].group(1)), int(counts[1].group(1))
     if max(points, lines) > PACKING * len(content):
         raise InputError(str(path), f"{points} points and {lines} lines", "what fits", REMEDY)

@@ -1,19 +1,25 @@
-"""The hard cases that end in a tangent: verdicts and errors beside 50 digits."""
+"""The hard cases: verdicts and errors beside 50 digits; paths, and the loops of networks."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from loops import InputError, MacroTangent, contact_state, macroscopic_tangent
+from loops import InputError, MacroTangent, contact_state, find_faces, macroscopic_tangent
 from loops.arrays import Floats
 from patterns.hard_cases import HardCase, Scene
 from stability import (
+    Path,
+    Programme,
+    Stage,
+    follow,
     imhof_fraction,
     judge,
     operator_norm,
     plane_cone,
+    programmes,
     restrict,
     subspace_basis,
     symmetric_spectrum,
@@ -151,3 +157,61 @@ def _basis_50() -> Any:
     # Entries are 0, 1 and sqrt(1/2), whose double is not enough.
     basis = subspace_basis(SUBSPACE)
     return mp.matrix([[mp.sqrt(mp.mpf(round(2 * v * v)) / 2) for v in row] for row in basis])
+
+
+PROGRAMMES: dict[str, Callable[[], Programme]] = {
+    "drained_biaxial": programmes.drained_biaxial,
+    "force_control": lambda: programmes.proportional_stress(1.0, 0.0),
+    "isotropic_strain": programmes.isotropic_strain,
+    "isotropic_extension": lambda: programmes.isotropic_strain(-1.0),
+}
+
+
+def path_rows(case: HardCase) -> list[dict[str, Any]]:
+    """Every value of a hard path under the affine closure, one row each."""
+    return [_path_row(case, value) for value in case.values]
+
+
+def loop_letters(case: HardCase) -> str:
+    """Whether the loops of a hard network are found, one letter a value."""
+    letters = ""
+    for value in case.values:
+        try:
+            graph = case.build(value).graph
+            faces = find_faces(graph)
+        except InputError:
+            letters += "e"
+            continue
+        wanted = graph.grain_count - 1
+        right = len(faces.loops) == wanted and (faces.order[faces.loops] == 3).all()
+        letters += "y" if right else "n"
+    return letters
+
+
+def followed(scene: Scene, closure: Any = "affine") -> Path:
+    """The path of a scene."""
+    stages = [Stage(PROGRAMMES[name](), quantity, end) for name, quantity, end in scene.stages]
+    law: Any = scene.law
+    return follow(scene.graph, law, stages, closure=closure, spins=scene.spins)
+
+
+def _path_row(case: HardCase, value: float) -> dict[str, Any]:
+    path = followed(case.build(value))
+    kinds: list[str] = [event.kind for event in path.events]
+    rest = iter(kinds)
+    met = path.status == case.status and all(kind in rest for kind in case.events)
+    error = np.nan
+    if met and case.place is not None:
+        last = path.of_kind(case.events[-1])[0]  # type: ignore[arg-type]
+        error = abs(float(path.H[last.index, 0]) - case.place(value))
+    return {
+        "case": case.name,
+        "parameter": case.parameter,
+        "value": float(value),
+        "status": path.status,
+        "events": " ".join(kinds),
+        "expected_met": met,
+        "condition": float(np.max(path.condition)),
+        "energy_error": float(np.abs(path.energy_error).max()),
+        "error": error,
+    }
