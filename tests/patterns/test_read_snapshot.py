@@ -155,10 +155,9 @@ def test_images_given_or_reconstructed(tmp_path):
 )
 def test_a_wrong_cell_is_refused(tmp_path, cell, words):
     grains, contacts, _ = periodic()
-    with pytest.raises(InputError) as caught:
-        read_snapshot(write(tmp_path, grains, contacts), cell=cell)
+    message = refused(tmp_path, grains, contacts, cell=cell)
     for word in words:
-        assert word in str(caught.value)
+        assert word in message
 
 
 def refused(tmp_path, grains=GRAINS, contacts=CONTACTS, **arguments):
@@ -169,74 +168,49 @@ def refused(tmp_path, grains=GRAINS, contacts=CONTACTS, **arguments):
     return message
 
 
-@pytest.mark.parametrize("name", ["id", "x", "y", "radius"])
-def test_missing_grain_column(tmp_path, name):
-    message = refused(tmp_path, grains=changed(GRAINS, **{name: None}))
-    assert f"column '{name}'" in message
-    assert "grains_1.csv" in message
+TWICE = {name: [*values, values[0]] for name, values in CONTACTS.items()}
+BACK = {"id1": [*CONTACTS["id1"], 11], "id2": [*CONTACTS["id2"], 10], "nx": [*CONTACTS["nx"], -1.0]}
+NONE = {"id1": pa.array([], pa.int64())} | {
+    name: pa.array([], pa.float64()) for name in CONTACTS if name != "id1"
+}
+BAD_GRAINS = [
+    *((changed(GRAINS, **{n: None}), [f"column '{n}'", "grains_1.csv"]) for n in ("id", "x", "y")),
+    (changed(GRAINS, radius=None), ["column 'radius'", "grains_1.csv"]),
+    (at(GRAINS, "x", 2, float("nan")), ["column 'x'", "row 2"]),
+    (at(at(GRAINS, "x", 1, 0.0), "y", 1, 0.0), ["grains 10 and 11 at the same place"]),
+    (at(GRAINS, "radius", 2, 0.0), ["radius of grain 12", "0.0"]),
+    (at(GRAINS, "radius", 2, -0.5), ["radius of grain 12", "-0.5"]),
+    (at(GRAINS, "id", 3, 10), ["id 10 2 times"]),
+    (changed(GRAINS, type=[1] * 5), ["walls alone"]),
+    (GRAINS | {"z": [0.0, 0.1, 0.2, 0.3, 0.0]}, ["two dimensions", "z = 0 to 0.3"]),
+]
+BAD_CONTACTS = [
+    *(
+        (changed(CONTACTS, **{name: None}), [f"column '{name}'", "contacts_1.csv"])
+        for name in ("id1", "id2", "nx", "ny", "fn", "kn", "ks", "fsy")
+    ),
+    (at(CONTACTS, "fn", 1, None), ["column 'fn'", "row 1"]),
+    (changed(CONTACTS, kn=["a"] * 5), ["column 'kn'"]),
+    (at(CONTACTS, "id1", 0, 10.5), ["10.5", "whole number"]),
+    (at(CONTACTS, "id2", 1, 77), ["row 1", "grain 77"]),
+    (TWICE, ["row 5 (grains 10 and 11)", "row 0"]),
+    (changed(TWICE, **BACK), ["the same contact as row 0"]),
+    ({name: values[4:] for name, values in CONTACTS.items()}, ["no contact between grains"]),
+    (NONE, ["no rows"]),
+    (at(at(CONTACTS, "nx", 0, -1.0), "ny", 0, 0.0), ["row 0 (grains 10 and 11)"]),
+    (at(CONTACTS, "kn", 0, 0.0), ["kn of the contact law"]),
+]
 
 
-@pytest.mark.parametrize("name", ["id1", "id2", "nx", "ny", "fn", "kn", "ks"])
-def test_missing_contact_column(tmp_path, name):
-    message = refused(tmp_path, contacts=changed(CONTACTS, **{name: None}))
-    assert f"column '{name}'" in message
-    assert "contacts_1.csv" in message
-
-
-def test_missing_shear_force(tmp_path):
-    message = refused(tmp_path, contacts=changed(CONTACTS, fsy=None))
-    assert "column 'fsy'" in message
-
-
-def test_values_that_are_no_numbers(tmp_path):
-    message = refused(tmp_path, grains=at(GRAINS, "x", 2, float("nan")))
-    assert "column 'x'" in message
-    assert "row 2" in message
-    message = refused(tmp_path, contacts=at(CONTACTS, "fn", 1, None))
-    assert "column 'fn'" in message
-    assert "row 1" in message
-    message = refused(tmp_path, contacts=changed(CONTACTS, kn=["a"] * 5))
-    assert "column 'kn'" in message
-    message = refused(tmp_path, contacts=at(CONTACTS, "id1", 0, 10.5))
-    assert "10.5" in message
-    assert "whole number" in message
-
-
-def test_bad_grains(tmp_path):
-    message = refused(tmp_path, grains=at(at(GRAINS, "x", 1, 0.0), "y", 1, 0.0))
-    assert "grains 10 and 11 at the same place" in message
-    for radius in (0.0, -0.5):
-        message = refused(tmp_path, grains=at(GRAINS, "radius", 2, radius))
-        assert "radius of grain 12" in message
-        assert str(radius) in message
-    assert "id 10 2 times" in refused(tmp_path, grains=at(GRAINS, "id", 3, 10))
-    assert "walls alone" in refused(tmp_path, grains=changed(GRAINS, type=[1] * 5))
-
-
-def test_bad_contacts(tmp_path):
-    message = refused(tmp_path, contacts=at(CONTACTS, "id2", 1, 77))
-    assert "row 1" in message
-    assert "grain 77" in message
-    twice = {name: [*values, values[0]] for name, values in CONTACTS.items()}
-    message = refused(tmp_path, contacts=twice)
-    assert "row 5 (grains 10 and 11)" in message
-    assert "row 0" in message
-    back = changed(
-        twice,
-        id1=[*CONTACTS["id1"], 11],
-        id2=[*CONTACTS["id2"], 10],
-        nx=[*CONTACTS["nx"], -CONTACTS["nx"][0]],
-    )
-    assert "the same contact as row 0" in refused(tmp_path, contacts=back)
-    walls = {name: values[4:] for name, values in CONTACTS.items()}
-    assert "no contact between grains" in refused(tmp_path, contacts=walls)
-    none = {"id1": pa.array([], pa.int64())} | {
-        name: pa.array([], pa.float64()) for name in CONTACTS if name != "id1"
-    }
-    assert "no rows" in refused(tmp_path, contacts=none)
-    turned = at(at(CONTACTS, "nx", 0, -1.0), "ny", 0, 0.0)
-    assert "row 0 (grains 10 and 11)" in refused(tmp_path, contacts=turned)
-    assert "kn of the contact law" in refused(tmp_path, contacts=at(CONTACTS, "kn", 0, 0.0))
+@pytest.mark.parametrize(
+    ("grains", "contacts", "words"),
+    [(table, CONTACTS, words) for table, words in BAD_GRAINS]
+    + [(GRAINS, table, words) for table, words in BAD_CONTACTS],
+)
+def test_bad_tables(tmp_path, grains, contacts, words):
+    message = refused(tmp_path, grains, contacts)
+    for word in words:
+        assert word in message
 
 
 def test_files_that_are_not_there_or_not_whole(tmp_path):
@@ -386,12 +360,9 @@ def test_cell_beside_the_tables(tmp_path):
         read_snapshot(path)
 
 
-def test_three_dimensions_are_refused(tmp_path):
+def test_centres_leave_the_plane_by_rounding_alone(tmp_path):
     flat = GRAINS | {"z": [0.3, 0.3, 0.3 + 1e-9, 0.3, 7.0]}
     assert read_snapshot(write(tmp_path, flat)).graph.grain_count == 4
-    message = refused(tmp_path, GRAINS | {"z": [0.0, 0.1, 0.2, 0.3, 0.0]})
-    assert "two dimensions" in message
-    assert "z = 0 to 0.3" in message
 
 
 def test_contacts_of_distant_grains_are_refused(tmp_path):

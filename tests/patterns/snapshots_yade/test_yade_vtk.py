@@ -152,7 +152,7 @@ def test_multiblock_needs_both_blocks(tmp_path):
 
 def test_without_vtk_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "vtkmodules.vtkIOXML", None)
-    with pytest.raises(InputError, match=r"pip install 'grainloops\[vtk\]'"):
+    with pytest.raises(InputError, match="pip install vtk"):
         frame_of(yade_vtk, SPHERES)
 
 
