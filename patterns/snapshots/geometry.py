@@ -59,14 +59,7 @@ def read_bodies(table: Table) -> Bodies:
     bodies = Bodies(ids, is_wall, x, radii, rotation)
     if len(radii) == 0:
         raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
-    if radii.min() < 1 / HUGE:
-        g = int(np.argmin(radii))
-        raise InputError(
-            f"radius of grain {bodies.grain_ids[g]} in {table.path}",
-            str(radii[g]),
-            "a positive length",
-            "Correct the row, or give walls type 1.",
-        )
+    refuse_radii(table, bodies.grain_ids, radii, "Correct the row, or give walls type 1.")
     _refuse_third_dimension(table, bodies)
     _refuse_coincident(table, bodies)
     return bodies
@@ -74,19 +67,25 @@ def read_bodies(table: Table) -> Bodies:
 
 def read_pairs(table: Table, bodies: Bodies) -> Integers:
     """(C, 2) array: grains of every contact, -1 for walls; `InputError` for an unknown id."""
-    given = np.column_stack([table.integers("id1"), table.integers("id2")])
-    named = index_of(bodies.ids, given)
-    if named.min() < 0:
-        row, side = np.argwhere(named < 0)[0]
-        raise InputError(
-            f"column 'id{side + 1}' of {table.path}, row {row}",
-            f"grain {given[row, side]}",
-            "an id of the table of grains",
-            "Add the grain or drop the contact; check that both tables are of one snapshot.",
-        )
+    expected = "an id of the table of grains"
+    remedy = "Add the grain or drop the contact; check that both tables are of one snapshot."
+    named = places_of(table, ("id1", "id2"), bodies.ids, expected, remedy)
     if not bodies.is_wall.any():
         return named
     return np.where(bodies.is_wall, -1, np.cumsum(~bodies.is_wall) - 1)[named]
+
+
+def places_of(
+    table: Table, names: tuple[str, str], ids: Integers, expected: str, remedy: str
+) -> Integers:
+    """(C, 2) array: places of the ids in two columns; `InputError` for one that is not there."""
+    given = np.column_stack([table.integers(name) for name in names])
+    found = index_of(ids, given)
+    if found.min() < 0:
+        row, side = np.argwhere(found < 0)[0]
+        where = f"column {names[side]!r} of {table.path}, row {row}"
+        raise InputError(where, f"grain {given[row, side]}", expected, remedy)
+    return found
 
 
 def index_of(ids: Integers, named: Integers) -> Integers:
@@ -102,6 +101,14 @@ def index_of(ids: Integers, named: Integers) -> Integers:
     order = np.argsort(ids)
     found = order[np.minimum(np.searchsorted(ids, named, sorter=order), len(ids) - 1)]
     return np.where(ids[found] == named, found, -1)
+
+
+def refuse_radii(table: Table, ids: Integers, radii: Floats, remedy: str) -> None:
+    """Raise `InputError` for a radius that is not positive."""
+    if len(radii) and radii.min() < 1 / HUGE:
+        g = int(np.argmin(radii))
+        where = f"radius of grain {ids[g]} in {table.path}"
+        raise InputError(where, str(radii[g]), "a positive length", remedy)
 
 
 def refuse_repeated(table: Table, ids: Integers) -> None:

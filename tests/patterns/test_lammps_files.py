@@ -94,7 +94,7 @@ BAD = {
     "an unknown grain": (
         "atoms",
         lambda r: r.__setitem__(9, re.sub(r"^\d+", "777", r[9])),
-        r"column c_prop\[\d\] of .*step 0, row \d+: got grain \d+, expected an id",
+        r"column 'c_prop\[\d\]' of .*step 0, row \d+: got grain \d+, expected an id",
     ),
     "an id twice": ("atoms", lambda r: r.__setitem__(10, r[9]), "id 0 2 times"),
     "a third dimension": (

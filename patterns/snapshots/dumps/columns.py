@@ -10,9 +10,9 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.dumps.dump_files import Atoms
-from patterns.snapshots.dumps.pairs import Pairs, Space, gaps, normals, pairs_of, require_ids
+from patterns.snapshots.dumps.pairs import Pairs, Space, gaps, normals, pairs_of
 from patterns.snapshots.frame import require_column
-from patterns.snapshots.geometry import index_of
+from patterns.snapshots.geometry import index_of, places_of
 from patterns.snapshots.tables import WHOLE, Table
 from patterns.snapshots.text import listed
 
@@ -105,7 +105,9 @@ def find_ids(
             f"Name them: --columns id1=COLUMN,id2=COLUMN{remedy}.",
         )
     columns["id1"], columns["id2"] = best[1]
-    return require_ids(table.path, best[1], atoms.ids, *(table.integers(n) for n in best[1]))
+    other = "Take both dumps from one step of one run, with all the atoms."
+    one, two = places_of(table, best[1], atoms.ids, "an id of the dump of atoms", other).T
+    return one, two
 
 
 def _sample_rows(table: Table) -> Integers:

@@ -12,7 +12,7 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.frame import Frame, Instants, Source, require_column
-from patterns.snapshots.geometry import refuse_repeated
+from patterns.snapshots.geometry import refuse_radii, refuse_repeated
 from patterns.snapshots.listing import Listing, ReadPair, paired
 from patterns.snapshots.text import Text, beside, line_at, open_text
 
@@ -304,14 +304,7 @@ def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
     radii = table.column(str(found["radius"])) * (0.5 if found["radius"] == "diameter" else 1.0)
     ids = table.integers(str(found["id"]))
     refuse_repeated(table, ids)
-    if len(radii) and radii.min() <= 0:
-        g = int(np.argmin(radii))
-        raise InputError(
-            f"radius of grain {ids[g]} in {frame.where}",
-            str(radii[g]),
-            "a positive length",
-            "Correct the dump; leave points out of it by a group.",
-        )
+    refuse_radii(table, ids, radii, "Correct the dump; leave points out of it by a group.")
     return Atoms(ids, x, radii, z)
 
 

@@ -13,7 +13,6 @@ from loops.arrays import Flags, Floats, Integers
 from loops.validation import repeated_contacts
 from patterns.snapshots.dumps.dump_files import Atoms, Box
 from patterns.snapshots.frame import Frame
-from patterns.snapshots.geometry import index_of
 from patterns.snapshots.listing import Listing
 from patterns.snapshots.tables import Table
 
@@ -123,23 +122,6 @@ def contact_rows(
     elif twice:
         notes.append(f"{twice} contacts stand there twice and were taken once")
     return np.flatnonzero(~apart & ~again), tuple(notes)
-
-
-def require_ids(
-    where: str, names: tuple[str, str], ids: Integers, one: Integers, two: Integers
-) -> tuple[Integers, Integers]:
-    """Grains of the pairs as indices, or `InputError` for ids that no grain has."""
-    found = [index_of(ids, named) for named in (one, two)]
-    for name, named, index in zip(names, (one, two), found, strict=True):
-        if (index < 0).any():
-            row = int(np.argmin(index))
-            raise InputError(
-                f"column {name} of {where}, row {row}",
-                f"grain {named[row]}",
-                "an id of the dump of atoms",
-                "Take both dumps from one step of one run, with all the atoms.",
-            )
-    return found[0], found[1]
 
 
 class Forces(NamedTuple):

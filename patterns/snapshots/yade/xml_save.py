@@ -8,7 +8,7 @@ import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ SNIPPET = "Load it in Yade, O.load(...), and export the tables from there: see d
 
 @dataclass(eq=False)
 class Save:
-    """What a save holds, as far as it is asked for."""
+    """What a save holds, as far as it is asked for: takes the objects, `<px>`, as they end."""
 
     # Id, shape by Yade's class name, x, y, z, and the radius of a sphere, else 0.
     bodies: list[tuple[int, str, float, float, float, float]] = field(default_factory=list)
@@ -39,74 +39,9 @@ class Save:
     periodic: bool = False
     iteration: int = 0
     radii: bool = True  # whether shear turns by the radii, avoidGranularRatcheting
-
-
-def read_save(path: Path) -> Save:
-    """Read what a save holds of bodies, interactions and cell.
-
-    Memory is that of the rows, not of the file: elements are dropped once they are read.
-    """
-    require_file(path)
-    reader = _Reader()
-    done = False
-    try:
-        with whole_file(path), _opened(path) as file:
-            _check_head(path, file)
-            for _, element in ET.iterparse(file):
-                if element.tag == "px":
-                    reader.read(element)
-                elif element.tag == "item":
-                    element.clear()
-                elif element.tag == "scene":
-                    done = True
-    except ET.ParseError as error:
-        raise InputError(
-            str(path), f"XML that ends or breaks ({error})", "a complete save", "Save it again."
-        ) from None
-    except _MissingError as error:
-        raise InputError(
-            str(path), f"another serialisation, {error}", "a save of Yade 2023", SNIPPET
-        ) from None
-    save = reader.save
-    if not done or not reader.scene_read or (save.periodic and not save.cell):
-        received = "no <cell>" if done and reader.scene_read else "no <scene>"
-        raise InputError(str(path), received, "a save of Yade, O.save(...)", SNIPPET)
-    return save
-
-
-class _MissingError(Exception):
-    """What an element lacks. No ValueError, which would pass for a damaged file."""
-
-
-def _opened(path: Path) -> BinaryIO:
-    with open(path, "rb") as file:
-        magic = file.read(3)
-    if magic[:2] == b"\x1f\x8b":
-        return cast(BinaryIO, gzip.open(path))
-    return cast(BinaryIO, bz2.open(path)) if magic == b"BZh" else open(path, "rb")
-
-
-def _check_head(path: Path, file: BinaryIO) -> None:
-    """Declarations stand before the root: Yade writes none, and entities may expand endlessly."""
-    head = file.read(HEAD)
-    file.seek(0)
-    start = head.find(ROOT)
-    if start >= 0 and b"<!ENTITY" not in head[:start]:
-        return
-    received = "declarations of entities" if start >= 0 else "no <boost_serialization>"
-    if start < 0 and BINARY in head[:64]:
-        received = "Yade's binary save, readable by the build of Yade that wrote it"
-    raise InputError(str(path), received, 'XML as O.save("....xml.gz") writes it', SNIPPET)
-
-
-class _Reader:
-    """Takes the objects, `<px>`, as they end, and remembers classes and shared shapes."""
-
-    def __init__(self) -> None:
-        self.save = Save()
-        self.scene_read = False
-        self.classes: dict[str, str] = {}
-        self.shapes: dict[str, tuple[str, float]] = {}
+    complete: bool = False  # whether the scene itself came
+    classes: dict[str, str] = field(default_factory=dict)
+    shapes: dict[str, tuple[str, float]] = field(default_factory=dict)
 
     def read(self, px: ET.Element) -> None:
         """Take a scene, cell, body or real interaction; anything else is passed over."""
@@ -119,13 +54,13 @@ class _Reader:
             self._body(px)
         elif name is not None and self._class_of(px).startswith("Ig2_Sphere_Sphere"):
             if px.find("avoidGranularRatcheting") is not None:
-                self.save.radii = _number(px, "avoidGranularRatcheting") != 0
+                self.radii = _number(px, "avoidGranularRatcheting") != 0
         elif px.find("hSize") is not None:
-            self.save.cell = [_number(px.find("hSize"), m) for m in ("m00", "m01", "m10", "m11")]
+            self.cell = [_number(px.find("hSize"), m) for m in ("m00", "m01", "m10", "m11")]
         elif px.find("isPeriodic") is not None and px.find("bodies") is not None:
-            self.save.periodic = _number(px, "isPeriodic") != 0
-            self.save.iteration = int(_number(px, "iter"))
-            self.scene_read = True
+            self.periodic = _number(px, "isPeriodic") != 0
+            self.iteration = int(_number(px, "iter"))
+            self.complete = True
 
     def _body(self, px: ET.Element) -> None:
         body = int(_number(px, "id"))
@@ -135,7 +70,7 @@ class _Reader:
         shape, radius = self._shape(px, body)
         position = next(px.find("state").iter("position"), None)  # type: ignore[union-attr]
         x, y, z = (_number(position, axis, f"position of body {body}") for axis in "xyz")
-        self.save.bodies.append((body, shape, x, y, z, radius))
+        self.bodies.append((body, shape, x, y, z, radius))
 
     def _shape(self, px: ET.Element, body: int) -> tuple[str, float]:
         """Class and radius of a shape, which bodies may share."""
@@ -174,7 +109,63 @@ class _Reader:
             row.append(_value(found.get(name), name, where))
         friction = found.get("tangensOfFrictionAngle")
         row.append(math.nan if friction is None else _value(friction, "friction", where))
-        self.save.interactions.append(row)
+        self.interactions.append(row)
+
+
+def read_save(path: Path) -> Save:
+    """Read what a save holds of bodies, interactions and cell.
+
+    Memory is that of the rows, not of the file: elements are dropped once they are read.
+    """
+    require_file(path)
+    save, done = Save(), False
+    try:
+        with whole_file(path), opened(path) as file:
+            _check_head(path, file)
+            for _, element in ET.iterparse(file):
+                if element.tag == "px":
+                    save.read(element)
+                elif element.tag == "item":
+                    element.clear()
+                elif element.tag == "scene":
+                    done = True
+    except ET.ParseError as error:
+        raise InputError(
+            str(path), f"XML that ends or breaks ({error})", "a complete save", "Save it again."
+        ) from None
+    except _MissingError as error:
+        raise InputError(
+            str(path), f"another serialisation, {error}", "a save of Yade 2023", SNIPPET
+        ) from None
+    if not done or not save.complete or (save.periodic and not save.cell):
+        received = "no <cell>" if done and save.complete else "no <scene>"
+        raise InputError(str(path), received, "a save of Yade, O.save(...)", SNIPPET)
+    return save
+
+
+class _MissingError(Exception):
+    """What an element lacks. No ValueError, which would pass for a damaged file."""
+
+
+def opened(path: Path) -> BinaryIO:
+    """A file, unpacked if it is gzip or bzip2."""
+    with open(path, "rb") as file:
+        magic = file.read(2)
+    unpack: Any = {b"\x1f\x8b": gzip.open, b"BZ": bz2.open}.get(magic, open)
+    return cast(BinaryIO, unpack(path, "rb"))
+
+
+def _check_head(path: Path, file: BinaryIO) -> None:
+    """Declarations stand before the root: Yade writes none, and entities may expand endlessly."""
+    head = file.read(HEAD)
+    file.seek(0)
+    start = head.find(ROOT)
+    if start >= 0 and b"<!ENTITY" not in head[:start]:
+        return
+    received = "declarations of entities" if start >= 0 else "no <boost_serialization>"
+    if start < 0 and BINARY in head[:64]:
+        received = "Yade's binary save, readable by the build of Yade that wrote it"
+    raise InputError(str(path), received, 'XML as O.save("....xml.gz") writes it', SNIPPET)
 
 
 def _number(parent: ET.Element | None, name: str, where: str = "") -> float:
