@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tokenize
 import zipfile
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -234,7 +235,10 @@ def _read_npz(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
                 continue
             size += member.file_size
             require_room(path, size, path.stat().st_size)
-            arrays[name] = _read_npy(archive, member)
+            try:
+                arrays[name] = _read_npy(archive, member)
+            except (SyntaxError, tokenize.TokenError) as error:  # headers are parsed as Python
+                raise ValueError(f"a damaged header, {error}") from None
     return names, arrays
 
 

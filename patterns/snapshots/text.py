@@ -6,7 +6,6 @@ import gzip
 import mmap
 import os
 import re
-import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -84,8 +83,7 @@ def whole_file(path: Path) -> Iterator[None]:
     except (
         *(pyarrow.ArrowException, OSError, EOFError, zlib.error, zipfile.BadZipFile),
         *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, MemoryError),
-        # Headers of npy files are parsed as Python.
-        *(ArithmeticError, SyntaxError, tokenize.TokenError),
+        ArithmeticError,
     ) as error:
         raise InputError(
             str(path),
