@@ -88,6 +88,10 @@ def series(
         float,
         typer.Option(help="Contacts from this share of their strength on may slide."),
     ] = 0.99,
+    probe: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Probe each snapshot along so many directions of strain."),
+    ] = None,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Leave out snapshots that can't be read.")
     ] = False,
@@ -112,6 +116,7 @@ def series(
         scheduler=scheduler,
         in_packing=in_packing,
         yield_band=yield_band,
+        probe=probe,
         skip_bad=skip_bad,
         force=force,
         csv=csv,

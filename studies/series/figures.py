@@ -85,6 +85,8 @@ def draw_series(
         figures["exchange"] = figure_of(exchange_heatmap(exchange))
     if "S11" in evolution:
         figures["stress_strain"] = stress_strain(evolution)
+    if "probe_w2" in evolution:
+        figures["probes"] = probes_over_strain(evolution)
     if len(increments.get("W2", ())):
         figures["work_signs"] = work_signs(increments)
     if mapped is not None and "W2" in mapped.increments:
@@ -177,6 +179,21 @@ def stress_strain(evolution: Columns) -> Figure:
         right.plot(strain, values, label=label, **style)
     right.set(xlabel=STRAIN_LABEL, ylabel="share", ylim=(0, None))
     right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    return figure
+
+
+@styled()
+def probes_over_strain(evolution: Columns) -> Figure:
+    """Smallest second-order work and the share of unstable directions, above the stress ratio."""
+    figure = new_figure(TWO_COLUMNS, 2.6)
+    left, right = figure.subplots(1, 2)
+    strain = _column(evolution, "shear_strain")
+    left.plot(strain, _column(evolution, "probe_w2"), "o-", color=BLUE)
+    left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
+    left.set(xlabel=STRAIN_LABEL, ylabel=r"smallest $w_2$ of the sample")
+    share = 100 * _column(evolution, "probe_unstable_fraction")
+    right.plot(strain, share, "s-", color=VERMILION)
+    right.set(xlabel=STRAIN_LABEL, ylabel=r"directions with $W_2 < 0$ (%)", ylim=(0, None))
     return figure
 
 

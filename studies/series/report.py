@@ -30,6 +30,11 @@ CAPTIONS = {
         "Love-Weber stress of the sample; unstable loops, loops that did negative work, contacts "
         "that slide.",
     ),
+    "probes": (
+        "Probes of the sample",
+        "Smallest normalised second-order work over the directions of strain, and the share of "
+        "directions where it is negative; gaps where the rate problem has no solution anywhere.",
+    ),
     "fates": ("Fates", "What became of the loops of each snapshot by the next one."),
     "exchange": ("Exchange of orders", "Loops by order before and after, all intervals together."),
     "work_signs": (

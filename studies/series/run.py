@@ -15,6 +15,7 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Integers
 from loops.tracking import ExchangeCounts, Fate
+from stability.arguments import whole_number
 from stability.packing.edge import checked_band
 from studies.output import (
     SERIES,
@@ -38,6 +39,7 @@ from studies.series.dataset import (
 from studies.series.evolution import evolution_table
 from studies.series.packing import SOLVED
 from studies.series.plan import PlannedSnapshot, plan_series
+from studies.series.probing import DEFINITION
 from studies.series.skill import skill_tables, summarised
 from studies.series.tasks import Failure, pairs, singles
 from studies.series.workers import Runner, do_tasks, open_runner
@@ -73,6 +75,7 @@ DEFINITIONS = {
     "upper bound; smallest_N is the smallest normal force of a loop's contacts",
     "skill_by_order": "AUC of negative work among the loops of one order, means over the intervals "
     "weighted by loops; the last order stands for all beyond",
+    "probe": DEFINITION,
     "skipped": "snapshots that could not be read; the interval goes over them",
 }
 
@@ -91,13 +94,14 @@ def run_series(
     animation: bool = False,
     in_packing: bool = False,
     yield_band: float = 0.99,
+    probe: int | None = None,
     **how: Any,
 ) -> dict[str, Any]:
     """Find the loops of every snapshot of a series and what becomes of them; the summary.
 
     Snapshots are read with the options `how` of `read_planar`, their cells from a table `cells`.
     With `in_packing` the packing's rate problem foretells each interval, and `skill.parquet` says
-    what that is worth.
+    what that is worth. With `probe` every snapshot is probed along so many directions of strain.
     What is finished in `out` is not done again: an interrupted run goes on with the same call. A
     script calls this under `if __name__ == "__main__"`, for the processes import it.
     """
@@ -106,6 +110,11 @@ def run_series(
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
     band = checked_band(yield_band) if in_packing else None
     read["in_packing"] = band
+    probing: tuple[float | None, int | None] = (None, None)
+    if probe is not None:
+        whole_number("probe", probe, 1)
+        probing = checked_band(yield_band), probe
+        read["probe"] = list(probing)
     made = provenance("series", {"paths": paths, "cells": cells, **read}, UNITS)
     read["cells"] = None if cells is None else cells.name
     out = out.absolute()
@@ -117,7 +126,7 @@ def run_series(
             open_folder(out, read, [one.name for one in planned], force=force)
             try:
                 with open_runner(workers, scheduler, _needed(planned, out)) as runner:
-                    good, failures = _do_all(runner, planned, out, band, skip_bad=skip_bad)
+                    good, failures = _do_all(runner, planned, out, band, probing, skip_bad=skip_bad)
             except InputError:
                 if new and not has_parts(out):
                     shutil.rmtree(out)
@@ -136,11 +145,12 @@ def _do_all(
     planned: Sequence[PlannedSnapshot],
     out: Path,
     band: float | None,
+    probing: tuple[float | None, int | None],
     *,
     skip_bad: bool,
 ) -> tuple[list[PlannedSnapshot], list[Failure]]:
     """Snapshots that could be read, and why the others could not."""
-    failures = do_tasks(runner, singles(planned, out), "snapshots", skip_bad=skip_bad)
+    failures = do_tasks(runner, singles(planned, out, *probing), "snapshots", skip_bad=skip_bad)
     bad = {failure.number for failure in failures}
     good = [one for one in planned if one.number not in bad]
     if not good:

@@ -21,6 +21,7 @@ from studies.series.evolution import evolution_row, interval_row
 from studies.series.increments import TrackedState, increments, track_loops
 from studies.series.packing import foretold, gained
 from studies.series.plan import PlannedSnapshot
+from studies.series.probing import probe_row
 from studies.snapshot.source import read_planar
 from studies.snapshot.table import loop_table
 
@@ -57,11 +58,15 @@ class Failure:
 
 @dataclass(frozen=True)
 class PartTask:
-    """One part to write: the loops of a snapshot, or what became of them by the next one."""
+    """One part to write: the loops of a snapshot, or what became of them by the next one.
+
+    With `directions` the snapshot is probed as well.
+    """
 
     snapshots: tuple[PlannedSnapshot, ...]
     out: Path
     yield_band: float | None = None
+    directions: int | None = None
 
     @property
     def part(self) -> Path:
@@ -76,13 +81,15 @@ class PartTask:
     @property
     def fingerprint(self) -> str:
         """Of what the result depends on."""
-        band = [] if self.yield_band is None else [repr(self.yield_band)]
+        how = self.yield_band, self.directions
+        band = [repr(one) for one in how if one is not None]
         return "-".join([*(one.fingerprint for one in self.snapshots), *band])
 
     @property
     def finished(self) -> bool:
         """Whether all it writes is there, made from the same."""
-        parts = [self.part, *([] if self.yield_band is None else [self.packing_part])]
+        foretells = len(self.snapshots) > 1 and self.yield_band is not None
+        parts = [self.part, *([self.packing_part] if foretells else [])]
         return all(is_finished(part, self.fingerprint) for part in parts)
 
     @property
@@ -95,9 +102,14 @@ class PartTask:
         return self.out / dataset / f"part-{numbers}.parquet"
 
 
-def singles(planned: Sequence[PlannedSnapshot], out: Path) -> list[PartTask]:
-    """A task for each snapshot."""
-    return [PartTask((one,), out) for one in planned]
+def singles(
+    planned: Sequence[PlannedSnapshot],
+    out: Path,
+    yield_band: float | None = None,
+    directions: int | None = None,
+) -> list[PartTask]:
+    """A task for each snapshot; with a number of directions it is probed as well."""
+    return [PartTask((one,), out, yield_band, directions) for one in planned]
 
 
 def pairs(
@@ -129,13 +141,16 @@ def _write_snapshot(task: PartTask) -> None:
     state = state_of(planned)
     # Tasks run side by side, each on one core.
     table = loop_table(state.snapshot, state.faces, threads=1)
-    row = evolution_row(state, table)
+    row, notes = evolution_row(state, table), list(state.snapshot.notes)
+    if task.directions is not None and task.yield_band is not None:
+        probed, why = probe_row(state, task.directions, task.yield_band)
+        row, notes = row | probed, notes + why
     rows, step = len(table["loop"]), state.snapshot.step
     place = {
         "snapshot": np.full(rows, planned.number),
         "step": np.full(rows, np.nan if step is None else float(step)),
     }
-    about = {"fingerprint": task.fingerprint, "row": row, "notes": state.snapshot.notes}
+    about = {"fingerprint": task.fingerprint, "row": row, "notes": notes}
     write_part(task.part, place | table, about)
 
 
