@@ -36,11 +36,12 @@ from loops.packing.walls import PlaneContacts
 Method = Literal["auto", "whole", "blocks", "patches", "extrapolated"]
 METHODS = get_args(Method)
 
-# Added to the diagonal over the typical stiffness; with refined direct solves C_in agrees to 2e-6.
-EPS = 1e-9
+# Added to the diagonal over the typical stiffness. C_in is off by about a thousand times that, by a
+# million times in the softest modes of sliding contacts; rounding shows from 1e-13 on.
+EPS = 1e-12
 # A compliance so much smaller in one direction than in another is none: a mode that nothing but EPS
-# holds is softer by 1e-9, a loop of one grain and its images has no strain at all.
-SINGULAR = 1e-8
+# holds is softer by EPS, a loop of one grain and its images has no strain at all.
+SINGULAR = 1e-10
 # Up to so many grains the whole packing is inverted; beyond, squares of BLOCK mean diameters with
 # grains held BUFFER outside them: on 32,000 grains half the time and an eighth of the memory.
 WHOLE = 30_000

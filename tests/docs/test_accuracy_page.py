@@ -161,7 +161,7 @@ def loops_in_place(names, times):
         for title, value in zip(
             ("median", "90 %", "largest", "stated", "within"), found, strict=True
         ):
-            # Two digits; the regularisation of 1e-9 moves the softest loops by less.
+            # Two digits; the regularisation moves the softest loops by less.
             assert float(said[title]) == pytest.approx(100 * value, rel=0.06, abs=0.1), (
                 name,
                 title,

@@ -44,8 +44,8 @@ def test_in_place_is_the_dense_inverse(sliding):
     regime = LAW.regime(contact_state(graph))
     found = loops_in_place(graph, LAW, find_faces(graph))
     dense = dense_operators(graph, LAW, regime)
-    # The regularisation of 1e-9 weighs in the softest modes.
-    assert np.allclose(found.matrix, dense, rtol=1e-6, atol=1e-6)
+    # The regularisation of 1e-12 weighs in the softest modes.
+    assert np.allclose(found.matrix, dense, rtol=1e-8, atol=1e-9)
     assert (found.error == 0).all()
 
 
