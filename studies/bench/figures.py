@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from studies.bench.groups import by_group
-from studies.bench.measure import Row
+from studies.bench.measure import Row, grouped
 from studies.style import BLACK, GREY, LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
 
 # Stands for an error of zero.
@@ -40,7 +39,7 @@ def draw_figures(results: Any, folder: Path, source: dict[str, Any]) -> None:
 
 def all_figures(results: Any) -> dict[str, Figure]:
     """Figures by name."""
-    groups = by_group(results.rows)
+    groups = grouped(results.rows, "group")
     figures = {}
     fronts = {name: rows for name, rows in groups.items() if name not in OWN_FIGURE}
     if fronts:
@@ -69,7 +68,7 @@ def pareto(groups: dict[str, list[Row]]) -> Figure:
 
 
 def _front(ax: Axes, name: str, rows: list[Row]) -> None:
-    methods = _by_method(rows)
+    methods = grouped(rows, "method")
     for k, (method, own) in enumerate(methods.items()):
         seconds = [row.seconds_per_item for row in own]
         errors = [max(row.error, LEAST) for row in own]
@@ -98,12 +97,12 @@ def batches(sizes: list[Row], precisions: list[Row]) -> Figure:
     """Time per loop over the number of loops at once; error over the overlap by precision."""
     figure = new_figure(TWO_COLUMNS, 2.6)
     left, right = figure.subplots(1, 2)
-    for k, (method, own) in enumerate(_by_method(sizes).items()):
+    for k, (method, own) in enumerate(grouped(sizes, "method").items()):
         seconds = [row.seconds_per_item for row in own]
         style: Any = {"color": LINE_COLOURS[k], "label": method}
         left.loglog([row.items for row in own], seconds, MARKERS[k] + "-", **style)
     left.set(xlabel="hexagons at once", ylabel="time per hexagon (s)")
-    for k, (method, own) in enumerate(_by_method(precisions).items()):
+    for k, (method, own) in enumerate(grouped(precisions, "method").items()):
         overlap = [float(row.setting.split()[-1]) for row in own]
         errors = [max(row.error, LEAST) for row in own]
         style = {"color": LINE_COLOURS[k], "label": method}
@@ -112,11 +111,6 @@ def batches(sizes: list[Row], precisions: list[Row]) -> Figure:
     for ax in (left, right):
         ax.legend()
     return figure
-
-
-def _by_method(rows: list[Row]) -> dict[str, list[Row]]:
-    methods = dict.fromkeys(row.method for row in rows)
-    return {name: [row for row in rows if row.method == name] for name in methods}
 
 
 @styled()

@@ -51,11 +51,3 @@ def knee(rows: list[Row]) -> Row:
 def reaches(row: Row, rows: list[Row]) -> bool:
     """Whether a row's error is rounding, or near the least of its group."""
     return row.error <= max(ROUND_OFF, NEAR * min(other.error for other in rows))
-
-
-def by_group(rows: list[Row]) -> dict[str, list[Row]]:
-    """Rows sorted into their groups, in the order met."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(row.group, []).append(row)
-    return found

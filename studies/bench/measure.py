@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import platform
 import time
 import tracemalloc
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -75,10 +78,24 @@ def peak_bytes(call: Callable[[], Any]) -> float:
         tracemalloc.stop()
 
 
-def table(rows: list[Row]) -> dict[str, list[Any]]:
-    """Rows as columns."""
-    plain = [asdict(row) for row in rows]
-    return {name: [row[name] for row in plain] for name in Row.__dataclass_fields__}
+def grouped(rows: list[Row], by: str) -> dict[str, list[Row]]:
+    """Rows by their group or method, in the order met."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(getattr(row, by), []).append(row)
+    return found
+
+
+def machine(*packages: str) -> dict[str, Any]:
+    """What the times depend on, without names: interpreter, processor, cores, packages."""
+    found: dict[str, Any] = {"python": platform.python_version(), "cores": os.cpu_count()}
+    found["processor"] = platform.machine()
+    for name in packages:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
 
 
 def largest(errors: Any) -> float:

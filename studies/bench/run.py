@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -12,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from patterns.hard_cases import HARD_CASES
-from studies.bench.groups import GROUPS, HARD, SMALLEST, by_group, chosen_groups, knee
+from studies.bench.groups import GROUPS, HARD, SMALLEST, chosen_groups, knee
 from studies.bench.hard_cases import loop_letters, path_rows, read_letters, tangent_rows
-from studies.bench.measure import Row, table
+from studies.bench.measure import Row, grouped, machine
 from studies.bench.smallest import rows as smallest_model_rows
 from studies.output import provenance, result_folder, write_summary, write_table
 
@@ -45,16 +43,15 @@ def run_bench(
         results = collect(names, quick, progress)
         asked: dict[str, Any] = {"quick": True} if quick else {}
         asked |= {} if only is None else {"only": only}
-        made = provenance("bench", {**machine(), **asked}, UNITS)
+        made = provenance("bench", {**machine("numpy"), **asked}, UNITS)
         summary = summarise(results) | {"provenance": made}
-        if results.rows:
-            write_table(folder, "bench", table(results.rows), made, csv=True)
-        others = {
+        tables = {
+            "bench": [asdict(row) for row in results.rows],
             "hard_tangents": results.tangents,
             "hard_paths": results.paths,
             "smallest_model": results.smallest,
         }
-        for name, found in others.items():
+        for name, found in tables.items():
             if found:
                 columns = {key: [row[key] for row in found] for key in found[0]}
                 write_table(folder, name, columns, made, csv=True)
@@ -76,17 +73,23 @@ def collect(
             progress(name)
         for methods in GROUPS.get(name, ()):
             results.rows.extend(methods(quick))
-        if name == HARD:
-            _hard_cases(results, quick)
+        for case in HARD_CASES if name == HARD else ():
+            if case.kind == "tangent":
+                results.tangents.extend(tangent_rows(case, 3 if quick else 1))
+                results.letters[case.name] = read_letters(case)
+            elif case.kind == "faces":
+                results.letters[case.name] = {"loops": loop_letters(case)}
+            elif not quick:
+                results.paths.extend(path_rows(case))
         if name == SMALLEST and not quick:
-            results.smallest.extend(smallest_model_rows(repeats=1))
+            results.smallest.extend(smallest_model_rows())
     return results
 
 
 def summarise(results: Results) -> dict[str, Any]:
     """Defaults and knees by group, and the hard cases' answers."""
     groups = {}
-    for name, rows in by_group(results.rows).items():
+    for name, rows in grouped(results.rows, "group").items():
         defaults = [row for row in rows if row.default]
         groups[name] = {"knee": asdict(knee(rows)), "defaults": [asdict(row) for row in defaults]}
     wrong = [row for row in results.tangents if row["answer"] != row["expected"]]
@@ -107,24 +110,3 @@ def summarise(results: Results) -> dict[str, Any]:
             "letters": results.letters,
         },
     }
-
-
-def machine() -> dict[str, Any]:
-    """What the times depend on, without names."""
-    return {
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "processor": platform.machine(),
-        "cores": os.cpu_count(),
-    }
-
-
-def _hard_cases(results: Results, quick: bool) -> None:
-    for case in HARD_CASES:
-        if case.kind == "tangent":
-            results.tangents.extend(tangent_rows(case, 3 if quick else 1))
-            results.letters[case.name] = read_letters(case)
-        elif case.kind == "faces":
-            results.letters[case.name] = {"loops": loop_letters(case)}
-        elif not quick:
-            results.paths.extend(path_rows(case))

@@ -8,8 +8,8 @@ number of grains.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from loops import (
 from loops.arrays import Floats
 from patterns import regular_polygon
 from stability import restrict, symmetric_spectrum
+from studies.bench.measure import least_seconds
 from studies.examples import run, save
 from studies.style import BLUE, GREY, LINE_COLOURS, TWO_COLUMNS, VERMILION, new_figure, styled
 
@@ -76,12 +77,8 @@ def tangent_seconds(orders: tuple[int, ...] = SIZES, grains: int = 400_000) -> F
     for order in orders:
         count = max(grains // order, 1)
         loop = regular_polygon(order, strain=np.linspace(0.01, 0.1, count))
-        times = []
-        for _ in range(3):
-            start = perf_counter()
-            traction_tangent(loop, LINEAR, method="force")
-            times.append(perf_counter() - start)
-        found.append(min(times) / count)
+        tangent = partial(traction_tangent, loop, LINEAR, method="force")
+        found.append(least_seconds(tangent, quick=True) / count)
     return np.array(found)
 
 

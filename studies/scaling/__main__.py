@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from studies.bench.measure import machine
 from studies.output import provenance, result_folder, write_summary, write_table
 from studies.scaling.figure import scaling_figure
 from studies.scaling.measure import FLOORS, floor_seconds, in_a_process, triad_bandwidth
@@ -58,24 +56,13 @@ def main(
     with result_folder(out, force=force) as folder:
         rows, floors, bandwidth = run(sizes, repeats, limits, _tell)
         configuration = {"grains": sizes, "repeats": repeats, "slow_up_to": slow_up_to}
-        made = provenance("scaling study", {**configuration, "machine": machine()}, UNITS)
+        made = provenance("scaling study", {**configuration, "machine": machine(*PACKAGES)}, UNITS)
         columns = {name: [row[name] for row in rows] for name in rows[0]}
         write_table(folder, "scaling", columns, made, csv=True)
         summary = {"rows": rows, "floors": floors, "bandwidth": bandwidth, "provenance": made}
         write_summary(folder, summary)
         save_figure(scaling_figure(rows, floors), folder, "scaling", made)
         (folder / "rows.md").write_text("\n".join(_markdown(rows, floors)) + "\n")
-
-
-def machine() -> dict[str, str]:
-    """What the numbers were taken with: interpreter, packages, cores."""
-    found = {"python": platform.python_version(), "cores": str(os.cpu_count())}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
 
 
 def _markdown(rows: list[dict[str, Any]], floors: dict[str, dict[int, float]]) -> Iterator[str]:

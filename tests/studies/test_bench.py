@@ -23,7 +23,7 @@ from studies.bench.groups import GROUPS, chosen_groups
 from studies.bench.measure import Row, Rows
 from studies.bench.oracles import compliance_tangent_50, tangent_50
 from studies.bench.rings import random_rings
-from studies.bench.smallest import Scene, compared, largest_difference
+from studies.bench.smallest import Family, compared, largest_difference
 from studies.fifty_digits import as_array, traction_tangent_50
 
 
@@ -86,7 +86,7 @@ def test_errors_of_random_rings_stay_within_what_is_stated():
 
 
 def test_smallest_and_full_model():
-    row = compared(Scene("traction", "free", (4,)), 4)
+    row = compared(Family("traction", "free", (4,)), 4)
     assert (row["symmetry"], row["unknowns_auto"], row["unknowns_full"]) == ("D2 (order 4)", 7, 21)
     assert row["solves_auto"] < row["solves_full"]
     # Seven and 21 unknowns: some tens of roundings.
