@@ -244,24 +244,31 @@ def branches_of(
         if given is not None:
             error = given[part] - (n[part] if branches is None else gap)
             off[part] = np.hypot(error[:, 0], error[:, 1]) / (1.0 if branches is None else size)
-    place = _Place(table, rows, pairs, bodies, cell is not None)
+
+    def refuse(c: int, received: str, expected: str, remedy: str) -> NoReturn:
+        one, two = bodies.grain_ids[pairs[c]].tolist()
+        where = f"{table.path}, row {rows[c]} (grains {one} and {two})"
+        raise InputError(where, received, expected, remedy)
+
+    of_cell = "Give --cell if the sample is periodic; else take both tables of one snapshot."
+    if cell is not None:
+        of_cell = "Give the cell of this snapshot."
     if given is not None and off.max() > GEOMETRY_TOLERANCE:
         c = int(np.argmax(off))
         what, expected = ("branch", d) if branches is not None else ("normal", n)
         turned = np.abs(given + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
-        place.refuse(
+        remedy = "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
+        refuse(
             c,
             f"{what} {given[c].tolist()}",
             f"{expected[c].tolist()} from the centres, grain 1 to grain 2",
-            "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
-            if turned
-            else "",
+            remedy if turned else of_cell,
         )
     # Where all are apart, the radii are in question: the checks tell why.
     if reach.max() > REACH and np.median(reach) < REACH:
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
-        place.refuse(c, received, "grains that touch")
+        refuse(c, received, "grains that touch", of_cell)
     return Branches(made, d, length, n, given)
 
 
@@ -282,22 +289,3 @@ def _images_of_file(table: Table, rows: Integers, cell: Floats | None) -> Intege
             "Give --cell HXX,HXY,HYX,HYY.",
         )
     return None if cell is None else images
-
-
-class _Place(NamedTuple):
-    """Where a contact stands, for messages."""
-
-    table: Table
-    rows: Integers
-    pairs: Integers
-    bodies: Bodies
-    periodic: bool
-
-    def refuse(self, c: int, received: str, expected: str, remedy: str = "") -> NoReturn:
-        one, two = self.bodies.grain_ids[self.pairs[c]].tolist()
-        where = f"{self.table.path}, row {self.rows[c]} (grains {one} and {two})"
-        if not remedy and self.periodic:
-            remedy = "Give the cell of this snapshot."
-        elif not remedy:
-            remedy = "Give --cell if the sample is periodic; else take both tables of one snapshot."
-        raise InputError(where, received, expected, remedy)

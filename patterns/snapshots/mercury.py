@@ -219,9 +219,11 @@ def _frame(
     table = contact_listing.read(FSTAT_COLUMNS[1:])
     i, j = table.integers("i"), table.integers("j")
     _require_known(table, atoms, i, j)
-    force = _force(table, axes)
+    # On the first body of each row; with walls on the grain the opposite.
+    n, t = (table.columns(*(f"{v}{a}" for a in axes)) for v in "nt")
+    force = table.column("fn")[:, None] * n + table.column("ft")[:, None] * t
     between = np.flatnonzero(j >= 0)
-    normal = -table.columns(*(f"n{a}" for a in axes))[between]
+    normal = -n[between]
     # Normals of grains point from the second to the first, of walls from the grain to the wall.
     reach = atoms.radii[i[between]] + atoms.radii[j[between]] - table.column("delta")[between]
     pairs = pairs_of(atoms, space, i[between], j[between], reach[:, None] * normal)
@@ -263,12 +265,6 @@ def _require_known(table: Table, atoms: Atoms, i: Integers, j: Integers) -> None
             "Higher numbers are ghosts of a periodic border, as old versions of MercuryDPM write: "
             "run a later version, or export plain tables.",
         )
-
-
-def _force(table: Table, axes: str) -> Floats:
-    """Force on the first body of each row; on a grain the opposite with walls."""
-    normal, tangent = (table.columns(*(f"{v}{a}" for a in axes)) for v in "nt")
-    return np.asarray(table.column("fn")[:, None] * normal + table.column("ft")[:, None] * tangent)
 
 
 def _check_normals(table: Table, rows: Integers, pairs: Pairs, normal: Floats) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from studies.bench.measure import Row, grouped
-from studies.style import BLACK, GREY, LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
+from studies.style import BLACK, GREY, LINE_COLOURS, TWO_COLUMNS, new_figure, styled
 
 # Stands for an error of zero.
 LEAST = 1e-17
@@ -29,12 +28,6 @@ MEASURES = {
     "fraction_error": "unstable fraction",
 }
 MARKERS = "osD^vPX"
-
-
-def draw_figures(results: Any, folder: Path, source: dict[str, Any]) -> None:
-    """Draw what a run has numbers for."""
-    for name, figure in all_figures(results).items():
-        save_figure(figure, folder, name, source)
 
 
 def all_figures(results: Any) -> dict[str, Figure]:

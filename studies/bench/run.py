@@ -57,9 +57,11 @@ def run_bench(
                 write_table(folder, name, columns, made, csv=True)
         write_summary(folder, summary)
         # Drawing is loaded only when there is something to draw.
-        from studies.bench.figures import draw_figures
+        from studies.bench.figures import all_figures
+        from studies.style import save_figure
 
-        draw_figures(results, folder, made)
+        for name, figure in all_figures(results).items():
+            save_figure(figure, folder, name, made)
     return summary
 
 
