@@ -23,9 +23,10 @@ from stability.packing.edge import yield_edge
 from studies.examples import run, save
 from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
-STATES = ("before", "after")
+STATES = ("before", "after", "moving")
 BANDS = {"0.999": 0.999, "0.99": 0.99, "elastic": None}
 COLOURS = dict(zip(BANDS, (BLUE, VERMILION, GREY), strict=True))
+TITLES = {"before": "before the peak", "after": "after the peak", "moving": "before, moving"}
 STRESS = ["sig2d_xx", "sig2d_xy", "sig2d_yx", "sig2d_yy"]
 
 
@@ -124,8 +125,8 @@ def summed(rows: pd.DataFrame) -> list[dict[str, Any]]:
 @styled()
 def draw(rows: pd.DataFrame, sums: pd.DataFrame, kn: float = 1e6) -> Figure:
     """Envelopes, measured and foretold, and the errors over the amplitude."""
-    figure = new_figure(TWO_COLUMNS, 3.1)
-    panels = figure.subplots(1, 3, width_ratios=[1, 1, 1.15])
+    figure = new_figure(TWO_COLUMNS, 3.0)
+    panels = figure.subplots(1, 4, width_ratios=[1, 1, 1, 1.5])
     for ax, name in zip(panels, STATES, strict=False):
         for label, near in (("elastic", 2e-6), ("0.999", 2e-6), ("0.99", 2e-5)):
             part = rows[(rows["state"] == name) & (rows["band"] == label)]
@@ -139,17 +140,16 @@ def draw(rows: pd.DataFrame, sums: pd.DataFrame, kn: float = 1e6) -> Figure:
                 points = part[["measured_11", "measured_22"]].to_numpy() / kn
                 look = {"color": COLOURS[label], "markersize": 3.0, "fillstyle": "none"}
                 ax.plot(*points.T, "os"[near > 5e-6], **look, label=f"Yade, {near:.0e}")
-        ax.set(title=f"{name} the peak", aspect="equal", xlabel=r"$\Delta\sigma_{11}/(a\,k_n)$")
+        ax.set(title=TITLES[name], aspect="equal", xlabel=r"$\Delta\sigma_{11}/(a\,k_n)$")
     panels[0].set_ylabel(r"$\Delta\sigma_{22}/(a\,k_n)$")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    for name, mark in zip(STATES, "os", strict=False):
+    for name, mark in zip(STATES, "os^", strict=True):
         for label in BANDS:
             part = sums[(sums["state"] == name) & (sums["band"] == label)]
-            look = {"color": COLOURS[label], "fillstyle": "full" if mark == "o" else "none"}
-            panels[2].loglog(part["amplitude"], part["median"], f"{mark}-", **look)
-            panels[2].loglog(part["amplitude"], part["q90"], f"{mark}:", **look)
-    panels[2].set(
-        title="o before, s after; line: median, dots: 90 %",
+            look = {"color": COLOURS[label], "fillstyle": "none", "markersize": 3.5}
+            panels[3].loglog(part["amplitude"], part["median"], f"{mark}-", linewidth=0.9, **look)
+    panels[3].set(
+        title="median (circles: before,\nsquares: after, triangles: moving)",
         xlabel="amplitude a of the probe",
         ylabel="error of the stress increment (%)",
     )
