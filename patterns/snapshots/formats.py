@@ -14,7 +14,7 @@ from patterns.snapshots import mercury as mercury_dpm
 from patterns.snapshots import plain
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps, liggghts
-from patterns.snapshots.frame import Frame, Instants, Source
+from patterns.snapshots.frame import Frame, Frames, Source
 from patterns.snapshots.geometry import as_cell
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.text import head_of, require_file
@@ -27,7 +27,7 @@ class Format(Protocol):
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether a file of this name that begins so is in this format."""
 
-    def frames(self, source: Source) -> Instants:
+    def frames(self, source: Source) -> Frames:
         """Find the snapshots of a file, without reading their rows.
 
         A damaged one is counted, and raises `InputError` when it is read.
@@ -119,8 +119,8 @@ def read_snapshot(
     (600, 819, 61)
     """
     parameters = Parameters(kn, kt, mu, _checked(shear_increment))
-    instants = _instants(path, contacts, format, columns, cell)
-    return build_snapshot(_choose(path, instants, frame), parameters, strict=strict)
+    found = _frames(path, contacts, format, columns, cell)
+    return build_snapshot(_choose(path, found, frame), parameters, strict=strict)
 
 
 def read_frames(
@@ -154,7 +154,7 @@ def read_frames(
         See `read_snapshot`.
     """
     parameters = Parameters(kn, kt, mu, _checked(shear_increment))
-    for frame in _instants(path, contacts, format, columns, cell):
+    for frame in _frames(path, contacts, format, columns, cell):
         yield build_snapshot(frame, parameters, strict=strict)
 
 
@@ -182,7 +182,7 @@ def count_frames(
     InputError
         For a missing or empty file, and for one with no snapshot that has contacts.
     """
-    return len(_instants(path, contacts, format, columns))
+    return len(_frames(path, contacts, format, columns))
 
 
 def format_of(path: Path, name: str = "auto") -> Format:
@@ -208,19 +208,19 @@ def _checked(increment: str | None) -> ShearIncrement | None:
     return None if increment is None else checked_increment(increment)
 
 
-def _instants(
+def _frames(
     path: str | Path,
     contacts: str | Path | None,
     format: str,
     columns: Mapping[str, str] | None,
     cell: ArrayLike | None = None,
-) -> Instants:
+) -> Frames:
     beside = None if contacts is None else Path(contacts)
     source = Source(Path(path), beside, as_cell(cell), dict(columns or {}))
     return format_of(source.path, format).frames(source)
 
 
-def _choose(path: str | Path, snapshots: Instants, number: int | None) -> Frame:
+def _choose(path: str | Path, snapshots: Frames, number: int | None) -> Frame:
     """One of the snapshots; without a number the only one."""
     count = len(snapshots)
     if number is None and count > 1:

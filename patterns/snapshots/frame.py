@@ -19,6 +19,7 @@ CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
     *("fn", "ft", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
 )
+Notes = tuple[str, ...]  # what was guessed, what a file lacks
 PLAIN_NAMES = GRAIN_COLUMNS + CONTACT_COLUMNS
 # What the columns are called elsewhere; case does not matter.
 ALIASES: dict[str, tuple[str, ...]] = {
@@ -136,7 +137,7 @@ def with_aliases(table: Table, plain: Sequence[str]) -> tuple[Table, list[str]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Instants:
+class Frames:
     """What a format finds in a file: as many snapshots as it has, none of them read yet."""
 
     readers: Sequence[Callable[[], Frame]]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from loops import InputError
-from patterns.snapshots.frame import Frame, Instants
+from patterns.snapshots.frame import Frame, Frames, Notes
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import Text, read_body
 
@@ -49,7 +49,7 @@ class Listing:
 
 
 Found = TypeVar("Found", bound=Listing)
-ReadPair = Callable[[Found, Found, tuple[str, ...]], Frame]
+ReadPair = Callable[[Found, Found, Notes], Frame]
 
 
 def paired(
@@ -57,8 +57,8 @@ def paired(
     contacts_of: Callable[[Found], Found | InputError],
     read: ReadPair[Found],
     contacts_path: Path,
-    notes: tuple[str, ...] = (),
-) -> Instants:
+    notes: Notes = (),
+) -> Frames:
     """Snapshots of grains with their contacts; what is wrong with one is told when it is read.
 
     Those without contacts, as before the grains meet, are left out.
@@ -80,7 +80,7 @@ def paired(
     if not readers:
         where = str(contacts_path)
         raise InputError(where, "no contacts in any snapshot", "contacts", "Check the export.")
-    return Instants(readers)
+    return Frames(readers)
 
 
 def _refuse(error: InputError) -> Frame:

@@ -13,7 +13,7 @@ from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.dumps.dump_files import Atoms
 from patterns.snapshots.dumps.pairs import Forces, Pairs, Space, Wall, frame_of, normals, pairs_of
-from patterns.snapshots.frame import Frame, Instants, Source
+from patterns.snapshots.frame import Frame, Frames, Notes, Source
 from patterns.snapshots.geometry import PLANE_TOLERANCE
 from patterns.snapshots.listing import Listing, paired
 from patterns.snapshots.tables import Table
@@ -153,8 +153,8 @@ def recognises(path: Path, head: bytes) -> bool:
     return width in DATA_COLUMNS and HEADERS[width] == first.width
 
 
-def frames(source: Source) -> Instants:
-    """Instants of a `.data` file, with the `.fstat` file beside it.
+def frames(source: Source) -> Frames:
+    """Frames of a `.data` file, with the `.fstat` file beside it.
 
     Grains are numbered from 0 in the order of the file, walls from -1 down; in three dimensions the
     packing lies in one plane of constant z, or of constant y: then z is taken for y.
@@ -211,12 +211,10 @@ def _at_time(
     )
 
 
-def _frame(
-    source: Source, grain_listing: Listing, contact_listing: Listing, notes: tuple[str, ...]
-) -> Frame:
-    atoms, axes = _atoms(grain_listing)
+def _frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame:
+    atoms, axes = _atoms(data)
     space = Space(source.cell, (True, True))
-    table = contact_listing.read(FSTAT_COLUMNS[1:])
+    table = fstat.read(FSTAT_COLUMNS[1:])
     i, j = table.integers("i"), table.integers("j")
     _require_known(table, atoms, i, j)
     # On the first body of each row; with walls on the grain the opposite.
@@ -237,7 +235,7 @@ def _frame(
         counts = ", ".join(f"{-1 - k} ({len(w.grains)} contacts)" for k, w in enumerate(walls))
         notes = (*notes, f"walls: {counts}")
     forces = Forces(-force[between])
-    return frame_of((grain_listing, contact_listing), atoms, space, pairs, forces, walls, notes)
+    return frame_of((data, fstat), atoms, space, pairs, forces, walls, notes)
 
 
 def _atoms(listing: Listing) -> tuple[Atoms, str]:

@@ -21,7 +21,7 @@ from patterns.snapshots.frame import (
     CONTACT_COLUMNS,
     GRAIN_COLUMNS,
     Frame,
-    Instants,
+    Frames,
     Source,
     known_spellings,
     with_aliases,
@@ -47,14 +47,14 @@ def recognises(path: Path, head: bytes) -> bool:
     return path.name.lower().endswith(ENDINGS)
 
 
-def frames(source: Source) -> Instants:
+def frames(source: Source) -> Frames:
     """The one snapshot of a pair of tables, or of one npz or HDF5 file with both and the `cell`.
 
     The contacts stand beside the grains, `grains` in the name replaced by `contacts`, and so may
     `cell_....json`: `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000,
     "shear_increment": "radii"}`, null for no cell.
     """
-    return Instants([partial(_frame, source)])
+    return Frames([partial(_frame, source)])
 
 
 def _frame(source: Source) -> Frame:
@@ -64,7 +64,7 @@ def _frame(source: Source) -> Frame:
         if any(name.startswith("contacts/") for name in names):
             tables = tuple(_group(source, names, arrays, group) for group in ("grains", "contacts"))
             return _plain_frame(source, tables, arrays.get("cell"), None, None)
-    contacts = source.contacts or beside(source.path, "contacts")
+    contacts = source.contacts or contacts_beside(source.path)
     tables = read_table(source.path, wanted), read_table(contacts, wanted)
     return _plain_frame(source, tables, *_cell_beside(source.path))
 
@@ -100,16 +100,16 @@ def _group(source: Source, names: Sequence[str], arrays: Arrays, group: str) -> 
     )
 
 
-def beside(path: Path, what: str) -> Path:
-    """Path of the file whose name has `what` where this one has `grains`."""
+def contacts_beside(path: Path) -> Path:
+    """Path of the contacts: `grains` in the name of the file replaced."""
     if "grains" not in path.name:
         raise InputError(
             f"name of {path}",
             "no 'grains' in it",
-            f"grains_... with {what}_... beside it",
-            f"Name the table of {what} explicitly.",
+            "grains_... with contacts_... beside it",
+            "Name the table of contacts explicitly.",
         )
-    return path.with_name(path.name.replace("grains", what))
+    return path.with_name(path.name.replace("grains", "contacts"))
 
 
 def _cell_beside(path: Path) -> tuple[Floats | None, float | None, ShearIncrement | None]:

@@ -34,6 +34,7 @@ CONTACT_NAMES = {
 }
 # Those of LIGGGHTS; forces act on atom 1, in all or in two parts.
 LIGGGHTS_NAMES = ("id1", "id2", "fx", "fy", "fnx", "fny", "ftx", "fty", "delta")
+PARTS = ("fnx", "fny", "ftx", "fty")
 NONE = "none"  # what a map says of a column that the file lacks
 # Positions, sizes and directions hold to this share: dumps have six digits or more.
 TOLERANCE = 1e-3
@@ -301,20 +302,14 @@ def _lammps_forces(search: ColumnSearch, pairs: Pairs) -> tuple[Floats | None, F
     """Normal and tangential force on atom 1, None for what the dump lacks."""
     n = normals(pairs.d)
 
-    def across(vector: Floats, rows: Integers) -> float:
-        return shares(vector, n[rows])[1]
-
-    def along(vector: Floats, rows: Integers) -> float:
-        return shares(vector, n[rows])[0]
-
     normal, shear = None, None
-    if search.find(("fx", "fy"), across, "force"):
+    if search.find(("fx", "fy"), lambda v, rows: shares(v, n[rows])[1], "force"):
         normal = search.vector(("fx", "fy"))
     size = search.columns.get("force", NONE)
     push = None if size == NONE else search.data[size]
     if normal is None and push is not None:
         normal = -push[:, None] * n
-    if search.find(("p1", "p2"), along, "p4"):
+    if search.find(("p1", "p2"), lambda v, rows: shares(v, n[rows])[0], "p4"):
         shear = search.vector(("p1", "p2"))
     if normal is None:
         _require_nothing_left(search)
@@ -402,27 +397,33 @@ def _force(table: Table, pairs: Pairs, columns: Map, first: int) -> Floats | Non
         _find_force(table, pairs, columns, first)
     if NONE in (columns.get("fx"), columns.get("fnx")):
         return None
-    _require_all(table, columns)
-    if "fx" in columns:
-        force = table.columns(columns["fx"], columns["fy"])
-        if "fnx" not in columns and "ftx" not in columns:
-            return _checked(table, pairs, columns, force)
-    normal, shear = (table.columns(columns[f"f{p}x"], columns[f"f{p}y"]) for p in "nt")
-    _require_kind(table, pairs, columns, normal, shear)
-    return _checked(table, pairs, columns, normal + shear)
-
-
-def _require_all(table: Table, columns: Map) -> None:
-    """Raise `InputError` for half a vector, or half of the force."""
-    for group in (("fx", "fy"), ("fnx", "fny", "ftx", "fty")):
+    for group in (("fx", "fy"), PARTS):
         found = [name for name in group if name in columns]
         if found and len(found) < len(group):
-            raise InputError(
-                f"--columns for the force of {table.path}",
-                ", ".join(found),
-                f"{', '.join(group)}",
-                "Give the others as well.",
-            )
+            where = f"--columns for the force of {table.path}"
+            raise InputError(where, ", ".join(found), ", ".join(group), "Give the others as well.")
+    if "fnx" in columns:
+        normal, shear = (table.columns(columns[f"f{p}x"], columns[f"f{p}y"]) for p in "nt")
+        for names, vector, wanted in ((PARTS[:2], normal, "along"), (PARTS[2:], shear, "across")):
+            kind = _kind(pairs, vector)
+            if kind not in (wanted, "zero"):
+                raise InputError(
+                    f"columns {_named(columns, names)} of {table.path}",
+                    f"vectors {kind} to the branches of the grains",
+                    f"vectors {wanted} them",
+                    AS_WRITTEN,
+                )
+        force = normal + shear
+    else:
+        force = table.columns(columns["fx"], columns["fy"])
+    if np.sum(force * pairs.d) > 0:
+        raise InputError(
+            f"columns {_named(columns, columns)} of {table.path}",
+            "forces that pull the grains together",
+            "forces on the first atom that push it away from the second",
+            "Name the columns: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN.",
+        )
+    return force
 
 
 def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
@@ -442,11 +443,11 @@ def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
         columns |= {"fx": groups[0][0], "fy": groups[0][1]}
         total = [vectors[0] - vectors[1] - vectors[2]] if len(vectors) == 3 else []
         if total and kinds[1:] == ["along", "across"] and _small(total[0], vectors[0]):
-            named = zip(("fnx", "fny", "ftx", "fty"), groups[1] + groups[2], strict=True)
+            named = zip(PARTS, groups[1] + groups[2], strict=True)
             columns |= dict(named)
     elif sorted(kinds[:2]) == ["across", "along"]:
         groups = sorted(groups[:2], key=lambda group: kinds[groups.index(group)], reverse=True)
-        columns |= dict(zip(("fnx", "fny", "ftx", "fty"), groups[0] + groups[1], strict=True))
+        columns |= dict(zip(PARTS, groups[0] + groups[1], strict=True))
     elif kinds[:2] == ["along", "along"] and _small(vectors[0] - vectors[1], vectors[0]):
         columns |= {"fx": groups[0][0], "fy": groups[0][1]}
     elif kinds[:1] == ["along"]:
@@ -471,33 +472,6 @@ def _kind(pairs: Pairs, vector: Floats) -> str:
 
 def _small(vector: Floats, scale: Floats) -> bool:
     return bool(np.abs(vector).max() <= TOLERANCE * np.abs(scale).max())
-
-
-def _require_kind(table: Table, pairs: Pairs, columns: Map, normal: Floats, shear: Floats) -> None:
-    for names, vector, expected in (
-        (("fnx", "fny"), normal, "along"),
-        (("ftx", "fty"), shear, "across"),
-    ):
-        kind = _kind(pairs, vector)
-        if kind not in (expected, "zero"):
-            raise InputError(
-                f"columns {_named(columns, names)} of {table.path}",
-                f"vectors {kind} to the branches of the grains",
-                f"vectors {expected} them",
-                AS_WRITTEN,
-            )
-
-
-def _checked(table: Table, pairs: Pairs, columns: Map, force: Floats) -> Floats:
-    """Return the force on atom 1, which pushes it away from atom 2 on the whole."""
-    if np.sum(force * pairs.d) <= 0:
-        return force
-    raise InputError(
-        f"columns {_named(columns, columns)} of {table.path}",
-        "forces that pull the grains together",
-        "forces on the first atom that push it away from the second",
-        "Name the columns: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN.",
-    )
 
 
 def _overlap(table: Table, atoms: Atoms, pairs: Pairs, columns: Map, first: int) -> Floats | None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.frame import Frame, Instants, Source, require_column
+from patterns.snapshots.frame import Frame, Frames, Notes, Source, require_column
 from patterns.snapshots.geometry import refuse_radii, refuse_repeated
 from patterns.snapshots.listing import Listing, ReadPair, paired
 from patterns.snapshots.text import Text, beside, line_at, open_text
@@ -170,7 +170,7 @@ def _edges(rows: Floats) -> tuple[Floats, Floats, float]:
     return low[:2], np.array([[lx, xy], [0.0, ly]]), float(lz)
 
 
-Frames = list[DumpFrame | InputError]
+Listings = list[DumpFrame | InputError]
 
 ATOM_WORDS = ("atoms", "atom", "grains", "particles")
 CONTACT_WORDS = ("contacts", "contact", "local", "pairs", "pair")
@@ -195,8 +195,8 @@ def contacts_beside(path: Path) -> Path | None:
     return beside(path, *(path.name.replace(w, other) for w in words for other in CONTACT_WORDS))
 
 
-def dump_instants(source: Source, read: ReadPair[DumpFrame]) -> Instants:
-    """Frames of the atoms with those of the contacts at the same step."""
+def frames_of_dumps(source: Source, read: ReadPair[DumpFrame]) -> Frames:
+    """Listings of the atoms with those of the contacts at the same step."""
     atoms, contacts, contacts_path = _both_dumps(source)
     of_step = {frame.step: frame for frame in contacts if isinstance(frame, DumpFrame)}
     steps = {frame.step for frame in atoms if isinstance(frame, DumpFrame)}
@@ -209,14 +209,14 @@ def dump_instants(source: Source, read: ReadPair[DumpFrame]) -> Instants:
         found = of_step.get(frame.step)
         return _no_step(source, frame, contacts, contacts_path) if found is None else found
 
-    def of_one_box(atoms: DumpFrame, contacts: DumpFrame, notes: tuple[str, ...]) -> Frame:
+    def of_one_box(atoms: DumpFrame, contacts: DumpFrame, notes: Notes) -> Frame:
         _require_one_box(atoms, contacts)
         return read(atoms, contacts, notes)
 
     return paired(atoms, contacts_of, of_one_box, contacts_path, notes)
 
 
-def _both_dumps(source: Source) -> tuple[Frames, Frames, Path]:
+def _both_dumps(source: Source) -> tuple[Listings, Listings, Path]:
     """Headers of the atoms, of their contacts, and where those are."""
     path = source.contacts or contacts_beside(source.path)
     if path is None:
@@ -232,7 +232,7 @@ def _both_dumps(source: Source) -> tuple[Frames, Frames, Path]:
     return atoms, contacts, path
 
 
-def _no_step(source: Source, frame: DumpFrame, contacts: Frames, path: Path) -> InputError:
+def _no_step(source: Source, frame: DumpFrame, contacts: Listings, path: Path) -> InputError:
     """What is wrong with contacts that lack a step: a damaged header, else the step itself."""
     damaged = [other for other in contacts if isinstance(other, InputError)]
     if damaged:
@@ -247,7 +247,7 @@ def _no_step(source: Source, frame: DumpFrame, contacts: Frames, path: Path) -> 
     )
 
 
-def _require_kind(frames: Frames, *, atom: bool) -> None:
+def _require_kind(frames: Listings, *, atom: bool) -> None:
     for frame in frames:
         if isinstance(frame, DumpFrame) and (frame.label == "ATOMS") != atom:
             raise InputError(

@@ -15,12 +15,12 @@ from patterns.snapshots.dumps.dump_files import (
     ATOM_NAMES,
     Atoms,
     DumpFrame,
-    dump_instants,
+    frames_of_dumps,
     is_dump,
     read_atoms,
 )
 from patterns.snapshots.dumps.pairs import Forces, Wall, frame_of, space_of
-from patterns.snapshots.frame import Frame, Instants, Source, check_names
+from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
 
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be told apart"
 
@@ -30,24 +30,22 @@ def recognises(path: Path, head: bytes) -> bool:
     return is_dump(head)
 
 
-def frames(source: Source) -> Instants:
-    """Instants of a dump of atoms with the dump of their contacts, as docs/lammps.md has them.
+def frames(source: Source) -> Frames:
+    """Frames of a dump of atoms with the dump of their contacts, as docs/lammps.md has them.
 
     Columns of contacts are told from the grains, or by a map of `CONTACT_NAMES`; walls are the
     per-atom columns of `fix wall/gran ... contacts`.
     """
     check_names(source, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
-    return dump_instants(source, partial(_frame, source))
+    return frames_of_dumps(source, partial(_frame, source))
 
 
-def _frame(
-    source: Source, atom_frame: DumpFrame, contact_frame: DumpFrame, notes: tuple[str, ...]
-) -> Frame:
-    atoms = read_atoms(atom_frame, source.columns)
-    space, cell_notes = space_of(atom_frame.box, atoms, source.cell)
-    guess = guess_columns(contact_frame.read(), atoms, space, source.columns)
+def _frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
+    atoms = read_atoms(own, source.columns)
+    space, cell_notes = space_of(own.box, atoms, source.cell)
+    guess = guess_columns(local.read(), atoms, space, source.columns)
     forces, force_notes = _forces(guess)
-    walls, wall_notes = read_walls(atom_frame, atoms, source.columns)
+    walls, wall_notes = read_walls(own, atoms, source.columns)
     if not walls and not all(space.periodic):
         wall_notes = ("no columns of walls: their forces are unknown",)
     found = [(name, guess.columns[name]) for name in CONTACT_NAMES if name in guess.columns]
@@ -56,7 +54,7 @@ def _frame(
     told = f"columns{'' if given else ' guessed'}: {columns}"
     told += "" if given else "; give --columns to overrule"
     said = (told, *notes, *cell_notes, *force_notes, *wall_notes)
-    return frame_of((atom_frame, contact_frame), atoms, space, guess.pairs, forces, walls, said)
+    return frame_of((own, local), atoms, space, guess.pairs, forces, walls, said)
 
 
 def _forces(guess: Guess) -> tuple[Forces, tuple[str, ...]]:

@@ -14,8 +14,8 @@ from patterns.snapshots.dumps.dump_files import (
     Atoms,
     DumpFrame,
     contacts_beside,
-    dump_instants,
     first_frame,
+    frames_of_dumps,
     is_dump,
     read_atoms,
 )
@@ -28,7 +28,7 @@ from patterns.snapshots.dumps.pairs import (
     pairs_of,
     space_of,
 )
-from patterns.snapshots.frame import Frame, Instants, Source, check_names
+from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
 from patterns.snapshots.text import head_of
 
 # Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
@@ -54,25 +54,23 @@ def recognises(path: Path, head: bytes) -> bool:
     return len(names) >= 3 and len(stems) == 1 and {n[n.rfind("[") :] for n in names} == numbered
 
 
-def frames(source: Source) -> Instants:
-    """Instants of a dump of atoms with all columns of `compute pair/gran/local` (docs/lammps.md).
+def frames(source: Source) -> Frames:
+    """Frames of a dump of atoms with all columns of `compute pair/gran/local` (docs/lammps.md).
 
     Which hold the forces is told from the grains, or by a map of `LIGGGHTS_NAMES`. Headers have six
     digits: the cell is found from the overlaps of the contacts that cross its border.
     """
     check_names(source, (*ATOM_NAMES, *LIGGGHTS_NAMES))
-    return dump_instants(source, partial(_frame, source))
+    return frames_of_dumps(source, partial(_frame, source))
 
 
-def _frame(
-    source: Source, atom_frame: DumpFrame, contact_frame: DumpFrame, notes: tuple[str, ...]
-) -> Frame:
-    atoms = read_atoms(atom_frame, source.columns)
-    space, said = space_of(atom_frame.box, atoms, source.cell)
-    contacts = read_contacts(contact_frame.read(), atoms, space, dict(source.columns))
+def _frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
+    atoms = read_atoms(own, source.columns)
+    space, said = space_of(own.box, atoms, source.cell)
+    contacts = read_contacts(local.read(), atoms, space, dict(source.columns))
     found = ", ".join(f"{name}={c}" for name, c in contacts.columns.items() if c != NONE)
     said = (f"columns in the order of pair/gran/local: {found}", *notes, *said)
-    box = atom_frame.box
+    box = own.box
     if box is not None and box.digits < COARSE and source.cell is None and any(space.periodic):
         space, note = finer_cell(atoms, space, contacts)
         said = (*said, note)
@@ -80,7 +78,7 @@ def _frame(
     if not all(space.periodic):
         said = (*said, "contacts with walls are not in the dumps: their share is unknown")
     forces = Forces(None if contacts.force is None else -contacts.force)
-    return frame_of((atom_frame, contact_frame), atoms, space, pairs, forces, notes=said)
+    return frame_of((own, local), atoms, space, pairs, forces, notes=said)
 
 
 def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, str]:

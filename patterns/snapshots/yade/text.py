@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from loops import InputError
-from patterns.snapshots.frame import Instants, Source
+from patterns.snapshots.frame import Frames, Source
 
 START = b"#format "
 
@@ -15,7 +15,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.startswith(START)
 
 
-def frames(source: Source) -> Instants:
+def frames(source: Source) -> Frames:
     """Refuse: these files have no contacts, and six digits are too few to find them."""
     raise InputError(
         str(source.path),

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.frame import Frame, Instants, Source, with_plain_names
+from patterns.snapshots.frame import Frame, Frames, Source, with_plain_names
+from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import beside, open_text
 from patterns.snapshots.yade.shear import shear_signs
@@ -31,12 +32,12 @@ def recognises(path: Path, head: bytes) -> bool:
     return b"<VTKFile" in head and any(b'type="' + kind + b'"' in head for kind in kinds)
 
 
-def frames(source: Source) -> Instants:
+def frames(source: Source) -> Frames:
     """The one snapshot of `...spheres.N.vtu` and `...intrs.N.vtp` beside it, or a `.vtm` of both.
 
     Or of `...-spheres-N.vtk` and `...-intrs-N.vtk`.
     """
-    return Instants([partial(_frame, source)])
+    return Frames([partial(_frame, source)])
 
 
 def _frame(source: Source) -> Frame:
@@ -162,10 +163,7 @@ def grains_of(piece: Piece, radius: str) -> tuple[Columns, list[str]]:
 
 def ends_of(spheres: Piece, lines: Piece) -> Integers:
     """Spheres at the ends of the lines, found by their coordinates."""
-    keys, at = _keys(spheres.points), _keys(lines.points)
-    order = np.argsort(keys)
-    place = order[np.minimum(np.searchsorted(keys, at, sorter=order), len(keys) - 1)]
-    ends = np.where(keys[place] == at, place, -1)[lines.lines]
+    ends = index_of(_keys(spheres.points), _keys(lines.points))[lines.lines]
     if ((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)).any():
         raise InputError(
             str(lines.path),
@@ -176,10 +174,10 @@ def ends_of(spheres: Piece, lines: Piece) -> Integers:
     return ends
 
 
-def _keys(points: Floats) -> NDArray[np.uint64]:
+def _keys(points: Floats) -> Integers:
     """One number for the bits of x and y: both files print the same ones for the same body."""
     bits = np.ascontiguousarray(points[:, :2] + 0.0, dtype=np.float32).view(np.uint32)
-    return bits[:, 0].astype(np.uint64) << np.uint64(32) | bits[:, 1]
+    return (bits[:, 0].astype(np.uint64) << np.uint64(32) | bits[:, 1]).view(np.int64)
 
 
 def refuse_strays(lines: Piece, ends: Integers) -> None:

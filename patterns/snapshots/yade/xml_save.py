@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.frame import Frame, Instants, Source, with_plain_names
+from patterns.snapshots.frame import Frame, Frames, Source, with_plain_names
 from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import require_file, whole_file
@@ -195,13 +195,13 @@ def recognises(path: Path, head: bytes) -> bool:
     )
 
 
-def frames(source: Source) -> Instants:
+def frames(source: Source) -> Frames:
     """The one snapshot of a save.
 
     Spheres are grains, all other bodies walls. The branch of a wall contact runs along the normal
     from the contact point to the centre.
     """
-    return Instants([lambda: frame_of_save(source, read_save(source.path))])
+    return Frames([lambda: frame_of_save(source, read_save(source.path))])
 
 
 def frame_of_save(source: Source, save: Save) -> Frame:
