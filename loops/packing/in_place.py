@@ -43,8 +43,9 @@ EPS = 1e-12
 # holds is softer by EPS, a loop of one grain and its images has no strain at all.
 SINGULAR = 1e-10
 # Up to so many grains the whole packing is inverted; beyond, squares of BLOCK mean diameters with
-# grains held BUFFER outside them: on 32,000 grains half the time and an eighth of the memory.
-WHOLE = 30_000
+# grains held BUFFER outside them: on 128,000 grains half the time and a quarter of the memory. With
+# sliding contacts blocks are done twice, and soft modes are longer than they: later there.
+WHOLE, WHOLE_SLIDING = 30_000, 130_000
 BLOCK, BUFFER = 100.0, 8.0
 # Elastic contacts: the error of a loop `rho` mean diameters from held grains is below
 # ERROR rho^-1.9 for 99 in 100 loops. With sliding contacts soft modes reach further: there it is
@@ -136,16 +137,17 @@ def loops_in_place(
         )
     volume = None if graph.cell is not None else 1.0
     system = packing_system(graph, law, regime=regime, planes=planes, held=held, volume=volume)
-    polygons = _polygons(graph, faces)
+    polygons, slides = _polygons(graph, faces), bool((system.regime == Regime.SLIDING).any())
     if method == "auto":
-        method = "whole" if graph.grain_count <= WHOLE else "blocks"
+        most = WHOLE_SLIDING if slides else WHOLE
+        method = "whole" if graph.grain_count <= most else "blocks"
     if method in ("patches", "extrapolated"):
         find, width = partial(_in_patches, system, polygons), radius
     else:
         whole = method == "whole"
         find = partial(_in_blocks, system, polygons, np.inf if whole else block)
         width = np.inf if whole else buffer
-    matrix, error = _with_error(find, width, method, (system.regime == Regime.SLIDING).any())
+    matrix, error = _with_error(find, width, method, slides)
     return LoopsInPlace(matrix, _alone(graph, law, faces, regime), error, system)
 
 

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 from scipy.sparse.linalg import spsolve
 
 from loops import Faces, GrainGraph, LinearFrictional, Regime, find_faces, loop_batches
@@ -170,6 +171,8 @@ def in_place_figure(rows: list[dict[str, Any]]) -> Figure:
         left.plot([], [], marker, color="0.5", label=kind)
     left.plot([], [], color="0.5", label="whole: exact")
     left.set(xlabel="processor time (ms a loop)", ylabel=r"median error of $A_{in}$")
+    left.set_xticks([0.2, 0.5, 1.0, 2.0, 5.0], ["0.2", "0.5", "1", "2", "5"])
+    left.xaxis.set_minor_locator(NullLocator())
     left.legend(ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.2))
     drawn = ("whole", *list(METHODS)[1:4], "extrapolated, R 8", *PEERS)
     for name, colour in zip(drawn, LINE_COLOURS, strict=True):
@@ -203,9 +206,15 @@ def main(
 
 def _line(row: dict[str, Any]) -> str:
     """A row of the page's table."""
-    numbers = [f"{100 * row[name]:.2g}" for name in ("median", "q90", "largest", "stated")]
+    numbers = [f"{float(f'{100 * row[name]:.2g}'):g}" for name in ERRORS[:4]]
     memory = f"{row['peak_mb']:.0f}"
-    cells = [f"{row['grains']:,}", row["method"], f"{row['cpu_seconds']:.3g}", memory, *numbers]
+    cells = [
+        f"{row['grains']:,}",
+        row["method"],
+        f"{float(f'{row['cpu_seconds']:.3g}'):g}",
+        memory,
+        *numbers,
+    ]
     cells.append(f"{100 * row['within']:.1f}")
     return "| " + " | ".join(cell.replace("nan", "-") for cell in cells) + " |"
 

@@ -18,6 +18,7 @@ from loops.packing.in_place import (
     SHRINK,
     SLIDING,
     WHOLE,
+    WHOLE_SLIDING,
 )
 from patterns import read_snapshot, sample_path
 from studies.examples import packing_skill
@@ -55,7 +56,7 @@ def test_the_sample_series(tmp_path):
 
 def test_settings_of_loops_in_place():
     text = words(PLACE)
-    assert f"whole packing is inverted up to {WHOLE:,} grains" in text
+    assert f"up to {WHOLE:,} grains, with sliding contacts up to {WHOLE_SLIDING:,}" in text
     assert f"blocks of side {BLOCK:g} with a buffer of {BUFFER:g}" in text
     assert f"`{ERROR:g} rho^-{DECAY:g}`" in text and f"`{SLIDING:g} / rho`" in text
     assert SHRINK == 4.0 and "four times the change from half the buffer" in text
