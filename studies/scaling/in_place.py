@@ -206,17 +206,14 @@ def main(
 
 def _line(row: dict[str, Any]) -> str:
     """A row of the page's table."""
-    numbers = [f"{float(f'{100 * row[name]:.2g}'):g}" for name in ERRORS[:4]]
-    memory = f"{row['peak_mb']:.0f}"
-    cells = [
-        f"{row['grains']:,}",
-        row["method"],
-        f"{float(f'{row['cpu_seconds']:.3g}'):g}",
-        memory,
-        *numbers,
-    ]
-    cells.append(f"{100 * row['within']:.1f}")
+    numbers = [_digits(100 * row[name], 2) for name in ERRORS[:4]]
+    cells = [f"{row['grains']:,}", row["method"], _digits(row["cpu_seconds"], 3)]
+    cells += [f"{row['peak_mb']:.0f}", *numbers, f"{100 * row['within']:.1f}"]
     return "| " + " | ".join(cell.replace("nan", "-") for cell in cells) + " |"
+
+
+def _digits(value: float, count: int) -> str:
+    return f"{float(f'{value:.{count}g}'):g}"
 
 
 if __name__ == "__main__":
