@@ -20,7 +20,9 @@ if TYPE_CHECKING:
         contact_forces,
         contact_state,
         find_faces,
+        force_chains,
         from_networkx,
+        loop_chain_contacts,
         loop_fates,
         loop_tangents,
         love_weber_stress,
@@ -62,7 +64,7 @@ if TYPE_CHECKING:
         symmetric_spectrum,
         unstable_fraction,
     )
-    from studies.frames import loop_table, path_table
+    from studies.frames import chain_table, loop_table, path_table
     from studies.plots import plot_cone, plot_loop, plot_map, plot_path
     from studies.snapshot.source import planar
     from studies.version import __version__
@@ -80,6 +82,7 @@ __all__ = [
     "Stage",
     "__version__",
     "affine_tangent",
+    "chain_table",
     "contact_forces",
     "contact_state",
     "destabilising_control",
@@ -87,9 +90,11 @@ __all__ = [
     "directional_work",
     "find_faces",
     "follow",
+    "force_chains",
     "from_networkx",
     "hexagon",
     "judge",
+    "loop_chain_contacts",
     "loop_fates",
     "loop_of_snapshot",
     "loop_table",

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from loops.exchange import from_networkx, to_networkx
     from loops.fabric import axial_mean, direction_tensors, edge_tensors, mean_tensor, principal
     from loops.faces import FaceKind, Faces, euler_check, faces_by_order, find_faces, outline_area
+    from loops.force_chains import ForceChains, force_chains, loop_chain_contacts
     from loops.geometry import (
         boundary_vectors,
         polygon_area,
@@ -54,6 +55,7 @@ __all__ = [
     "FaceKind",
     "Faces",
     "Fate",
+    "ForceChains",
     "FrictionalLaw",
     "GrainGraph",
     "HertzMindlin",
@@ -85,8 +87,10 @@ __all__ = [
     "faces_by_order",
     "find_crossings",
     "find_faces",
+    "force_chains",
     "from_networkx",
     "loop_batches",
+    "loop_chain_contacts",
     "loop_fates",
     "loop_strain",
     "loop_tangents",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from loops import force_chains
 from patterns import Snapshot
 from stability import Path
 from studies.output import SIGNS, provenance
@@ -49,6 +51,49 @@ def loop_table(snapshot: Snapshot) -> pd.DataFrame:
     columns = pa.table(table.loop_table(snapshot, snapshot.faces))
     frame: pd.DataFrame = columns.to_pandas()
     frame.attrs = provenance("loop_table", {}, UNITS)
+    return frame
+
+
+def chain_table(snapshot: Snapshot) -> pd.DataFrame:
+    """One row a grain: its major principal stress and the force chain that it is in.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        With forces; those of walls are not in the stress.
+
+    Returns
+    -------
+    pandas.DataFrame
+        `grain` (id), `x, y`, `major` (force per length, compression positive), `axis` (degrees to
+        axis 1), `chain` (-1 for none) and `length`, the number of grains of that chain.
+
+    Raises
+    ------
+    InputError
+        For a snapshot without forces.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> table = chain_table(read_snapshot(sample_path()))
+    >>> int(table["length"].min()), len(table)
+    (0, 600)
+    """
+    snapshot.mechanics()
+    graph, chains = snapshot.graph, force_chains(snapshot.graph)
+    lengths = np.append(np.bincount(chains.chain[chains.chain >= 0]), 0)
+    columns = {
+        "grain": snapshot.ids,
+        "x": graph.x[:, 0],
+        "y": graph.x[:, 1],
+        "major": chains.major,
+        "axis": np.degrees(chains.axis),
+        "chain": chains.chain,
+        "length": lengths[chains.chain],
+    }
+    frame = pd.DataFrame(columns)
+    frame.attrs = provenance("chain_table", {}, UNITS)
     return frame
 
 

@@ -35,7 +35,7 @@ def session():
     """Names of the page after all its blocks, and what each printed."""
     names, printed = {}, []
     lines = []
-    names["print"] = lambda *said: lines.append(" ".join(map(str, said)))
+    names["print"] = lambda *said, sep=" ": lines.append(sep.join(map(str, said)))
     for blocks in sections().values():
         for code, said in blocks:
             lines.clear()

@@ -1,0 +1,155 @@
+"""Force chains (Peters, Muthuswamy, Wibowo and Tordesillas 2005) and the loops beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
+
+from loops.arrays import Floats, Integers
+from loops.contact_state import contact_state
+from loops.faces import Faces
+from loops.graph import GrainGraph
+from loops.pruning import require_one_state
+from loops.shown import Shown
+from loops.stress import contact_forces
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ForceChains(Shown):
+    """Chains of strongly loaded grains.
+
+    Attributes
+    ----------
+    stress : (G, 2, 2) array
+        Stress of every grain over its own area (force per length, compression positive).
+    major : (G,) array
+        Its major principal stress, that of the symmetric part.
+    axis : (G,) array
+        Direction of it to axis 1, in (-pi/2, pi/2].
+    chain : (G,) array of int
+        Chain that the grain is in, numbered by its smallest grain; -1 for none.
+    links : (K,) array of int
+        Contacts that join the grains of chains.
+    """
+
+    stress: Floats
+    major: Floats
+    axis: Floats
+    chain: Integers
+    links: Integers
+
+    def facts(self) -> dict[str, object]:
+        """What the prompt and a notebook show."""
+        lengths = np.bincount(self.chain[self.chain >= 0])
+        longest = int(lengths.max(initial=0))
+        return {"chains": len(lengths), "grains": int(lengths.sum()), "longest": longest}
+
+
+def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) -> ForceChains:
+    """Find the force chains of a packing.
+
+    A grain may be in a chain if its major principal stress is above the mean over the grains that
+    have contacts. It is followed to either side of its major axis: the next one touches it, may be
+    in a chain, and the branch between both deviates by at most `angle` from the axis of either.
+    Where several do, the branch with the smallest of the larger deviations is taken, and only if
+    it is the other's choice as well, so that chains don't fork.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The packing, one state; forces of walls are not in it.
+    angle : float
+        Largest deviation (radians).
+    least : int
+        Number of grains that a chain has at least.
+
+    Returns
+    -------
+    ForceChains
+        Stresses of the grains, their chains and links.
+
+    Raises
+    ------
+    InputError
+        If the graph has batch axes.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, force_chains
+    >>> x = [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]]
+    >>> pairs = [[0, 1], [1, 2], [3, 4], [4, 5], [0, 3], [1, 4], [2, 5]]
+    >>> rows = GrainGraph(x=x, radii=[0.5] * 6, contacts=pairs,
+    ...                   normal_force=[9.0, 9.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+    >>> force_chains(rows).chain.tolist()
+    [0, 0, 0, -1, -1, -1]
+    """
+    require_one_state(graph)
+    state, force = contact_state(graph), contact_forces(graph)
+    i, j = graph.contacts.T
+    stress = np.zeros((graph.grain_count, 2, 2))
+    for grain, arm in ((i, state.arm_i), (j, state.arm_j)):
+        np.add.at(stress, grain, force[:, :, None] * (arm[:, None] * state.n)[:, None, :])
+    stress /= (np.pi * graph.radii**2)[:, None, None]
+    values, vectors = np.linalg.eigh(0.5 * (stress + stress.transpose(0, 2, 1)))
+    major, along = values[:, 1], vectors[:, :, 1]
+    touched = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count) > 0
+    strong = touched & (major > major[touched].mean() if touched.any() else touched)
+    cosines = np.stack([np.einsum("ck,ck->c", along[g], state.n) for g in (i, j)], axis=1)
+    deviation = np.arccos(np.clip(np.abs(cosines), 0.0, 1.0)).max(axis=1)
+    good = np.flatnonzero(strong[i] & strong[j] & (deviation <= angle))
+    # Contacts by deviation: the first at a grain's side is its choice.
+    good = good[np.argsort(deviation[good], kind="stable")]
+    sides = 2 * graph.contacts[good] + (cosines[good] * [1.0, -1.0] > 0)
+    _, first = np.unique(sides, return_index=True)
+    chosen = np.bincount(first // 2, minlength=len(good)) == 2
+    links = good[chosen]
+    label = _components(graph, links)
+    size = np.bincount(label)
+    label = np.where(size[label] >= least, label, -1)
+    _, chain = np.unique(label, return_inverse=True)
+    chain -= int((label < 0).any())
+    return ForceChains(
+        stress=stress,
+        major=major,
+        axis=_axis(along),
+        chain=chain,
+        links=np.sort(links[chain[i[links]] >= 0]),
+    )
+
+
+def loop_chain_contacts(chains: ForceChains, faces: Faces) -> Integers:
+    """Number of contacts of every loop that are links of force chains.
+
+    Parameters
+    ----------
+    chains : ForceChains
+        Of the same graph.
+    faces : Faces
+        Its faces.
+
+    Returns
+    -------
+    (L,) array of int
+        In the order of `faces.loops`; a loop with one or more lies beside a chain.
+    """
+    linked = np.concatenate([[0], np.cumsum(np.isin(faces.contacts, chains.links))])
+    counts: Integers = np.diff(linked[faces.offsets])
+    return counts[faces.loops]
+
+
+def _components(graph: GrainGraph, links: Integers) -> Integers:
+    """Label of every grain, by the smallest grain that it is linked with."""
+    count = graph.grain_count
+    pairs = graph.contacts[links].T
+    joined = scipy.sparse.coo_array((np.ones(len(links)), tuple(pairs)), shape=(count, count))
+    label: Integers = scipy.sparse.csgraph.connected_components(joined, directed=False)[1]
+    return label.astype(np.int64)
+
+
+def _axis(along: Floats) -> Floats:
+    """Directions in (-pi/2, pi/2]."""
+    along = np.where(along[:, :1] < 0.0, -along, along)
+    return np.where(along[:, 0] == 0.0, np.pi / 2, np.arctan2(along[:, 1], along[:, 0]))
