@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,24 +26,6 @@ NAMES = {
 UNITS = "seconds, MB = 2^20 bytes, bytes per grain"
 
 
-def run(
-    sizes: list[int], repeats: int, limits: dict[str, float], tell: Any = None
-) -> tuple[list[dict[str, Any]], dict[str, dict[int, float]], float]:
-    """Measure every method at every size that it is meant for."""
-    bandwidth = triad_bandwidth()
-    rows = []
-    for size in sizes:
-        for (what, how), (_, most) in METHODS.items():
-            if size > limits.get(how, most):
-                continue
-            rows.append(in_a_process(what, how, size, repeats))
-            if tell is not None:
-                tell(rows[-1])
-    each = {row["grains"]: floor_seconds(row["grains"], bandwidth) for row in rows}
-    floors = {what: {n: seconds[what] for n, seconds in each.items()} for what in FLOORS}
-    return rows, floors, bandwidth
-
-
 def main(
     out: Annotated[Path, typer.Option(help="Result folder.")],
     grains: Annotated[str, typer.Option(help="Sizes, by commas.")] = "1000,10000,100000,1000000",
@@ -52,9 +35,21 @@ def main(
 ) -> None:
     """Measure; write the table, the figure and the rows for docs/performance.md."""
     sizes = [int(size) for size in grains.split(",")]
-    limits: dict[str, float] = {"shapely": slow_up_to}
     with result_folder(out, force=force) as folder:
-        rows, floors, bandwidth = run(sizes, repeats, limits, _tell)
+        bandwidth, rows = triad_bandwidth(), []
+        for size, ((what, how), (_, most)) in product(sizes, METHODS.items()):
+            if size > (slow_up_to if how == "shapely" else most):
+                continue
+            rows.append(in_a_process(what, how, size, repeats))
+            seconds, cpu, each = (
+                rows[-1][k] for k in ("seconds", "cpu_seconds", "bytes_per_grain")
+            )
+            typer.echo(
+                f"{what:<10} {how:<9} {rows[-1]['grains']:>9} grains {seconds:9.4f} s "
+                f"({cpu:.4f} CPU) {each:7.0f} bytes per grain"
+            )
+        least = {row["grains"]: floor_seconds(row["grains"], bandwidth) for row in rows}
+        floors = {what: {n: seconds[what] for n, seconds in least.items()} for what in FLOORS}
         configuration = {"grains": sizes, "repeats": repeats, "slow_up_to": slow_up_to}
         made = provenance("scaling study", {**configuration, "machine": machine(*PACKAGES)}, UNITS)
         columns = {name: [row[name] for row in rows] for name in rows[0]}
@@ -74,13 +69,6 @@ def _markdown(rows: list[dict[str, Any]], floors: dict[str, dict[int, float]]) -
             f"| {row['cpu_seconds']:.3g} | {row['bytes_per_grain']:.0f} "
             f"| {'-' if floor is None else f'{floor:.2g}'} |"
         )
-
-
-def _tell(row: dict[str, Any]) -> None:
-    typer.echo(
-        f"{row['what']:<10} {row['how']:<9} {row['grains']:>9} grains {row['seconds']:9.4f} s "
-        f"({row['cpu_seconds']:.4f} CPU) {row['bytes_per_grain']:7.0f} bytes per grain"
-    )
 
 
 if __name__ == "__main__":

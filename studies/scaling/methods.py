@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,20 +37,9 @@ def synthetic_snapshot(grains: int) -> Snapshot:
     )
 
 
-def faces_of(snapshot: Snapshot, *, compiled: bool) -> Work:
-    """Faces by the platform."""
-    return lambda: find_faces(snapshot.graph, compiled=compiled)
-
-
-def crossings_of(snapshot: Snapshot, *, compiled: bool) -> Work:
-    """The search for crossing branches."""
-    return lambda: find_crossings(snapshot.graph, compiled=compiled)
-
-
 def table_of(snapshot: Snapshot, *, compiled: bool) -> Work:
     """Shape, stress, both tangents, eigenvalues, unstable fractions and cones of all loops."""
-    faces = find_faces(snapshot.graph)
-    return lambda: loop_table(snapshot, faces, compiled=compiled)
+    return partial(loop_table, snapshot, find_faces(snapshot.graph), compiled=compiled)
 
 
 def whole_snapshot(snapshot: Snapshot) -> Work:
@@ -124,12 +114,12 @@ def bytes_moved(what: str, graph: GrainGraph, faces: Faces, table: dict[str, Any
 
 # What is found, how, and up to how many grains unless told otherwise.
 METHODS: dict[tuple[str, str], tuple[Callable[[Snapshot], Work], float]] = {
-    ("faces", "compiled"): (lambda s: faces_of(s, compiled=True), np.inf),
-    ("faces", "numpy"): (lambda s: faces_of(s, compiled=False), 1e6),
+    ("faces", "compiled"): (lambda s: partial(find_faces, s.graph, compiled=True), np.inf),
+    ("faces", "numpy"): (lambda s: partial(find_faces, s.graph, compiled=False), 1e6),
     ("faces", "networkx"): (faces_networkx, 1e5),
     ("faces", "shapely"): (faces_shapely, 1e5),
-    ("crossings", "compiled"): (lambda s: crossings_of(s, compiled=True), np.inf),
-    ("crossings", "numpy"): (lambda s: crossings_of(s, compiled=False), 1e6),
+    ("crossings", "compiled"): (lambda s: partial(find_crossings, s.graph, compiled=True), np.inf),
+    ("crossings", "numpy"): (lambda s: partial(find_crossings, s.graph, compiled=False), 1e6),
     ("table", "compiled"): (lambda s: table_of(s, compiled=True), np.inf),
     ("table", "numpy"): (lambda s: table_of(s, compiled=False), 1e6),
     ("snapshot", "by size"): (whole_snapshot, np.inf),
