@@ -20,7 +20,8 @@ from stability.paths.unknowns import Kind, Unknowns
 
 # Below this determinant of a contact's block, in units of kn^2, its compliance is not used: the
 # rates would carry a noise of 1e-16 over it, which the integrator can't tell from their change.
-SOFT_BLOCK = 1e-3
+# In long loops, where the other equations cost the cube of the length, some noise is put up with.
+SOFT_BLOCK, SOFT_BLOCK_LONG, LONG = 0.1, 1e-3, 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +39,13 @@ class Equations:
 
 
 def closure_kind(model: PathModel, contacts: ContactState, regime: Regimes) -> Kind:
-    """Which equations serve a state: those of a long ring need every contact's compliance."""
+    """Which equations serve a state: those of a plain ring need every contact's compliance."""
     if model.closure == "affine":
         return "affine"
-    if model.is_long_ring:
+    if model.is_plain_ring:
         k = translational_blocks(contacts, model.law, regime)
-        if (np.abs(np.linalg.det(k)) > SOFT_BLOCK * model.stiffness**2).all():
+        soft = SOFT_BLOCK if model.grain_count <= LONG else SOFT_BLOCK_LONG
+        if (np.abs(np.linalg.det(k)) > soft * model.stiffness**2).all():
             return "ring"
     return "saddle"
 

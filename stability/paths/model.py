@@ -23,10 +23,6 @@ JUST_TOUCHING = 8 * float(np.finfo(float).eps)
 # Normal forces of the initial graph against those of its overlaps, in units of kn (r_i + r_j).
 FORCE_MISMATCH = 1e-9
 
-# Loops up to this length are solved grain by grain: their contacts' blocks are not inverted, and
-# their paths lie within 1e-15. In longer ones that takes longer than a path by one redundant force.
-SHORT = 24
-
 
 @dataclass(frozen=True, eq=False)
 class PathModel:
@@ -98,10 +94,9 @@ class PathModel:
         return np.isfinite(self.mu) & (self.mu > 0)
 
     @cached_property
-    def is_long_ring(self) -> bool:
-        """Whether one redundant force vector solves the traction closure, and that pays."""
-        plain = self.spins == "blocked" and self.contact_count == self.grain_count
-        return plain and self.grain_count > SHORT
+    def is_plain_ring(self) -> bool:
+        """Whether one redundant force vector solves the traction closure."""
+        return self.spins == "blocked" and self.contact_count == self.grain_count
 
     @cached_property
     def unknowns(self) -> dict[Kind, UnknownSets]:

@@ -140,7 +140,7 @@ def model_choice(
     freedoms = invariant_fields(group.grains, group.maps).shape[-1]
     kind: Kind = "affine"
     if model.closure == "traction":
-        kind = "ring" if model.is_long_ring else "saddle"
+        kind = "ring" if model.is_plain_ring else "saddle"
     sets = model.unknowns[kind]
     return ModelChoice(
         choice=choice,
