@@ -140,7 +140,7 @@ def _verdicts(summary: dict[str, Any]) -> list[str]:
 def _around(summary: dict[str, Any]) -> list[str]:
     """What the surroundings of the loops do, and how far that is known."""
     parts = "  ".join(
-        f"{group}: {shown(share['median'])}"
+        f"{group}: {shown(share['median'] if share['count'] else None)}"
         for group, share in summary["surroundings_share"].items()
     )
     positive = summary["surroundings_positive"]["all"]["mean"]
@@ -148,7 +148,8 @@ def _around(summary: dict[str, Any]) -> list[str]:
     exact = error["q75"] == 0
     known = "exact" if exact else f"errors stated: median {_percent(error['median'])}"
     return [
-        f"surroundings' share of a loop's stiffness, median by order: {parts}",
+        f"surroundings' share of a loop's stiffness, median by order: {parts} "
+        "(without loops undetermined when cut out)",
         f"surroundings that resist every strain: {_percent(positive)} ({known})",
     ]
 
