@@ -28,6 +28,7 @@ EventKind = Literal[
     "control_limit",
     "branching",
     "programme_change",
+    "instability",
 ]
 PathStatus = Literal[
     "finished", "control_limit", "opposite_contact", "no_solution", "no_load", "lost"

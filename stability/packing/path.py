@@ -1,0 +1,416 @@
+"""The quasi-static path of a periodic packing, followed from event to event."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from loops.arrays import Floats, Integers, Regimes
+from loops.errors import InputError
+from loops.graph import GrainGraph
+from loops.laws import ContactLaw
+from loops.laws.protocol import Regime
+from stability.arguments import number, whole_number
+from stability.packing.interval import Goal, Interval, end_state
+from stability.packing.linear_pieces import AT_YIELD, Pieces
+from stability.packing.pairs import Pairs, contact_pairs, require_replayable, with_near
+from stability.packing.pivots import Control
+from stability.packing.state import PackingState, start_state
+from stability.paths.path import Event, EventKind
+from stability.programmes import Stage
+from stability.subspaces import COMPONENTS
+
+# Pairs closer than this share of the mean diameter stand in the arrays as open contacts.
+NEAR = 0.01
+# In one interval: over the mean contact force, over the mean diameter. Beyond, the path is lost.
+JUMP, LEAP = 0.5, 0.02
+
+PackingPathStatus = Literal["finished", "instabilities", "no_solution", "lost"]
+
+
+@dataclass(frozen=True, eq=False)
+class PackingPath:
+    """What following a packing returns: a row at the start and wherever `rows` asks.
+
+    Attributes
+    ----------
+    status : str
+        'finished'; 'instabilities': stopped at the stated number of them; 'no_solution': the
+        controlled stress or strain cannot go on; 'lost': forces or centres jumped, or the system
+        was singular. The last row is the state before.
+    message : str
+        The status in words.
+    events : tuple of Event
+        'yield', 'unloading', 'opening', 'closing', and 'instability': no regimes of the contact
+        agree, and it is kept from sliding until the interval ends. `index` is the row before.
+        Contacts are numbered as in the states: those of the graph first.
+    parameter, stage : (R,) array
+        Loading parameter since the start, and stage.
+    H, P : (R, 4) array
+        Displacement gradient and nominal stress, over the reference cell; 11, 12, 21, 22.
+    states : tuple of PackingState
+        The packing at every row.
+    work : (R, 3) array
+        External work `Int V0 P:H'` (drift of balance apart), slip, and what instabilities cut off.
+    energy : (R,) array
+        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`.
+    imbalance : (R,) array
+        Largest drift of a grain's resultant over the mean contact force.
+    intervals : int
+        Intervals walked.
+    """
+
+    status: PackingPathStatus
+    message: str
+    events: tuple[Event, ...]
+    parameter: Floats
+    stage: Integers
+    H: Floats
+    P: Floats
+    states: tuple[PackingState, ...]
+    work: Floats
+    energy: Floats
+    imbalance: Floats
+    intervals: int
+
+    def __len__(self) -> int:
+        return len(self.parameter)
+
+    def of_kind(self, kind: str) -> tuple[Event, ...]:
+        """Events of one kind."""
+        return tuple(event for event in self.events if event.kind == kind)
+
+
+def follow_packing(
+    graph: GrainGraph,
+    law: ContactLaw,
+    stages: Stage | Sequence[Stage],
+    *,
+    rows: int = 1,
+    interval: float = 5e-6,
+    instabilities: int = 20,
+    max_intervals: int = 100_000,
+) -> PackingPath:
+    """Follow a periodic packing under loading programmes, every change of regime located.
+
+    Normal forces are those of the geometry, shear forces start from the stored ones; what is out
+    of balance at the start stays as a constant load. Within an interval rates are piecewise linear;
+    geometry and normal forces are exact at its ends, so the error halves with the interval.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One periodic state.
+    law : LinearFrictional
+        Contact law.
+    stages : Stage or sequence of Stage
+        Programmes and the values at which they end; fallback stages are not entered.
+    rows : int
+        Rows of each stage, evenly spaced in the quantity that ends it.
+    interval : float
+        Strain of an interval, the norm of the change of `H`.
+    instabilities : int
+        Number of instabilities at which the path stops.
+    max_intervals : int
+        Intervals after which it is given up.
+
+    Returns
+    -------
+    PackingPath
+        Also where the path ends early: see `PackingPath.status`.
+
+    Raises
+    ------
+    InputError
+        If the law is another, the packing is not periodic, or an option is out of range.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, LinearFrictional
+    >>> from stability import Stage, programmes
+    >>> row = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.505] * 2, contacts=[[0, 1], [1, 0]],
+    ...     images=[[0, 0], [1, 0]], cell=[[2, 0], [0, 3]], normal_force=[0.01] * 2)
+    >>> stage = Stage(programmes.drained_biaxial(), "H11", 2e-5)
+    """
+    checked = require_replayable(graph, law)
+    stages = [stages] if isinstance(stages, Stage) else list(stages)
+    if not stages:
+        raise InputError("stages", "none", "one at least", "Give a Stage.")
+    number("interval", interval, 0.0, open_low=True)
+    for name, value in (("rows", rows), ("instabilities", instabilities)):
+        whole_number(name, value, 1)
+    walk = _Walk(graph, contact_pairs(graph, checked), checked.shear_increment == "radii", interval)
+    walk.record()
+    for k, stage in enumerate(stages):
+        if stage.fallback:
+            continue
+        walk.stage, walk.begun = k, walk.parameter
+        walk.enter()
+        start = walk.quantity(stage)
+        for target in np.linspace(start, stage.target, rows + 1)[1:]:
+            while not walk.at(stage, target):
+                if walk.intervals >= max_intervals:
+                    return walk.path("lost", f"{max_intervals} intervals were not enough")
+                stop = walk.step(stage, float(target), instabilities)
+                if stop is not None:
+                    return walk.path(*stop)
+            walk.record()
+    return walk.path("finished", "every stage reached its target")
+
+
+@dataclass(eq=False)
+class _Walk:
+    """The state on its way, and the rows that it leaves."""
+
+    graph: GrainGraph
+    pairs: Pairs
+    by_radii: bool
+    size: float
+    parameter: float = 0.0
+    begun: float = 0.0
+    stage: int = 0
+    intervals: int = 0
+    found: int = 0
+    events: list[Event] = field(default_factory=list)
+    wandered: float = 0.0
+    rows: list[tuple[Any, ...]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.state = start_state(self.graph)
+        self.F = np.eye(2)
+        self.volume = abs(float(np.linalg.det(self.state.cell)))
+        self.work = np.zeros(3)
+        self.regime: Regimes = np.zeros(0, dtype=np.int8)
+        self.side = np.zeros(0)
+        self._start()
+        self.balance = self._resultants()
+        self.enter()
+
+    def _start(self) -> None:
+        """Forces of the geometry; who stands at its cone may slide."""
+        N = np.maximum(-self.pairs.kn * self._gaps(), 0.0)
+        T = np.where(N > 0, self.state.shear_force, 0.0)
+        most = np.where(np.isfinite(self.pairs.mu), self.pairs.mu * N, np.inf)
+        self.state = replace(self.state, normal_force=N, shear_force=np.clip(T, -most, most))
+        self._renew(0.0)
+        N, T = self.state.normal_force, self.state.shear_force
+        slides = (N > 0) & np.isfinite(self.pairs.mu) & (np.abs(T) >= AT_YIELD * self.pairs.mu * N)
+        self.regime[slides] = Regime.SLIDING
+        self.regime[(N > 0) & ~slides] = Regime.ELASTIC
+        self.side = np.sign(T)
+
+    @property
+    def H(self) -> Floats:
+        """(4,) displacement gradient."""
+        return (np.eye(2) - self.F).ravel()
+
+    @property
+    def P(self) -> Floats:
+        """(4,) nominal stress over the reference cell."""
+        return self._to_reference() @ self.state.stress.ravel()
+
+    def _to_reference(self) -> Floats:
+        """`P0 = (V/V0) P F^-T` on the components."""
+        share = abs(float(np.linalg.det(self.state.cell))) / self.volume
+        return share * np.kron(np.eye(2), np.linalg.inv(self.F))
+
+    def quantity(self, stage: Stage) -> float:
+        """What ends the stage."""
+        if stage.quantity == "parameter":
+            return self.parameter - self.begun
+        values = self.H if stage.quantity[0] == "H" else self.P
+        return float(values[COMPONENTS.index(stage.quantity[1:])])
+
+    def at(self, stage: Stage, target: float) -> bool:
+        """Whether the target is reached, to a millionth of an interval."""
+        scale = 1.0
+        if stage.quantity[0] == "P":
+            scale = float(self.pairs.kn.mean())
+        elif stage.quantity == "parameter":
+            scale = 1.0 / float(np.abs(stage.programme.rate).max())
+        return abs(self.quantity(stage) - target) <= 1e-6 * self.size * scale
+
+    def enter(self) -> None:
+        """What a programme holds is counted from here."""
+        self.H_start, self.P_start = self.H, self.P
+
+    def step(self, stage: Stage, target: float, most: int) -> tuple[PackingPathStatus, str] | None:
+        """One interval; why the path ends if it does."""
+        before = (self.state, self.F, self.regime.copy(), self.side.copy(), self.pairs)
+        try:
+            stop = self._interval(stage, target)
+        except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
+            stop = ("lost", f"the system has no answer: {error}")
+        if stop is not None:
+            self.state, self.F, self.regime, self.side, self.pairs = before
+            return stop
+        if self.found >= most:
+            return "instabilities", f"{self.found} contacts found no regimes that agree"
+        return None
+
+    def _interval(self, stage: Stage, target: float) -> tuple[PackingPathStatus, str] | None:
+        # What has to go: the loads of the rates are external forces.
+        load = self._resultants() - self.balance
+        pieces = Pieces(
+            self.state,
+            self.pairs,
+            self.regime.copy(),
+            self.side.copy(),
+            self.by_radii,
+            0.0 * load.ravel(),
+        )
+        trial, _, _ = pieces.solve(*self._control(stage, 0.0))
+        speed = float(np.linalg.norm(trial.h[:4]))
+        if not (np.isfinite(speed) and speed > 0):
+            return "no_solution", "the control moves nothing"
+        end = self.size / speed
+        scale = np.tile([1.0, 1.0, 1.0 / pieces.length], len(self.state.x))
+        pieces.set_load(load.ravel() * scale / end)
+        walk = Interval(
+            pieces=pieces,
+            control=self._control(stage, 1.0 / end),
+            N=self.state.normal_force,
+            T=self.state.shear_force,
+            gap=np.maximum(self._gaps(), 0.0),
+            end=end,
+            goal=self._goal(stage, target),
+            told=self._told,
+        )
+        P = self.P
+        walk.walk()
+        self.found += walk.instabilities
+        state, self.regime, cut_off = end_state(walk, self.state, self.pairs)
+        self.side = pieces.side
+        jump = self._jump(state)
+        if jump:
+            return "lost", jump
+        F = self.F
+        self.F = F - walk.strain.reshape(2, 2) @ F
+        self.state = state
+        self.parameter += walk.time
+        self.intervals += 1
+        self.work += [
+            0.5 * self.volume * float((P + self.P) @ (F - self.F).ravel()),
+            walk.slip_work,
+            float(cut_off.sum()),
+        ]
+        self._renew(float(np.abs(walk.u).max()))
+        return None
+
+    def _control(self, stage: Stage, drift: float) -> Control:
+        """The programme on rates in the current geometry; `drift` over time is made good."""
+        stress, strain, rate = stage.programme.equations(self.H)
+        if drift and stage.programme.isochoric_row is None:
+            done = stress @ (self.P - self.P_start) + strain @ (self.H - self.H_start)
+            rate = rate - drift * (done - rate * (self.parameter - self.begun))
+        turned = np.kron(np.eye(2), self.F.T)
+        return Control(stress @ self._to_reference(), strain @ turned, rate)
+
+    def _goal(self, stage: Stage, target: float) -> Goal:
+        """How far the stage's quantity still is from its target."""
+        left, none = target - self.quantity(stage), np.zeros(4)
+        if stage.quantity == "parameter":
+            return Goal(left, none, none, 1.0)
+        k = COMPONENTS.index(stage.quantity[1:])
+        if stage.quantity[0] == "H":
+            return Goal(left, np.kron(np.eye(2), self.F.T)[k], none, 0.0)
+        return Goal(left, none, self._to_reference()[k], 0.0)
+
+    def _told(self, kind: EventKind, time: float, contact: int, detail: str = "") -> None:
+        where = self.parameter + time
+        self.events.append(Event(kind, where, self.stage, len(self.rows) - 1, (contact,), detail))
+
+    def _gaps(self) -> Floats:
+        i, j = self.pairs.grains.T
+        touching = self.state.radii[i] + self.state.radii[j]
+        return np.linalg.norm(self.state.branches, axis=1) - touching
+
+    def _resultants(self) -> Floats:
+        """(G, 3) contact forces and moments on the grains."""
+        state, out = self.state, np.zeros((len(self.state.x), 3))
+        i, j = state.contacts.T
+        length = np.linalg.norm(state.branches, axis=1)
+        arm_i = 0.5 * (length + state.radii[i] - state.radii[j])
+        np.add.at(out[:, :2], j, state.forces)
+        np.add.at(out[:, :2], i, -state.forces)
+        np.add.at(out[:, 2], i, -arm_i * state.shear_force)
+        np.add.at(out[:, 2], j, -(length - arm_i) * state.shear_force)
+        return out
+
+    def _renew(self, moved: float) -> None:
+        """List the pairs anew where grains may have come out of nowhere."""
+        gap = NEAR * 2.0 * float(self.state.radii.mean())
+        self.wandered += moved
+        if self.intervals and 2.0 * self.wandered < 0.5 * gap:
+            return
+        self.wandered = 0.0
+        state = self.state
+        self.pairs = with_near(self.pairs, state.x, state.cell, state.radii, gap)
+        new = len(self.pairs) - len(state.contacts)
+        N, T = (
+            np.append(force, np.zeros(new)) for force in (state.normal_force, state.shear_force)
+        )
+        self.state = replace(
+            state,
+            contacts=self.pairs.grains,
+            images=self.pairs.images,
+            normal_force=N,
+            shear_force=T,
+        )
+        closed = np.where(N > 0, Regime.ELASTIC, Regime.OPEN)
+        self.regime = np.append(self.regime, closed[len(self.regime) :]).astype(np.int8)
+        self.side = np.append(self.side, np.zeros(new + len(N) - new - len(self.side)))
+
+    def _jump(self, state: PackingState) -> str:
+        """What is out of measure after an interval, if anything."""
+        mean = float(self.state.normal_force[self.state.closed].mean())
+        forces = np.abs(state.normal_force - self.state.normal_force).max() / mean
+        stress = np.linalg.norm(state.stress - self.state.stress) / np.linalg.norm(
+            self.state.stress
+        )
+        if not (np.isfinite(forces) and stress < JUMP):
+            return f"the stress jumped by {stress:.2g} of itself"
+        beyond = (
+            state.x
+            - self.state.x
+            - self.state.x @ (state.cell @ np.linalg.inv(self.state.cell) - np.eye(2)).T
+        )
+        carries = np.bincount(state.contacts[state.closed].ravel(), minlength=len(beyond)) > 1
+        leap = np.abs(beyond[carries]).max(initial=0.0) / (2.0 * float(state.radii.mean()))
+        return f"a grain leapt by {leap:.2g} diameters" if leap > LEAP else ""
+
+    def record(self) -> None:
+        """A row."""
+        state, pairs = self.state, self.pairs
+        shear = np.divide(
+            state.shear_force**2, pairs.kt, out=np.zeros(len(pairs)), where=pairs.kt > 0
+        )
+        energy = 0.5 * float(np.sum(state.normal_force**2 / pairs.kn + shear))
+        closed = np.hypot(state.normal_force, state.shear_force)[state.closed]
+        drift = np.abs(self.balance - self._resultants())[:, :2].max() / float(closed.mean())
+        row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, drift
+        self.rows.append(row)
+
+    def path(self, status: PackingPathStatus, message: str) -> PackingPath:
+        """What has been walked."""
+        if status != "finished":
+            self.record()
+        columns = list(zip(*self.rows, strict=True))
+        parameter, stage, H, P, states, work, energy, drift = columns
+        return PackingPath(
+            status=status,
+            message=message,
+            events=tuple(self.events),
+            parameter=np.array(parameter),
+            stage=np.array(stage),
+            H=np.array(H),
+            P=np.array(P),
+            states=states,
+            work=np.array(work),
+            energy=np.array(energy),
+            imbalance=np.array(drift),
+            intervals=self.intervals,
+        )

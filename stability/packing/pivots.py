@@ -1,0 +1,94 @@
+"""Regimes of contacts at yield that agree with their rates, by principal pivots.
+
+After Cottle and Dantzig: the slip rate of a contact (or its way off the cone) is raised from zero
+until it agrees with its regime; whoever would disagree on the way changes regime.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from loops.arrays import Floats, Integers
+from loops.laws.protocol import Regime
+from stability.packing.linear_pieces import Pieces, Rates
+
+STEPS = 40
+
+
+class Control(NamedTuple):
+    """`stress @ P' + strain @ H' = rate` in the current geometry."""
+
+    stress: Floats
+    strain: Floats
+    rate: Floats
+
+
+class UnsolvedError(Exception):
+    """A pair found no regimes: the motion that nothing stops, whether det K changes sign."""
+
+    def __init__(self, contact: int, motion: Floats, turns: bool) -> None:
+        super().__init__("the rate problem has no solution")
+        self.contact, self.motion, self.turns = contact, motion, turns
+
+
+def flip(pieces: Pieces, c: int) -> None:
+    """Stick to slide, on the side that stands in `pieces.side`, and back."""
+    sticks = pieces.regime[c] == Regime.ELASTIC
+    pieces.set_regime(c, Regime.SLIDING if sticks else Regime.ELASTIC, pieces.side[c])
+
+
+def pivot(pieces: Pieces, control: Control, c: int, critical: Integers, tiny: float) -> list[int]:
+    """Bring one contact at yield to agree; all the pairs that changed regime.
+
+    `critical` are the pairs at yield that agree already, or have a turn of their own to come.
+    """
+    others = critical[critical != c]
+    every = np.append(others, c)
+    changed: list[int] = []
+    column = pieces.column(len(pieces.pairs) + c)
+    raised, first = 0.0, 0.0
+    for step in range(STEPS):
+        base, unit, sign = pieces.solve(*control, driven=column)
+        # A force -s on the shear row is one unit of slip, or of the way off the cone.
+        push = -pieces.side[c]
+        along = pieces.edge(Rates(push * unit.h, push * unit.w), every)
+        value = pieces.edge(base, every)
+        sticks = np.where(pieces.regime[every] == Regime.ELASTIC, 1.0, -1.0)
+        value, along = sticks * value, sticks * along
+        along[-1] += 1.0
+        first = sign if step == 0 else first
+        now = value + raised * along
+        if now[-1] >= -tiny:
+            flip(pieces, c)
+            return [*changed, c]
+        own = raised - now[-1] / along[-1] if along[-1] > 1e-12 else np.inf
+        falls = (along[:-1] < -1e-12) & (now[:-1] > -tiny)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = np.where(falls, raised + np.maximum(now[:-1], 0.0) / -along[:-1], np.inf)
+        reach[np.isin(others, changed[-1:])] = np.inf
+        k = int(np.argmin(reach)) if len(reach) else -1
+        if k >= 0 and reach[k] < own:
+            raised = float(reach[k])
+            flip(pieces, int(others[k]))
+            changed.append(int(others[k]))
+        elif np.isfinite(own):
+            flip(pieces, c)
+            return [*changed, c]
+        else:
+            break
+    motion = pieces.motion(unit)
+    flip(pieces, c)
+    turns = pieces.solve(*control)[2] * first < 0
+    for other in [c, *changed]:
+        flip(pieces, other)
+    raise UnsolvedError(c, motion, turns)
+
+
+def disagreeing(pieces: Pieces, rates: Rates, critical: Integers, tiny: float) -> Integers:
+    """Pairs at yield whose regime disagrees with their rates, the worst first."""
+    sticks = np.where(pieces.regime[critical] == Regime.ELASTIC, 1.0, -1.0)
+    value = sticks * pieces.edge(rates, critical)
+    wrong = np.flatnonzero(value < -tiny)
+    return critical[wrong[np.argsort(value[wrong])]]
