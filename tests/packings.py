@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.optimize import fsolve
 
-from loops import LinearFrictional, Regime, branch_vectors, contact_state
+from loops import GrainGraph, LinearFrictional, Regime, branch_vectors, contact_state
 from patterns.synthetic import synthetic_network
+from stability.packing import replay
 
 LAW = LinearFrictional(1.0, 0.5, 0.5, "radii")
 
@@ -84,3 +85,23 @@ def balanced(graph):
     forces = np.concatenate([graph.normal_force, graph.shear_force])
     forces -= np.linalg.pinv(matrix) @ (matrix @ forces)
     return graph.replace(normal_force=forces[:count], shear_force=forces[count:])
+
+
+def jammed(grains=16, seed=1, law=LAW, shear=(1e-3, -1e-3)):
+    """A jammed packing of discs in balance, sheared a little so that some contacts slide."""
+    rng = np.random.default_rng(seed)
+    radii = rng.uniform(0.4, 0.6, grains)
+    across = int(np.ceil(np.sqrt(grains)))
+    side = 1.25 * across
+    loose = LinearFrictional(1.0, 0.5, 0.1, law.shear_increment)
+    slots = rng.permutation(across**2)[:grains]
+    x = 1.25 * np.column_stack(np.divmod(slots, across)) + rng.uniform(-0.05, 0.05, (grains, 2))
+    graph = GrainGraph(x=x, radii=radii, contacts=[[0, 1]], images=[[9, 9]], cell=side * np.eye(2))
+    quiet = {"damping": 0.3, "viscous": 0.05}
+    for density in (0.75, 0.80, 0.83, 0.86, 0.88, 0.90):
+        change = 1 - np.sqrt(np.pi * np.sum(radii**2) / density / abs(np.linalg.det(graph.cell)))
+        graph = replay(graph, loose, change * np.eye(2), duration=400.0, **quiet).state.graph()
+        if graph.normal_force.sum() > 0.004 * graph.grain_count:
+            break
+    graph = replay(graph, law, np.diag(shear), duration=4000.0, **quiet).state.graph()
+    return replay(graph, law, np.zeros((2, 2)), duration=4000.0, **quiet).state.graph()

@@ -18,6 +18,8 @@ from stability.paths.path import EventKind
 
 # Events of one contact, and of length zero one after the other, beyond which it is held.
 CHATTER, IDLE = 12, 60
+# Springs on the grains of a mode that nothing holds, over kn, one after the other; then it is held.
+DRAGS = (1e-3, 1e-2, 1e-1, 0.0)
 # Over the largest rate: wrong signs within it are rounding.
 TINY = 1e-9
 
@@ -56,7 +58,6 @@ class Interval:
     goal: Goal
     told: Told
     time: float = 0.0
-    instabilities: int = 0
     slip_work: float = 0.0
     events: Counter[int] = field(default_factory=Counter)
 
@@ -148,7 +149,7 @@ class Interval:
         self.events[c] += 1
         if self.events[c] > CHATTER or self.idle > IDLE:
             self.idle = 0
-            self._hold(c, "it changes regime again and again", kind)
+            self._hold(c, "it changes regime again and again; held", kind)
         elif kind == "yield":
             self._pivot(c, rates)
         else:
@@ -171,21 +172,32 @@ class Interval:
         pieces.set_regime(c, Regime.ELASTIC)
 
     def _pivot(self, c: int, rates: Rates) -> None:
-        pieces = self.pieces
-        critical = pieces.at_yield(self.N, self.T, self.held)
-        # Who stands on the cone does so on the side of its force.
-        stuck = critical[pieces.regime[critical] == Regime.ELASTIC]
-        stuck = stuck[stuck != c]
-        pieces.side[stuck] = np.sign(self.T[stuck])
-        tiny = TINY * self._scale(rates)
-        try:
-            changed = pivot(pieces, self.control, c, critical, tiny)
-        except UnsolvedError as stop:
-            self._hold(c, self._mode(stop), "")
+        """One contact at yield; where no regimes agree the grains of the mode are dragged."""
+        pieces, why = self.pieces, ""
+        for drag in DRAGS:
+            critical = pieces.at_yield(self.N, self.T, self.held)
+            # Who stands on the cone does so on the side of its force.
+            stuck = critical[(pieces.regime[critical] == Regime.ELASTIC) & (critical != c)]
+            pieces.side[stuck] = np.sign(self.T[stuck])
+            try:
+                changed = pivot(pieces, self.control, c, critical, TINY * self._scale(rates))
+            except UnsolvedError as stop:
+                why = why or self._mode(stop)
+                if drag == DRAGS[-1]:
+                    break
+                u = np.linalg.norm(stop.motion.reshape(-1, 3), axis=1)
+                self.flush()
+                grains = u > 0.1 * u.max()
+                pieces.drag[grains] = np.maximum(pieces.drag[grains], drag)
+                pieces.factorise()
+                continue
+            if why:
+                        self.told("instability", self.time, c, f"{why}; dragged")
+            for k in changed:
+                slides = pieces.regime[k] == Regime.SLIDING
+                self.told("yield" if slides else "unloading", self.time, k)
             return
-        for k in changed:
-            slides = pieces.regime[k] == Regime.SLIDING
-            self.told("yield" if slides else "unloading", self.time, k)
+        self._hold(c, f"{why}; held", "yield")
 
     def _scale(self, rates: Rates) -> float:
         size = float(np.abs(rates.h[:4]).max())
@@ -209,14 +221,14 @@ class Interval:
             c = int(wrong[0])
             tried[c] += 1
             if tried[c] > 3:
-                self._hold(c, "neither sticking nor sliding agrees", "")
+                self._hold(c, "neither sticking nor sliding agrees; held", "yield")
             else:
                 self._pivot(c, rates)
             if len(pieces.rows) > RANK:
                 self.flush()
                 pieces.factorise()
 
-    def _hold(self, c: int, why: str, kind: str) -> None:
+    def _hold(self, c: int, why: str, kind: EventKind) -> None:
         """Keep a contact stuck or open, whatever becomes of it, until the interval ends."""
         pieces = self.pieces
         if kind in ("opening", "closing"):
@@ -225,7 +237,6 @@ class Interval:
         elif pieces.regime[c] == Regime.SLIDING:
             flip(pieces, c)
         self.held[c] = True
-        self.instabilities += 1
         self.told("instability", self.time, c, why)
 
     def _mode(self, stop: UnsolvedError) -> str:

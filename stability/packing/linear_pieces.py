@@ -81,7 +81,7 @@ class Pieces:
         # Motions of unit strains, and the stress of unit forces.
         self.affine = -volume * np.concatenate([outer(n), outer(turn[:, None] * t), outer(t)])
         self.stress_of = np.concatenate([outer(n), outer(t), outer(own)])
-        self.load = load
+        self.load, self.drag = load, np.zeros(count)
         self.factorise()
 
     def _rows(
@@ -113,7 +113,8 @@ class Pieces:
         unit = float(self.pairs.kn.mean())
         closed = self.regime != Regime.OPEN
         degree = np.bincount(self.pairs.grains[closed].ravel(), minlength=K.shape[0] // 3)
-        springs = np.repeat(np.select([degree < 2, degree < 3], [RATTLERS, PAIRED], GEARS), 3) * unit
+        own = np.select([degree < 2, degree < 3], [RATTLERS, PAIRED], GEARS)
+        springs = np.repeat(np.maximum(own, self.drag), 3) * unit
         anchor = 3 * int(np.argmax(degree))
         springs[anchor : anchor + 2] += unit
         self.lu = splu(

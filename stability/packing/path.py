@@ -113,7 +113,7 @@ def follow_packing(
     interval : float
         Strain of an interval, the norm of the change of `H`.
     instabilities : int
-        Number of instabilities at which the path stops.
+        Number of unstable contacts at which the path stops.
     max_intervals : int
         Intervals after which it is given up.
 
@@ -173,7 +173,6 @@ class _Walk:
     begun: float = 0.0
     stage: int = 0
     intervals: int = 0
-    found: int = 0
     events: list[Event] = field(default_factory=list)
     wandered: float = 0.0
     rows: list[tuple[Any, ...]] = field(default_factory=list)
@@ -247,8 +246,9 @@ class _Walk:
         if stop is not None:
             self.state, self.F, self.regime, self.side, self.pairs = before
             return stop
-        if self.found >= most:
-            return "instabilities", f"{self.found} contacts found no regimes that agree"
+        found = {event.contacts for event in self.events if event.kind == "instability"}
+        if len(found) >= most:
+            return "instabilities", f"{len(found)} contacts found no regimes that agree"
         return None
 
     def _interval(self, stage: Stage, target: float) -> tuple[PackingPathStatus, str] | None:
@@ -281,7 +281,6 @@ class _Walk:
         )
         P = self.P
         walk.walk()
-        self.found += walk.instabilities
         state, self.regime, cut_off = end_state(walk, self.state, self.pairs)
         self.side = pieces.side
         jump = self._jump(state)
