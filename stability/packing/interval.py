@@ -192,7 +192,7 @@ class Interval:
                 pieces.factorise()
                 continue
             if why:
-                        self.told("instability", self.time, c, f"{why}; dragged")
+                self.told("instability", self.time, c, f"{why}; dragged")
             for k in changed:
                 slides = pieces.regime[k] == Regime.SLIDING
                 self.told("yield" if slides else "unloading", self.time, k)

@@ -133,7 +133,10 @@ def follow_packing(
     >>> from stability import Stage, programmes
     >>> row = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.505] * 2, contacts=[[0, 1], [1, 0]],
     ...     images=[[0, 0], [1, 0]], cell=[[2, 0], [0, 3]], normal_force=[0.01] * 2)
-    >>> stage = Stage(programmes.drained_biaxial(), "H11", 2e-5)
+    >>> path = follow_packing(row, LinearFrictional(1.0, 0.5, 0.5),
+    ...     Stage(programmes.isotropic_strain(), "H11", 2e-5))
+    >>> path.status, path.states[-1].normal_force.round(9).tolist()
+    ('finished', [0.01002, 0.01002])
     """
     checked = require_replayable(graph, law)
     stages = [stages] if isinstance(stages, Stage) else list(stages)
