@@ -115,11 +115,9 @@ class Interval:
                 away = np.maximum(mu * self.N - s * self.T, 0.0)
                 left[k] = np.where(conical & (rate > tiny), away / rate, np.inf)
         best: tuple[float, int, EventKind] = (np.inf, -1, "opening")
-        for times, kind in (
-            (opening, "opening"),
-            (left.min(axis=0), "yield"),
-            (closing, "closing"),
-        ):
+        kinds: tuple[EventKind, ...] = ("opening", "yield", "closing")
+        each: tuple[Floats, ...] = (opening, left.min(axis=0), closing)
+        for times, kind in zip(each, kinds, strict=True):
             c = int(np.argmin(times))
             if times[c] < best[0]:
                 best = (float(times[c]), c, kind)
