@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from loops import InputError
-from patterns.snapshots.text import Text, line_at
+from patterns.snapshots.text import Text, line_at, single_blanks
 
 COMMENTS = (b"#", b"%", b"//")
 NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
@@ -93,8 +93,7 @@ def rows_of(text: Text, layout: Layout) -> bytes | memoryview:
         lines = bytes(body).splitlines(keepends=True)
         body = b"".join(line for line in lines if not line.lstrip().startswith(COMMENTS))
     if layout.delimiter == " ":
-        body = re.sub(rb"[ \t\r]+", b" ", bytes(body))
-        body = body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip()
+        body = single_blanks(bytes(body))
     return body
 
 

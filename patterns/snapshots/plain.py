@@ -59,23 +59,16 @@ def frames(source: Source) -> Frames:
 
 def _frame(source: Source) -> Frame:
     wanted = known_spellings() | {*source.columns.values()}
+    tables: Sequence[Table] = ()
     if source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES):
         names, arrays = read_arrays(source.path, wanted | {"cell"})
         if any(name.startswith("contacts/") for name in names):
-            tables = tuple(_group(source, names, arrays, group) for group in ("grains", "contacts"))
-            return _plain_frame(source, tables, arrays.get("cell"), None, None)
-    contacts = source.contacts or contacts_beside(source.path)
-    tables = read_table(source.path, wanted), read_table(contacts, wanted)
-    return _plain_frame(source, tables, *_cell_beside(source.path))
-
-
-def _plain_frame(
-    source: Source,
-    tables: Sequence[Table],
-    cell: Floats | None,
-    step: float | None,
-    increment: ShearIncrement | None,
-) -> Frame:
+            tables = [_group(source, names, arrays, group) for group in ("grains", "contacts")]
+            cell, step, increment = arrays.get("cell"), None, None
+    if not tables:
+        contacts_path = source.contacts or contacts_beside(source.path)
+        tables = read_table(source.path, wanted), read_table(contacts_path, wanted)
+        cell, step, increment = _cell_beside(source.path)
     grains, contacts = with_plain_names(source, *tables)
     grains, other_grains = with_aliases(grains, GRAIN_COLUMNS)
     contacts, other_contacts = with_aliases(contacts, CONTACT_COLUMNS)

@@ -170,9 +170,7 @@ def read_body(
         # Columns may be padded with blanks, which costs another pass.
         pass
     try:
-        body = re.sub(rb"[ \t\r]+", b" ", text[start:stop])
-        body = body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip()
-        return _parse(body, list(names), wanted)
+        return _parse(single_blanks(text[start:stop]), list(names), wanted)
     except (pyarrow.ArrowException, UnicodeDecodeError) as error:
         raise InputError(
             where,
@@ -180,6 +178,12 @@ def read_body(
             "numbers in columns",
             "Dump it again.",
         ) from None
+
+
+def single_blanks(body: bytes) -> bytes:
+    """The lines with one blank between columns, and none around them."""
+    body = re.sub(rb"[ \t\r]+", b" ", body)
+    return body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip()
 
 
 def _parse(body: bytes | memoryview, names: list[str], wanted: list[str]) -> pyarrow.Table:
