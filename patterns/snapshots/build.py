@@ -223,8 +223,14 @@ def _law(
             notes.append("no column 'mu': friction of sliding contacts taken as |T|/N")
     given = parameters.shear_increment
     increment = given or told or "branch"
-    if "radii" in (increment, told):
-        notes.append(_increment_note(given, told))
+    if given is None and told == "radii":
+        notes.append(
+            "shear increment 'radii', Yade's default: --shear-increment branch if the simulation "
+            "had avoidGranularRatcheting=False"
+        )
+    elif given is not None and "radii" in (given, told):
+        other = "" if told in (None, given) else f", not {told!r}"
+        notes.append(f"shear increment {given!r} as given{other}")
     regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
     return LinearFrictional(kn=kn, kt=kt, mu=mu, shear_increment=increment), regime
 
@@ -246,13 +252,3 @@ def _parameter(
         )
     notes.append(f"{column} = {value} for every contact, from {option}")
     return np.full(len(rows), float(value))
-
-
-def _increment_note(given: ShearIncrement | None, told: ShearIncrement | None) -> str:
-    if given is None:
-        return (
-            "shear increment 'radii', Yade's default: --shear-increment branch if the simulation "
-            "had avoidGranularRatcheting=False"
-        )
-    other = "" if told in (None, given) else f", not {told!r}"
-    return f"shear increment {given!r} as given{other}"

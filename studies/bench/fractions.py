@@ -49,8 +49,8 @@ def fraction_methods(quick: bool) -> Rows:
     ways.append(("Imhof, scipy quad", "adaptive", _by_quad, SPECTRA))
     for power in DIRECTIONS[: 2 if quick else None]:
         for name, drawn in (("random directions", _normals), ("Sobol directions", _sobol)):
-            sampled_anew = partial(_sampled_anew, sequence=drawn, power=power)
-            ways.append((name, f"{2**power:,}", sampled_anew, SPECTRA))
+            sampled = partial(_sampled, sequence=drawn, power=power)
+            ways.append((name, f"{2**power:,}", sampled, SPECTRA))
     rows = Rows("cone fractions", ORACLE, quick)
     for method, setting, way, spectra in ways:
         call, default = partial(way, spectra), way is unstable_fraction
@@ -73,11 +73,6 @@ def _imhof(spectra: Floats, nodes: Floats) -> Floats:
         angle += 0.5 * np.arctan(x)
         amplitude = amplitude / np.sqrt(np.sqrt(1.0 + x * x))
     return np.asarray((np.sin(angle) * amplitude).sum(axis=-1))
-
-
-def sampled(spectra: Floats, directions: Floats) -> Floats:
-    """Share of directions with a negative form."""
-    return np.asarray((spectra @ (directions * directions).T < 0.0).mean(axis=1))
 
 
 def fraction_50(spectrum: Floats) -> float:
@@ -120,5 +115,7 @@ def _sobol(power: int) -> Floats:
     return np.asarray(norm.ppf(np.maximum(points, 2.0**-64)))
 
 
-def _sampled_anew(spectra: Floats, sequence: Callable[[int], Floats], power: int) -> Floats:
-    return sampled(spectra, sequence(power))
+def _sampled(spectra: Floats, sequence: Callable[[int], Floats], power: int) -> Floats:
+    """Share of so many directions, drawn anew, with a negative form."""
+    directions = sequence(power)
+    return np.asarray((spectra @ (directions * directions).T < 0.0).mean(axis=1))
