@@ -298,8 +298,9 @@ def draw_grains(
     width = WIDEST * strength / max(float(strength.max()), np.finfo(float).tiny)
     branch = np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=1)
     half = 0.5 * force * (branch / np.where(strength > 0.0, strength, 1.0))[:, None]
-    middle = x[pairs].mean(axis=1)
-    lines = np.stack([middle - half, middle + half], axis=1)
+    first = size[pairs[:, :1]] / size[pairs].sum(axis=1, keepdims=True)
+    contact = x[pairs[:, 0]] + first * (x[pairs[:, 1]] - x[pairs[:, 0]])
+    lines = np.stack([contact - half, contact + half], axis=1)
     colours = [COLOURS[Regime(int(each))] for each in regime]
     ax.add_collection(LineCollection(list(lines), colors=colours, linewidths=width))
     ax.plot(*x.T, "o", color=BLACK, markersize=1.5)

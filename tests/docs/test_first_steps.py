@@ -149,3 +149,13 @@ def test_the_door_is_small_and_what_it_shows_tells_itself_in_a_line(session):
         assert len(repr(names[name])) < 250
         assert names[name]._repr_html_().startswith("<table><caption>")
     assert len(repr(names["snapshot"].faces)) < 250
+
+
+def test_forces_of_a_loop_pass_through_its_contacts(session):
+    loop = session[0]["loop"].graph
+    ax = gl.plot_loop(loop)
+    middles = [path.vertices.mean(axis=0) for path in ax.collections[2].get_paths()]
+    i, j = loop.contacts.T
+    share = loop.radii[i] / (loop.radii[i] + loop.radii[j])
+    contact = loop.x[i] + share[:, None] * (loop.x[j] - loop.x[i])
+    np.testing.assert_allclose(middles, contact, rtol=0, atol=1e-12)
