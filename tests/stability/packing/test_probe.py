@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, affine_tangent, find_faces
+from loops.packing import factorised
 from patterns.diamond import tangent
 from patterns.diamond.tangents import elastic_moduli, sliding_moduli
 from stability import plane_cone, restrict
-from stability.packing import packing_response, probe, response
+from stability.packing import edge, packing_response, probe, response
 from tests.oracles.lattices import lattice, lattice_rates
 from tests.packings import LAW, packing
 
@@ -156,6 +157,13 @@ def test_stress_probes_are_the_responses_one_by_one():
             ).all()
 
 
+def test_one_factorisation_serves_all_directions(monkeypatch):
+    calls = []
+    monkeypatch.setattr(edge, "factorised", lambda *given: calls.append(1) or factorised(*given))
+    found = probe(packing(30, seed=3, sliding=0.3), LAW, 24)
+    assert len(found.tangents) > 10 and len(calls) == 1
+
+
 def test_stress_on_the_sphere_keeps_the_strain_symmetric():
     graph = packing(30, seed=3, sliding=0.3)
     found = probe(graph, LAW, 12, control="stress", subspace="symmetric")
@@ -200,13 +208,26 @@ def test_cones_end_where_the_work_of_the_regimes_there_vanishes():
     found = probe(graph, LAW, 72)
     assert len(found.cones) == 1 and found.refined.all() and found.determined.all()
     for begin, end in found.cones:
-        for edge, inwards in ((begin, 1e-4), (end, -1e-4)):
-            assert abs(probe(graph, LAW, at_angle(edge)).normalised[0]) < 1e-8
-            assert probe(graph, LAW, at_angle(edge + inwards)).normalised[0] < -1e-7
-            assert probe(graph, LAW, at_angle(edge - inwards)).normalised[0] > 1e-7
+        for angle, inwards in ((begin, 1e-4), (end, -1e-4)):
+            assert abs(probe(graph, LAW, at_angle(angle)).normalised[0]) < 1e-8
+            assert probe(graph, LAW, at_angle(angle + inwards)).normalised[0] < -1e-7
+            assert probe(graph, LAW, at_angle(angle - inwards)).normalised[0] > 1e-7
     width = np.ptp(found.cones, axis=1).sum()
     assert found.unstable_fraction == pytest.approx(width / (2 * np.pi), rel=1e-12)
     assert found.unstable_fraction == pytest.approx(np.mean(found.work < 0), abs=2 / 72)
+
+
+@pytest.mark.parametrize(("control", "sliding"), [("strain", 0.6), ("stress", 0.3)])
+def test_a_cone_next_to_what_is_undetermined_ends_where_its_work_is_still_negative(
+    control, sliding
+):
+    graph = under_load(0, sliding)
+    found = probe(graph, LAW, 36, control=control)
+    sharp = found.refined.ravel()
+    assert sharp.any() and not sharp.all() and not found.determined.all()
+    for angle, refined in zip(found.cones.ravel(), sharp, strict=True):
+        there = probe(graph, LAW, at_angle(angle), control=control).normalised[0]
+        assert abs(there) < 1e-8 if refined else there < -1e-4
 
 
 def test_the_destabilising_control_calls_up_nothing_but_the_reaction():
@@ -216,17 +237,24 @@ def test_the_destabilising_control_calls_up_nothing_but_the_reaction():
     stress = np.diag(there.stress_rate[0])
     assert control.held @ control.direction == pytest.approx(0.0, abs=1e-12)
     assert np.allclose(stress, control.reaction * control.held, atol=1e-8)
+    # Of the two edges, the one whose reaction is weaker.
+    ends = [probe(graph, LAW, at_angle(end)) for end in probe(graph, LAW, 72).cones[0]]
+    reactions = [np.linalg.norm(np.diag(end.stress_rate[0])) for end in ends]
+    assert control.reaction == pytest.approx(min(reactions), rel=1e-6)
+    assert max(reactions) > 1.01 * min(reactions)
     # On the sphere it lies along the softest direction.
     sphere = probe(graph, LAW, 40, subspace="symmetric")
     assert np.allclose(sphere.destabilising.direction, sphere.directions[sphere.softest])
     assert sphere.destabilising.work == pytest.approx(sphere.work[sphere.softest], rel=1e-9)
 
 
-def test_pieces_hold_up_to_the_ends_of_their_arcs_and_join_there():
+@pytest.mark.parametrize("control", ["strain", "stress"])
+def test_pieces_hold_up_to_the_ends_of_their_arcs_and_join_there(control):
     graph = packing(30, seed=3, sliding=0.3)
-    found = probe(graph, LAW, 72)
+    found = probe(graph, LAW, 72, control=control)
+    assert found.determined.all()
     middle = np.column_stack([np.cos(found.arcs.mean(axis=1)), np.sin(found.arcs.mean(axis=1))])
-    again = probe(graph, LAW, middle)
+    again = probe(graph, LAW, middle, control=control)
     assert np.allclose(again.tangents[again.piece], found.tangents, atol=1e-12)
     inside = np.mod(found.theta - found.arcs[found.piece, 0], 2 * np.pi)
     assert (inside <= np.ptp(found.arcs, axis=1)[found.piece] + 1e-9).all()
@@ -234,11 +262,12 @@ def test_pieces_hold_up_to_the_ends_of_their_arcs_and_join_there():
     starts = np.mod(found.arcs[:, 0], 2 * np.pi)
     joined = [np.abs(starts - end).min() < 1e-9 for end in ends]
     assert np.count_nonzero(joined) > len(ends) / 2
-    for tangent_, arc in zip(found.tangents, found.arcs, strict=True):
-        e = at_angle(arc[1])[0]
-        beyond = probe(graph, LAW, at_angle(arc[1] + 1e-6))
-        assert beyond.piece[0] == 0 and not np.allclose(beyond.tangents[0], tangent_, atol=1e-9)
-        assert np.allclose(beyond.tangents[0] @ e, tangent_ @ e, atol=1e-5)
+    answer = np.asarray if control == "strain" else np.linalg.inv
+    for own, arc in zip(found.tangents, found.arcs, strict=True):
+        beyond = probe(graph, LAW, at_angle(arc[1] + 1e-5), control=control)
+        next_ = beyond.tangents[0]
+        assert beyond.piece[0] == 0 and not np.allclose(next_, own, atol=1e-9)
+        assert np.allclose((answer(next_) - answer(own)) @ at_angle(arc[1])[0], 0, atol=1e-4)
 
 
 def test_where_there_is_no_solution_nothing_is_said():
