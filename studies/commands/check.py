@@ -11,6 +11,7 @@ from loops.errors import InputError
 from studies.commands import common
 from studies.commands.clock import clock
 from studies.commands.common import (
+    Cell,
     Columns,
     Csv,
     Force,
@@ -37,10 +38,7 @@ def check(
     contacts: Annotated[
         Path | None, typer.Option(help="File of contacts of a single PATH; found beside it.")
     ] = None,
-    cell: Annotated[
-        str | None,
-        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
-    ] = None,
+    cell: Cell = None,
     kn: Kn = None,
     kt: Kt = None,
     mu: Mu = None,

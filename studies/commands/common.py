@@ -27,6 +27,23 @@ Format = Annotated[str, typer.Option(help=f"auto, by the content; or {', '.join(
 Columns = Annotated[
     str | None, typer.Option(metavar="NAME=COLUMN,...", help="Columns by their plain names.")
 ]
+Contacts = Annotated[
+    Path | None, typer.Option(help="File of contacts; found beside PATH by its name.")
+]
+Cell = Annotated[
+    str | None,
+    typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
+]
+Frame = Annotated[
+    int | None,
+    typer.Option(help="Which snapshot of a file with several: 0 the first, -1 the last."),
+]
+NoFigures = Annotated[
+    bool, typer.Option("--no-figures", help="Tables and summary alone, no figures, no report.")
+]
+YieldBand = Annotated[
+    float, typer.Option(help="Contacts from this share of their strength on may slide.")
+]
 Kn = Annotated[float | None, typer.Option(help="Normal stiffness the input lacks.")]
 Kt = Annotated[float | None, typer.Option(help="Shear stiffness the input lacks.")]
 Mu = Annotated[float | None, typer.Option(help="Friction (tan) the input lacks.")]

@@ -8,17 +8,22 @@ from typing import Annotated, Any
 import typer
 
 from studies.commands.common import (
+    Cell,
     Columns,
+    Contacts,
     Csv,
     DropCrossings,
     Force,
     Format,
+    Frame,
     Json,
     Kn,
     Kt,
     Mu,
+    NoFigures,
     Out,
     ShearIncrement,
+    YieldBand,
     cell_of,
     columns_of,
     out_or,
@@ -40,30 +45,18 @@ def probe(
             metavar="diagonal|symmetric", help="(11, 22) on a circle, or with shear on a sphere."
         ),
     ] = "diagonal",
-    yield_band: Annotated[
-        float, typer.Option(help="Contacts from this share of their strength on may slide.")
-    ] = 0.99,
-    contacts: Annotated[
-        Path | None, typer.Option(help="File of contacts; found beside PATH by its name.")
-    ] = None,
-    cell: Annotated[
-        str | None,
-        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
-    ] = None,
+    yield_band: YieldBand = 0.99,
+    contacts: Contacts = None,
+    cell: Cell = None,
     kn: Kn = None,
     kt: Kt = None,
     mu: Mu = None,
     shear_increment: ShearIncrement = None,
     format: Format = "auto",
     columns: Columns = None,
-    frame: Annotated[
-        int | None,
-        typer.Option(help="Which snapshot of a file with several: 0 the first, -1 the last."),
-    ] = None,
+    frame: Frame = None,
     drop_crossings: DropCrossings = False,
-    no_figures: Annotated[
-        bool, typer.Option("--no-figures", help="Tables and summary alone, no figures, no report.")
-    ] = False,
+    no_figures: NoFigures = False,
     force: Force = False,
     csv: Csv = False,
     json: Json = False,

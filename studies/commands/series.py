@@ -19,6 +19,7 @@ from studies.commands.common import (
     Mu,
     Out,
     ShearIncrement,
+    YieldBand,
     cell_of,
     columns_of,
     out_or,
@@ -84,10 +85,7 @@ def series(
         bool,
         typer.Option("--in-packing", help="Foretell each interval by the packing's rate problem."),
     ] = False,
-    yield_band: Annotated[
-        float,
-        typer.Option(help="Contacts from this share of their strength on may slide."),
-    ] = 0.99,
+    yield_band: YieldBand = 0.99,
     probe: Annotated[
         int | None,
         typer.Option(metavar="N", help="Probe each snapshot along so many directions of strain."),

@@ -8,15 +8,19 @@ from typing import Annotated, Any
 import typer
 
 from studies.commands.common import (
+    Cell,
     Columns,
+    Contacts,
     Csv,
     DropCrossings,
     Force,
     Format,
+    Frame,
     Json,
     Kn,
     Kt,
     Mu,
+    NoFigures,
     Out,
     ShearIncrement,
     cell_of,
@@ -39,23 +43,15 @@ JUDGES = {
 def snapshot(
     path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
     out: Out = None,
-    contacts: Annotated[
-        Path | None, typer.Option(help="File of contacts; found beside PATH by its name.")
-    ] = None,
-    cell: Annotated[
-        str | None,
-        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
-    ] = None,
+    contacts: Contacts = None,
+    cell: Cell = None,
     kn: Kn = None,
     kt: Kt = None,
     mu: Mu = None,
     shear_increment: ShearIncrement = None,
     format: Format = "auto",
     columns: Columns = None,
-    frame: Annotated[
-        int | None,
-        typer.Option(help="Which snapshot of a file with several: 0 the first, -1 the last."),
-    ] = None,
+    frame: Frame = None,
     drop_crossings: DropCrossings = False,
     in_packing: Annotated[
         str | None,
@@ -65,9 +61,7 @@ def snapshot(
             "diameters, or as its size suggests.",
         ),
     ] = None,
-    no_figures: Annotated[
-        bool, typer.Option("--no-figures", help="Tables and summary alone, no figures, no report.")
-    ] = False,
+    no_figures: NoFigures = False,
     vtk: Annotated[bool, typer.Option("--vtk", help="Write loops.vtp for ParaView.")] = False,
     force: Force = False,
     csv: Csv = False,
