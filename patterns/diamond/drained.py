@@ -29,22 +29,12 @@ from patterns.diamond.tables import DiamondParameters
 class DrainedPath:
     """A drained biaxial path and its events.
 
-    Attributes
-    ----------
-    parameters : DiamondParameters
-        What the path follows from.
-    status : str
-        End of the elastic part: 'yield', 'opening', 'limit' or 'none', see `DrainedEnd`.
-    direction : int
-        +1 where alpha grows from A, -1 where it falls.
-    confined, end : DrainedState
-        State A, and the state at the end of the elastic part: B at yield, NaN if none.
-    snaps_back : bool
-        Whether `E1` stops growing at the end: K22 changes its sign as the contacts start to
-        slide, or vanishes ('limit'). The states beyond B then need another control than `E1`.
-    stick_angle : float
-        Angle at which sliding contacts stick again, radians; NaN if they slide on. Only a
-        falling alpha leads there: N then outgrows what slip can follow.
+    `status`, `direction`: see `DrainedEnd`; `confined`, `end`: state A, and the end of the elastic
+    part: B at yield, NaN if none; `snaps_back`: whether `E1` stops growing at the end, where K22
+    changes its sign as the contacts start to slide, or vanishes ('limit'): the states beyond B then
+    need another control than `E1`; `stick_angle`: angle at which sliding contacts stick again,
+    radians, NaN if they slide on. Only a falling alpha leads there: N then outgrows what slip can
+    follow.
     """
 
     parameters: DiamondParameters

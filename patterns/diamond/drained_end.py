@@ -49,18 +49,12 @@ _PANEL = 0.5
 class DrainedEnd:
     """Where the elastic part of drained paths ends; arrays (...).
 
-    Attributes
-    ----------
-    status : ndarray (...) of str
-        'yield': all four contacts reach `|T| = mu N`, point B. 'opening': without confinement
-        and with `phi <= alpha0` the contacts never carry force; the state is A. 'limit': K22
-        vanishes before yield and `E1` cannot grow on (only for `kappa > 3`). 'none': no event
-        before alpha reaches 90 degrees or the grains' centres meet.
-    direction : ndarray (...)
-        +1 where alpha grows, -1 where it falls (`K22 < 0` at A). Where `K22 = 0` at A both
-        directions raise `E1`; +1 is followed.
-    state : DrainedState
-        The state there, NaN where the status is 'none'.
+    `status`: 'yield', where all four contacts reach `|T| = mu N`, point B; 'opening', where without
+    confinement and with `phi <= alpha0` the contacts never carry force, and the state is A;
+    'limit', where K22 vanishes before yield and `E1` cannot grow on (only for `kappa > 3`); 'none',
+    no event before alpha reaches 90 degrees or the grains' centres meet. `direction`: +1 where
+    alpha grows, -1 where it falls (`K22 < 0` at A; where `K22 = 0` both raise `E1`, and +1 is
+    followed). `state`: the state there, NaN where the status is 'none'.
     """
 
     status: NDArray[np.str_]
@@ -119,20 +113,9 @@ def _ends(paths: PathRows) -> tuple[NDArray[np.str_], Floats, Floats, Floats]:
 
 @dataclass(frozen=True, eq=False)
 class DrainedState:
-    """States of a diamond under constant `s2`; arrays (...), dimensionless (`kn = l0 = 1`).
+    """States of a diamond under constant `s2`; arrays (...), `kn = l0 = 1`, radians.
 
-    Attributes
-    ----------
-    E1, E2 : ndarray (...)
-        Strains, compression positive.
-    length, alpha : ndarray (...)
-        Branch length over `l0` and branch angle, radians.
-    turn : ndarray (...)
-        `alpha - alpha0`, which keeps its digits at stiff grains.
-    N, T : ndarray (...)
-        Contact forces over `kn l0`; N compression positive, T positive when alpha grows.
-    s1, s2 : ndarray (...)
-        Stresses `S/kn`, compression positive.
+    `turn` is `alpha - alpha0`, which keeps its digits at stiff grains; T positive when alpha grows.
     """
 
     E1: Floats

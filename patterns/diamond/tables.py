@@ -21,24 +21,9 @@ _CHECKS = {
 class DiamondParameters:
     """What fixes a drained biaxial test: shape, contact law, confinement. Dimensionless, radians.
 
-    Parameters
-    ----------
-    alpha0 : float
-        Reference angle in (0, pi/2).
-    kappa : float
-        Stiffness ratio `kt/kn` in [0, 1000].
-    phi : float
-        Contact friction angle in [0, pi/2]; pi/2 means that nothing slides.
-    confinement : float
-        Isotropic strain at the confined state A, in [0, 1).
+    `alpha0` in (0, pi/2), `kappa = kt/kn` in [0, 1000], friction angle `phi` in [0, pi/2] (pi/2:
+    nothing slides), isotropic strain `confinement` at A in [0, 1); else an `InputError`.
 
-    Raises
-    ------
-    InputError
-        If a parameter leaves its range.
-
-    Examples
-    --------
     >>> round(TABLE_1.mu, 5)
     0.08749
     """

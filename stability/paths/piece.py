@@ -61,32 +61,25 @@ SIMULTANEOUS = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
-class Settings:
-    """Accuracy of a stage.
+class Task:
+    """What a piece integrates, and how accurately.
 
     `rtol`: Relative tolerance of the integrator; `atol` (Y,): Absolute tolerances; `max_step`:
     Longest step in `|H|`; `row_step`: Way in `|H|` between two rows, infinite for a row at every
     step; `size`: Size of the strains of the stage, at most 1; `subspaces`: Where the spectra are.
     """
 
+    model: PathModel
+    mode: Mode
+    stage: Stage
+    start: float
+    sense: float
     rtol: float
     atol: Floats
     max_step: float
     row_step: float
     size: float
     subspaces: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What a piece integrates."""
-
-    model: PathModel
-    mode: Mode
-    stage: Stage
-    start: float
-    sense: float
-    settings: Settings
 
     def look(self, y: Floats, gauge: Gauge) -> Look:
         """Evaluate a state completely."""
@@ -98,9 +91,8 @@ class Task:
 
     def values(self, seen: Look) -> Floats:
         """Event functions but the pairs'."""
-        s = self.settings
         return monitor_values(
-            self.model, seen, s.subspaces, self.stage, self.start, self.sense, s.size
+            self.model, seen, self.subspaces, self.stage, self.start, self.sense, self.size
         )
 
 
@@ -131,7 +123,7 @@ def run_piece(
     steps_left: int,
 ) -> PieceEnd:
     """Integrate until the first event."""
-    watch = monitors_of(task.model, task.mode, task.settings.subspaces)
+    watch = monitors_of(task.model, task.mode, task.subspaces)
     seen = task.look(y, gauge)
     values = task.values(seen)
     sign = _initial_signs(watch, values)
@@ -141,7 +133,7 @@ def run_piece(
         message = _advance(solver)
         ill = seen.rates.condition > ILL_CONDITIONED
         # The integrator creeps up to a singular point of the controlled system.
-        short = float(solver.t) - begin < STALLED * task.settings.size
+        short = float(solver.t) - begin < STALLED * task.size
         if message or (steps > SETTLED and short and ill):
             fired = [("singular", -1)] if ill else []
             return PieceEnd(y_begin, seen, fired, steps, message)
@@ -166,7 +158,7 @@ def run_piece(
             theta, which = crossing
             return _land(step, everything, signs, theta, which, steps)
         seen, values = samples[-1], table[-1]
-        if not np.isfinite(task.settings.row_step):
+        if not np.isfinite(task.row_step):
             record(seen)
         # The next step's direction is measured against the current one.
         gauge = gauge_along(seen.rates)
@@ -225,7 +217,7 @@ def _rows(step: _Step, until: float) -> list[Look]:
     The interpolant is an order below the step. What it misses, `y' - f(y)`, oscillates: its
     integral is smaller by what the rates change over a part of the step, and is left out.
     """
-    length, spacing = until * (step.end - step.begin), step.task.settings.row_step
+    length, spacing = until * (step.end - step.begin), step.task.row_step
     if not np.isfinite(spacing):
         return []
     last = step.begin + length - (CLOSE * spacing if until < 1.0 else 0.0)
@@ -298,15 +290,14 @@ def _adopt_signs(sign: Floats, table: Floats, watch: Monitors) -> None:
 
 
 def _solver(task: Task, y: Floats, gauge: Gauge, bound: float, first_step: float | None) -> DOP853:
-    s = task.settings
     return DOP853(
         partial(_right_hand_side, task, gauge),
         0.0,
         y,
         bound,
-        max_step=s.max_step,
-        rtol=s.rtol,
-        atol=s.atol,
+        max_step=task.max_step,
+        rtol=task.rtol,
+        atol=task.atol,
         first_step=first_step,
     )
 

@@ -85,8 +85,7 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
             if not stage.approaches(sense):
                 return "lost", f"{stage.programme.name} leads away from {stage.quantity}'s target"
             reach = _reach(walk, stage, seen)
-        settings = walk.settings(reach, float(np.abs(seen.H).max()))
-        task = Task(walk.model, walk.mode, stage, start, sense, settings)
+        task = walk.task(stage, start, sense, reach, float(np.abs(seen.H).max()))
         end = _run(walk, task, gauge)
         walk.y, walk.steps_left = end.y, walk.steps_left - end.steps
         if not end.fired:
@@ -115,9 +114,8 @@ def _run(walk: Walk, task: Task, gauge: Gauge) -> PieceEnd:
     """
     rows, events = len(walk.record.rows), len(walk.record.events)
     for shorter in RETRIES:
-        settings = replace(task.settings, max_step=shorter * task.settings.max_step)
         end = run_piece(
-            replace(task, settings=settings),
+            replace(task, max_step=shorter * task.max_step),
             walk.y,
             gauge,
             walk.row,

@@ -15,11 +15,11 @@ from loops.symmetry import PointGroup
 from stability.paths.look import Look
 from stability.paths.model import PathModel
 from stability.paths.path import ModelOption
-from stability.paths.piece import Settings
+from stability.paths.piece import Task
 from stability.paths.record import Record, Searches
 from stability.paths.state import Mode, scales, unpack
 from stability.paths.symmetry import path_symmetry
-from stability.programmes import Programme
+from stability.programmes import Programme, Stage
 
 # Steps that a stage takes at least, if it is as long as its start promises.
 STEPS = 8
@@ -95,13 +95,14 @@ class Walk:
         detail = f"other paths branch off at H11 = {H11:.15g}, H22 = {H22:.15g}"
         self.record.event("branching", seen.state.parameter, detail=detail)
 
-    def settings(self, reach: float, strain: float) -> Settings:
-        """Accuracy of a stage that should be `reach` long and starts at a strain of that size."""
+    def task(self, stage: Stage, start: float, sense: float, reach: float, strain: float) -> Task:
+        """A piece of a stage that should be `reach` long and starts at a strain of that size."""
         size = min(max(reach if np.isfinite(reach) else 1.0, strain, SMALLEST), 1.0)
         max_step = min(self.max_step, reach / STEPS)
         atol = self.atol * size * scales(self.model)
         row_step = min(reach, 1.0) / self.rows if self.rows else np.inf
-        return Settings(self.rtol, atol, max_step, row_step, size, self.subspaces)
+        how = self.rtol, atol, max_step, row_step, size, self.subspaces
+        return Task(self.model, self.mode, stage, start, sense, *how)
 
 
 def start_mode(model: PathModel, graph: GrainGraph) -> Mode:

@@ -7,7 +7,6 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from loops import ContactLaw, contact_state, macroscopic_tangent
@@ -103,6 +102,9 @@ def _between(found: Followed, row: int) -> dict[str, float] | None:
     rates, E1 = path.H_rate[[a, b]], path.H[[a, b], 0]
     if path.stage[a] != path.stage[b] or E1[1] - E1[0] < STILL or not (rates[:, 0] > STILL).all():
         return None
+    # Slow to load, and a diamond needs none.
+    from scipy.interpolate import CubicHermiteSpline
+
     axial = CubicHermiteSpline(E1, path.P[[a, b], 0], path.P_rate[[a, b], 0] / rates[:, 0])
     lateral = CubicHermiteSpline(E1, path.H[[a, b], 3], rates[:, 3] / rates[:, 0])
     inner = [x for x in axial.derivative().roots(extrapolate=False) if np.isfinite(x)]
