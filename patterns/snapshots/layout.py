@@ -10,7 +10,7 @@ from typing import NamedTuple
 from loops import InputError
 from patterns.snapshots.text import Text, line_at, single_blanks
 
-COMMENTS = (b"#", b"%", b"//")
+COMMENTS = (b"#", b"%", b"//", b"sep=")  # the last is Excel's
 NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
 
 

@@ -1,12 +1,14 @@
 """CSV as students write it: delimiters, decimal commas, comments, aliases, scalar shear."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from loops import InputError
-from patterns import read_snapshot
+from patterns import read_snapshot, sample_path
 from tests.patterns.test_read_snapshot import CONTACTS, GRAINS, write
 
+TABLES = ("grains", "contacts")
 GRAIN_ROWS = [list(map(str, row)) for row in zip(*GRAINS.values(), strict=True)]
 CONTACT_ROWS = [list(map(str, row)) for row in zip(*CONTACTS.values(), strict=True)]
 
@@ -52,6 +54,7 @@ def test_delimiters_and_decimal_marks(tmp_path, plain, mark, decimal, ending):
     "change",
     [
         lambda written: "# Biaxial test, 5 % strain\n\n" + written,
+        lambda written: f"sep={written[2]}\n" + written,
         lambda written: "% one\n% two\n" + written,
         lambda written: written.replace("\n", "\n# between\n"),
         lambda written: "\ufeff" + written,
@@ -117,3 +120,21 @@ def test_contacts_of_another_instant_are_refused(tmp_path):
     path = write(tmp_path, GRAINS | {"x": [0.0, 3.0, 3.0, 0.0, -0.5]})
     with pytest.raises(InputError, match="take both tables of one snapshot"):
         read_snapshot(path)
+
+
+def test_scalar_shear_with_the_other_sign_is_told_by_the_balance(tmp_path):
+    grains, contacts = (pd.read_csv(sample_path(f"{name}_biaxial.csv.gz")) for name in TABLES)
+    contacts["ft"] = contacts["ny"] * contacts["fsx"] - contacts["nx"] * contacts["fsy"]
+    grains.to_csv(tmp_path / "grains_1.csv", index=False, sep=";", decimal=",")
+    kept = contacts.drop(columns=["fsx", "fsy", "fx_on_2", "fy_on_2"])
+    kept.to_csv(tmp_path / "contacts_1.csv", index=False, sep=";", decimal=",")
+    with pytest.raises(InputError, match="with shear turned around"):
+        read_snapshot(tmp_path / "grains_1.csv")
+    kept.assign(ft=-kept["ft"]).to_csv(tmp_path / "contacts_1.csv", index=False)
+    found, plain = (
+        read_snapshot(tmp_path / "grains_1.csv").graph,
+        read_snapshot(sample_path()).graph,
+    )
+    size = np.abs(plain.normal_force).max()
+    # The file's normals and shear vectors agree with the branches to 1e-9 of the force.
+    np.testing.assert_allclose(found.shear_force, plain.shear_force, rtol=0, atol=1e-8 * size)
