@@ -5,17 +5,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, euler_check, find_faces
+from loops import InputError, euler_check, find_faces
 from loops.compiled.kernel import given
 from loops.compiled.network import UNDECIDED, following_half_edges, spatial_order, turn
 from patterns.synthetic import synthetic_network
-from tests.loops.test_crossings import wheel
+from tests.loops.test_crossings import network, wheel
 from tests.loops.test_faces_compared import renumbered
-
-
-def network(x, contacts, images=None, cell=None):
-    x = np.asarray(x, dtype=float)
-    return GrainGraph(x=x, radii=np.full(len(x), 0.5), contacts=contacts, images=images, cell=cell)
 
 
 def assert_same_faces(graph):

@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 import shapely
 
-from loops import FaceKind, GrainGraph, euler_check, find_faces
+from loops import FaceKind, euler_check, find_faces
 from patterns.synthetic import synthetic_network
+from tests.loops.test_crossings import network
 from tests.oracles.faces import half_edge_cycles, reference_faces
-
-
-def network(x, contacts, images=None, cell=None):
-    return GrainGraph(x=x, radii=np.full(len(x), 0.5), contacts=contacts, images=images, cell=cell)
-
 
 # Other ways to the same faces
 
