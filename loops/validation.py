@@ -156,15 +156,16 @@ def repeated_contacts(
     ascending = np.sort(key)
     if not (ascending[1:] == ascending[:-1]).any():
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
     # Only pairs of grains that occur more than once need their images compared.
-    rows = np.unique(np.concatenate([order[same], order[same + 1]]))
+    rows = np.flatnonzero(np.isin(key, ascending[1:][ascending[1:] == ascending[:-1]]))
     table = key[rows, None]
     if images is not None:
         table = np.column_stack([table, _images_from_lower_grain(contacts[rows], images[rows])])
-    _, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
-    earlier = first[inverse.ravel()]
+    # Sorted, the same ones stand together in the order of the list.
+    order = np.lexsort(table.T)
+    starts = np.append(True, (np.diff(table[order], axis=0) != 0).any(axis=1))
+    earlier = np.empty_like(order)
+    earlier[order] = order[starts][np.cumsum(starts) - 1]
     again = np.flatnonzero(earlier != np.arange(len(rows)))
     return rows[again], rows[earlier[again]]
 

@@ -10,14 +10,10 @@ from loops import FaceKind, GrainGraph, InputError, euler_check, faces_by_order,
 from loops.half_edges import ANGLE_STEPS, cycles, next_half_edge
 from loops.pruning import prune_dangling, winding_ranks
 from patterns.synthetic import synthetic_network
+from tests.loops.test_crossings import network
 from tests.oracles.faces import half_edge_cycles
 
 SHEARED = np.array([[1.0, 0.3], [0.0, 1.1]])
-
-
-def network(x, contacts, images=None, cell=None):
-    x = np.asarray(x, dtype=float)
-    return GrainGraph(x=x, radii=np.full(len(x), 0.5), contacts=contacts, images=images, cell=cell)
 
 
 def polygon(n, radius=1.0, first=0, centre=(0, 0)):
