@@ -137,7 +137,7 @@ def compared(times: int, sliding: bool, tell: Any) -> list[dict[str, Any]]:
         numbers = (
             *np.quantile(error, [0.5, 0.9, 1.0]),
             np.median(stated),
-            np.mean(error <= stated),
+            np.nan if exact is None else np.mean(error <= stated),
         )
         row |= dict(zip(ERRORS, map(float, numbers), strict=True))
         rows.append(row)
