@@ -64,7 +64,9 @@ def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
     draw_orders(draw, axes[0], table["order"])
     if snapshot.mechanical:
         smallest = table["traction_lambda_min"]
-        draw_values(draw, axes[1], smallest, r"smallest eigenvalue of $K_s$ / mean $k_n$")
+        draw_values(
+            draw, axes[1], smallest, r"smallest eigenvalue of $K_s$ / mean $k_n$", signed=True
+        )
         _outline(snapshot, faces, axes[1], smallest < 0)
     return figure
 
@@ -83,10 +85,10 @@ def draw_orders(draw: Any, ax: Axes, order: Integers) -> None:
     bar.set_label("loop order (grains)")
 
 
-def draw_values(draw: Any, ax: Axes, values: Floats, label: str) -> None:
-    """Loops coloured by a value of each: around zero, or from the least on if none is negative."""
+def draw_values(draw: Any, ax: Axes, values: Floats, label: str, *, signed: bool = False) -> None:
+    """Loops coloured by a value of each: around zero if `signed` or if there are negative ones."""
     known = values[np.isfinite(values)]
-    signed = bool((known < 0).any()) or len(known) == 0
+    signed = signed or bool((known < 0).any()) or len(known) == 0
     top = np.percentile(known, 98) if len(known) else 1.0
     scale = around_zero(values) if signed else Normalize(known.min(), top)
     colours = draw(ax, values, mpl.colormaps[DIVERGING if signed else SEQUENTIAL], scale)
