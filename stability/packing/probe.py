@@ -70,8 +70,8 @@ class Probe:
         Whether `W2` vanishes there; False where it jumps from one solution to another, where the
         next directions are undetermined, or where there is no end: the last angle with `W2 < 0`.
     unstable_fraction : float
-        Share of directions with `W2 < 0`: in the plane the width of the cones, else of the sampled
-        directions that are determined.
+        Share of directions with `W2 < 0`: in the plane the width of the cones, a lower bound where
+        others are undetermined; else of the sampled directions that are determined.
     destabilising : LinearControl
         In the plane that of the cone's edge with the weaker reaction; else that along the softest
         direction. 'definite' where `W2 > 0` in all directions, 'undetermined' where it is in those
@@ -238,13 +238,12 @@ def probe_edge(
         values[piece < 0] = np.nan
     elastic = np.array([pieces.elastic(direction) for direction in wanted])
     normalised = np.array([answer.normalised for answer in answers])
-    around = cones(pieces, wanted, answers)
+    around, known = cones(pieces, wanted, answers), normalised[piece >= 0]
     if around is None:
         around = Cones(np.empty((0, 2)), np.empty((0, 2), dtype=bool))
-        known = normalised[piece >= 0]
-        share = float(np.mean(known < -NEUTRAL)) if len(known) else float("nan")
+        share = np.sum(known < -NEUTRAL) / max(len(known), 1)
     else:
-        share = float(np.ptp(around.ends, axis=1).sum()) / TURN
+        share = np.ptp(around.ends, axis=1).sum() / TURN
     return Probe(
         control=control,
         subspace=subspace,
@@ -265,7 +264,7 @@ def probe_edge(
         arcs=np.array(pieces.arcs).reshape(-1, 2),
         cones=around.ends,
         refined=around.refined,
-        unstable_fraction=share,
+        unstable_fraction=float(share) if len(known) else float("nan"),
         destabilising=_destabilising(pieces, around, wanted, normalised),
         loop_work=loop_work,
         order=found.order[found.loops],

@@ -163,7 +163,7 @@ class PackingRates:
         active = found.active[0] if len(found.active) else nearest_regimes(q, M)
         answer = self._answer(active)
         response = _response(self.edge, answer, active, found, control)
-        if response.residual > BALANCED and active.any():
+        if len(found.active) and response.residual > BALANCED and active.any():
             answer = linear_answer(self.edge, active)
             response = _response(self.edge, answer, active, found, control)
         return Solved(response, active, answer)

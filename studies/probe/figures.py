@@ -152,9 +152,10 @@ def polar_work(found: Probe) -> Figure:
     ax.set_thetagrids(range(0, 360, 45))
     ax.grid(color=LIGHT_GREY, linewidth=0.5)
     note = f"; x: {len(unknown)} undetermined" if len(unknown) else ""
+    share = f"{100 * found.unstable_fraction:.2g} %" if found.determined.any() else "unknown share"
     ax.set_title(
         rf"$w_2$ along $({driven}'_{{11}}, {driven}'_{{22}})$, degrees{note}"
-        f"\n$w_2 < 0$ in {100 * found.unstable_fraction:.2g} % of directions"
+        f"\n$w_2 < 0$ in {share} of directions"
     )
     return figure
 

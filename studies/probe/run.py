@@ -46,8 +46,8 @@ DEFINITIONS = {
     "statuses": "directions whose rate problem has a unique solution, several found, none, or "
     "where none was found (not converged); in the last two W2 is undetermined",
     "undetermined": "directions without a solution that could be found",
-    "unstable_fraction": "share of directions with negative W2: the width of the cones, in the "
-    "symmetric subspace of the directions that are determined",
+    "unstable_fraction": "share of directions with negative W2: the width of the cones, a "
+    "lower bound where others are undetermined; in the symmetric subspace of those determined",
     "yield_band": "contacts from this share of their strength on may slide; it stands for the "
     "amplitude of a probe",
 }

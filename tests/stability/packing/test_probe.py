@@ -277,6 +277,12 @@ def test_where_there_is_no_solution_nothing_is_said():
     assert np.isin(found.status[unknown], ["none", "not converged"]).all()
     assert np.isnan(found.work[unknown]).all() and np.isnan(found.loop_work[unknown]).all()
     assert "undetermined" in str(found)
+    # Beyond its strength a sample answers to no load at all.
+    graph = under_load(2, 0.6)
+    loads = probe(graph, LAW, 36, control="stress")
+    lost = probe(graph, LAW, loads.directions[~loads.determined], control="stress")
+    assert len(lost.directions) == 35 and lost.softest is None and len(lost.cones) == 0
+    assert np.isnan(lost.unstable_fraction) and lost.destabilising.status == "undetermined"
 
 
 def test_bad_input_is_one_clear_error():
