@@ -10,7 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from loops import InputError
-from patterns.snapshots.dumps.columns import CONTACT_NAMES, NONE, Guess, guess_columns
+from loops.arrays import Floats, Integers
+from patterns.snapshots.dumps.columns import (
+    CONTACT_NAMES,
+    NONE,
+    REACH,
+    TOLERANCE,
+    ColumnSearch,
+    Map,
+    find_ids,
+    given_columns,
+    shares,
+)
 from patterns.snapshots.dumps.dump_files import (
     ATOM_NAMES,
     Atoms,
@@ -19,9 +30,21 @@ from patterns.snapshots.dumps.dump_files import (
     is_dump,
     read_atoms,
 )
-from patterns.snapshots.dumps.pairs import Forces, Wall, frame_of, space_of
+from patterns.snapshots.dumps.pairs import (
+    Forces,
+    Pairs,
+    Space,
+    Wall,
+    frame_of,
+    normals,
+    pairs_of,
+    space_of,
+)
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
+from patterns.snapshots.tables import Table
+from patterns.snapshots.text import listed
 
+MOST = 100  # columns among which vectors are looked for
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be told apart"
 
 
@@ -43,28 +66,117 @@ def frames(source: Source) -> Frames:
 def _frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
     atoms = read_atoms(own, source.columns)
     space, cell_notes = space_of(own.box, atoms, source.cell)
-    guess = guess_columns(local.read(), atoms, space, source.columns)
-    forces, force_notes = _forces(guess)
+    columns, pairs, normal, shear = guess_columns(local.read(), atoms, space, source.columns)
+    forces, force_notes = _forces(normal, shear)
     walls, wall_notes = read_walls(own, atoms, source.columns)
     if not walls and not all(space.periodic):
         wall_notes = ("no columns of walls: their forces are unknown",)
-    found = [(name, guess.columns[name]) for name in CONTACT_NAMES if name in guess.columns]
-    columns = ", ".join(f"{name}={column}" for name, column in found if column != NONE)
+    found = [(name, columns[name]) for name in CONTACT_NAMES if name in columns]
+    shown = ", ".join(f"{name}={column}" for name, column in found if column != NONE)
     given = all(name in source.columns or name == column for name, column in found)
-    told = f"columns{'' if given else ' guessed'}: {columns}"
+    told = f"columns{'' if given else ' guessed'}: {shown}"
     told += "" if given else "; give --columns to overrule"
     said = (told, *notes, *cell_notes, *force_notes, *wall_notes)
-    return frame_of((own, local), atoms, space, guess.pairs, forces, walls, said)
+    return frame_of((own, local), atoms, space, pairs, forces, walls, said)
 
 
-def _forces(guess: Guess) -> tuple[Forces, tuple[str, ...]]:
+def guess_columns(
+    table: Table, atoms: Atoms, space: Space, given: Mapping[str, str]
+) -> tuple[Map, Pairs, Floats | None, Floats | None]:
+    """Tell the columns of a dump of contacts apart: ids of grains that touch, distances, forces.
+
+    The normal force is a vector along the branch, the tangential one across it; sizes are others.
+    """
+    columns = given_columns(table, given, CONTACT_NAMES)
+    columns |= {name: name for name in CONTACT_NAMES if table.has(name) and name not in given}
+    if len(table.names) > MOST and not {"id1", "id2", "fx", "fy"} <= set(columns):
+        raise InputError(
+            table.path,
+            f"{len(table.names)} columns",
+            f"at most {MOST} to tell apart",
+            "Name them: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN,p1=COLUMN,p2=COLUMN.",
+        )
+    free = [name for name in table.names if name != "index"]
+    ones, twos = ([columns[name]] if name in columns else free for name in ("id1", "id2"))
+    choices = [(one, two) for one in ones for two in twos if one != two]
+    expected = "patom1 and patom2 of 'compute property/local'"
+    ids = find_ids(table, atoms, space, columns, choices, expected, "")
+    search = ColumnSearch(table, columns)
+    pairs = _branches(search, atoms, space, *ids)
+    return columns, pairs, *_told_forces(search, pairs)
+
+
+def _branches(search: ColumnSearch, atoms: Atoms, space: Space, i: Integers, j: Integers) -> Pairs:
+    """Pairs with the images that dx, dy tell, else with the nearest ones."""
+    near = pairs_of(atoms, space, i, j)
+    reach = atoms.radii[i] + atoms.radii[j]
+
+    def error(vector: Floats, rows: Integers) -> float:
+        # Whole cells off are another image; the sign is the dump's own.
+        if (np.hypot(*vector.T) > 2 * REACH * reach[rows]).any():
+            return np.inf
+        off = [vector - sign * near.d[rows] for sign in (1, -1)]
+        off = [gap - space.shift(space.images(gap)) for gap in off]
+        return float(min((np.hypot(*gap.T) / reach[rows]).max() for gap in off))
+
+    if not search.find(("dx", "dy"), error, ""):
+        search.find_size("dist", np.hypot(*near.d.T))
+        return near
+    vector = search.vector(("dx", "dy"))
+    gap = vector - near.d
+    same = np.hypot(*(gap - space.shift(space.images(gap))).T) / reach
+    sign = 1.0 if same.max() <= TOLERANCE else -1.0
+    pairs = pairs_of(atoms, space, i, j, sign * vector)
+    search.find_size("dist", np.hypot(*pairs.d.T))
+    return pairs
+
+
+def _told_forces(search: ColumnSearch, pairs: Pairs) -> tuple[Floats | None, Floats | None]:
+    """Normal and tangential force on atom 1, None for what the dump lacks."""
+    n = normals(pairs.d)
+
+    normal, shear = None, None
+    if search.find(("fx", "fy"), lambda v, rows: shares(v, n[rows])[1], "force"):
+        normal = search.vector(("fx", "fy"))
+    size = search.columns.get("force", NONE)
+    push = None if size == NONE else search.data[size]
+    if normal is None and push is not None:
+        normal = -push[:, None] * n
+    if search.find(("p1", "p2"), lambda v, rows: shares(v, n[rows])[0], "p4"):
+        shear = search.vector(("p1", "p2"))
+    if normal is None:
+        _require_nothing_left(search)
+        return None, None
+    # The size tells repulsion; else most contacts push. What pulls on atom 1 is that on atom 2.
+    if np.sum((1.0 if push is None else push) * np.einsum("ck,ck->c", normal, n)) > 0:
+        normal, shear = -normal, None if shear is None else -shear
+    return normal, shear
+
+
+def _require_nothing_left(search: ColumnSearch) -> None:
+    """Raise `InputError` if columns that may be forces are left, and nobody said they aren't."""
+    rest = [
+        name for name in search.free() if (np.rint(search.data[name]) != search.data[name]).any()
+    ]
+    if not rest or search.columns.get("fx") == NONE:
+        return
+    raise InputError(
+        f"columns {listed(rest)} of {search.table.path}",
+        "none that form a force along the branch",
+        "fx, fy and p1, p2 of 'compute pair/local'",
+        "Name them: --columns fx=COLUMN,fy=COLUMN,p1=COLUMN,p2=COLUMN, or force=COLUMN; fx=none "
+        "for the geometry alone; for a file of LIGGGHTS --format liggghts.",
+    )
+
+
+def _forces(normal: Floats | None, shear: Floats | None) -> tuple[Forces, Notes]:
     """Forces on grain 2, the opposite of what LAMMPS gives for atom 1."""
-    if guess.normal is None:
+    if normal is None:
         return Forces(None), ()
-    if guess.shear is None:
+    if shear is None:
         missing = "no tangential force (p1, p2) among the columns; --mu 0 for frictionless grains"
-        return Forces(None, -guess.normal), (DAMPING, missing)
-    return Forces(-(guess.normal + guess.shear)), (DAMPING,)
+        return Forces(None, -normal), (DAMPING, missing)
+    return Forces(-(normal + shear)), (DAMPING,)
 
 
 # Columns of the fix: flag, force on the atom, contact point.

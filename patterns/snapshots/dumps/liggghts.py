@@ -4,11 +4,22 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from loops import InputError
-from patterns.snapshots.dumps.columns import LIGGGHTS_NAMES, NONE, Contacts, read_contacts
+from loops.arrays import Floats
+from patterns.snapshots.dumps.columns import (
+    AS_WRITTEN,
+    NONE,
+    TOLERANCE,
+    Map,
+    find_ids,
+    given_columns,
+    named,
+    shares,
+)
 from patterns.snapshots.dumps.dump_files import (
     ATOM_NAMES,
     Atoms,
@@ -24,11 +35,13 @@ from patterns.snapshots.dumps.pairs import (
     Pairs,
     Space,
     frame_of,
+    gaps,
     normals,
     pairs_of,
     space_of,
 )
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
+from patterns.snapshots.tables import Table
 from patterns.snapshots.text import head_of
 
 # Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
@@ -36,6 +49,15 @@ COARSE = 9
 STEPS = 5  # of Newton's method for the cell; it converges in two
 # Overlaps must fit the cell to this share of its size, better than the header.
 FIT = 1e-7
+PRECISE = 1e-6  # overlaps are small: they are told from other columns by more
+
+# LIGGGHTS' `pair/gran/local`: columns have no names, but an order, whatever that of the keywords:
+# pos (6), vel (6), id (3: two ids and the periodic flag), force (3), force_normal (3),
+# force_tangential (3), torque (3), torque_normal (3), torque_tangential (3), history (as the
+# model), contactArea, delta, heatFlux, contactPoint (3), ms_id (2); a group left out leaves no gap.
+# So the ids come first, or after 6 or 12 columns, and the forces follow them.
+LIGGGHTS_NAMES = ("id1", "id2", "fx", "fy", "fnx", "fny", "ftx", "fty", "delta")
+PARTS = ("fnx", "fny", "ftx", "fty")  # of the force on atom 1; fx, fy are all of it
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -111,3 +133,156 @@ def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, s
         f"cell {edges.tolist()} from the overlaps of {len(across)} contacts across its border, "
         f"which it fits to {misfit:.1g}: the header has six digits"
     )
+
+
+class Contacts(NamedTuple):
+    """Columns by plain names, pairs, total force on atom 1 (C, 2) and overlaps (C,) or None."""
+
+    columns: Map
+    pairs: Pairs
+    force: Floats | None
+    overlap: Floats | None
+
+
+def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Contacts:
+    """Tell ids, forces and overlaps in the columns of `pair/gran/local`."""
+    columns = given_columns(table, given, LIGGGHTS_NAMES)
+    # Behind the ids stands the flag of the periodic border.
+    places = [names for at in (0, 6, 12) if len(names := table.names[at : at + 3]) == 3]
+    choices = [(a, b) for a, b, flag in places if np.isin(table.column(flag), (0, 1)).all()]
+    if "id1" in columns and "id2" in columns:
+        choices = [(columns["id1"], columns["id2"])]
+    expected = (
+        "ids in column 1, 7 or 13, the order of pair/gran/local: pos, vel, id, force, ... with "
+        "'id' among them"
+    )
+    ids = find_ids(table, atoms, space, columns, choices, expected, ",fx=COLUMN,fy=COLUMN")
+    pairs = pairs_of(atoms, space, *ids)
+    first = table.names.index(columns["id1"])
+    if first >= 6:
+        _check_positions(table, atoms, space, pairs, first)
+    force = _force(table, pairs, columns, first + 3)
+    return Contacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
+
+
+def _check_positions(table: Table, atoms: Atoms, space: Space, pairs: Pairs, first: int) -> None:
+    """Compare the positions with the atoms'; six columns before the ids may be velocities."""
+    names = table.names
+    for x, index in ((table.columns(*names[:2]), pairs.i), (table.columns(*names[3:5]), pairs.j)):
+        gap = x - atoms.x[index]
+        gap -= space.shift(space.images(gap))
+        off = np.hypot(*gap.T) / atoms.radii[index]
+        near = np.quantile(off, 0.5) <= 1
+        if off.max() > TOLERANCE and (first == 12 or near):
+            row = int(np.argmax(off))
+            raise InputError(
+                f"{table.path}, row {row}",
+                f"position {x[row].tolist()}",
+                f"{atoms.x[index[row]].tolist()} of grain {atoms.ids[index[row]]} among the atoms",
+                "Take both dumps from one step of one run.",
+            )
+
+
+def _force(table: Table, pairs: Pairs, columns: Map, first: int) -> Floats | None:
+    """Total force on atom 1, None if there is none."""
+    if "fx" not in columns and "fnx" not in columns:
+        _find_force(table, pairs, columns, first)
+    if NONE in (columns.get("fx"), columns.get("fnx")):
+        return None
+    for group in (("fx", "fy"), PARTS):
+        found = [name for name in group if name in columns]
+        if found and len(found) < len(group):
+            where = f"--columns for the force of {table.path}"
+            raise InputError(where, ", ".join(found), ", ".join(group), "Give the others as well.")
+    if "fnx" in columns:
+        normal, shear = (table.columns(columns[f"f{p}x"], columns[f"f{p}y"]) for p in "nt")
+        for names, vector, wanted in ((PARTS[:2], normal, "along"), (PARTS[2:], shear, "across")):
+            kind = _kind(pairs, vector)
+            if kind not in (wanted, "zero"):
+                raise InputError(
+                    f"columns {named(columns, names)} of {table.path}",
+                    f"vectors {kind} to the branches of the grains",
+                    f"vectors {wanted} them",
+                    AS_WRITTEN,
+                )
+        force = normal + shear
+    else:
+        force = table.columns(columns["fx"], columns["fy"])
+    if np.sum(force * pairs.d) > 0:
+        raise InputError(
+            f"columns {named(columns, columns)} of {table.path}",
+            "forces that pull the grains together",
+            "forces on the first atom that push it away from the second",
+            "Name the columns: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN.",
+        )
+    return force
+
+
+def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
+    """Add the columns of the force to the map, told by their directions."""
+    names = table.names
+    groups = [names[at : at + 2] for at in (first, first + 3, first + 6) if at + 2 < len(names)]
+    vectors = [table.columns(*group) for group in groups]
+    if vectors and vectors[0].any() and not _small(table.column(names[first + 2]), vectors[0]):
+        raise InputError(
+            f"column {names[first + 2]} of {table.path}",
+            "a force out of the plane",
+            f"zero, after x and y of the force in {' '.join(groups[0])}",
+            "The columns are in another order: name them, --columns fx=COLUMN,fy=COLUMN.",
+        )
+    kinds = [_kind(pairs, vector) for vector in vectors]
+    if kinds[:1] == ["oblique"]:
+        columns |= {"fx": groups[0][0], "fy": groups[0][1]}
+        total = [vectors[0] - vectors[1] - vectors[2]] if len(vectors) == 3 else []
+        if total and kinds[1:] == ["along", "across"] and _small(total[0], vectors[0]):
+            named = zip(PARTS, groups[1] + groups[2], strict=True)
+            columns |= dict(named)
+    elif sorted(kinds[:2]) == ["across", "along"]:
+        groups = sorted(groups[:2], key=lambda group: kinds[groups.index(group)], reverse=True)
+        columns |= dict(zip(PARTS, groups[0] + groups[1], strict=True))
+    elif kinds[:2] == ["along", "along"] and _small(vectors[0] - vectors[1], vectors[0]):
+        columns |= {"fx": groups[0][0], "fy": groups[0][1]}
+    elif kinds[:1] == ["along"]:
+        raise InputError(
+            f"columns {' '.join(groups[0])} of {table.path}",
+            "vectors along the branches: the whole force between frictionless grains, or its "
+            "normal part",
+            "the total force",
+            f"Say which: --columns fx={groups[0][0]},fy={groups[0][1]}, or fx=none.",
+        )
+    else:
+        columns["fx"] = NONE
+
+
+def _kind(pairs: Pairs, vector: Floats) -> str:
+    """Direction of vectors against the branches: along, across, oblique or zero."""
+    along, across = shares(vector, normals(pairs.d))
+    if along == across == 0:
+        return "zero"
+    return "along" if across <= TOLERANCE else "across" if along <= TOLERANCE else "oblique"
+
+
+def _small(vector: Floats, scale: Floats) -> bool:
+    return bool(np.abs(vector).max() <= TOLERANCE * np.abs(scale).max())
+
+
+def _overlap(table: Table, atoms: Atoms, pairs: Pairs, columns: Map, first: int) -> Floats | None:
+    """Overlaps of the contacts, told by those that cross no border."""
+    if columns.get("delta") == NONE:
+        return None
+    inside = ~pairs.images.any(axis=1)
+    expected = -gaps(atoms, pairs)[inside]
+    scale = atoms.radii.min()
+    for name in [columns["delta"]] if "delta" in columns else table.names[first:]:
+        values = table.column(name)
+        if len(expected) and np.abs(values[inside] - expected).max() <= PRECISE * scale:
+            columns["delta"] = name
+            return values
+    if "delta" in columns:
+        raise InputError(
+            f"column delta={columns['delta']} of {table.path}",
+            "other values than the overlaps of the grains",
+            "the sums of the radii less the distances",
+            "Correct the name, or delta=none.",
+        )
+    return None
