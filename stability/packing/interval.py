@@ -11,7 +11,7 @@ import numpy as np
 from loops.arrays import Floats, Regimes
 from loops.laws.protocol import Regime
 from stability.packing.linear_pieces import RANK, Pieces, Rates
-from stability.packing.pairs import Pairs
+from stability.packing.pairs import Pairs, strength
 from stability.packing.pivots import Control, UnsolvedError, disagreeing, flip, pivot
 from stability.packing.state import PackingState
 from stability.paths.path import EventKind
@@ -273,7 +273,7 @@ def end_state(
     N = np.maximum(pairs.kn * overlap, 0.0)
     regime = np.where(N > 0, pieces.regime, Regime.OPEN).astype(np.int8)
     regime = np.where((N > 0) & (regime == Regime.OPEN), Regime.ELASTIC, regime).astype(np.int8)
-    most = np.where(np.isfinite(pairs.mu), pairs.mu * N, np.inf)
+    most = strength(pairs, N)
     slides = regime == Regime.SLIDING
     T = np.where(slides, interval.pieces.side * interval.pieces.mu * N, interval.T)
     T = np.where(N > 0, T, 0.0)

@@ -117,8 +117,11 @@ class Pieces:
         springs = np.repeat(np.maximum(own, self.drag), 3) * unit
         anchor = 3 * int(np.argmax(degree))
         springs[anchor : anchor + 2] += unit
+        matrix = (K + sparse.diags_array(springs)).tocsc()
+        # Open pairs have left zeros that would fill the factors.
+        matrix.eliminate_zeros()
         self.lu = splu(
-            (K + sparse.diags_array(springs)).tocsc(),
+            matrix,
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.001,
             options={"SymmetricMode": True},
@@ -159,7 +162,8 @@ class Pieces:
             k = len(self.rows)
             if k == ROOM:
                 raise ArithmeticError("more changes of regime at once than there is room for")
-            p = self.push[[row]].toarray()[0]
+            p, six = np.zeros(len(self.U)), slice(6 * row, 6 * row + 6)
+            np.add.at(p, self.push.indices[six], self.push.data[six])
             self.U[:, k] = self.lu.solve(p)
             self.Q[:, k] = self.gauge @ self.U[:, k]
             self.column_stress[:, k] = self._stress(self.Q[:, k]) + self.stress_of[row]

@@ -27,6 +27,12 @@ class Pairs(NamedTuple):
         return len(self.grains)
 
 
+def strength(pairs: Pairs, N: Floats) -> Floats:
+    """`mu N`, infinite where a closed contact never slides."""
+    finite = np.isfinite(pairs.mu)
+    return np.where(finite, np.where(finite, pairs.mu, 0.0) * N, np.inf)
+
+
 def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
     """The law, if its edge is piecewise linear; the graph is one periodic state."""
     require_one_state(graph)

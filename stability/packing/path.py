@@ -16,7 +16,7 @@ from loops.laws.protocol import Regime
 from stability.arguments import number, whole_number
 from stability.packing.interval import Goal, Interval, end_state
 from stability.packing.linear_pieces import AT_YIELD, Pieces
-from stability.packing.pairs import Pairs, contact_pairs, require_replayable, with_near
+from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength, with_near
 from stability.packing.pivots import Control
 from stability.packing.state import PackingState, start_state
 from stability.paths.path import Event, EventKind
@@ -27,6 +27,8 @@ from stability.subspaces import COMPONENTS
 NEAR = 0.01
 # In one interval: over the mean contact force, over the mean diameter. Beyond, the path is lost.
 JUMP, LEAP = 0.5, 0.02
+# Strain asked for by the control, over the least of the stage.
+LIMIT = 1e3
 
 PackingPathStatus = Literal["finished", "instabilities", "no_solution", "lost"]
 
@@ -195,11 +197,11 @@ class _Walk:
         """Forces of the geometry; who stands at its cone may slide."""
         N = np.maximum(-self.pairs.kn * self._gaps(), 0.0)
         T = np.where(N > 0, self.state.shear_force, 0.0)
-        most = np.where(np.isfinite(self.pairs.mu), self.pairs.mu * N, np.inf)
+        most = strength(self.pairs, N)
         self.state = replace(self.state, normal_force=N, shear_force=np.clip(T, -most, most))
         self._renew(0.0)
         N, T = self.state.normal_force, self.state.shear_force
-        slides = (N > 0) & np.isfinite(self.pairs.mu) & (np.abs(T) >= AT_YIELD * self.pairs.mu * N)
+        slides = (N > 0) & (np.abs(T) >= AT_YIELD * strength(self.pairs, N))
         self.regime[slides] = Regime.SLIDING
         self.regime[(N > 0) & ~slides] = Regime.ELASTIC
         self.side = np.sign(T)
@@ -238,6 +240,7 @@ class _Walk:
     def enter(self) -> None:
         """What a programme holds is counted from here."""
         self.H_start, self.P_start = self.H, self.P
+        self.slowest = np.inf
 
     def step(self, stage: Stage, target: float, most: int) -> tuple[PackingPathStatus, str] | None:
         """One interval; why the path ends if it does."""
@@ -269,6 +272,9 @@ class _Walk:
         speed = float(np.linalg.norm(trial.h[:4]))
         if not (np.isfinite(speed) and speed > 0):
             return "no_solution", "the control moves nothing"
+        self.slowest = min(self.slowest, speed)
+        if speed > LIMIT * self.slowest:
+            return "no_solution", "the control has met its limit: it asks for ever more strain"
         end = self.size / speed
         scale = np.tile([1.0, 1.0, 1.0 / pieces.length], len(self.state.x))
         pieces.set_load(load.ravel() * scale / end)
