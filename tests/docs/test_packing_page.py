@@ -42,7 +42,7 @@ def words(text):
 
 
 def test_the_sample_series(tmp_path):
-    """From the script; the command's own numbers are held in `test_series_packing`."""
+    """From the script; the numbers of the command itself are held with the series."""
     numbers = packing_skill.main(tmp_path / "out")
     written = json.loads((tmp_path / "out" / "summary.json").read_text())
     skill = numbers["skill"]

@@ -6,7 +6,7 @@ import pytest
 
 from loops import InputError
 from patterns import read_snapshot, sample_path
-from tests.patterns.test_read_snapshot import CONTACTS, GRAINS, write
+from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, write
 
 TABLES = ("grains", "contacts")
 GRAIN_ROWS = [list(map(str, row)) for row in zip(*GRAINS.values(), strict=True)]

@@ -13,7 +13,7 @@ import pytest
 from loops import InputError
 from patterns import read_frames, read_snapshot
 from tests.patterns import snapshot_faults as faults
-from tests.patterns.test_checks import CASES, SOFT, lammps, liggghts, noticed, suspicious
+from tests.patterns.snapshots.test_checks import CASES, SOFT, lammps, liggghts, noticed, suspicious
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "none"))
 SPHERES = re.compile(r"(spheres.*\.vt[uk]|\.vtm|\.xml)(\.gz)?$")

@@ -7,7 +7,7 @@ from loops import InputError
 from patterns.snapshots.text import open_text
 from patterns.snapshots.yade import vtk as yade_vtk
 from patterns.snapshots.yade.vtk_files import read_piece
-from tests.patterns.snapshots_yade.yade_samples import BOX, changed, cycles, frame_of, snapshot_of
+from tests.patterns.snapshots.yade_samples import BOX, changed, cycles, frame_of, snapshot_of
 
 pytest.importorskip("vtkmodules")
 

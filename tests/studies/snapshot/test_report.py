@@ -192,7 +192,7 @@ console.log(JSON.stringify({found, colours, outside, row}));
 @pytest.mark.skipif(NODE is None, reason="no node to run the script with")
 def test_script_finds_the_loop_under_the_pointer(page):
     path, table = page
-    script = Path(__file__).parents[2] / "studies" / "snapshot" / "report.js"
+    script = Path(__file__).parents[3] / "studies" / "snapshot" / "report.js"
     done = subprocess.run(
         [NODE, "-e", PROBE, str(script), str(path)], capture_output=True, text=True, check=True
     )

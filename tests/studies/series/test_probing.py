@@ -9,8 +9,8 @@ import pytest
 from loops import InputError
 from studies.probe import run_probe
 from studies.series.probing import NAMES
-from tests.studies.test_series_packing import CELLS, PATHS, foretell
-from tests.studies.test_series_run import run, write_series
+from tests.studies.series.test_packing import CELLS, PATHS, foretell
+from tests.studies.series.test_run import run, write_series
 
 
 def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path):

@@ -10,7 +10,7 @@ from loops import Regime
 from patterns import read_snapshot, sample_path
 from stability.packing import packing_response, probe
 from studies.probe import run_probe
-from tests.studies.test_snapshot_study import run
+from tests.studies.snapshot.test_run import run
 
 SLOW = sample_path("slow/grains_10.parquet")
 ROW = pd.read_csv(sample_path("slow/cells.csv")).iloc[0]

@@ -14,7 +14,7 @@ from patterns import read_snapshot
 from patterns.snapshots.tables import read_table
 from patterns.snapshots.yade.xml_save import read_save
 from patterns.snapshots.yade.yade_export import export_tables
-from tests.patterns.snapshots_yade.yade_samples import BOX, PERIODIC, cycles, table_of
+from tests.patterns.snapshots.yade_samples import BOX, PERIODIC, cycles, table_of
 
 Box = types.SimpleNamespace
 

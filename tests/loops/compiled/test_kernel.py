@@ -12,7 +12,7 @@ import pytest
 from loops.compiled import LARGE, use_compiled
 from loops.compiled.kernel import given
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SMALL = """
 import sys
 from loops import find_crossings, find_faces
@@ -37,7 +37,7 @@ COMPARED = """
 import numpy as np
 from loops import find_crossings, find_faces
 from studies.snapshot.table import loop_table
-from tests.studies.test_loop_table import synthetic_snapshot
+from tests.studies.snapshot.test_table import synthetic_snapshot
 snapshot = synthetic_snapshot(300, periodic=True)
 faces = find_faces(snapshot.graph, compiled=True)
 table = loop_table(snapshot, faces, compiled=True)

@@ -12,7 +12,7 @@ from patterns.snapshots.frame import Source
 from patterns.snapshots.yade import text as yade_text
 from patterns.snapshots.yade import xml_save as yade_xml
 from patterns.snapshots.yade.xml_save import read_save
-from tests.patterns.snapshots_yade.yade_samples import (
+from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
     changed,

@@ -9,7 +9,7 @@ from patterns.snapshots.dumps import lammps
 from patterns.snapshots.dumps.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from tests.patterns.dump_writers import Packing, assert_same, lammps_columns, write_lammps
-from tests.patterns.test_lammps import LAW, notes, packing, read
+from tests.patterns.snapshots.test_lammps import LAW, notes, packing, read
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -21,7 +21,7 @@ from studies.series.plan import cells_by_number
 from studies.series.skill_figures import nonaffinity_map, skill_by_interval, skill_by_predictor
 from studies.snapshot.in_packing import add_in_packing
 from tests.packings import LAW, packing
-from tests.studies.test_series_run import contents, run, times, write_series
+from tests.studies.series.test_run import contents, run, times, write_series
 
 CELLS = sample_path("slow/cells.csv")
 PATHS = tuple(sorted(CELLS.parent.glob("grains_*.parquet")))

@@ -12,7 +12,7 @@ from patterns import synthetic_network
 from studies.snapshot import loop_map as module
 from studies.snapshot.paint import paint_loops
 from studies.snapshot.table import loop_table
-from tests.studies.test_loop_table import synthetic_snapshot
+from tests.studies.snapshot.test_table import synthetic_snapshot
 
 
 @pytest.mark.parametrize("periodic", [False, True])

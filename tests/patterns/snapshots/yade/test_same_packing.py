@@ -6,7 +6,7 @@ import pytest
 from loops import euler_check, find_faces, love_weber_stress
 from patterns.snapshots.yade import vtk as yade_vtk
 from patterns.snapshots.yade import xml_save as yade_xml
-from tests.patterns.snapshots_yade.yade_samples import (
+from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
     by_pair,

@@ -17,7 +17,7 @@ from loops import InputError, Regime
 from patterns import read_snapshot, write_snapshot
 from patterns.snapshots.tables import read_table
 from patterns.snapshots.yade import vtk, xml_save
-from tests.patterns.snapshots_yade.yade_samples import BOX, PERIODIC, frame_of
+from tests.patterns.snapshots.yade_samples import BOX, PERIODIC, frame_of
 
 SAMPLES = Path(__file__).parent / "samples"
 FOLDER = os.environ.get("GRAINLOOPS_DEM")

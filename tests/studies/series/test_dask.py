@@ -17,7 +17,7 @@ from loops import InputError
 from patterns import sample_path
 from studies.output import code_version
 from studies.series import cluster
-from tests.studies.test_series_run import (
+from tests.studies.series.test_run import (
     command,
     contents,
     run,

@@ -10,7 +10,7 @@ import pytest
 from loops import InputError
 from patterns.snapshots.yade import vtk as yade_vtk
 from patterns.snapshots.yade.vtk_files import read_piece
-from tests.patterns.snapshots_yade.yade_samples import (
+from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
     changed,

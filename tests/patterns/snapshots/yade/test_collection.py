@@ -17,7 +17,7 @@ from patterns.snapshots.formats import read_snapshot
 from patterns.snapshots.yade import text as yade_text
 from patterns.snapshots.yade import vtk as yade_vtk
 from patterns.snapshots.yade import xml_save as yade_xml
-from tests.patterns.snapshots_yade.yade_samples import by_pair, cycles, frame_of, snapshot_of
+from tests.patterns.snapshots.yade_samples import by_pair, cycles, frame_of, snapshot_of
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
 FILES = sorted(Path(FOLDER).glob("yade-*/native/*")) if FOLDER else []

@@ -14,7 +14,7 @@ from patterns import read_snapshot, sample_cell, sample_path
 from patterns.snapshots.checks import rounding
 from patterns.snapshots.sample_data import SAMPLE
 from tests.patterns import snapshot_faults as faults
-from tests.patterns.snapshots_yade.yade_samples import BOX, LAW
+from tests.patterns.snapshots.yade_samples import BOX, LAW
 
 BOX_LAW = {"kn": LAW.kn, "kt": LAW.kt, "mu": LAW.mu}
 SOFT = {"kn": 1e6, "kt": 5e5, "mu": 0.5}

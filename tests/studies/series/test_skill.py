@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import spearmanr
 
 from studies.series.skill import COLUMNS, mean_skill, skill, skill_tables
-from tests.studies.test_series_run import run, write_series
+from tests.studies.series.test_run import run, write_series
 
 
 def test_by_hand():

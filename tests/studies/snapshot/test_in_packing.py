@@ -19,7 +19,7 @@ from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_table
 from tests.packings import LAW, packing
-from tests.studies.test_snapshot_study import run
+from tests.studies.snapshot.test_run import run
 
 SLOW = sample_path("slow/grains_10.parquet")
 CELL = (0.914723458490276, 0.0, 0.0, 0.897826511170329)

@@ -22,7 +22,7 @@ from stability import imhof_fraction, restrict, symmetric_part
 from studies.cli import main
 from studies.fifty_digits import as_array, traction_tangent_50
 from studies.snapshot.table import loop_table
-from tests.patterns.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
+from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
 
 KEYS = [
     "loop",
