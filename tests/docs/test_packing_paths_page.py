@@ -33,7 +33,7 @@ def test_settings():
 @in_collection
 @pytest.mark.parametrize(
     ("row", "numbers", "step"),
-    [(0, range(2, 22), 1), (1, range(22, 32), 1), (2, range(22, 32, 2), 2)],
+    [(0, range(2, 22), 1), (1, range(22, 32), 1), (2, range(22, 32, 2), 2), (3, (22, 27), 5)],
 )
 def test_skill(row, numbers, step):
     """Events by pivots turn on rounding: their count within 2 per cent, areas to their digits."""
