@@ -69,10 +69,10 @@ class Pieces:
         self.gauge = sparse.vstack([normal, shear, across]).tocsr()
         self.push = sparse.vstack([normal, self._rows(count, i, j, t, -arm_i, -arm_j)]).tocsr()
         own = (N[:, None] * t - T[:, None] * n) / length[:, None]
-        self.geometric = self._rows(count, i, j, own, none, none).T @ across
-        self.geometric += self._rows(count, i, j, 0.0 * n, -0.5 * T, -0.5 * T).T @ normal
+        # What forces do as they turn with their branch, and as their arms grow with it.
         self.geometric_push = self._rows(count, i, j, own, none, none)
         self.moment_push = self._rows(count, i, j, 0.0 * n, -0.5 * T, -0.5 * T)
+        self.geometric = self.geometric_push.T @ across + self.moment_push.T @ normal
         volume = abs(np.linalg.det(state.cell))
 
         def outer(a: Floats) -> Floats:
