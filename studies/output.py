@@ -74,12 +74,14 @@ def result_folder(out: Path, *, force: bool) -> Iterator[Path]:
         out.parent.mkdir(parents=True, exist_ok=True)
         _remove_abandoned(out)
         partial = out.parent / f".{out.name}-{uuid4().hex[:8]}"
-        partial.mkdir()
     try:
-        with errors_of(out), folder_lock(partial):
-            yield partial
-            _list_files(partial)
-            _put_in_place(partial, out, force=force)
+        with errors_of(out):
+            # An interruption may come at any moment after this.
+            partial.mkdir()
+            with folder_lock(partial):
+                yield partial
+                _list_files(partial)
+                _put_in_place(partial, out, force=force)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

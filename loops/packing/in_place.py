@@ -16,10 +16,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, frobenius
 from loops.closures import macroscopic_tangent
 from loops.errors import InputError
 from loops.faces import Faces
@@ -51,6 +51,9 @@ BLOCK, BUFFER = 100.0, 8.0
 # ERROR rho^-1.9 for 99 in 100 loops. With sliding contacts soft modes reach further: there it is
 # below the larger of SLIDING / rho and SHRINK times the change from half the buffer.
 ERROR, DECAY, SLIDING, SHRINK = 5.0, 1.9, 2.0, 4.0
+# So many loops, evenly spread, are then solved in the whole packing, and all errors are widened
+# until theirs hold; packings of more grains are too large for it, and their error is not known.
+CHECKED, CHECKABLE = 100, 300_000
 # A patch around every loop, in mean diameters. Extrapolated from R/2 and R in 1/R^2 the error is
 # below their difference, with sliding contacts below SHRINK times that, from the least radius on.
 RADIUS, LEAST_RADIUS = 8.0, 4.0
@@ -71,7 +74,9 @@ class LoopsInPlace:
         Stated error of `matrix` relative to its norm, meant to hold for 99 in 100 loops; 0 for the
         whole packing. Of blocks from the distance to the nearest held grain, with sliding contacts
         from half the buffer too, infinite for a loop that reaches beyond its buffer; of patches
-        from their radius, and half of it. A packing that has lost definiteness obeys none.
+        from their radius, and half of it. With sliding contacts soft modes may be longer than any
+        block: errors are then widened until those of a hundred loops hold against the whole
+        packing, and infinite beyond 300,000 grains.
     system : PackingSystem
         The carrying part, with counts of what carries nothing.
     """
@@ -148,6 +153,8 @@ def loops_in_place(
         find = partial(_in_blocks, system, polygons, np.inf if whole else block)
         width = np.inf if whole else buffer
     matrix, error = _with_error(find, width, method, slides)
+    if slides:
+        error = _held_to_the_whole(system, polygons, matrix, error)
     return LoopsInPlace(matrix, _alone(graph, law, faces, regime), error, system)
 
 
@@ -168,6 +175,46 @@ def _with_error(
         if method == "extrapolated":
             return matrix, (SHRINK if slides else 1.0) * size
         return matrix, np.where(rho < np.inf, np.maximum(SLIDING / rho, SHRINK * size), 0.0)
+
+
+def _held_to_the_whole(
+    system: PackingSystem, polygons: Polygons, matrix: Floats, error: Floats
+) -> Floats:
+    """Stated errors, widened until those of `CHECKED` loops hold against the whole packing."""
+    stated = np.flatnonzero(np.isfinite(matrix[:, 0, 0]) & (error > 0) & (error < np.inf))
+    if not len(stated):
+        return error
+    if system.graph.grain_count > CHECKABLE:
+        return np.where(error > 0, np.inf, error)
+    some = np.unique(stated[np.linspace(0, len(stated) - 1, CHECKED).astype(np.int64)])
+    lu = _lu(regularised(system, assembled(system), EPS))
+    compliance = np.full((len(error), 4, 4), np.nan)
+    for grains, vectors, area, row in zip(
+        polygons.grains, polygons.vectors, polygons.area, polygons.row, strict=True
+    ):
+        for k in np.flatnonzero(np.isin(row, some)):
+            B = _loads(system.freedom[grains[k], :2], vectors[k], system.size)
+            compliance[row[k]] = B.T @ lu.solve(B) / area[k]
+    exact = _inverted(compliance)[some]
+    true = frobenius(matrix[some] - exact) / frobenius(exact)
+    return np.asarray(error * max(1.0, float(np.nanmax(true / error[some], initial=1.0))))
+
+
+def _loads(moves: Integers, vectors: Floats, size: int) -> Floats:
+    """(size, 4) forces `B` of a loop on its grains' freedoms `moves` (n, 2)."""
+    B = np.zeros((size, 4))
+    np.add.at(B[:, :2], moves[:, 0], vectors)
+    np.add.at(B[:, 2:], moves[:, 1], vectors)
+    return B
+
+
+def _lu(matrix: sparse.sparray) -> SuperLU:
+    return splu(
+        matrix.tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.001,
+        options={"SymmetricMode": True},
+    )
 
 
 def _in_blocks(
@@ -320,16 +367,8 @@ def _in_patches(system: PackingSystem, polygons: Polygons, radius: float) -> tup
             own = np.unique(system.freedom[inside])
             own = own[own >= 0]
             local[own] = np.arange(len(own))
-            B = np.zeros((len(own), 4))
-            vector = polygons.vectors[group][k]
-            np.add.at(B[:, :2], local[moves[:, 0]], vector)
-            np.add.at(B[:, 2:], local[moves[:, 1]], vector)
-            lu = splu(
-                matrix[own][:, own].tocsc(),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.001,
-                options={"SymmetricMode": True},
-            )
+            B = _loads(local[moves], polygons.vectors[group][k], len(own))
+            lu = _lu(matrix[own][:, own])
             out[row[k]] = B.T @ lu.solve(B) / polygons.area[group][k]
     return _inverted(out), np.full(len(out), radius)
 

@@ -24,7 +24,7 @@ from studies.snapshot.table import EIGENVALUES, FREE
 Table = dict[str, Any]
 PLACE = "packing"
 WHERE = "--in-packing"
-# Stated errors held in packings with up to 8 % of their loops unstable in place, from 11 % on not.
+# Blocks are good in packings with up to 8 % of their loops unstable in place, from 11 % on poor.
 LOST = 0.1
 
 
@@ -64,7 +64,7 @@ def add_in_packing(
     if (place.error > 0).any() and unstable > LOST:
         notes.append(
             f"{100 * unstable:.0f} % of the loops are unstable in place: soft modes reach through "
-            "the whole packing, and the stated errors do not hold; --in-packing whole has none"
+            "the whole packing, and blocks and patches say little; --in-packing whole is exact"
         )
     told = {**how, "boundary": place.system.boundary, **_left_out(place)}
     return replace(snapshot, notes=(*snapshot.notes, *notes)), told
