@@ -18,6 +18,7 @@ from studies.commands.clock import clock
 from studies.commands.common import forget_output
 from studies.commands.diamond import diamond
 from studies.commands.domain import domain
+from studies.commands.evolve import evolve
 from studies.commands.polygon import polygon
 from studies.commands.probe import probe
 from studies.commands.series import series
@@ -61,7 +62,7 @@ def grainloops(
         typer.echo(context.get_help())
 
 
-for command in (check, snapshot, series, probe, diamond, polygon, domain, bench):
+for command in (check, snapshot, series, probe, evolve, diamond, polygon, domain, bench):
     app.command()(command)
 
 

@@ -30,7 +30,7 @@ Sliding = Literal["coulomb", "printed"]
 OnTouch = Literal["ignore", "stop", "add"]
 Model = Literal["auto", "full"]
 ProgrammeName = Literal["drained", "isotropic", "isotropic-stress", "oedometric", "undrained"]
-PROGRAMMES: dict[str, Callable[[], Programme]] = {
+PROGRAMMES: dict[str, Callable[..., Programme]] = {
     "drained": programmes.drained_biaxial,
     "isotropic": programmes.isotropic_strain,
     "isotropic-stress": programmes.isotropic_stress,

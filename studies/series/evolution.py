@@ -86,17 +86,24 @@ def sample_strain(
 ) -> tuple[Floats, Literal["cell", "grains", "unknown"]]:
     """Displacement gradient of the sample between two snapshots, and where it is known from.
 
-    From the periodic cell, where the lattice vectors nearest to the earlier ones are taken (a code
-    may flip a tilted cell); else the best fit to the motion of the grains that both have.
+    From the periodic cell, else the best fit to the motion of the grains that both have.
     """
     one, two = before.snapshot, after.snapshot
     if one.graph.cell is not None and two.graph.cell is not None:
-        lattice = np.rint(np.linalg.solve(two.graph.cell, one.graph.cell))
-        return np.eye(2) - two.graph.cell @ lattice @ np.linalg.inv(one.graph.cell), "cell"
+        return cell_strain(one.graph.cell, two.graph.cell), "cell"
     _, here, there = np.intersect1d(one.ids, two.ids, assume_unique=True, return_indices=True)
     if len(here) < 3:
         return np.full((2, 2), np.nan), "unknown"
     return best_fit_strain(one.graph.x[here], two.graph.x[there]), "grains"
+
+
+def cell_strain(before: Floats, after: Floats) -> Floats:
+    """Displacement gradient between two cells, by the lattice vectors nearest to the earlier ones.
+
+    A code may flip a tilted cell.
+    """
+    lattice = np.rint(np.linalg.solve(after, before))
+    return np.asarray(np.eye(2) - after @ lattice @ np.linalg.inv(before))
 
 
 def evolution_table(

@@ -1,0 +1,100 @@
+"""Figures of a path: stress and volume over what is driven, and the loops' second-order work."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from loops import Faces
+from patterns import Snapshot
+from studies.snapshot.figures import Drawing
+from studies.snapshot.loop_map import draw_values, loop_drawer
+from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, save_figure, styled
+
+_STRESS = (
+    "Nominal stress and change of volume over {driven}, along the path; rings: the DEM's own next "
+    "states, where given; ticks on the lower edge: instabilities. {said}"
+)
+_MAP = (
+    "Second-order work W2 of every loop from the start to the end of the path, over the mean kn "
+    "(left), and the value of {driven} at the first row where it is negative (right; white: never)."
+)
+
+
+def draw_figures(
+    snapshot: Snapshot,
+    faces: Faces,
+    tables: dict[str, Any],
+    summary: dict[str, Any],
+    folder: Path,
+) -> list[tuple[str, str, Path]]:
+    """Draw every figure of a path as PNG and SVG."""
+    driven, said = summary["driven"], f"{summary['status']}: {summary['message']}."
+    drawings = (
+        Drawing(
+            "stress_strain",
+            "Stress and strain",
+            _STRESS.format(driven=driven, said=said),
+            stress_strain(tables, driven),
+        ),
+        Drawing(
+            "map",
+            "Loops",
+            _MAP.format(driven=driven),
+            work_map(snapshot, faces, tables["loops"], summary),
+        ),
+    )
+    for one in drawings:
+        save_figure(one.figure, folder, one.name, summary["provenance"])
+    return [(one.title, one.caption, folder / f"{one.name}.png") for one in drawings]
+
+
+@styled()
+def stress_strain(tables: dict[str, Any], driven: str) -> Figure:
+    """Both normal stresses and the volume along the path, the DEM's beside."""
+    path, dem, events = tables["path"], tables.get("dem"), tables["events"]
+    figure = new_figure(TWO_COLUMNS, 2.7)
+    stress, volume = figure.subplots(1, 2)
+    for name, colour, style in (("P11", BLUE, "-"), ("P22", VERMILION, "--")):
+        stress.plot(
+            path["driven"], path[name], style, color=colour, label=f"${name[0]}_{{{name[1:]}}}$"
+        )
+    volume.plot(path["driven"], path["H11"] + path["H22"], color=BLUE, label="path")
+    if dem is not None:
+        at = dem[driven] - (path[driven][0] if driven[0] == "P" else 0.0)
+        ring: dict[str, Any] = {"linestyle": "none", "marker": "o", "fillstyle": "none"}
+        stress.plot(at, dem["P11"], color=BLUE, label="DEM", **ring)
+        stress.plot(at, dem["P22"], color=VERMILION, **ring)
+        volume.plot(at, dem["H11"] + dem["H22"], color=BLUE, label="DEM", **ring)
+    unstable = events["driven"][events["kind"] == "instability"]
+    stress.plot(
+        unstable, np.zeros(len(unstable)), "|", color=GREY, markersize=8,
+        transform=stress.get_xaxis_transform(), clip_on=False,
+    )  # fmt: skip
+    label = f"$\\Delta {driven[0]}_{{{driven[1:]}}}$"
+    stress.set(xlabel=label, ylabel="nominal stress (force/length)")
+    volume.set(xlabel=label, ylabel=r"$H_{11} + H_{22}$")
+    for ax in (stress, volume):
+        ax.ticklabel_format(axis="x", scilimits=(-3, 3))
+        ax.legend()
+    return figure
+
+
+@styled()
+def work_map(
+    snapshot: Snapshot, faces: Faces, loops: dict[str, Any], summary: dict[str, Any]
+) -> Figure:
+    """Loops by their second-order work, and by when it first was negative."""
+    figure = new_figure(TWO_COLUMNS, 3.4)
+    work, first = figure.subplots(1, 2)
+    draw = loop_drawer(snapshot, faces)
+    label = r"$W_2$ / mean $k_n$"
+    draw_values(draw, work, loops["W2"] / summary["mean_kn"], label, signed=True)
+    driven = summary["driven"]
+    begun = np.abs(loops["negative_from"])
+    label = f"$|\\Delta {driven[0]}_{{{driven[1:]}}}|$ where $W_2$ is first negative"
+    draw_values(draw, first, begun, label)
+    return figure
