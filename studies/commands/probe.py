@@ -46,6 +46,10 @@ def probe(
         ),
     ] = "diagonal",
     yield_band: YieldBand = 0.99,
+    amplitude: Annotated[
+        float | None,
+        typer.Option(help="Follow each direction by events to this strain; else rates alone."),
+    ] = None,
     contacts: Contacts = None,
     cell: Cell = None,
     kn: Kn = None,
@@ -72,6 +76,7 @@ def probe(
         control=control,  # type: ignore[arg-type]
         subspace=subspace,  # type: ignore[arg-type]
         yield_band=yield_band,
+        amplitude=amplitude,
         force=force,
         csv=csv,
         figures=not no_figures,
@@ -92,10 +97,15 @@ def probe(
 def _probe_lines(summary: dict[str, Any]) -> list[str]:
     statuses = ", ".join(f"{count} {name}" for name, count in summary["statuses"].items())
     driven = "H'" if summary["control"] == "strain" else "P'"
+    how = (
+        f"followed by events to {summary['amplitude']:g}, increments over it; {summary['boundary']}"
+        if summary["amplitude"] is not None
+        else f"{summary['candidates']} contacts may slide (yield band {summary['yield_band']:g}), "
+        f"{summary['pieces']} pieces met; {summary['boundary']}"
+    )
     lines = [
         f"{summary['directions']} directions of {driven} ({summary['subspace']}): {statuses}",
-        f"{summary['candidates']} contacts may slide (yield band {summary['yield_band']:g}), "
-        f"{summary['pieces']} pieces met; {summary['boundary']}",
+        how,
     ]
     if summary["smallest_w2"] is not None:
         lines.append(

@@ -14,6 +14,7 @@ from stability import COMPONENTS
 from stability.packing import Probe
 from stability.packing.pieces import Driven, Subspace
 from stability.packing.probe import probe_edge
+from stability.packing.probe_paths import probe_to
 from studies.output import provenance, readable, result_folder, write_summary, write_table
 from studies.snapshot.edge import sample_edge
 from studies.snapshot.source import read_planar, reading
@@ -25,6 +26,9 @@ UNITS = (
     "the direction; angles in degrees"
 )
 DEFINITIONS = {
+    "amplitude": "strain (stress under stress control) to which each direction is followed by "
+    "events: P' and H' are increments over it, sliding and disagreeing count contacts at its end "
+    "and unstable ones; null: rates",
     "area_share": "area of the loops of an order over the area of all loops",
     "boundary": "what drives the sample from outside",
     "candidates": "contacts within the yield band that may slide",
@@ -65,6 +69,7 @@ def run_probe(
     control: Driven = "strain",
     subspace: Subspace = "diagonal",
     yield_band: float = 0.99,
+    amplitude: float | None = None,
     force: bool = False,
     csv: bool = False,
     figures: bool = True,
@@ -79,16 +84,19 @@ def run_probe(
         "control": control,
         "subspace": subspace,
         "yield_band": yield_band,
+        "amplitude": amplitude,
     }
     with result_folder(out, force=force) as folder:
         snapshot, faces = read_planar(path, **how)
         edge = sample_edge(snapshot, faces, yield_band)
         found = probe_edge(edge, directions, control, subspace, faces)
+        if amplitude is not None:
+            found = probe_to(found, snapshot.graph, snapshot.mechanics()[0], faces, amplitude)
         made = provenance("probe", {"path": path, **reading(**how), **asked}, UNITS)
         summary = probe_summary(snapshot, found) | asked | {"provenance": made}
         tables = {
             "probe": direction_table(found),
-            "pieces": piece_table(found),
+            **({"pieces": piece_table(found)} if amplitude is None else {}),
             "orders": order_table(found),
             "loops": loop_table(found),
         }

@@ -1,0 +1,125 @@
+"""A probe integrated to an amplitude: each direction followed from event to event."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from loops.arrays import Flags, Floats
+from loops.faces import Faces
+from loops.graph import GrainGraph
+from loops.laws.protocol import ContactLaw
+from stability.arguments import number
+from stability.destabilising import no_control
+from stability.packing.linear_pieces import AT_YIELD
+from stability.packing.loop_rates import loop_changes
+from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength
+from stability.packing.path import PackingPath, follow_packing
+from stability.packing.pieces import NEUTRAL
+from stability.packing.probe import Probe
+from stability.packing.state import PackingState
+from stability.programmes import Programme, Stage
+from stability.subspaces import subspace_basis
+
+
+def probe_to(
+    found: Probe, graph: GrainGraph, law: ContactLaw, faces: Faces, amplitude: float
+) -> Probe:
+    """The probe with each direction followed by events until what is driven has grown so much.
+
+    Parameters
+    ----------
+    found : Probe
+        Directions, control, subspace and elastic answers are kept.
+    graph, law, faces
+        What it was made of; periodic, under `LinearFrictional`.
+    amplitude : float
+        Strain, or stress under stress control.
+
+    Returns
+    -------
+    Probe
+        `H'`, `P'` and works are increments over the amplitude (works over its square), `status` is
+        that of the path and only what is 'finished' is determined; `sliding` counts contacts of the
+        start that slide at the end, `disagreeing` the unstable ones, `residual` is the imbalance.
+        There are no pieces, cones or destabilising control.
+
+    Raises
+    ------
+    InputError
+        If the amplitude isn't positive, or where `follow_packing` refuses.
+    """
+    checked = require_replayable(graph, law)
+    number("amplitude", amplitude, 0.0, open_low=True)
+    pairs = contact_pairs(graph, checked)
+    paths = [
+        follow_packing(graph, law, _stage(found, direction, amplitude))
+        for direction in found.directions
+    ]
+    done = np.array([path.status == "finished" for path in paths])
+    strain, stress = (
+        _of_finished(done, [(values[-1] - values[0]) / amplitude for values in parts])
+        for parts in ([path.H for path in paths], [path.P for path in paths])
+    )
+    # Forces at the start of a path are those of the geometry.
+    first, count = paths[0].states[0], len(pairs)
+    start = graph.replace(
+        normal_force=first.normal_force[:count], shear_force=first.shear_force[:count]
+    )
+    loops = [loop_changes(start, path.states[-1], faces).additive_work for path in paths]
+    basis = subspace_basis(found.subspace).T
+    work = np.sum(strain * stress, axis=1)
+    sizes = np.linalg.norm(strain @ basis, axis=1) * np.linalg.norm(stress @ basis, axis=1)
+    normalised = work / sizes
+    known, m = normalised[done], found.directions.shape[1]
+    return replace(
+        found,
+        status=np.array([path.status for path in paths]),
+        residual=np.array([path.imbalance[-1] for path in paths]),
+        sliding=np.array([_sliding(path.states[-1], pairs) for path in paths]),
+        disagreeing=np.array([_unstable(path) for path in paths]),
+        strain_rate=strain.reshape(-1, 2, 2),
+        stress_rate=stress.reshape(-1, 2, 2),
+        work=work,
+        normalised=normalised,
+        piece=np.where(done, 0, -1),
+        tangents=np.empty((0, m, m)),
+        arcs=np.empty((0, 2)),
+        cones=np.empty((0, 2)),
+        refined=np.empty((0, 2), dtype=bool),
+        unstable_fraction=float(np.mean(known < -NEUTRAL)) if len(known) else float("nan"),
+        destabilising=no_control("undetermined", m),
+        loop_work=_of_finished(done, loops) * found.area / (found.system.volume * amplitude**2),
+    )
+
+
+def _of_finished(done: Flags, rows: list[Floats]) -> Floats:
+    values = np.array(rows)
+    values[~done] = np.nan
+    return values
+
+
+def _sliding(state: PackingState, pairs: Pairs) -> int:
+    """Contacts of the start that stand at their cones."""
+    count = len(pairs)
+    N, T = state.normal_force[:count], state.shear_force[:count]
+    return int(np.count_nonzero((N > 0) & (np.abs(T) >= AT_YIELD * strength(pairs, N))))
+
+
+def _unstable(path: PackingPath) -> int:
+    return len({event.contacts for event in path.of_kind("instability")})
+
+
+def _stage(found: Probe, direction: Floats, amplitude: float) -> Stage:
+    """A direction of the subspace driven, no strain outside of it."""
+    basis = subspace_basis(found.subspace)
+    m = len(basis)
+    # The rest of an orthonormal basis.
+    outside = np.linalg.svd(basis)[2][m:]
+    driven, other = np.vstack([basis, 0.0 * outside]), np.vstack([0.0 * basis, outside])
+    stress, strain = (
+        (0.0 * driven, driven + other) if found.control == "strain" else (driven, other)
+    )
+    rate = np.append(direction, np.zeros(4 - m))
+    return Stage(Programme("probe", stress, strain, rate), "parameter", amplitude)
