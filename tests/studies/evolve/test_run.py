@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import InputError
+from loops import InputError, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import Stage, programmes
-from stability.packing import follow_packing
+from stability.packing import follow_packing, loop_changes
 from studies.evolve import run_evolve
 from studies.evolve.run import stage_of
 from tests.packings import LAW, jammed
@@ -79,6 +79,7 @@ def test_tables_are_the_numerics(small, tmp_path):
     assert np.array_equal(path[["P11", "P12", "P21", "P22"]], found.P) and len(found) == 5
     assert np.allclose(path["driven"], path["H22"], rtol=0, atol=1e-12) and path["H22"].min() < 0
     assert path["events"].iloc[-1] == len(events) == len(found.events) > 10
+    assert np.array_equal(events["driven"], [-event.parameter for event in found.events])
     assert events["kind"].tolist() == [event.kind for event in found.events]
     # An event is named by the grains of its contact.
     contacts = found.states[-1].contacts[events["contact"]]
@@ -90,8 +91,15 @@ def test_tables_are_the_numerics(small, tmp_path):
     branch = end.branches[:count] - found.states[0].branches[:count]
     work = np.sum(loops["additive_w"] * loops["area"])
     assert work == pytest.approx(-np.sum(force * branch), rel=1e-9)
+    faces = find_faces(snapshot.graph)
+    works = [
+        loop_changes(snapshot.graph, state, faces).second_order_work for state in found.states[1:]
+    ]
+    assert np.array_equal(loops["W2"], works[-1])
+    for row, before in zip(loops["negative_row"], np.transpose(works) < 0, strict=True):
+        assert before.tolist().index(True) + 1 == row if before.any() else row == -1
     negative = loops["negative_row"] > 0
-    assert (loops["W2"][~negative] >= 0).all()
+    assert 0 < negative.sum() < len(loops)
     rows = loops["negative_row"][negative]
     assert np.array_equal(loops["negative_from"][negative], path["driven"].to_numpy()[rows])
 
