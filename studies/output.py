@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from loops import InputError
+from studies.columns import metadata as field_metadata
 from studies.version import __version__
 
 try:
@@ -251,12 +252,12 @@ def write_table(
 
     Lists are joined by blanks in the CSV.
     """
-    table = pa.table({key: as_arrow(value) for key, value in columns.items()})
-    metadata = {b"grainloops": as_json(source).encode()}
+    arrays = {key: as_arrow(value) for key, value in columns.items()}
+    table = described_table(name, arrays, {b"grainloops": as_json(source).encode()})
     # Columns of measurements hardly repeat: a dictionary of their values only costs time.
     repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
     pyarrow.parquet.write_table(
-        table.replace_schema_metadata(metadata),
+        table,
         folder / f"{name}.parquet",
         use_dictionary=repeating,
     )
@@ -266,6 +267,17 @@ def write_table(
             if frame[key].dtype == object and isinstance(frame[key].iloc[0], np.ndarray):
                 frame[key] = [" ".join(map(str, row)) for row in frame[key]]
         frame.to_csv(folder / f"{name}.csv", index=False)
+
+
+def described_table(
+    name: str, arrays: Mapping[str, Any], metadata: Mapping[bytes, bytes]
+) -> pa.Table:
+    """A table whose fields hold their unit and meaning."""
+    fields = [
+        pa.field(key, array.type, metadata=field_metadata(name, key))
+        for key, array in arrays.items()
+    ]
+    return pa.table(list(arrays.values()), schema=pa.schema(fields, metadata=metadata))
 
 
 def as_arrow(values: Any) -> Any:

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from loops import InputError
-from studies.output import SERIES, as_json, remove_listed, remove_results
+from studies.output import SERIES, as_json, described_table, remove_listed, remove_results
 
 KEY = b"grainloops"
 # Readers of a folder of Parquet files pass over names that begin with a dot.
@@ -81,14 +81,14 @@ def _require_same(out: Path, contents: dict[str, Any]) -> None:
 
 def write_part(path: Path, columns: Mapping[str, Any], about: Mapping[str, Any]) -> None:
     """Write one part under a temporary name, then give it its own."""
-    table = pa.table({name: pa.array(values) for name, values in columns.items()})
+    arrays = {name: pa.array(values) for name, values in columns.items()}
+    table = described_table(path.parent.name, arrays, {KEY: as_json(about).encode()})
     path.parent.mkdir(parents=True, exist_ok=True)
     # Two workers may be at the same part when one was given up for lost.
     partial = path.with_name(f"{UNFINISHED}-{uuid.uuid4().hex}")
     try:
         with open(partial, "wb") as file:
-            metadata = {KEY: as_json(about).encode()}
-            pyarrow.parquet.write_table(table.replace_schema_metadata(metadata), file)
+            pyarrow.parquet.write_table(table, file)
             file.flush()
             os.fsync(file.fileno())
         os.replace(partial, path)

@@ -1,0 +1,67 @@
+"""`docs/columns.md`: as the table in the code has it, with every column that the commands write."""
+
+import json
+
+import pyarrow.parquet
+import pytest
+
+from patterns import sample_path
+from studies.columns import described, metadata, page
+from studies.probe import run_probe
+from studies.series import run_series
+from studies.snapshot.run import run_snapshot
+from tests.docs.pages import DOCS
+from tests.golden.test_golden import FOLDER
+
+COMMANDS = ("diamond", "polygon", "domain", "snapshot", "series")
+SLOW = sorted(sample_path("slow/cells.csv").parent.glob("grains_*.parquet"))
+
+
+def test_the_page_is_up_to_date():
+    assert (DOCS / "columns.md").read_text() == page(), (
+        "python -m studies.columns > docs/columns.md"
+    )
+
+
+@pytest.mark.parametrize("answer", sorted(FOLDER.glob("*.json")), ids=lambda path: path.stem)
+def test_columns_of_the_stored_answers_are_described(answer):
+    if not answer.stem.startswith(COMMANDS):
+        return
+    tables = json.loads(answer.read_text())["tables"]
+    assert tables
+    for place, table in tables.items():
+        name = place.split("/")[0]
+        assert [one for one in table["columns"] if described(name, one) is None] == []
+
+
+def files_say(out, least):
+    """Every field of every table holds its unit and meaning."""
+    seen = 0
+    for path in sorted(out.rglob("*.parquet")):
+        name = path.parent.name if path.parent != out else path.stem
+        for field in pyarrow.parquet.read_schema(path):
+            said = {key: field.metadata.get(key) for key in (b"unit", b"meaning")}
+            assert said == metadata(name, field.name), (path.name, field.name)
+            seen += 1
+    assert seen >= least
+
+
+def test_files_hold_units_and_meanings(tmp_path):
+    cells = sample_path("slow/cells.csv")
+    how = {"cells": cells, "workers": 1, "shear_increment": "radii", "figures": False}
+    run_series(SLOW[:2], tmp_path / "s", in_packing=True, probe=5, **how)
+    files_say(tmp_path / "s", 200)
+
+
+def test_files_of_a_snapshot_and_of_a_probe(tmp_path):
+    run_snapshot(sample_path(), tmp_path / "n", in_packing="blocks", figures=False)
+    files_say(tmp_path / "n", 45)
+    run_probe(sample_path(), tmp_path / "p", directions=5)
+    files_say(tmp_path / "p", 40)
+
+
+def test_a_name_means_what_its_table_says():
+    assert described("loops", "area")[0] == described("orders", "area")[0] == "length^2"
+    assert "frictional" in described("domain", "contacts")[1]
+    assert described("evolution", "contacts")[0] == "1"
+    assert described("path", "unheard_of") is None is metadata("path", "unheard_of")
