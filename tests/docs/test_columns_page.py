@@ -6,10 +6,11 @@ import pyarrow.parquet
 import pytest
 
 from patterns import sample_path
-from studies.columns import described, metadata, page
+from studies.columns import described, metadata
 from studies.probe import run_probe
 from studies.series import run_series
 from studies.snapshot.run import run_snapshot
+from tests.docs.columns_page import page
 from tests.docs.pages import DOCS
 from tests.golden.test_golden import FOLDER
 
