@@ -6,8 +6,9 @@ INSTALLED := $(VENV)/.installed
 SAMPLE := patterns/snapshots/sample/grains_biaxial.csv.gz
 SLOW := patterns/snapshots/sample/slow
 OUT := demo-output
+SITE := docs-output
 
-.PHONY: demo test lint types format clean
+.PHONY: demo test docs lint types format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/grainloops snapshot $(SAMPLE) --out $(OUT)/snapshot --force
@@ -27,6 +28,10 @@ demo: $(INSTALLED)
 test: $(INSTALLED)
 	$(RUN) pytest -n 2
 
+docs: $(VENV)/.docs
+	$(RUN) sphinx -q -W --keep-going -E -b html docs $(SITE)
+	@echo "Open $(CURDIR)/$(SITE)/index.html in a browser."
+
 lint: $(INSTALLED)
 	$(RUN) ruff check .
 	$(RUN) ruff format --check .
@@ -39,7 +44,7 @@ format: $(INSTALLED)
 	$(RUN) ruff check --fix .
 
 clean:
-	rm -rf $(VENV) $(OUT) build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OUT) $(SITE) build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find grainloops loops patterns stability studies tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Built afresh whenever the requirements change; an install that fails leaves no stamp.
@@ -55,4 +60,8 @@ $(INSTALLED): pyproject.toml constraints.txt
 		echo "$(PYTHON) can make no virtual environment: venv, or both ensurepip and pip, are missing. On Debian and Ubuntu: apt install python3-venv"; exit 1; \
 	fi
 	$(RUN) pip install --quiet -c constraints.txt -e '.[test,lint]'
+	@touch $@
+
+$(VENV)/.docs: $(INSTALLED)
+	$(RUN) pip install --quiet -c constraints.txt -e '.[docs]'
 	@touch $@

@@ -33,7 +33,8 @@ class PlaneCone:
     axis : ndarray, shape (...)
         Direction of the smallest W2, in [0, pi); NaN where all directions are alike.
     edges : ndarray, shape (..., 2)
-        (theta_-, theta_+) = axis -+ opening/2, where W2 = 0; not wrapped; NaN where there are none.
+        `(theta_-, theta_+) = axis -+ opening/2`, where W2 = 0; not wrapped; NaN where there are
+        none.
     """
 
     status: NDArray[np.str_]

@@ -63,7 +63,7 @@ def second_order_work(K: ArrayLike, direction: ArrayLike) -> Floats:
 
 
 def normalised_second_order_work(K: ArrayLike, direction: ArrayLike) -> Floats:
-    """Normalised second-order work w2 = s'.E'/(|s'||E'|), equation (45).
+    """Normalised second-order work `w2 = s'.E'/(|s'||E'|)`, equation (45).
 
     It is the cosine of the angle between the strain rate and the stress rate it calls up. Where the
     stress rate is exactly zero (E' lies in the kernel of K) the cosine has no value; w2 is then 0,

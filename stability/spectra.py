@@ -137,8 +137,8 @@ def bromwich_margin(K: ArrayLike) -> Floats:
     """Bromwich's gap: min Re eig(K) - lambda_min(Ks), never negative.
 
     Hence det Ks vanishes no later than det K on a path (Nicot et al. 2016, section on stability).
-    Computed eigenvalues are those of an operator within about eps |K|, so the computed gap may fall
-    below zero by that much and no more, defective operators included.
+    Computed eigenvalues are those of an operator within about `eps |K|`, so the computed gap may
+    fall below zero by that much and no more, defective operators included.
 
     Parameters
     ----------
@@ -158,15 +158,16 @@ def bromwich_margin(K: ArrayLike) -> Floats:
 
 
 def flutter_pairs(K: ArrayLike, rtol: float = RTOL) -> Flags:
-    """Which eigenvalues of K are complex beyond what a perturbation of rtol |K| can explain.
+    """Which eigenvalues of K are complex beyond what a perturbation of `rtol |K|` can explain.
 
     A defective double root splits by sqrt(eps): perturbing the 0 of [[1, 1], [0, 1]] by -eps makes
     a pair 1 +- i sqrt(eps). In the real Schur form a pair is a block [[a, b], [c, a]] with
-    Im^2 = -b c, and clearing the smaller of b, c makes it real: a change of Im^2/max(|b|, |c|), and
-    max(|b|, |c|) is at most |dev K|, dev K = K - (tr K/m) I. So a pair counts only if
-    Im^2 > rtol |K| |dev K|, which guarantees that no change of that kind below rtol |K| undoes it.
-    The least |Im| seen is then about sqrt(rtol) |K| at a defective root and rtol |K| at a plain one
-    (K near a multiple of I). Roots of multiplicity m split by eps^(1/m): raise rtol for m > 2.
+    Im^2 = -b c, and clearing the smaller of b, c makes it real: a change of
+    `Im^2/max(|b|, |c|)`, and `max(|b|, |c|)` is at most `|dev K|`, dev K = K - (tr K/m) I. So a
+    pair counts only if `Im^2 > rtol |K| |dev K|`, which guarantees that no change of that kind
+    below `rtol |K|` undoes it. The least `|Im|` seen is then about `sqrt(rtol) |K|` at a defective
+    root and `rtol |K|` at a plain one (K near a multiple of I). Roots of multiplicity m split by
+    eps^(1/m): raise rtol for m > 2.
 
     Parameters
     ----------

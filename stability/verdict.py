@@ -33,9 +33,9 @@ class Verdict(Shown):
     status : {'stable', 'unstable', 'undetermined'}
         Undetermined within the tolerance, or when the operator is not finite.
     margin : float
-        lambda_min(Ks)/|K|, dimensionless, |K| the Frobenius norm; 0 for the zero operator.
+        `lambda_min(Ks)/|K|`, dimensionless, `|K|` the Frobenius norm; 0 for the zero operator.
     tolerance : float
-        Half-width of the undetermined band of `margin`: `rtol` plus the error over |K|.
+        Half-width of the undetermined band of `margin`: `rtol` plus the error over `|K|`.
     witness : ndarray, shape (m,)
         Unit direction of lambda_min(Ks) in the components of the subspace.
     subspace : str
@@ -91,8 +91,8 @@ def judge(
     """Judge one operator.
 
     Definiteness comes from the eigenvalues of Ks on the whole subspace: pairs of directions would
-    not do. The entries are taken as known to rtol |K| and to the error of the solve they come
-    from: lambda_min within their sum is undetermined.
+    not do. The entries are taken as known to `rtol |K|` and to the error of the solve they
+    come from: lambda_min within their sum is undetermined.
 
     Parameters
     ----------

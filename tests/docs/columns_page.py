@@ -17,8 +17,8 @@ def page() -> str:
     lines = [
         "# Columns and keys of the results",
         "",
-        "Written by `python -m tests.docs.columns_page` from the table that also gives every Parquet "
-        "field its unit and meaning:",
+        "Written by `python -m tests.docs.columns_page` from the table that also gives every "
+        "Parquet field its unit and meaning:",
         '`pyarrow.parquet.read_schema("loops.parquet").field("area").metadata`. Forces, stresses '
         "and strains are positive in",
         "compression, angles counter-clockwise. A name is a pattern: `*` stands for any letters, "

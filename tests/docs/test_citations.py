@@ -20,6 +20,12 @@ def test_pages_that_docstrings_cite_are_there():
     assert [page for page in sorted(cited) if not (ROOT / page).is_file()] == []
 
 
+def test_the_site_shows_every_page():
+    blocks = re.findall(r"```{toctree}\n(?::.*\n)*((?:.+\n)+?)```", (DOCS / "index.md").read_text())
+    shown = sorted(name for block in blocks for name in block.split())
+    assert shown == sorted(path.stem for path in DOCS.glob("*.md") if path.stem != "index")
+
+
 def test_nothing_cites_a_note_that_is_not_here():
     word = "theory" + " note"
     assert [path.name for path in SOURCES if word in path.read_text().lower()] == []
