@@ -6,3 +6,5 @@ exclude_patterns = ["figures"]
 # Links to headings, also from page to page.
 myst_heading_anchors = 4
 numpydoc_show_class_members = False
+# The docstrings tell the types.
+autodoc_typehints = "none"

@@ -27,7 +27,7 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
         "orders:area": ("length^2", "area of all loops of the order"),
         "evolution:area": ("length^2", "area of the periodic cell, else within the outline"),
         "perimeter": ("length", "of the loop's polygon"),
-        "elongation": ("1", "ratio of the principal axes of the loop's area"),
+        "elongation": ("1", "ratio of the long to the short principal axis of the loop's area"),
         "orientation": ("degree", "long axis from axis 1, in (-90, 90], counter-clockwise"),
         "sliding_contacts": ("1", "contacts of the loop that are flagged sliding"),
         "stress_[12][12]": (STRESS, "Love-Weber stress of the loop, (1/2V) sum f (x) d over its "
@@ -49,7 +49,8 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
         "*_soft_angle": ("degree", "axis of compression of the mode of the smallest eigenvalue, "
                          "from axis 1, in (-90, 90]"),
         "traction_condition": ("1", "factor by which rounding may have been amplified"),
-        "packing_error": ("1", "stated error of the operator in place, over its own size"),
+        "packing_error": ("1", "stated error of the operator in place over its norm; 0 for the "
+                          "whole packing"),
         "orders:loops": ("1", "number of loops of the order"),
         "*_unstable_loops": ("1", "share of the loops of the order with *_lambda_min < 0"),
         "surroundings_*": ("1", "quartile or median over the loops of the order of the "
@@ -118,9 +119,9 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
         "opened": ("1", "contacts lost over the interval before"),
         "closed": ("1", "contacts gained over the interval before"),
         "survived": ("1", "earlier loops with the same contacts later"),
-        "split": ("1", "earlier loops that became several"),
-        "merged": ("1", "earlier loops that became one with others"),
-        "changed": ("1", "earlier loops that exchanged contacts with others"),
+        "split": ("1", "earlier loops divided into several by new contacts"),
+        "merged": ("1", "earlier loops that became one with others as contacts opened"),
+        "changed": ("1", "earlier loops of any other fate, as an exchange of contacts"),
         "died": ("1", "earlier loops without a successor"),
         "born": ("1", "later loops without a predecessor"),
         "negative_W2": ("1", "survived loops with W2 < 0"),
