@@ -202,7 +202,7 @@ def _legend(ax: Axes, table: dict[str, Any], closure: str, groups: Groups) -> No
         rows = groups[group]
         if known[rows].any():
             share = 100 * np.count_nonzero(unstable[rows]) / np.count_nonzero(known[rows])
-            label = f"order {group}: {share:.3g} %"
+            label = f"order {group}: {float(f'{share:.2g}'):g} %"
             ax.plot([], [], color=GROUP_COLOURS[group], label=label)
     ax.legend(title="unstable", loc="upper left", bbox_to_anchor=(1.0, 1.0))
 

@@ -168,6 +168,7 @@ def loops_in_place(names, times):
             )
 
 
+@pytest.mark.slow
 def test_loops_in_place():
     loops_in_place(("blocks 25, buffer 4", "blocks 6, buffer 8", "extrapolated, R 4"), 1)
 

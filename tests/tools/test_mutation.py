@@ -53,6 +53,7 @@ def test_a_difference_keeps_its_first_term():
         mutated(source, mutant._replace(occurrence=1))
 
 
+@pytest.mark.slow
 def test_good_tests_notice_and_poor_ones_do_not(place):
     (place / "tests").mkdir()
     (place / "tests" / "test_total.py").write_text(

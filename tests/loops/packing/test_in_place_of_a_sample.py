@@ -101,6 +101,7 @@ def test_blocks_converge_to_the_whole(elastic):
     assert slope == pytest.approx(-1.9, abs=0.2)
 
 
+@pytest.mark.slow
 def test_extrapolated_patches_gain_half_a_radius(elastic):
     """Median errors in per cent at R = 4 and 8: as they are, and extrapolated."""
     plain, better = (

@@ -51,6 +51,7 @@ def errors_against_mpmath(sweep, digits):
     return np.array(errors)
 
 
+@pytest.mark.slow
 def test_random_sweep_against_mpmath():
     errors = errors_against_mpmath(random_sweep(40, 40), 25)
     assert len(errors) > 20

@@ -320,7 +320,7 @@ def test_bad_input():
         branch_fraction(graph, law, scramblings=1)
 
 
-@pytest.mark.parametrize("subspace", ["symmetric", "full"])
+@pytest.mark.parametrize("subspace", ["symmetric", pytest.param("full", marks=pytest.mark.slow)])
 def test_sampled_fractions_against_plain_random_directions(subspace):
     graph, law, _ = loop_with_several()
     options = {"closure": "traction", "subspace": subspace}

@@ -30,7 +30,11 @@ CASES = (
     (24, 3, LAW, (3, 0, 2, 0)),
     (36, 5, LAW, (2, 0, 0, 1)),
 )
-cases = pytest.mark.parametrize("case", CASES, ids=lambda case: str(case[0]))
+cases = pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, marks=[pytest.mark.slow] * (k != 1)) for k, case in enumerate(CASES)],
+    ids=lambda case: str(case[0]),
+)
 packed = functools.cache(jammed)
 
 

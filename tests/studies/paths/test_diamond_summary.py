@@ -82,7 +82,9 @@ def test_events_stand_in_path_order():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("closure", [affine_tangent, traction_tangent])
+@pytest.mark.parametrize(
+    "closure", [affine_tangent, pytest.param(traction_tangent, marks=pytest.mark.slow)]
+)
 def test_determinant_events_are_the_roots_of_the_generic_operator(closure):
     rng = np.random.default_rng(7)
     draws = zip(rng.uniform(5.0, 85.0, 12), rng.uniform(0.05, 2.0, 12), strict=True)

@@ -71,6 +71,7 @@ def workers(tmp_path, scheduler):
             process.wait()
 
 
+@pytest.mark.slow
 def test_a_worker_lost_in_the_middle(tmp_path, scheduler, workers):
     """Nothing is lost, nothing stands there twice: the same bytes as from one process."""
     paths, out = write_series(tmp_path / "run", 8), tmp_path / "out"

@@ -60,7 +60,10 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
     rates = loop_rates(response, find_faces(before.graph))
     every, own = by_interval(result, "packing", 1), by_interval(result, "increments", 1)
     for name, field in FORETOLD.items():
-        np.testing.assert_array_equal(every[name], getattr(rates, field))
+        # Workers hold BLAS to one thread, which rounds otherwise.
+        found, size = every[name].to_numpy(), getattr(rates, field)
+        largest = np.abs(size[np.isfinite(size)]).max()
+        np.testing.assert_allclose(found, size, rtol=1e-9, atol=1e-11 * largest)
         np.testing.assert_array_equal(own[name], every[name].to_numpy()[own.loop_before])
     assert set(own.packing_status) == {response.status} == {"unique"}
     table = {}

@@ -15,7 +15,7 @@ from studies.snapshot.table import loop_table
 from tests.studies.snapshot.test_table import synthetic_snapshot
 
 
-@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("periodic", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_every_pixel_belongs_to_the_loop_that_holds_its_centre(periodic):
     graph = synthetic_network(150, seed=3, periodic=periodic)
     faces = find_faces(graph)
