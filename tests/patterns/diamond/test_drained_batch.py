@@ -60,6 +60,7 @@ def test_random_sweep_against_mpmath():
     assert errors[:, 2].max() < 1e-12
 
 
+@pytest.mark.slow
 def test_extreme_sweep_against_mpmath():
     errors = errors_against_mpmath(extreme_sweep(41, 16), 40)
     assert len(errors) > 8

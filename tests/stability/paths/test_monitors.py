@@ -34,7 +34,9 @@ def closest_to_zero(values):
 @pytest.mark.parametrize(
     ("alpha0", "subspace", "programme", "ends"),
     [
-        (45.0, "diagonal", programmes.oedometric(), (0.23, 0.245)),
+        pytest.param(
+            *(45.0, "diagonal", programmes.oedometric(), (0.23, 0.245)), marks=pytest.mark.slow
+        ),
         (45.0, "symmetric", programmes.oedometric(), (0.23, 0.245)),
         (50.0, "full", SHEAR, (0.095, 0.105)),
     ],

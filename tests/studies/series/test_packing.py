@@ -259,6 +259,7 @@ def test_a_packing_that_floats_is_refused():
     assert np.isnan(columns["packing_W2"]).all() and len(columns["fate"]) == len(columns["loop"])
 
 
+@pytest.mark.slow
 def test_processes_and_restarts_give_the_same_bytes(tmp_path):
     """Either of the two parts of an interval that is lost is made again, and the rest is kept."""
     alone, out = tmp_path / "alone", tmp_path / "out"

@@ -310,6 +310,7 @@ def test_only_what_changed_is_done_again(tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_what_was_gathered_before_goes_with_its_snapshots(tmp_path):
     """Tables and figures of the shorter series don't stay beside the longer one's."""
     paths, out = write_series(tmp_path / "run", 3), tmp_path / "out"
