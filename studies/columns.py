@@ -12,9 +12,11 @@ JUDGES = (
     "the packing) or packing (in place, spins free)"
 )
 DRIVEN = "components 11, 12, 21, 22, rows first; compression positive"
-# Pattern of a name: unit, meaning. `table:name` where the name is another thing in one table; a
-# name written out comes before a pattern. Lengths, forces and kn are those of the input, but where
-# they stand in the unit (`kn l0`), which is what the number has been divided by.
+# Of these commands; tables of others share names, not meanings.
+COMMANDS = ("snapshot", "series", "probe", "evolve", "diamond", "polygon", "domain")
+# Pattern of a name: unit, meaning. `table:name` or `command:name` where the name is another thing
+# there; a name written out comes before a pattern. Lengths and forces are those of the input; `kn`
+# and `l0` in a unit are what the number has been divided by.
 COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
     "Snapshots, series and probes": {
         "loop": ("", "number of the loop in its snapshot, from 0"),
@@ -145,7 +147,8 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
         "probe_cone_*_deg": ("degree", "edges of the widest cone of W2 < 0"),
         "probe_undetermined": ("1", "directions without a solution that could be found"),
         "theta_deg": ("degree", "direction of H' or P' (by --control), tan theta = 22/11"),
-        "P[12][12]": (STRESS, f"nominal stress rate per unit of the direction; {DRIVEN}"),
+        "P[12][12]": (STRESS, "nominal stress: of a probe its rate per unit of the direction, with "
+                      f"--amplitude its increment; of a path the whole; {DRIVEN}"),
         "elastic_H[12][12]": ("1", "H' with all contacts at yield sticking"),
         "elastic_P[12][12]": (STRESS, "P' with all contacts at yield sticking"),
         "probe:status": ("", "unique, several found, none, not converged"),
@@ -165,6 +168,30 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
         "negative": (STRESS, "sum over the loops of the order with negative work"),
         "negative_share": ("1", "negative over that of all orders"),
         "additive_w": (STRESS, "W2 times the sample's area over the loop's own"),
+    },
+    "The path of a packing": {
+        "row": ("", "row of the path, from 0"),
+        "driven": ("1", "strain that the programme drives (isotropic-stress: the stress), "
+                   "zero at the first snapshot"),
+        "evolve:H[12][12]": ("1", "displacement gradient since the first snapshot, of the sample "
+                             f"or of the loop; {DRIVEN}"),
+        "evolve:P[12][12]": (STRESS, "nominal stress of the sample; of a loop its increment since "
+                             f"the first snapshot; {DRIVEN}"),
+        "evolve:work": ("force length", "external work since the start"),
+        "slip_work": ("force length", "heat of sliding since the start"),
+        "cut_off": ("force length", "energy that instabilities cut off"),
+        "energy": ("force length", "of the springs"),
+        "evolve:imbalance": ("1", "largest drift of a grain's resultant over the mean force"),
+        "events": ("1", "events so far"),
+        "evolve:kind": ("", "of the event: a change of regime, or instability"),
+        "contact": ("", "number of the contact"),
+        "passed": ("", "how an instability was passed"),
+        "detail": ("", "what happened, in words"),
+        "evolve:W2": (STRESS, "second-order work of the loop from the start to the end, in the "
+                      "frame that turns with it"),
+        "evolve:additive_w": (STRESS, "additive work -(1/2V) sum f'.d' from the start to the end"),
+        "negative_row": ("", "first row at which the loop's W2 is negative, -1 for none"),
+        "negative_from": ("1", "driven at that row"),
     },
     "Diamonds, polygons and domains": {
         "stage": ("", "stage of the programme"),
@@ -249,10 +276,13 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
 
 
 @cache
-def described(table: str, column: str) -> tuple[str, str] | None:
-    """Unit and meaning of a column; None where no table of the commands has it."""
+def described(place: str, column: str) -> tuple[str, str] | None:
+    """Unit and meaning of a column of `command/table`; None where these commands have none."""
+    command, _, table = place.partition("/")
+    if command not in COMMANDS:
+        return None
     known = {pattern: said for part in COLUMNS.values() for pattern, said in part.items()}
-    for name in (f"{table}:{column}", column):
+    for name in (f"{command}:{column}", f"{table}:{column}", column):
         if name in known:
             return known[name]
         for pattern, said in known.items():
@@ -261,7 +291,7 @@ def described(table: str, column: str) -> tuple[str, str] | None:
     return None
 
 
-def metadata(table: str, column: str) -> dict[bytes, bytes] | None:
+def metadata(place: str, column: str) -> dict[bytes, bytes] | None:
     """The same for the field of a Parquet file."""
-    said = described(table, column)
+    said = described(place, column)
     return None if said is None else {b"unit": said[0].encode(), b"meaning": said[1].encode()}

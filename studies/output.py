@@ -253,7 +253,9 @@ def write_table(
     Lists are joined by blanks in the CSV.
     """
     arrays = {key: as_arrow(value) for key, value in columns.items()}
-    table = described_table(name, arrays, {b"grainloops": as_json(source).encode()})
+    command = source.get("command", "").removeprefix("grainloops ").split(" ")[0]
+    about = {b"grainloops": as_json(source).encode()}
+    table = described_table(f"{command}/{name}", arrays, about)
     # Columns of measurements hardly repeat: a dictionary of their values only costs time.
     repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
     pyarrow.parquet.write_table(
@@ -270,11 +272,11 @@ def write_table(
 
 
 def described_table(
-    name: str, arrays: Mapping[str, Any], metadata: Mapping[bytes, bytes]
+    place: str, arrays: Mapping[str, Any], metadata: Mapping[bytes, bytes]
 ) -> pa.Table:
-    """A table whose fields hold their unit and meaning."""
+    """A table whose fields hold their unit and meaning, by `command/table`."""
     fields = [
-        pa.field(key, array.type, metadata=field_metadata(name, key))
+        pa.field(key, array.type, metadata=field_metadata(place, key))
         for key, array in arrays.items()
     ]
     return pa.table(list(arrays.values()), schema=pa.schema(fields, metadata=metadata))

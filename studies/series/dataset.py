@@ -82,7 +82,7 @@ def _require_same(out: Path, contents: dict[str, Any]) -> None:
 def write_part(path: Path, columns: Mapping[str, Any], about: Mapping[str, Any]) -> None:
     """Write one part under a temporary name, then give it its own."""
     arrays = {name: pa.array(values) for name, values in columns.items()}
-    table = described_table(path.parent.name, arrays, {KEY: as_json(about).encode()})
+    table = described_table(f"series/{path.parent.name}", arrays, {KEY: as_json(about).encode()})
     path.parent.mkdir(parents=True, exist_ok=True)
     # Two workers may be at the same part when one was given up for lost.
     partial = path.with_name(f"{UNFINISHED}-{uuid.uuid4().hex}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from studies.columns import COLUMNS
+from studies.evolve.run import DEFINITIONS as EVOLVE
 from studies.paths.diamond_summary import DEFINITIONS as DIAMOND
 from studies.paths.polygon import DEFINITIONS as POLYGON
 from studies.probe.run import DEFINITIONS as PROBE
@@ -23,8 +24,8 @@ def page() -> str:
         "and strains are positive in",
         "compression, angles counter-clockwise. A name is a pattern: `*` stands for any letters, "
         "`[12]` for one of them;",
-        "`table:name` holds in that table alone. Units are those of the input; `kn`, `l0` say "
-        "by what a number was divided.",
+        "`table:name` or `command:name` holds there alone. Units are those of the input; `kn`, `l0` "
+        "say by what a number was divided.",
         "Other tables (`bench`, `check`, the examples) explain themselves on their pages.",
     ]
     for title, columns in COLUMNS.items():
@@ -34,6 +35,7 @@ def page() -> str:
         "snapshot": GEOMETRY | MECHANICS | PACKING,
         "series": SERIES,
         "probe": PROBE,
+        "evolve": EVOLVE,
         "diamond": DIAMOND,
         "polygon": POLYGON,
     }

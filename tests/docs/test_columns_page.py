@@ -6,7 +6,8 @@ import pyarrow.parquet
 import pytest
 
 from patterns import sample_path
-from studies.columns import described, metadata
+from studies.columns import COMMANDS, described, metadata
+from studies.evolve import run_evolve
 from studies.probe import run_probe
 from studies.series import run_series
 from studies.snapshot.run import run_snapshot
@@ -14,7 +15,6 @@ from tests.docs.columns_page import page
 from tests.docs.pages import DOCS
 from tests.golden.test_golden import FOLDER
 
-COMMANDS = ("diamond", "polygon", "domain", "snapshot", "series")
 SLOW = sorted(sample_path("slow/cells.csv").parent.glob("grains_*.parquet"))
 
 
@@ -26,23 +26,25 @@ def test_the_page_is_up_to_date():
 
 @pytest.mark.parametrize("answer", sorted(FOLDER.glob("*.json")), ids=lambda path: path.stem)
 def test_columns_of_the_stored_answers_are_described(answer):
-    if not answer.stem.startswith(COMMANDS):
+    command = answer.stem.split("-")[0]
+    if command not in COMMANDS:
         return
     tables = json.loads(answer.read_text())["tables"]
     assert tables
     for place, table in tables.items():
-        name = place.split("/")[0]
+        name = f"{command}/{place.split('/')[0]}"
         assert [one for one in table["columns"] if described(name, one) is None] == []
 
 
-def files_say(out, least):
+def files_say(command, out, least):
     """Every field of every table holds its unit and meaning."""
     seen = 0
     for path in sorted(out.rglob("*.parquet")):
         name = path.parent.name if path.parent != out else path.stem
+        place = f"{command}/{name}"
         for field in pyarrow.parquet.read_schema(path):
             said = {key: field.metadata.get(key) for key in (b"unit", b"meaning")}
-            assert said == metadata(name, field.name), (path.name, field.name)
+            assert said == metadata(place, field.name), (path.name, field.name)
             seen += 1
     assert seen >= least
 
@@ -51,18 +53,29 @@ def test_files_hold_units_and_meanings(tmp_path):
     cells = sample_path("slow/cells.csv")
     how = {"cells": cells, "workers": 1, "shear_increment": "radii", "figures": False}
     run_series(SLOW[:2], tmp_path / "s", in_packing=True, probe=5, **how)
-    files_say(tmp_path / "s", 200)
+    files_say("series", tmp_path / "s", 200)
 
 
 def test_files_of_a_snapshot_and_of_a_probe(tmp_path):
     run_snapshot(sample_path(), tmp_path / "n", in_packing="blocks", figures=False)
-    files_say(tmp_path / "n", 45)
+    files_say("snapshot", tmp_path / "n", 45)
     run_probe(sample_path(), tmp_path / "p", directions=5)
-    files_say(tmp_path / "p", 40)
+    files_say("probe", tmp_path / "p", 40)
+
+
+def test_files_of_a_path(tmp_path):
+    cells = sample_path("slow/cells.csv")
+    how = {"cells": cells, "shear_increment": "radii", "figures": False}
+    run_evolve(SLOW[:2], tmp_path / "e", to=5e-6, axis=2, rows=1, **how)
+    files_say("evolve", tmp_path / "e", 50)
 
 
 def test_a_name_means_what_its_table_says():
-    assert described("loops", "area")[0] == described("orders", "area")[0] == "length^2"
-    assert "frictional" in described("domain", "contacts")[1]
-    assert described("evolution", "contacts")[0] == "1"
-    assert described("path", "unheard_of") is None is metadata("path", "unheard_of")
+    assert described("snapshot/loops", "area") != described("snapshot/orders", "area")
+    assert "frictional" in described("domain/domain", "contacts")[1]
+    assert described("series/evolution", "contacts")[0] == "1"
+    # Two commands write a table `path`; over the reference area in one alone.
+    assert described("diamond/path", "work")[0] == "kn"
+    assert described("evolve/path", "work")[0] == "force length"
+    assert described("diamond/path", "unheard_of") is None
+    assert described("bench/bench", "work") is metadata("bench/bench", "work") is None
