@@ -24,8 +24,8 @@ def page() -> str:
         "and strains are positive in",
         "compression, angles counter-clockwise. A name is a pattern: `*` stands for any letters, "
         "`[12]` for one of them;",
-        "`table:name` or `command:name` holds there alone. Units are those of the input; `kn`, `l0` "
-        "say by what a number was divided.",
+        "`table:name` or `command:name` holds there alone. Units are those of the input; `kn`, "
+        "`l0` say by what a number was divided.",
         "Other tables (`bench`, `check`, the examples) explain themselves on their pages.",
     ]
     for title, columns in COLUMNS.items():
