@@ -31,6 +31,8 @@ from studies.commands.common import (
 NOTES, LONGEST = 8, 300
 PREDICTORS = {
     "packing": "its packing's rate problem",
+    "packing_path": "its packing's path by events",
+    "replay": "the DEM replayed from rest",
     "own_motion": "its grains' own motion (bound)",
     "affine": "affine closure, blocked",
     "affine_free": "affine closure, free spins",
@@ -85,6 +87,13 @@ def series(
         bool,
         typer.Option("--in-packing", help="Foretell each interval by the packing's rate problem."),
     ] = False,
+    by_events: Annotated[
+        bool,
+        typer.Option(
+            "--by-events",
+            help="With --in-packing: also by its path from event to event, and replay.",
+        ),
+    ] = False,
     yield_band: YieldBand = 0.99,
     probe: Annotated[
         int | None,
@@ -113,6 +122,7 @@ def series(
         workers=workers,
         scheduler=scheduler,
         in_packing=in_packing,
+        by_events=by_events,
         yield_band=yield_band,
         probe=probe,
         skip_bad=skip_bad,

@@ -18,13 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError, loop_batches
+from loops.arrays import Floats
 from loops.graph import branch_vectors
 from loops.loop_strain import rotation_and_stretch
 from loops.packing import loops_in_place
 from loops.tracking import Fate, LoopFates
-from stability import COMPONENTS
+from stability import COMPONENTS, Programme, Stage
 from stability.loop_stability import loop_spectra
-from stability.packing import LoopRates, PackingRates, PackingResponse, loop_rates
+from stability.packing import (
+    LoopRates,
+    PackingRates,
+    PackingResponse,
+    follow_packing,
+    loop_changes,
+    loop_rates,
+    replay,
+)
 from stability.packing.edge import YieldEdge, forces_of_motion
 from studies.series.evolution import sample_strain
 from studies.series.increments import TrackedState
@@ -41,23 +50,36 @@ FORETOLD = {
     "packing_opening": "opening",
     "packing_closing": "closing",
 }
+BY_EVENTS = {
+    f"{name}_{column}": field
+    for name in ("path", "replay")
+    for column, field in (("w2", "normalised_work"), ("nonaffinity", "nonaffinity"))
+}
 OWN = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
+# A path goes on past any number of instabilities in practice.
+PASSED = 1000
 SOLVED = ("unique", "several found")
 
 
 def foretold(
-    before: TrackedState, after: TrackedState, fates: LoopFates, yield_band: float
+    before: TrackedState,
+    after: TrackedState,
+    fates: LoopFates,
+    yield_band: float,
+    by_events: bool = False,
 ) -> tuple[Columns, dict[str, Any], list[str]]:
     """What is foretold of every earlier loop and what became of it; how it was solved; notes.
 
     A packing without a rate problem, as one that floats, is `refused` and the notes say why;
-    without forces there is nothing to foretell at all (`InputError`).
+    without forces there is nothing to foretell at all (`InputError`). With `by_events` its path and
+    its replay foretell as well.
     """
     graph, (law, _) = before.snapshot.graph, before.snapshot.mechanics()
     H, source = sample_strain(before, after)
     columns = _facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
     columns |= {name: blank for name in (*FORETOLD, *OWN, "packing_lambda_min")}
+    columns |= {name: blank for name in BY_EVENTS if by_events}
     try:
         if source == "unknown":
             raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
@@ -71,6 +93,9 @@ def foretold(
     if own is not None:
         columns |= _picked(loop_rates(own, before.faces), OWN)
     planes, held, notes = sample_boundary(before.snapshot, before.faces)
+    if by_events:
+        found, why = _by_events(before, H)
+        columns, notes = columns | found, [*notes, *why]
     place = loops_in_place(graph, law, before.faces, planes=planes, held=held)
     columns["packing_lambda_min"] = loop_spectra(place.matrix / np.mean(law.kn))[:, 0]
     row = {
@@ -83,6 +108,27 @@ def foretold(
         "packing_boundary": response.system.boundary,
     }
     return columns, row, notes
+
+
+def _by_events(before: TrackedState, H: Floats) -> tuple[Columns, list[str]]:
+    """What the packing's path and its replay from rest make of the loops; why one did not."""
+    graph, (law, _) = before.snapshot.graph, before.snapshot.mechanics()
+    strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
+    ends, notes = {}, []
+    try:
+        path = follow_packing(graph, law, Stage(strain, "parameter", 1.0), instabilities=PASSED)
+        if path.status == "finished":
+            ends["path"] = path.states[-1]
+        else:
+            notes.append(f"path by events {path.status}: {path.message}")
+        ends["replay"] = replay(graph, law, H).state
+    except InputError as error:
+        notes.append(f"not followed by events: {error}")
+    columns: Columns = {}
+    for name, end in ends.items():
+        fields = {key: field for key, field in BY_EVENTS.items() if key.startswith(name)}
+        columns |= _picked(loop_changes(graph, end, before.faces), fields)
+    return columns, notes
 
 
 def _picked(rates: LoopRates, names: dict[str, str]) -> Columns:

@@ -93,6 +93,7 @@ def run_series(
     figures: bool = True,
     animation: bool = False,
     in_packing: bool = False,
+    by_events: bool = False,
     yield_band: float = 0.99,
     probe: int | None = None,
     **how: Any,
@@ -101,8 +102,9 @@ def run_series(
 
     Snapshots are read with the options `how` of `read_planar`, their cells from a table `cells`.
     With `in_packing` the packing's rate problem foretells each interval, and `skill.parquet` says
-    what that is worth. With `probe` every snapshot is probed along so many directions of strain.
-    What is finished in `out` is not done again: an interrupted run goes on with the same call. A
+    what that is worth; with `by_events` its path and its replay as well. With `probe` every
+    snapshot is probed along so many directions of strain. What is finished in `out` is not done
+    again: an interrupted run goes on with the same call. A
     script calls this under `if __name__ == "__main__"`, for the processes import it.
     """
     how = reading(**how)
@@ -110,6 +112,11 @@ def run_series(
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
     band = checked_band(yield_band) if in_packing else None
     read["in_packing"] = band
+    if by_events:
+        if band is None:
+            remedy = "Give --in-packing as well."
+            raise InputError("--by-events", "alone", "--in-packing with it", remedy)
+        read["by_events"] = True
     probing: tuple[float | None, int | None] = (None, None)
     if probe is not None:
         whole_number("probe", probe, 1)
@@ -126,7 +133,9 @@ def run_series(
             open_folder(out, read, [one.name for one in planned], force=force)
             try:
                 with open_runner(workers, scheduler, _needed(planned, out)) as runner:
-                    good, failures = _do_all(runner, planned, out, band, probing, skip_bad=skip_bad)
+                    good, failures = _do_all(
+                        runner, planned, out, band, probing, by_events=by_events, skip_bad=skip_bad
+                    )
             except InputError:
                 if new and not has_parts(out):
                     shutil.rmtree(out)
@@ -147,6 +156,7 @@ def _do_all(
     band: float | None,
     probing: tuple[float | None, int | None],
     *,
+    by_events: bool,
     skip_bad: bool,
 ) -> tuple[list[PlannedSnapshot], list[Failure]]:
     """Snapshots that could be read, and why the others could not."""
@@ -155,7 +165,7 @@ def _do_all(
     good = [one for one in planned if one.number not in bad]
     if not good:
         raise failures[0].error()
-    do_tasks(runner, pairs(good, out, band), "pairs", skip_bad=False)
+    do_tasks(runner, pairs(good, out, band, by_events), "pairs", skip_bad=False)
     return good, failures
 
 

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from loops.arrays import Floats
 from studies.series.figures import MappedInterval
-from studies.series.targets import OTHERS, TARGET
+from studies.series.targets import BY_EVENTS, OTHERS, TARGET
 from studies.snapshot.loop_map import loop_drawer
 from studies.style import (
     BLACK,
@@ -44,6 +44,8 @@ TITLES = {
 }
 NAMES = {
     "packing": "packing",
+    "packing_path": "packing, by events",
+    "replay": "replay",
     "own_motion": "own motion (bound)",
     "persistence": "persistence",
     "traction_free": "traction, free spins",
@@ -74,7 +76,8 @@ Table = Mapping[str, Sequence[Any]]
 def skill_by_predictor(table: Table) -> Figure:
     """AUC of every predictor, a dot an interval and the mean of them, for each target."""
     figure = new_figure(TWO_COLUMNS, 4.6)
-    names = list(NAMES)
+    walked = set(table["predictor"])
+    names = [name for name in NAMES if name in walked or name not in BY_EVENTS]
     axes = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
     for ax, target in zip(axes, TARGETS, strict=True):
         for place, name in enumerate(names):
@@ -89,7 +92,7 @@ def skill_by_predictor(table: Table) -> Figure:
             ax.axvline(np.nanmean(past), color=VERMILION, linestyle="--", linewidth=0.9)
         ax.axvline(0.5, color=LIGHT_GREY, linewidth=0.9, zorder=0)
         ax.set_title(f"{TITLES[target]}\nbase rate {_base(table, target)}")
-    axes[0].set_yticks(range(len(names)), labels=NAMES.values())
+    axes[0].set_yticks(range(len(names)), labels=[NAMES[name] for name in names])
     axes[0].invert_yaxis()
     for ax in axes[2:]:
         ax.set_xlabel("AUC: dots intervals, bars means, dashed persistence")

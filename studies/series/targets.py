@@ -35,9 +35,10 @@ OF_LOOPS = (
 # Closures know no strain of a loop that came apart.
 OF_SURVIVED = ("W2_negative", "nonaffine")
 # Who foretells by a sign: a score that is positive for what is foretold.
+BY_EVENTS = {"packing_path": "path", "replay": "replay"}
 EVENTS = ("packing", "own_motion", "persistence")
 SIGNED: dict[str, tuple[str, ...]] = {
-    "W2_negative": (*EVENTS, *OF_INCREMENTS, *OF_LOOPS),
+    "W2_negative": (*EVENTS, *BY_EVENTS, *OF_INCREMENTS, *OF_LOOPS),
     "nonaffine": (),
     "contact_lost": EVENTS,
     "topology": EVENTS,
@@ -48,6 +49,7 @@ READ = (
     *("snapshot_before", "snapshot_after", "loop_before", "loop_after", "order", "w2"),
     *("nonaffinity", "sliding_contacts", "smallest_N", "fate", "contact_lost"),
     *("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing"),
+    *("path_w2", "path_nonaffinity", "replay_w2", "replay_nonaffinity"),
     *("own_w2", "own_opening", "own_closing", *STRAIN, *OF_INCREMENTS.values(), *OF_LOOPS),
 )
 # A time of 0 is as soon as can be.
@@ -102,12 +104,15 @@ def _asked(
 
     packed = "fate" in state
     work = {"packing": -state["packing_w2"], "own_motion": -state["own_w2"]} if packed else {}
+    walked = {name: column for name, column in BY_EVENTS.items() if f"{column}_w2" in state}
+    work |= {name: -state[f"{column}_w2"] for name, column in walked.items()}
     yield TARGET, _of_all(state, own["w2"], at), work, -past("w2")
     if not packed:
         return
     moved = own["nonaffinity"]
     tenth = np.quantile(moved, 0.9) - moved if len(moved) else moved
     nonaffinity = {"packing": state["packing_nonaffinity"]}
+    nonaffinity |= {name: state[f"{column}_nonaffinity"] for name, column in walked.items()}
     yield "nonaffine", _of_all(state, tenth, at), nonaffinity, past("nonaffinity")
     # A loop that did not survive the interval before came to be in it.
     new = unknown if earlier is None else np.where(np.isnan(past("w2")), 1.0, -1.0)

@@ -67,6 +67,7 @@ class PartTask:
     out: Path
     yield_band: float | None = None
     directions: int | None = None
+    by_events: bool = False
 
     @property
     def part(self) -> Path:
@@ -82,7 +83,7 @@ class PartTask:
     def fingerprint(self) -> str:
         """Of what the result depends on."""
         how = self.yield_band, self.directions
-        band = [repr(one) for one in how if one is not None]
+        band = [repr(one) for one in how if one is not None] + ["events"] * self.by_events
         return "-".join([*(one.fingerprint for one in self.snapshots), *band])
 
     @property
@@ -113,10 +114,13 @@ def singles(
 
 
 def pairs(
-    planned: Sequence[PlannedSnapshot], out: Path, yield_band: float | None = None
+    planned: Sequence[PlannedSnapshot],
+    out: Path,
+    yield_band: float | None = None,
+    by_events: bool = False,
 ) -> list[PartTask]:
     """A task for each snapshot with the next; with a yield band the packing foretells as well."""
-    return [PartTask(pair, out, yield_band) for pair in pairwise(planned)]
+    return [PartTask(pair, out, yield_band, by_events=by_events) for pair in pairwise(planned)]
 
 
 def do_task(task: PartTask) -> Failure | None:
@@ -164,7 +168,9 @@ def _write_pair(task: PartTask) -> None:
         "exchange": exchange_counts(fates)._asdict(),
     }
     if task.yield_band is not None:
-        columns, row, about["notes"] = foretold(before, after, fates, task.yield_band)
+        columns, row, about["notes"] = foretold(
+            before, after, fates, task.yield_band, task.by_events
+        )
         about["row"] |= row
         table |= gained(table, about["row"], columns)
         # The increments come last: they are what a restart finds finished.

@@ -12,7 +12,7 @@ import pytest
 from loops import InputError, Regime, contact_forces, contact_state, find_faces
 from loops.loop_strain import rotation_and_stretch
 from patterns import Snapshot, read_snapshot, sample_path
-from stability.packing import loop_rates, packing_response
+from stability.packing import loop_changes, loop_rates, packing_response, replay
 from studies.series import packing as series_packing
 from studies.series.figures import MappedInterval
 from studies.series.increments import TrackedState, increments, track_loops
@@ -79,6 +79,27 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
     e, mean = rotation_and_stretch(own_strain(own))[1], rotation_and_stretch(strain)[1]
     away = np.linalg.norm(e - mean, axis=(1, 2)) / np.linalg.norm(mean)
     np.testing.assert_allclose(own.nonaffinity, away, rtol=1e-9)
+
+
+def test_the_path_and_the_replay_foretell_beside(tmp_path):
+    """One step of 2e-5, whose AUC of the path is .99 and more, of the replay .995 and more."""
+    out = tmp_path / "series"
+    summary = foretell(out, PATHS[:2], by_events=True, figures=True)
+    before, after = read(0), read(1)
+    strain = np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
+    faces = find_faces(before.graph)
+    end = replay(before.graph, before.law, strain).state
+    every = by_interval(out, "packing", 0)
+    rates = loop_changes(before.graph, end, faces)
+    np.testing.assert_allclose(every.replay_w2, rates.normalised_work, rtol=1e-9)
+    np.testing.assert_allclose(every.replay_nonaffinity, rates.nonaffinity, rtol=1e-9)
+    skill = summary["skill"]
+    assert skill["packing_path"]["auc"] > 0.99 and skill["replay"]["auc"] > 0.995
+    assert skill["packing"]["auc"] < skill["packing_path"]["auc"]
+    far = summary["skill_of_targets"]["nonaffine"]
+    assert far["packing"]["auc"] < far["packing_path"]["auc"] < far["replay"]["auc"]
+    with pytest.raises(InputError, match="--by-events: got alone"):
+        foretell(tmp_path / "other", PATHS[:2], in_packing=False, by_events=True)
 
 
 def own_strain(table):
