@@ -87,6 +87,10 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
                             "infinite if none does"),
         "packing_closing": ("1", "share of the interval until a gap across the loop closes; "
                             "infinite if none does"),
+        "path_w2": ("1", "w2 over the interval at the end of the packing's path by events"),
+        "path_nonaffinity": ("1", "packing_nonaffinity at the end of the path by events"),
+        "replay_w2": ("1", "w2 over the interval at the end of the packing's replay from rest"),
+        "replay_nonaffinity": ("1", "packing_nonaffinity at the end of the replay"),
         "own_w2": ("1", "packing_w2 by the motion that the grains really had"),
         "own_opening": ("1", "packing_opening by the same"),
         "own_closing": ("1", "packing_closing by the same"),
@@ -148,10 +152,11 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
         "probe_undetermined": ("1", "directions without a solution that could be found"),
         "theta_deg": ("degree", "direction of H' or P' (by --control), tan theta = 22/11"),
         "P[12][12]": (STRESS, "nominal stress: of a probe its rate per unit of the direction, with "
-                      f"--amplitude its increment; of a path the whole; {DRIVEN}"),
+                      f"--amplitude its increment over that; of a path the whole; {DRIVEN}"),
         "elastic_H[12][12]": ("1", "H' with all contacts at yield sticking"),
         "elastic_P[12][12]": (STRESS, "P' with all contacts at yield sticking"),
-        "probe:status": ("", "unique, several found, none, not converged"),
+        "probe:status": ("", "unique, several found, none, not converged; with --amplitude that "
+                         "of the path: finished, instabilities, no_solution, lost"),
         "sliding": ("1", "contacts that slide"),
         "disagreeing": ("1", "contacts whose regime doesn't agree with their rates"),
         "residual": ("1", "force rate out of balance over that of the affine motion"),
