@@ -26,6 +26,12 @@ def test_the_site_shows_every_page():
     assert shown == sorted(path.stem for path in DOCS.glob("*.md") if path.stem != "index")
 
 
+def test_numbers_of_the_questions_stand_on_the_page_that_holds_them():
+    numbers = re.findall(r"\b0\.\d+", (DOCS / "questions.md").read_text())
+    held = re.findall(r"\b0\.\d+", (DOCS / "series.md").read_text())
+    assert len(numbers) == 4 and set(numbers) <= set(held)
+
+
 def test_nothing_cites_a_note_that_is_not_here():
     word = "theory" + " note"
     assert [path.name for path in SOURCES if word in path.read_text().lower()] == []
