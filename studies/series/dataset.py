@@ -65,7 +65,9 @@ def _require_same(out: Path, contents: dict[str, Any]) -> None:
         ) from None
     now = json.loads(as_json(contents))
     differing = [
-        f"--{name.replace('_', '-')}" for name in now["read"] if now["read"][name] != read.get(name)
+        f"--{name.replace('_', '-')}"
+        for name in {**now["read"], **read}
+        if now["read"].get(name) != read.get(name)
     ]
     if now["snapshots"][: len(names)] != names:
         differing.append("other snapshots")

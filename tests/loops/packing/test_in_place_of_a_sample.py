@@ -8,7 +8,7 @@ import pytest
 
 from loops import Regime, find_faces, loop_batches
 from loops.geometry import boundary_vectors, polygon_area
-from loops.packing import factorised, loops_in_place, packing_system
+from loops.packing import factorised, in_place, loops_in_place, packing_system
 from patterns import read_snapshot, sample_path
 from stability import restrict, symmetric_part
 from studies.series.plan import cells_by_number
@@ -174,3 +174,11 @@ def test_what_surrounds_the_loops_of_the_slow_series():
     assert np.mean(shares, axis=0) == pytest.approx([0.22, 0.13, 0.45, 0.43, 1.0], abs=0.03)
     assert np.mean(alone) == pytest.approx(0.50, abs=0.03)
     assert 0.04 < np.mean(sliding) < 0.13
+
+
+def test_errors_stated_too_small_are_widened(flagged):
+    """Half a per cent off in every loop, stated as a millionth: widened to what it is."""
+    exact, polygons = flagged.whole, in_place._polygons(flagged.graph, flagged.faces)
+    stated = np.full(len(exact.matrix), 1e-6)
+    found = in_place._held_to_the_whole(exact.system, polygons, 1.005 * exact.matrix, stated)
+    assert found == pytest.approx(0.005, rel=1e-3)

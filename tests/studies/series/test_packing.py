@@ -390,3 +390,9 @@ def test_the_map_shows_what_is_foretold_beside_what_came(result):
     sums = every.packing_nonaffinity.sum(), own.nonaffinity.sum()
     assert [np.ma.masked_invalid(one).sum() for one in drawn] == pytest.approx(sums)
     assert [np.ma.masked_invalid(one).count() for one in drawn] == [len(every), len(own)]
+
+
+def test_a_series_is_not_taken_up_with_fewer_options(tmp_path):
+    foretell(tmp_path / "out", PATHS[:2], in_packing=False, probe=3)
+    with pytest.raises(InputError, match="--probe"):
+        foretell(tmp_path / "out", PATHS[:2], in_packing=False)
