@@ -8,127 +8,65 @@ from typing import TYPE_CHECKING
 from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
-    from loops import (
-        FrictionalLaw,
-        GrainGraph,
-        HertzMindlin,
-        InputError,
-        LinearFrictional,
-        Regime,
-        RollingResistance,
-        affine_tangent,
-        contact_forces,
-        contact_state,
-        find_faces,
-        force_chains,
-        from_networkx,
-        loop_chain_contacts,
-        loop_fates,
-        loop_tangents,
-        love_weber_stress,
-        match_contacts,
-        to_networkx,
-        traction_tangent,
-    )
-    from patterns import (
-        Snapshot,
-        diamond,
-        hexagon,
-        loop_of_snapshot,
-        polydisperse_polygon,
-        random_loop,
-        read_frames,
-        read_snapshot,
-        regular_polygon,
-        sample_cell,
-        sample_path,
-        synthetic_network,
-        write_snapshot,
-    )
-    from stability import (
-        Programme,
-        Stage,
-        destabilising_control,
-        directional_work,
-        follow,
-        judge,
-        normalised_second_order_work,
-        plane_cone,
-        programmes,
-        rates_at,
-        restrict,
-        rotate_tangent,
-        second_order_work,
-        spectrum,
-        statuses,
-        symmetric_spectrum,
-        unstable_fraction,
-    )
-    from studies.frames import chain_table, loop_table, path_table
-    from studies.plots import plot_cone, plot_loop, plot_map, plot_path
-    from studies.snapshot.source import planar
-    from studies.version import __version__
+    from loops import FrictionalLaw as FrictionalLaw
+    from loops import GrainGraph as GrainGraph
+    from loops import HertzMindlin as HertzMindlin
+    from loops import InputError as InputError
+    from loops import LinearFrictional as LinearFrictional
+    from loops import Regime as Regime
+    from loops import RollingResistance as RollingResistance
+    from loops import affine_tangent as affine_tangent
+    from loops import contact_forces as contact_forces
+    from loops import contact_state as contact_state
+    from loops import find_faces as find_faces
+    from loops import force_chains as force_chains
+    from loops import from_networkx as from_networkx
+    from loops import loop_chain_contacts as loop_chain_contacts
+    from loops import loop_fates as loop_fates
+    from loops import loop_tangents as loop_tangents
+    from loops import love_weber_stress as love_weber_stress
+    from loops import match_contacts as match_contacts
+    from loops import to_networkx as to_networkx
+    from loops import traction_tangent as traction_tangent
+    from patterns import Snapshot as Snapshot
+    from patterns import diamond as diamond
+    from patterns import hexagon as hexagon
+    from patterns import loop_of_snapshot as loop_of_snapshot
+    from patterns import polydisperse_polygon as polydisperse_polygon
+    from patterns import random_loop as random_loop
+    from patterns import read_frames as read_frames
+    from patterns import read_snapshot as read_snapshot
+    from patterns import regular_polygon as regular_polygon
+    from patterns import sample_cell as sample_cell
+    from patterns import sample_path as sample_path
+    from patterns import synthetic_network as synthetic_network
+    from patterns import write_snapshot as write_snapshot
+    from stability import Programme as Programme
+    from stability import Stage as Stage
+    from stability import destabilising_control as destabilising_control
+    from stability import directional_work as directional_work
+    from stability import follow as follow
+    from stability import judge as judge
+    from stability import normalised_second_order_work as normalised_second_order_work
+    from stability import plane_cone as plane_cone
+    from stability import programmes as programmes
+    from stability import rates_at as rates_at
+    from stability import restrict as restrict
+    from stability import rotate_tangent as rotate_tangent
+    from stability import second_order_work as second_order_work
+    from stability import spectrum as spectrum
+    from stability import statuses as statuses
+    from stability import symmetric_spectrum as symmetric_spectrum
+    from stability import unstable_fraction as unstable_fraction
+    from studies.frames import chain_table as chain_table
+    from studies.frames import loop_table as loop_table
+    from studies.frames import path_table as path_table
+    from studies.plots import plot_cone as plot_cone
+    from studies.plots import plot_loop as plot_loop
+    from studies.plots import plot_map as plot_map
+    from studies.plots import plot_path as plot_path
+    from studies.snapshot.source import planar as planar
+    from studies.version import __version__ as __version__
 
-__all__ = [
-    "FrictionalLaw",
-    "GrainGraph",
-    "HertzMindlin",
-    "InputError",
-    "LinearFrictional",
-    "Programme",
-    "Regime",
-    "RollingResistance",
-    "Snapshot",
-    "Stage",
-    "__version__",
-    "affine_tangent",
-    "chain_table",
-    "contact_forces",
-    "contact_state",
-    "destabilising_control",
-    "diamond",
-    "directional_work",
-    "find_faces",
-    "follow",
-    "force_chains",
-    "from_networkx",
-    "hexagon",
-    "judge",
-    "loop_chain_contacts",
-    "loop_fates",
-    "loop_of_snapshot",
-    "loop_table",
-    "loop_tangents",
-    "love_weber_stress",
-    "match_contacts",
-    "normalised_second_order_work",
-    "path_table",
-    "planar",
-    "plane_cone",
-    "plot_cone",
-    "plot_loop",
-    "plot_map",
-    "plot_path",
-    "polydisperse_polygon",
-    "programmes",
-    "random_loop",
-    "rates_at",
-    "read_frames",
-    "read_snapshot",
-    "regular_polygon",
-    "restrict",
-    "rotate_tangent",
-    "sample_cell",
-    "sample_path",
-    "second_order_work",
-    "spectrum",
-    "statuses",
-    "symmetric_spectrum",
-    "synthetic_network",
-    "to_networkx",
-    "traction_tangent",
-    "unstable_fraction",
-    "write_snapshot",
-]
 
 lazy_face(__name__, __file__)

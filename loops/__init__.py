@@ -5,113 +5,70 @@ from typing import TYPE_CHECKING
 from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
-    from loops.assembly import assemble_sparse_tangent, assemble_tangent
-    from loops.closures import (
-        Closure,
-        MacroTangent,
-        Spins,
-        affine_tangent,
-        macroscopic_tangent,
-        traction_tangent,
-    )
-    from loops.contact_matching import ContactMatch, match_contacts
-    from loops.contact_state import ContactState, contact_state
-    from loops.contact_tangent import contact_tangent, translational_blocks
-    from loops.crossings import crossing_contacts_to_drop, find_crossings
-    from loops.errors import InputError
-    from loops.exchange import from_networkx, to_networkx
-    from loops.fabric import axial_mean, direction_tensors, edge_tensors, mean_tensor, principal
-    from loops.faces import FaceKind, Faces, euler_check, faces_by_order, find_faces, outline_area
-    from loops.force_chains import ForceChains, force_chains, loop_chain_contacts
-    from loops.geometry import (
-        boundary_vectors,
-        polygon_area,
-        polygon_centroid,
-        polygon_perimeter,
-        polygon_shape,
-        reference_volume,
-    )
-    from loops.graph import GrainGraph, branch_vectors, contact_frame, reference_branch_vectors
-    from loops.laws import (
-        ContactLaw,
-        FrictionalLaw,
-        HertzMindlin,
-        LinearFrictional,
-        Regime,
-        RollingResistance,
-    )
-    from loops.loop_batches import LoopBatch, loop_batches
-    from loops.loop_strain import best_fit_strain, loop_strain, rotation_and_stretch
-    from loops.loop_tangents import loop_tangents
-    from loops.pruning import prune_dangling
-    from loops.stress import contact_forces, love_weber_stress, nominal_stress
-    from loops.tracking import Fate, LoopFates, exchange_counts, exchange_matrix, loop_fates
+    from loops.assembly import assemble_sparse_tangent as assemble_sparse_tangent
+    from loops.assembly import assemble_tangent as assemble_tangent
+    from loops.closures import Closure as Closure
+    from loops.closures import MacroTangent as MacroTangent
+    from loops.closures import Spins as Spins
+    from loops.closures import affine_tangent as affine_tangent
+    from loops.closures import macroscopic_tangent as macroscopic_tangent
+    from loops.closures import traction_tangent as traction_tangent
+    from loops.contact_matching import ContactMatch as ContactMatch
+    from loops.contact_matching import match_contacts as match_contacts
+    from loops.contact_state import ContactState as ContactState
+    from loops.contact_state import contact_state as contact_state
+    from loops.contact_tangent import contact_tangent as contact_tangent
+    from loops.contact_tangent import translational_blocks as translational_blocks
+    from loops.crossings import crossing_contacts_to_drop as crossing_contacts_to_drop
+    from loops.crossings import find_crossings as find_crossings
+    from loops.errors import InputError as InputError
+    from loops.exchange import from_networkx as from_networkx
+    from loops.exchange import to_networkx as to_networkx
+    from loops.fabric import axial_mean as axial_mean
+    from loops.fabric import direction_tensors as direction_tensors
+    from loops.fabric import edge_tensors as edge_tensors
+    from loops.fabric import mean_tensor as mean_tensor
+    from loops.fabric import principal as principal
+    from loops.faces import FaceKind as FaceKind
+    from loops.faces import Faces as Faces
+    from loops.faces import euler_check as euler_check
+    from loops.faces import faces_by_order as faces_by_order
+    from loops.faces import find_faces as find_faces
+    from loops.faces import outline_area as outline_area
+    from loops.force_chains import ForceChains as ForceChains
+    from loops.force_chains import force_chains as force_chains
+    from loops.force_chains import loop_chain_contacts as loop_chain_contacts
+    from loops.geometry import boundary_vectors as boundary_vectors
+    from loops.geometry import polygon_area as polygon_area
+    from loops.geometry import polygon_centroid as polygon_centroid
+    from loops.geometry import polygon_perimeter as polygon_perimeter
+    from loops.geometry import polygon_shape as polygon_shape
+    from loops.geometry import reference_volume as reference_volume
+    from loops.graph import GrainGraph as GrainGraph
+    from loops.graph import branch_vectors as branch_vectors
+    from loops.graph import contact_frame as contact_frame
+    from loops.graph import reference_branch_vectors as reference_branch_vectors
+    from loops.laws import ContactLaw as ContactLaw
+    from loops.laws import FrictionalLaw as FrictionalLaw
+    from loops.laws import HertzMindlin as HertzMindlin
+    from loops.laws import LinearFrictional as LinearFrictional
+    from loops.laws import Regime as Regime
+    from loops.laws import RollingResistance as RollingResistance
+    from loops.loop_batches import LoopBatch as LoopBatch
+    from loops.loop_batches import loop_batches as loop_batches
+    from loops.loop_strain import best_fit_strain as best_fit_strain
+    from loops.loop_strain import loop_strain as loop_strain
+    from loops.loop_strain import rotation_and_stretch as rotation_and_stretch
+    from loops.loop_tangents import loop_tangents as loop_tangents
+    from loops.pruning import prune_dangling as prune_dangling
+    from loops.stress import contact_forces as contact_forces
+    from loops.stress import love_weber_stress as love_weber_stress
+    from loops.stress import nominal_stress as nominal_stress
+    from loops.tracking import Fate as Fate
+    from loops.tracking import LoopFates as LoopFates
+    from loops.tracking import exchange_counts as exchange_counts
+    from loops.tracking import exchange_matrix as exchange_matrix
+    from loops.tracking import loop_fates as loop_fates
 
-__all__ = [
-    "Closure",
-    "ContactLaw",
-    "ContactMatch",
-    "ContactState",
-    "FaceKind",
-    "Faces",
-    "Fate",
-    "ForceChains",
-    "FrictionalLaw",
-    "GrainGraph",
-    "HertzMindlin",
-    "InputError",
-    "LinearFrictional",
-    "LoopBatch",
-    "LoopFates",
-    "MacroTangent",
-    "Regime",
-    "RollingResistance",
-    "Spins",
-    "affine_tangent",
-    "assemble_sparse_tangent",
-    "assemble_tangent",
-    "axial_mean",
-    "best_fit_strain",
-    "boundary_vectors",
-    "branch_vectors",
-    "contact_forces",
-    "contact_frame",
-    "contact_state",
-    "contact_tangent",
-    "crossing_contacts_to_drop",
-    "direction_tensors",
-    "edge_tensors",
-    "euler_check",
-    "exchange_counts",
-    "exchange_matrix",
-    "faces_by_order",
-    "find_crossings",
-    "find_faces",
-    "force_chains",
-    "from_networkx",
-    "loop_batches",
-    "loop_chain_contacts",
-    "loop_fates",
-    "loop_strain",
-    "loop_tangents",
-    "love_weber_stress",
-    "macroscopic_tangent",
-    "match_contacts",
-    "mean_tensor",
-    "nominal_stress",
-    "outline_area",
-    "polygon_area",
-    "polygon_centroid",
-    "polygon_perimeter",
-    "polygon_shape",
-    "principal",
-    "prune_dangling",
-    "reference_branch_vectors",
-    "reference_volume",
-    "rotation_and_stretch",
-    "to_networkx",
-    "traction_tangent",
-    "translational_blocks",
-]
 
 lazy_face(__name__, __file__)

@@ -37,10 +37,11 @@ class LazyFace(ModuleType):
 def lazy_face(name: str, file: str) -> None:
     """Make the package `name`, written in `file`, a `LazyFace`."""
     package = sys.modules[name]
-    package.__dict__["places"] = {
+    places = {
         alias.name: f"{name}.{alias.name}" if node.module == name else str(node.module)
         for node in ast.walk(ast.parse(Path(file).read_text(encoding="utf-8")))
         if isinstance(node, ast.ImportFrom) and node.module not in ("typing", "loops.lazy")
         for alias in node.names
     }
+    package.__dict__.update(places=places, __all__=sorted(places))
     package.__class__ = LazyFace

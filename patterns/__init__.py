@@ -5,48 +5,24 @@ from typing import TYPE_CHECKING
 from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
-    from patterns.diamond import diamond
-    from patterns.polygons import (
-        SnapshotLoop,
-        equilateral_polygon,
-        hexagon,
-        loop_of_snapshot,
-        opposite_gap,
-        polydisperse_polygon,
-        random_loop,
-        regular_polygon,
-    )
-    from patterns.snapshots import (
-        Snapshot,
-        WallContacts,
-        count_frames,
-        read_frames,
-        read_snapshot,
-        sample_cell,
-        sample_path,
-        write_snapshot,
-    )
-    from patterns.synthetic import synthetic_network
+    from patterns.diamond import diamond as diamond
+    from patterns.polygons import SnapshotLoop as SnapshotLoop
+    from patterns.polygons import equilateral_polygon as equilateral_polygon
+    from patterns.polygons import hexagon as hexagon
+    from patterns.polygons import loop_of_snapshot as loop_of_snapshot
+    from patterns.polygons import opposite_gap as opposite_gap
+    from patterns.polygons import polydisperse_polygon as polydisperse_polygon
+    from patterns.polygons import random_loop as random_loop
+    from patterns.polygons import regular_polygon as regular_polygon
+    from patterns.snapshots import Snapshot as Snapshot
+    from patterns.snapshots import WallContacts as WallContacts
+    from patterns.snapshots import count_frames as count_frames
+    from patterns.snapshots import read_frames as read_frames
+    from patterns.snapshots import read_snapshot as read_snapshot
+    from patterns.snapshots import sample_cell as sample_cell
+    from patterns.snapshots import sample_path as sample_path
+    from patterns.snapshots import write_snapshot as write_snapshot
+    from patterns.synthetic import synthetic_network as synthetic_network
 
-__all__ = [
-    "Snapshot",
-    "SnapshotLoop",
-    "WallContacts",
-    "count_frames",
-    "diamond",
-    "equilateral_polygon",
-    "hexagon",
-    "loop_of_snapshot",
-    "opposite_gap",
-    "polydisperse_polygon",
-    "random_loop",
-    "read_frames",
-    "read_snapshot",
-    "regular_polygon",
-    "sample_cell",
-    "sample_path",
-    "synthetic_network",
-    "write_snapshot",
-]
 
 lazy_face(__name__, __file__)

@@ -9,83 +9,50 @@ from typing import TYPE_CHECKING
 from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
-    from stability import programmes
-    from stability.cones import PlaneCone, plane_cone
-    from stability.control_programmes import strain_driven, stress_driven
-    from stability.destabilising import LinearControl, destabilising_control, softening_control
-    from stability.directional import (
-        BranchFraction,
-        DirectionalWork,
-        branch_fraction,
-        directional_work,
-    )
-    from stability.paths import Event, Path, follow, rates_at
-    from stability.programmes import Programme, Stage
-    from stability.rate_problem import RateProblem, RateSolution
+    from stability import programmes as programmes
+    from stability.cones import PlaneCone as PlaneCone
+    from stability.cones import plane_cone as plane_cone
+    from stability.control_programmes import strain_driven as strain_driven
+    from stability.control_programmes import stress_driven as stress_driven
+    from stability.destabilising import LinearControl as LinearControl
+    from stability.destabilising import destabilising_control as destabilising_control
+    from stability.destabilising import softening_control as softening_control
+    from stability.directional import BranchFraction as BranchFraction
+    from stability.directional import DirectionalWork as DirectionalWork
+    from stability.directional import branch_fraction as branch_fraction
+    from stability.directional import directional_work as directional_work
+    from stability.paths import Event as Event
+    from stability.paths import Path as Path
+    from stability.paths import follow as follow
+    from stability.paths import rates_at as rates_at
+    from stability.programmes import Programme as Programme
+    from stability.programmes import Stage as Stage
+    from stability.rate_problem import RateProblem as RateProblem
+    from stability.rate_problem import RateSolution as RateSolution
+    from stability.second_order_work import PolarDiagram as PolarDiagram
+    from stability.second_order_work import alpha_e as alpha_e
     from stability.second_order_work import (
-        PolarDiagram,
-        alpha_e,
-        normalised_second_order_work,
-        polar_diagram,
-        second_order_work,
+        normalised_second_order_work as normalised_second_order_work,
     )
-    from stability.spectra import (
-        RTOL,
-        bromwich_margin,
-        flutter_pairs,
-        operator_norm,
-        spectrum,
-        symmetric_modes,
-        symmetric_part,
-        symmetric_spectrum,
-    )
-    from stability.subspaces import COMPONENTS, restrict, rotate_tangent, subspace_basis
-    from stability.unstable_fraction import imhof_fraction, unstable_fraction
-    from stability.verdict import Verdict, judge, statuses
+    from stability.second_order_work import polar_diagram as polar_diagram
+    from stability.second_order_work import second_order_work as second_order_work
+    from stability.spectra import RTOL as RTOL
+    from stability.spectra import bromwich_margin as bromwich_margin
+    from stability.spectra import flutter_pairs as flutter_pairs
+    from stability.spectra import operator_norm as operator_norm
+    from stability.spectra import spectrum as spectrum
+    from stability.spectra import symmetric_modes as symmetric_modes
+    from stability.spectra import symmetric_part as symmetric_part
+    from stability.spectra import symmetric_spectrum as symmetric_spectrum
+    from stability.subspaces import COMPONENTS as COMPONENTS
+    from stability.subspaces import restrict as restrict
+    from stability.subspaces import rotate_tangent as rotate_tangent
+    from stability.subspaces import subspace_basis as subspace_basis
+    from stability.unstable_fraction import imhof_fraction as imhof_fraction
+    from stability.unstable_fraction import unstable_fraction as unstable_fraction
+    from stability.verdict import Verdict as Verdict
+    from stability.verdict import judge as judge
+    from stability.verdict import statuses as statuses
 
-__all__ = [
-    "COMPONENTS",
-    "RTOL",
-    "BranchFraction",
-    "DirectionalWork",
-    "Event",
-    "LinearControl",
-    "Path",
-    "PlaneCone",
-    "PolarDiagram",
-    "Programme",
-    "RateProblem",
-    "RateSolution",
-    "Stage",
-    "Verdict",
-    "alpha_e",
-    "branch_fraction",
-    "bromwich_margin",
-    "destabilising_control",
-    "directional_work",
-    "flutter_pairs",
-    "follow",
-    "imhof_fraction",
-    "judge",
-    "normalised_second_order_work",
-    "operator_norm",
-    "plane_cone",
-    "polar_diagram",
-    "programmes",
-    "rates_at",
-    "restrict",
-    "rotate_tangent",
-    "second_order_work",
-    "softening_control",
-    "spectrum",
-    "statuses",
-    "strain_driven",
-    "stress_driven",
-    "subspace_basis",
-    "symmetric_modes",
-    "symmetric_part",
-    "symmetric_spectrum",
-    "unstable_fraction",
-]
 
 lazy_face(__name__, __file__)

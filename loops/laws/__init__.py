@@ -1,16 +1,8 @@
 """Contact laws: one law per file, all behind the protocol `ContactLaw`."""
 
-from loops.laws.frictional import FrictionalLaw
-from loops.laws.hertz_mindlin import HertzMindlin
-from loops.laws.linear_frictional import LinearFrictional
-from loops.laws.protocol import ContactLaw, Regime
-from loops.laws.rolling_resistance import RollingResistance
-
-__all__ = [
-    "ContactLaw",
-    "FrictionalLaw",
-    "HertzMindlin",
-    "LinearFrictional",
-    "Regime",
-    "RollingResistance",
-]
+from loops.laws.frictional import FrictionalLaw as FrictionalLaw
+from loops.laws.hertz_mindlin import HertzMindlin as HertzMindlin
+from loops.laws.linear_frictional import LinearFrictional as LinearFrictional
+from loops.laws.protocol import ContactLaw as ContactLaw
+from loops.laws.protocol import Regime as Regime
+from loops.laws.rolling_resistance import RollingResistance as RollingResistance

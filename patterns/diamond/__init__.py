@@ -4,64 +4,31 @@ Forces, stresses and strains are positive in compression, angles are radians, `T
 `alpha` grows. Numbers in parentheses are the paper's equations.
 """
 
-from patterns.diamond.drained import (
-    DrainedPath,
-    drained_path,
-    drained_states,
-    drained_states_after_turn,
-    printed_states_after_turn,
-)
-from patterns.diamond.drained_end import DrainedEnd, DrainedState, drained_end
-from patterns.diamond.geometry import (
-    angle_from_strains,
-    diamond,
-    external_forces,
-    opposite_gaps,
-    overlap_ratio,
-)
-from patterns.diamond.printed_rule import PrintedRule
-from patterns.diamond.tables import TABLE_1, TABLE_2, DiamondParameters
-from patterns.diamond.tangents import (
-    critical_strain,
-    determinant_elastic,
-    determinant_sliding,
-    elastic_moduli,
-    geometric_tangent,
-    isotropic_strain,
-    isotropic_stress,
-    isotropic_tangent,
-    material_tangent,
-    sliding_moduli,
-    tangent,
-)
-
-__all__ = [
-    "TABLE_1",
-    "TABLE_2",
-    "DiamondParameters",
-    "DrainedEnd",
-    "DrainedPath",
-    "DrainedState",
-    "PrintedRule",
-    "angle_from_strains",
-    "critical_strain",
-    "determinant_elastic",
-    "determinant_sliding",
-    "diamond",
-    "drained_end",
-    "drained_path",
-    "drained_states",
-    "drained_states_after_turn",
-    "elastic_moduli",
-    "external_forces",
-    "geometric_tangent",
-    "isotropic_strain",
-    "isotropic_stress",
-    "isotropic_tangent",
-    "material_tangent",
-    "opposite_gaps",
-    "overlap_ratio",
-    "printed_states_after_turn",
-    "sliding_moduli",
-    "tangent",
-]
+from patterns.diamond.drained import DrainedPath as DrainedPath
+from patterns.diamond.drained import drained_path as drained_path
+from patterns.diamond.drained import drained_states as drained_states
+from patterns.diamond.drained import drained_states_after_turn as drained_states_after_turn
+from patterns.diamond.drained import printed_states_after_turn as printed_states_after_turn
+from patterns.diamond.drained_end import DrainedEnd as DrainedEnd
+from patterns.diamond.drained_end import DrainedState as DrainedState
+from patterns.diamond.drained_end import drained_end as drained_end
+from patterns.diamond.geometry import angle_from_strains as angle_from_strains
+from patterns.diamond.geometry import diamond as diamond
+from patterns.diamond.geometry import external_forces as external_forces
+from patterns.diamond.geometry import opposite_gaps as opposite_gaps
+from patterns.diamond.geometry import overlap_ratio as overlap_ratio
+from patterns.diamond.printed_rule import PrintedRule as PrintedRule
+from patterns.diamond.tables import TABLE_1 as TABLE_1
+from patterns.diamond.tables import TABLE_2 as TABLE_2
+from patterns.diamond.tables import DiamondParameters as DiamondParameters
+from patterns.diamond.tangents import critical_strain as critical_strain
+from patterns.diamond.tangents import determinant_elastic as determinant_elastic
+from patterns.diamond.tangents import determinant_sliding as determinant_sliding
+from patterns.diamond.tangents import elastic_moduli as elastic_moduli
+from patterns.diamond.tangents import geometric_tangent as geometric_tangent
+from patterns.diamond.tangents import isotropic_strain as isotropic_strain
+from patterns.diamond.tangents import isotropic_stress as isotropic_stress
+from patterns.diamond.tangents import isotropic_tangent as isotropic_tangent
+from patterns.diamond.tangents import material_tangent as material_tangent
+from patterns.diamond.tangents import sliding_moduli as sliding_moduli
+from patterns.diamond.tangents import tangent as tangent

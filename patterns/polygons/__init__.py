@@ -1,22 +1,10 @@
 """Loops of grains: regular, equilateral, polydisperse, random, of a hexagon, of a snapshot."""
 
-from patterns.polygons.random_loops import random_loop
-from patterns.polygons.ring import opposite_gap
-from patterns.polygons.shapes import (
-    equilateral_polygon,
-    hexagon,
-    polydisperse_polygon,
-    regular_polygon,
-)
-from patterns.polygons.snapshot_loop import SnapshotLoop, loop_of_snapshot
-
-__all__ = [
-    "SnapshotLoop",
-    "equilateral_polygon",
-    "hexagon",
-    "loop_of_snapshot",
-    "opposite_gap",
-    "polydisperse_polygon",
-    "random_loop",
-    "regular_polygon",
-]
+from patterns.polygons.random_loops import random_loop as random_loop
+from patterns.polygons.ring import opposite_gap as opposite_gap
+from patterns.polygons.shapes import equilateral_polygon as equilateral_polygon
+from patterns.polygons.shapes import hexagon as hexagon
+from patterns.polygons.shapes import polydisperse_polygon as polydisperse_polygon
+from patterns.polygons.shapes import regular_polygon as regular_polygon
+from patterns.polygons.snapshot_loop import SnapshotLoop as SnapshotLoop
+from patterns.polygons.snapshot_loop import loop_of_snapshot as loop_of_snapshot

@@ -1,17 +1,10 @@
 """Snapshots of discrete-element simulations, one reader per format."""
 
-from patterns.snapshots.formats import count_frames, read_frames, read_snapshot
-from patterns.snapshots.plain import write_snapshot
-from patterns.snapshots.sample_data import sample_cell, sample_path
-from patterns.snapshots.snapshot import Snapshot, WallContacts
-
-__all__ = [
-    "Snapshot",
-    "WallContacts",
-    "count_frames",
-    "read_frames",
-    "read_snapshot",
-    "sample_cell",
-    "sample_path",
-    "write_snapshot",
-]
+from patterns.snapshots.formats import count_frames as count_frames
+from patterns.snapshots.formats import read_frames as read_frames
+from patterns.snapshots.formats import read_snapshot as read_snapshot
+from patterns.snapshots.plain import write_snapshot as write_snapshot
+from patterns.snapshots.sample_data import sample_cell as sample_cell
+from patterns.snapshots.sample_data import sample_path as sample_path
+from patterns.snapshots.snapshot import Snapshot as Snapshot
+from patterns.snapshots.snapshot import WallContacts as WallContacts

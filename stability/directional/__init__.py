@@ -1,14 +1,8 @@
 """Second-order work in every direction, in the contact regimes that this direction activates."""
 
-from stability.directional.edge import EdgeContacts, edge_contacts
-from stability.directional.fraction import BranchFraction, branch_fraction
-from stability.directional.work import DirectionalWork, directional_work
-
-__all__ = [
-    "BranchFraction",
-    "DirectionalWork",
-    "EdgeContacts",
-    "branch_fraction",
-    "directional_work",
-    "edge_contacts",
-]
+from stability.directional.edge import EdgeContacts as EdgeContacts
+from stability.directional.edge import edge_contacts as edge_contacts
+from stability.directional.fraction import BranchFraction as BranchFraction
+from stability.directional.fraction import branch_fraction as branch_fraction
+from stability.directional.work import DirectionalWork as DirectionalWork
+from stability.directional.work import directional_work as directional_work

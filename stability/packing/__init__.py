@@ -1,24 +1,15 @@
 """A packing: its rate problem, its path by events, its replay, and what they make loops do."""
 
-from stability.packing.equations_of_motion import Replay, replay
-from stability.packing.loop_rates import LoopRates, loop_changes, loop_rates
-from stability.packing.path import PackingPath, follow_packing
-from stability.packing.probe import Probe, probe
-from stability.packing.response import PackingRates, PackingResponse, packing_response
-from stability.packing.state import PackingState
-
-__all__ = [
-    "LoopRates",
-    "PackingPath",
-    "PackingRates",
-    "PackingResponse",
-    "PackingState",
-    "Probe",
-    "Replay",
-    "follow_packing",
-    "loop_changes",
-    "loop_rates",
-    "packing_response",
-    "probe",
-    "replay",
-]
+from stability.packing.equations_of_motion import Replay as Replay
+from stability.packing.equations_of_motion import replay as replay
+from stability.packing.loop_rates import LoopRates as LoopRates
+from stability.packing.loop_rates import loop_changes as loop_changes
+from stability.packing.loop_rates import loop_rates as loop_rates
+from stability.packing.path import PackingPath as PackingPath
+from stability.packing.path import follow_packing as follow_packing
+from stability.packing.probe import Probe as Probe
+from stability.packing.probe import probe as probe
+from stability.packing.response import PackingRates as PackingRates
+from stability.packing.response import PackingResponse as PackingResponse
+from stability.packing.response import packing_response as packing_response
+from stability.packing.state import PackingState as PackingState

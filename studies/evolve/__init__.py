@@ -1,5 +1,3 @@
 """The study behind `grainloops evolve`: a snapshot's packing followed from event to event."""
 
-from studies.evolve.run import run_evolve
-
-__all__ = ["run_evolve"]
+from studies.evolve.run import run_evolve as run_evolve

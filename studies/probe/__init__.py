@@ -1,5 +1,3 @@
 """The study behind `grainloops probe`: a snapshot's response in many directions."""
 
-from studies.probe.run import run_probe
-
-__all__ = ["run_probe"]
+from studies.probe.run import run_probe as run_probe

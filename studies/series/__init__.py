@@ -1,5 +1,3 @@
 """The study behind `grainloops series`: the loops of many snapshots, and what becomes of them."""
 
-from studies.series.run import run_series
-
-__all__ = ["run_series"]
+from studies.series.run import run_series as run_series

@@ -1,5 +1,3 @@
 """The study behind `grainloops snapshot`: the loops of one snapshot and their stability."""
 
-from studies.snapshot.run import run_snapshot
-
-__all__ = ["run_snapshot"]
+from studies.snapshot.run import run_snapshot as run_snapshot

@@ -74,5 +74,5 @@ def test_frictionless_and_infinite_friction():
 def test_everything_public_is_documented_and_exported():
     # By its name: `patterns` may offer the constructor under the package's own.
     package = import_module("patterns.diamond")
-    for name in package.__all__:
-        assert getattr(package, name).__doc__
+    shown = [value for value in vars(package).values() if callable(value)]
+    assert len(shown) > 20 and all(value.__doc__ for value in shown)
