@@ -11,22 +11,8 @@ from loops.graph import GrainGraph
 
 
 def polygon_area(x: Floats) -> Floats:
-    """Signed area of polygons, positive if counter-clockwise.
+    """Signed areas (...) of polygons (..., n, 2), positive if counter-clockwise.
 
-    Parameters
-    ----------
-    x : (..., n, 2) array
-        Corners in order (length).
-
-    Returns
-    -------
-    (...) array
-        Area (length squared).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from loops import polygon_area
     >>> float(polygon_area(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])))
     1.0
     """
@@ -51,46 +37,14 @@ def from_centroid(x: Floats) -> Floats:
 
 
 def polygon_perimeter(x: Floats) -> Floats:
-    """Perimeter of polygons.
-
-    Parameters
-    ----------
-    x : (..., n, 2) array
-        Corners in order (length).
-
-    Returns
-    -------
-    (...) array
-        Perimeter (length).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from loops import polygon_perimeter
-    >>> float(polygon_perimeter(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])))
-    4.0
-    """
+    """Perimeters (...) of polygons (..., n, 2)."""
     edges = np.roll(x, -1, axis=-2) - x
     return np.hypot(edges[..., 0], edges[..., 1]).sum(axis=-1)
 
 
 def polygon_centroid(x: Floats) -> Floats:
-    """Centroid of the area of polygons.
+    """Centroids (..., 2) of the areas of polygons (..., n, 2); not finite where the area is zero.
 
-    Parameters
-    ----------
-    x : (..., n, 2) array
-        Corners in order (length).
-
-    Returns
-    -------
-    (..., 2) array
-        Centroid (length); not finite if the area is zero.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from loops import polygon_centroid
     >>> polygon_centroid(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])).tolist()
     [0.5, 0.5]
     """
@@ -104,24 +58,11 @@ def polygon_centroid(x: Floats) -> Floats:
 
 
 def polygon_shape(x: Floats) -> tuple[Floats, Floats]:
-    """Elongation and orientation of polygons, from the second moment of their area.
+    """Elongation and orientation (...) of polygons (..., n, 2), from second moments of area.
 
-    Parameters
-    ----------
-    x : (..., n, 2) array
-        Corners in order (length).
+    Ratio of the principal axes of the equivalent ellipse, at least 1, and the angle of the long one
+    to axis 1, radians in (-pi/2, pi/2].
 
-    Returns
-    -------
-    elongation : (...) array
-        Ratio of the long to the short principal axis of the equivalent ellipse, at least 1.
-    orientation : (...) array
-        Angle of the long axis to axis 1, in radians in (-pi/2, pi/2].
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from loops import polygon_shape
     >>> elongation, orientation = polygon_shape(np.array([[0.0, 0], [3, 0], [3, 1], [0, 1]]))
     >>> round(float(elongation), 12), float(orientation)
     (3.0, 0.0)
@@ -147,26 +88,11 @@ def polygon_shape(x: Floats) -> tuple[Floats, Floats]:
 
 
 def boundary_vectors(x: Floats) -> Floats:
-    """Boundary vectors `B_i`: half the sum of the outward edge vectors that meet at corner i.
+    """Boundary vectors (..., n, 2), `B_i = R (x_{i+1} - x_{i-1})/2`, R turning an edge outward.
 
-    `B_i = R (x_{i+1} - x_{i-1})/2`, where R turns an edge into its outward normal. A uniform
-    stress `P` (compression positive) loads corner i by `-P B_i`, and the displacement gradient of
-    the polygon is `(1/V0) sum u_i (x) B_i`.
+    A uniform stress `P` (compression positive) loads corner i by `-P B_i`, and the displacement
+    gradient of the polygon is `-(1/V0) sum u_i (x) B_i`. They sum to zero.
 
-    Parameters
-    ----------
-    x : (..., n, 2) array
-        Corners in order, either way round (length).
-
-    Returns
-    -------
-    (..., n, 2) array
-        Boundary vectors (length); they sum to zero.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from loops import boundary_vectors
     >>> boundary_vectors(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])).tolist()
     [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]
     """
@@ -180,23 +106,7 @@ def outward(x: Floats, edges: Floats) -> Floats:
 
 
 def reference_volume(graph: GrainGraph) -> Floats:
-    """Reference volume `V0` (an area): of the cell if periodic, else of the loop's polygon.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        A loop, or a periodic packing; batch axes `...` allowed.
-
-    Returns
-    -------
-    (...) array
-        Area in the reference configuration (length squared).
-
-    Raises
-    ------
-    InputError
-        If the graph is neither, or its area is zero.
-    """
+    """Reference area `V0` (...) of the cell, else of the loop's polygon, else `InputError`."""
     if graph.cell0 is not None:
         volume = np.abs(np.linalg.det(graph.cell0))
     else:

@@ -26,26 +26,12 @@ def require_one_state(graph: GrainGraph) -> None:
 
 
 def prune_dangling(graph: GrainGraph) -> tuple[Mask, Mask]:
-    """Remove grains with fewer than two contacts, again and again until none is left.
+    """Grains (G,) and contacts (C,) kept once those of fewer than two contacts went, repeatedly.
 
-    What remains is the 2-core of the contact graph: the only part that loops can pass through.
-    A contact of a grain with its own periodic image counts twice.
+    That is the 2-core of the contact graph, the only part that loops can pass through. A contact of
+    a grain with its own periodic image counts twice.
 
-    Parameters
-    ----------
-    graph : GrainGraph
-        The contact graph; only its topology is read.
-
-    Returns
-    -------
-    kept_grains : (G,) array of bool
-        False for dangling grains and for grains without any contact.
-    kept_contacts : (C,) array of bool
-        True where both grains are kept.
-
-    Examples
-    --------
-    >>> from loops import GrainGraph, prune_dangling
+    >>> from loops import GrainGraph
     >>> graph = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [2, 0]], radii=[0.5] * 4,
     ...                    contacts=[[0, 1], [1, 2], [2, 0], [1, 3]])
     >>> [kept.tolist() for kept in prune_dangling(graph)]
