@@ -10,24 +10,12 @@ import typer
 from loops.errors import InputError
 from studies.commands import common
 from studies.commands.clock import clock
-from studies.commands.common import (
-    Cell,
-    Columns,
-    Csv,
-    Force,
-    Format,
-    Json,
-    Kn,
-    Kt,
-    Mu,
-    ShearIncrement,
-    cell_of,
-    columns_of,
-)
+from studies.commands.common import Csv, Force, Json, reads
 
 VERDICTS = ("ok", "doubt", "error")
 
 
+@reads("frame", "drop_crossings")
 def check(
     paths: Annotated[
         list[Path], typer.Argument(help="Files, or those of the grains; every snapshot of each.")
@@ -35,19 +23,10 @@ def check(
     out: Annotated[
         Path | None, typer.Option(help="Result folder; created. Without it nothing is written.")
     ] = None,
-    contacts: Annotated[
-        Path | None, typer.Option(help="File of contacts of a single PATH; found beside it.")
-    ] = None,
-    cell: Cell = None,
-    kn: Kn = None,
-    kt: Kt = None,
-    mu: Mu = None,
-    shear_increment: ShearIncrement = None,
-    format: Format = "auto",
-    columns: Columns = None,
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
+    **how: Any,
 ) -> None:
     """Hold each snapshot against itself: signs, units, columns, balance, jamming.
 
@@ -55,17 +34,8 @@ def check(
     """
     from studies.output import as_json, provenance, result_folder, write_summary, write_table
 
-    options = {
-        "contacts": contacts,
-        "kn": kn,
-        "kt": kt,
-        "mu": mu,
-        "shear_increment": shear_increment,
-        "format": format,
-        "columns": columns_of(columns),
-    }
-    rows, unread = _rows(paths, options | {"cell": cell_of(cell)})
-    made = provenance("check", {"paths": paths, "cell": cell, **options}, "numbers as their text")
+    rows, unread = _rows(paths, how)
+    made = provenance("check", {"paths": paths, **how}, "numbers as their text")
     summary = _summary(rows, unread) | {"provenance": made}
     if out is not None:
         with result_folder(out, force=force) as folder:
@@ -91,7 +61,7 @@ def _rows(
     from patterns import read_frames
 
     if options["cell"] is not None:
-        options["cell"] = np.reshape(options["cell"], (2, 2))
+        options = options | {"cell": np.reshape(options["cell"], (2, 2))}
     rows: list[dict[str, Any]] = []
     unread: list[InputError] = []
     for path in paths:

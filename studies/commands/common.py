@@ -6,6 +6,8 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,40 +25,44 @@ Out = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Replace results of the same names.")]
 Csv = Annotated[bool, typer.Option("--csv", help="Write the tables as CSV too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
-Format = Annotated[str, typer.Option(help=f"auto, by the content; or {', '.join(FORMATS)}.")]
-Columns = Annotated[
-    str | None, typer.Option(metavar="NAME=COLUMN,...", help="Columns by their plain names.")
-]
-Contacts = Annotated[
-    Path | None, typer.Option(help="File of contacts; found beside PATH by its name.")
-]
-Cell = Annotated[
-    str | None,
-    typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
-]
-Frame = Annotated[
-    int | None,
-    typer.Option(help="Which snapshot of a file with several: 0 the first, -1 the last."),
-]
 NoFigures = Annotated[
     bool, typer.Option("--no-figures", help="Tables and summary alone, no figures, no report.")
 ]
 YieldBand = Annotated[
     float, typer.Option(help="Contacts from this share of their strength on may slide.")
 ]
-Kn = Annotated[float | None, typer.Option(help="Normal stiffness the input lacks.")]
-Kt = Annotated[float | None, typer.Option(help="Shear stiffness the input lacks.")]
-Mu = Annotated[float | None, typer.Option(help="Friction (tan) the input lacks.")]
-ShearIncrement = Annotated[
-    str | None,
-    typer.Option(
-        metavar="branch|radii",
-        help="What the code turns shear by; if left out, what the source tells: radii for Yade.",
-    ),
-]
-DropCrossings = Annotated[
-    bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
-]
+# What commands ask of a snapshot to be read, as `read_planar` names it.
+READING: dict[str, Any] = {
+    "contacts": Annotated[
+        Path | None, typer.Option(help="File of contacts; found beside PATH by its name.")
+    ],
+    "cell": Annotated[
+        str | None,
+        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
+    ],
+    "kn": Annotated[float | None, typer.Option(help="Normal stiffness the input lacks.")],
+    "kt": Annotated[float | None, typer.Option(help="Shear stiffness the input lacks.")],
+    "mu": Annotated[float | None, typer.Option(help="Friction (tan) the input lacks.")],
+    "shear_increment": Annotated[
+        str | None,
+        typer.Option(
+            metavar="branch|radii",
+            help="What the code turns shear by; else what the source tells: radii for Yade.",
+        ),
+    ],
+    "format": Annotated[str, typer.Option(help=f"auto, by the content; or {', '.join(FORMATS)}.")],
+    "columns": Annotated[
+        str | None, typer.Option(metavar="NAME=COLUMN,...", help="Columns by their plain names.")
+    ],
+    "frame": Annotated[
+        int | None,
+        typer.Option(help="Which snapshot of a file with several: 0 the first, -1 the last."),
+    ],
+    "drop_crossings": Annotated[
+        bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
+    ],
+}
+DEFAULTS: dict[str, Any] = {"format": "auto", "drop_crossings": False}
 
 
 # What no name of a result folder keeps of its input's.
@@ -78,6 +84,28 @@ def out_or(out: Path | None, command: str, path: Path | None = None) -> Path:
     while path.suffix.lower() in ENDINGS:
         path = path.with_suffix("")
     return Path(f"{path.name}-{command}")
+
+
+def reads(*left_out: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command that takes them as `**how` the options of reading, but those left out."""
+
+    def with_reading(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def run(**given: Any) -> None:
+            for name, value_of in (("cell", cell_of), ("columns", columns_of)):
+                given[name] = value_of(given[name])
+            command(**given)
+
+        *own, _ = signature(command, eval_str=True).parameters.values()
+        more = [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=DEFAULTS.get(name), annotation=kind)
+            for name, kind in READING.items()
+            if name not in left_out
+        ]
+        run.__signature__ = Signature([*own, *more])  # type: ignore[attr-defined]
+        return run
+
+    return with_reading
 
 
 def numbers(name: str, text: str | None) -> tuple[float, ...] | None:

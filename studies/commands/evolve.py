@@ -7,27 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from studies.commands.common import (
-    Cell,
-    Columns,
-    Csv,
-    DropCrossings,
-    Force,
-    Format,
-    Json,
-    Kn,
-    Kt,
-    Mu,
-    NoFigures,
-    Out,
-    ShearIncrement,
-    cell_of,
-    columns_of,
-    out_or,
-    report,
-)
+from studies.commands.common import Csv, Force, Json, NoFigures, Out, out_or, reads, report
 
 
+@reads("contacts", "frame")
 def evolve(
     paths: Annotated[
         list[Path],
@@ -49,22 +32,15 @@ def evolve(
     instabilities: Annotated[
         int, typer.Option(help="Stop at so many contacts whose regimes don't agree.")
     ] = 20,
-    cell: Cell = None,
     cells: Annotated[
         Path | None,
         typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
     ] = None,
-    kn: Kn = None,
-    kt: Kt = None,
-    mu: Mu = None,
-    shear_increment: ShearIncrement = None,
-    format: Format = "auto",
-    columns: Columns = None,
-    drop_crossings: DropCrossings = False,
     no_figures: NoFigures = False,
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
+    **how: Any,
 ) -> None:
     """Follow a periodic DEM snapshot from event to event: stresses, events, what loops do."""
     from studies.evolve import run_evolve
@@ -83,14 +59,7 @@ def evolve(
         force=force,
         csv=csv,
         figures=not no_figures,
-        cell=cell_of(cell),
-        kn=kn,
-        kt=kt,
-        mu=mu,
-        format=format,
-        columns=columns_of(columns),
-        drop_crossings=drop_crossings,
-        shear_increment=shear_increment,
+        **how,
     )
     report(summary, out, json, _evolve_lines)
 

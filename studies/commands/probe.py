@@ -8,30 +8,20 @@ from typing import Annotated, Any
 import typer
 
 from studies.commands.common import (
-    Cell,
-    Columns,
-    Contacts,
     Csv,
-    DropCrossings,
     Force,
-    Format,
-    Frame,
     Json,
-    Kn,
-    Kt,
-    Mu,
     NoFigures,
     Out,
-    ShearIncrement,
     YieldBand,
-    cell_of,
-    columns_of,
     out_or,
+    reads,
     report,
     shown,
 )
 
 
+@reads()
 def probe(
     path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
     out: Out = None,
@@ -50,20 +40,11 @@ def probe(
         float | None,
         typer.Option(help="Follow each direction by events to this strain; else rates alone."),
     ] = None,
-    contacts: Contacts = None,
-    cell: Cell = None,
-    kn: Kn = None,
-    kt: Kt = None,
-    mu: Mu = None,
-    shear_increment: ShearIncrement = None,
-    format: Format = "auto",
-    columns: Columns = None,
-    frame: Frame = None,
-    drop_crossings: DropCrossings = False,
     no_figures: NoFigures = False,
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
+    **how: Any,
 ) -> None:
     """Probe a DEM snapshot along many directions: response envelope, cones, who is unstable."""
     from studies.probe import run_probe
@@ -80,16 +61,7 @@ def probe(
         force=force,
         csv=csv,
         figures=not no_figures,
-        contacts=contacts,
-        cell=cell_of(cell),
-        kn=kn,
-        kt=kt,
-        mu=mu,
-        format=format,
-        columns=columns_of(columns),
-        frame=frame,
-        drop_crossings=drop_crossings,
-        shear_increment=shear_increment,
+        **how,
     )
     report(summary, out, json, _probe_lines)
 

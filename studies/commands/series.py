@@ -8,24 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from studies.commands import common
-from studies.commands.common import (
-    Columns,
-    Csv,
-    DropCrossings,
-    Format,
-    Json,
-    Kn,
-    Kt,
-    Mu,
-    Out,
-    ShearIncrement,
-    YieldBand,
-    cell_of,
-    columns_of,
-    out_or,
-    report,
-    shown,
-)
+from studies.commands.common import Csv, Json, Out, YieldBand, out_or, reads, report, shown
 
 # So many notes are printed, and so much of the reason why a snapshot was skipped.
 NOTES, LONGEST = 8, 300
@@ -55,6 +38,7 @@ TARGETS = {
 }
 
 
+@reads("contacts", "frame")
 def series(
     paths: Annotated[
         list[Path],
@@ -68,21 +52,10 @@ def series(
         str | None,
         typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work."),
     ] = None,
-    format: Format = "auto",
-    columns: Columns = None,
-    cell: Annotated[
-        str | None,
-        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell of every snapshot."),
-    ] = None,
     cells: Annotated[
         Path | None,
         typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
     ] = None,
-    kn: Kn = None,
-    kt: Kt = None,
-    mu: Mu = None,
-    shear_increment: ShearIncrement = None,
-    drop_crossings: DropCrossings = False,
     in_packing: Annotated[
         bool,
         typer.Option("--in-packing", help="Foretell each interval by the packing's rate problem."),
@@ -109,6 +82,7 @@ def series(
     ] = False,
     csv: Csv = False,
     json: Json = False,
+    **how: Any,
 ) -> None:
     """Follow the loops through a series of snapshots; the same command goes on after a stop."""
     from studies.series import run_series
@@ -130,14 +104,7 @@ def series(
         csv=csv,
         figures=figures,
         animation=animation,
-        format=format,
-        columns=columns_of(columns),
-        cell=cell_of(cell),
-        kn=kn,
-        kt=kt,
-        mu=mu,
-        drop_crossings=drop_crossings,
-        shear_increment=shear_increment,
+        **how,
     )
     report(summary, out, json, _series_lines)
 

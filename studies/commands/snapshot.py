@@ -7,28 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from studies.commands.common import (
-    Cell,
-    Columns,
-    Contacts,
-    Csv,
-    DropCrossings,
-    Force,
-    Format,
-    Frame,
-    Json,
-    Kn,
-    Kt,
-    Mu,
-    NoFigures,
-    Out,
-    ShearIncrement,
-    cell_of,
-    columns_of,
-    out_or,
-    report,
-    shown,
-)
+from studies.commands.common import Csv, Force, Json, NoFigures, Out, out_or, reads, report, shown
 
 # Loop orders from this one on are printed together.
 LAST_SHOWN = 7
@@ -40,19 +19,10 @@ JUDGES = {
 }
 
 
+@reads()
 def snapshot(
     path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
     out: Out = None,
-    contacts: Contacts = None,
-    cell: Cell = None,
-    kn: Kn = None,
-    kt: Kt = None,
-    mu: Mu = None,
-    shear_increment: ShearIncrement = None,
-    format: Format = "auto",
-    columns: Columns = None,
-    frame: Frame = None,
-    drop_crossings: DropCrossings = False,
     in_packing: Annotated[
         str | None,
         typer.Option(
@@ -66,6 +36,7 @@ def snapshot(
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
+    **how: Any,
 ) -> None:
     """Find the loops of a DEM snapshot and judge the stability of each."""
     from studies.snapshot import run_snapshot
@@ -79,16 +50,7 @@ def snapshot(
         figures=not no_figures,
         paraview=vtk,
         in_packing=in_packing,
-        contacts=contacts,
-        cell=cell_of(cell),
-        kn=kn,
-        kt=kt,
-        mu=mu,
-        format=format,
-        columns=columns_of(columns),
-        frame=frame,
-        drop_crossings=drop_crossings,
-        shear_increment=shear_increment,
+        **how,
     )
     report(summary, out, json, _snapshot_lines)
 
