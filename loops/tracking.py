@@ -56,6 +56,9 @@ class LoopFates:
         Half-edges that each earlier loop shares with its successor.
     order_before, order_after : (L0,), (L1,) array of int
         Orders of the loops.
+    links : (n, 2) array of int
+        Every pair of an earlier and a later loop that share half-edges, ascending: all successors
+        of a loop that split, all that came of a part that changed.
     """
 
     contacts: ContactMatch
@@ -66,6 +69,7 @@ class LoopFates:
     shared: Integers
     order_before: Integers
     order_after: Integers
+    links: Integers
 
 
 def loop_fates(contacts: ContactMatch, before: Faces, after: Faces) -> LoopFates:
@@ -141,6 +145,7 @@ def loop_fates(contacts: ContactMatch, before: Faces, after: Faces) -> LoopFates
         shared=shared,
         order_before=before.order[before.loops],
         order_after=after.order[after.loops],
+        links=np.stack([a, b], axis=1),
     )
 
 

@@ -36,7 +36,7 @@ UNITS_OF_A_LOOP = (
 )
 SUMMARY = "summary.json"
 # A series keeps what it is in this file, and its parts in these folders.
-SERIES, DATASETS = "series.json", ("loops", "increments", "packing")
+SERIES, DATASETS = "series.json", ("loops", "increments", "packing", "fates")
 # Seconds within which a folder beside the results may belong to a run that has just begun.
 JUST_MADE = 2.0
 PACKAGES = ("loops", "patterns", "stability", "studies")

@@ -18,6 +18,8 @@ from studies.output import as_json
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, LIGHT_GREY = "#767676", "#D9D9D9"
+# Of loops by order, from 3 on; the last one stands for all beyond.
+ORDER_COLOURS = (BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)
 LINE_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 # Continuous maps that keep their order with any colour vision and in grey.
 SEQUENTIAL, DIVERGING = "cividis", "PuOr"

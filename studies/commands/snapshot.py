@@ -9,8 +9,6 @@ import typer
 
 from studies.commands.common import Csv, Force, Json, NoFigures, Out, out_or, reads, report, shown
 
-# Loop orders from this one on are printed together.
-LAST_SHOWN = 7
 JUDGES = {
     "affine": "affine closure, spins blocked",
     "traction": "traction closure, spins blocked",
@@ -115,9 +113,11 @@ def _percent(share: float) -> str:
 
 
 def _grouped(orders: dict[str, int]) -> dict[str, int]:
-    """Loops of orders 3 to 6 and beyond."""
+    """Loops by order, those of the last one and beyond together."""
+    from studies.snapshot.statistics import LAST_ORDER
+
     counts: dict[str, int] = {}
     for n, count in orders.items():
-        group = n if int(n) < LAST_SHOWN else f"{LAST_SHOWN}+"
+        group = n if int(n) < LAST_ORDER else f"{LAST_ORDER}+"
         counts[group] = counts.get(group, 0) + count
     return counts

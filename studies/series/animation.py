@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
+from matplotlib.colors import Colormap, ListedColormap, Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -22,12 +22,9 @@ from PIL import Image
 from loops.arrays import Floats
 from studies.output import as_json
 from studies.series.increments import TrackedState
-from studies.snapshot.loop_map import (
-    LAST_ORDER,
-    ORDER_COLOURS,
-    loop_drawer,
-)
-from studies.style import DIVERGING, figure_of, new_figure, styled
+from studies.snapshot.loop_map import ORDER_SCALE, loop_drawer, order_bar
+from studies.snapshot.statistics import LAST_ORDER
+from studies.style import DIVERGING, ORDER_COLOURS, figure_of, new_figure, styled
 
 # Bounds of the file: at most so many pictures of so many dots each way.
 MOST = 60
@@ -131,9 +128,7 @@ class _Scene:
         height = float(np.clip((PANEL - 1.2) * extent[1] / extent[0] + 0.9, 2.0, 1.5 * PANEL))
         self.figure: Figure = new_figure(PANEL * panels, height)
         self._axes = list(self.figure.subplots(1, panels, squeeze=False)[0])
-        colours: list[tuple[Colormap, Normalize]] = [
-            (ListedColormap(ORDER_COLOURS), _order_scale())
-        ]
+        colours: list[tuple[Colormap, Normalize]] = [(ListedColormap(ORDER_COLOURS), ORDER_SCALE)]
         if frame.smallest is not None:
             colours.append((mpl.colormaps[DIVERGING], _stability_scale(frame.smallest)))
         self._colours = colours
@@ -158,10 +153,6 @@ class _Scene:
         self.figure.suptitle(frame.title)
 
 
-def _order_scale() -> Normalize:
-    return BoundaryNorm(np.arange(2.5, LAST_ORDER + 1), len(ORDER_COLOURS))
-
-
 def _stability_scale(smallest: Floats) -> Normalize:
     """Zero in the middle; the negative side, often empty at first, reaches a quarter as far."""
     known = smallest[np.isfinite(smallest) & (smallest > 0)]
@@ -170,15 +161,11 @@ def _stability_scale(smallest: Floats) -> Normalize:
 
 
 def _colour_bar(colours: ScalarMappable, ax: Axes) -> None:
-    ordered = isinstance(colours.norm, BoundaryNorm)
-    extend = "neither" if ordered else "both"
-    bar = figure_of(ax).colorbar(colours, ax=ax, shrink=0.75, extend=extend)
-    if ordered:
-        names = [*map(str, range(3, LAST_ORDER)), f"{LAST_ORDER}+"]
-        bar.set_ticks(range(3, LAST_ORDER + 1), labels=names)
-        bar.set_label("loop order (grains)")
-    else:
-        low, high = colours.get_clim()
-        ticks = [low, 0.0, 0.5 * high, high]
-        bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
-        bar.set_label(r"smallest eigenvalue of $K_s$ / mean $k_n$")
+    if colours.norm is ORDER_SCALE:
+        order_bar(colours, ax)
+        return
+    bar = figure_of(ax).colorbar(colours, ax=ax, shrink=0.75, extend="both")
+    low, high = colours.get_clim()
+    ticks = [low, 0.0, 0.5 * high, high]
+    bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
+    bar.set_label(r"smallest eigenvalue of $K_s$ / mean $k_n$")

@@ -21,15 +21,13 @@ from loops.tracking import Fate, LoopFates
 from stability import COMPONENTS, RTOL
 from studies.series.increments import PREDICTIONS, TrackedState
 from studies.snapshot.mechanics import judges
-
-# Orders told apart; the last one stands for all beyond.
-LAST_ORDER = 6
+from studies.snapshot.statistics import LAST_ORDER
 
 
 def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, Any]:
     """Sum up one snapshot of a series; None where there is no such number.
 
-    Orders from 6 on count as 6. With forces also the Love-Weber stress `S11..S22` over the area,
+    Orders from 8 on count as 8. With forces also the Love-Weber stress `S11..S22` over the area,
     and the shares of loops with a negative eigenvalue of Ks, by each judge of the table.
     """
     snapshot, graph = state.snapshot, state.snapshot.graph

@@ -19,14 +19,15 @@ from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
 from studies.series.increments import TrackedState
 from studies.snapshot.loop_map import loop_drawer
+from studies.snapshot.statistics import GROUPS, LAST_ORDER
 from studies.style import (
     BLACK,
     BLUE,
     DIVERGING,
-    GREEN,
     GREY,
     LIGHT_GREY,
     ORANGE,
+    ORDER_COLOURS,
     PURPLE,
     SEQUENTIAL,
     SKY,
@@ -41,8 +42,7 @@ from studies.style import (
 
 Columns = Mapping[str, Sequence[Any]]
 STRAIN_LABEL = r"accumulated shear strain, $\Sigma\,(\varepsilon_1 - \varepsilon_2)/2$"
-# One colour and marker for each order; the last one stands for all beyond.
-ORDERS = {3: (BLUE, "o"), 4: (SKY, "s"), 5: (GREEN, "^"), 6: (ORANGE, "D")}
+MARKERS = "os^DvP"
 FATES = {
     "survived": SKY,
     "split": BLUE,
@@ -50,9 +50,6 @@ FATES = {
     "changed": PURPLE,
     "died": BLACK,
 }
-# Orders beyond it share the last row and column of the matrix.
-LAST_SHOWN = 9
-
 TITLES = {
     "affine_W2": "affine closure, spins blocked",
     "affine_free_W2": "affine closure, spins free",
@@ -107,10 +104,11 @@ def orders_over_strain(evolution: Columns) -> Figure:
         ("in number", "in area"),
         strict=True,
     ):
-        for order, (colour, marker) in ORDERS.items():
-            label = f"order {order}" if order < max(ORDERS) else f"order {order} and beyond"
-            values = _column(evolution, f"{kind}_{order}")
-            ax.plot(strain, values, marker=marker, color=colour, label=label)
+        for n, (group, colour, marker) in enumerate(
+            zip(GROUPS, ORDER_COLOURS, MARKERS, strict=True)
+        ):
+            values = _column(evolution, f"{kind}_{3 + n}")
+            ax.plot(strain, values, marker=marker, color=colour, label=f"order {group}")
         ax.set(xlabel=STRAIN_LABEL, title=title)
     figure.axes[0].set(ylabel="share of the loops", ylim=(0, None))
     figure.axes[0].legend(ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.08))
@@ -142,8 +140,8 @@ def fates_over_strain(evolution: Columns, ax: Axes | None = None) -> Axes:
 def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
     """Exchange matrix between orders: counts as numbers, shares of each row as colours."""
     ax = axes_or_new(ax, 4.6, 3.9)
-    matrix = exchange_matrix(exchange, LAST_SHOWN)
-    orders = [*range(3, LAST_SHOWN + 1), 0]
+    matrix = exchange_matrix(exchange, LAST_ORDER)
+    orders = [*range(3, LAST_ORDER + 1), 0]
     counts = matrix[np.ix_(orders, orders)]
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     image = ax.imshow(share, cmap=mpl.colormaps[SEQUENTIAL], vmin=0, vmax=1)
@@ -151,9 +149,8 @@ def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
         if number:
             colour = "white" if share[row, column] < 0.55 else BLACK
             ax.text(column, row, f"{number}", ha="center", va="center", color=colour, fontsize=6)
-    names = [*map(str, range(3, LAST_SHOWN)), f"{LAST_SHOWN}+"]
-    ax.set_xticks(range(len(orders)), labels=[*names, "died"])
-    ax.set_yticks(range(len(orders)), labels=[*names, "born"])
+    ax.set_xticks(range(len(orders)), labels=[*GROUPS, "died"])
+    ax.set_yticks(range(len(orders)), labels=[*GROUPS, "born"])
     ax.set(xlabel="order of the successor", ylabel="order before")
     ax.spines[:].set_visible(False)
     ax.tick_params(length=0)

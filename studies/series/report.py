@@ -11,13 +11,13 @@ import pyarrow as pa
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from loops.arrays import Integers
 from loops.tracking import ExchangeCounts
 from studies.series.animation import Picture, animate_series, picked_snapshots
 from studies.series.figures import MappedInterval, draw_series
 from studies.series.increments import PREDICTIONS
 from studies.series.plan import PlannedSnapshot
 from studies.series.skill_figures import nonaffinity_map, skill_by_interval, skill_by_predictor
+from studies.series.survival_figure import survival_by_verdict
 from studies.series.targets import part_columns
 from studies.series.tasks import PartTask, pairs, singles, state_of, tracked
 from studies.snapshot.report import LoopsForMap, loops_for_map, write_report
@@ -36,6 +36,12 @@ CAPTIONS = {
         "directions where it is negative; gaps where the rate problem has no solution anywhere.",
     ),
     "fates": ("Fates", "What became of the loops of each snapshot by the next one."),
+    "survival": (
+        "Survival",
+        "Share of the loops that survive an interval, by what was judged of them before. Bars hold "
+        "95 % (Wilson): what so few loops can tell. Larger loops survive less, whatever their "
+        "verdict: compare within an order.",
+    ),
     "exchange": ("Exchange of orders", "Loops by order before and after, all intervals together."),
     "work_signs": (
         "Work and its prediction",
@@ -70,25 +76,26 @@ def draw(
     folder: Path,
     planned: Sequence[PlannedSnapshot],
     out: Path,
-    evolution: Mapping[str, Sequence[Any]],
-    exchange: Mapping[str, Integers],
+    tables: Mapping[str, Any],
     mapped: int | None,
-    skill: Mapping[str, Sequence[Any]],
     summary: dict[str, Any],
 ) -> None:
     """Draw a series as PNG and SVG, and write the page that shows it all."""
     tasks = pairs(planned, out)
     source = summary["provenance"]
-    counts = ExchangeCounts(*(exchange[name] for name in ExchangeCounts._fields))
+    counts = ExchangeCounts(*(tables["exchange"][name] for name in ExchangeCounts._fields))
     interval = None if mapped is None else _interval(tasks[mapped])
-    draw_series(folder, evolution, counts, _joined(tasks), interval, source)
-    if "packing" in skill["predictor"]:
-        figures = {"skill_by_predictor": skill_by_predictor(skill)}
+    draw_series(folder, tables["evolution"], counts, _joined(tasks), interval, source)
+    figures = {}
+    if "survival" in tables:
+        figures["survival"] = survival_by_verdict(tables["survival"])
+    if "packing" in (skill := tables.get("skill", {"predictor": ()}))["predictor"]:
+        figures["skill_by_predictor"] = skill_by_predictor(skill)
         figures["skill_by_interval"] = skill_by_interval(skill)
         if interval is not None and np.isfinite(interval.foretold["packing_nonaffinity"]).any():
             figures["nonaffinity_map"] = nonaffinity_map(interval)
-        for name, figure in figures.items():
-            save_figure(figure, folder, name, source)
+    for name, figure in figures.items():
+        save_figure(figure, folder, name, source)
     part = None if mapped is None else singles(planned, out)[mapped].part
     series_report(folder, summary, interval, part, source)
 

@@ -37,6 +37,7 @@ from studies.series.dataset import (
     write_csv,
 )
 from studies.series.evolution import evolution_table
+from studies.series.fates import survival_summary, write_fates
 from studies.series.packing import SOLVED
 from studies.series.plan import PlannedSnapshot, plan_series
 from studies.series.probing import DEFINITION
@@ -52,9 +53,12 @@ UNITS = (
 # What the parts of each dataset keep beside their rows.
 About = dict[str, list[dict[str, Any]]]
 DEFINITIONS = {
-    "files": "tables and figures of the whole series; its parts are in loops and increments",
+    "files": "tables and figures of the whole series; its parts are in loops, increments, fates",
     "fates": "loops by what became of them in all intervals; born counts later loops, the others "
     "earlier ones",
+    "survival": "by judge and verdict on the earlier loop: loops of all intervals by fate, share "
+    "that survived with its 95 % interval by Wilson's score, and the spread of the share over the "
+    "intervals",
     "intervals": "pairs of successive snapshots",
     "loops": "of all snapshots together",
     "work_map": "snapshots of the interval mapped: the one with most loops of negative W2",
@@ -184,6 +188,7 @@ def _gather(
     datasets = {
         "loops": [task.part for task in singles(planned, out)],
         "increments": [task.part for task in pairs(planned, out)],
+        "fates": [task.fates_part for task in pairs(planned, out)],
     }
     if band is not None:
         datasets["packing"] = [task.packing_part for task in pairs(planned, out)]
@@ -194,6 +199,7 @@ def _gather(
     evolution, exchange = _evolution(planned, about), _exchange(planned, about)
     tables: dict[str, Any] = {"evolution": evolution, "exchange": exchange}
     summary = _summary(evolution, about, failures) | {"provenance": made}
+    fates = datasets.pop("fates")
     skill, by_order = skill_tables(**datasets)
     if skill["predictor"]:
         tables["skill"] = skill
@@ -202,10 +208,15 @@ def _gather(
         tables["skill_by_order"] = by_order
         summary["packing"] = _solved(about["increments"], band)
     with _put_in_place(out) as folder:
+        survived = write_fates(fates, datasets["loops"], folder / "fates.parquet", made)
+        if survived:
+            tables["survival"] = survived
+            summary["survival"] = survival_summary(survived)
         for name, table in tables.items():
             write_table(folder, name, table, made, csv=csv)
         if csv:
-            for name, parts in datasets.items():
+            whole = {"fates": [folder / "fates.parquet"]} if fates else {}
+            for name, parts in (datasets | whole).items():
                 write_csv(parts, folder / f"{name}.csv")
         # Drawing is loaded only when there is something to draw.
         if animation:
@@ -215,7 +226,7 @@ def _gather(
         if figures:
             from studies.series.report import draw
 
-            draw(folder, planned, out, evolution, exchange, _mapped(evolution), skill, summary)
+            draw(folder, planned, out, tables, _mapped(evolution), summary)
         summary["files"] = sorted(path.name for path in folder.iterdir())
         write_summary(folder, summary)
     return summary

@@ -10,12 +10,12 @@ import numpy as np
 
 from loops.arrays import Flags, Floats
 from studies.series.targets import OTHERS, TARGET, part_columns, targets
+from studies.snapshot.statistics import LAST_ORDER
 
 Table = dict[str, list[Any]]
 MEASURES = ("base", "coverage", "agreement", "precision", "recall", "auc", "rank_correlation")
 COLUMNS = ("snapshot_before", "snapshot_after", "predictor", "target", *MEASURES, "loops")
-# Orders told apart; the last one stands for all beyond.
-ORDERS = range(3, 9)
+ORDERS = range(3, LAST_ORDER + 1)
 
 
 def skill_tables(

@@ -18,6 +18,7 @@ from loops.tracking import LoopFates, exchange_counts
 from studies.output import DATASETS
 from studies.series.dataset import is_finished, write_part
 from studies.series.evolution import evolution_row, interval_row
+from studies.series.fates import fate_columns
 from studies.series.increments import TrackedState, increments, track_loops
 from studies.series.packing import foretold, gained
 from studies.series.plan import PlannedSnapshot
@@ -80,6 +81,11 @@ class PartTask:
         return self._part(DATASETS[2])
 
     @property
+    def fates_part(self) -> Path:
+        """Where the fates of all loops go."""
+        return self._part(DATASETS[3])
+
+    @property
     def fingerprint(self) -> str:
         """Of what the result depends on."""
         how = self.yield_band, self.directions
@@ -89,8 +95,9 @@ class PartTask:
     @property
     def finished(self) -> bool:
         """Whether all it writes is there, made from the same."""
-        foretells = len(self.snapshots) > 1 and self.yield_band is not None
-        parts = [self.part, *([self.packing_part] if foretells else [])]
+        parts = [self.part]
+        if len(self.snapshots) > 1:
+            parts += [self.fates_part, *([] if self.yield_band is None else [self.packing_part])]
         return all(is_finished(part, self.fingerprint) for part in parts)
 
     @property
@@ -162,6 +169,9 @@ def _write_pair(task: PartTask) -> None:
     """What became of the loops, one row a survived one, and the exchange of orders."""
     before, after, fates = tracked(task)
     table = increments(before, after, fates)
+    own = {"fingerprint": task.fingerprint}
+    columns = fate_columns(fates)
+    write_part(task.fates_part, _numbers(task, len(columns["fate"])) | columns, own)
     about: dict[str, Any] = {
         "fingerprint": task.fingerprint,
         "row": interval_row(before, after, fates, table),
@@ -174,7 +184,6 @@ def _write_pair(task: PartTask) -> None:
         about["row"] |= row
         table |= gained(table, about["row"], columns)
         # The increments come last: they are what a restart finds finished.
-        own = {"fingerprint": task.fingerprint}
         write_part(task.packing_part, _numbers(task, len(columns["loop"])) | columns, own)
     write_part(task.part, _numbers(task, len(table["loop_before"])) | table, about)
 

@@ -51,7 +51,7 @@ GEOMETRY = {
     "order_spread": "spread of the orders of the loops",
     "orders": "number of loops of each order",
     "orders_area": "area of the loops of each order",
-    "orders_grouped": "loops and area of orders 3, 4, 5 and of 6 and beyond, and their shares",
+    "orders_grouped": "loops and area by order, of 8 and beyond together (8+), and their shares",
     "rattlers": "grains without any contact with a grain; contacts with walls don't count",
     "spread": "mean, std (of the values, not of their mean), quartiles and number of what is "
     "known; by order: 3, 4, 5, 6 and beyond, all",

@@ -25,10 +25,10 @@ from studies.snapshot.table import EIGENVALUES, FREE
 from studies.style import (
     BLACK,
     BLUE,
-    GREEN,
     GREY,
     LIGHT_GREY,
     ORANGE,
+    ORDER_COLOURS,
     SKY,
     TWO_COLUMNS,
     VERMILION,
@@ -39,7 +39,7 @@ from studies.style import (
     styled,
 )
 
-GROUP_COLOURS = dict(zip(GROUPS, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
+GROUP_COLOURS = dict(zip(GROUPS, ORDER_COLOURS, strict=True))
 NAMES = ("smallest", "middle", "largest")
 TITLES = {
     "affine": "affine, spins blocked",

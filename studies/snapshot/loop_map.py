@@ -20,14 +20,11 @@ from loops import Faces
 from loops.arrays import Flags, Floats, Integers
 from patterns import Snapshot
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
+from studies.snapshot.statistics import GROUPS, LAST_ORDER
 from studies.style import (
-    BLUE,
     DIVERGING,
-    GREEN,
-    ORANGE,
-    PURPLE,
+    ORDER_COLOURS,
     SEQUENTIAL,
-    SKY,
     TWO_COLUMNS,
     VERMILION,
     figure_of,
@@ -41,9 +38,8 @@ VECTOR_LIMIT = 20_000
 PAINT_LIMIT = 100_000
 # Pixels along the longer side of that picture: as many as a panel has on a page at 600 dpi.
 PIXELS = 1600
-# One colour for each order from 3 on; the last one stands for all beyond.
-ORDER_COLOURS = (BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)
-LAST_ORDER = 3 + len(ORDER_COLOURS) - 1
+# Every order up to the last group has its own colour.
+ORDER_SCALE = BoundaryNorm(np.arange(2.5, LAST_ORDER + 1), len(ORDER_COLOURS))
 
 
 @styled()
@@ -73,15 +69,15 @@ def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
 
 def draw_orders(draw: Any, ax: Axes, order: Integers) -> None:
     """Loops coloured by order."""
-    bounds = np.arange(2.5, LAST_ORDER + 1)
-    colours = draw(
-        ax,
-        np.minimum(order, LAST_ORDER),
-        ListedColormap(ORDER_COLOURS),
-        BoundaryNorm(bounds, len(ORDER_COLOURS)),
+    order_bar(
+        draw(ax, np.minimum(order, LAST_ORDER), ListedColormap(ORDER_COLOURS), ORDER_SCALE), ax
     )
+
+
+def order_bar(colours: ScalarMappable, ax: Axes) -> None:
+    """The key of the orders beside a map."""
     bar = figure_of(ax).colorbar(colours, ax=ax, ticks=range(3, LAST_ORDER + 1), shrink=0.75)
-    bar.ax.set_yticklabels([*map(str, range(3, LAST_ORDER)), f"{LAST_ORDER}+"])
+    bar.ax.set_yticklabels(GROUPS)
     bar.set_label("loop order (grains)")
 
 

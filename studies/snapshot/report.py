@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from loops import Faces
 from loops.arrays import Floats, Integers
 from patterns import Snapshot
-from studies.snapshot.loop_map import ORDER_COLOURS
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
-from studies.style import DIVERGING, SEQUENTIAL
+from studies.style import DIVERGING, ORDER_COLOURS, SEQUENTIAL
 
 # Of a figure's pixels, of which there are 300 to the inch.
 SHOWN = 0.5

@@ -12,9 +12,9 @@ from loops.fabric import TensorMean, axial_mean, principal
 
 Groups = dict[str, Integers | slice]
 
-# Loops of this order and beyond are one group.
-LAST_GROUP = 6
-GROUPS = (*map(str, range(3, LAST_GROUP)), f"{LAST_GROUP}+")
+# Loops of this order and beyond are one group, in every table, figure and report.
+LAST_ORDER = 8
+GROUPS = (*map(str, range(3, LAST_ORDER)), f"{LAST_ORDER}+")
 QUARTILES = {"q25": 0.25, "median": 0.5, "q75": 0.75}
 
 
@@ -38,7 +38,7 @@ def spread(values: ArrayLike, weights: ArrayLike | None = None) -> dict[str, Any
 
 def group_rows(order: Integers) -> Groups:
     """Rows of the loops of each group of orders, and of `all`."""
-    grouped = np.minimum(order, LAST_GROUP).astype(np.int8)
+    grouped = np.minimum(order, LAST_ORDER).astype(np.int8)
     rows: Groups = {name: np.flatnonzero(grouped == 3 + k) for k, name in enumerate(GROUPS)}
     return rows | {"all": slice(None)}
 

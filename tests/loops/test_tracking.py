@@ -316,6 +316,8 @@ def test_fates_against_sets_of_half_edges(seed, periodic):
         best = int(np.argmax(common))
         assert fates.successor[a] == (best if common[best] else -1)
         assert fates.shared[a] == common[best]
+    linked = [[a, b] for a, one in enumerate(old) for b, other in enumerate(new) if one & other]
+    assert fates.links.tolist() == linked
     for b, loop in enumerate(new):
         common = [len(loop & other) for other in old]
         assert fates.predecessor[b] == (int(np.argmax(common)) if max(common) else -1)

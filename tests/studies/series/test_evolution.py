@@ -308,9 +308,9 @@ def test_evolution_row(packing):
     # Exact for one cluster that winds around the cell.
     assert len(np.unique(packing.faces.component)) == 1
     assert row["mean_order"] == pytest.approx(2 * z / (z - 2))
-    assert sum(row[f"share_{n}"] for n in (3, 4, 5, 6)) == pytest.approx(1)
-    assert sum(row[f"area_share_{n}"] for n in (3, 4, 5, 6)) == pytest.approx(1)
-    assert row["share_6"] == np.mean(order >= 6)
+    assert sum(row[f"share_{n}"] for n in range(3, 9)) == pytest.approx(1)
+    assert sum(row[f"area_share_{n}"] for n in range(3, 9)) == pytest.approx(1)
+    assert row["share_8"] == np.mean(order >= 8)
     slides = np.count_nonzero(packing.snapshot.regime == Regime.SLIDING)
     assert row["sliding_fraction"] == slides / graph.contact_count
     smallest = plain_table(packing)["traction_lambda_min"][:-1]

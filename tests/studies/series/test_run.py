@@ -181,7 +181,7 @@ def test_parts_without_loops_have_the_same_columns(paths, tmp_path):
     summary = run([paths[0], bare, paths[1]], out)
     assert summary["snapshots"] == 3
     assert pd.read_parquet(out / "evolution.parquet").loops.tolist()[1] == 0
-    for name in ("loops", "increments"):
+    for name in ("loops", "increments", "fates"):
         schemas = [pyarrow.parquet.read_schema(part) for part in sorted((out / name).iterdir())]
         assert all(schema.equals(schemas[0]) for schema in schemas)
         assert (pl.scan_parquet(out / name / "*.parquet").collect().dtypes) == (

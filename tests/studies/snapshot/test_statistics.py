@@ -20,6 +20,7 @@ from patterns import (
 )
 from studies.snapshot.definitions import GEOMETRY, MECHANICS
 from studies.snapshot.statistics import (
+    GROUPS,
     axes_block,
     axes_density,
     group_rows,
@@ -98,12 +99,12 @@ def test_nothing_to_average():
 
 
 def test_groups_hold_every_loop_once():
-    order = np.array([3, 4, 4, 5, 6, 7, 40])
+    order = np.array([3, 4, 4, 5, 8, 9, 40])
     groups = group_rows(order)
-    apart = np.concatenate([groups[name] for name in ("3", "4", "5", "6+")])
+    apart = np.concatenate([groups[name] for name in ("3", "4", "5", "8+")])
     assert apart.tolist() == list(range(7))
     found = spread_by_group(groups, order.astype(float))
-    assert found["6+"]["mean"] == pytest.approx((6 + 7 + 40) / 3)
+    assert found["8+"]["mean"] == pytest.approx((8 + 9 + 40) / 3)
     assert found["all"]["count"] == 7
 
 
@@ -132,7 +133,7 @@ def test_full_lattice_in_closed_form():
     assert s["contacts_per_grain"]["std"] == 0.0
     area = 3**0.5 / 4
     assert s["orders_grouped"]["3"]["share"] == s["orders_grouped"]["3"]["area_share"] == 1.0
-    assert s["orders_grouped"]["6+"] == {"loops": 0, "area": 0.0, "share": 0.0, "area_share": 0.0}
+    assert s["orders_grouped"]["8+"] == {"loops": 0, "area": 0.0, "share": 0.0, "area_share": 0.0}
     assert s["loop_area_by_order"]["3"]["mean"] == pytest.approx(area, rel=1e-12)
     assert s["elongation_by_order"]["all"]["mean"] == pytest.approx(1.0, abs=1e-9)
     assert s["contact_fabric"]["fourier_amplitude"] < 1e-14
@@ -153,7 +154,7 @@ def test_loop_stresses_add_up_to_love_weber(sample):
     np.testing.assert_allclose(s["stress_loops"], expected, atol=1e-12 * np.abs(expected).max())
     # So do the groups, weighted by their areas.
     by_group = s["stress_by_order"]["tensor"]
-    parts = [by_group[g]["mean"] * s["orders_grouped"][g]["area"] for g in ("3", "4", "5", "6+")]
+    parts = [by_group[g]["mean"] * s["orders_grouped"][g]["area"] for g in GROUPS]
     total = np.sum(parts, axis=0) / s["area"]
     np.testing.assert_allclose(total, expected, atol=1e-12 * np.abs(expected).max())
     pressure = s["stress_by_order"]["pressure"]["all"]["mean"]
@@ -212,7 +213,7 @@ def test_a_turned_snapshot_turns_its_statistics(sample):
     pairs = [
         (before["contact_fabric"], after["contact_fabric"]),
         (before["contact_fabric_by_length"], after["contact_fabric_by_length"]),
-        *((before["loop_shape"][g], after["loop_shape"][g]) for g in ("3", "6+", "all")),
+        *((before["loop_shape"][g], after["loop_shape"][g]) for g in ("3", "8+", "all")),
     ]
     for one, other in pairs:
         turned = turn @ one["tensor"] @ turn.T

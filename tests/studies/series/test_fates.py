@@ -1,0 +1,128 @@
+"""Fates of a series: the file against the tracking, survival against counts and scipy."""
+
+import shutil
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+from scipy.stats import binomtest
+
+from loops.tracking import Fate
+from patterns import sample_path
+from studies.series import run_series
+from studies.series.fates import ENDS, pooled, survival
+from studies.series.increments import TrackedState, track_loops
+from studies.snapshot.mechanics import JUDGES
+from studies.snapshot.source import read_planar
+from tests.studies.series.test_run import write_series
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """Four snapshots that lose many contacts, and what a run makes of them."""
+    folder = tmp_path_factory.mktemp("fates")
+    paths = write_series(folder / "run", 4, opened=25)
+    # The last interval runs back: contacts close, loops split and are born.
+    for name in ("grains", "contacts"):
+        shutil.copy(folder / "run" / f"{name}_01.csv", folder / "run" / f"{name}_03.csv")
+    summary = run_series(paths, folder / "out", workers=1, figures=False)
+    states = [TrackedState(*read_planar(path)) for path in paths]
+    return folder / "out", summary, [track_loops(*pair) for pair in pairwise(states)]
+
+
+def test_the_file_is_what_the_tracking_says(ran):
+    out, _, tracked = ran
+    frame = pd.read_parquet(out / "fates.parquet")
+    assert pyarrow.parquet.ParquetFile(out / "fates.parquet").num_row_groups == len(tracked)
+    seen = set()
+    for k, fates in enumerate(tracked):
+        own = frame[(frame.snapshot_before == k) & (frame.snapshot_after == k + 1)]
+        earlier, born = own[own.loop_before >= 0], own[own.loop_before < 0]
+        assert earlier.loop_before.tolist() == list(range(len(fates.before)))
+        assert earlier.fate.tolist() == [Fate(f).name.lower() for f in fates.before]
+        assert born.fate.tolist() == ["born"] * len(born)
+        assert born.successor.tolist() == np.flatnonzero(fates.after == Fate.BORN).tolist()
+        later = {a: fates.links[fates.links[:, 0] == a, 1].tolist() for a in earlier.loop_before}
+        assert earlier.successors.map(list).tolist() == list(later.values())
+        assert born.successors.map(list).tolist() == [[b] for b in born.successor]
+        # Every later loop is somebody's successor, and all that a loop split into come from it.
+        assert set(np.concatenate(own.successors.tolist())) == set(range(len(fates.after)))
+        assert (own.successors.map(len)[own.fate == "split"] >= 2).all()
+        orders = np.append(fates.order_after, 0)
+        assert own.order_after.tolist() == orders[own.successor].tolist()
+        assert earlier.order_before.tolist() == fates.order_before.tolist()
+        seen |= set(own.fate)
+    assert seen >= {"survived", "split", "merged"}
+
+
+def test_verdicts_are_those_of_the_earlier_snapshot(ran):
+    out, _, _ = ran
+    frame, loops = pd.read_parquet(out / "fates.parquet"), pd.read_parquet(out / "loops")
+    earlier = frame[frame.loop_before >= 0].merge(
+        loops, left_on=["snapshot_before", "loop_before"], right_on=["snapshot", "loop"]
+    )
+    for judge in JUDGES[:-1]:
+        smallest, verdict = earlier[f"{judge}_lambda_min"], earlier[f"{judge}_verdict"]
+        assert (verdict[smallest.isna()] == "undetermined").all()
+        assert (verdict[smallest < -1e-9] == "unstable").all()
+        assert (verdict[smallest > 0] == "stable").all()
+        assert (frame[frame.loop_before < 0][f"{judge}_verdict"] == "").all()
+    assert set(earlier.traction_free_verdict) == {"stable", "unstable", "undetermined"}
+
+
+def test_survival_counts_every_loop_once(ran):
+    out, summary, _ = ran
+    table = pd.read_parquet(out / "survival.parquet")
+    evolution = pd.read_parquet(out / "evolution.parquet").set_index("snapshot")
+    for (judge, number), rows in table.groupby(["judge", "snapshot_after"]):
+        whole, by_order = rows[rows.order == 0], rows[rows.order > 0]
+        for name in (*ENDS, "loops"):
+            assert whole[name].sum() == by_order[name].sum()
+        for name in ENDS:
+            assert whole[name].sum() == evolution[name][number]
+        frame = pd.read_parquet(out / "fates.parquet")
+        own = frame[(frame.snapshot_after == number) & (frame.loop_before >= 0)]
+        assert whole.loops.tolist() == [
+            n for v in ("stable", "unstable", "undetermined")
+            if (n := int((own[f"{judge}_verdict"] == v).sum()))
+        ]  # fmt: skip
+    found = summary["survival"]["traction_free"]["unstable"]
+    rows = table[(table.judge == "traction_free") & (table.verdict == "unstable")]
+    rows = rows[rows.order == 0]
+    assert found["share"] == rows.survived.sum() / rows.loops.sum()
+    assert found["over_intervals"]["mean"] == pytest.approx(rows.share.mean(), rel=1e-14)
+    assert found["over_intervals"]["std"] == pytest.approx(rows.share.std(ddof=0), rel=1e-12)
+    listed = table.to_dict("list")
+    assert pooled(listed, "affine", "unheard of", 0) is None
+    # Loops of eight grains and more are one group.
+    assert table.order.max() == 8
+    orders = pd.read_parquet(out / "fates.parquet").order_before
+    assert (orders > 8).any()
+
+
+@pytest.mark.parametrize(("survived", "loops"), [(0, 4), (7, 7), (5, 9), (980, 1000)])
+def test_the_interval_is_wilsons(survived, loops):
+    found = survival(loops, {"survived": survived})
+    expected = binomtest(survived, loops).proportion_ci(0.95, method="wilson")
+    assert found["share"] == survived / loops
+    # scipy's ends of 0 and 1 are such but for rounding.
+    assert found["share_low"] == pytest.approx(expected.low, abs=1e-14)
+    assert found["share_high"] == pytest.approx(expected.high, abs=1e-14)
+    assert found["share_low"] <= found["share"] <= found["share_high"]
+
+
+def test_without_forces_there_are_fates_and_no_verdicts(tmp_path):
+    grains = pd.read_csv(sample_path())[["id", "type", "x", "y", "radius"]]
+    contacts = pd.read_csv(sample_path("contacts_biaxial.csv.gz"))[["id1", "id2"]]
+    for k in range(2):
+        grains.to_csv(tmp_path / f"grains_{k}.csv", index=False)
+        contacts[20 * k :].to_csv(tmp_path / f"contacts_{k}.csv", index=False)
+    paths = [tmp_path / f"grains_{k}.csv" for k in range(2)]
+    summary = run_series(paths, tmp_path / "out", workers=1, figures=False)
+    assert "survival" not in summary
+    assert not (tmp_path / "out" / "survival.parquet").exists()
+    frame = pd.read_parquet(tmp_path / "out" / "fates.parquet")
+    assert (frame.loop_before >= 0).sum() == summary["first"]["loops"]
+    assert not [name for name in frame if name.endswith("_verdict")]
