@@ -10,13 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.graph import GrainGraph
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 CROWD = 16  # branches in a bin beyond which it is halved
 SPLITS = 12  # times a bin may be halved
@@ -50,7 +46,7 @@ class Pieces:
     contact: Integers  # (P,)
     shift: Integers  # (P, 2) image of the bin that the branch passes, for a start in the cell
 
-    def take(self, which: Integers | Mask | slice) -> Pieces:
+    def take(self, which: Integers | Flags | slice) -> Pieces:
         """Some of the pieces."""
         return Pieces(self.counts, self.bin[which], self.contact[which], self.shift[which])
 
@@ -173,7 +169,7 @@ def _sorted(
     return Pieces(counts, number[order], contact[order], shift[order])
 
 
-def _in_fans(branches: Branches, pieces: Pieces) -> Mask:
+def _in_fans(branches: Branches, pieces: Pieces) -> Flags:
     """Pieces in bins whose branches all meet in one grain."""
     if len(pieces.contact) == 0:
         return np.zeros(0, dtype=bool)
@@ -205,7 +201,7 @@ def _halve(branches: Branches, pieces: Pieces) -> Pieces:
     return _sorted(counts, np.concatenate(number), pieces.contact[which], pieces.shift[which])
 
 
-def _passes(start: Floats, vector: Floats, half: float) -> Mask:
+def _passes(start: Floats, vector: Floats, half: float) -> Flags:
     """Whether a segment meets the square of a half side around the origin (separating axes)."""
     end = start + vector
     beside = (np.minimum(start, end) > half) | (np.maximum(start, end) < -half)

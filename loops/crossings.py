@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.branch_bins import (
     ROUND_OFF,
     Branches,
@@ -21,10 +21,6 @@ from loops.branch_bins import (
 from loops.compiled import use_compiled
 from loops.graph import GrainGraph, branch_vectors
 from loops.pruning import require_one_state
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 BLOCK = 2**15  # pieces of branches compared at a time
 SAMPLE = 10_000  # branches that the mean extent is taken from, at least
@@ -161,7 +157,7 @@ def _segments(branches: Branches, pieces: Pieces) -> _Segments:
     return _Segments(start.T.copy(), vector.T.copy(), grain.copy(), cell)
 
 
-def _meet(segments: _Segments, one: Integers, other: Integers) -> Mask:
+def _meet(segments: _Segments, one: Integers, other: Integers) -> Flags:
     """Which pairs of branches have a point in common that is no common grain."""
     a, b = segments.vector[:, one], segments.vector[:, other]
     apart = segments.start[:, other] - segments.start[:, one]
@@ -180,7 +176,7 @@ def _meet(segments: _Segments, one: Integers, other: Integers) -> Mask:
     return meets
 
 
-def _straddle(side: Floats, change: Floats, line: Floats) -> Mask:
+def _straddle(side: Floats, change: Floats, line: Floats) -> Flags:
     tolerance = ROUND_OFF * _size(line)
     other = side + change
     return (np.minimum(side, other) <= tolerance) & (np.maximum(side, other) >= -tolerance)
@@ -188,7 +184,7 @@ def _straddle(side: Floats, change: Floats, line: Floats) -> Mask:
 
 def _at_common_grains(
     segments: _Segments, one: Integers, other: Integers, along: Floats
-) -> tuple[Mask, Mask]:
+) -> tuple[Flags, Flags]:
     """Whether two branches share a grain, and whether they leave one into the same half-plane."""
     shared = np.zeros(len(one), dtype=bool)
     same_way = np.zeros(len(one), dtype=bool)

@@ -7,13 +7,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Floats
 from loops.errors import InputError
 from loops.faces import Faces
-
-Floats = NDArray[np.float64]
-
 
 BLOCK = 2**14  # tensors at a time
 

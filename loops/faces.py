@@ -14,14 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from loops.arrays import Floats, Integers
 from loops.compiled import use_compiled
 from loops.graph import GrainGraph, branch_vectors
 from loops.half_edges import cycles, half_edges_by_grain, measured_faces, next_half_edge
 from loops.pruning import component_counts, component_labels, prune_dangling, require_one_state
 from loops.shown import Shown
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 # Orders that the prompt shows.
 MOST_ORDERS = 8
 

@@ -10,13 +10,10 @@ from functools import cmp_to_key
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats, Integers
 from loops.errors import InputError
 from loops.graph import GrainGraph
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 BLOCK = 2**16  # half-edges measured at a time
 ANGLE_STEPS = 2**30 - 1  # a quarter turn in the key; a whole one stays below 2^32

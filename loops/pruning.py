@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from loops.arrays import Flags, Integers
 from loops.errors import InputError
 from loops.graph import GrainGraph
-
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 def require_one_state(graph: GrainGraph) -> None:
@@ -25,7 +22,7 @@ def require_one_state(graph: GrainGraph) -> None:
         )
 
 
-def prune_dangling(graph: GrainGraph) -> tuple[Mask, Mask]:
+def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:
     """Grains (G,) and contacts (C,) kept once those of fewer than two contacts went, repeatedly.
 
     That is the 2-core of the contact graph, the only part that loops can pass through. A contact of
@@ -55,7 +52,7 @@ def prune_dangling(graph: GrainGraph) -> tuple[Mask, Mask]:
     return degree > 0, kept_contacts
 
 
-def component_labels(grains: int, contacts: Integers, kept: Mask) -> tuple[int, Integers]:
+def component_labels(grains: int, contacts: Integers, kept: Flags) -> tuple[int, Integers]:
     """Number the connected components of the kept grains by their smallest grain."""
     links = csr_array((np.ones(len(contacts)), contacts.T), shape=(grains, grains))
     _, label = connected_components(links, directed=False)

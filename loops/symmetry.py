@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from loops.arrays import Flags, Floats, Integers
 from loops.graph import GrainGraph
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 # Rounding of coordinates and forces, over their size: a state further from symmetric than this is
 # not symmetric. A perturbation of 1e-12 is no rounding.
@@ -66,7 +63,7 @@ class PointGroup:
         here = self.contacts[:, self.contact_orbits] == np.arange(self.contacts.shape[1])
         return np.asarray((self.parity[:, None] * here).sum(axis=0) / here.sum(axis=0))
 
-    def only(self, chosen: Mask) -> PointGroup:
+    def only(self, chosen: Flags) -> PointGroup:
         """The elements that are chosen, (S,): a subgroup, if they are closed under product."""
         return PointGroup(self.grains[chosen], self.contacts[chosen], self.maps[chosen])
 
@@ -156,14 +153,14 @@ def _is_ring(contacts: Integers, count: int) -> bool:
     return count >= 3 and len(contacts) >= count and bool((contacts[:count] == ring).all())
 
 
-def _candidates(count: int) -> tuple[Integers, Mask]:
+def _candidates(count: int) -> tuple[Integers, Flags]:
     """(2 n, n) turns of the ring, then its reversals, and which are reversals."""
     grain, turn = np.arange(count), np.arange(count)[:, None]
     grains = np.concatenate([(turn + grain) % count, (turn - grain) % count])
     return grains, np.arange(2 * count) >= count
 
 
-def _maps(x: Floats, grains: Integers, mirrored: Mask) -> Floats:
+def _maps(x: Floats, grains: Integers, mirrored: Flags) -> Floats:
     """(S, 2, 2) rotation, or mirror, that brings the centres closest to their images."""
     z = x[:, 0] + 1j * x[:, 1]
     turn = np.where(mirrored, z[grains] @ z, z[grains] @ z.conj())
@@ -176,7 +173,7 @@ def _maps(x: Floats, grains: Integers, mirrored: Mask) -> Floats:
     return np.asarray(snapped + 0.0).reshape(-1, 2, 2)
 
 
-def _contact_images(contacts: Integers, grains: Integers, count: int) -> tuple[Integers, Mask]:
+def _contact_images(contacts: Integers, grains: Integers, count: int) -> tuple[Integers, Flags]:
     """(S, C) contact between the images of each contact's grains, and (S,) whether all are."""
     keys = contacts.min(axis=1) * count + contacts.max(axis=1)
     order = np.argsort(keys)
@@ -187,12 +184,12 @@ def _contact_images(contacts: Integers, grains: Integers, count: int) -> tuple[I
     return images, np.asarray((keys[images] == wanted).all(axis=1))
 
 
-def _keeps(group: PointGroup, values: Floats, parity: Floats) -> Mask:
+def _keeps(group: PointGroup, values: Floats, parity: Floats) -> Flags:
     finite = np.abs(values[np.isfinite(values)])
     return _same(values[group.contacts], parity[:, None] * values, finite.max(initial=1.0))
 
 
-def _same(a: Floats, b: Floats, size: float) -> Mask:
+def _same(a: Floats, b: Floats, size: float) -> Flags:
     """(S,) rows that agree up to rounding of numbers of that size."""
     with np.errstate(invalid="ignore"):
         equal = (a == b) | (np.abs(a - b) <= ROUNDING * size)

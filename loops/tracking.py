@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from loops.arrays import Integers
 from loops.contact_matching import ContactMatch
 from loops.faces import Faces
-
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 class Fate(IntEnum):

@@ -16,7 +16,7 @@ from stability.spectra import RTOL, flutter_pairs, operator_norm, spectrum, symm
 from stability.subspaces import as_operator, restrict
 
 Status = Literal["stable", "unstable", "undetermined"]
-Mode = Literal["none", "divergence", "flutter"]
+Loss = Literal["none", "divergence", "flutter"]
 _Array = TypeVar("_Array", bound=np.ndarray[Any, Any])
 
 
@@ -61,7 +61,7 @@ class Verdict(Shown):
     symmetric_eigenvalues: Floats
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> Loss:
         """Loss shown by the spectrum of K; divergence is named first when both are there."""
         if self.divergence:
             return "divergence"

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats, frobenius
 from loops.closures.macro_tangent import MacroTangent, Spins, amplification, check_choice, solved
 from loops.closures.spins import affine_spin
-from loops.closures.system import contact_blocks, relax_spins, sensitivity, stress_sum
+from loops.closures.system import contact_terms, relax_spins, sensitivity, stress_sum
 from loops.contact_state import contact_state
 from loops.contact_tangent import (
     contact_regime,
@@ -91,7 +91,7 @@ def affine_tangent(
         bound = bound + frobenius(doubt[..., :, None] * unsure[..., None, :])
     if spins == "free":
         relax = partial(relax_spins, d0, graph.grain_count)
-        relaxed = relax(contact_blocks(graph, law, spins, state, regimes))
+        relaxed = relax(contact_terms(graph, law, spins, state, regimes))
         change = sensitivity(relax, relaxed, matrix, graph, law, state, regimes) / v0
         matrix = matrix + relaxed.stress
         bound = bound + frobenius(relaxed.error)

@@ -30,7 +30,7 @@ Arms = tuple[Floats, Floats]
 SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
 
 
-class Blocks(NamedTuple):
+class Terms(NamedTuple):
     """Contacts of a loop or packing as the system takes them.
 
     `tangent` and the `sizes` of its terms, with spins or not; `radii` (..., G) and `gear`
@@ -70,24 +70,24 @@ class _Scaled(NamedTuple):
     stiffness: Floats
 
 
-def contact_blocks(
+def contact_terms(
     graph: GrainGraph,
     law: ContactLaw,
     spins: Spins,
     state: ContactState,
     regime: Regimes,
     arms: Arms | None = None,
-) -> Blocks:
+) -> Terms:
     """Blocks of the contacts of a graph; `arms` of the spins other than the law's if given."""
     gear = None
     if spins == "free":
         gear = gear_projector(graph, state, law, regime, arms)
     tangent = contact_tangent(state, law, regime, arms)
-    return Blocks(graph.contacts, tangent, contact_sizes(state, law, regime), graph.radii, gear)
+    return Terms(graph.contacts, tangent, contact_sizes(state, law, regime), graph.radii, gear)
 
 
 def sensitivity(
-    relax: Callable[[Blocks], Relaxed],
+    relax: Callable[[Terms], Relaxed],
     own: Relaxed,
     given: Floats | float,
     graph: GrainGraph,
@@ -98,7 +98,7 @@ def sensitivity(
     """(...) see `MacroTangent.sensitivity`, times V0; `given` is what else adds to the stress."""
     if graph.contact_count != graph.grain_count or graph.grain_count % 2:
         return np.zeros(own.stress.shape[:-2])
-    other = relax(contact_blocks(graph, law, "free", state, regime, other_arms(state, law)))
+    other = relax(contact_terms(graph, law, "free", state, regime, other_arms(state, law)))
     doubt = frobenius(other.error)
     return np.maximum(
         *(
@@ -140,7 +140,7 @@ def saddle_matrix(tangent: Floats, boundary: Floats) -> Floats:
 
 
 def relax_centres(
-    x0: Floats, blocks: Blocks, spins: Spins, spin: LoopSpin | None, rows: Floats | None = None
+    x0: Floats, blocks: Terms, spins: Spins, spin: LoopSpin | None, rows: Floats | None = None
 ) -> Relaxed:
     """Traction closure of a loop with corners `x0` (..., n, 2).
 
@@ -177,7 +177,7 @@ def relax_centres(
     return Relaxed(stress, error, motion * scale[..., None], found)
 
 
-def relax_spins(d0: Floats, grains: int, blocks: Blocks, rows: Floats | None = None) -> Relaxed:
+def relax_spins(d0: Floats, grains: int, blocks: Terms, rows: Floats | None = None) -> Relaxed:
     """Affine closure with free spins: they relax to zero moment, `K_ww w = -K_wx x'`."""
     moves, (tangent, terms) = 2 * grains, (blocks.tangent, blocks.sizes)
     length = np.hypot(d0[..., 0], d0[..., 1]).max(axis=-1)
@@ -220,7 +220,7 @@ def stress_sum(f: Floats, d0: Floats) -> Floats:
     return total.reshape(*total.shape[:-2], 4)
 
 
-def _scaled(blocks: Blocks, spins: Spins, length: Floats, grains: int) -> _Scaled:
+def _scaled(blocks: Terms, spins: Spins, length: Floats, grains: int) -> _Scaled:
     with_spins = spins != "blocked"
     k, sizes = (
         assemble_elements(element, blocks.contacts, grains)

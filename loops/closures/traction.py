@@ -22,7 +22,7 @@ from loops.closures.macro_tangent import (
     solved,
 )
 from loops.closures.spins import affine_spin
-from loops.closures.system import Relaxed, contact_blocks, relax_centres, sensitivity
+from loops.closures.system import Relaxed, contact_terms, relax_centres, sensitivity
 from loops.contact_state import ContactState, contact_state
 from loops.contact_tangent import compliance_growth, contact_regime, translational_compliances
 from loops.errors import InputError
@@ -169,7 +169,7 @@ def _by_saddle(
 ) -> _Found:
     spin = affine_spin(graph) if spins == "affine" else None
     relax = partial(relax_centres, graph.x0, spins=spins, spin=spin)
-    relaxed = relax(contact_blocks(graph, law, spins, state, regime))
+    relaxed = relax(contact_terms(graph, law, spins, state, regime))
     found = _found(relaxed, graph.x0)
     if spins != "free":
         return found
@@ -198,7 +198,7 @@ def _by_force(
     found = _Found(matrix, condition, np.zeros(batch), np.zeros(batch), np.zeros(batch))
     poor = ~(condition <= FORCE_METHOD_LIMIT)
     if fall_back and poor.any():
-        blocks = contact_blocks(graph, law, "blocked", state, regime)
+        blocks = contact_terms(graph, law, "blocked", state, regime)
         k, sizes = (
             replace(part, k=np.broadcast_to(part.k, compliance.shape)[poor])
             for part in (blocks.tangent, blocks.sizes)

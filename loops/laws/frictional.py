@@ -9,10 +9,10 @@ from typing import Any, Literal, Self, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contact_state import ContactState
 from loops.errors import InputError
-from loops.laws.protocol import ContactLaw, Regime, Regimes
+from loops.laws.protocol import ContactLaw, Regime
 
 ShearIncrement = Literal["branch", "radii"]
 

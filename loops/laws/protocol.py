@@ -5,14 +5,11 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats, Integers, Regimes
 from loops.contact_state import ContactState
 from loops.errors import InputError
-
-Regimes = NDArray[np.int8]
 
 
 class Regime(IntEnum):

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats, Integers, Regimes
 from loops.contact_state import ContactState
 from loops.laws.frictional import parameter
-from loops.laws.protocol import ContactLaw, Regime, Regimes, require_law
+from loops.laws.protocol import ContactLaw, Regime, require_law
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contact_state import ContactState, contact_state
 from loops.contact_tangent import contact_regime, contact_tangent
 from loops.errors import InputError
 from loops.graph import GrainGraph, branch_vectors
-from loops.laws.protocol import ContactLaw, Regime, Regimes
+from loops.laws.protocol import ContactLaw, Regime
 from loops.packing.carrying import Carrying, carrying_grains
 from loops.packing.walls import PlaneContacts, plane_stiffness
 from loops.pruning import require_one_state
@@ -82,7 +82,7 @@ def packing_system(
     kept = np.flatnonzero(carrying.contacts)
     freedom, size = _freedoms(carrying, fixed)
     length = float(graph.radii[carrying.grains].mean())
-    blocks = contact_blocks(state, law, regimes)[kept]
+    blocks = contact_stiffness(state, law, regimes)[kept]
     branches, pairs = branch_vectors(graph)[kept], graph.contacts[kept]
     ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
     if planes is not None:
@@ -119,7 +119,7 @@ def packing_system(
     )
 
 
-def contact_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
+def contact_stiffness(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
     """(C, 4, 4) stiffness `S` of each contact, `(f', m_i', m_j') = -S (d', w_i, w_j)`."""
     tangent = contact_tangent(state, law, regime)
     blocks = np.empty((*state.length.shape, 4, 4))

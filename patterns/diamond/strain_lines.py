@@ -18,9 +18,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from loops.arrays import Floats
 from loops.laws.linear_frictional import ShearIncrement
 
-Floats = NDArray[np.float64]
 # Halvings that take a bracket below the rounding of its ends.
 HALVINGS = 64
 

@@ -11,9 +11,9 @@ from loops import GrainGraph, InputError, LinearFrictional, Regime
 from loops.arrays import Floats, Integers
 from loops.laws.frictional import ShearIncrement
 from loops.validation import repeated_contacts
-from patterns.snapshots.checks import State, check_state, same_normal_force
+from patterns.snapshots.checks import Checked, check_state, same_normal_force
 from patterns.snapshots.frame import Frame
-from patterns.snapshots.geometry import Bodies, branches_of, check_cell, read_bodies, read_pairs
+from patterns.snapshots.geometry import Bodies, check_cell, read_bodies, read_branches, read_pairs
 from patterns.snapshots.snapshot import Snapshot, WallContacts
 from patterns.snapshots.tables import Table
 
@@ -43,7 +43,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         raise InputError(table.path, "no contact between grains", "contacts", "Check the export.")
     pairs = every if len(rows) == len(every) else every[rows]
     cell = check_cell(frame.cell, bodies.radii)
-    branches = branches_of(table, rows, pairs, bodies, cell)
+    branches = read_branches(table, rows, pairs, bodies, cell)
     frictionless = not table.column("mu").any() if table.has("mu") else parameters.mu == 0
     force = _force_on_second(table, _normals(table, rows, branches.n), frictionless)
     normal, shear = _components(force, rows, branches.n)
@@ -76,7 +76,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     given = table.optional("nx", "ny")
     given = branches.given if given is None else given[rows]
     pushed = None if walls is None else (walls.grain, walls.force)
-    state = State(graph, branches.d, branches.length, law, regime, given, pushed)
+    state = Checked(graph, branches.d, branches.length, law, regime, given, pushed)
     findings = check_state(state)
     if law is not None and table.has("fn", "fx_on_2"):
         findings = (*findings, same_normal_force(table.column("fn")[rows], normal))

@@ -63,7 +63,7 @@ class Finding(NamedTuple):
         return Finding(self.check, self.number, f"{self.says}{cause}", severity, remedy)
 
 
-class State:
+class Checked:
     """What the checks look at: the contacts between grains, their branches, law and regimes.
 
     `given` (C, 2) are the branches or normals of the file, `walls` the grains that walls touch and
@@ -99,9 +99,9 @@ class State:
         return np.broadcast_to(getattr(self.law, name), len(self.contacts))
 
 
-def check_state(state: State) -> tuple[Finding, ...]:
+def check_state(state: Checked) -> tuple[Finding, ...]:
     """All findings on a state, also what is as it should be."""
-    checks: list[Callable[[State], Finding | None]] = [distances, touching, same_snapshot]
+    checks: list[Callable[[Checked], Finding | None]] = [distances, touching, same_snapshot]
     forces: tuple[Finding, ...] = ()
     if state.law is not None and not (state.normal.any() or state.shear.any()):
         forces = (Finding("forces", 0.0, "all contact forces are zero", "doubt", "Export them."),)
@@ -111,7 +111,7 @@ def check_state(state: State) -> tuple[Finding, ...]:
         return (*(found for check in checks if (found := check(state)) is not None), *forces)
 
 
-def distances(state: State) -> Finding:
+def distances(state: Checked) -> Finding:
     """Distances of the centres against the radii: diameters, other units."""
     rows = state.rows
     reach = float(np.median(state.length[rows] / state.radii[state.contacts[rows]].sum(axis=1)))
@@ -129,7 +129,7 @@ def distances(state: State) -> Finding:
     return found
 
 
-def touching(state: State) -> Finding | None:
+def touching(state: Checked) -> Finding | None:
     """Contacts that carry load across a gap."""
     rows = np.flatnonzero(state.loaded)[state.rows]
     if len(rows) == 0:
@@ -144,7 +144,7 @@ def touching(state: State) -> Finding | None:
     )
 
 
-def same_snapshot(state: State) -> Finding | None:
+def same_snapshot(state: Checked) -> Finding | None:
     """Branches or normals of the file against the centres."""
     if state.given is None:
         return None
@@ -164,7 +164,7 @@ def same_snapshot(state: State) -> Finding | None:
     )
 
 
-def directions(state: State) -> Finding:
+def directions(state: Checked) -> Finding:
     """Forces along the branches: signs, exchanged columns."""
     size = float(np.hypot(state.normal, state.shear).sum())
     share = float(state.normal.sum()) / size
@@ -188,7 +188,7 @@ def directions(state: State) -> Finding:
     return found.error(": forces of other contacts", remedy)
 
 
-def pulling(state: State) -> Finding:
+def pulling(state: Checked) -> Finding:
     """Share of the normal force that pulls."""
     size = np.abs(state.normal)
     share = float(size[state.normal < 0].sum() / (float(size.sum()) or 1.0))
@@ -200,7 +200,7 @@ def pulling(state: State) -> Finding:
     )
 
 
-def balance(state: State) -> Finding | None:
+def balance(state: Checked) -> Finding | None:
     """What the forces leave on a sample of grains, a uniform body force aside."""
     chosen = np.flatnonzero(state.inner)[:: max(1, 5 * len(state.x) // SAMPLE)]
     if len(chosen) < 3:
@@ -237,7 +237,7 @@ def balance(state: State) -> Finding | None:
     )
 
 
-def friction(state: State) -> Finding | None:
+def friction(state: Checked) -> Finding | None:
     """Shear against Coulomb's limit; friction that is an angle."""
     every = state.parameter("mu")
     typical = float(np.median(every[state.rows]))
@@ -259,7 +259,7 @@ def friction(state: State) -> Finding | None:
     )
 
 
-def sliding(state: State) -> Finding | None:
+def sliding(state: Checked) -> Finding | None:
     """Contacts flagged as sliding against Coulomb's limit."""
     if state.sliding is None:
         return None
@@ -278,7 +278,7 @@ def sliding(state: State) -> Finding | None:
     )
 
 
-def stiffness(state: State) -> Finding | None:
+def stiffness(state: Checked) -> Finding | None:
     """N against kn times overlap: units, exchanged stiffnesses."""
     rows = np.flatnonzero(state.loaded)[state.rows]
     overlap = state.radii[state.contacts[rows]].sum(axis=1) - state.length[rows]
@@ -304,7 +304,7 @@ def stiffness(state: State) -> Finding | None:
     return found
 
 
-def jammed(state: State) -> Finding | None:
+def jammed(state: Checked) -> Finding | None:
     """Constraints of the contacts against the freedoms of the grains that carry load."""
     if state.sliding is None:
         return None

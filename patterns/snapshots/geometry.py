@@ -198,7 +198,7 @@ def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
     return matrix
 
 
-class Branches(NamedTuple):
+class ContactBranches(NamedTuple):
     """Branches of the contacts between grains: `images` (C, 2) or None, `d`, `length`, `n`.
 
     `given` (C, 2) are the branches or normals of the file, None if it has neither.
@@ -211,9 +211,9 @@ class Branches(NamedTuple):
     given: Floats | None
 
 
-def branches_of(
+def read_branches(
     table: Table, rows: Integers, pairs: Integers, bodies: Bodies, cell: Floats | None
-) -> Branches:
+) -> ContactBranches:
     """Branches of the contacts in some rows of the table, held against those of the file.
 
     Images come from the file; without them there, from the branches; else they are the nearest.
@@ -269,7 +269,7 @@ def branches_of(
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
         refuse(c, received, "grains that touch", of_cell)
-    return Branches(made, d, length, n, given)
+    return ContactBranches(made, d, length, n, given)
 
 
 def _some(values: Any, rows: Integers) -> Any:

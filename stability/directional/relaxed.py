@@ -27,7 +27,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.closures.spins import affine_spin
-from loops.closures.system import contact_blocks, relax_centres, relax_spins
+from loops.closures.system import contact_terms, relax_centres, relax_spins
 from stability.cones import plane_cone
 from stability.directional.edge import SIGN_TOLERANCE, Answer, EdgeContacts, line_angles, works
 from stability.rate_problem import SAME_RATES, Choice, edge_options
@@ -217,7 +217,7 @@ def contact_rates(
     state = contact_state(graph)
     rows = _rows(graph, state, law, which, spins != "blocked")
     # Moments that a gear mode leaves standing make a rate problem without a solution.
-    blocks = contact_blocks(graph, law, spins, state, regime)._replace(gear=None)
+    blocks = contact_terms(graph, law, spins, state, regime)._replace(gear=None)
     given = np.zeros((len(rows), 4))
     if closure == "affine":
         d0 = reference_branch_vectors(graph)

@@ -26,7 +26,7 @@ from loops.packing import (
     UpdatedFactors,
     assembled,
     balancing_forces,
-    contact_blocks,
+    contact_stiffness,
     factorised,
     in_freedoms,
     packing_system,
@@ -102,7 +102,7 @@ def yield_edge(
     shear = np.column_stack([g[:, None] * state.t[c], -b_i, -b_j])
     gauge = (elastic - slides)[:, :1] * normal + (elastic - slides)[:, 1:] * shear
     push = np.column_stack([state.t[c], -state.arm_i[c], -state.arm_j[c]])
-    sliding = contact_blocks(state, law, regimes)[c]
+    sliding = contact_stiffness(state, law, regimes)[c]
     return YieldEdge(
         system,
         rows,

@@ -42,7 +42,7 @@ class EdgeTrial:
     trusted: bool
 
 
-def edge_contacts(
+def edge_choices(
     model: PathModel, state: PathState, mode: Mode, fired: dict[int, Choice]
 ) -> dict[int, tuple[Choice, ...]]:
     """Contacts with more than one possible regime, and their options.
@@ -87,7 +87,7 @@ def edge_problem(
     Contacts that the model's symmetry sends to each other take the same regime: one of them is
     asked, and only motions that keep the symmetry are found.
     """
-    options = edge_contacts(model, state, mode, preferred)
+    options = edge_choices(model, state, mode, preferred)
     orbits = edge_orbits(model, options)
     closed = Mode(np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8), mode.side)
     contacts = contacts_of(model, state, closed)

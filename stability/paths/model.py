@@ -211,11 +211,11 @@ def law_scale(graph: GrainGraph, law: ContactLaw) -> float:
     elastic = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
     kn = law.local_stiffness(state, elastic)[..., 0, 0]
     if not kn.mean() > 0.0:
-        kn = law.local_stiffness(probe(state, law, 0.9), elastic)[..., 0, 0]
+        kn = law.local_stiffness(compressed(state, law, 0.9), elastic)[..., 0, 0]
     return float(kn.mean())
 
 
-def probe(state: ContactState, law: ContactLaw, length: float) -> ContactState:
+def compressed(state: ContactState, law: ContactLaw, length: float) -> ContactState:
     """The same contacts compressed to a fraction of `r_i + r_j`, without shear force."""
     state = replace(
         state, length=length * state.touching_length, shear_force=np.zeros(state.length.shape)

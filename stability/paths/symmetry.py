@@ -11,7 +11,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import ContactState
 from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup, identity, point_group
-from stability.paths.model import PathModel, probe
+from stability.paths.model import PathModel, compressed
 from stability.paths.state import Mode, centres, contacts_of, unpack
 from stability.programmes import Programme
 from stability.rate_problem import Choice
@@ -54,7 +54,7 @@ def law_marks(model: PathModel, contacts: ContactState) -> list[Floats]:
     law, unit, marks = model.law, model.stiffness, []
     elastic = np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8)
     for length in PROBES:
-        state = probe(contacts, law, length)
+        state = compressed(contacts, law, length)
         D = law.local_stiffness(state, elastic) / unit
         strength = law.strength(state) / (unit * model.length)
         N = state.normal_force / (unit * model.length)

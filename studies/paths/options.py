@@ -25,10 +25,10 @@ from patterns.diamond import (
 from patterns.polygons import regular_polygon
 from patterns.polygons.shapes import Orientation
 from stability import Programme, Stage, programmes
+from stability.paths.follow import OnTouch
+from stability.paths.path import ModelOption
 
 Sliding = Literal["coulomb", "printed"]
-OnTouch = Literal["ignore", "stop", "add"]
-Model = Literal["auto", "full"]
 ProgrammeName = Literal["drained", "isotropic", "isotropic-stress", "oedometric", "undrained"]
 PROGRAMMES: dict[str, Callable[..., Programme]] = {
     "drained": programmes.drained_biaxial,
@@ -64,7 +64,7 @@ class DiamondOptions:
     closure: Closure = "affine"
     sliding: Sliding = "coulomb"
     contact_on_touch: OnTouch = "ignore"
-    model: Model = "auto"
+    model: ModelOption = "auto"
 
     spins: ClassVar[Spins] = "blocked"
     # Of a stage at least; of a polygon the steps of the integrator.
@@ -166,7 +166,7 @@ class PolygonOptions:
     confine: float = 0.1
     programme: ProgrammeName = "drained"
     end: float | None = None
-    model: Model = "auto"
+    model: ModelOption = "auto"
 
     volume: ClassVar[float | None] = None
     rows: ClassVar[int] = 0
@@ -272,7 +272,7 @@ def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
 def _check_shared(options: DiamondOptions | PolygonOptions) -> None:
     """Refuse what neither a diamond nor a polygon can be asked."""
     one_of("--closure", options.closure, ("affine", "traction"))
-    one_of("--model", options.model, get_args(Model))
+    one_of("--model", options.model, get_args(ModelOption))
     inside("--kappa", options.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
     inside("--phi", options.phi_deg, lambda p: 0.0 <= p <= 90.0, "degrees in [0, 90]")
     inside("--confine", options.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")

@@ -18,7 +18,7 @@ from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import beside, open_text
 from patterns.snapshots.yade.shear import shear_signs
-from patterns.snapshots.yade.vtk_files import LEGACY, Piece, read_piece
+from patterns.snapshots.yade.vtk_files import LEGACY, VtkData, read_vtk
 
 # Beyond this residual of the balances (over the mean normal force) signs of shear are a guess.
 BALANCED = 0.05
@@ -45,7 +45,7 @@ def _frame(source: Source) -> Frame:
     name = path.name.lower().removesuffix(".gz")
     if name.endswith(".vtk"):
         contacts = _contacts_path(source, ".vtk")
-        return exporter_frame(source, read_piece(path), read_piece(contacts))
+        return exporter_frame(source, read_vtk(path), read_vtk(contacts))
     if name.endswith(".vtm"):
         path, contacts = _blocks(path)
     elif name.endswith(".vtu"):
@@ -54,7 +54,7 @@ def _frame(source: Source) -> Frame:
         raise InputError(
             str(path), "a file of lines", "the file of the spheres, ...spheres.N.vtu", "Name it."
         )
-    return _recorder_frame(source, read_piece(path), read_piece(contacts))
+    return _recorder_frame(source, read_vtk(path), read_vtk(contacts))
 
 
 def _contacts_path(source: Source, ending: str) -> Path:
@@ -89,7 +89,7 @@ def _blocks(path: Path) -> tuple[Path, Path]:
     return spheres[0], lines[0]
 
 
-def _recorder_frame(source: Source, spheres: Piece, lines: Piece) -> Frame:
+def _recorder_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
     grains, notes = grains_of(spheres, "radii")
     ends = ends_of(spheres, lines)
     refuse_strays(lines, ends)
@@ -107,7 +107,7 @@ def _recorder_frame(source: Source, spheres: Piece, lines: Piece) -> Frame:
 
 
 def _shear(
-    lines: Piece, spheres: Piece, ends: Integers, normal: Floats, components: Floats
+    lines: VtkData, spheres: VtkData, ends: Integers, normal: Floats, components: Floats
 ) -> tuple[Columns, str]:
     """Shear force on grain 2, its sign from the balance of the grains; none if that is no guide."""
     x, radii = spheres.points[:, :2], spheres.points_data["radii"]
@@ -144,7 +144,7 @@ Columns = dict[str, NDArray[np.generic]]
 SNIPPET = "Export tables from inside Yade instead, see docs/yade.md."
 
 
-def grains_of(piece: Piece, radius: str) -> tuple[Columns, list[str]]:
+def grains_of(piece: VtkData, radius: str) -> tuple[Columns, list[str]]:
     """Plain columns of the grains."""
     if radius not in piece.points_data or not len(piece.points):
         raise InputError(
@@ -161,7 +161,7 @@ def grains_of(piece: Piece, radius: str) -> tuple[Columns, list[str]]:
     return columns, notes
 
 
-def ends_of(spheres: Piece, lines: Piece) -> Integers:
+def ends_of(spheres: VtkData, lines: VtkData) -> Integers:
     """Spheres at the ends of the lines, found by their coordinates."""
     ends = index_of(_keys(spheres.points), _keys(lines.points))[lines.lines]
     if ((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)).any():
@@ -180,7 +180,7 @@ def _keys(points: Floats) -> Integers:
     return (bits[:, 0].astype(np.uint64) << np.uint64(32) | bits[:, 1]).view(np.int64)
 
 
-def refuse_strays(lines: Piece, ends: Integers) -> None:
+def refuse_strays(lines: VtkData, ends: Integers) -> None:
     """Raise `InputError` if a line ends at no sphere."""
     if len(ends) and (ends < 0).all():
         raise InputError(
@@ -202,7 +202,7 @@ def refuse_strays(lines: Piece, ends: Integers) -> None:
 
 def make_frame(
     source: Source,
-    pieces: tuple[Piece, Piece],
+    pieces: tuple[VtkData, VtkData],
     grains: Columns,
     contacts: Columns,
     notes: Sequence[str],
@@ -226,7 +226,7 @@ WALL_ID = -1
 PARALLEL = 1e-3
 
 
-def exporter_frame(source: Source, spheres: Piece, lines: Piece) -> Frame:
+def exporter_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
     """Frame of `exportSpheres` and `exportInteractions`; a vector `A` is `A_x, A_y, A_z`.
 
     Lines that begin at no sphere are contacts with walls, whose normal is that of their normal
@@ -272,7 +272,7 @@ def _named(given: str | None, names: tuple[str, ...], vectors: Mapping[str, Floa
     return next((name for name in wanted if name in vectors), "")
 
 
-def _branches(lines: Piece, ends: Integers, spheres: Piece, force: Floats | None) -> Floats:
+def _branches(lines: VtkData, ends: Integers, spheres: VtkData, force: Floats | None) -> Floats:
     """From centre to centre; with walls along the normal force, from the wall to the centre."""
     x = spheres.points[:, :2]
     branch = x[ends[:, 1]] - x[ends[:, 0]]

@@ -28,7 +28,7 @@ ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class VtkData:
     """What a VTK file holds."""
 
     path: Path
@@ -38,7 +38,7 @@ class Piece:
     lines_data: dict[str, Floats] = field(default_factory=dict)
 
 
-def read_piece(path: Path) -> Piece:
+def read_vtk(path: Path) -> VtkData:
     """Read a `.vtu` or `.vtp` file of any encoding, or legacy polydata in text; plain or gzip."""
     content = bytes(open_text(path))
     legacy = content.startswith(LEGACY)
@@ -73,7 +73,7 @@ def read_piece(path: Path) -> Piece:
     found = arrays_of(data.GetPointData()), arrays_of(data.GetCellData())
     if arrays is not None and arrays != len(found[0]) + len(found[1]):
         raise InputError(str(path), "arrays that break off", f"{arrays} whole ones", REMEDY)
-    return Piece(path, points, lines, *found)
+    return VtkData(path, points, lines, *found)
 
 
 def _damaged(path: Path) -> InputError:

@@ -9,6 +9,7 @@ import pytest
 from loops import Regime, find_faces, loop_batches
 from loops.geometry import boundary_vectors, polygon_area
 from loops.packing import factorised, in_place, loops_in_place, packing_system
+from loops.packing.inversion import polygons_of
 from patterns import read_snapshot, sample_path
 from stability import restrict, symmetric_part
 from studies.series.plan import cells_by_number
@@ -178,7 +179,7 @@ def test_what_surrounds_the_loops_of_the_slow_series():
 
 def test_errors_stated_too_small_are_widened(flagged):
     """Half a per cent off in every loop, stated as a millionth: widened to what it is."""
-    exact, polygons = flagged.whole, in_place._polygons(flagged.graph, flagged.faces)
+    exact, polygons = flagged.whole, polygons_of(flagged.graph, flagged.faces)
     stated = np.full(len(exact.matrix), 1e-6)
     found = in_place._held_to_the_whole(exact.system, polygons, 1.005 * exact.matrix, stated)
     assert found == pytest.approx(0.005, rel=1e-3)

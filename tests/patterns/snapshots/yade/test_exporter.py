@@ -6,7 +6,7 @@ import pytest
 from loops import InputError
 from patterns.snapshots.text import open_text
 from patterns.snapshots.yade import vtk as yade_vtk
-from patterns.snapshots.yade.vtk_files import read_piece
+from patterns.snapshots.yade.vtk_files import read_vtk
 from tests.patterns.snapshots.yade_samples import BOX, changed, cycles, frame_of, snapshot_of
 
 pytest.importorskip("vtkmodules")
@@ -36,7 +36,7 @@ def test_without_the_force_vector_walls_are_not_told_from_images(tmp_path):
 
 def test_images_beyond_a_periodic_border_are_refused(tmp_path):
     """Lines along their force whose first end is no sphere: grains, not walls."""
-    piece = read_piece(LINES)
+    piece = read_vtk(LINES)
     fn = piece.lines_data["fn"]
     walls = [k for k in range(len(fn)) if (fn[k, :2] == 0).any()]
     assert len(walls) == 18

@@ -9,7 +9,7 @@ import pytest
 
 from loops import InputError
 from patterns.snapshots.yade import vtk as yade_vtk
-from patterns.snapshots.yade.vtk_files import read_piece
+from patterns.snapshots.yade.vtk_files import read_vtk
 from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
@@ -64,7 +64,7 @@ def test_surplus_values_are_seen_in_every_encoding(tmp_path, mode, compressor):
     _, lines = written(tmp_path, mode, compressor, 32)
     copy = changed(lines, tmp_path, b'NumberOfLines="57"', b'NumberOfLines="56"', "less.vtp")
     with pytest.raises(InputError, match=r"56 lines and 57 values of forceN.*periodic"):
-        read_piece(copy)
+        read_vtk(copy)
 
 
 @pytest.mark.parametrize("name", ["appended-spheres.134672.vtu", "ascii-spheres.134672.vtu.gz"])
@@ -103,7 +103,7 @@ def test_ids_are_those_of_the_file_not_its_order(tmp_path):
     from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-    piece = read_piece(SPHERES)
+    piece = read_vtk(SPHERES)
     order = np.random.default_rng(5).permutation(len(piece.points))
     grid, points = vtkUnstructuredGrid(), vtkPoints()
     points.SetData(numpy_to_vtk(piece.points[order].astype(np.float32), deep=True))
@@ -198,7 +198,7 @@ def test_truncated_files(tmp_path, path, capfd):
         copy = tmp_path / path.name
         copy.write_bytes(content[:stop])
         with pytest.raises(InputError):
-            read_piece(copy)
+            read_vtk(copy)
     # vtk would write its own lines on the screen.
     assert capfd.readouterr() == ("", "")
 
@@ -225,7 +225,7 @@ def test_damaged_files_raise_the_one_error_or_read(tmp_path, path):
 def test_counts_beyond_the_file_are_refused(tmp_path):
     copy = changed(TEXT, tmp_path, b'NumberOfPoints="44"', b'NumberOfPoints="99999999999"')
     with pytest.raises(InputError, match="99999999999 points"):
-        read_piece(copy)
+        read_vtk(copy)
 
 
 def test_recognised_by_content():
