@@ -1,6 +1,5 @@
 """Contacts added where opposite grains meet: thresholds, drained stage, what is written."""
 
-import functools
 import json
 
 import numpy as np
@@ -18,13 +17,12 @@ from studies.paths.added_contact import (
     definite_intervals,
     isotropic_eigenvalues,
 )
-from studies.paths.diamond import follow_diamond
-from studies.paths.diamond_summary import diamond_summary, energy_imbalance, verification
+from studies.paths.diamond_summary import energy_imbalance, verification
+from tests.studies.paths.followed import followed, summary_of
 
 
-@functools.cache
 def added(**arguments):
-    return follow_diamond(DiamondOptions(contact_on_touch="add", **arguments))
+    return followed(contact_on_touch="add", **arguments)
 
 
 def graph_operator(alpha0, kappa, E1, E2=None, T=0.0, axes=(True, True)):
@@ -217,4 +215,4 @@ def test_table_and_notes(tmp_path, monkeypatch):
 
 
 def test_summary_says_nothing_of_contacts_that_are_not_added():
-    assert diamond_summary(follow_diamond(DiamondOptions(table=1)))["added_contact"] is None
+    assert summary_of(table=1)["added_contact"] is None

@@ -11,10 +11,11 @@ from patterns.diamond.geometry import work_shear_then_compress as shear_then_com
 from stability import symmetric_part
 from studies.paths import DiamondOptions
 from studies.paths.diamond import beyond_yield, follow_diamond
-from studies.paths.diamond_summary import diamond_summary, energy_imbalance, verification
+from studies.paths.diamond_summary import energy_imbalance, verification
 from studies.paths.polar import state_diagram
 from studies.paths.rules import rules_summary
 from studies.paths.tables import diamond_table, path_dependence_table
+from tests.studies.paths.followed import followed, summary_of
 
 POINT_B = {
     1: ("0.40973434897033423289", "0.164934999828385506", "0.25400990008305293503"),
@@ -79,12 +80,11 @@ def integrate_by_strain(path, rows, slip):
 
 @pytest.mark.parametrize("table", [1, 2])
 def test_point_B_to_20_digits(table):
-    path = follow_diamond(DiamondOptions(table=table))
-    (found,) = [event for event in diamond_summary(path)["events"] if event["kind"] == "yield"]
-    del found["kind"]
+    (event,) = [one for one in summary_of(table=table)["events"] if one["kind"] == "yield"]
+    found = {key: value for key, value in event.items() if key != "kind"}
     for key, digits in zip(("E1", "E2", "s1"), POINT_B[table], strict=True):
         assert abs(mpmath.mpf(found[key]) - mpmath.mpf(digits)) < 1e-15
-    state = diamond_summary(path)["states"]["B"]
+    state = summary_of(table=table)["states"]["B"]
     assert {key: state[key] for key in found} == found
     assert (state["regime"], state["beyond"]["regime"]) == ("elastic", "sliding")
 
@@ -92,7 +92,7 @@ def test_point_B_to_20_digits(table):
 @pytest.mark.parametrize("sliding", ["coulomb", "printed"])
 @pytest.mark.parametrize("table", [1, 2])
 def test_stages_are_solutions_of_the_rate_equations(table, sliding):
-    path = follow_diamond(DiamondOptions(table=table, sliding=sliding))
+    path = followed(table=table, sliding=sliding)
     for slides in (False, True):
         drained = path.states.stage == "drained"
         rows = np.flatnonzero(drained & ((path.states.slip != 0.0) == slides))
@@ -104,7 +104,7 @@ def test_stages_are_solutions_of_the_rate_equations(table, sliding):
 
 @pytest.mark.parametrize("table", [1, 2])
 def test_slope_at_A_is_det_K_over_K22(table):
-    path = follow_diamond(DiamondOptions(table=table))
+    path = followed(table=table)
     K = path.operators.K[path.marks["A"]]
     found = verification(path)["slope_at_A"]
     assert found["closed_form"] == pytest.approx(np.linalg.det(K) / K[1, 1], rel=1e-12)
@@ -112,7 +112,7 @@ def test_slope_at_A_is_det_K_over_K22(table):
 
 
 def test_axial_stress_follows_the_slope_everywhere():
-    path = follow_diamond(DiamondOptions(table=2))
+    path = followed(table=2)
     drained = path.states.stage == "drained"
     slope = (path.det_K / path.K[:, 1, 1])[drained]
     rates = path.path.P_rate[drained, 0] / path.path.H_rate[drained, 0]
@@ -126,7 +126,7 @@ def test_axial_stress_follows_the_slope_everywhere():
 
 def test_lateral_stress_is_held_and_the_path_goes_on_in_E1():
     for arguments in SWEEP:
-        path = follow_diamond(DiamondOptions(**arguments))
+        path = followed(**arguments)
         drained = path.states.stage == "drained"
         s2 = path.states.s2[drained]
         # Steps lengthen until the integrator's tolerance where the path is flat: 2e-13 at 0.65.
@@ -137,8 +137,8 @@ def test_lateral_stress_is_held_and_the_path_goes_on_in_E1():
 
 
 def test_the_path_ends_where_the_followed_strain_is_used_up():
-    assert follow_diamond(DiamondOptions(table=1)).states.E1[-1] == pytest.approx(0.6, abs=1e-15)
-    late = follow_diamond(DiamondOptions(table=2))
+    assert followed(table=1).states.E1[-1] == pytest.approx(0.6, abs=1e-15)
+    late = followed(table=2)
     assert late.states.E1[-1] == pytest.approx(float(POINT_B[2][0]) + 0.15, abs=1e-15)
 
 
@@ -148,20 +148,20 @@ def test_the_path_ends_where_the_followed_strain_is_used_up():
 def test_without_lateral_force_yield_is_the_end_of_strain_control():
     # T = N tan(alpha) there: sliding contacts hold alpha at phi, and slip would have to go back.
     for alpha0, phi in ((10.0, 30.0), (18.0, 89.0), (44.0, 84.0), (60.0, 85.0)):
-        path = follow_diamond(DiamondOptions(alpha0_deg=alpha0, confine=0.0, phi_deg=phi))
+        path = followed(alpha0_deg=alpha0, confine=0.0, phi_deg=phi)
         assert kinds(path)[-2:] == ["yield", "control_limit"]
         assert np.degrees(path.states.alpha[-1]) == pytest.approx(phi, abs=1e-11)
 
 
 @pytest.mark.parametrize("arguments", SWEEP, ids=str)
 def test_energy_balance_closes(arguments):
-    path = follow_diamond(DiamondOptions(**arguments))
+    path = followed(**arguments)
     assert energy_imbalance(path) < 1e-14
     assert np.all(np.diff(path.energies["dissipated"]) >= 0.0)
 
 
 def test_work_of_isotropic_strain_in_closed_form():
-    path = follow_diamond(DiamondOptions(table=2))
+    path = followed(table=2)
     rows, t0 = path.states.stage == "isotropic", np.tan(np.radians(35.0))
     expected = 0.5 * path.states.E1[rows] ** 2 * (t0 + 1.0 / t0)
     np.testing.assert_allclose(path.energies["work"][rows], expected, rtol=1e-14, atol=1e-18)
@@ -177,27 +177,27 @@ def test_energy_balance_sees_a_wrong_stress():
 
 
 def test_events_of_the_drained_stage():
-    assert kinds(follow_diamond(DiamondOptions(table=1))) == ["yield"]
-    assert kinds(follow_diamond(DiamondOptions(table=2))) == ["opposite_contact", "yield"]
-    assert kinds(follow_diamond(DiamondOptions(phi_deg=90.0))) == []
+    assert kinds(followed(table=1)) == ["yield"]
+    assert kinds(followed(table=2)) == ["opposite_contact", "yield"]
+    assert kinds(followed(phi_deg=90.0)) == []
 
 
 def test_second_pair_of_opposite_grains_meets_where_its_diagonal_is_two_radii():
-    path = follow_diamond(DiamondOptions(table=2))
+    path = followed(table=2)
     rows = [row for kind, row in path.listed if kind == "opposite_contact"]
     E1 = path.states.E1[rows[-1]]
     assert abs(E1 - (1 - 1 / (2 * mpmath.cos(mpmath.radians(35))))) < 1e-15
 
 
 def test_stop_also_holds_in_the_drained_stage():
-    path = follow_diamond(DiamondOptions(confine=0.25, contact_on_touch="stop"))
+    path = followed(confine=0.25, contact_on_touch="stop")
     assert kinds(path) == ["opposite_contact"]
     assert path.states.E1[-1] == pytest.approx(1.0 - np.sqrt(0.5), abs=1e-14)
     assert path.marks.keys() == {"I", "A"}
 
 
 def test_sticking_again_is_an_event_and_the_path_goes_on():
-    path = follow_diamond(DiamondOptions(alpha0_deg=28.0, kappa=1.5, phi_deg=6.0, confine=0.65))
+    path = followed(alpha0_deg=28.0, kappa=1.5, phi_deg=6.0, confine=0.65)
     assert kinds(path) == ["yield", "unloading"]
     row = path.listed[-1][1]
     exact = drained_path(path.loop)
@@ -212,13 +212,13 @@ def test_sticking_again_is_an_event_and_the_path_goes_on():
 
 
 def test_without_lateral_force_contacts_open_at_once():
-    path = follow_diamond(DiamondOptions(confine=0.0))
+    path = followed(confine=0.0)
     assert [kind for kind, _ in path.listed] == ["programme_change", "opening"]
     assert not path.energies["work"].any()
 
 
 def test_a_path_that_snaps_back_ends_at_B():
-    path = follow_diamond(DiamondOptions(alpha0_deg=10.0, confine=0.0, phi_deg=30.0))
+    path = followed(alpha0_deg=10.0, confine=0.0, phi_deg=30.0)
     assert kinds(path) == ["yield", "control_limit"]
     assert path.marks["B"] == len(path.energies["work"]) - 1
     K22 = beyond_yield_operator(path)[1, 1]
@@ -226,7 +226,7 @@ def test_a_path_that_snaps_back_ends_at_B():
 
 
 def test_the_limit_of_strain_control_ends_the_path():
-    path = follow_diamond(DiamondOptions(alpha0_deg=6.5, kappa=4.5, phi_deg=50.0, confine=0.69))
+    path = followed(alpha0_deg=6.5, kappa=4.5, phi_deg=50.0, confine=0.69)
     assert kinds(path)[-1] == "control_limit"
     assert path.listed[-1][1] == len(path.energies["work"]) - 1
     K22 = path.operators.K[path.states.stage == "drained", 1, 1]
@@ -236,7 +236,7 @@ def test_the_limit_of_strain_control_ends_the_path():
 
 def test_determinants_that_vanish_in_the_drained_stage_are_events():
     # det K, negative at A, comes back while N falls; the shear force keeps det Ks behind it.
-    path = follow_diamond(DiamondOptions(alpha0_deg=50.0, kappa=1.5, phi_deg=73.5, confine=0.634))
+    path = followed(alpha0_deg=50.0, kappa=1.5, phi_deg=73.5, confine=0.634)
     assert kinds(path) == ["det_K_zero", "det_Ks_zero"]
     rows = [row for _, row in path.listed if path.states.stage[row] == "drained"]
     for kind, value in (
@@ -258,7 +258,7 @@ def test_printed_rule_leaves_coulombs_cone(table, ratio):
     assert found["coulomb"]["shear_ratio"] == pytest.approx(1.0, abs=1e-14)
     # Integrated from (8c) and the balance by hand: T = 2 mu N_B - mu N beyond B.
     assert found["printed"]["shear_ratio"] == pytest.approx(ratio, abs=1e-7)
-    path = follow_diamond(DiamondOptions(table=table, sliding="printed"))
+    path = followed(table=table, sliding="printed")
     row, mu, N = path.marks["B"], path.loop.mu, path.states.N
     beyond = slice(row + 1, None)
     np.testing.assert_allclose(path.states.T[beyond], mu * (2.0 * N[row] - N[beyond]), rtol=1e-13)
@@ -267,7 +267,7 @@ def test_printed_rule_leaves_coulombs_cone(table, ratio):
 
 def test_coulombs_law_holds_beyond_B():
     for table in (1, 2):
-        path = follow_diamond(DiamondOptions(table=table))
+        path = followed(table=table)
         slides = path.states.slip != 0.0
         np.testing.assert_allclose(shear_ratio(path)[slides], 1.0, rtol=1e-14)
         assert np.all(shear_ratio(path)[~slides][1:] <= 1.0 + 1e-14)
@@ -290,7 +290,7 @@ def beyond_yield_operator(path):
 @pytest.mark.parametrize("table", [1, 2])
 def test_generic_operator_agrees_on_the_whole_path(table):
     for arguments in ({}, {"sliding": "printed"}):
-        found = verification(follow_diamond(DiamondOptions(table=table, **arguments)))
+        found = verification(followed(table=table, **arguments))
         assert found["generic_vs_closed_form_max_relative"] < 2e-14
         assert found["det_K_max_difference"] < 1e-14
         assert found["bromwich_margin_min"] > -1e-15
@@ -299,7 +299,7 @@ def test_generic_operator_agrees_on_the_whole_path(table):
 
 def test_loading_direction_enters_the_cone_at_A():
     for table in (1, 2):
-        path = follow_diamond(DiamondOptions(table=table))
+        path = followed(table=table)
         rows = diamond_table(path)
         isotropic = rows["stage"] == "isotropic"
         np.testing.assert_allclose(rows["loading_alphaE_deg"][isotropic], 45.0, atol=1e-13)
@@ -311,7 +311,7 @@ def test_loading_direction_enters_the_cone_at_A():
 
 
 def test_polar_diagram_at_B_takes_the_regime_that_a_direction_activates():
-    path = follow_diamond(DiamondOptions(table=2))
+    path = followed(table=2)
     diagram, slip = state_diagram(path, "B")
     loading = np.radians(diamond_table(path)["loading_alphaE_deg"][path.marks["B"] + 1])
     along = int(np.argmin(np.abs(diagram.angle - loading)))
@@ -335,8 +335,8 @@ def test_polar_diagram_at_B_takes_the_regime_that_a_direction_activates():
 
 
 def test_cone_beyond_B_is_that_of_the_sliding_operator():
-    path = follow_diamond(DiamondOptions(table=1))
-    edges = np.radians(diamond_summary(path)["states"]["B"]["beyond"]["cone"]["edges_deg"])
+    path = followed(table=1)
+    edges = np.radians(summary_of(table=1)["states"]["B"]["beyond"]["cone"]["edges_deg"])
     Ks = symmetric_part(beyond_yield_operator(path))
     for theta in edges:
         e = np.array([np.cos(theta), np.sin(theta)])

@@ -8,13 +8,13 @@ from typer.testing import CliRunner
 from loops import InputError
 from studies.cli import app
 from studies.paths import DiamondOptions, PolygonOptions
-from studies.paths.diamond import follow_diamond
 from studies.paths.diamond_summary import model_summary
+from tests.studies.paths.followed import followed
 
 
 @pytest.mark.parametrize(("table", "closure"), [(1, "affine"), (2, "traction")])
 def test_all_freedoms_of_the_diamond_against_its_closed_forms(table, closure):
-    path = follow_diamond(DiamondOptions(table=table, closure=closure, model="full"))
+    path = followed(table=table, closure=closure, model="full")
     found = model_summary(path)
     assert (found["choice"], found["freedoms"]) == ("full", "8 of 8")
     assert sorted(found["check"]["differences"]) == ["A", "B", "I"]
@@ -22,7 +22,7 @@ def test_all_freedoms_of_the_diamond_against_its_closed_forms(table, closure):
 
 
 def test_the_diamond_says_that_it_has_two_freedoms():
-    found = model_summary(follow_diamond(DiamondOptions(table=1)))
+    found = model_summary(followed(table=1))
     assert (found["symmetry"], found["freedoms"]) == ("D2 (order 4)", "2 of 8")
     assert (found["contact_orbits"], found["check"]) == ("1 of 4", None)
 

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from loops import InputError, find_faces
 from patterns import read_snapshot
 from studies.paths import DiamondOptions, run_diamond
-from studies.paths.diamond import follow_diamond
 from studies.paths.diamond_figures import draw_determinant
 from studies.paths.figures import draw_cone, draw_eigenvalues, draw_loop, draw_polar, draw_stress
 from studies.paths.polar import operator_diagram
 from studies.paths.tables import snapshot_tables
 from studies.style import STYLE
+from tests.studies.paths.followed import followed
 
 EVENT_KEYS = {
     "kind", "E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks"
@@ -122,7 +122,7 @@ def test_loop_at_A_is_a_snapshot(written):
 
 
 def test_shear_forces_survive_the_way_through_a_snapshot(tmp_path):
-    path = follow_diamond(DiamondOptions(table=2))
+    path = followed(table=2)
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     sheared = replace(path.path, shear_force=0.01 * signs + 0.0 * path.path.shear_force)
     path = replace(path, path=sheared)
@@ -157,7 +157,7 @@ def test_a_path_without_named_states_is_written(tmp_path):
 
 
 def test_drawing_functions_use_the_axes_they_are_given():
-    path = follow_diamond(DiamondOptions(table=1))
+    path = followed(table=1)
     before = {key: matplotlib.rcParams[key] for key in STYLE}
     for draw in (
         lambda ax: draw_determinant(path, ax),

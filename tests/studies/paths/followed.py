@@ -1,0 +1,26 @@
+"""Diamonds followed once and asked by many tests."""
+
+import functools
+
+from studies.paths import DiamondOptions
+from studies.paths.diamond import FollowedDiamond, follow_diamond
+from studies.paths.diamond_summary import diamond_summary
+
+# Nobody writes into these: a test that spoils a path follows one of its own.
+
+
+@functools.cache
+def followed(**options) -> FollowedDiamond:
+    return follow_diamond(DiamondOptions(**options))
+
+
+@functools.cache
+def summary_of(**options):
+    return diamond_summary(followed(**options))
+
+
+class Confined(DiamondOptions):
+    """The isotropic stage alone."""
+
+    def stages(self):
+        return super().stages()[:1]
