@@ -8,17 +8,19 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from loops import GrainGraph, InputError, Regime
+from loops.arrays import Floats, Integers
 from loops.closures import MacroTangent
 from patterns import Snapshot
 from stability import Path, plane_cone, restrict
 from studies.frames import events_of_rows
-from studies.paths.figures import draw_grains, draw_polar
+from studies.paths.figures import FEW, draw_grains, draw_polar, forces_key
 from studies.paths.polar import operator_diagram
 from studies.snapshot.loop_map import draw_orders, draw_values, loop_drawer
 from studies.snapshot.source import planar
-from studies.style import BLACK, axes_or_new, styled
+from studies.style import BLACK, LINE_COLOURS, ONE_COLUMN, axes_or_new, styled
 
 
 @styled()
@@ -63,11 +65,10 @@ def plot_map(
 
 @styled()
 def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
-    """Grains of a loop, or of a small graph, with the forces of its contacts.
+    """Grains of a loop, or of a small graph, with the forces of its contacts and their key.
 
-    Blue where a contact sticks, vermilion where it slides, grey where it is open; the width of a
-    line is in proportion to the force. For few grains arrows show the forces from outside that
-    hold the contacts in balance.
+    Every contact has a line along its force, normal and tangential part together, as wide as it is
+    large. For few grains arrows show the forces from outside that hold the contacts in balance.
 
     Parameters
     ----------
@@ -88,11 +89,15 @@ def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
     if graph.batch_shape or graph.cell is not None:
         received = f"batch axes {graph.batch_shape}" if graph.batch_shape else "a periodic graph"
         raise InputError("graph", received, "one state in the plane", "Cut a loop out of it.")
-    ax, regime = axes_or_new(ax, 3.0, 3.0), graph.regime
+    ax, regime = axes_or_new(ax, ONE_COLUMN, 3.8), graph.regime
     if regime is None:
         regime = np.where(graph.normal_force > 0, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
     forces = graph.normal_force, graph.shear_force
-    draw_grains(ax, graph.x, 2.0 * graph.radii, graph.contacts, *forces, regime)
+    largest = float(np.hypot(*forces).max(initial=0.0))
+    draw_grains(ax, graph.x, 2.0 * graph.radii, graph.contacts, *forces, regime, largest)
+    arrows = graph.grain_count <= FEW
+    key = forces_key(largest, "force units", {Regime(int(each)) for each in regime}, arrows=arrows)
+    ax.legend(handles=key, loc="upper center", bbox_to_anchor=(0.5, -0.18))
     reach = graph.radii.max() + 1.4 * graph.radii.mean()
     (left, bottom), (right, top) = graph.x.min(axis=0) - reach, graph.x.max(axis=0) + reach
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -130,6 +135,9 @@ def plot_path(
 ) -> Axes:
     """Columns of a path over one another, its events marked.
 
+    From row to row the curves are cubics: those of `H` and `P` have the path's own slopes, other
+    columns keep to the range of their rows. No line joins the rows before and after a jump.
+
     Parameters
     ----------
     path : Path
@@ -153,8 +161,9 @@ def plot_path(
     for name in (x, *names):
         if name not in table:
             raise InputError("column", repr(name), "one of gl.path_table(path)", "Look there.")
-    for name in names:
-        ax.plot(table[x], table[name], label=name)
+    for name, colour in zip(names, cycle(LINE_COLOURS)):
+        curves = [_cubics(path, part, (table, x, name)) for part in _between_jumps(path)]
+        ax.plot(*np.concatenate(curves, axis=1), color=colour, label=name)
     named = np.array(events_of_rows(path))
     for kinds, marker in zip(sorted({*named} - {""}), cycle("osD^vP")):
         at = named == kinds
@@ -163,6 +172,33 @@ def plot_path(
     ax.set(xlabel=_named(x), ylabel=_named(names[0][0] if len(names) > 1 else names[0]))
     ax.legend()
     return ax
+
+
+def _between_jumps(path: Path) -> list[Integers]:
+    """Rows of every stretch in which no regime and no stage changes."""
+    change = (np.diff(path.regime, axis=0) != 0).any(axis=1) | (np.diff(path.stage) != 0)
+    return np.split(np.arange(len(path)), np.flatnonzero(change) + 1)
+
+
+def _cubics(path: Path, part: Integers, columns: tuple[dict[str, Any], str, str]) -> Floats:
+    """(2, n) points of a curve through rows, over the length of `H`'s way, and a gap behind it."""
+    table, *names = columns
+    along = np.cumsum(
+        np.linalg.norm(np.diff(path.H[part], axis=0, prepend=path.H[part[:1]]), axis=1)
+    )
+    part, s = part[(moved := np.diff(along, prepend=-1.0) > 0)], along[moved]
+    fine = np.interp(np.linspace(0, len(s) - 1, 12 * len(s)), np.arange(len(s)), s)
+    points = []
+    for name in names:
+        values = np.asarray(table[name], dtype=float)[part]
+        if len(s) < 2 or not np.isfinite(values).all():
+            drawn = np.interp(fine, s, values)
+        elif f"{name}_rate" in table:
+            drawn = CubicHermiteSpline(s, values, np.asarray(table[f"{name}_rate"])[part])(fine)
+        else:
+            drawn = PchipInterpolator(s, values)(fine)
+        points.append(np.append(drawn, np.nan))
+    return np.stack(points)
 
 
 def _named(column: str) -> str:

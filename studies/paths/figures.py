@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from loops import Regime, macroscopic_tangent
@@ -42,8 +43,9 @@ from studies.style import (
 STRAIN = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
 COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
-# Width of the line of the largest force, in points; loops whose external forces are drawn.
-WIDEST, FEW = 4.0, 12
+REGIMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
+# Line and arrow of the largest force, in points and in diameters; the most grains with arrows.
+WIDEST, ARROW, FEW = 4.0, 0.45, 12
 SHARES: tuple[tuple[str, str, Any, str], ...] = (
     ("diagonal", BLUE, "-", "(11, 22)"),
     ("symmetric", VERMILION, (0, (4, 2)), r"(11, 22, (12+21)/$\sqrt{2}$)"),
@@ -253,37 +255,41 @@ def isotropic_operator(options: PolygonOptions, strain: float) -> Floats:
 @styled()
 def draw_loops(found: Followed, names: Sequence[str]) -> Figure:
     """The loop at named states with its contact forces, and for few grains the external ones."""
-    fig = new_figure(ONE_COLUMN * len(names), 3.3)
+    fig = new_figure(ONE_COLUMN * len(names), 3.6)
     axes = fig.subplots(1, len(names), squeeze=False, sharex=True, sharey=True)[0]
-    for ax, name in zip(axes, names, strict=True):
-        row = found.marks[name]
-        draw_loop(found, row, ax)
+    path, rows = found.path, [found.marks[name] for name in names]
+    x, size = path.x[rows], np.ones(path.x.shape[1])
+    forces = [(path.normal_force[row], path.shear_force[row]) for row in rows]
+    largest = max(float(np.hypot(*both).max()) for both in forces)
+    reach = float(np.abs(x).max()) + (1.4 if len(size) <= FEW else 0.6)
+    for ax, name, row, at, both in zip(axes, names, rows, x, forces, strict=True):
+        draw_grains(ax, at, size, path.contacts, *both, path.regime[row], largest)
         ax.set_title(f"{name}: $E_1 = {found.E1[row]:.4f}$, $E_2 = {found.E2[row]:.4f}$")
+        ax.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
+        ax.set(xlabel=r"$x_1 / l_0$ (–)", ylabel=r"$x_2 / l_0$ (–)")
+        ax.locator_params(nbins=6)
         ax.label_outer()
+    regimes = {Regime(int(each)) for each in np.unique(path.regime[rows])}
+    key = forces_key(largest, r"$k_n l_0$", regimes, arrows=len(size) <= FEW)
+    fig.legend(handles=key, loc="outside lower center", ncols=len(names))
     return fig
 
 
-@styled()
-def draw_loop(found: Followed, row: int, ax: Axes | None = None) -> Axes:
-    """The loop at one row: a line along every contact force, its width in proportion.
-
-    Blue where the contact sticks, vermilion where it slides, grey where it is open.
-    """
-    ax, path = axes_or_new(ax, 3.0, 3.0), found.path
-    x, size = path.x[row], np.ones(path.x.shape[1])
-    forces = path.normal_force[row], path.shear_force[row]
-    draw_grains(ax, x, size, path.contacts, *forces, path.regime[row])
-    reach = float(np.abs(path.x[[row, *found.marks.values()]]).max())
-    reach += 1.4 if len(x) <= FEW else 0.6
-    ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
-    ax.set(aspect="equal", xlabel=r"$x_1 / l_0$ (–)", ylabel=r"$x_2 / l_0$ (–)")
-    return ax
-
-
 def draw_grains(
-    ax: Axes, x: Floats, size: Floats, pairs: Integers, N: Floats, T: Floats, regime: Regimes
+    ax: Axes,
+    x: Floats,
+    size: Floats,
+    pairs: Integers,
+    N: Floats,
+    T: Floats,
+    regime: Regimes,
+    largest: float,
 ) -> None:
-    """Grains of the diameters `size`, a line along every contact force, for few grains arrows."""
+    """Grains of the diameters `size`, the force of every contact as a line along it.
+
+    Its width is in proportion, the widest of the force `largest`; for few grains arrows show the
+    forces from outside that hold the contacts in balance, in proportion as well.
+    """
     closed = regime != Regime.OPEN
     ax.add_collection(
         EllipseCollection(
@@ -293,19 +299,46 @@ def draw_grains(
     )  # fmt: skip
     drawn = closed | (np.arange(len(pairs)) < len(x))
     ax.add_collection(LineCollection(list(x[pairs[drawn]]), colors=LIGHT_GREY, linewidths=0.6))
-    force = _forces(N, T, x[pairs])
+    force, largest = _forces(N, T, x[pairs]), max(largest, np.finfo(float).tiny)
     strength = np.linalg.norm(force, axis=1)
-    width = WIDEST * strength / max(float(strength.max()), np.finfo(float).tiny)
     branch = np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=1)
     half = 0.5 * force * (branch / np.where(strength > 0.0, strength, 1.0))[:, None]
     first = size[pairs[:, :1]] / size[pairs].sum(axis=1, keepdims=True)
     contact = x[pairs[:, 0]] + first * (x[pairs[:, 1]] - x[pairs[:, 0]])
     lines = np.stack([contact - half, contact + half], axis=1)
     colours = [COLOURS[Regime(int(each))] for each in regime]
+    width = WIDEST * strength / largest
     ax.add_collection(LineCollection(list(lines), colors=colours, linewidths=width))
     ax.plot(*x.T, "o", color=BLACK, markersize=1.5)
-    if len(x) <= FEW:
-        _external_forces(x, size, pairs, force, ax)
+    if len(x) > FEW:
+        return
+    external = np.zeros_like(x)
+    np.add.at(external, pairs[:, 0], force)
+    np.add.at(external, pairs[:, 1], -force)
+    pull = np.linalg.norm(external, axis=1)
+    here = pull > 1e-12 * largest
+    along = external[here] / pull[here, None]
+    ax.quiver(
+        *(x[here] - 0.5 * size[here, None] * along).T, *(external[here] / largest).T, angles="xy",
+        scale_units="xy", scale=1.0 / (ARROW * size.mean()), pivot="tip", width=0.006,
+    )  # fmt: skip
+
+
+def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool) -> list[Line2D]:
+    """What is drawn of the forces of a loop, and how large the widest line is."""
+    key = [
+        Line2D([], [], color=COLOURS[regime], linewidth=0.5 * WIDEST, label=f"{name} contact")
+        for regime, name in REGIMES.items()
+        if regime in regimes
+    ]
+    width = f"contact force, widest: {largest:.3g} {unit}"
+    key.append(Line2D([], [], color=BLACK, linewidth=WIDEST, label=width))
+    if arrows:
+        length = f"external force, {ARROW:g} diameters long: as large"
+        key.append(
+            Line2D([], [], color=BLACK, linewidth=0.0, marker=r"$\rightarrow$", label=length)
+        )
+    return key
 
 
 def _forces(N: Floats, T: Floats, ends: Floats) -> Floats:
@@ -313,20 +346,3 @@ def _forces(N: Floats, T: Floats, ends: Floats) -> Floats:
     d = ends[:, 1] - ends[:, 0]
     n = d / np.linalg.norm(d, axis=1, keepdims=True)
     return N[:, None] * n + T[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
-
-
-def _external_forces(x: Floats, diameter: Floats, pairs: Any, force: Floats, ax: Axes) -> None:
-    """Arrows of the forces from outside that balance the contacts, lengths in proportion."""
-    external = np.zeros_like(x)
-    np.add.at(external, pairs[:, 0], force)
-    np.add.at(external, pairs[:, 1], -force)
-    size = np.linalg.norm(external, axis=1)
-    largest = float(size.max())
-    unit = float(diameter.mean())
-    for centre, pull, wide in zip(x, external, diameter, strict=True):
-        strength = float(np.linalg.norm(pull))
-        if strength > 1e-12 * largest > 0.0:
-            along = pull / strength
-            tip = centre - 0.5 * wide * along
-            tail = tip - (0.1 + 0.5 * strength / largest) * unit * along
-            ax.annotate("", tip, tail, arrowprops={"arrowstyle": "-|>", "color": BLACK})

@@ -67,7 +67,7 @@ class DiamondOptions:
     model: ModelOption = "auto"
 
     spins: ClassVar[Spins] = "blocked"
-    # Of a stage at least; of a polygon the steps of the integrator.
+    # Of a stage at least, so that curves through them have no corners.
     rows: ClassVar[int] = 80
 
     def __post_init__(self) -> None:
@@ -169,7 +169,7 @@ class PolygonOptions:
     model: ModelOption = "auto"
 
     volume: ClassVar[float | None] = None
-    rows: ClassVar[int] = 0
+    rows: ClassVar[int] = 40
     contact_on_touch: ClassVar[OnTouch] = "ignore"
 
     def __post_init__(self) -> None:

@@ -1,6 +1,7 @@
 """`docs/first-steps.md`: its blocks run, print what stands below them, and are as short as said."""
 
 import re
+from itertools import pairwise
 
 import matplotlib
 import numpy as np
@@ -159,3 +160,58 @@ def test_forces_of_a_loop_pass_through_its_contacts(session):
     share = loop.radii[i] / (loop.radii[i] + loop.radii[j])
     contact = loop.x[i] + share[:, None] * (loop.x[j] - loop.x[i])
     np.testing.assert_allclose(middles, contact, rtol=0, atol=1e-12)
+
+
+def test_the_key_of_a_loop_tells_its_forces(session):
+    """Widths and arrows are in proportion to the force that the key names."""
+    loop = session[0]["loop"].graph
+    ax = gl.plot_loop(loop)
+    said = [text.get_text() for text in ax.get_legend().get_texts()]
+    forces = np.hypot(loop.normal_force, loop.shear_force)
+    assert f"contact force, widest: {forces.max():.3g} force units" in said
+    widest = ax.get_legend().get_lines()[said.index(said[-2])].get_linewidth()
+    width = ax.collections[2].get_linewidths()
+    np.testing.assert_allclose(width, widest * forces / forces.max(), rtol=1e-12)
+    force = gl.contact_forces(loop)
+    outside = np.zeros_like(loop.x)
+    np.add.at(outside, loop.contacts[:, 0], force)
+    np.add.at(outside, loop.contacts[:, 1], -force)
+    arrows = ax.collections[3]
+    length = np.hypot(arrows.U, arrows.V) / arrows.scale
+    moved = np.linalg.norm(outside, axis=1) > 1e-12 * forces.max()
+    share = np.linalg.norm(outside[moved], axis=1) / forces.max()
+    diameters = float(said[-1].split()[2])
+    expected = diameters * 2 * loop.radii.mean() * share
+    np.testing.assert_allclose(length, expected, rtol=1e-12)
+
+
+def test_curves_of_a_path_are_those_of_a_dense_one():
+    """Cubics through 20 rows against 800, none across a jump; the slopes of P are the path's own.
+
+    Between rows h apart a cubic errs by h^4 times the fourth derivative over 384, one whose slopes
+    are estimated by h^3.
+    """
+    pentagon, law = gl.regular_polygon(5, strain=0.1), gl.LinearFrictional(1.0, 0.2, 0.0875)
+    stage = gl.Stage(gl.programmes.drained_biaxial(), "H11", 0.46)
+    path, dense = (gl.follow(pentagon, law, stage, rows=rows) for rows in (0, 800))
+    assert len(path) < 25 < 800 < len(dense)
+    exact = dense.columns()
+    for name, tolerance in (("P11", 2e-6), ("det_Ks", 1e-3)):
+        line = gl.plot_path(path, y=name).lines[0]
+        x, y = (np.asarray(values, dtype=float) for values in line.get_data())
+        assert np.count_nonzero(np.isnan(y)) == 1 + len(np.unique(
+            [event.index for event in path.events if event.kind in ("yield", "opening")]
+        ))  # fmt: skip
+        turns = [
+            0,
+            *np.flatnonzero((np.diff(dense.regime, axis=0) != 0).any(axis=1)) + 1,
+            len(dense),
+        ]
+        seen = 0
+        for first, last in pairwise(turns):
+            at, values = (np.asarray(exact[key])[first:last] for key in ("H11", name))
+            inside = (x > at[0]) & (x < at[-1])
+            seen += np.count_nonzero(inside)
+            error = np.abs(y[inside] - np.interp(x[inside], at, values)).max()
+            assert error < tolerance * np.ptp(exact[name])
+        assert seen > 200

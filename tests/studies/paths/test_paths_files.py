@@ -14,7 +14,7 @@ from loops import InputError, find_faces
 from patterns import read_snapshot
 from studies.paths import DiamondOptions, run_diamond
 from studies.paths.diamond_figures import draw_determinant
-from studies.paths.figures import draw_cone, draw_eigenvalues, draw_loop, draw_polar, draw_stress
+from studies.paths.figures import draw_cone, draw_eigenvalues, draw_polar, draw_stress
 from studies.paths.polar import operator_diagram
 from studies.paths.tables import snapshot_tables
 from studies.style import STYLE
@@ -165,7 +165,6 @@ def test_drawing_functions_use_the_axes_they_are_given():
         lambda ax: draw_stress(path, ax),
         lambda ax: draw_cone(path, ax),
         lambda ax: draw_polar(operator_diagram(path.K[-1]), ax),
-        lambda ax: draw_loop(path, path.marks["A"], ax),
     ):
         ax = Figure().add_subplot()
         assert draw(ax) is ax
