@@ -11,7 +11,6 @@ from loops.arrays import Floats, Integers, all_finite, frobenius
 # Singular values below this fraction of the largest count as zero. Rounding leaves about
 # size * eps = 1e-15 to 1e-13 there (loops of 3 to 200 grains).
 NULL_TOLERANCE = 1e-13
-
 # Unit of rounding times what a few operations per entry make of it.
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
 

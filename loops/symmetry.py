@@ -15,7 +15,6 @@ from loops.graph import GrainGraph
 # Rounding of coordinates and forces, over their size: a state further from symmetric than this is
 # not symmetric. A perturbation of 1e-12 is no rounding.
 ROUNDING = 64 * float(np.finfo(float).eps)
-
 # Entries of a map this close to -1, 0 or 1 are these.
 AXIS_ROUNDING = 1e-12
 

@@ -13,7 +13,6 @@ from loops.errors import InputError
 from stability.subspaces import COMPONENTS
 
 Axis = Literal[1, 2]
-
 QUANTITIES = tuple(f"{tensor}{component}" for tensor in "HP" for component in COMPONENTS)
 
 

@@ -19,7 +19,6 @@ from loops.arrays import Floats
 from loops.laws.protocol import Regime
 
 Status = Literal["unique", "none", "several"]
-
 # Up to this number of combinations of regimes all are tried; beyond it, pivoting.
 ENUMERATION_LIMIT = 256
 # Where pivoting finds nothing all are tried up to this number.
@@ -39,8 +38,6 @@ class Choice:
 
 OPEN, ELASTIC = Choice(Regime.OPEN), Choice(Regime.ELASTIC)
 LEFT, RIGHT = Choice(Regime.SLIDING, 1.0), Choice(Regime.SLIDING, -1.0)
-
-
 # What a contact inside its cone is asked when all are: only sticking can agree.
 INSIDE = (ELASTIC, LEFT, RIGHT)
 

@@ -9,9 +9,7 @@ from loops.arrays import Floats
 from loops.errors import InputError
 
 COMPONENTS = ("11", "12", "21", "22")
-
 _HALF = np.sqrt(0.5)
-
 # Rows are orthonormal directions of H in the order of COMPONENTS.
 _BASES: dict[str, Floats] = {
     "diagonal": np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]),

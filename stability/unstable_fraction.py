@@ -15,16 +15,13 @@ from loops.errors import InputError
 # the largest above the second: Carlson's integrals stay in range, no fraction moves by over 1e-20.
 _SMALLEST_RATIO = 1e-40
 _SMALLEST_NEGATIVE = 1e-200
-
 # Nodes in v = ln u for Imhof's integrand, analytic in |Im v| < pi/2: the trapezoidal error is
 # exp(-pi^2/h) = 7e-18. Ends: it decays as e^v to the left and at least as e^(-v/2) to the right.
 _IMHOF_STEP = 0.25
 _IMHOF_NODES = np.exp(np.arange(-40.0, 80.0 + _IMHOF_STEP, _IMHOF_STEP))
-
 # Nodes in v = ln t for the branch-cut integrand, analytic in |Im v| < pi: exp(-2 pi^2/h) = 7e-18.
 _CUT_STEP = 0.5
 _CUT_NODES = np.exp(np.arange(-80.0, 80.0 + _CUT_STEP, _CUT_STEP))
-
 _CHUNK = 1024  # operators at a time: a few MB for each temporary array
 
 

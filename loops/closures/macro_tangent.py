@@ -15,7 +15,6 @@ from loops.shown import Shown
 
 Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]
-
 # A solve is trusted while these hold; see `MacroTangent`.
 RESIDUAL_LIMIT = 1e-8
 AMBIGUITY_LIMIT = 1e-6

@@ -31,7 +31,6 @@ from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 
 Method = Literal["auto", "force", "saddle"]
-
 # Beyond this amplification of the force method the saddle system competes.
 FORCE_METHOD_LIMIT = 1e4
 # It must state a hundredth of the error: the force method keeps the directions of soft operators.

@@ -17,7 +17,6 @@ from loops.arrays import Flags, Floats, Integers
 from loops.compiled.kernel import kernel
 
 Short = NDArray[np.int32]
-
 BITS = 11  # bins along each axis: 2^11, their codes sorted in two passes of 2^11 counters
 BINS = 2**BITS
 SPLITTER = 2.0**27 + 1.0

@@ -15,7 +15,6 @@ from loops.errors import InputError
 from loops.laws.protocol import ContactLaw, Regime
 
 ShearIncrement = Literal["branch", "radii"]
-
 # A contact within this fraction of its strength is at yield: paths stop at it to 1e-12.
 YIELD_BAND = 1e-10
 # A gap below this fraction of `r_i + r_j` is touching: centres far from the origin carry the
@@ -25,7 +24,6 @@ TOUCHING = 1e-12
 APEX = 1e-9
 # Shear force of a contact that slides at the cone's apex: its sign is all the law reads.
 APEX_SHEAR = 1e-300
-
 # Nodes and weights on [0, 1] for the energy of a normal force without a closed form.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS

@@ -29,7 +29,6 @@ from loops.packing.walls import PlaneContacts
 
 Method = Literal["auto", "whole", "blocks", "patches", "extrapolated"]
 METHODS = get_args(Method)
-
 # Up to so many grains the whole packing is inverted; beyond, squares of BLOCK mean diameters with
 # grains held BUFFER outside them: on 128,000 grains half the time and a quarter of the memory. With
 # sliding contacts blocks are done twice, and soft modes are longer than they: later there.

@@ -15,11 +15,9 @@ from loops.arrays import Floats
 from patterns.arguments import acute_angle, finite, nonnegative, positive, strain
 
 CONTACTS = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
-
 # As alpha grows, branches (0, 1) and (2, 3) turn clockwise and the two others counter-clockwise;
 # the graph counts T along the counter-clockwise tangent, the diamond along growing alpha.
 SHEAR_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
-
 # Strains of a diamond that barely touches give an overlap of zero up to this rounding.
 ROUNDING = 4.0 * np.finfo(np.float64).eps
 

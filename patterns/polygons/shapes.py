@@ -23,7 +23,6 @@ NEWTON_STEPS = 200
 # the graph counts T along the counter-clockwise tangent, the hexagon along growing alpha.
 SHEAR_SIGNS = np.array([1.0, 0.0, -1.0, 1.0, 0.0, -1.0])
 AXIAL = np.array([False, True, False, False, True, False])
-
 # Strains of a hexagon that barely touches give an overlap of zero up to this rounding.
 ROUNDING = 4.0 * np.finfo(np.float64).eps
 

@@ -17,10 +17,8 @@ from loops.arrays import Floats, Integers
 from patterns.snapshots.yade.shear import on_rim
 
 Severity = Literal["ok", "doubt", "error"]
-
 SAMPLE = 100_000  # contacts that medians are taken over
 LOADED = 0.1  # contacts with more than this share of the mean N tell more than rounding
-
 # Share of the forces along the branches: 0.97 to 1; exchanged components 0 to 0.3, signs -1.
 ALONG, PULLING = 0.4, 0.02
 # Out of balance over the mean force: to 0.063; flowing 0.27; shear of the other sign 0.2 to 1.2.

@@ -30,7 +30,6 @@ from patterns.snapshots.text import (
 
 Column = Any  # an array of numpy or of pyarrow
 Arrays = dict[str, NDArray[Any]]
-
 ARRAY_FILES = (".npz", ".h5", ".hdf5")
 TEXTS = (".csv", ".csv.gz", ".tsv", ".txt", ".dat")
 ENDINGS = (*TEXTS, ".parquet", *ARRAY_FILES)

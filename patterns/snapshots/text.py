@@ -19,7 +19,6 @@ from loops import InputError
 
 # What is searched and sliced alike: the map of a file, or what a gzip file holds.
 Text = bytes | mmap.mmap
-
 HEAD = 4096  # bytes that tell a format
 # No file of a packing unpacks to so many times its size: positions have digits of their own.
 PACKING = 1100

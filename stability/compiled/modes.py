@@ -11,7 +11,6 @@ from loops.compiled.kernel import kernel
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
-
 HALF = math.sqrt(0.5)
 SWEEPS = 30  # four or five are enough
 SPLITTER = 2.0**27 + 1.0

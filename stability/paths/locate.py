@@ -11,13 +11,10 @@ from scipy.optimize import brentq
 from loops.arrays import Floats, Integers
 
 Anything = TypeVar("Anything")
-
 # Points at which the polynomial through the samples looks for an excursion between them.
 FINE = np.linspace(0.0, 1.0, 41)
-
 # Halvings of a step that leave less than the spacing of doubles.
 HALVINGS = 60
-
 # Functions beyond this number (pairs of grains, in long loops) are compared at the samples alone.
 MANY = 2000
 

@@ -19,7 +19,6 @@ from stability.paths.unknowns import Kind, UnknownSets
 
 # Rounding of coordinates, in units of r_i + r_j.
 JUST_TOUCHING = 8 * float(np.finfo(float).eps)
-
 # Normal forces of the initial graph against those of its overlaps, in units of kn (r_i + r_j).
 FORCE_MISMATCH = 1e-9
 

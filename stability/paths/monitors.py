@@ -29,10 +29,8 @@ ROUNDING = {
     "control_limit": 1e-12,
     "stage_end": 0.0,
 }
-
 # Pairs of grains are watched where their gap is below this fraction of r_i + r_j.
 NEAR = 0.1
-
 # An eigenvalue of K whose imaginary part is below this fraction of |K| is real.
 REAL = 1e-7
 

@@ -33,8 +33,6 @@ EventKind = Literal[
 PathStatus = Literal[
     "finished", "control_limit", "opposite_contact", "no_solution", "no_load", "lost"
 ]
-
-
 ModelOption = Literal["auto", "full"]
 
 

@@ -29,33 +29,23 @@ from stability.programmes import Stage
 
 # Rows closer to an event, over their spacing, are that of the event.
 CLOSE = 1e-6
-
 # Where rates are taken for rows within a step.
 NODES, _ = legendre.leggauss(8)
-
 SAMPLES = np.linspace(0.0, 1.0, 5)
-
 # A path that stalls where its equations are worse conditioned than this has met a singular point.
 ILL_CONDITIONED = 1e6
-
 # Steps after which the integrator has found its step size.
 SETTLED = 4
-
 # Steps that short, over the size of the strains, stall.
 STALLED = 1e-7
-
 # Evaluations after which a step is given up: forty sizes, each a fifth of the last at least.
 EVALUATIONS = 480
-
 # Integrating a part of a step again takes a few steps; more than this tell of a singular point.
 AGAIN = 100
-
 # Steps below this part of the way tell of it at once.
 CREEPS = 1e-2
-
 # Steps below this length in the space of H change nothing.
 SHORTEST = 1e-17
-
 # Functions this close to zero where another event is located have their event there too.
 SIMULTANEOUS = 1e-11
 

@@ -39,21 +39,15 @@ from stability.rate_problem import ELASTIC, SEARCH_LIMIT, Choice, RateProblem
 
 # Rate problems in a row without progress after which no regime is said to hold.
 CHATTER = 12
-
 # Longest steps to try, over that asked for, where a singular state is in the way.
 RETRIES = (1.0, 0.86, 0.74, 0.62)
-
 # Below this strain a loop without forces is singular as it stands, and no step helps.
 UNLOADED = 1e-6
-
 # A target this close, in strain or in stress over kn, is reached.
 REACHED = 1e-15
-
 # Change of H below which nothing has moved.
 STILL = 1e-13
-
 FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target")
-
 # Force that a parting contact may drop, over kn times length.
 RELEASE = 1e-9
 

@@ -18,7 +18,6 @@ from stability.rate_problem import Choice
 
 # Lengths over r_i + r_j at which the laws of contacts are compared.
 PROBES = (0.9, 0.99)
-
 # Row spaces of a control that differ by less are the same.
 SAME_CONTROL = 1e-12
 

@@ -23,13 +23,10 @@ from stability.programmes import Programme, Stage
 
 # Steps that a stage takes at least, if it is as long as its start promises.
 STEPS = 8
-
 # Strain below which nothing is told apart.
 SMALLEST = 1e-12
-
 # Of a symmetry that was never given up.
 TO_THE_END = "to the end"
-
 # Shear force outside the cone that passes for rounding, over kn times length.
 OUTSIDE = 1e-9
 

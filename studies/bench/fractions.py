@@ -21,7 +21,6 @@ DEFAULT_STEP = 0.25
 DIRECTIONS = (8, 11, 14, 17)
 # Operators at a time, as in the code.
 CHUNK = 1024
-
 # Wide, narrow and nearly closed cones, one with a soft positive eigenvalue.
 SPECTRA = np.array(
     [

@@ -26,7 +26,6 @@ GROUPS: dict[str, tuple[Callable[[bool], list[Row]], ...]] = {
     "precision": (precisions,),
     "compiled": (compiled_faces, compiled_modes),
 }
-
 # Below this an error is rounding: methods that reach it are told apart by their time alone.
 ROUND_OFF = 1e-14
 # Where none does, this many times the least error counts as reaching it.

@@ -24,7 +24,6 @@ from stability import Stage, follow, programmes
 from studies.bench.measure import Rows
 
 State = tuple[float, float, float]
-
 # E1, E2, s1 at B from the quadrature in 20 digits.
 POINT_B = (0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503)
 # E1 grows by this much in the nominal number of steps: yield comes within the last per cent.

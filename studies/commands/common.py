@@ -63,8 +63,6 @@ READING: dict[str, Any] = {
     ],
 }
 DEFAULTS: dict[str, Any] = {"format": "auto", "drop_crossings": False}
-
-
 # What no name of a result folder keeps of its input's.
 ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
 # Whether summaries are left out: `grainloops --quiet`.

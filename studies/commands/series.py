@@ -30,7 +30,6 @@ PREDICTORS = {
     "sliding": "number of sliding contacts",
     "smallest_N": "smallest normal force",
 }
-
 TARGETS = {
     "nonaffine": "least affine tenth",
     "contact_lost": "contact lost",

@@ -16,7 +16,6 @@ from patterns.snapshots.tables import WHOLE, Table
 from patterns.snapshots.text import listed
 
 Map = dict[str, str]
-
 # Plain names of the contacts' columns of LAMMPS, and what they hold.
 CONTACT_NAMES = {
     "id1": "id of atom 1",

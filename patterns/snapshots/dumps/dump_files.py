@@ -171,7 +171,6 @@ def _edges(rows: Floats) -> tuple[Floats, Floats, float]:
 
 
 Listings = list[DumpFrame | InputError]
-
 ATOM_WORDS = ("atoms", "atom", "grains", "particles")
 CONTACT_WORDS = ("contacts", "contact", "local", "pairs", "pair")
 # Plain names of the atoms' columns that a column map may give.

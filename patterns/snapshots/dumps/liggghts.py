@@ -50,7 +50,6 @@ STEPS = 5  # of Newton's method for the cell; it converges in two
 # Overlaps must fit the cell to this share of its size, better than the header.
 FIT = 1e-7
 PRECISE = 1e-6  # overlaps are small: they are told from other columns by more
-
 # LIGGGHTS' `pair/gran/local`: columns have no names, but an order, whatever that of the keywords:
 # pos (6), vel (6), id (3: two ids and the periodic flag), force (3), force_normal (3),
 # force_tangential (3), torque (3), torque_normal (3), torque_tangential (3), history (as the

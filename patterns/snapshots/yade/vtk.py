@@ -140,7 +140,6 @@ def _shear(
 
 
 Columns = dict[str, NDArray[np.generic]]
-
 SNIPPET = "Export tables from inside Yade instead, see docs/yade.md."
 
 
