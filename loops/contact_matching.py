@@ -108,21 +108,13 @@ def match_contacts(
 def _checked(graph: GrainGraph, ids: ArrayLike) -> Integers:
     numbers = np.asarray(ids, dtype=np.int64)
     if numbers.shape != (graph.grain_count,):
-        raise InputError(
-            "ids of the grains",
-            f"shape {numbers.shape}",
-            f"({graph.grain_count},)",
-            "Give one id for each grain.",
-        )
+        where, received = "ids of the grains", f"shape {numbers.shape}"
+        raise InputError(where, received, f"({graph.grain_count},)", "Give one id for each grain.")
     ordered = np.sort(numbers)
     twice = np.flatnonzero(ordered[1:] == ordered[:-1])
     if len(twice):
-        raise InputError(
-            "ids of the grains",
-            f"{ordered[twice[0]]} twice",
-            "each id once",
-            "Renumber the grains.",
-        )
+        received = f"{ordered[twice[0]]} twice"
+        raise InputError("ids of the grains", received, "each id once", "Renumber the grains.")
     return numbers
 
 

@@ -96,12 +96,8 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
     for node, data in network.nodes(data=True):
         for name in ("x", "radius"):
             if name not in data:
-                raise InputError(
-                    f"node {node!r}",
-                    f"attributes {sorted(data)}",
-                    f"the attribute {name!r}",
-                    "Set it on every node.",
-                )
+                received, expected = f"attributes {sorted(data)}", f"the attribute {name!r}"
+                raise InputError(f"node {node!r}", received, expected, "Set it on every node.")
     nodes = [data for _, data in network.nodes(data=True)]
     edges = list(network.edges(data=True))
     edges.sort(key=lambda edge: edge[2].get("contact", 0))

@@ -144,12 +144,9 @@ def require_loop(graph: GrainGraph) -> None:
     wrong = np.flatnonzero((contacts != ring[: len(contacts)]).any(axis=1))
     c = int(wrong[0]) if len(wrong) else len(contacts)
     received = f"grains {contacts[c].tolist()}" if c < len(contacts) else "nothing"
-    raise InputError(
-        f"contact {c} of a loop of {n} grains",
-        received,
-        f"grains [{c % n}, {(c + 1) % n}]: at least 3 grains in order, chords after the ring",
-        "Renumber the loop, or give the volume and use the affine closure for a packing.",
-    )
+    expected = f"grains [{c % n}, {(c + 1) % n}]: at least 3 grains in order, chords after the ring"
+    remedy = "Renumber the loop, or give the volume and use the affine closure for a packing."
+    raise InputError(f"contact {c} of a loop of {n} grains", received, expected, remedy)
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

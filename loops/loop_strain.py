@@ -23,20 +23,13 @@ def loop_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
     """
     start, end = np.asarray(x0, dtype=float), np.asarray(x, dtype=float)
     if start.shape != end.shape or start.ndim < 2 or start.shape[-1] != 2:
-        raise InputError(
-            "corners of the loops",
-            f"shapes {start.shape} and {end.shape}",
-            "two arrays of one shape (..., n, 2)",
-            "Give the same grains in the same order.",
-        )
+        where, expected = "corners of the loops", "two arrays of one shape (..., n, 2)"
+        received = f"shapes {start.shape} and {end.shape}"
+        raise InputError(where, received, expected, "Give the same grains in the same order.")
     area = np.abs(polygon_area(start))
     if not np.all(area > 0):
-        raise InputError(
-            "reference polygon of a loop",
-            f"area {np.min(area)}",
-            "a positive area",
-            "The centres must not lie on a line.",
-        )
+        where, received = "reference polygon of a loop", f"area {np.min(area)}"
+        raise InputError(where, received, "a positive area", "The centres must not lie on a line.")
     u = (end - end[..., :1, :]) - (start - start[..., :1, :])
     return -np.swapaxes(u, -1, -2) @ boundary_vectors(start) / area[..., None, None]
 
@@ -49,12 +42,8 @@ def best_fit_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
     """
     start, end = np.asarray(x0, dtype=float), np.asarray(x, dtype=float)
     if start.shape != end.shape or start.ndim < 2 or start.shape[-1] != 2:
-        raise InputError(
-            "centres",
-            f"shapes {start.shape} and {end.shape}",
-            "one shape (..., G, 2)",
-            "Pair them.",
-        )
+        received = f"shapes {start.shape} and {end.shape}"
+        raise InputError("centres", received, "one shape (..., G, 2)", "Pair them.")
     if start.shape[-2] < 3:
         raise InputError("centres", f"{start.shape[-2]} grains", "at least 3", "Add grains.")
     r = start - start.mean(axis=-2, keepdims=True)

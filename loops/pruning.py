@@ -14,12 +14,8 @@ from loops.graph import GrainGraph
 def require_one_state(graph: GrainGraph) -> None:
     """Raise `InputError` if the graph carries batch axes."""
     if graph.batch_shape:
-        raise InputError(
-            "batch axes of the graph",
-            f"{graph.batch_shape}",
-            "one state",
-            "Take the states one by one: each has its own faces.",
-        )
+        remedy = "Take the states one by one: each has its own faces."
+        raise InputError("batch axes of the graph", f"{graph.batch_shape}", "one state", remedy)
 
 
 def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:

@@ -28,12 +28,8 @@ def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:
     known = np.isin(array, (0, 1, 2))
     if not known.all():
         index = _first(~known)
-        raise InputError(
-            f"regime of contact {index[-1]}",
-            str(array[index]),
-            "0 (open), 1 (elastic) or 2 (sliding)",
-            "Use loops.Regime.",
-        )
+        where, expected = f"regime of contact {index[-1]}", "0 (open), 1 (elastic) or 2 (sliding)"
+        raise InputError(where, str(array[index]), expected, "Use loops.Regime.")
     return array.astype(np.int8)
 
 
@@ -108,12 +104,8 @@ def _check_contacts(graph: Any) -> None:
         return
     if contacts.min() < 0 or contacts.max() >= grains:
         c = _first(np.asarray(((contacts < 0) | (contacts >= grains)).any(axis=1)))[0]
-        raise InputError(
-            f"contact {c}",
-            f"grains {contacts[c].tolist()}",
-            f"grains 0 to {grains - 1}",
-            "Add the grain or drop the contact.",
-        )
+        received, expected = f"grains {contacts[c].tolist()}", f"grains 0 to {grains - 1}"
+        raise InputError(f"contact {c}", received, expected, "Add the grain or drop the contact.")
     for name in ("normal_force", "shear_force"):
         value = getattr(graph, name)
         _finite(name.replace("_", " "), "contact", np.isfinite(value), value, axes=1)
@@ -127,23 +119,17 @@ def _check_self_contacts(graph: Any) -> None:
         own &= ~graph.images.any(axis=1)
     if own.any():
         c = _first(own)[0]
-        raise InputError(
-            f"contact {c}",
-            f"grain {graph.contacts[c, 0]} with itself",
-            "two grains, or a grain and its periodic image",
-            "Drop the contact.",
-        )
+        received = f"grain {graph.contacts[c, 0]} with itself"
+        expected = "two grains, or a grain and its periodic image"
+        raise InputError(f"contact {c}", received, expected, "Drop the contact.")
 
 
 def _check_duplicates(graph: Any) -> None:
     again, first = repeated_contacts(graph.contacts, graph.images, graph.grain_count)
     if len(again):
-        raise InputError(
-            f"contact {again[0]}",
-            f"grains {graph.contacts[again[0]].tolist()}, the same as contact {first[0]}",
-            "each contact once",
-            "Drop one of the two.",
-        )
+        where = f"contact {again[0]}"
+        received = f"grains {graph.contacts[again[0]].tolist()}, the same as contact {first[0]}"
+        raise InputError(where, received, "each contact once", "Drop one of the two.")
 
 
 def repeated_contacts(
@@ -185,12 +171,8 @@ def check_branches(what: str, contacts: Integers, branches: Floats) -> None:
         return
     c = _first(~distinct)[-1]
     i, j = contacts[c].tolist()
-    raise InputError(
-        f"contact {c}",
-        f"coincident {what} of grains {i} and {j}",
-        "distinct centres",
-        "Move or drop one of the grains.",
-    )
+    where, received = f"contact {c}", f"coincident {what} of grains {i} and {j}"
+    raise InputError(where, received, "distinct centres", "Move or drop one of the grains.")
 
 
 def _first(mask: Flags) -> tuple[int, ...]:

@@ -135,12 +135,9 @@ def softening_control(
     y = y / np.linalg.norm(y)
     work = float(y @ operator @ y)
     if not work < -band:
-        raise InputError(
-            "direction",
-            f"{y.tolist()} with W2 = {work:.3g}",
-            "a direction inside the instability cone, W2 < 0",
-            "Leave it out to take the direction of the smallest W2.",
-        )
+        where, remedy = "direction", "Leave it out to take the direction of the smallest W2."
+        received = f"{y.tolist()} with W2 = {work:.3g}"
+        raise InputError(where, received, "a direction inside the instability cone, W2 < 0", remedy)
     return control_along(operator, y, rtol)
 
 

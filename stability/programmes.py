@@ -60,12 +60,9 @@ class Programme:
         for field, shape in (("stress", (4, 4)), ("strain", (4, 4)), ("rate", (4,))):
             value = np.array(getattr(self, field), dtype=float)
             if value.shape != shape or not np.isfinite(value).all():
-                raise InputError(
-                    f"{field} of the programme {self.name!r}",
-                    f"{value.tolist()}",
-                    f"finite numbers of shape {shape}",
-                    "Give four equations in the components 11, 12, 21, 22.",
-                )
+                where, received = f"{field} of the programme {self.name!r}", f"{value.tolist()}"
+                remedy = "Give four equations in the components 11, 12, 21, 22."
+                raise InputError(where, received, f"finite numbers of shape {shape}", remedy)
             value.setflags(write=False)
             object.__setattr__(self, field, value)
         stress, strain, rate = self.equations(np.zeros(4))
@@ -123,12 +120,9 @@ class Stage:
 
     def __post_init__(self) -> None:
         if self.quantity not in (*QUANTITIES, "parameter"):
-            raise InputError(
-                "quantity of a stage",
-                repr(self.quantity),
-                f"parameter or one of {', '.join(QUANTITIES)}",
-                "Name the component that ends the stage.",
-            )
+            expected = f"parameter or one of {', '.join(QUANTITIES)}"
+            remedy = "Name the component that ends the stage."
+            raise InputError("quantity of a stage", repr(self.quantity), expected, remedy)
         if not np.isfinite(self.target):
             raise InputError(
                 "target of a stage", str(self.target), "a finite number", "Say where it ends."

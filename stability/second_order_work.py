@@ -134,12 +134,8 @@ def _operator_and_direction(K: ArrayLike, direction: ArrayLike) -> tuple[Floats,
     strain = np.asarray(direction, dtype=np.float64)
     m = operator.shape[-1]
     if strain.ndim == 0 or strain.shape[-1] != m:
-        raise InputError(
-            "direction",
-            f"shape {strain.shape}",
-            f"(..., {m})",
-            "Give one component for each row of K.",
-        )
+        remedy = "Give one component for each row of K."
+        raise InputError("direction", f"shape {strain.shape}", f"(..., {m})", remedy)
     zero = (strain == 0.0).all(axis=-1)
     if zero.any():
         where = f"direction {np.argwhere(zero)[0].tolist()}" if zero.ndim else "direction"

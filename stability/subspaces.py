@@ -24,12 +24,9 @@ def as_operator(K: ArrayLike, size: int | None = None) -> Floats:
     square = array.ndim >= 2 and array.shape[-1] == array.shape[-2] > 0
     if array.dtype.kind not in "fiu" or not square or size not in (None, array.shape[-1]):
         m = "m" if size is None else str(size)
-        raise InputError(
-            "operator",
-            f"shape {array.shape} of type {array.dtype}",
-            f"a real array of shape (..., {m}, {m})",
-            "Pass the tangent or its restriction, batch axes first.",
-        )
+        received = f"shape {array.shape} of type {array.dtype}"
+        remedy = "Pass the tangent or its restriction, batch axes first."
+        raise InputError("operator", received, f"a real array of shape (..., {m}, {m})", remedy)
     return array.astype(np.float64, copy=False)
 
 
@@ -44,12 +41,8 @@ def subspace_basis(subspace: str) -> Floats:
     [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
     """
     if subspace not in _BASES:
-        raise InputError(
-            "subspace",
-            repr(subspace),
-            f"one of {', '.join(_BASES)}",
-            "Name the subspace to judge on.",
-        )
+        expected = f"one of {', '.join(_BASES)}"
+        raise InputError("subspace", repr(subspace), expected, "Name the subspace to judge on.")
     return _BASES[subspace].copy()
 
 

@@ -90,12 +90,8 @@ def imhof_fraction(eigenvalues: ArrayLike) -> Floats:
 def _eigenvalues(eigenvalues: ArrayLike) -> Floats:
     values = np.asarray(eigenvalues, dtype=np.float64)
     if values.ndim == 0 or values.shape[-1] == 0:
-        raise InputError(
-            "eigenvalues",
-            f"shape {values.shape}",
-            "(..., m) with m > 0",
-            "Put them in the last axis.",
-        )
+        remedy = "Put them in the last axis."
+        raise InputError("eigenvalues", f"shape {values.shape}", "(..., m) with m > 0", remedy)
     return values
 
 

@@ -131,12 +131,8 @@ def judge(
     K = K.matrix if isinstance(K, MacroTangent) else K
     operator = as_operator(K) if subspace is None else restrict(K, subspace)
     if operator.ndim != 2:
-        raise InputError(
-            "operator",
-            f"a batch of shape {operator.shape}",
-            "one operator",
-            "Use statuses for batches.",
-        )
+        received = f"a batch of shape {operator.shape}"
+        raise InputError("operator", received, "one operator", "Use statuses for batches.")
     values, vectors = symmetric_modes(operator)
     eigenvalues = spectrum(operator)
     norm = float(operator_norm(operator))

@@ -95,12 +95,9 @@ def traction_tangent(
     require_loop(graph)
     polygon = np.abs(polygon_area(graph.x0))
     if not np.all(polygon > 0):
-        raise InputError(
-            "reference polygon of the loop",
-            f"area {np.min(polygon)}",
-            "a positive area",
-            "Uniform traction needs a polygon: the centres must not lie on a line.",
-        )
+        where = "reference polygon of the loop"
+        remedy = "Uniform traction needs a polygon: the centres must not lie on a line."
+        raise InputError(where, f"area {np.min(polygon)}", "a positive area", remedy)
     v0 = polygon if volume is None else checked_volume(volume)
     applies = spins == "blocked" and graph.contact_count == graph.grain_count
     if method == "force" and not applies:

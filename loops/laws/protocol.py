@@ -91,9 +91,6 @@ def require_law(law: object) -> None:
     names = [name for name in dir(ContactLaw) if not name.startswith("_")]
     missing = [name for name in names if not hasattr(law, name)]
     if missing:
-        raise InputError(
-            "contact law",
-            f"{type(law).__name__} without {', '.join(missing)}",
-            "a law with its tangent and its edge, see loops.ContactLaw",
-            "Derive it from loops.FrictionalLaw.",
-        )
+        received = f"{type(law).__name__} without {', '.join(missing)}"
+        expected = "a law with its tangent and its edge, see loops.ContactLaw"
+        raise InputError("contact law", received, expected, "Derive it from loops.FrictionalLaw.")

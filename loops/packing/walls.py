@@ -52,12 +52,9 @@ def plane_contacts(
     closed = normal > 0
     if (normal < 0).any() or (overlap[closed] <= 0).any():
         wrong = int(np.flatnonzero((normal < 0) | (closed & (overlap <= 0)))[0])
-        raise InputError(
-            f"wall contact {wrong}",
-            f"normal force {normal[wrong]:g} at an overlap of {overlap[wrong]:g}",
-            "compression where the grain overlaps the wall",
-            "Check the sign of forces and branches.",
-        )
+        where, expected = f"wall contact {wrong}", "compression where the grain overlaps the wall"
+        received = f"normal force {normal[wrong]:g} at an overlap of {overlap[wrong]:g}"
+        raise InputError(where, received, expected, "Check the sign of forces and branches.")
     kn = normal[closed] / overlap[closed]
     return PlaneContacts(who[closed], -away[closed], kn, np.zeros(len(kn)))
 

@@ -116,19 +116,13 @@ def _closing(directions: Floats) -> Floats:
     size = np.hypot(gap[..., 0], gap[..., 1])
     # The closing two may be one straight line, up to rounding.
     if not (size <= 2.0 * (1.0 + 4.0 * np.finfo(float).eps)).all():
-        raise InputError(
-            "angles",
-            f"branches that leave a gap of {float(size.max()):.6g} branches",
-            "a gap that the two closing branches can bridge, at most 2",
-            "Turn the branches more.",
-        )
+        received = f"branches that leave a gap of {float(size.max()):.6g} branches"
+        expected = "a gap that the two closing branches can bridge, at most 2"
+        raise InputError("angles", received, expected, "Turn the branches more.")
     if not (size > OPEN_DIRECTION).all():
-        raise InputError(
-            "angles",
-            "branches that close by themselves",
-            "a gap for the two closing branches",
-            "Give the directions of all branches but the last two.",
-        )
+        received = "branches that close by themselves"
+        remedy = "Give the directions of all branches but the last two."
+        raise InputError("angles", received, "a gap for the two closing branches", remedy)
     half = np.arctan2(np.sqrt(np.maximum((2.0 - size) * (2.0 + size), 0.0)), size)
     middle = np.arctan2(gap[..., 1], gap[..., 0])
     return np.stack([middle - half, middle + half], axis=-1)
@@ -296,20 +290,14 @@ def hexagon(
     # Strain of the inclined branches along axis 1, from L10 E1 = 2 l0 cos(alpha0) E + l0 E_axial.
     inclined = E1 + (E1 - axial) / (2.0 * cos)
     if not (inclined < 1).all():
-        raise InputError(
-            "E1, E_axial",
-            "axial branches as long as the hexagon",
-            "a strain E1 that leaves room for the inclined branches",
-            "Compress the axial branches more.",
-        )
+        received = "axial branches as long as the hexagon"
+        expected = "a strain E1 that leaves room for the inclined branches"
+        raise InputError("E1, E_axial", received, expected, "Compress the axial branches more.")
     overlap = np.where(AXIAL, axial[..., None], overlap_ratio(inclined, E2, alpha0)[..., None])
     if (overlap < -ROUNDING).any():
-        raise InputError(
-            "E1, E2, E_axial",
-            f"strains that part the grains by {-float(overlap.min()):.3g} of the branch",
-            "strains under which every contact still touches",
-            "Compress the hexagon.",
-        )
+        received = f"strains that part the grains by {-float(overlap.min()):.3g} of the branch"
+        expected = "strains under which every contact still touches"
+        raise InputError("E1, E2, E_axial", received, expected, "Compress the hexagon.")
     return GrainGraph(
         x=_centres(l0 * (1 - axial), l0 * (1 - inclined) * cos, l0 * (1 - E2) * sin),
         x0=_centres(l0, l0 * cos, l0 * sin),

@@ -148,12 +148,9 @@ def _refuse_repeated(
     again, first = repeated_contacts(pairs, images, len(bodies.x))
     if len(again):
         one, two = bodies.grain_ids[pairs[again[0]]].tolist()
-        raise InputError(
-            f"{table.path}, row {rows[again[0]]} (grains {one} and {two})",
-            f"the same contact as row {rows[first[0]]}",
-            "each contact once",
-            "Drop one of the two rows.",
-        ) from None
+        where = f"{table.path}, row {rows[again[0]]} (grains {one} and {two})"
+        received, expected = f"the same contact as row {rows[first[0]]}", "each contact once"
+        raise InputError(where, received, expected, "Drop one of the two rows.") from None
 
 
 def _walls(
@@ -244,11 +241,7 @@ def _parameter(
         values = table.column(column)
         return values if len(rows) == len(values) else values[rows]
     if value is None:
-        raise InputError(
-            f"column {column!r} of {table.path}",
-            "no such column",
-            "the stiffness of each contact",
-            f"Add the column, or give {option}.",
-        )
+        where, expected = f"column {column!r} of {table.path}", "the stiffness of each contact"
+        raise InputError(where, "no such column", expected, f"Add the column, or give {option}.")
     notes.append(f"{column} = {value} for every contact, from {option}")
     return np.full(len(rows), float(value))

@@ -180,12 +180,9 @@ def format_of(path: Path, name: str = "auto") -> Format:
     for reader in FORMATS.values():
         if reader.recognises(path, head):
             return reader
-    raise InputError(
-        str(path),
-        f"a file of unknown format beginning with {head[:40]!r}",
-        f"one of the formats {', '.join(FORMATS)}",
-        "Name its format by --format, or export plain tables.",
-    )
+    received = f"a file of unknown format beginning with {head[:40]!r}"
+    remedy = "Name its format by --format, or export plain tables."
+    raise InputError(str(path), received, f"one of the formats {', '.join(FORMATS)}", remedy)
 
 
 def _checked(increment: str | None) -> ShearIncrement | None:
@@ -208,12 +205,8 @@ def _choose(path: str | Path, snapshots: Frames, number: int | None) -> Frame:
     """One of the snapshots; without a number the only one."""
     count = len(snapshots)
     if number is None and count > 1:
-        raise InputError(
-            str(path),
-            f"{count} snapshots",
-            "one",
-            "Give --frame 0 for the first, --frame -1 for the last; for all: series.",
-        )
+        remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
+        raise InputError(str(path), f"{count} snapshots", "one", remedy)
     number = number or 0
     if not -count <= number < count:
         raise InputError(

@@ -72,12 +72,9 @@ def check_names(source: Source, known: Collection[str]) -> None:
     """Raise `InputError` for plain names in the column map that a format has not."""
     for name, column in source.columns.items():
         if name not in known:
-            raise InputError(
-                f"--columns {name}={column}",
-                f"the name {name!r}",
-                f"one of {', '.join(known)}",
-                "Write NAME=COLUMN, the column as the file calls it.",
-            )
+            where = f"--columns {name}={column}"
+            remedy = "Write NAME=COLUMN, the column as the file calls it."
+            raise InputError(where, f"the name {name!r}", f"one of {', '.join(known)}", remedy)
 
 
 def require_column(
@@ -85,12 +82,8 @@ def require_column(
 ) -> None:
     """Raise `InputError` unless the column that a map gives is one of those `names`."""
     if column not in names:
-        raise InputError(
-            f"--columns {name}={column}",
-            f"no such column in {where}",
-            f"one of {listed(names)}{otherwise}",
-            "Correct the name.",
-        )
+        received, expected = f"no such column in {where}", f"one of {listed(names)}{otherwise}"
+        raise InputError(f"--columns {name}={column}", received, expected, "Correct the name.")
 
 
 def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Table, Table]:

@@ -120,12 +120,9 @@ def refuse_repeated(table: Table, ids: Integers) -> None:
     if len(same) == 0:
         return
     repeated = ordered[same[0]]
-    raise InputError(
-        f"column 'id' of {table.path}",
-        f"id {repeated} {np.count_nonzero(ids == repeated)} times",
-        "each id once",
-        "Keep one snapshot in the table and drop repeated rows.",
-    )
+    received = f"id {repeated} {np.count_nonzero(ids == repeated)} times"
+    remedy = "Keep one snapshot in the table and drop repeated rows."
+    raise InputError(f"column 'id' of {table.path}", received, "each id once", remedy)
 
 
 def _refuse_third_dimension(table: Table, bodies: Bodies) -> None:
@@ -155,12 +152,8 @@ def _refuse_coincident(table: Table, bodies: Bodies) -> None:
     if len(same) == 0:
         return
     pair = sorted(bodies.grain_ids[order[same[0] : same[0] + 2]].tolist())
-    raise InputError(
-        table.path,
-        f"grains {pair[0]} and {pair[1]} at the same place",
-        "distinct centres",
-        "Drop one of the two.",
-    )
+    received = f"grains {pair[0]} and {pair[1]} at the same place"
+    raise InputError(table.path, received, "distinct centres", "Drop one of the two.")
 
 
 def as_cell(cell: ArrayLike | None) -> Floats | None:
@@ -173,12 +166,9 @@ def as_cell(cell: ArrayLike | None) -> Floats | None:
         matrix = np.full(0, np.nan)
     sound = matrix.shape == (2, 2) and bool((np.abs(matrix) <= HUGE).all())
     if not sound or not np.abs(np.linalg.det(matrix)) > 0:
-        raise InputError(
-            "cell",
-            str(matrix.tolist())[:200],
-            "two independent cell vectors as the columns of HXX, HXY, HYX, HYY",
-            "Give the cell of this snapshot.",
-        )
+        received = str(matrix.tolist())[:200]
+        expected = "two independent cell vectors as the columns of HXX, HXY, HYX, HYY"
+        raise InputError("cell", received, expected, "Give the cell of this snapshot.")
     return matrix
 
 
@@ -282,10 +272,7 @@ def _images_of_file(table: Table, rows: Integers, cell: Floats | None) -> Intege
     images: Integers = np.column_stack([_some(table.integers(f"cell_d{a}"), rows) for a in "xy"])
     if cell is None and images.any():
         c = int(np.argmax(images.any(axis=1)))
-        raise InputError(
-            f"{table.path}, row {rows[c]}",
-            f"periodic image {images[c].tolist()} and no cell",
-            "the periodic cell",
-            "Give --cell HXX,HXY,HYX,HYY.",
-        )
+        where = f"{table.path}, row {rows[c]}"
+        received = f"periodic image {images[c].tolist()} and no cell"
+        raise InputError(where, received, "the periodic cell", "Give --cell HXX,HXY,HYX,HYY.")
     return None if cell is None else images

@@ -44,12 +44,9 @@ def layout_of(path: Path, text: Text) -> Layout:
         header, after = _decoded(path, comment.lstrip(b"#%/").strip()), start
         names = split(header, _delimiter(header))
         if len(names) != len(words):
-            raise InputError(
-                f"first line of {path}",
-                f"numbers, {','.join(words)[:60]}",
-                "the names of the columns",
-                "Write them above the numbers, such as id,x,y,radius.",
-            )
+            received = f"numbers, {','.join(words)[:60]}"
+            remedy = "Write them above the numbers, such as id,x,y,radius."
+            raise InputError(f"first line of {path}", received, "the names of the columns", remedy)
     else:
         names = words
     first = _decoded(path, line_at(text, after)[0].strip())

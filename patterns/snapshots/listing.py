@@ -39,12 +39,9 @@ class Listing:
             table = Table(self.where, body)
         rows = 0 if table is None else len(table)
         if table is None or self.count not in (None, rows):
-            raise InputError(
-                self.where,
-                f"{rows} rows",
-                f"{self.count} as the header says" if self.count else "at least one row",
-                "The frame is cut short or mixed with another one: dump or copy it again.",
-            )
+            expected = f"{self.count} as the header says" if self.count else "at least one row"
+            remedy = "The frame is cut short or mixed with another one: dump or copy it again."
+            raise InputError(self.where, f"{rows} rows", expected, remedy)
         return table
 
 

@@ -75,12 +75,9 @@ def _data_listings(path: Path, text: Text) -> Iterator[Listing]:
             if not first.strip():
                 line += 1
                 continue
-            raise InputError(
-                f"{path}, line {line + 1}",
-                repr(first[:60]),
-                "a header N time xmin ymin [zmin] xmax ymax [zmax]",
-                "The frame before has other rows than it says: write the file again.",
-            )
+            expected = "a header N time xmin ymin [zmin] xmax ymax [zmax]"
+            remedy = "The frame before has other rows than it says: write the file again."
+            raise InputError(f"{path}, line {line + 1}", repr(first[:60]), expected, remedy)
         where = f"{path}, time {head.time:g}"
         if head.grains < 1 or line + head.grains >= len(ends):
             raise InputError(
@@ -92,22 +89,15 @@ def _data_listings(path: Path, text: Text) -> Iterator[Listing]:
         span = (int(ends[line]) + 1, int(ends[line + head.grains]) + 1)
         width = len(line_at(text, span[0])[0].split())
         if HEADERS.get(width) != head.width:
-            raise InputError(
-                where,
-                f"{head.width} numbers in the header and {width} a row",
-                "6 and 8 in two dimensions, or 8 and 14",
-                "Write the file with the layout of 8 or of 14 columns.",
-            )
+            received = f"{head.width} numbers in the header and {width} a row"
+            remedy = "Write the file with the layout of 8 or of 14 columns."
+            raise InputError(where, received, "6 and 8 in two dimensions, or 8 and 14", remedy)
         yield Listing(where, head.time, DATA_COLUMNS[width], text, span)
         line += head.grains + 1
     rest = text[int(ends[-1]) + 1 if len(ends) else 0 :]
     if rest.strip():
-        raise InputError(
-            str(path),
-            f"a last line {rest[:60]!r} without its end",
-            "complete lines",
-            "Write it again.",
-        )
+        received = f"a last line {rest[:60]!r} without its end"
+        raise InputError(str(path), received, "complete lines", "Write it again.")
 
 
 def _fstat_listings(path: Path, text: Text) -> Iterator[Listing]:
@@ -126,12 +116,9 @@ def _fstat_listings(path: Path, text: Text) -> Iterator[Listing]:
         for _ in range(COMMENTS - 1):
             line, at = line_at(text, at)
             if not line.startswith(b"#") or text[at - 1 : at] != b"\n":
-                raise InputError(
-                    f"{path}, time {time:g}",
-                    "a header that breaks off",
-                    f"{COMMENTS} lines of comments",
-                    "The file is cut short: write it again.",
-                )
+                where, remedy = f"{path}, time {time:g}", "The file is cut short: write it again."
+                received = "a header that breaks off"
+                raise InputError(where, received, f"{COMMENTS} lines of comments", remedy)
         stop = text.find(b"#", at)
         stop = len(text) if stop < 0 else stop
         yield Listing(f"{path}, time {time:g}", time, FSTAT_COLUMNS, text, (at, stop))
@@ -178,12 +165,9 @@ def fstat_beside(path: Path) -> Path:
     found = beside(path, name) if ".fstat" in name else None
     if found is not None:
         return found
-    raise InputError(
-        f"contacts of {path}",
-        "no .fstat file beside it",
-        "the contacts in a file named alike",
-        "Write them (fStatFile.setFileType) or name the file by --contacts.",
-    )
+    received = "no .fstat file beside it"
+    remedy = "Write them (fStatFile.setFileType) or name the file by --contacts."
+    raise InputError(f"contacts of {path}", received, "the contacts in a file named alike", remedy)
 
 
 def _at_time(

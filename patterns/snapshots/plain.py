@@ -96,12 +96,9 @@ def _group(source: Source, names: Sequence[str], arrays: Arrays, group: str) -> 
 def contacts_beside(path: Path) -> Path:
     """Path of the contacts: `grains` in the name of the file replaced."""
     if "grains" not in path.name:
-        raise InputError(
-            f"name of {path}",
-            "no 'grains' in it",
-            "grains_... with contacts_... beside it",
-            "Name the table of contacts explicitly.",
-        )
+        expected = "grains_... with contacts_... beside it"
+        remedy = "Name the table of contacts explicitly."
+        raise InputError(f"name of {path}", "no 'grains' in it", expected, remedy)
     return path.with_name(path.name.replace("grains", "contacts"))
 
 

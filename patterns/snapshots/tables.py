@@ -88,12 +88,9 @@ class Table:
 
     def _numbers(self, name: str) -> Floats:
         if name not in self._columns:
-            raise InputError(
-                f"column {name!r} of {self.path}",
-                f"columns {listed(self.names)}",
-                f"a column {name!r}",
-                f"Add it, or name the one that holds it: --columns {name}=COLUMN.",
-            )
+            received, expected = f"columns {listed(self.names)}", f"a column {name!r}"
+            remedy = f"Add it, or name the one that holds it: --columns {name}=COLUMN."
+            raise InputError(f"column {name!r} of {self.path}", received, expected, remedy)
         where = f"column {name!r} of {self.path}"
         try:
             values = _as_floats(self._columns[name])
@@ -102,12 +99,8 @@ class Table:
         # Not a number is neither above nor below.
         if not (values.max() <= HUGE and values.min() >= -HUGE):
             row = int(np.argmin(np.abs(values) <= HUGE))
-            raise InputError(
-                f"{where}, row {row}",
-                str(values[row]),
-                f"a finite number, at most {HUGE:g}",
-                "Correct or drop the row.",
-            )
+            received, expected = str(values[row]), f"a finite number, at most {HUGE:g}"
+            raise InputError(f"{where}, row {row}", received, expected, "Correct or drop the row.")
         return values
 
     def columns(self, *names: str) -> Floats:
@@ -125,12 +118,8 @@ class Table:
         if (whole == values).all() and values.max() <= WHOLE and values.min() >= -WHOLE:
             return whole
         row = int(np.argmax((np.rint(values) != values) | (np.abs(values) > WHOLE)))
-        raise InputError(
-            f"column {name!r} of {self.path}, row {row}",
-            str(values[row]),
-            "a whole number",
-            "Correct the file.",
-        )
+        where = f"column {name!r} of {self.path}, row {row}"
+        raise InputError(where, str(values[row]), "a whole number", "Correct the file.")
 
 
 def _as_floats(column: Column) -> Floats:
@@ -153,12 +142,8 @@ def require_once(path: str, names: Sequence[str]) -> None:
     if len(set(names)) == len(names):
         return
     repeated = next(name for name, count in Counter(names).items() if count > 1)
-    raise InputError(
-        f"header of {path}",
-        f"the column {repeated[:60]!r} more than once",
-        "each column once",
-        "Rename or drop one of them.",
-    )
+    where, received = f"header of {path}", f"the column {repeated[:60]!r} more than once"
+    raise InputError(where, received, "each column once", "Rename or drop one of them.")
 
 
 def read_table(path: Path, wanted: Collection[str] | None = None) -> Table:
@@ -176,33 +161,24 @@ def read_table(path: Path, wanted: Collection[str] | None = None) -> Table:
         return _read_parquet(path, wanted)
     if name.endswith(TEXTS):
         return _read_text(path, wanted)
-    raise InputError(
-        str(path),
-        f"a file ending in {path.suffix[:20]!r}",
-        f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}",
-        "Convert it, or name its format by --format.",
-    )
+    received = f"a file ending in {path.suffix[:20]!r}"
+    expected = f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
+    raise InputError(str(path), received, expected, "Convert it, or name its format by --format.")
 
 
 def table_of_arrays(label: str, names: Sequence[str], arrays: Arrays) -> Table:
     """Arrays of one axis and one length as a table; `names` of all that the file has."""
     if not arrays:
-        raise InputError(
-            label,
-            f"arrays {listed(names)}" if names else "no arrays",
-            "one array a column",
-            "Check the export, or name the columns: --columns NAME=COLUMN.",
-        )
+        received = f"arrays {listed(names)}" if names else "no arrays"
+        remedy = "Check the export, or name the columns: --columns NAME=COLUMN."
+        raise InputError(label, received, "one array a column", remedy)
     first = next(iter(arrays.values()))
     rows = len(first) if first.ndim else 0
     for name, values in arrays.items():
         if values.shape != (rows,):
-            raise InputError(
-                f"array {name!r} of {label}",
-                f"shape {values.shape}",
-                f"shape ({rows},), as the first column",
-                "Store each column as an array of one axis.",
-            )
+            where = f"array {name!r} of {label}"
+            received, remedy = f"shape {values.shape}", "Store each column as an array of one axis."
+            raise InputError(where, received, f"shape ({rows},), as the first column", remedy)
     return Table(label, arrays, names)
 
 

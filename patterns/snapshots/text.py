@@ -30,12 +30,8 @@ SHOWN = 12  # names of a list that a message shows
 def require_file(path: Path) -> None:
     """Raise `InputError` if there is no such file or nothing in it."""
     if path.is_dir():
-        raise InputError(
-            str(path),
-            "a folder",
-            "a snapshot's file",
-            "Name the file of the grains; of many snapshots, all of them to grainloops series.",
-        )
+        remedy = "Name the file of the grains; of many snapshots, all of them to grainloops series."
+        raise InputError(str(path), "a folder", "a snapshot's file", remedy)
     if not path.is_file():
         raise InputError(str(path), "no such file", "a snapshot's file", "Check the path.")
     if path.stat().st_size == 0:
@@ -48,12 +44,9 @@ def require_room(path: str | Path, size: int, packed: int) -> None:
     if size <= min(room, max(SMALL, PACKING * packed)):
         return
     limit = f"{PACKING} times the {packed} of the file" if size <= room else f"{room / 1e9:.3g}e9"
-    raise InputError(
-        str(path),
-        f"numbers of {size / 1e9:.3g}e9 bytes",
-        f"at most {limit} bytes (half of this machine's memory at most)",
-        "Export the columns that are needed, or a part of the sample.",
-    )
+    expected = f"at most {limit} bytes (half of this machine's memory at most)"
+    remedy = "Export the columns that are needed, or a part of the sample."
+    raise InputError(str(path), f"numbers of {size / 1e9:.3g}e9 bytes", expected, remedy)
 
 
 def _memory() -> int:
@@ -84,12 +77,9 @@ def whole_file(path: Path) -> Iterator[None]:
         *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, MemoryError),
         ArithmeticError,
     ) as error:
-        raise InputError(
-            str(path),
-            f"an unreadable or truncated file ({str(error)[:200] or type(error).__name__})",
-            "a complete file",
-            "Export or copy it again.",
-        ) from None
+        where = str(path)
+        received = f"an unreadable or truncated file ({str(error)[:200] or type(error).__name__})"
+        raise InputError(where, received, "a complete file", "Export or copy it again.") from None
 
 
 def listed(names: Sequence[str]) -> str:
@@ -137,12 +127,8 @@ def line_at(text: Text, start: int) -> tuple[bytes, int]:
 def require_line_end(where: str, text: Text, stop: int) -> None:
     """Raise `InputError` unless a line ends there: a number cut short still reads as a number."""
     if text[stop - 1 : stop] != b"\n":
-        raise InputError(
-            where,
-            "a last line without its end",
-            "complete lines",
-            "Export or copy it again; if the line is complete, end it.",
-        )
+        remedy = "Export or copy it again; if the line is complete, end it."
+        raise InputError(where, "a last line without its end", "complete lines", remedy)
 
 
 def read_body(
@@ -171,12 +157,8 @@ def read_body(
     try:
         return _parse(single_blanks(text[start:stop]), list(names), wanted)
     except (pyarrow.ArrowException, UnicodeDecodeError) as error:
-        raise InputError(
-            where,
-            f"lines that are no table ({str(error)[:200]})",
-            "numbers in columns",
-            "Dump it again.",
-        ) from None
+        received = f"lines that are no table ({str(error)[:200]})"
+        raise InputError(where, received, "numbers in columns", "Dump it again.") from None
 
 
 def single_blanks(body: bytes) -> bytes:

@@ -184,12 +184,8 @@ def _check(law: object, stages: Sequence[Stage], closure: str, spins: str, on_to
     check_choice("spins", spins, get_args(Spins))
     check_choice("contact_on_touch", on_touch, get_args(OnTouch))
     if not stages or stages[0].fallback:
-        raise InputError(
-            "stages",
-            "no stage" if not stages else "a fallback as the first stage",
-            "at least one stage to start with",
-            "Give a Stage.",
-        )
+        received = "no stage" if not stages else "a fallback as the first stage"
+        raise InputError("stages", received, "at least one stage to start with", "Give a Stage.")
 
 
 def rates_at(

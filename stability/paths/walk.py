@@ -110,12 +110,8 @@ def start_mode(model: PathModel, graph: GrainGraph) -> Mode:
     wrong = np.abs(contacts.shear_force) > strength + OUTSIDE * model.stiffness * model.length
     if wrong.any():
         c = int(wrong.argmax())
-        raise InputError(
-            f"shear force of contact {c}",
-            f"{graph.shear_force[c]:.6g}",
-            f"at most its strength {strength[c]:.6g}",
-            "Correct it, or raise mu.",
-        )
+        where, expected = f"shear force of contact {c}", f"at most its strength {strength[c]:.6g}"
+        raise InputError(where, f"{graph.shear_force[c]:.6g}", expected, "Correct it, or raise mu.")
     # Without friction a closed contact slides, whichever way.
     frictionless = (model.mu == 0) & (regime != Regime.OPEN)
     return Mode(

@@ -78,12 +78,8 @@ class DiamondOptions:
         if self.table is not None:
             one_of("--table", self.table, tuple(TABLES))
             if own:
-                raise InputError(
-                    "--table",
-                    f"a table and {', '.join(own)}",
-                    "one or the other",
-                    "Leave --table out to choose parameters of your own.",
-                )
+                where, remedy = "--table", "Leave --table out to choose parameters of your own."
+                raise InputError(where, f"a table and {', '.join(own)}", "one or the other", remedy)
         inside("--alpha0", self.alpha0_deg, lambda a: 0.0 < a < 90.0, "degrees in (0, 90)")
         if self.contact_on_touch == "add":
             expected = "30 to 60 degrees with --contact-on-touch add: elsewhere opposite grains "

@@ -207,12 +207,9 @@ class ColumnSearch:
         if found is not None:
             self.columns[name] = found
         elif known and known != NONE:
-            raise InputError(
-                f"column {name}={known} of {self.table.path}",
-                "other sizes than those of the vectors",
-                CONTACT_NAMES[name],
-                "Give --columns as the dump was written.",
-            )
+            where = f"column {name}={known} of {self.table.path}"
+            received, expected = "other sizes than those of the vectors", CONTACT_NAMES[name]
+            raise InputError(where, received, expected, "Give --columns as the dump was written.")
 
     def _size_of(self, pair: tuple[str, str], size: str) -> str | None:
         known = self.columns.get(size)

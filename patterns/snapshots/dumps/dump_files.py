@@ -120,12 +120,9 @@ def _frame(path: Path, text: Text, at: int) -> DumpFrame:
 
 def _cut(path: Path, values: dict[bytes, list[bytes]]) -> InputError:
     step = b" ".join(values.get(b"TIMESTEP", [b"?"])).decode(errors="replace")
-    return InputError(
-        f"{path}, step {step}",
-        "a header that breaks off",
-        "ITEM: TIMESTEP, NUMBER OF ..., BOX BOUNDS and the names of the columns",
-        "Dump or copy it again.",
-    )
+    where = f"{path}, step {step}"
+    expected = "ITEM: TIMESTEP, NUMBER OF ..., BOX BOUNDS and the names of the columns"
+    return InputError(where, "a header that breaks off", expected, "Dump or copy it again.")
 
 
 def _box(where: str, values: dict[bytes, list[bytes]]) -> Box | None:
@@ -219,12 +216,9 @@ def _both_dumps(source: Source) -> tuple[Listings, Listings, Path]:
     """Headers of the atoms, of their contacts, and where those are."""
     path = source.contacts or contacts_beside(source.path)
     if path is None:
-        raise InputError(
-            f"contacts of {source.path}",
-            "no dump of contacts beside it",
-            "a 'dump local', such as dump.contacts.0 beside dump.atoms.0",
-            "Name it by --contacts.",
-        )
+        where = f"contacts of {source.path}"
+        expected = "a 'dump local', such as dump.contacts.0 beside dump.atoms.0"
+        raise InputError(where, "no dump of contacts beside it", expected, "Name it by --contacts.")
     atoms, contacts = dump_frames(source.path), dump_frames(path)
     _require_kind(atoms, atom=True)
     _require_kind(contacts, atom=False)
@@ -238,23 +232,17 @@ def _no_step(source: Source, frame: DumpFrame, contacts: Listings, path: Path) -
         return damaged[0]
     steps = sorted(f.step for f in contacts if isinstance(f, DumpFrame))
     shown = ", ".join(str(step) for step in steps[:3])
-    return InputError(
-        str(path),
-        f"steps {shown}{f', ..., {steps[-1]}' if len(steps) > 3 else ''}",
-        f"step {frame.step} of {source.path}",
-        "Take both dumps from the same steps of one run.",
-    )
+    received = f"steps {shown}{f', ..., {steps[-1]}' if len(steps) > 3 else ''}"
+    remedy = "Take both dumps from the same steps of one run."
+    return InputError(str(path), received, f"step {frame.step} of {source.path}", remedy)
 
 
 def _require_kind(frames: Listings, *, atom: bool) -> None:
     for frame in frames:
         if isinstance(frame, DumpFrame) and (frame.label == "ATOMS") != atom:
-            raise InputError(
-                frame.where,
-                f"a dump of {frame.label}",
-                "the dump of atoms" if atom else "the dump of contacts ('dump local')",
-                "Give the atoms first, their contacts by --contacts.",
-            )
+            expected = "the dump of atoms" if atom else "the dump of contacts ('dump local')"
+            remedy = "Give the atoms first, their contacts by --contacts."
+            raise InputError(frame.where, f"a dump of {frame.label}", expected, remedy)
 
 
 def _require_one_box(atoms: DumpFrame, contacts: DumpFrame) -> None:
@@ -264,12 +252,9 @@ def _require_one_box(atoms: DumpFrame, contacts: DumpFrame) -> None:
     size = np.abs(one.cell).max()
     gap = max(np.abs(one.cell - other.cell).max(), np.abs(one.origin - other.origin).max())
     if gap > BOX_TOLERANCE * size:
-        raise InputError(
-            contacts.where,
-            f"box {other.cell.tolist()} from {other.origin.tolist()}",
-            f"{one.cell.tolist()} from {one.origin.tolist()} as {atoms.where}",
-            "Take both dumps from one run.",
-        )
+        received = f"box {other.cell.tolist()} from {other.origin.tolist()}"
+        expected = f"{one.cell.tolist()} from {one.origin.tolist()} as {atoms.where}"
+        raise InputError(contacts.where, received, expected, "Take both dumps from one run.")
 
 
 def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:

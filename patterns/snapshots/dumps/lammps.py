@@ -200,12 +200,9 @@ def read_walls(
     sets = {fix: names for fix, names in each.items() if set(names) <= set(frame.names)}
     if mapped:
         if len(mapped) < len(WALL_NAMES) or not set(mapped) <= set(frame.names):
-            raise InputError(
-                f"--columns for the wall of {frame.where}",
-                ", ".join(mapped),
-                f"columns of the dump for {', '.join(WALL_NAMES)}",
-                "Give all five.",
-            )
+            where = f"--columns for the wall of {frame.where}"
+            expected = f"columns of the dump for {', '.join(WALL_NAMES)}"
+            raise InputError(where, ", ".join(mapped), expected, "Give all five.")
         sets = {"wall": mapped}
     walls, notes = [], []
     for fix, names in sets.items():
@@ -214,12 +211,9 @@ def read_walls(
             walls.append(wall)
             notes.append(f"{fix} ({len(wall.grains)} contacts)")
         elif mapped:
-            raise InputError(
-                f"--columns for the wall of {frame.where}",
-                "contact points beyond their grains",
-                "flag, force on the atom and contact point of 'fix wall/gran ... contacts'",
-                "Correct the names.",
-            )
+            where, remedy = f"--columns for the wall of {frame.where}", "Correct the names."
+            expected = "flag, force on the atom and contact point of 'fix wall/gran ... contacts'"
+            raise InputError(where, "contact points beyond their grains", expected, remedy)
     if not notes:
         return (), ()
     return tuple(walls), (f"walls recognised: {', '.join(notes)}",)

@@ -31,12 +31,9 @@ class Space(NamedTuple):
             return np.zeros(gap.shape, dtype=np.int64)
         nearest = np.rint(gap @ np.linalg.inv(self.cell).T)
         if np.abs(nearest).max(initial=0.0) > FAR:
-            raise InputError(
-                "positions of the grains",
-                f"centres {np.abs(nearest).max():.3g} periodic cells apart",
-                f"at most {FAR:.3g}",
-                "Check the cell and the positions.",
-            )
+            received = f"centres {np.abs(nearest).max():.3g} periodic cells apart"
+            remedy = "Check the cell and the positions."
+            raise InputError("positions of the grains", received, f"at most {FAR:.3g}", remedy)
         return np.where(self.periodic, nearest, 0.0).astype(np.int64)
 
     def shift(self, images: Integers) -> Floats:

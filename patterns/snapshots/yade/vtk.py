@@ -66,12 +66,9 @@ def _contacts_path(source: Source, ending: str) -> Path:
     found = beside(path, stem.replace("spheres", "intrs") + ending) if "spheres" in stem else None
     if found is not None:
         return found
-    raise InputError(
-        f"interactions of {path}",
-        "no such file beside it",
-        stem.replace("spheres", "intrs") + ending,
-        "Record 'intr' too, or name the file of the contacts.",
-    )
+    expected = stem.replace("spheres", "intrs") + ending
+    remedy = "Record 'intr' too, or name the file of the contacts."
+    raise InputError(f"interactions of {path}", "no such file beside it", expected, remedy)
 
 
 def _blocks(path: Path) -> tuple[Path, Path]:
@@ -80,12 +77,9 @@ def _blocks(path: Path) -> tuple[Path, Path]:
     spheres = [file for file in files if file.suffix == ".vtu"]
     lines = [file for file in files if file.suffix == ".vtp"]
     if len(spheres) != 1 or len(lines) != 1:
-        raise InputError(
-            str(path),
-            f"{len(spheres)} .vtu and {len(lines)} .vtp blocks",
-            "the spheres and the interactions",
-            "Record ['spheres', 'intr'] alone with multiblock=True.",
-        )
+        received = f"{len(spheres)} .vtu and {len(lines)} .vtp blocks"
+        remedy = "Record ['spheres', 'intr'] alone with multiblock=True."
+        raise InputError(str(path), received, "the spheres and the interactions", remedy)
     return spheres[0], lines[0]
 
 
@@ -113,12 +107,8 @@ def _shear(
     x, radii = spheres.points[:, :2], spheres.points_data["radii"]
     numbers = (x, radii, normal, components)
     if components.ndim != 2 or normal.ndim != 1 or not all(np.isfinite(a).all() for a in numbers):
-        raise InputError(
-            str(lines.path),
-            "values that are no finite forces",
-            "forceN, absForceT",
-            "Record again.",
-        )
+        received = "values that are no finite forces"
+        raise InputError(str(lines.path), received, "forceN, absForceT", "Record again.")
     size = np.hypot(components[:, 0], components[:, 1])
     found = shear_signs(x, radii, ends, normal, size)
     share = f"{100 * found.residual:.2g} % of the mean normal force"
@@ -146,12 +136,9 @@ SNIPPET = "Export tables from inside Yade instead, see docs/yade.md."
 def grains_of(piece: VtkData, radius: str) -> tuple[Columns, list[str]]:
     """Plain columns of the grains."""
     if radius not in piece.points_data or not len(piece.points):
-        raise InputError(
-            str(piece.path),
-            f"points with {', '.join(piece.points_data) or 'no arrays'}",
-            f"spheres with {radius!r}",
-            "Give the file of the spheres; the recorder 'spheres' writes them.",
-        )
+        received = f"points with {', '.join(piece.points_data) or 'no arrays'}"
+        remedy = "Give the file of the spheres; the recorder 'spheres' writes them."
+        raise InputError(str(piece.path), received, f"spheres with {radius!r}", remedy)
     x = piece.points
     ids = piece.points_data.get("id")
     notes = [] if ids is not None else ["no ids in the file: grains are numbered in its order"]
@@ -164,12 +151,9 @@ def ends_of(spheres: VtkData, lines: VtkData) -> Integers:
     """Spheres at the ends of the lines, found by their coordinates."""
     ends = index_of(_keys(spheres.points), _keys(lines.points))[lines.lines]
     if ((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)).any():
-        raise InputError(
-            str(lines.path),
-            "a line from a sphere to itself",
-            "lines between distinct centres",
-            "Export it again; two spheres at one place have no contact direction.",
-        )
+        received = "a line from a sphere to itself"
+        remedy = "Export it again; two spheres at one place have no contact direction."
+        raise InputError(str(lines.path), received, "lines between distinct centres", remedy)
     return ends
 
 
@@ -182,12 +166,8 @@ def _keys(points: Floats) -> Integers:
 def refuse_strays(lines: VtkData, ends: Integers) -> None:
     """Raise `InputError` if a line ends at no sphere."""
     if len(ends) and (ends < 0).all():
-        raise InputError(
-            str(lines.path),
-            "lines that end at none of the spheres",
-            "files of one snapshot",
-            "Give the two files of the same iteration.",
-        )
+        expected, remedy = "files of one snapshot", "Give the two files of the same iteration."
+        raise InputError(str(lines.path), "lines that end at none of the spheres", expected, remedy)
     strays = int(np.count_nonzero((ends < 0).any(axis=1)))
     if strays:
         raise InputError(

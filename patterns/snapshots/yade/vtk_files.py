@@ -84,12 +84,9 @@ def _check_legacy(path: Path, content: bytes) -> tuple[int, int, int]:
     """Points, lines and arrays of legacy polydata; counts must fit, vtk allocates what they say."""
     require_line_end(str(path), content, len(content))
     if b"\nASCII\n" not in content[:512].replace(b"\r", b""):
-        raise InputError(
-            str(path),
-            "no ASCII legacy VTK file",
-            "polydata as export.VTKExporter writes it",
-            "Write .vtu and .vtp by VTKRecorder, or see docs/yade.md.",
-        )
+        received = "no ASCII legacy VTK file"
+        remedy = "Write .vtu and .vtp by VTKRecorder, or see docs/yade.md."
+        raise InputError(str(path), received, "polydata as export.VTKExporter writes it", remedy)
     words = re.findall(rb"^([A-Z_]{4,})\b", content, re.M)
     counts = {kind: numbers.split() for kind, numbers in COUNTS.findall(content)}
     # Of points the type follows.

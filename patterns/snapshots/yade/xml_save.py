@@ -207,12 +207,8 @@ def frames(source: Source) -> Frames:
 def frame_of_save(source: Source, save: Save) -> Frame:
     """Plain tables of what a save holds."""
     if not save.interactions or not save.bodies:
-        raise InputError(
-            str(source.path),
-            "no interaction with forces",
-            "contacts",
-            "Save after a step, without resetting the interactions.",
-        )
+        remedy = "Save after a step, without resetting the interactions."
+        raise InputError(str(source.path), "no interaction with forces", "contacts", remedy)
     ids = np.array([body[0] for body in save.bodies], dtype=np.int64)
     sphere = np.array([body[1] == "Sphere" for body in save.bodies])
     place = np.array([body[2:] for body in save.bodies], dtype=float)
@@ -243,12 +239,9 @@ def _contacts(
     found = index_of(ids, pairs)
     if (found < 0).any():
         c = int(np.argmax((found < 0).any(axis=1)))
-        raise InputError(
-            f"interaction {pairs[c, 0]}-{pairs[c, 1]} of {path}",
-            "a body that is not saved",
-            "both bodies",
-            "Save again after O.interactions.eraseNonReal().",
-        )
+        where = f"interaction {pairs[c, 0]}-{pairs[c, 1]} of {path}"
+        remedy = "Save again after O.interactions.eraseNonReal()."
+        raise InputError(where, "a body that is not saved", "both bodies", remedy)
     wall = place[found, 3] == 0
     flip = wall[:, 1]
     sign = np.where(flip, -1.0, 1.0)[:, None]
