@@ -9,8 +9,7 @@ from scipy import sparse
 from loops.arrays import Floats, Integers
 from loops.contact_state import contact_state
 from loops.contact_tangent import ContactTangent, contact_regime, contact_tangent
-from loops.errors import InputError
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, require_one_state
 from loops.laws.protocol import ContactLaw
 
 
@@ -37,11 +36,8 @@ def assemble_sparse_tangent(
     graph: GrainGraph, law: ContactLaw, *, spins: bool = False, regime: ArrayLike | None = None
 ) -> sparse.csr_array:
     """`assemble_tangent` of one state as a sparse matrix; batches raise `InputError`."""
+    require_one_state(graph)
     element = _elements(graph, law, spins, regime)
-    if element.ndim > 3:
-        raise InputError(
-            "graph", f"batch axes {element.shape[:-3]}", "one state", "Assemble them one by one."
-        )
     freedoms = _freedoms(graph.contacts, graph.grain_count, spins)
     rows, columns = _places(freedoms)
     values = element.ravel()

@@ -19,8 +19,7 @@ from loops.branch_bins import (
     close_branches,
 )
 from loops.compiled import use_compiled
-from loops.graph import GrainGraph, branch_vectors
-from loops.pruning import require_one_state
+from loops.graph import GrainGraph, branch_vectors, require_one_state
 
 BLOCK = 2**15  # pieces of branches compared at a time
 SAMPLE = 10_000  # branches that the mean extent is taken from, at least

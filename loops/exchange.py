@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from loops.errors import InputError
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, require_one_state
 
 if TYPE_CHECKING:
     import networkx
@@ -47,10 +47,7 @@ def to_networkx(graph: GrainGraph) -> networkx.MultiGraph:
     """
     import networkx
 
-    if graph.batch_shape:
-        raise InputError(
-            "graph", f"batch axes {graph.batch_shape}", "one state", "Convert them one by one."
-        )
+    require_one_state(graph)
     out = networkx.MultiGraph(cell=_listed(graph.cell), cell0=_listed(graph.cell0))
     rows = zip(graph.x.tolist(), graph.x0.tolist(), graph.radii.tolist(), strict=True)
     for grain, (x, x0, radius) in enumerate(rows):

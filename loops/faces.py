@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
 from loops.compiled import use_compiled
-from loops.graph import GrainGraph, branch_vectors
+from loops.graph import GrainGraph, branch_vectors, require_one_state
 from loops.half_edges import cycles, half_edges_by_grain, measured_faces, next_half_edge
-from loops.pruning import component_counts, component_labels, prune_dangling, require_one_state
+from loops.pruning import component_counts, component_labels, prune_dangling
 from loops.shown import Shown
 
 # Orders that the prompt shows.

@@ -11,8 +11,7 @@ import scipy.sparse.csgraph
 from loops.arrays import Floats, Integers
 from loops.contact_state import contact_state
 from loops.faces import Faces
-from loops.graph import GrainGraph
-from loops.pruning import require_one_state
+from loops.graph import GrainGraph, require_one_state
 from loops.shown import Shown
 from loops.stress import contact_forces
 

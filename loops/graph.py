@@ -171,6 +171,13 @@ class GrainGraph(Shown):
         return replace(self, **changes)
 
 
+def require_one_state(graph: GrainGraph) -> None:
+    """Raise `InputError` if the graph carries batch axes."""
+    if graph.batch_shape:
+        received = f"batch axes {graph.batch_shape}"
+        raise InputError("graph", received, "one state", "Take the states one by one.")
+
+
 def _integers(name: str, values: ArrayLike, columns: int) -> Integers:
     array = np.asarray(values)
     if array.size == 0:

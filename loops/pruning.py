@@ -7,15 +7,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from loops.arrays import Flags, Integers
-from loops.errors import InputError
 from loops.graph import GrainGraph
-
-
-def require_one_state(graph: GrainGraph) -> None:
-    """Raise `InputError` if the graph carries batch axes."""
-    if graph.batch_shape:
-        remedy = "Take the states one by one: each has its own faces."
-        raise InputError("batch axes of the graph", f"{graph.batch_shape}", "one state", remedy)
 
 
 def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:

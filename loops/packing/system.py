@@ -22,11 +22,10 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contact_state import ContactState, contact_state
 from loops.contact_tangent import contact_regime, contact_tangent
 from loops.errors import InputError
-from loops.graph import GrainGraph, branch_vectors
+from loops.graph import GrainGraph, branch_vectors, require_one_state
 from loops.laws.protocol import ContactLaw, Regime
 from loops.packing.carrying import Carrying, carrying_grains
 from loops.packing.walls import PlaneContacts, plane_stiffness
-from loops.pruning import require_one_state
 
 
 @dataclass(frozen=True, eq=False)

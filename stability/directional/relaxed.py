@@ -28,6 +28,7 @@ from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.closures.spins import affine_spin
 from loops.closures.system import contact_terms, relax_centres, relax_spins
+from loops.graph import require_one_state
 from stability.cones import plane_cone
 from stability.directional.edge import SIGN_TOLERANCE, Answer, EdgeContacts, line_angles, works
 from stability.rate_problem import SAME_RATES, Choice, edge_options
@@ -174,10 +175,7 @@ def relaxed_branches(
 
 
 def _combinations(graph: GrainGraph, edge: EdgeContacts) -> list[tuple[Choice, ...]]:
-    if graph.batch_shape:
-        raise InputError(
-            "graph", f"batch axes {graph.batch_shape}", "one state", "Take the states in turn."
-        )
+    require_one_state(graph)
     options = [_options(edge, int(c)) for c in edge.anywhere]
     count = float(np.prod([float(len(each)) for each in options]))
     if count > COMBINATIONS:

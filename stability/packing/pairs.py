@@ -9,9 +9,8 @@ from scipy.spatial import cKDTree
 
 from loops.arrays import Floats, Integers
 from loops.errors import InputError
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, require_one_state
 from loops.laws import LinearFrictional
-from loops.pruning import require_one_state
 
 
 class Pairs(NamedTuple):

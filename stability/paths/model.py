@@ -13,7 +13,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.closures import Closure, Spins
 from loops.contact_state import ContactState, contact_state
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
-from loops.graph import branch_vectors, reference_branch_vectors
+from loops.graph import branch_vectors, reference_branch_vectors, require_one_state
 from loops.symmetry import PointGroup
 from stability.paths.unknowns import Kind, UnknownSets
 
@@ -113,10 +113,7 @@ def path_model(
     volume: ArrayLike | None,
 ) -> PathModel:
     """Gather the constants of a path from its initial graph."""
-    if graph.batch_shape:
-        raise InputError(
-            "graph", f"batch axes {graph.batch_shape}", "one state", "Follow them one by one."
-        )
+    require_one_state(graph)
     v0 = float(reference_volume(graph) if volume is None else np.asarray(volume))
     if not (np.isfinite(v0) and v0 > 0):
         raise InputError("volume", str(v0), "a positive area", "Give the reference area.")

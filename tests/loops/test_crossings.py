@@ -93,7 +93,7 @@ def test_no_contacts():
 
 def test_batches_are_refused():
     x = np.zeros((3, 2, 2)) + np.array([[0, 0], [1, 0]])
-    with pytest.raises(InputError, match="batch axes of the graph"):
+    with pytest.raises(InputError, match="graph: got batch axes"):
         find_crossings(GrainGraph(x=x, radii=np.ones(2), contacts=[[0, 1]]))
 
 

@@ -362,7 +362,7 @@ def test_signed_zeros_do_not_hide_a_coincidence():
 def test_batches_are_refused():
     x, square = polygon(4)
     graph = GrainGraph(x=np.stack([x, x]), radii=np.ones(4), contacts=square)
-    with pytest.raises(InputError, match="batch axes of the graph"):
+    with pytest.raises(InputError, match="graph: got batch axes"):
         find_faces(graph)
 
 
