@@ -32,7 +32,7 @@ def test_the_quoted_number():
 
 
 @pytest.mark.parametrize("decades", [1, 5, 20])
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(3))
 def test_plane(seed, decades):
     values = spread(seed, [1, -1], decades)
     assert relative_error(unstable_fraction(values), oracle.plane_fraction(values)) < 1e-15
@@ -40,7 +40,7 @@ def test_plane(seed, decades):
 
 @pytest.mark.parametrize("signs", [[1, 1, -1], [1, -1, -1]])
 @pytest.mark.parametrize("decades", [1, 6])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(2))
 def test_space(seed, decades, signs):
     values = spread(seed, signs, decades)
     assert relative_error(unstable_fraction(values), oracle.space_fraction(values)) < 3e-15
@@ -75,7 +75,7 @@ def test_four_eigenvalues(decades, signs):
         assert relative_error(unstable_fraction(values), expected) < 3e-15
 
 
-@pytest.mark.parametrize("ratio", [1e-8, 1e-3, 0.5, 1.0, 1e4, 1e30])
+@pytest.mark.parametrize("ratio", [1e-8, 0.5, 1e30])
 @pytest.mark.parametrize(
     ("positive", "negative"), [(1, 1), (2, 1), (1, 2), (3, 1), (2, 2), (1, 3), (4, 1), (3, 2)]
 )

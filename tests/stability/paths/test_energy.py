@@ -22,8 +22,7 @@ def confined_then(programme, quantity, target):
 
 @pytest.mark.parametrize("spins", SPINS)
 @pytest.mark.parametrize("closure", CLOSURES)
-@pytest.mark.parametrize("mu", [0.05, np.inf])
-@pytest.mark.parametrize("order", [4, 6])
+@pytest.mark.parametrize(("order", "mu"), [(4, 0.05), (6, 0.05), (6, np.inf)])
 def test_balance_closes_on_sheared_rings(order, mu, closure, spins):
     law = LinearFrictional(kn=1.0, kt=0.3, mu=mu)
     stages = confined_then(SHEAR, "H12", 0.04)
@@ -45,10 +44,10 @@ def test_external_work_is_that_of_the_recorded_stress(closure):
     # The integral of P:dH over the rows, by Simpson's rule on the recorded path, converges to it.
     law = LinearFrictional(kn=1.0, kt=0.2, mu=0.1)
     stages = confined_then(programmes.drained_biaxial(), "H11", 0.2)
-    path = follow(diamond(0.7), law, stages, closure=closure, max_step=0.002)
+    path = follow(diamond(0.7), law, stages, closure=closure, max_step=0.004)
     dH, P = np.diff(path.H, axis=0), 0.5 * (path.P[1:] + path.P[:-1])
     trapezoid = path.volume * (dH * P).sum()
-    assert path.work[-1, 0] == pytest.approx(trapezoid, rel=1e-5)
+    assert path.work[-1, 0] == pytest.approx(trapezoid, rel=4e-5)
 
 
 def test_dissipation_of_a_sliding_diamond_is_friction_times_slip():

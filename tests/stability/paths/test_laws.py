@@ -51,8 +51,7 @@ def lost_at(path):
     return float(path.H[event.index, 0])
 
 
-@pytest.mark.parametrize("order", [4, 5, 8])
-@pytest.mark.parametrize("poisson", [0.0, 0.3])
+@pytest.mark.parametrize(("order", "poisson"), [(4, 0.0), (5, 0.3), (8, 0.3)])
 def test_spheres_lose_stability_at_their_threshold(order, poisson):
     law = HertzMindlin(young=1.0, poisson=poisson)
     kappa = 2 * (1 - poisson) / (2 - poisson)
@@ -62,8 +61,7 @@ def test_spheres_lose_stability_at_their_threshold(order, poisson):
     assert lost_at(path) == pytest.approx(kappa / (kappa + 2 / 3), abs=1e-11)
 
 
-@pytest.mark.parametrize("order", [5, 6, 8])
-@pytest.mark.parametrize("k_r", [0.03, 0.3])
+@pytest.mark.parametrize(("order", "k_r"), [(5, 0.03), (6, 0.3), (8, 0.03)])
 def test_rolling_resistance_gives_free_spins_their_threshold_back(order, k_r):
     law = RollingResistance(LinearFrictional(kn=1.0, kt=KAPPA), k_r=k_r)
     path = follow(regular_polygon(order), law, isotropic(0.3), closure="traction", spins="free")

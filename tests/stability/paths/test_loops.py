@@ -243,18 +243,3 @@ def test_relaxed_grains_stay_around_their_centroid(model):
     path = follow(loop, law, [isotropic(0.1), drained(0.2)], closure="traction", model=model)
     assert len(path.of_kind("yield")) > 0
     assert np.abs(path.x.mean(axis=1) - loop.x.mean(axis=0)).max() < 1e-12
-
-
-@pytest.mark.parametrize("closure", CLOSURES)
-@pytest.mark.parametrize(("length", "kn"), [(0.01, 1e6), (1e3, 1e-3)])
-def test_a_path_is_the_same_in_other_units(closure, length, kn):
-    mu, stages = np.tan(np.radians(8.0)), [isotropic(0.1), drained(0.2)]
-    loop = regular_polygon(4)
-    plain = follow(loop, LinearFrictional(kn=1.0, kt=0.2, mu=mu), stages, closure=closure)
-    scaled = GrainGraph(x=length * loop.x, radii=length * loop.radii, contacts=loop.contacts)
-    law = LinearFrictional(kn=kn, kt=0.2 * kn, mu=mu)
-    path = follow(scaled, law, stages, closure=closure)
-    assert [event.kind for event in path.events] == [event.kind for event in plain.events]
-    for event, other in zip(path.events, plain.events, strict=True):
-        np.testing.assert_allclose(path.H[event.index], plain.H[other.index], atol=1e-12)
-        np.testing.assert_allclose(path.P[event.index] / kn, plain.P[other.index], atol=1e-12)

@@ -58,13 +58,10 @@ def largest_difference(small, full):
 
 @pytest.mark.parametrize("spins", SPINS)
 @pytest.mark.parametrize("closure", CLOSURES)
-@pytest.mark.parametrize(("order", "orientation"), [(4, "vertex")])
-def test_short_polygons_to_rounding(order, orientation, closure, spins):
-    small, full = both(
-        regular_polygon(order, orientation=orientation), closure=closure, spins=spins
-    )
+def test_short_polygons_to_rounding(closure, spins):
+    small, full = both(regular_polygon(4), closure=closure, spins=spins)
     assert largest_difference(small, full) < 2e-14
-    assert small.model.symmetry.startswith("D2" if order == 4 else "D1")
+    assert small.model.symmetry.startswith("D2")
     assert full.model.symmetry == "none"
 
 
@@ -102,8 +99,7 @@ def test_contacts_added_in_pairs_keep_the_symmetry(closure):
     assert small.model.kept == "to the end"
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize(("seed", "closure"), [(0, "affine"), (1, "traction"), (2, "traction")])
 def test_loops_without_symmetry_are_the_full_model(seed, closure):
     loop = random_loop(5, seed, strain=0.02, mu=0.2)
     small, full = both(
