@@ -210,7 +210,8 @@ def test_curves_of_a_path_are_those_of_a_dense_one():
         seen = 0
         for first, last in pairwise(turns):
             at, values = (np.asarray(exact[key])[first:last] for key in ("H11", name))
-            inside = (x > at[0]) & (x < at[-1])
+            # Either run finds the events to rounding.
+            inside = (x > at[0] + 1e-9) & (x < at[-1] - 1e-9)
             seen += np.count_nonzero(inside)
             error = np.abs(y[inside] - np.interp(x[inside], at, values)).max()
             assert error < tolerance * np.ptp(exact[name])
