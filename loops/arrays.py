@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
+
+Item, Result = TypeVar("Item"), TypeVar("Result")
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -19,3 +26,16 @@ def frobenius(a: Floats) -> Floats:
 def all_finite(a: Floats) -> Flags:
     """(...) whether all entries of small matrices (..., i, j) are finite."""
     return np.asarray(np.isfinite(np.einsum("...ij->...", a)))
+
+
+def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """What independent work on large arrays, which leaves the interpreter free, gives for each."""
+    with ThreadPoolExecutor(available_cores()) as pool:
+        return list(pool.map(work, items))
+
+
+def available_cores() -> int:
+    """Cores that this process may use, where the system tells; all of them elsewhere."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

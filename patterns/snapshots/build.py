@@ -36,9 +36,13 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     Without forces, or with normal forces alone on frictional grains, only the geometry. Findings
     after which nothing meaningful can follow are refused if `strict`; doubts become notes.
     """
-    bodies, table = read_bodies(frame.grains), frame.contacts
+    table = frame.contacts
+    table.read_ahead()
+    bodies = read_bodies(frame.grains)
     every = read_pairs(table, bodies)
-    rows = np.flatnonzero((every[:, 0] >= 0) & (every[:, 1] >= 0))
+    rows = np.arange(len(every))
+    if bodies.is_wall.any():
+        rows = np.flatnonzero((every[:, 0] >= 0) & (every[:, 1] >= 0))
     if len(rows) == 0:
         raise InputError(table.path, "no contact between grains", "contacts", "Check the export.")
     pairs = every if len(rows) == len(every) else every[rows]
@@ -56,6 +60,8 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
     else:
         law, regime = _law(table, rows, (normal, shear), parameters, frame.shear_increment, notes)
+    for array in (bodies.x, bodies.radii, pairs, normal, shear):
+        array.flags.writeable = False  # not copied then
     try:
         graph = GrainGraph(
             x=bodies.x,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph, LinearFrictional, Regime
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats, Integers, in_threads
 from patterns.snapshots.yade.shear import on_rim
 
 Severity = Literal["ok", "doubt", "error"]
@@ -105,8 +105,12 @@ def check_state(state: Checked) -> tuple[Finding, ...]:
         forces = (Finding("forces", 0.0, "all contact forces are zero", "doubt", "Export them."),)
     elif state.law is not None:
         checks += [directions, pulling, balance, friction, sliding, stiffness, jammed]
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        return (*(found for check in checks if (found := check(state)) is not None), *forces)
+
+    @np.errstate(over="ignore", divide="ignore", invalid="ignore")
+    def told(check: Callable[[Checked], Finding | None]) -> Finding | None:
+        return check(state)
+
+    return (*(found for found in in_threads(told, checks) if found is not None), *forces)
 
 
 def distances(state: Checked) -> Finding:

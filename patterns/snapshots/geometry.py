@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, in_threads
 from patterns.snapshots.tables import HUGE, Table
 
 WALL = 1
@@ -92,12 +92,16 @@ def index_of(ids: Integers, named: Integers) -> Integers:
     """Place of ids in a list of distinct ones, -1 for one that is not there."""
     low, high = int(ids.min()), int(ids.max())
     if high - low < SPARSE * len(ids):
-        place = np.full(high - low + 1, -1)
-        place[ids - low] = np.arange(len(ids))
-        if named.size and named.min() >= low and named.max() <= high:
-            return place[named - low]
-        inside = (named >= low) & (named <= high)
-        return np.where(inside, place[np.where(inside, named - low, 0)], -1)
+        place = named - low
+        known = (place >= 0) & (place <= high - low)
+        every = bool(known.all())
+        place = place if every else np.where(known, place, 0)
+        # The usual ids, consecutive ones, are places themselves.
+        if high - low >= len(ids) or (ids[1:] < ids[:-1]).any():
+            at = np.full(high - low + 1, -1)
+            at[ids - low] = np.arange(len(ids))
+            place = at[place]
+        return place if every else np.where(known, place, -1)
     order = np.argsort(ids)
     found = order[np.minimum(np.searchsorted(ids, named, sorter=order), len(ids) - 1)]
     return np.where(ids[found] == named, found, -1)
@@ -216,7 +220,8 @@ def read_branches(
     made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
     d, n, length, reach = (np.empty(shape) for shape in ((count, 2), (count, 2), count, count))
     off = np.zeros(count if given is not None else 0)
-    for at in range(0, count, BLOCK):
+
+    def fill(at: int) -> None:
         part = slice(at, at + BLOCK)
         one, two = pairs[part].T
         gap = bodies.x[two] - bodies.x[one]
@@ -234,6 +239,8 @@ def read_branches(
         if given is not None:
             error = given[part] - (n[part] if branches is None else gap)
             off[part] = np.hypot(error[:, 0], error[:, 1]) / (1.0 if branches is None else size)
+
+    in_threads(fill, range(0, count, BLOCK))
 
     def refuse(c: int, received: str, expected: str, remedy: str) -> NoReturn:
         one, two = bodies.grain_ids[pairs[c]].tolist()

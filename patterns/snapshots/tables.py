@@ -7,6 +7,7 @@ import tokenize
 import zipfile
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats, Integers, in_threads
 from patterns.snapshots.layout import layout_of, rows_of
 from patterns.snapshots.text import (
     listed,
@@ -103,6 +104,23 @@ class Table:
             raise InputError(f"{where}, row {row}", received, expected, "Correct or drop the row.")
         return values
 
+    def read_ahead(self) -> None:
+        """Read what is no list of ids, all columns at once; what is wrong is said when asked."""
+
+        def read(name: str) -> None:
+            with suppress(InputError):
+                self.column(name)
+
+        stored = self._columns.items()
+        in_threads(
+            read,
+            [
+                n
+                for n, v in stored
+                if isinstance(v, pyarrow.ChunkedArray) and v.type != pyarrow.int64()
+            ],
+        )
+
     def columns(self, *names: str) -> Floats:
         """(rows, names) array of several columns."""
         return np.column_stack([self.column(name) for name in names])
@@ -113,10 +131,16 @@ class Table:
 
     def integers(self, name: str) -> Integers:
         """Whole numbers of a column; `InputError` as `column`, and for fractions."""
-        values = self.column(name)
-        whole = values.astype(np.int64)
-        if (whole == values).all() and values.max() <= WHOLE and values.min() >= -WHOLE:
+        stored = self._columns.get(name)
+        if isinstance(stored, pyarrow.ChunkedArray) and stored.type == pyarrow.int64():
+            whole = None if stored.null_count else _joined(stored)
+        else:
+            values = self.column(name)
+            whole = values.astype(np.int64)
+            whole = whole if (whole == values).all() else None
+        if whole is not None and whole.max() <= WHOLE and whole.min() >= -WHOLE:
             return whole
+        values = self.column(name)
         row = int(np.argmax((np.rint(values) != values) | (np.abs(values) > WHOLE)))
         where = f"column {name!r} of {self.path}, row {row}"
         raise InputError(where, str(values[row]), "a whole number", "Correct the file.")
@@ -129,12 +153,17 @@ def _as_floats(column: Column) -> Floats:
         column = column.cast(pyarrow.float64())
         if column.null_count or not column.num_chunks:
             column = column.to_numpy(zero_copy_only=False)
-        else:  # `to_numpy` loads pandas, which takes longer than reading most tables
-            column = np.from_dlpack(pyarrow.concat_arrays(column.chunks))
+        else:
+            column = _joined(column)
     if column.dtype.kind not in "iufb":
         raise TypeError(f"values of type {column.dtype}"[:80])
     with np.errstate(over="ignore"):  # of longer floats
         return np.asarray(column, dtype=np.float64)
+
+
+def _joined(column: pyarrow.ChunkedArray) -> NDArray[Any]:
+    """`to_numpy` of a column that lacks nothing; that loads pandas, which takes longer."""
+    return np.asarray(np.from_dlpack(pyarrow.concat_arrays(column.chunks)))
 
 
 def require_once(path: str, names: Sequence[str]) -> None:

@@ -21,8 +21,8 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from loops import InputError
+from loops.arrays import available_cores
 from studies.series.tasks import Failure, PartTask, do_task
-from studies.snapshot.table import available_cores
 
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")

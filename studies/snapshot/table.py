@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -26,7 +25,7 @@ from loops import (
     polygon_shape,
     traction_tangent,
 )
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, available_cores
 from loops.compiled import use_compiled
 from patterns import Snapshot
 from stability.loop_stability import loop_spectra, loop_stability
@@ -165,13 +164,6 @@ def _compiled_parts(
     row[faces.loops] = np.arange(len(faces.loops))
     for batch in loop_batches(snapshot.graph, faces, loops=np.concatenate(rest)):
         yield row[batch.face], _tangents(snapshot, batch)
-
-
-def available_cores() -> int:
-    """Cores that this process may use, where the system tells; all of them elsewhere."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _compiled_columns(
