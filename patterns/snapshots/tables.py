@@ -111,15 +111,8 @@ class Table:
             with suppress(InputError):
                 self.column(name)
 
-        stored = self._columns.items()
-        in_threads(
-            read,
-            [
-                n
-                for n, v in stored
-                if isinstance(v, pyarrow.ChunkedArray) and v.type != pyarrow.int64()
-            ],
-        )
+        stored = {n: v for n, v in self._columns.items() if isinstance(v, pyarrow.ChunkedArray)}
+        in_threads(read, [name for name, v in stored.items() if v.type != pyarrow.int64()])
 
     def columns(self, *names: str) -> Floats:
         """(rows, names) array of several columns."""
