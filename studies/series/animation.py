@@ -40,9 +40,9 @@ class Picture(NamedTuple):
     smallest: Floats | None = None
 
 
-def picked_snapshots(count: int) -> list[int]:
+def picked_snapshots(count: int, most: int = MOST) -> list[int]:
     """Places of the snapshots to show: all of a short series, evenly spread ones of a long one."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST)).round()).astype(int).tolist()
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round()).astype(int).tolist()
 
 
 @styled()

@@ -20,7 +20,7 @@ from studies.series.skill_figures import nonaffinity_map, skill_by_interval, ski
 from studies.series.survival_figure import survival_by_verdict
 from studies.series.targets import part_columns
 from studies.series.tasks import PartTask, pairs, singles, state_of, tracked
-from studies.snapshot.report import LoopsForMap, loops_for_map, write_report
+from studies.snapshot.report import MOST_LOOPS, LoopsForMap, loops_for_map, write_report
 from studies.style import save_figure
 
 CAPTIONS = {
@@ -67,6 +67,8 @@ CAPTIONS = {
 }
 OF_INTERVAL = ("W2", "w2", *PREDICTIONS, "nonaffinity")
 OF_PACKING = ("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing")
+# Of a series on its page.
+MOST_MAPS = 20
 
 SMALLEST = "traction_lambda_min"
 DRAWN = ("W2", "w2", *PREDICTIONS)
@@ -96,8 +98,9 @@ def draw(
             figures["nonaffinity_map"] = nonaffinity_map(interval)
     for name, figure in figures.items():
         save_figure(figure, folder, name, source)
-    part = None if mapped is None else singles(planned, out)[mapped].part
-    series_report(folder, summary, interval, part, source)
+    counts = tables["evolution"]["loops"]
+    maps = _maps(planned, out, counts, mapped or 0)
+    series_report(folder, summary, maps, source, max(counts))
 
 
 def animate(
@@ -145,9 +148,9 @@ def _interval(task: PartTask) -> MappedInterval:
 def series_report(
     folder: Path,
     summary: Mapping[str, Any],
-    mapped: MappedInterval | None,
-    part: Path | None,
+    maps: Sequence[LoopsForMap],
     source: Mapping[str, Any],
+    count: int = 0,
 ) -> None:
     """Write `report.html` with the figures that stand in the folder."""
     figures = [
@@ -156,26 +159,49 @@ def series_report(
         for path in (folder / f"{name}.{ending}" for ending in ("png", "mp4", "gif"))
         if path.is_file()
     ]
-    loops = None if mapped is None or part is None else _loops(mapped, part)
     title = f"Loops of {summary['snapshots']} snapshots"
-    count = 0 if mapped is None else len(mapped.before.faces.loops)
-    write_report(folder, title, summary, figures, loops, source, count)
+    write_report(folder, title, summary, figures, maps, source, count)
 
 
-def _loops(mapped: MappedInterval, part: Path) -> LoopsForMap | None:
-    """Loops of the earlier snapshot, with their fate and the work of those that survived."""
-    table: dict[str, Any] = {
-        name: column
-        for name, column in _columns(part)
-        if name not in ("grains", "snapshot", "step")
-    }
-    rows = mapped.increments["loop_before"]
+def _maps(
+    planned: Sequence[PlannedSnapshot], out: Path, counts: Sequence[int], first: int
+) -> list[LoopsForMap]:
+    """A map of every snapshot, or of as many, evenly spread, as a page can handle."""
+    number = min(MOST_MAPS, MOST_LOOPS // max(*counts, 1))
+    places = sorted({*picked_snapshots(len(planned), number), first}) if number else []
+    intervals, about = pairs(planned, out), ""
+    if len(places) < len(planned):
+        about = f"{len(places)} of {len(planned)} snapshots are shown, a page can't hold more. "
+    found = []
+    for k in places:
+        state = state_of(planned[k])
+        table = _rows(singles(planned, out)[k].part, intervals[k] if k < len(intervals) else None)
+        name = f"{planned[k].number} ({planned[k].name})"
+        of_series = {"name": name, "number": planned[k].number, "first": k == first}
+        loops = loops_for_map(state.snapshot, state.faces, table, **of_series, about=about)
+        found += [] if loops is None else [loops]
+    return found
+
+
+def _rows(part: Path, task: PartTask | None) -> dict[str, Any]:
+    """Loops of a snapshot, with what became of them in the interval that follows, if one does."""
+    table = dict(_columns(part))
+    for name in ("grains", "snapshot", "step"):
+        table.pop(name, None)
+    if task is None:
+        return table
+    size, fates, own = (
+        len(table["loop"]),
+        dict(_columns(task.fates_part)),
+        dict(_columns(task.part)),
+    )
+    table |= {name: fates[name][:size] for name in ("fate", "successor", "order_after")}
     for name in OF_INTERVAL:
-        if name in mapped.increments:
-            table[name] = np.full(len(table["loop"]), np.nan)
-            table[name][rows] = mapped.increments[name]
-    table |= {name: mapped.foretold[name] for name in OF_PACKING if name in mapped.foretold}
-    return loops_for_map(*mapped.before, table)
+        if name in own:
+            table[name] = np.full(size, np.nan)
+            table[name][own["loop_before"]] = own[name]
+    foretold = part_columns(task.packing_part) if task.packing_part.is_file() else {}
+    return table | {name: foretold[name] for name in OF_PACKING if name in foretold}
 
 
 def _columns(part: Path) -> list[tuple[str, NDArray[Any]]]:

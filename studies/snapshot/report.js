@@ -11,11 +11,11 @@ function decoded(array) {
 
 function readLoops(text) {
   const raw = JSON.parse(text);
-  const loops = { ...raw, columns: {}, kinds: {} };
+  const loops = { ...raw, columns: {}, words: {} };
   for (const name of ["offsets", "corners", "grains"]) loops[name] = decoded(raw[name]);
   for (const name of Object.keys(raw.columns)) {
     loops.columns[name] = decoded(raw.columns[name]);
-    loops.kinds[name] = raw.columns[name].type;
+    loops.words[name] = raw.columns[name].words;
   }
   loops.boxes = boxesOf(loops);
   loops.grid = gridOf(loops);
@@ -112,6 +112,13 @@ function colouring(loops, name) {
     for (let k = 0; k < loops.count; k++) shade[k] = Math.min(values[k] - 3, last);
     return { shade, palette, low: "3", high: `${3 + last}+` };
   }
+  const words = loops.words[name];
+  if (words) {
+    const palette = loops.palettes.order;
+    for (let k = 0; k < loops.count; k++) if (words[values[k]]) shade[k] = values[k] % palette.length;
+    const named = words.map((word, k) => [word, palette[k % palette.length]]).filter(([word]) => word);
+    return { shade, palette, named };
+  }
   const known = Array.from(values).filter(Number.isFinite).sort((a, b) => a - b);
   if (known.length === 0) return { shade, palette: loops.palettes.sequential, low: "", high: "" };
   const at = (q) => known[Math.round(q * (known.length - 1))];
@@ -140,21 +147,37 @@ function shown(value) {
 }
 
 function rowOf(loops, k) {
-  const row = Object.keys(loops.columns).map((name) => [name, shown(loops.columns[name][k])]);
+  const said = (name, value) => (loops.words[name] ? loops.words[name][value] || "–" : shown(value));
+  const row = Object.keys(loops.columns).map((name) => [name, said(name, loops.columns[name][k])]);
   const ids = Array.from(loops.grains.subarray(loops.offsets[k], loops.offsets[k + 1]));
   return [...row, ["grains", ids.join(" ")]];
 }
 
-function startMap(loops, part) {
-  const canvas = part.canvas, context = canvas.getContext("2d");
+// A link to a loop of this page: #loop=17, of a series #snapshot=3&loop=17.
+function linked(hash) {
+  const given = new URLSearchParams(hash.replace(/^#/, ""));
+  return { snapshot: given.get("snapshot"), loop: given.get("loop") };
+}
+
+// The row of a loop's number, -1 and what is wrong with it if there is none.
+function rowOfNumber(loops, text) {
+  const numbers = Array.from(loops.columns.loop || []), k = numbers.indexOf(Number(text));
+  if (k >= 0 && text.trim() !== "") return [k, ""];
+  const range = numbers.length ? `they are numbered ${numbers[0]} to ${numbers[numbers.length - 1]}` : "it has none";
+  return [-1, `No loop "${text}" in ${loops.name ? `snapshot ${loops.name}` : "this snapshot"}: ${range}.`];
+}
+
+// `sources` are texts of maps, each read when it is first shown.
+function startMap(sources, part) {
+  const read = [], canvas = part.canvas, context = canvas.getContext("2d");
   const view = { scale: 1, x: 0, y: 0 };
-  const [x0, y0, x1, y1] = extentOf(loops.boxes);
-  let colours = colouring(loops, loops.colour_by[0]), hovered = -1, pinned = -1, waiting = false;
+  let loops, colours, hovered = -1, pinned = -1, waiting = false;
 
   function fit() {
     const ratio = window.devicePixelRatio || 1;
     canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));
     canvas.height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    const [x0, y0, x1, y1] = extentOf(loops.boxes);
     view.scale = 0.97 * Math.min(canvas.width / (x1 - x0), canvas.height / (y1 - y0));
     view.x = 0.5 * (x0 + x1);
     view.y = 0.5 * (y0 + y1);
@@ -228,6 +251,19 @@ function startMap(loops, part) {
   }
   function choose(name) {
     colours = colouring(loops, name);
+    part.bar.hidden = Boolean(colours.named);
+    part.high.replaceChildren();
+    if (colours.named) {
+      part.low.textContent = "";
+      for (const [word, colour] of colours.named) {
+        const patch = document.createElement("span");
+        patch.className = "patch";
+        patch.style.background = colour;
+        part.high.append(patch, `${word} `);
+      }
+      redraw();
+      return;
+    }
     const few = colours.palette.length < 10, step = 100 / colours.palette.length;
     const stops = few ? colours.palette.map((c, k) => `${c} ${k * step}% ${(k + 1) * step}%`) : colours.palette;
     part.bar.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
@@ -245,6 +281,43 @@ function startMap(loops, part) {
     pinned = k;
     show(k);
     redraw();
+    if (k < 0 || !loops.columns.loop) return;
+    part.find.value = loops.columns.loop[k];
+    const at = sources.length > 1 ? `snapshot=${loops.snapshot}&` : "";
+    window.history.replaceState(null, "", `#${at}loop=${part.find.value}`);
+  }
+  function find(text) {
+    const [k, wrong] = rowOfNumber(loops, text);
+    if (k >= 0) {
+      view.x = 0.5 * (loops.boxes[4 * k] + loops.boxes[4 * k + 2]);
+      view.y = 0.5 * (loops.boxes[4 * k + 1] + loops.boxes[4 * k + 3]);
+    }
+    pin(k);
+    if (k < 0) part.row.textContent = wrong;
+  }
+  // Place and colours stay when another snapshot is shown.
+  function take(k) {
+    read[k] = read[k] || readLoops(sources[k]);
+    loops = read[k];
+    hovered = -1;
+    const before = part.colour.value;
+    part.colour.replaceChildren();
+    for (const name of loops.colour_by) part.colour.add(new Option(name.replaceAll("_", " "), name));
+    if (loops.colour_by.includes(before)) part.colour.value = before;
+    choose(part.colour.value);
+    pin(-1);
+  }
+  function follow() {
+    const { snapshot, loop } = linked(window.location.hash);
+    if (loop === null) return;
+    const k = snapshot === null ? Number(part.snapshot.value) : part.numbers.indexOf(snapshot);
+    if (k < 0) {
+      part.row.textContent = `No map of snapshot "${snapshot}" on this page: it has ${part.numbers.join(", ")}.`;
+      return;
+    }
+    part.snapshot.value = String(k);
+    take(k);
+    find(loop);
   }
 
   let held = null;
@@ -287,25 +360,23 @@ function startMap(loops, part) {
   part.reset.addEventListener("click", fit);
   part.closer.addEventListener("click", () => zoom(1.5, view.x, view.y));
   part.farther.addEventListener("click", () => zoom(1 / 1.5, view.x, view.y));
-  part.find.addEventListener("change", () => {
-    const k = Array.from(loops.columns.loop || []).indexOf(Number(part.find.value));
-    if (k < 0 || part.find.value === "") return;
-    view.x = 0.5 * (loops.boxes[4 * k] + loops.boxes[4 * k + 2]);
-    view.y = 0.5 * (loops.boxes[4 * k + 1] + loops.boxes[4 * k + 3]);
-    pin(k);
-  });
-  for (const name of loops.colour_by) part.colour.add(new Option(name.replaceAll("_", " "), name));
+  part.find.addEventListener("change", () => find(part.find.value));
   part.colour.addEventListener("change", () => choose(part.colour.value));
+  part.snapshot.addEventListener("change", () => take(Number(part.snapshot.value)));
   window.addEventListener("resize", fit);
-  show(-1);
-  choose(loops.colour_by[0]);
+  window.addEventListener("hashchange", follow);
+  take(Number(part.snapshot.value));
   fit();
+  follow();
 }
 
 if (typeof document !== "undefined") {
   const named = (id) => document.getElementById(id);
   const parts = ["canvas", "row", "colour", "bar", "low", "high", "reset", "closer", "farther", "find"];
-  const part = Object.fromEntries(parts.map((name) => [name, named(`map-${name}`)]));
-  startMap(readLoops(named("map-data").textContent), part);
+  const part = Object.fromEntries([...parts, "snapshot"].map((name) => [name, named(`map-${name}`)]));
+  part.numbers = Array.from(part.snapshot.options, (option) => option.dataset.number);
+  startMap(part.numbers.map((_, k) => named(`map-data-${k}`).textContent), part);
 }
-if (typeof module !== "undefined") module.exports = { readLoops, loopAt, colouring, rowOf, shown };
+if (typeof module !== "undefined") {
+  module.exports = { readLoops, loopAt, colouring, rowOf, shown, linked, rowOfNumber };
+}

@@ -34,7 +34,7 @@ SHADES = 64
 # Columns offered first for the colours.
 FIRST = (
     *("order", "packing_lambda_min", "surroundings_lambda_min", "traction_lambda_min"),
-    *("traction_free_lambda_min", "affine_lambda_min", "w2"),
+    *("traction_free_lambda_min", "affine_lambda_min", "w2", "fate"),
 )
 # A row of more values is turned into a column.
 WIDEST = 9
@@ -47,13 +47,19 @@ def write_report(
     title: str,
     summary: Mapping[str, Any],
     figures: Sequence[tuple[str, str, Path]],
-    loops: LoopsForMap | None,
+    loops: LoopsForMap | Sequence[LoopsForMap] | None,
     provenance: Mapping[str, Any],
     count: int | None = None,
 ) -> Path:
-    """Write `report.html`: one file that needs nothing else, no network either."""
+    """Write `report.html`: one file that needs nothing else, no network either.
+
+    Of several maps the first is shown, the others can be chosen; `count` is the number of loops of
+    the largest snapshot, `loops` of the summary if left out.
+    """
+    maps = [loops] if isinstance(loops, LoopsForMap) else list(loops or ())
+    most = max(map(len, maps), default=summary.get("loops", 0) if count is None else count)
     sections = {
-        "Map": _map_section(loops, summary.get("loops", 0) if count is None else count),
+        "Map": _map_section(maps, most),
         "Figures": "\n".join(_figure(*figure) for figure in figures),
         "Notes": "".join(f"<p>{escape(str(note))}.</p>" for note in summary.get("notes", ())),
         "Numbers": summary_tables(summary),
@@ -84,18 +90,28 @@ def _template(name: str) -> str:
     return (Path(__file__).parent / name).read_text(encoding="utf-8")
 
 
-def _map_section(loops: LoopsForMap | None, count: int) -> str:
-    count = count if loops is None else len(loops)
+def _map_section(maps: Sequence[LoopsForMap], count: int) -> str:
     if count > MOST_LOOPS:
         return (
             f"<p>{count} loops are more than the {MOST_LOOPS} that a page can handle: the figures "
             "show them, and the table beside this page holds every one.</p>"
         )
-    if loops is None or count == 0:
+    if not maps or count == 0:
         return ""
-    script = _template("report.js")
     return _template("report_map.html").format(
-        unit=escape(loops.unit), data=packed(loops), script=script
+        unit=escape(maps[0].unit),
+        about=escape(maps[0].about),
+        hidden=" hidden" if len(maps) == 1 else "",
+        snapshots="".join(
+            f'<option value="{k}" data-number="{one.number}"{" selected" if one.first else ""}>'
+            f"{escape(one.name)}</option>"
+            for k, one in enumerate(maps)
+        ),
+        data="\n".join(
+            f'<script type="application/json" id="map-data-{k}">{packed(one)}</script>'
+            for k, one in enumerate(maps)
+        ),
+        script=_template("report.js"),
     )
 
 
@@ -133,20 +149,30 @@ def _plain(provenance: Mapping[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class LoopsForMap:
-    """Polygons and rows of the loops of one packing."""
+    """Polygons and rows of the loops of one packing.
+
+    Of a series also the `name` and number of the snapshot, whether it is shown `first`, and what
+    there is to say `about` the maps.
+    """
 
     offsets: Integers
     corners: Floats
     grains: Integers
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     unit: str = "length unit of the input"
+    name: str = ""
+    number: int = 0
+    first: bool = False
+    about: str = ""
 
     def __len__(self) -> int:
         return len(self.offsets) - 1
 
 
-def loops_for_map(snapshot: Snapshot, faces: Faces, table: Mapping[str, Any]) -> LoopsForMap | None:
-    """Polygons and rows of the loops of a snapshot."""
+def loops_for_map(
+    snapshot: Snapshot, faces: Faces, table: Mapping[str, Any], **series: Any
+) -> LoopsForMap | None:
+    """Polygons and rows of the loops of a snapshot; None for more than a page can handle."""
     if len(faces.loops) > MOST_LOOPS:
         return None
     offsets, at = half_edges_of_loops(faces)
@@ -155,6 +181,7 @@ def loops_for_map(snapshot: Snapshot, faces: Faces, table: Mapping[str, Any]) ->
         loop_corners(snapshot.graph, faces, offsets, at),
         snapshot.ids[faces.grains[at]],
         {name: np.asarray(values) for name, values in table.items() if name != "grains"},
+        **series,
     )
 
 
@@ -170,6 +197,8 @@ def packed(loops: LoopsForMap) -> str:
         "count": len(loops),
         "origin": origin.tolist(),
         "unit": loops.unit,
+        "name": loops.name,
+        "snapshot": loops.number,
         "offsets": encoded(loops.offsets),
         "corners": encoded((loops.corners - origin).ravel()),
         "grains": encoded(loops.grains),
@@ -184,8 +213,11 @@ def packed(loops: LoopsForMap) -> str:
     return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def encoded(values: NDArray[Any]) -> dict[str, str]:
-    """Type and bytes of an array."""
+def encoded(values: NDArray[Any]) -> dict[str, Any]:
+    """Type and bytes of an array; of words the places in their list, which stands beside."""
+    if values.dtype.kind in "UO":
+        words, values = np.unique(values.astype(str), return_inverse=True)
+        return encoded(values) | {"words": words.tolist()}
     if np.issubdtype(values.dtype, np.floating):
         kind = "f4"
     else:

@@ -14,8 +14,10 @@ from patterns import sample_path
 from studies.series import run_series
 from studies.series.fates import ENDS, pooled, survival
 from studies.series.increments import TrackedState, track_loops
+from studies.series.plan import plan_series, with_fingerprints
+from studies.series.report import _maps
 from studies.snapshot.mechanics import JUDGES
-from studies.snapshot.source import read_planar
+from studies.snapshot.source import read_planar, reading
 from tests.studies.series.test_run import write_series
 
 
@@ -111,6 +113,31 @@ def test_the_interval_is_wilsons(survived, loops):
     assert found["share_low"] == pytest.approx(expected.low, abs=1e-14)
     assert found["share_high"] == pytest.approx(expected.high, abs=1e-14)
     assert found["share_low"] <= found["share"] <= found["share_high"]
+
+
+def test_the_page_has_a_map_of_every_snapshot_with_the_fates(ran, monkeypatch):
+    out, _, tracked = ran
+    planned = plan_series(sorted((out.parent / "run").glob("grains*")), None, reading())
+    planned = with_fingerprints(planned)
+    counts = [len(fates.before) for fates in tracked]
+    counts.append(len(tracked[-1].after))
+    maps = _maps(planned, out, counts, 2)
+    assert [one.number for one in maps] == [0, 1, 2, 3]
+    assert [one.first for one in maps] == [False, False, True, False]
+    assert [len(one) for one in maps] == counts
+    names = np.array([fate.name.lower() for fate in Fate])
+    for one, fates in zip(maps, tracked, strict=False):
+        assert one.columns["fate"].tolist() == names[fates.before].tolist()
+        lived = one.columns["fate"] == "survived"
+        assert np.isfinite(one.columns["w2"]).tolist() == lived.tolist()
+    assert "fate" not in maps[-1].columns
+    # Where not all fit, some are shown, the chosen one among them, and the page says so.
+    monkeypatch.setattr("studies.series.report.MOST_LOOPS", 2 * max(counts))
+    some = _maps(planned, out, counts, 2)
+    assert [one.number for one in some] == [0, 2, 3]
+    assert some[0].about.startswith("3 of 4 snapshots are shown")
+    monkeypatch.setattr("studies.series.report.MOST_LOOPS", min(counts) - 1)
+    assert _maps(planned, out, counts, 2) == []
 
 
 def test_without_forces_there_are_fates_and_no_verdicts(tmp_path):

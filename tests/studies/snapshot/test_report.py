@@ -62,7 +62,7 @@ class Strict(HTMLParser):
 
 def map_data(text):
     """The arrays in a page, decoded."""
-    content = json.loads(re.search(r'id="map-data">(.*?)</script>', text, re.S).group(1))
+    content = json.loads(re.search(r'id="map-data-0">(.*?)</script>', text, re.S).group(1))
 
     def decoded(array):
         return np.frombuffer(base64.b64decode(array["data"]), KINDS[array["type"]])
@@ -132,6 +132,68 @@ def test_map_holds_the_table(page):
     assert "loop" not in data["colour_by"]
 
 
+def two_maps(folder):
+    """A page with a map of each of two snapshots, one column of words."""
+    maps = []
+    for k, periods in enumerate((20, 30)):
+        graph = synthetic_network(periods, seed=k, periodic=True)
+        snapshot = Snapshot(graph, None, None, np.arange(graph.grain_count), 0, ())
+        faces = find_faces(graph)
+        loop = np.arange(len(faces.loops))
+        columns = {"loop": loop, "order": faces.order[faces.loops]}
+        columns["fate"] = np.where(loop % 3 == 0, "split", "died")
+        of_series = {"name": f"{k + 4} (<b>{k})", "number": k + 4, "first": k == 1}
+        maps.append(loops_for_map(snapshot, faces, columns, **of_series))
+    return write_report(folder, "t", {}, [], maps, MADE), maps
+
+
+def test_a_page_has_a_map_of_each_snapshot(tmp_path):
+    path, maps = two_maps(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    ids = Strict(text).ids
+    assert [name for name in ids if name.startswith("map-data")] == ["map-data-0", "map-data-1"]
+    assert '<option value="1" data-number="5" selected>5 (&lt;b&gt;1)</option>' in text
+    assert map_data(text)["count"] == len(maps[0])
+    # Nothing to choose from on a page with one map.
+    one = write_report(tmp_path, "t", {}, [], maps[:1], MADE).read_text(encoding="utf-8")
+    assert "<label hidden>snapshot" in one and "<label hidden>snapshot" not in text
+
+
+LOOK_UP = """
+const fs = require("fs"), m = {exports: {}};
+const [script, page] = [process.argv[1], process.argv[2]].map((f) => fs.readFileSync(f, "utf8"));
+new Function("module", script)(m);
+const loops = m.exports.readLoops(page.match(/id="map-data-1">(.*?)<\\/script>/s)[1]);
+console.log(JSON.stringify({
+  fate: m.exports.colouring(loops, "fate"), row: m.exports.rowOf(loops, 1),
+  found: ["7", "99999", "x", ""].map((text) => m.exports.rowOfNumber(loops, text)),
+  linked: ["#snapshot=5&loop=7", "#loop=7", "#map"].map(m.exports.linked),
+}));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no node to run the script with")
+def test_a_loop_that_there_is_not_is_told(tmp_path):
+    path, maps = two_maps(tmp_path)
+    script = Path(__file__).parents[3] / "studies" / "snapshot" / "report.js"
+    done = subprocess.run(
+        ["node", "-e", LOOK_UP, str(script), str(path)], capture_output=True, text=True, check=True
+    )
+    result = json.loads(done.stdout)
+    last = len(maps[1]) - 1
+    said = "in snapshot 5 (<b>1): they are numbered 0 to"
+    assert result["found"] == [
+        [7, ""], *([-1, f'No loop "{text}" {said} {last}.'] for text in ("99999", "x", "")),
+    ]  # fmt: skip
+    assert result["linked"] == [
+        {"snapshot": "5", "loop": "7"}, {"snapshot": None, "loop": "7"},
+        {"snapshot": None, "loop": None},
+    ]  # fmt: skip
+    # Words have a colour and a name each.
+    assert [word for word, _ in result["fate"]["named"]] == ["died", "split"]
+    assert dict(result["row"])["fate"] == "died"
+
+
 def test_large_ids_are_not_cut_off():
     assert encoded(np.array([2**40, 1]))["type"] == "f8"
     assert encoded(np.array([2**31 - 1]))["type"] == "i4"
@@ -176,7 +238,7 @@ PROBE = """
 const fs = require("fs"), m = {exports: {}};
 const [script, page] = [process.argv[1], process.argv[2]].map((f) => fs.readFileSync(f, "utf8"));
 new Function("module", script)(m);
-const loops = m.exports.readLoops(page.match(/id="map-data">(.*?)<\\/script>/s)[1]);
+const loops = m.exports.readLoops(page.match(/id="map-data-0">(.*?)<\\/script>/s)[1]);
 const x = loops.columns.x, y = loops.columns.y, found = [];
 for (let k = 0; k < loops.count; k++)
   found.push(m.exports.loopAt(loops, x[k] - loops.origin[0], y[k] - loops.origin[1]));
