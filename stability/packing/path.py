@@ -15,7 +15,7 @@ from loops.laws import ContactLaw
 from loops.laws.protocol import Regime
 from stability.arguments import number, whole_number
 from stability.packing.interval import Goal, Interval, end_state
-from stability.packing.linear_pieces import AT_YIELD, Pieces
+from stability.packing.linear_pieces import AT_YIELD, Order, Pieces
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength, with_near
 from stability.packing.pivots import Control
 from stability.packing.state import PackingState, start_state
@@ -187,6 +187,7 @@ class _Walk:
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
         self.work = np.zeros(3)
+        self.order: Order | None = None
         self.regime: Regimes = np.zeros(0, dtype=np.int8)
         self.side = np.zeros(0)
         self._start()
@@ -267,8 +268,9 @@ class _Walk:
             self.side.copy(),
             self.by_radii,
             0.0 * load.ravel(),
+            self.order,
         )
-        trial, _, _ = pieces.solve(*self._control(stage, 0.0))
+        trial, _ = pieces.solve(*self._control(stage, 0.0))
         speed = float(np.linalg.norm(trial.h[:4]))
         if not (np.isfinite(speed) and speed > 0):
             return "no_solution", "the control moves nothing"
@@ -291,7 +293,7 @@ class _Walk:
         P = self.P
         walk.walk()
         state, self.regime, cut_off = end_state(walk, self.state, self.pairs)
-        self.side = pieces.side
+        self.side, self.order = pieces.side, pieces.order
         jump = self._jump(state)
         if jump:
             return "lost", jump
@@ -302,7 +304,7 @@ class _Walk:
         self.intervals += 1
         self.work += [
             0.5 * self.volume * float((P + self.P) @ (F - self.F).ravel()),
-            walk.slip_work,
+            walk.work[0],
             float(cut_off.sum()),
         ]
         self._renew(float(np.abs(walk.u).max()))

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from loops.arrays import Floats, Integers
-from loops.laws.protocol import Regime
-from stability.packing.linear_pieces import Pieces, Rates
+from stability.packing.linear_pieces import ELASTIC, SLIDING, Pieces, Rates
 
 STEPS = 40
 
@@ -35,8 +34,8 @@ class UnsolvedError(Exception):
 
 def flip(pieces: Pieces, c: int) -> None:
     """Stick to slide, on the side that stands in `pieces.side`, and back."""
-    sticks = pieces.regime[c] == Regime.ELASTIC
-    pieces.set_regime(c, Regime.SLIDING if sticks else Regime.ELASTIC, pieces.side[c])
+    sticks = pieces.regime[c] == ELASTIC
+    pieces.set_regime(c, SLIDING if sticks else ELASTIC, pieces.side[c])
 
 
 def pivot(pieces: Pieces, control: Control, c: int, critical: Integers, tiny: float) -> list[int]:
@@ -47,18 +46,16 @@ def pivot(pieces: Pieces, control: Control, c: int, critical: Integers, tiny: fl
     others = critical[critical != c]
     every = np.append(others, c)
     changed: list[int] = []
-    column = pieces.column(len(pieces.pairs) + c)
-    raised, first = 0.0, 0.0
-    for step in range(STEPS):
-        base, unit, sign = pieces.solve(*control, driven=column)
+    column = pieces.column(len(pieces.frame.rows) + c)
+    raised = 0.0
+    for _ in range(STEPS):
+        base, unit = pieces.solve(*control, driven=column)
         # A force -s on the shear row is one unit of slip, or of the way off the cone.
         push = -pieces.side[c]
-        along = pieces.edge(Rates(push * unit.h, push * unit.w), every)
-        value = pieces.edge(base, every)
-        sticks = np.where(pieces.regime[every] == Regime.ELASTIC, 1.0, -1.0)
-        value, along = sticks * value, sticks * along
+        value, along = pieces.edge((base, unit), every).T
+        sticks = np.where(pieces.regime[every] == ELASTIC, 1.0, -1.0)
+        value, along = sticks * value, push * sticks * along
         along[-1] += 1.0
-        first = sign if step == 0 else first
         now = value + raised * along
         if now[-1] >= -tiny:
             flip(pieces, c)
@@ -67,7 +64,8 @@ def pivot(pieces: Pieces, control: Control, c: int, critical: Integers, tiny: fl
         falls = (along[:-1] < -1e-12) & (now[:-1] > -tiny)
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = np.where(falls, raised + np.maximum(now[:-1], 0.0) / -along[:-1], np.inf)
-        reach[np.isin(others, changed[-1:])] = np.inf
+        if changed:
+            reach[others == changed[-1]] = np.inf
         k = int(np.argmin(reach)) if len(reach) else -1
         if k >= 0 and reach[k] < own:
             raised = float(reach[k])
@@ -78,17 +76,18 @@ def pivot(pieces: Pieces, control: Control, c: int, critical: Integers, tiny: fl
             return [*changed, c]
         else:
             break
-    motion = pieces.motion(unit)
-    flip(pieces, c)
-    turns = pieces.solve(*control)[2] * first < 0
-    for other in [c, *changed]:
+    for other in changed:
         flip(pieces, other)
-    raise UnsolvedError(c, motion, turns)
+    turns = pieces.sign(control.stress, control.strain)
+    flip(pieces, c)
+    turns *= pieces.sign(control.stress, control.strain)
+    flip(pieces, c)
+    raise UnsolvedError(c, pieces.motion(unit), turns < 0)
 
 
 def disagreeing(pieces: Pieces, rates: Rates, critical: Integers, tiny: float) -> Integers:
     """Pairs at yield whose regime disagrees with their rates, the worst first."""
-    sticks = np.where(pieces.regime[critical] == Regime.ELASTIC, 1.0, -1.0)
-    value = sticks * pieces.edge(rates, critical)
+    sticks = np.where(pieces.regime[critical] == ELASTIC, 1.0, -1.0)
+    value = sticks * pieces.edge((rates,), critical)[:, 0]
     wrong = np.flatnonzero(value < -tiny)
     return critical[wrong[np.argsort(value[wrong])]]
