@@ -196,7 +196,14 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
                              f"the first snapshot; {DRIVEN}"),
         "evolve:work": ("force length", "external work since the start"),
         "slip_work": ("force length", "heat of sliding since the start"),
-        "cut_off": ("force length", "energy that instabilities cut off"),
+        "shear_work": (
+            "force length",
+            "what the law's shear increment leaves of T times the motion at the contacts",
+        ),
+        "released": (
+            "force length",
+            "work of what was out of balance: kinetic and viscous loss at instabilities",
+        ),
         "energy": ("force length", "of the springs"),
         "evolve:imbalance": ("1", "largest drift of a grain's resultant over the mean force"),
         "events": ("1", "events so far"),

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from loops.arrays import Floats, Regimes
+from loops.arrays import Floats, Integers, Regimes
 from stability.packing.linear_pieces import (
     ELASTIC,
     KN,
@@ -37,8 +37,16 @@ TINY = 1e-9
 class Told(Protocol):
     """Hears of every event."""
 
-    def __call__(self, kind: EventKind, time: float, contact: int, detail: str = "", /) -> None:
-        """Take note."""
+    def __call__(
+        self,
+        kind: EventKind,
+        time: float,
+        contact: int,
+        detail: str = "",
+        grains: Integers | None = None,
+        /,
+    ) -> None:
+        """Take note; `grains` are those of an instability."""
 
 
 @dataclass
@@ -129,8 +137,8 @@ class Interval:
         pieces = self.pieces
         self.events[c] += 1
         if self.events[c] > CHATTER or self.idle > IDLE:
-            self.idle = 0
-            self._hold(c, "it changes regime again and again; held", kind)
+            self.events[c] = self.idle = 0
+            self._calm(c, kind)
         elif kind == "yield":
             self._pivot(c, rates)
         else:
@@ -138,6 +146,21 @@ class Interval:
             self._close(c) if kind == "closing" else pieces.set_regime(c, OPEN)
             self.told(kind, self.time, c)
         return self._settled()
+
+    def _calm(self, c: int, kind: EventKind) -> None:
+        """Drag a grain of less than three contacts that hits or grazes another again and again."""
+        pieces = self.pieces
+        pair = pieces.frame.grains[c]
+        closed = pieces.regime != OPEN
+        degree = np.bincount(pieces.frame.grains[closed].ravel(), minlength=pieces.count)[pair]
+        loose = pair[degree == degree.min()]
+        drag = 10.0 * max(float(pieces.drag[loose].max()), DRAGS[0])
+        if degree.min() > 2 or drag > DRAGS[-2]:
+            self._hold(c, "it changes regime again and again; held", kind)
+            return
+        pieces.drag[loose] = drag
+        pieces.factorise()
+        self.told("instability", self.time, c, "a loose grain rattles; dragged", loose)
 
     def _close(self, c: int) -> None:
         """At the tip of its cone a contact sticks, or slides at once to either side."""
@@ -155,7 +178,7 @@ class Interval:
 
     def _pivot(self, c: int, rates: Rates) -> None:
         """One contact at yield; where no regimes agree the grains of the mode are dragged."""
-        pieces, why = self.pieces, ""
+        pieces, why, grains = self.pieces, "", np.zeros(0, dtype=np.int64)
         for drag in DRAGS:
             critical = pieces.at_yield(self.N, self.T, self.held)
             # Who stands on the cone does so on the side of its force.
@@ -168,12 +191,12 @@ class Interval:
                 if drag == DRAGS[-1]:
                     break
                 u = np.linalg.norm(stop.motion.reshape(-1, 3), axis=1)
-                grains = u > 0.1 * u.max()
+                grains = np.flatnonzero(u > 0.1 * u.max())
                 pieces.drag[grains] = np.maximum(pieces.drag[grains], drag)
                 pieces.factorise()
                 continue
             if why:
-                self.told("instability", self.time, c, f"{why}; dragged")
+                self.told("instability", self.time, c, f"{why}; dragged", grains)
             for k in changed:
                 slides = pieces.regime[k] == SLIDING
                 self.told("yield" if slides else "unloading", self.time, k)
@@ -216,7 +239,7 @@ class Interval:
         elif pieces.regime[c] == SLIDING:
             flip(pieces, c)
         self.held[c] = True
-        self.told("instability", self.time, c, why)
+        self.told("instability", self.time, c, why, pieces.frame.grains[c])
 
     def _mode(self, stop: UnsolvedError) -> str:
         u = stop.motion.reshape(-1, 3)[:, :2]
@@ -229,9 +252,9 @@ class Interval:
 def end_state(
     interval: Interval, state: PackingState, pairs: Pairs
 ) -> tuple[PackingState, Regimes, Floats]:
-    """Geometry, exact normal forces, shear forces within the cone; what was cut off of them.
+    """Geometry, exact normal forces, shear forces within the cone; regimes; and work.
 
-    The last is the energy of the springs that held contacts had beyond their strength.
+    The last: slip, shear by the arms beyond the law's, and what held contacts had to give up.
     """
     pieces = interval.pieces
     v = interval.u.reshape(-1, 3)
@@ -252,11 +275,12 @@ def end_state(
     T = np.where(slides, interval.pieces.side * interval.pieces.frame.rows[:, MU] * N, interval.T)
     T = np.where(N > 0, T, 0.0)
     cut = np.clip(T, -most, most)
-    cut_off = np.where(interval.held & (pairs.kt > 0), T**2 - cut**2, 0.0) / (
-        2 * np.maximum(pairs.kt, 1e-300)
-    )
+    # Shear springs relax: by slip, or where a contact was held by what held it.
+    relaxed = np.divide(interval.T**2 - cut**2, 2 * pairs.kt, out=0 * cut, where=pairs.kt > 0)
+    work = interval.work + np.array([relaxed[~interval.held].sum(), 0.0])
     # Whoever was held stands at its cone again.
     at_cone = interval.held & (np.abs(cut) >= (1 - 1e-6) * most) & (N > 0) & (most > 0)
     pieces.side[at_cone] = np.sign(cut[at_cone])
     regime[at_cone] = SLIDING
-    return replace(moved, normal_force=N, shear_force=cut), regime, cut_off
+    released = float(relaxed[interval.held].sum())
+    return replace(moved, normal_force=N, shear_force=cut), regime, np.append(work, released)

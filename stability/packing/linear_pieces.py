@@ -184,7 +184,7 @@ class Pieces:
             self.coefficients[:, k] = 0.0
         return self.at[row]
 
-    def set_regime(self, c: int, regime: Regime, side: float = 0.0) -> None:
+    def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
         """Change one pair."""
         self.regime[c], self.side[c] = self.reference[0][c], self.reference[1][c]
         was = self.tangent(c)

@@ -47,7 +47,8 @@ class PackingPath:
         The status in words.
     events : tuple of Event
         'yield', 'unloading', 'opening', 'closing', and 'instability': no regimes of the contact
-        agree, and it is kept from sliding until the interval ends. `index` is the row before.
+        agree; `detail` has the mode, how it was passed and the energy that its grains released
+        until the interval ended. `index` is the row before.
         Contacts are numbered as in the states: those of the graph first.
     parameter, stage : (R,) array
         Loading parameter since the start, and stage.
@@ -55,8 +56,11 @@ class PackingPath:
         Displacement gradient and nominal stress, over the reference cell; 11, 12, 21, 22.
     states : tuple of PackingState
         The packing at every row.
-    work : (R, 3) array
-        External work `Int V0 P:H'` (drift of balance apart), slip, and what instabilities cut off.
+    work : (R, 4) array
+        External work `Int V0 P:H'`, of what was out of balance at the start as well; slip; what the
+        law's shear increment leaves of `T` times the motion at the contact (`branch`: nothing); and
+        what was released where balance was lost, at instabilities and by rattlers. The first is
+        the change of `energy` and the other three, to the interval squared.
     energy : (R,) array
         Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`.
     imbalance : (R,) array
@@ -186,12 +190,14 @@ class _Walk:
         self.state = start_state(self.graph)
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
-        self.work = np.zeros(3)
+        self.work = np.zeros(4)
+        self.unstable: list[tuple[int, Integers]] = []
         self.order: Order | None = None
         self.regime: Regimes = np.zeros(0, dtype=np.int8)
         self.side = np.zeros(0)
         self._start()
         self.balance = self._resultants()
+        self.drift = 0.0 * self.balance
         self.enter()
 
     def _start(self) -> None:
@@ -260,7 +266,7 @@ class _Walk:
 
     def _interval(self, stage: Stage, target: float) -> tuple[PackingPathStatus, str] | None:
         # What has to go: the loads of the rates are external forces.
-        load = self._resultants() - self.balance
+        load = self.drift
         pieces = Pieces(
             self.state,
             self.pairs,
@@ -292,21 +298,24 @@ class _Walk:
         )
         P = self.P
         walk.walk()
-        state, self.regime, cut_off = end_state(walk, self.state, self.pairs)
+        state, self.regime, inner = end_state(walk, self.state, self.pairs)
         self.side, self.order = pieces.side, pieces.order
         jump = self._jump(state)
         if jump:
             return "lost", jump
+        u = walk.u.reshape(-1, 3) / [1.0, 1.0, pieces.length]
         F = self.F
         self.F = F - walk.strain.reshape(2, 2) @ F
         self.state = state
         self.parameter += walk.time
         self.intervals += 1
-        self.work += [
-            0.5 * self.volume * float((P + self.P) @ (F - self.F).ravel()),
-            walk.work[0],
-            float(cut_off.sum()),
-        ]
+        self.drift = self._resultants() - self.balance
+        released = 0.5 * np.sum((load + self.drift) * u, axis=1)
+        external = 0.5 * self.volume * float((P + self.P) @ (F - self.F).ravel())
+        external -= float(np.sum(self.balance * u))
+        self.work += [external, *inner]
+        self.work[3] += released.sum()
+        self._tell_energy(released)
         self._renew(float(np.abs(walk.u).max()))
         return None
 
@@ -329,9 +338,28 @@ class _Walk:
             return Goal(left, np.kron(np.eye(2), self.F.T)[k], none, 0.0)
         return Goal(left, none, self._to_reference()[k], 0.0)
 
-    def _told(self, kind: EventKind, time: float, contact: int, detail: str = "") -> None:
+    def _told(
+        self,
+        kind: EventKind,
+        time: float,
+        contact: int,
+        detail: str = "",
+        grains: Integers | None = None,
+    ) -> None:
         where = self.parameter + time
+        if grains is not None:
+            self.unstable.append((len(self.events), grains))
         self.events.append(Event(kind, where, self.stage, len(self.rows) - 1, (contact,), detail))
+
+    def _tell_energy(self, released: Floats) -> None:
+        """What the grains of every instability of the interval gave off, each but once."""
+        for k, grains in self.unstable:
+            event = self.events[k]
+            detail = f"{event.detail}; {released[grains].sum():.2g} released"
+            self.events[k] = replace(event, detail=detail)
+            released = released.copy()
+            released[grains] = 0.0
+        self.unstable = []
 
     def _gaps(self) -> Floats:
         i, j = self.pairs.grains.T
@@ -400,7 +428,7 @@ class _Walk:
         )
         energy = 0.5 * float(np.sum(state.normal_force**2 / pairs.kn + shear))
         closed = np.hypot(state.normal_force, state.shear_force)[state.closed]
-        drift = np.abs(self.balance - self._resultants())[:, :2].max() / float(closed.mean())
+        drift = np.abs(self.drift)[:, :2].max() / float(closed.mean())
         row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, drift
         self.rows.append(row)
 

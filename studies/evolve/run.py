@@ -30,7 +30,6 @@ UNITS = (
     "over the cell of the first snapshot"
 )
 DEFINITIONS = {
-    "cut_off": "energy that instabilities cut off",
     "dem": "the later snapshots: strain of their cells since the first, and their stress",
     "driven": "what the programme drives, zero at the first snapshot",
     "energy": "of the springs",
@@ -41,6 +40,8 @@ DEFINITIONS = {
     "negative_row": "first row at which the loop's W2 since the start is negative, -1 for none",
     "passed": "how instabilities were passed: the grains of the mode dragged, or the contact held",
     "reached": "value of what is driven where the path ends",
+    "released": "work of what was out of balance: kinetic and viscous loss at instabilities",
+    "shear_work": "what the law's shear increment leaves of T times the motion at the contacts",
     "W2": "of a loop from the start to the end of the path, in the frame that turns with the loop",
     "work": "external work since the start",
 }
@@ -135,7 +136,8 @@ def _components(name: str, values: Floats) -> Columns:
 
 def path_table(path: PackingPath, driven: Floats) -> Columns:
     """One row a row of the path."""
-    work = dict(zip(("work", "slip_work", "cut_off"), path.work.T, strict=True))
+    terms = ("work", "slip_work", "shear_work", "released")
+    work = dict(zip(terms, path.work.T, strict=True))
     ends = np.array([event.parameter for event in path.events])
     return {
         "row": np.arange(len(path)),

@@ -24,8 +24,8 @@ def test_settings():
     assert springs == (1e-3, 1e-4, 1e-7)
     assert "springs of 1e-3 kn, those with two 1e-4, all others 1e-7" in PAGE
     assert interval.DRAGS[:3] == (1e-3, 1e-2, 1e-1) and "1e-3, 1e-2, 1e-1 kn" in PAGE
-    assert f"more than {interval.CHATTER} events in an interval" in PAGE
-    assert f"{interval.IDLE}th event in a row" in PAGE
+    assert f"more than {interval.CHATTER} events of a contact in an interval" in PAGE
+    assert f"or {interval.IDLE} in a row" in PAGE
     assert path.JUMP == 0.5 and f"leaps by {path.LEAP} diameters" in PAGE
 
 
