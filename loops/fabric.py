@@ -124,5 +124,5 @@ def axial_mean(angles: ArrayLike, weights: ArrayLike | None = None) -> tuple[flo
     weight = np.ones(len(angle)) if weights is None else np.asarray(weights, dtype=float)
     if not weight.sum() > 0:
         return float("nan"), float("nan")
-    mean = (weight * np.exp(2j * angle)).sum() / weight.sum()
-    return float(0.5 * np.angle(mean)), float(abs(mean))
+    mean = np.array([weight @ np.cos(2 * angle), weight @ np.sin(2 * angle)]) / weight.sum()
+    return float(0.5 * np.arctan2(mean[1], mean[0])), float(np.hypot(*mean))

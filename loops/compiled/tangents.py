@@ -164,6 +164,11 @@ def loop_tangents(
             k = 1 + free
             if not _contacts(rows, shear, contacts, begin, n, free == 1, stiffness, geometry, slip):
                 continue
+            if n == 3 and not free:
+                # Three contact forces are as many as f^ and P: the grains move affinely.
+                tangents[1, loop] = tangents[0, loop]
+                conditions[1, loop], smallest[1, loop] = conditions[0, loop], smallest[0, loop]
+                continue
             if free:
                 for c in range(n):
                     geometry[c, RADIUS] = radii[grains[begin + c]] / math.sqrt(area[loop])

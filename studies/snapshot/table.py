@@ -138,7 +138,8 @@ def _tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
     columns: Columns = {}
     for closure in CLOSURES:
         tangent = macroscopic_tangent(batch.graph, own, closure, regime=regimes)
-        columns |= _stability(closure, tangent, kn, compiled=False)
+        found = _stability(tangent.matrix / kn, tangent.error / kn, compiled=False)
+        columns |= _named(closure, found)
     columns["traction_condition"] = tangent.condition
     free = traction_tangent(batch.graph, own, spins="free", regime=regimes)
     return columns | _eigenvalues(free, kn, compiled=False)
@@ -154,22 +155,27 @@ def _compiled_parts(
     threads = threads or available_cores()
     packing = compiled_packing(snapshot.graph, faces, law, regime, threads)
     blocks = [slice(k, k + BLOCK) for k in range(0, len(faces.loops), BLOCK)]
-    work = partial(_compiled_columns, snapshot, packing, faces.loops)
-    rest = [np.zeros(0, dtype=np.int64)]
-    with ThreadPoolExecutor(threads) as pool:
-        for block, (columns, poor) in zip(blocks, pool.map(work, blocks), strict=True):
-            rest.append(faces.loops[block][poor])
-            yield block, columns
+    kn = np.nan if law is None else float(np.mean(law.kn))
+    work = partial(_compiled_columns, packing, faces.loops, kn)
+    rest = np.zeros(len(faces.loops), dtype=bool)
     row = np.full(len(faces.kind), -1)
     row[faces.loops] = np.arange(len(faces.loops))
-    for batch in loop_batches(snapshot.graph, faces, loops=np.concatenate(rest)):
-        yield row[batch.face], _tangents(snapshot, batch)
+
+    def again(loops: Integers) -> list[tuple[Integers, Columns]]:
+        batches = loop_batches(snapshot.graph, faces, loops=loops)
+        return [(row[batch.face], _tangents(snapshot, batch)) for batch in batches]
+
+    with ThreadPoolExecutor(threads) as pool:
+        for block, (columns, rest[block]) in zip(blocks, pool.map(work, blocks), strict=True):
+            yield block, columns
+        for some in pool.map(again, np.array_split(faces.loops[rest], threads)):
+            yield from some
 
 
 def _compiled_columns(
-    snapshot: Snapshot, packing: Any, loops: Integers, block: slice
+    packing: Any, loops: Integers, kn: float, block: slice
 ) -> tuple[Columns, Flags]:
-    """Columns of a block of loops, and which of these are poor."""
+    """Columns of a block of loops, stresses over the mean `kn`, and which of these are poor."""
     from loops.compiled import tangents as kernel
     from loops.compiled.kernel import given
 
@@ -177,15 +183,20 @@ def _compiled_columns(
     shape = packing.shapes(chosen).T
     columns: Columns = dict(zip(SHAPE, shape, strict=False))
     columns["orientation"] = np.degrees(columns["orientation"])
-    if not snapshot.mechanical:
+    if packing.law is None:
         return columns, np.zeros(len(chosen), dtype=bool)
-    kn = float(np.mean(snapshot.mechanics()[0].kn))
     columns["sliding_contacts"] = shape[kernel.SLIDING]
     columns |= _stress(shape[kernel.S11 : kernel.S22 + 1].T)
-    (*blocked, free), poor = packing.tangents(chosen)
-    for closure, tangent in zip(CLOSURES, blocked, strict=True):
-        columns |= _stability(closure, tangent, kn, compiled=True)
-    columns["traction_condition"] = blocked[1].condition
+    (affine, traction, free), poor = packing.tangents(chosen)
+    found = _stability(affine.matrix / kn, affine.error / kn, compiled=True)
+    # Of triangles both are one.
+    own = (affine.matrix != traction.matrix).any(axis=(1, 2))
+    other = [values.copy() for values in found]
+    others = _stability(traction.matrix[own] / kn, traction.error[own] / kn, compiled=True)
+    for values, changed in zip(other, others, strict=True):
+        values[own] = changed
+    columns |= _named("affine", found) | _named("traction", other)
+    columns["traction_condition"] = traction.condition
     return columns | _eigenvalues(free, kn, compiled=True), poor
 
 
@@ -197,19 +208,21 @@ def _stress(whole: Floats) -> Columns:
     return dict(zip(STRESS, values, strict=True))
 
 
-def _stability(closure: str, tangent: MacroTangent, kn: float, *, compiled: bool) -> Columns:
-    found = loop_stability(tangent.matrix / kn, compiled=compiled)
-    # A sign that rounding could have turned is no sign.
-    unsure = np.abs(found.eigenvalues[:, 0]) * kn <= tangent.error
+def _stability(matrix: Floats, error: Floats, *, compiled: bool) -> list[Floats]:
+    """What `STABILITY` names; a sign that rounding could have turned is no sign."""
+    found = loop_stability(matrix, compiled=compiled)
+    sure = np.abs(found.eigenvalues[:, 0]) > error
     values = (
         *found.eigenvalues.T,
         found.unstable_fraction,
         np.degrees(found.cone_opening),
         np.degrees(found.soft_angle),
     )
-    names = (f"{closure}_{name}" for name in STABILITY)
-    known = (np.where(unsure, np.nan, value) for value in values)
-    return dict(zip(names, known, strict=True))
+    return [np.where(sure, value, np.nan) for value in values]
+
+
+def _named(closure: str, values: list[Floats]) -> Columns:
+    return {f"{closure}_{name}": value for name, value in zip(STABILITY, values, strict=True)}
 
 
 def _eigenvalues(tangent: MacroTangent, kn: float, *, compiled: bool) -> Columns:
