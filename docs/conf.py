@@ -1,10 +1,45 @@
-"""Sphinx: `make docs` builds these pages and the docstrings of the front door and the faces."""
+"""Sphinx: `make docs` builds these pages, the gallery and the docstrings; every warning an error."""
+
+import sys
+from importlib.metadata import files
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "site"))
 
 project, author = "grainloops", "The grainloops authors"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
-exclude_patterns = ["figures"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "numpydoc",
+    "equations",
+    "gallery",
+]
+exclude_patterns = ["figures", "site"]
+html_theme = "furo"
+html_title = "grainloops"
+html_static_path = ["site/style.css"]
+html_css_files = ["style.css"]
+
+myst_enable_extensions = ["dollarmath", "colon_fence"]
 # Links to headings, also from page to page.
 myst_heading_anchors = 4
 numpydoc_show_class_members = False
 # The docstrings tell the types.
 autodoc_typehints = "none"
+# A reference that leads nowhere is an error; bases of classes outside the site are none of ours.
+nitpicky = True
+
+# Formulas are set in the browser by a file of the site itself: no page asks the network.
+mathjax_path = "tex-svg.js"
+mathjax3_config = {
+    "options": {"enableMenu": False},
+    "svg": {"fontCache": "global"},
+}
+
+
+def setup(app: object) -> None:
+    """Find the file that sets formulas."""
+    found = [f for f in files("sphinx-mathjax-offline") or () if f.name == "tex-svg.js"]
+    html_static_path.append(str(found[0].locate()))

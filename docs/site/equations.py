@@ -1,0 +1,102 @@
+"""Equations with a number of their own, the code that computes them, and the way back.
+
+    ```{equation} 4.3
+    :paper: 47
+    :code: loops.love_weber_stress
+    LaTeX
+    ```
+
+sets (4.3), says that it is (47) in the paper, and links to the code; the reference of that
+code links back, and a docstring's "Theory, equation (4.3)" becomes a link.
+"""
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from sphinx.directives.patches import MathDirective
+from sphinx.domains.python import PythonDomain
+
+PAGES = Path(__file__).parents[1] / "theory"
+BLOCK = re.compile(r"^```{equation} (\S+)\n((?::\w+: .*\n)*)((?:.*\n)*?)```", re.MULTILINE)
+CITED = re.compile(r"Theory, equations? ((?:\(\d+\.\d+\)(?:, | and |-)?)+)")
+
+
+def equations():
+    """Of each equation: page, number, and its options as lists of words."""
+    for page in sorted(PAGES.glob("*.md")):
+        for number, options, _ in BLOCK.findall(page.read_text()):
+            said = dict(re.findall(r":(\w+): (.*)", options))
+            yield page.stem, number, {key: value.split(", ") for key, value in said.items()}
+
+
+def named(path):
+    """What a dotted name stands for."""
+    parts = path.split(".")
+    for k in range(len(parts), 0, -1):
+        try:
+            found = import_module(".".join(parts[:k]))
+        except ImportError:
+            continue
+        for part in parts[k:]:
+            found = getattr(found, part)
+        return found
+    raise ImportError(path)
+
+
+class Equation(MathDirective):
+    """A displayed equation under its own number, with its number in the paper and its code."""
+
+    required_arguments, optional_arguments = 1, 0
+    option_spec = {"paper": directives.unchanged, "code": directives.unchanged}
+
+    def run(self):
+        number = self.arguments.pop()
+        self.options["label"] = f"eq-{number}"
+        found = super().run()
+        found[-1]["number"] = number
+        self.env.domains["math"].equations[f"eq-{number}"] = (self.env.docname, number)
+        said = []
+        if "paper" in self.options:
+            said.append(f"In the paper: {self.options['paper']}.")
+        if "code" in self.options:
+            names = self.options["code"].split(", ")
+            said.append("Code: " + ", ".join(f"{{py:obj}}`{name}`" for name in names) + ".")
+        if said:
+            said, messages = self.parse_inline(" ".join(said))
+            found += [nodes.paragraph("", "", *said, classes=["equation-source"]), *messages]
+        return found
+
+
+def link_back(app, what, name, obj, options, lines):
+    """Link the equations that a docstring cites; add those that name the object."""
+    for k, line in enumerate(lines):
+        lines[k] = CITED.sub(
+            lambda m: re.sub(r"\((\d+\.\d+)\)", r":eq:`eq-\1`", m.group()), line
+        )
+    own = [number for number, there in app.equations_of.items() if any(o is obj for o in there)]
+    if own:
+        lines += ["", "**Theory:** " + ", ".join(f":eq:`eq-{number}`" for number in own), ""]
+
+
+class Names(PythonDomain):
+    """A name that the front door and a room both show has two entries, and no warning."""
+
+    def note_object(self, name, objtype, node_id, aliased=False, location=None):
+        if not (aliased and name in self.objects):
+            super().note_object(name, objtype, node_id, aliased, location)
+
+
+def setup(app):
+    """Read which code the pages name, then follow it both ways."""
+    app.equations_of = {
+        number: [named(path) for path in said.get("code", ())]
+        for _, number, said in equations()
+    }
+    app.add_domain(Names, override=True)
+    app.add_directive("equation", Equation)
+    # After numpydoc, which reads the sections of a docstring.
+    app.connect("autodoc-process-docstring", link_back, priority=900)
+    return {"parallel_read_safe": True}
