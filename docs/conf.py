@@ -1,4 +1,4 @@
-"""Sphinx: `make docs` builds these pages, the gallery and the docstrings; every warning an error."""
+"""Sphinx: `make docs` builds these pages, the gallery and the docstrings."""
 
 import sys
 from importlib.metadata import files
@@ -31,8 +31,9 @@ autodoc_typehints = "none"
 # A reference that leads nowhere is an error; bases of classes outside the site are none of ours.
 nitpicky = True
 
-# Formulas are set in the browser by a file of the site itself: no page asks the network.
-mathjax_path = "tex-svg.js"
+# Formulas are set in the browser by a file of the site itself, all extensions in it: no page asks
+# the network.
+mathjax_path = "tex-svg-full.js"
 mathjax3_config = {
     "options": {"enableMenu": False},
     "svg": {"fontCache": "global"},
@@ -41,5 +42,5 @@ mathjax3_config = {
 
 def setup(app: object) -> None:
     """Find the file that sets formulas."""
-    found = [f for f in files("sphinx-mathjax-offline") or () if f.name == "tex-svg.js"]
+    found = [f for f in files("sphinx-mathjax-offline") or () if f.name == "tex-svg-full.js"]
     html_static_path.append(str(found[0].locate()))

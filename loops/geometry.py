@@ -92,6 +92,7 @@ def boundary_vectors(x: Floats) -> Floats:
 
     A uniform stress `P` (compression positive) loads corner i by `-P B_i`, and the displacement
     gradient of the polygon is `-(1/V0) sum u_i (x) B_i`. They sum to zero.
+    Theory, equation (4.5).
 
     >>> boundary_vectors(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])).tolist()
     [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]

@@ -78,6 +78,7 @@ def nominal_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats
     """Nominal stress `P = (1/V0) sum f (x) d0` (..., 2, 2), conjugate to `H`.
 
     As `love_weber_stress`, over the reference; equal to it where that is the current configuration.
+    Theory, equation (4.2).
     """
     if volume is None:
         volume = reference_volume(graph)

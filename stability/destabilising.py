@@ -66,6 +66,7 @@ def destabilising_control(K: ArrayLike, rtol: float = RTOL) -> LinearControl:
     Of the isotropic vectors `x = cos(b) v_min +- sin(b) v_max`, `tan(b)^2 = -lambda_min/lambda_max`
     with the extreme eigenvectors of Ks, the one whose `|K x|` is smaller is taken: the weaker
     reaction has to be held. In the plane these two are the edges of the cone.
+    Theory, equation (6.11).
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ def symmetric_modes(K: ArrayLike) -> tuple[Floats, Floats]:
 def bromwich_margin(K: ArrayLike) -> Floats:
     """Bromwich's gap (...), `min Re eig(K) - lambda_min(Ks)`, never negative.
 
-    Hence det Ks vanishes no later than det K on a path (Nicot et al. 2016, section on stability).
+    Hence det Ks vanishes no later than det K on a path (Theory, equation (6.3)).
     Computed eigenvalues are those of an operator within about `eps |K|`, so the computed gap may
     fall below zero by that much and no more, defective operators included.
 

@@ -28,12 +28,12 @@ _CHUNK = 1024  # operators at a time: a few MB for each temporary array
 def unstable_fraction(eigenvalues: ArrayLike) -> Floats:
     """Fraction of directions in which a quadratic form is negative.
 
-    The share of the unit sphere where sum lambda_i z_i^2 < 0, lambda the eigenvalues of Ks (theory
-    note, section 6). In the plane (2/pi) atan sqrt(-lambda_min/lambda_max); in space Carlson's
-    integrals, accurate to a few units in the last place however small the fraction; beyond, Imhof's
-    integral (absolute error 1e-15), or a positive integral with full relative accuracy when a
-    single eigenvalue is negative. Eigenvalues are taken as exact: set to zero first those that are
-    mere round-off, or a semi-definite form shows a fraction of order sqrt(eps).
+    The share of the unit sphere where sum lambda_i z_i^2 < 0, lambda the eigenvalues of
+    Ks: Theory, equations (6.7) and (6.8). In the plane (2/pi) atan sqrt(-lambda_min/lambda_max); in
+    space Carlson's integrals, accurate to a few units in the last place however small the fraction;
+    beyond, Imhof's integral (absolute error 1e-15), or a positive integral with full relative
+    accuracy when a single eigenvalue is negative. Eigenvalues are taken as exact: set to zero first
+    those that are mere round-off, or a semi-definite form shows a fraction of order sqrt(eps).
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ def judge(
 
     Definiteness comes from the eigenvalues of Ks on the whole subspace: pairs of directions would
     not do. The entries are taken as known to `rtol |K|` and to the error of the solve they
-    come from: lambda_min within their sum is undetermined.
+    come from: lambda_min within their sum is undetermined. Theory, equation (6.10).
 
     Parameters
     ----------

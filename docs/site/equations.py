@@ -10,49 +10,23 @@ sets (4.3), says that it is (47) in the paper, and links to the code; the refere
 code links back, and a docstring's "Theory, equation (4.3)" becomes a link.
 """
 
-import re
-from importlib import import_module
-from pathlib import Path
+from typing import ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
+from numbered import CITED, NUMBER, equations, named
 from sphinx.directives.patches import MathDirective
 from sphinx.domains.python import PythonDomain
-
-PAGES = Path(__file__).parents[1] / "theory"
-BLOCK = re.compile(r"^```{equation} (\S+)\n((?::\w+: .*\n)*)((?:.*\n)*?)```", re.MULTILINE)
-CITED = re.compile(r"Theory, equations? ((?:\(\d+\.\d+\)(?:, | and |-)?)+)")
-
-
-def equations():
-    """Of each equation: page, number, and its options as lists of words."""
-    for page in sorted(PAGES.glob("*.md")):
-        for number, options, _ in BLOCK.findall(page.read_text()):
-            said = dict(re.findall(r":(\w+): (.*)", options))
-            yield page.stem, number, {key: value.split(", ") for key, value in said.items()}
-
-
-def named(path):
-    """What a dotted name stands for."""
-    parts = path.split(".")
-    for k in range(len(parts), 0, -1):
-        try:
-            found = import_module(".".join(parts[:k]))
-        except ImportError:
-            continue
-        for part in parts[k:]:
-            found = getattr(found, part)
-        return found
-    raise ImportError(path)
 
 
 class Equation(MathDirective):
     """A displayed equation under its own number, with its number in the paper and its code."""
 
     required_arguments, optional_arguments = 1, 0
-    option_spec = {"paper": directives.unchanged, "code": directives.unchanged}
+    option_spec: ClassVar = {"paper": directives.unchanged, "code": directives.unchanged}
 
     def run(self):
+        """The equation, and the line of its sources."""
         number = self.arguments.pop()
         self.options["label"] = f"eq-{number}"
         found = super().run()
@@ -73,9 +47,7 @@ class Equation(MathDirective):
 def link_back(app, what, name, obj, options, lines):
     """Link the equations that a docstring cites; add those that name the object."""
     for k, line in enumerate(lines):
-        lines[k] = CITED.sub(
-            lambda m: re.sub(r"\((\d+\.\d+)\)", r":eq:`eq-\1`", m.group()), line
-        )
+        lines[k] = CITED.sub(lambda found: NUMBER.sub(r":eq:`eq-\1`", found.group()), line)
     own = [number for number, there in app.equations_of.items() if any(o is obj for o in there)]
     if own:
         lines += ["", "**Theory:** " + ", ".join(f":eq:`eq-{number}`" for number in own), ""]
@@ -85,6 +57,7 @@ class Names(PythonDomain):
     """A name that the front door and a room both show has two entries, and no warning."""
 
     def note_object(self, name, objtype, node_id, aliased=False, location=None):
+        """The first entry holds."""
         if not (aliased and name in self.objects):
             super().note_object(name, objtype, node_id, aliased, location)
 
@@ -92,8 +65,7 @@ class Names(PythonDomain):
 def setup(app):
     """Read which code the pages name, then follow it both ways."""
     app.equations_of = {
-        number: [named(path) for path in said.get("code", ())]
-        for _, number, said in equations()
+        number: [named(path) for path in said.get("code", ())] for _, number, said in equations()
     }
     app.add_domain(Names, override=True)
     app.add_directive("equation", Equation)

@@ -37,7 +37,7 @@ def affine_tangent(
     """Macroscopic tangent under the affine closure, `A = (1/V0) sum k_ik d0_j d0_l`.
 
     Every centre follows `H`: `d' = -H' d0`. One sum over the contacts; `free` spins are relaxed
-    to zero moment first.
+    to zero moment first. Theory, equation (4.4).
 
     Parameters
     ----------

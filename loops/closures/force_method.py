@@ -18,8 +18,9 @@ def force_method(
 
         C = (1/V0) [sum k^-1_ik m_j m_l - (sum k^-1 m_j)(sum k^-1)^-1(sum k^-1 m_l)]
 
-    and `A = C^-1`, from 2x2 inverses alone; not finite if a block or C is singular. `compliance`
-    (..., n, 2, 2) and `growth` (..., n) are those of `translational_compliances`.
+    and `A = C^-1`, from 2x2 inverses alone; not finite if a block or C is singular.
+    Theory, equation (4.11). `compliance` (..., n, 2, 2) and `growth` (..., n) are those of
+    `translational_compliances`.
 
     A change of one compliance changes C by itself times `(m_c - g)^2`, `g` the change of the
     redundant force: the condition is the sum of these sizes over V0, times `|A|`. Counted in

@@ -50,7 +50,7 @@ def traction_tangent(
 
     Uniform nominal stress acts on the polygon, `F_i = -P B_i`, and the centres relax. With free
     spins a gear mode whose moments nothing balances stands still: the limit of a vanishing
-    resistance of the spins.
+    resistance of the spins. Theory, equations (4.8) and (4.11).
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ class LinearFrictional(FrictionalLaw):
     - elastic: `N' = -kn un'`, `T' = -kt ut'`;
     - sliding (`|T| = mu N`): `T' = s mu N'`, `s = sign(T)`, while the slip dissipates,
       `-s (ut' + s mu N'/kt) >= 0`; the sign `s` keeps `|T| = mu N` when `N` falls, which the
-      printed (8c) does not (docs/paper.md, departures);
+      printed (8c) does not (Theory, equation (9.1));
     - open: `N = T = 0` once the branch is longer than `r_i + r_j`.
 
     Parameters

@@ -92,7 +92,7 @@ def loops_in_place(
     planes: PlaneContacts | None = None,
     held: ArrayLike | None = None,
 ) -> LoopsInPlace:
-    """Operators of all loops of a snapshot in their packing.
+    """Operators of all loops of a snapshot in their packing: Theory, equation (11.5).
 
     The whole packing is inverted (exact), or square blocks of side `block` with a `buffer` around
     them, by size; or `patches` of `radius` a loop, also `extrapolated` from half of it: slower than

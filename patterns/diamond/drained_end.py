@@ -68,8 +68,8 @@ def drained_end(
     """End of the elastic drained path, `E1' > 0` and `s2' = 0` from the confined state A.
 
     Exact up to rounding: quadrature of the closed form, Newton's method on the branch angle.
-    Arguments broadcast; `phi = pi/2` means that nothing slides. The cost grows with `kappa` beyond
-    3, where the limit of strain control is looked for.
+    Theory, equation (5.24). Arguments broadcast; `phi = pi/2` means that nothing slides. The cost
+    grows with `kappa` beyond 3, where the limit of strain control is looked for.
 
     >>> end = drained_end(np.pi / 4, 0.2, np.radians(5.0), 0.3)
     >>> str(end.status), round(float(end.state.E1), 12), round(float(end.state.s1), 12)

@@ -22,7 +22,7 @@ from stability.packing.state import PackingState
 if TYPE_CHECKING:
     from stability.compiled.packing_rates import Frame
 
-# Over the typical stiffness: gear modes, and grains that carry nothing (theory, 11.6).
+# Over the typical stiffness: gear modes, and grains that carry nothing (docs/theory/packing.md).
 GEARS, PAIRED, RATTLERS = 1e-7, 1e-4, 1e-3
 # Columns from which on the system is factorised anew, and how many there is room for.
 RANK, ROOM = 96, 192

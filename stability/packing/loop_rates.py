@@ -58,7 +58,7 @@ class LoopRates:
 
 
 def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
-    """Read the loops' rates from the packing's.
+    """Read the loops' rates from the packing's: Theory, equations (11.3) and (11.4).
 
     Parameters
     ----------

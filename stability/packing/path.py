@@ -105,6 +105,7 @@ def follow_packing(
     Normal forces are those of the geometry, shear forces start from the stored ones; what is out
     of balance at the start stays as a constant load. Within an interval rates are piecewise linear;
     geometry and normal forces are exact at its ends, so the error halves with the interval.
+    Theory, equation (11.10).
 
     Parameters
     ----------

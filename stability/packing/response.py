@@ -252,7 +252,7 @@ def packing_response(
 
     Centres move by `x' = -H' x + u'`, `u'` periodic, and `K [u', w] = -F_aff(H')` with the
     contacts' tangents. Contacts at yield slide where that dissipates and stick otherwise: a
-    complementarity problem, condensed on these contacts.
+    complementarity problem, condensed on these contacts. Theory, equations (11.1) and (11.2).
 
     Parameters
     ----------

@@ -1,0 +1,32 @@
+"""The numbered equations of the theory's pages, as text."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+PAGES = Path(__file__).parents[1] / "theory"
+BLOCK = re.compile(r"^```{equation} (\S+)\n((?::\w+: .*\n)*)((?:.*\n)*?)```", re.MULTILINE)
+CITED = re.compile(r"Theory, equations? ((?:\(\d+\.\d+\)(?:, | and |-)?)+)")
+NUMBER = re.compile(r"\((\d+\.\d+)\)")
+
+
+def equations():
+    """Of each equation: page, number, and its options as lists of words."""
+    for page in sorted(PAGES.glob("*.md")):
+        for number, options, _ in BLOCK.findall(page.read_text()):
+            said = dict(re.findall(r":(\w+): (.*)", options))
+            yield page.stem, number, {key: value.split(", ") for key, value in said.items()}
+
+
+def named(path):
+    """What a dotted name in a module, or in a class of one, stands for."""
+    parts = path.split(".")
+    for k in range(len(parts) - 1, 0, -1):
+        try:
+            found = import_module(".".join(parts[:k]))
+        except ImportError:
+            continue
+        for part in parts[k:]:
+            found = getattr(found, part)
+        return found
+    raise ImportError(path)

@@ -1,0 +1,269 @@
+"""`docs/theory`: its equations name code that exists, code cites equations that exist, and the
+numbers and closed forms that it states are computed again.
+"""
+
+import re
+import subprocess
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from loops import LinearFrictional, affine_tangent, traction_tangent
+from patterns import regular_polygon
+from patterns.diamond import (
+    TABLE_1,
+    TABLE_2,
+    determinant_elastic,
+    determinant_sliding,
+    diamond,
+    drained_end,
+    external_forces,
+    isotropic_strain,
+    isotropic_stress,
+    isotropic_tangent,
+    printed_states_after_turn,
+)
+from patterns.diamond.drained import drained_path
+from patterns.diamond.geometry import (
+    opposite_contact_strain,
+    work_compress_then_shear,
+    work_shear_then_compress,
+)
+from stability import bromwich_margin, imhof_fraction, restrict, symmetric_part, symmetric_spectrum
+from tests.docs.pages import DOCS, page, says, section, tables, unsaid
+from tests.docs.test_citations import PAGES, SOURCES
+from tests.docs.test_paper_page import equation_numbers
+
+sys.path.insert(0, str(DOCS / "site"))
+try:
+    from numbered import CITED, NUMBER, equations, named
+finally:
+    sys.path.pop(0)
+
+EQUATIONS = {number: said for _, number, said in equations()}
+FACES = ("grainloops", "loops", "loops.packing", "patterns", "patterns.diamond", "stability",
+         "stability.packing")  # fmt: skip
+
+
+def test_numbers_run_from_one_on_every_page():
+    order = re.findall(r"^([\w-]+)$", page("theory/index"), re.MULTILINE)
+    for k, name in enumerate(order, start=1):
+        text = page(f"theory/{name}")
+        assert text.startswith(f"# {k}. ")
+        found = re.findall(r"^```{equation} (.*)$", text, re.MULTILINE)
+        assert found == [f"{k}.{n}" for n in range(1, len(found) + 1)]
+    assert len(EQUATIONS) > 90
+
+
+def test_equations_name_code_that_the_reference_shows():
+    shown = {f"{face}.{name}" for face in FACES for name in import_module(face).__all__}
+    shown |= set(re.findall(r"autofunction:: (\S+)", page("behind") + page("rooms")))
+    for number, said in EQUATIONS.items():
+        for path in said.get("code", ()):
+            assert callable(named(path)), (number, path)
+            owner = path.rpartition(".")[0]
+            assert {path, owner} & shown or f"automodule:: {owner}" in page("rooms"), path
+    # Steps of a derivation, and what holds for any code.
+    unnamed = {number for number, said in EQUATIONS.items() if "code" not in said}
+    assert unnamed == {"2.7", "3.2", "5.4", "5.23", "8.3", "11.9"}
+
+
+def test_citations_of_equations_lead_somewhere():
+    cited = []
+    for source in SOURCES:
+        text = " ".join(source.read_text().split())
+        cited += [number for found in CITED.findall(text) for number in NUMBER.findall(found)]
+    for path in PAGES:
+        cited += re.findall(r"{eq}`eq-([\d.]+)`", path.read_text())
+    assert len(cited) > 120 and set(cited) <= set(EQUATIONS)
+
+
+def test_every_equation_of_the_paper_is_one_hop_away():
+    (rows,) = tables(section(page("notation"), "## The paper's equations"))
+    for row in rows:
+        first, *others = re.findall(r"eq-([\d.]+)", row["theory"])
+        theirs = equation_numbers("; ".join(
+            part for n in (first, *others) for part in EQUATIONS[n].get("paper", ())
+        ))  # fmt: skip
+        assert equation_numbers(row["paper"]) <= theirs, row
+    held = set().union(*(equation_numbers(row["paper"]) for row in rows))
+    assert held == set(range(1, 58))
+    said = "; ".join(part for said in EQUATIONS.values() for part in said.get("paper", ()))
+    assert equation_numbers(said) == held
+
+
+def random_diamond(seed=1, count=200):
+    """Angle, strains and forces of elastic diamonds, all positive overlaps; l0 = kn = 1."""
+    rng = np.random.default_rng(seed)
+    alpha0, alpha = rng.uniform(0.2, 1.3, (2, count))
+    length, T = rng.uniform(0.5, 0.99, count), rng.uniform(-0.2, 0.2, count)
+    E1, E2 = (
+        1 - length * np.cos(alpha) / np.cos(alpha0),
+        1 - length * np.sin(alpha) / np.sin(alpha0),
+    )
+    return alpha0, alpha, length, E1, E2, T
+
+
+def stresses(alpha0, alpha, N, T):
+    F1, F2 = external_forces(N, T, alpha)
+    return F1 / (2 * np.sin(alpha0)), F2 / (2 * np.cos(alpha0))
+
+
+def test_determinants_know_only_the_length():
+    """(5.15) and (5.16): no angle, no strain; the sliding one is never positive."""
+    alpha0, alpha, length, E1, E2, T = random_diamond()
+    N = 1.0 - length
+    s1, s2 = stresses(alpha0, alpha, N, T)
+    found = determinant_elastic(E1, E2, s1, s2, alpha, 0.3)
+    np.testing.assert_allclose(found, 1.3 - 1 / length, atol=1e-14)
+    T = 0.4 * N * np.sign(T)
+    s1, s2 = stresses(alpha0, alpha, N, T)
+    found = determinant_sliding(E1, E2, s1, s2, alpha, 0.4, np.sign(T))
+    np.testing.assert_allclose(found, -1.16 * N / length, rtol=1e-12)
+
+
+def test_isotropic_forms():
+    alpha0, E = np.radians(35.0), 0.24 / 1.24
+    c, s, t = np.cos(alpha0), np.sin(alpha0), np.tan(alpha0)
+    wanted = c * s * np.array([[t**-2, 1.0], [1.0, t**2]])
+    np.testing.assert_allclose(isotropic_tangent(E, alpha0, 0.24), wanted, rtol=1e-14)
+    K = isotropic_tangent(0.2, np.pi / 4, 0.24)
+    assert symmetric_spectrum(K) == pytest.approx([0.24 - 0.25, 1.0], abs=1e-15)
+    K = np.array([[1.0, 0.7], [-0.2, 0.5]])
+    wanted = np.linalg.det(K) - 0.25 * (K[0, 1] - K[1, 0]) ** 2
+    assert np.linalg.det(symmetric_part(K)) == pytest.approx(wanted) and bromwich_margin(K) > 0
+
+
+def test_work_differs_by_the_way():
+    D, turn, kt = 0.3, 0.5, 0.2
+    first, second = (w(1.0, turn, D, 1.0, kt)
+                     for w in (work_shear_then_compress, work_compress_then_shear))  # fmt: skip
+    wanted = 0.5 * kt * turn**2 * D * (2 - D)
+    assert float(first - second) == pytest.approx(wanted, rel=1e-14)
+
+
+@pytest.mark.parametrize("order", [3, 4, 5, 6, 7, 8, 11, 12])
+def test_moduli_of_regular_loops(order):
+    """(7.2)-(7.4) and the table of thresholds."""
+    kappa, E = 0.3, 0.1
+    graph = regular_polygon(order, strain=E)
+    law, nu = LinearFrictional(kn=1.0, kt=kappa), E / (1 - E)
+    tau, ratio = kappa - nu, 2.0 * np.tan(np.pi / order)
+    vertex = order == 4
+    affine = ratio * (tau if vertex else (1 + tau) / 2)
+    relaxed = affine if order <= 4 else ratio * 2 * tau / (1 + tau)
+    free = {3: ratio * (1 - nu) / 2, 4: affine}.get(order, -ratio * 2 * nu / (1 - nu))
+    for tangent, wanted in (
+        (affine_tangent(graph, law), affine),
+        (traction_tangent(graph, law), relaxed),
+        (traction_tangent(graph, law, spins="free"), free),
+    ):
+        A = restrict(tangent, "diagonal")
+        np.testing.assert_allclose(A[0, 0] + A[0, 1], ratio, rtol=1e-12)
+        np.testing.assert_allclose(A[0, 0] - A[0, 1], wanted, rtol=1e-11)
+    thresholds = tables(page("theory/polygons"))[0]
+    column = {3: "$n = 3$", 4: "$n = 4$, vertex on axis 1"}.get(order, r"$n \ge 5$")
+    for row, zero in zip(thresholds, (affine, relaxed, free), strict=True):
+        formula = row[column].strip("$").replace(r"\kappa", "kappa")
+        if "/" in formula:
+            # The modulus has the sign that the threshold says.
+            assert (zero > 0) == (E < eval(formula, {"kappa": kappa}))
+        else:
+            assert formula == "from the first load" and zero < 0
+
+
+def test_free_spins_need_no_shear_beyond_four():
+    """At the first load the modulus of (7.4) is negative whatever kt."""
+    for order in (5, 6, 9):
+        graph = regular_polygon(order, strain=1e-3)
+        A = restrict(traction_tangent(graph, LinearFrictional(1.0, 5.0), spins="free"), "diagonal")
+        assert symmetric_spectrum(A)[0] < 0
+
+
+def test_points_B():
+    (rows,) = tables(section(page("theory/diamond"), "## The drained biaxial path"))
+    for row, p in zip(rows, (TABLE_1, TABLE_2), strict=True):
+        state = drained_end(p.alpha0, p.kappa, p.phi, p.confinement).state
+        found = [float(state.E1), float(state.E2), float(state.s1)]
+        quoted = [float(row[f"${name}$"]) for name in ("E_1", "E_2", "s_1")]
+        np.testing.assert_allclose(found, quoted, rtol=0, atol=2e-15)
+
+
+def unsaid_decimals(name, values):
+    """Decimal numbers of a page that are none of the values; equations' own numbers aside."""
+    text = re.sub(r"{equation} [\d.]+|eq-[\d.]+|\(\d+\.\d+\)", "", page(f"theory/{name}"))
+    return [token for token in unsaid(text, values, least=1) if "." in token]
+
+
+def test_numbers_of_stability():
+    fraction = float(imhof_fraction([1.0, 0.4, -0.2]))
+    assert says("0.12640", fraction)
+    assert unsaid_decimals("stability", [fraction, 0.4, -0.2]) == []
+
+
+def test_numbers_of_the_open_points():
+    path = drained_path(TABLE_1)
+    turn = path.end.alpha - TABLE_1.alpha0 + np.linspace(0.0, 0.3, 3001)
+    states = printed_states_after_turn(path, turn)
+    ratio = np.interp(path.end.E1 + 0.1, states.E1, np.abs(states.T) / (TABLE_1.mu * states.N))
+    E = float(isotropic_strain(0.35, TABLE_2.alpha0))
+    # Equal stresses on the diamond as it barely touches.
+    F1, F2 = np.sin(TABLE_2.alpha0), np.cos(TABLE_2.alpha0)
+    N, T = F1 * F2 + F2 * F1, F1 * F1 - F2 * F2
+    touch = [float(opposite_contact_strain(p.alpha0)) for p in (TABLE_1, TABLE_2)]
+    values = [ratio, E, isotropic_stress(E, TABLE_2.alpha0)[1], T / N, TABLE_2.mu, *touch,
+              0.24 / 1.24, 0.35, 0.3]  # fmt: skip
+    assert unsaid_decimals("open-points", [*values, 0.1]) == []
+
+
+def test_the_square_with_sides_along_the_axes_is_lost_in_shear():
+    law = LinearFrictional(kn=1.0, kt=0.2)
+    for E, stable in ((0.16, True), (0.17, False)):
+        square = regular_polygon(4, orientation="edge", strain=E)
+        A = affine_tangent(square, law)
+        assert symmetric_spectrum(restrict(A, "diagonal"))[0] > 0
+        assert (symmetric_spectrum(restrict(A, "symmetric"))[0] > 0) == stable
+        # All four components: the rotation of the loop, at kappa/(1 + kappa) for every order.
+        for order in (3, 4, 5, 8):
+            full = restrict(affine_tangent(regular_polygon(order, strain=E), law), "full")
+            assert (symmetric_spectrum(full)[0] > 0) == stable
+
+
+def test_the_diamond_is_its_four_grain_graph():
+    """(5.26) with T of the paper along growing alpha."""
+    alpha0, alpha, _, E1, E2, T = random_diamond(count=20)
+    graph = diamond(alpha0, E1=E1, E2=E2, T=T)
+    law, box = LinearFrictional(1.0, 0.3), 2 * np.sin(2 * alpha0)
+    N = graph.normal_force[..., 0]
+    s1, s2 = stresses(alpha0, alpha, N, T)
+    wanted = determinant_elastic(E1, E2, s1, s2, alpha, 0.3)
+    for tangent in (affine_tangent, traction_tangent):
+        K = restrict(tangent(graph, law, volume=box), "diagonal")
+        np.testing.assert_allclose(np.linalg.det(K), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "name", [path.stem for path in PAGES if path.parent.name == "theory"
+             if path.stem not in ("diamond", "stability", "open-points")]
+)  # fmt: skip
+def test_other_pages_quote_no_numbers(name):
+    assert unsaid_decimals(name, []) == []
+
+
+@pytest.mark.slow
+def test_the_site_builds(tmp_path):
+    """Every warning an error, the gallery run; no page asks the network for anything."""
+    pytest.importorskip("sphinx")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "-E", "-b", "html"]
+    done = subprocess.run([*command, DOCS, tmp_path], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    built = list(tmp_path.rglob("*.html"))
+    assert len(built) > 40
+    asks = re.compile(r"<(?:script|link|img)[^>]*(?:src|href)=\"https?:")
+    assert [html.name for html in built if asks.search(html.read_text())] == []
+    # A function leads back to the equations that name it, as equations lead to functions.
+    rooms, tangent = tmp_path / "rooms.html", tmp_path / "theory" / "stress-and-tangent.html"
+    assert 'href="theory/stress-and-tangent.html#equation-eq-4-4"' in rooms.read_text()
+    assert "rooms.html#loops.affine_tangent" in tangent.read_text()
