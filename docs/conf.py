@@ -19,6 +19,7 @@ extensions = [
 exclude_patterns = ["figures", "site"]
 html_theme = "furo"
 html_title = "grainloops"
+html_show_copyright = False
 html_static_path = ["site/style.css"]
 html_css_files = ["style.css"]
 
@@ -28,6 +29,8 @@ myst_heading_anchors = 4
 numpydoc_show_class_members = False
 # The docstrings tell the types.
 autodoc_typehints = "none"
+# One backtick in a docstring is code.
+default_role = "code"
 # A reference that leads nowhere is an error; bases of classes outside the site are none of ours.
 nitpicky = True
 
