@@ -15,8 +15,8 @@ def loop_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
 
     By the boundary formula (Theory, equation (4.6)), `H = -(1/V0) sum u_i (x) B_i` with the
     boundary vectors of the reference: the mean over the polygon of a displacement that is linear
-    along every side; exact for an affine motion `x = F x0 + c`, where `H = 1 - F`. `InputError` for a
-    polygon without area.
+    along every side; exact for an affine motion `x = F x0 + c`, where `H = 1 - F`. `InputError` for
+    a polygon without area.
 
     >>> square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     >>> loop_strain(square, square * [0.75, 1.0]).tolist()

@@ -51,6 +51,7 @@ def test_links_between_pages_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+\.\w+)[^)]*\)", page.read_text()):
         built = re.search(r"gallery/(\w+)\.md$", target)
         if built:
-            assert (ROOT / "studies" / "examples" / f"{built[1]}.py").is_file(), target
-        elif target != "gallery/index.md" and not target.startswith("http"):
+            example = "__init__" if built[1] == "index" else built[1]
+            assert (ROOT / "studies" / "examples" / f"{example}.py").is_file(), target
+        elif not target.startswith("http"):
             assert (page.parent / target).exists(), target
