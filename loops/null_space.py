@@ -58,38 +58,37 @@ def solve_through_null_space(
     solution nan and an infinite residual.
     """
     batch = matrix.shape[:-2]
-    matrix = matrix.reshape(-1, *matrix.shape[-2:])
-    rhs = np.broadcast_to(rhs, (*batch, *rhs.shape[-2:])).reshape(-1, *rhs.shape[-2:])
-    observed = np.broadcast_to(observed, (*batch, *observed.shape[-2:]))
-    observed = observed.reshape(-1, *observed.shape[-2:])
-    finite = all_finite(matrix)
-    finite &= all_finite(rhs)
-    matrix = np.where(finite[:, None, None], matrix, 0.0)
+    matrix, rhs, observed = (_flat(a, batch) for a in (matrix, rhs, observed))
+    finite = all_finite(matrix) & all_finite(rhs)
+    every = bool(finite.all())
+    if not every:
+        matrix = np.where(finite[:, None, None], matrix, 0.0)
     inverse, condition = _bordered_inverse(matrix, known)
-    regular = condition * tolerance < 1
-    inverse = np.where(regular[:, None, None], inverse, 0.0)
     nullity = np.full(len(matrix), 0 if known is None else known.shape[-1])
     ambiguity = np.zeros(len(matrix))
     dropped = np.zeros((len(matrix), observed.shape[-2], rhs.shape[-1]))
-    rest = np.flatnonzero(~regular)
+    rest = np.flatnonzero(~(condition * tolerance < 1))
     if len(rest):
         inverse[rest], nullity[rest], condition[rest], ambiguity[rest], dropped[rest] = (
             _by_singular_values(matrix[rest], rhs[rest], observed[rest], tolerance)
         )
     x = inverse @ rhs
     # One step of refinement: an inverse alone leaves a residual of condition times rounding.
-    x = x + inverse @ (rhs - matrix @ x)
+    x += inverse @ (rhs - matrix @ x)
     left = np.abs(matrix @ x - rhs)
     load = frobenius(rhs)
     residual = frobenius(left) / np.where(load > 0, load, 1.0)
-    x[~finite] = np.nan
-    condition[~finite] = residual[~finite] = ambiguity[~finite] = np.inf
+    if not every:
+        x[~finite] = np.nan
+        condition[~finite] = residual[~finite] = ambiguity[~finite] = np.inf
     error = None
     if size is not None:
-        terms = np.broadcast_to(size, (*batch, *size.shape[-2:])).reshape(matrix.shape)
-        unsure = left + ROUNDING * (terms @ np.abs(np.nan_to_num(x)) + np.abs(rhs))
+        unsure = _flat(size, batch) @ np.abs(x if every else np.nan_to_num(x))
+        unsure += np.abs(rhs)
+        unsure *= ROUNDING
+        unsure += left
         if doubt is not None:
-            unsure += np.broadcast_to(doubt, (*batch, *doubt.shape[-2:])).reshape(rhs.shape)
+            unsure += _flat(doubt, batch)
         error = (np.abs(observed @ inverse) @ unsure + dropped).reshape(*batch, *dropped.shape[1:])
     return LeastSquares(
         x=x.reshape(*batch, *x.shape[-2:]),
@@ -99,6 +98,12 @@ def solve_through_null_space(
         ambiguity=ambiguity.reshape(batch),
         error=error,
     )
+
+
+def _flat(a: Floats, batch: tuple[int, ...]) -> Floats:
+    """One batch axis."""
+    own = a if a.shape[:-2] == batch else np.broadcast_to(a, (*batch, *a.shape[-2:]))
+    return own.reshape(-1, *a.shape[-2:])
 
 
 def _bordered_inverse(matrix: Floats, known: Floats | None) -> tuple[Floats, Floats]:

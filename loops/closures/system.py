@@ -152,13 +152,14 @@ def relax_centres(
     k, sizes, scale, stiffness = _scaled(blocks, spins, np.sqrt(area), x0.shape[-2])
     length = scale[..., :1, None]
     kept = k.shape[-1] if spins == "free" else moves
-    load, doubt = np.zeros((2, *k.shape[:-2], kept + 4, 4))
+    load, doubt = np.zeros((*k.shape[:-2], kept + 4, 4)), None
     load[..., kept:, :] = -np.eye(4)
     motion = np.zeros((*k.shape[:-1], 4))
     if spin is not None:
         motion[..., moves:, :] = spin.row[..., None, :] / scale[..., moves:, None]
         load[..., :kept, :] = -k[..., :kept, kept:] @ motion[..., kept:, :]
         unsure = spin.error + ROUNDING * np.abs(spin.row)
+        doubt = np.zeros(load.shape)
         doubt[..., :kept, :] = sizes[..., :kept, kept:] @ (
             unsure[..., None, :] / scale[..., moves:, None]
         )
@@ -233,9 +234,12 @@ def _scaled(blocks: Terms, spins: Spins, length: Floats, grains: int) -> _Scaled
     scale = np.broadcast_to(length[..., None], (*batch, k.shape[-1])).copy()
     if with_spins:
         scale[..., 2 * grains :] /= blocks.radii
-    k, sizes = (scale[..., :, None] * a * scale[..., None, :] for a in (k, sizes))
+    product = scale[..., :, None] * scale[..., None, :]
+    k = k * product
     stiffness = np.abs(k).max(axis=(-2, -1), keepdims=True)
-    k, sizes = (a / np.where(stiffness > 0, stiffness, 1.0) for a in (k, sizes))
+    k /= (unit := np.where(stiffness > 0, stiffness, 1.0))
+    product /= unit
+    sizes = sizes * product
     if blocks.gear is not None:
         k[..., 2 * grains :, 2 * grains :] += blocks.gear
         sizes[..., 2 * grains :, 2 * grains :] += np.abs(blocks.gear)

@@ -119,9 +119,7 @@ class FrictionalLaw:
         """Elastic `diag(kn, kt)`; sliding `[[kn, 0], [s mu kn, 0]]`, `s = sign(T)`; open zero."""
         kn, kt = (np.asarray(k, dtype=float) for k in self.stiffnesses(state))
         mu = np.asarray(self.mu, dtype=float)
-        shape = np.broadcast_shapes(
-            state.length.shape, state.shear_force.shape, regime.shape, kn.shape, kt.shape, mu.shape
-        )
+        shape = np.broadcast(state.length, state.shear_force, regime, kn, kt, mu).shape
         stiffness = np.zeros((*shape, 2, 2))
         stiffness[..., 0, 0] = np.where(regime != Regime.OPEN, kn, 0.0)
         stiffness[..., 1, 1] = np.where(regime == Regime.ELASTIC, kt, 0.0)
