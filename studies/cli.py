@@ -6,6 +6,7 @@ import io
 import os
 import sys
 import warnings
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
@@ -84,7 +85,7 @@ def main() -> None:
         arguments = sorted(sys.argv[1:], key=lambda one: one not in ("--quiet", "--version"))
         if not SHOWN_OTHERWISE & {*arguments}:
             clock.start("grainloops")
-        status = app(arguments, standalone_mode=False)
+        status = app(list(_with_rates(arguments)), standalone_mode=False)
     except InputError as error:
         _fail(str(error))
     except UsageError as error:
@@ -97,6 +98,13 @@ def main() -> None:
     if status == INTERRUPTED:  # typer may have turned Ctrl-C into this already
         _fail(f"interrupted; {common.interrupted}.", status=INTERRUPTED)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _with_rates(arguments: list[str]) -> Iterator[str]:
+    """`series --in-packing` alone means its rates: the next word may be a file."""
+    for word, follows in zip(arguments, [*arguments[1:], ""], strict=True):
+        alone = word == "--in-packing" and follows not in ("rates", "events")
+        yield "--in-packing=rates" if alone and "series" in arguments else word
 
 
 def _fail(message: str, status: int = 2) -> None:

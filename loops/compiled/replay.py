@@ -2,7 +2,8 @@
 
 A step is Cundall and Strack's as Yade does it: forces at positions, velocities half a step later
 (symplectic), shear forces from the increments of the step. Centres move by `x' = L x + c`, the
-cell by `h' = L h`; `c` is what inertia belongs to. Everything a kernel calls stands in this file.
+cell by `h' = L h`; `c` is what inertia belongs to. `L` is given, or a servo steers it. Everything a
+kernel calls stands in this file.
 """
 
 from __future__ import annotations
@@ -10,7 +11,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from loops.arrays import Floats, Integers
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.arrays import Flags, Floats
 from loops.compiled.kernel import kernel
 
 
@@ -23,48 +27,74 @@ class Motion(NamedTuple):
     spin: Floats  # (G,)
     cell: Floats  # (2, 2)
     shear: Floats  # (P,)
+    resultant: Floats  # (G, 3) forces and moments of the state
+    speed: Floats  # (G, 2) `L x + c` in the last step
+    gradient: Floats  # (2, 2) `L`
 
 
 class Discs(NamedTuple):
     """What stays: grains, pairs that touch or might, their springs and friction."""
 
     radii: Floats
-    mass: Floats
-    inertia: Floats
-    pairs: Integers  # (P, 2)
-    images: Integers  # (P, 2)
+    lightness: Floats  # one over masses
+    slenderness: Floats  # one over moments of inertia
+    pairs: NDArray[np.uint32]  # (P, 2) unsigned: they don't count from the end
+    images: Floats  # (P, 2)
+    wraps: Flags  # (P,) whether one isn't zero
     kn: Floats
     kt: Floats
     mu: Floats
+
+
+class Servo(NamedTuple):
+    """What steers `L` so that `stress @ (P - start) + strain @ H = rate t`.
+
+    With `r` what is left of it: `H' = gain @ (rate - r / lag - z)`, `z' = r / (2 lag)^2`,
+    critically damped where `gain` is the inverse of the true `stress @ C + strain`. With `on` False
+    `L` stays. `isochoric` is a row whose `r` is the loss of area, -1 for none.
+    """
+
+    on: bool
+    back: Floats  # (2, 2) inverse of the first cell
+    stress: Floats  # (4, 4)
+    strain: Floats  # (4, 4)
+    rate: Floats  # (4,)
+    gain: Floats  # (4, 4)
+    lag: float
+    isochoric: int
+    start: Floats  # (4,) nominal
+    z: Floats  # (4,) changed in place
+    ask: Floats  # (4,) changed in place
+    clock: Floats  # (1,) changed in place
 
 
 @kernel
 def run(
     motion: Motion,
     discs: Discs,
-    gradient: Floats,
+    servo: Servo,
     steps: int,
     dt: float,
     cundall: float,
     viscous: float,
     by_radii: bool,
     reach: float,
-    resultant: Floats,
 ) -> int:
     """Go on for some steps, fewer where grains have come `reach` closer; the steps made.
 
     `cundall` damps every resultant against the motion by that share, `viscous` pulls with `viscous
-    m c`. `resultant` (G, 3) holds forces and moments of the state: given, and again at the end.
+    m c`.
     """
     closer = 0.0
-    stretch = 0.0
-    for a in range(2):
-        for b in range(2):
-            stretch += abs(gradient[a, b])
     widest = 2.0 * discs.radii.max()
     for step in range(steps):
-        fastest = _move(motion, discs, gradient, dt, cundall, viscous, resultant)
-        _contact_forces(motion, discs, gradient, dt, by_radii, resultant)
+        fastest = _move(motion, discs, dt, cundall, viscous)
+        moment = contact_forces(motion, discs, dt, by_radii, servo.on)
+        stretch = 0.0
+        for part in motion.gradient.flat:
+            stretch += abs(part)
+        if servo.on:
+            _steer(motion, servo, moment, dt)
         closer += dt * (2.0 * fastest + stretch * widest)
         if closer > reach:
             return step + 1
@@ -72,91 +102,130 @@ def run(
 
 
 @kernel
-def _damped(force: float, mass: float, speed: float, dt: float, cundall: float) -> float:
-    """Acceleration, less by `cundall` where it goes with the motion, more where against it."""
-    a = force / mass
+def _damped(a: float, speed: float, dt: float, cundall: float) -> float:
+    """Change of a speed: less by `cundall` where it goes with the motion, more where against it."""
     along = a * (speed + 0.5 * dt * a)
-    if along > 0:
-        return a * (1.0 - cundall)
-    if along < 0:
-        return a * (1.0 + cundall)
-    return a
+    # Without a branch: the sign is as good as random.
+    return dt * a * (1.0 - math.copysign(cundall, along))
 
 
 @kernel
-def _move(
-    motion: Motion,
-    discs: Discs,
-    gradient: Floats,
-    dt: float,
-    cundall: float,
-    viscous: float,
-    resultant: Floats,
-) -> float:
-    """Velocities, then positions; the largest `|c|`."""
-    x, c, cell = motion.x, motion.velocity, motion.cell
+def _move(motion: Motion, discs: Discs, dt: float, cundall: float, viscous: float) -> float:
+    """Velocities, then positions and cell; the largest `|c|`."""
+    x, c, w, cell = motion.x, motion.velocity, motion.spin, motion.cell
+    resultant, L = motion.resultant, motion.gradient
     fastest = 0.0
     for g in range(len(x)):
+        light = discs.lightness[g]
         for a in range(2):
-            force = resultant[g, a] - viscous * discs.mass[g] * c[g, a]
-            c[g, a] += dt * _damped(force, discs.mass[g], c[g, a], dt, cundall)
-        moment = resultant[g, 2] - viscous * discs.inertia[g] * motion.spin[g]
-        motion.spin[g] += dt * _damped(moment, discs.inertia[g], motion.spin[g], dt, cundall)
-        motion.angle[g] += dt * motion.spin[g]
+            c[g, a] += _damped(resultant[g, a] * light - viscous * c[g, a], c[g, a], dt, cundall)
+        turning = resultant[g, 2] * discs.slenderness[g] - viscous * w[g]
+        w[g] += _damped(turning, w[g], dt, cundall)
+        motion.angle[g] += dt * w[g]
         x0, x1 = x[g, 0], x[g, 1]
-        x[g, 0] += dt * (gradient[0, 0] * x0 + gradient[0, 1] * x1 + c[g, 0])
-        x[g, 1] += dt * (gradient[1, 0] * x0 + gradient[1, 1] * x1 + c[g, 1])
+        motion.speed[g, 0] = v0 = L[0, 0] * x0 + L[0, 1] * x1 + c[g, 0]
+        motion.speed[g, 1] = v1 = L[1, 0] * x0 + L[1, 1] * x1 + c[g, 1]
+        x[g, 0] = x0 + dt * v0
+        x[g, 1] = x1 + dt * v1
         fastest = max(fastest, c[g, 0] * c[g, 0] + c[g, 1] * c[g, 1])
     for b in range(2):
         h0, h1 = cell[0, b], cell[1, b]
-        cell[0, b] += dt * (gradient[0, 0] * h0 + gradient[0, 1] * h1)
-        cell[1, b] += dt * (gradient[1, 0] * h0 + gradient[1, 1] * h1)
+        cell[0, b] += dt * (L[0, 0] * h0 + L[0, 1] * h1)
+        cell[1, b] += dt * (L[1, 0] * h0 + L[1, 1] * h1)
     return math.sqrt(fastest)
 
 
 @kernel
-def _contact_forces(
-    motion: Motion, discs: Discs, gradient: Floats, dt: float, by_radii: bool, resultant: Floats
-) -> None:
-    """Shear forces after a step of `dt` (none if zero), and the resultants on all grains."""
-    x, c, cell = motion.x, motion.velocity, motion.cell
+def contact_forces(
+    motion: Motion, discs: Discs, dt: float, by_radii: bool, summed: bool
+) -> tuple[float, float, float, float]:
+    """Shear forces after a step of `dt` (none if zero) and resultants on all grains.
+
+    Returns the sum of forces times branches, 11, 12, 21, 22: stress times area; 0 unless `summed`.
+    """
+    x, v, w, resultant = motion.x, motion.speed, motion.spin, motion.resultant
+    L00, L01, L10, L11 = motion.gradient.flat
+    h00, h01, h10, h11 = motion.cell.flat
+    # What the copies of a grain go faster by.
+    g00, g01 = L00 * h00 + L01 * h10, L00 * h01 + L01 * h11
+    g10, g11 = L10 * h00 + L11 * h10, L10 * h01 + L11 * h11
+    s00 = s01 = s10 = s11 = 0.0
     resultant[:] = 0.0
     for p in range(len(discs.pairs)):
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
-        m0, m1 = discs.images[p, 0], discs.images[p, 1]
-        d0 = x[j, 0] - x[i, 0] + cell[0, 0] * m0 + cell[0, 1] * m1
-        d1 = x[j, 1] - x[i, 1] + cell[1, 0] * m0 + cell[1, 1] * m1
-        touching = discs.radii[i] + discs.radii[j]
+        d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+        v0, v1 = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1]
+        if discs.wraps[p]:
+            m0, m1 = discs.images[p, 0], discs.images[p, 1]
+            d0, d1 = d0 + h00 * m0 + h01 * m1, d1 + h10 * m0 + h11 * m1
+            v0, v1 = v0 + g00 * m0 + g01 * m1, v1 + g10 * m0 + g11 * m1
+        radius_i, radius_j = discs.radii[i], discs.radii[j]
+        touching = radius_i + radius_j
         square = d0 * d0 + d1 * d1
         if square >= touching * touching:
             motion.shear[p] = 0.0
             continue
         length = math.sqrt(square)
-        n0, n1 = d0 / length, d1 / length
-        arm_i = 0.5 * (length + discs.radii[i] - discs.radii[j])
+        over = 1.0 / length
+        n0, n1 = d0 * over, d1 * over
+        arm_i = 0.5 * (length + radius_i - radius_j)
         arm_j = length - arm_i
         normal = discs.kn[p] * (touching - length)
-        v0 = c[j, 0] - c[i, 0] + gradient[0, 0] * d0 + gradient[0, 1] * d1
-        v1 = c[j, 1] - c[i, 1] + gradient[1, 0] * d0 + gradient[1, 1] * d1
         across = n0 * v1 - n1 * v0
         if by_radii:
-            slip = touching / length * across
-            slip -= discs.radii[i] * motion.spin[i] + discs.radii[j] * motion.spin[j]
+            slip = touching * over * across - radius_i * w[i] - radius_j * w[j]
         else:
-            slip = across - arm_i * motion.spin[i] - arm_j * motion.spin[j]
+            slip = across - arm_i * w[i] - arm_j * w[j]
         most = discs.mu[p] * normal
         shear = min(max(motion.shear[p] - discs.kt[p] * slip * dt, -most), most)
         motion.shear[p] = shear
         f0, f1 = normal * n0 - shear * n1, normal * n1 + shear * n0
         resultant[j, 0] += f0
         resultant[j, 1] += f1
+        resultant[j, 2] -= arm_j * shear
         resultant[i, 0] -= f0
         resultant[i, 1] -= f1
         resultant[i, 2] -= arm_i * shear
-        resultant[j, 2] -= arm_j * shear
+        if summed:
+            s00 += f0 * d0
+            s01 += f0 * d1
+            s10 += f1 * d0
+            s11 += f1 * d1
+    return s00, s01, s10, s11
 
 
 @kernel
-def resultants(motion: Motion, discs: Discs, by_radii: bool, resultant: Floats) -> None:
-    """Forces and moments on all grains in a state as it stands."""
-    _contact_forces(motion, discs, motion.cell * 0.0, 0.0, by_radii, resultant)
+def _steer(
+    motion: Motion, servo: Servo, moment: tuple[float, float, float, float], dt: float
+) -> None:
+    """The velocity gradient of the next step."""
+    h00, h01, h10, h11 = motion.cell.flat
+    b00, b01, b10, b11 = servo.back.flat
+    F = (h00 * b00 + h01 * b10, h00 * b01 + h01 * b11, h10 * b00 + h11 * b10, h10 * b01 + h11 * b11)
+    det = F[0] * F[3] - F[1] * F[2]
+    share = abs(b00 * b11 - b01 * b10) / det
+    H = (1.0 - F[0], -F[1], -F[2], 1.0 - F[3])
+    m00, m01, m10, m11 = moment
+    P = (
+        share * (m00 * F[3] - m01 * F[1]),
+        share * (m01 * F[0] - m00 * F[2]),
+        share * (m10 * F[3] - m11 * F[1]),
+        share * (m11 * F[0] - m10 * F[2]),
+    )
+    servo.clock[0] += dt
+    for row in range(4):
+        left = -servo.rate[row] * servo.clock[0]
+        for k in range(4):
+            left += servo.stress[row, k] * (P[k] - servo.start[k]) + servo.strain[row, k] * H[k]
+        if row == servo.isochoric:
+            left = 1.0 - det
+        servo.z[row] += left * dt / (4.0 * servo.lag * servo.lag)
+        servo.ask[row] = servo.rate[row] - left / servo.lag - servo.z[row]
+    L = motion.gradient
+    for a in range(2):
+        one = two = 0.0
+        for k in range(4):
+            one -= servo.gain[2 * a, k] * servo.ask[k]
+            two -= servo.gain[2 * a + 1, k] * servo.ask[k]
+        L[a, 0] = (one * F[3] - two * F[2]) / det
+        L[a, 1] = (two * F[0] - one * F[1]) / det

@@ -93,20 +93,24 @@ def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopR
     Returns
     -------
     LoopRates
-        Of all loops, opened ones too; `strain` is the change of the displacement gradient.
+        Of all loops, opened ones too; `strain` is the change of the displacement gradient, times
+        are shares of the way as if overlaps and gaps had changed evenly.
     """
     count = before.contact_count
     assert before.cell is not None
-    return _of_all(
-        _Parts(
-            before,
-            np.ones(count, dtype=bool),
-            np.eye(2) - after.cell @ np.linalg.inv(before.cell),
-            after.branches[:count] - branch_vectors(before),
-            after.forces[:count] - contact_forces(before),
-        ),
-        faces,
+    d, end = branch_vectors(before), after.branches[:count]
+    parts = _Parts(
+        before,
+        np.ones(count, dtype=bool),
+        np.eye(2) - after.cell @ np.linalg.inv(before.cell),
+        end - d,
+        after.forces[:count] - contact_forces(before),
     )
+    # By the overlap: below 1 where a contact is open at the end.
+    length = np.linalg.norm(d, axis=1)
+    overlap = before.radii[before.contacts].sum(axis=1) - length
+    parts.losing = _time(overlap, length - np.linalg.norm(end, axis=1))
+    return _of_all(parts, faces)
 
 
 def _of_all(parts: _Parts, faces: Faces) -> LoopRates:

@@ -46,6 +46,8 @@ def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
         raise InputError(
             "packing", "no cell", "a periodic packing", "Paths of samples with walls are missing."
         )
+    if not graph.contact_count:
+        raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
     return law
 
 

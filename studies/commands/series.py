@@ -56,16 +56,13 @@ def series(
         typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
     ] = None,
     in_packing: Annotated[
-        bool,
-        typer.Option("--in-packing", help="Foretell each interval by the packing's rate problem."),
-    ] = False,
-    by_events: Annotated[
-        bool,
+        str,
         typer.Option(
-            "--by-events",
-            help="With --in-packing: also by its path from event to event, and replay.",
+            metavar="[rates|events]",
+            help="Foretell each interval by the packing's rate problem; events: also by its path "
+            "from event to event, and its replay.",
         ),
-    ] = False,
+    ] = "",
     yield_band: YieldBand = 0.99,
     probe: Annotated[
         int | None,
@@ -94,8 +91,7 @@ def series(
         cells=cells,
         workers=workers,
         scheduler=scheduler,
-        in_packing=in_packing,
-        by_events=by_events,
+        in_packing=in_packing or False,
         yield_band=yield_band,
         probe=probe,
         skip_bad=skip_bad,

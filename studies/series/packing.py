@@ -53,7 +53,10 @@ FORETOLD = {
 BY_EVENTS = {
     f"{name}_{column}": field
     for name in ("path", "replay")
-    for column, field in (("w2", "normalised_work"), ("nonaffinity", "nonaffinity"))
+    for column, field in (
+        ("w2", "normalised_work"),
+        *((field, field) for field in ("nonaffinity", "opening", "closing")),
+    )
 }
 OWN = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
 # A path goes on past any number of instabilities in practice.

@@ -27,6 +27,7 @@ from studies.output import (
     write_summary,
     write_table,
 )
+from studies.paths.options import one_of
 from studies.series.dataset import (
     UNFINISHED,
     has_parts,
@@ -96,8 +97,7 @@ def run_series(
     csv: bool = False,
     figures: bool = True,
     animation: bool = False,
-    in_packing: bool = False,
-    by_events: bool = False,
+    in_packing: bool | str = False,
     yield_band: float = 0.99,
     probe: int | None = None,
     **how: Any,
@@ -106,21 +106,17 @@ def run_series(
 
     Snapshots are read with the options `how` of `read_planar`, their cells from a table `cells`.
     With `in_packing` the packing's rate problem foretells each interval, and `skill.parquet` says
-    what that is worth; with `by_events` its path and its replay as well. With `probe` every
-    snapshot is probed along so many directions of strain. What is finished in `out` is not done
-    again: an interrupted run goes on with the same call. A
-    script calls this under `if __name__ == "__main__"`, for the processes import it.
+    what that is worth; if 'events' its path and its replay as well. With `probe` every snapshot is
+    probed along so many directions of strain. What is finished in `out` is not done again: an
+    interrupted run goes on with the same call. A script calls this under
+    `if __name__ == "__main__"`, for the processes import it.
     """
     how = reading(**how)
     planned = plan_series(paths, cells, how)
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
-    band = checked_band(yield_band) if in_packing else None
-    read["in_packing"] = band
-    if by_events:
-        if band is None:
-            remedy = "Give --in-packing as well."
-            raise InputError("--by-events", "alone", "--in-packing with it", remedy)
-        read["by_events"] = True
+    one_of("--in-packing", in_packing, (False, True, "rates", "events"))
+    band, by_events = checked_band(yield_band) if in_packing else None, in_packing == "events"
+    read["in_packing"] = [band, "events"] if by_events else band
     probing: tuple[float | None, int | None] = (None, None)
     if probe is not None:
         whole_number("probe", probe, 1)

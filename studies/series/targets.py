@@ -40,16 +40,17 @@ EVENTS = ("packing", "own_motion", "persistence")
 SIGNED: dict[str, tuple[str, ...]] = {
     "W2_negative": (*EVENTS, *BY_EVENTS, *OF_INCREMENTS, *OF_LOOPS),
     "nonaffine": (),
-    "contact_lost": EVENTS,
-    "topology": EVENTS,
+    "contact_lost": (*EVENTS, *BY_EVENTS),
+    "topology": (*EVENTS, *BY_EVENTS),
 }
-TIMES = {"packing": "packing", "own_motion": "own"}
+TIMES = {"packing": "packing", "own_motion": "own", **BY_EVENTS}
 STRAIN = ("H11", "H12", "H21", "H22")
 READ = (
     *("snapshot_before", "snapshot_after", "loop_before", "loop_after", "order", "w2"),
     *("nonaffinity", "sliding_contacts", "smallest_N", "fate", "contact_lost"),
     *("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing"),
-    *("path_w2", "path_nonaffinity", "replay_w2", "replay_nonaffinity"),
+    *("path_w2", "path_nonaffinity", "path_opening", "path_closing"),
+    *("replay_w2", "replay_nonaffinity", "replay_opening", "replay_closing"),
     *("own_w2", "own_opening", "own_closing", *STRAIN, *OF_INCREMENTS.values(), *OF_LOOPS),
 )
 # A time of 0 is as soon as can be.
@@ -117,12 +118,16 @@ def _asked(
     # A loop that did not survive the interval before came to be in it.
     new = unknown if earlier is None else np.where(np.isnan(past("w2")), 1.0, -1.0)
     opening, closing = (
-        {name: state[f"{column}_{what}"] for name, column in TIMES.items()}
+        {
+            name: state[f"{column}_{what}"]
+            for name, column in TIMES.items()
+            if f"{column}_{what}" in state
+        }
         for what in ("opening", "closing")
     )
     soon = {name: _soon(time) for name, time in opening.items()}
     yield "contact_lost", np.where(state["contact_lost"], -1.0, 1.0), soon, new
-    soon = {name: _soon(np.minimum(opening[name], closing[name])) for name in TIMES}
+    soon = {name: _soon(np.minimum(opening[name], closing[name])) for name in opening}
     yield "topology", np.where(state["fate"] == "survived", 1.0, -1.0), soon, new
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import grainloops as gl
+from studies.cli import main
 from studies.commands.common import out_or
 
 SAMPLE = str(gl.sample_path())
@@ -50,6 +51,31 @@ def test_quiet_prints_nothing_but_errors(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     failed = run("check", "grains_none.csv", "--quiet", cwd=tmp_path)
     assert failed.returncode == 2 and failed.stdout == "" and failed.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("given", "asked"),
+    [
+        (["--in-packing", "a.csv", "b.csv"], "rates"),
+        (["a.csv", "b.csv", "--in-packing"], "rates"),
+        (["--in-packing", "events", "a.csv", "b.csv"], "events"),
+        (["--in-packing=events", "a.csv", "b.csv"], "events"),
+        (["a.csv", "b.csv"], False),
+        (["--in-packing=odd", "a.csv", "b.csv"], "odd"),
+    ],
+)
+def test_in_packing_may_stand_alone(given, asked, monkeypatch):
+    """The word after it is an answer to it, or a file."""
+    seen = {}
+    monkeypatch.setattr(
+        "studies.series.run_series", lambda paths, out, **how: seen.update(how, paths=paths)
+    )
+    monkeypatch.setattr("studies.commands.series.report", lambda *_: None)
+    monkeypatch.setattr("sys.argv", ["grainloops", "series", *given])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0 and seen["in_packing"] == asked
+    assert [str(path) for path in seen["paths"]] == ["a.csv", "b.csv"]
 
 
 def test_the_version_stands_anywhere(tmp_path):

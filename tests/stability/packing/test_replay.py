@@ -10,12 +10,14 @@ import pytest
 
 from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, find_faces
 from patterns import read_snapshot, sample_path
-from stability.packing import loop_changes, replay
+from stability import Stage
+from stability.packing import follow_packing, loop_changes, replay
 from stability.packing.pairs import near_pairs
+from stability.programmes import combination, drained_biaxial, isotropic_stress, undrained
 from studies.series.increments import TrackedState, increments, track_loops
 from studies.series.plan import cells_by_number
 from studies.series.skill import skill
-from tests.packings import LAW, packing
+from tests.packings import LAW, jammed, packing
 
 COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM", "none")) / "yade-slow"
 STILL = np.zeros((2, 2))
@@ -87,6 +89,51 @@ def test_the_cell_ends_where_it_was_asked_to():
     np.testing.assert_allclose(end.cell, (np.eye(2) - H) @ graph.cell, rtol=1e-12)
 
 
+def driven(end, graph):
+    """Displacement gradient and nominal stress at the end of a replay."""
+    F = end.state.cell @ np.linalg.inv(graph.cell)
+    return np.eye(2) - F, np.linalg.det(F) * end.state.stress @ np.linalg.inv(F).T
+
+
+def test_stress_control_of_a_row_in_closed_form():
+    """Discs in a row carry `P11 = N/h22`, `N = N0 + kn H11 d`, at rest whatever the masses."""
+    d, overlap, kn = 0.99, 0.01, 2.0
+    row = GrainGraph(x=[[0, 0], [d, 0]], radii=[0.5] * 2, contacts=[[0, 1], [1, 0]],
+                     images=[[0, 0], [1, 0]], cell=np.diag([2 * d, 3.0]),
+                     normal_force=[kn * overlap] * 2)  # fmt: skip
+    stress, strain = np.diag([1.0, 0, 0, 0]), np.diag([0, 1.0, 1, 1])
+    stage = Stage(combination(stress, strain, [1e-4, 0, 0, 0]), "parameter", 3.0)
+    H, P = driven(replay(row, LinearFrictional(kn, 1.0, 0.5), stage, duration=1e3), row)
+    assert P[0, 0] == pytest.approx(kn * overlap / 3 + 3e-4, rel=1e-9)
+    assert H[0, 0] == pytest.approx(3e-4 * 3 / (kn * d), rel=1e-9)
+    assert np.abs(H.ravel()[1:]).max() == 0
+
+
+def test_a_servo_holds_what_the_path_holds():
+    """Drained: the same strain and stress as the quasi-static path, the nearer the slower."""
+    graph, quiet = jammed(16, 2), {"damping": 0.3, "viscous": 0.05}
+    stage = Stage(drained_biaxial(2, -1.0), "H22", -2e-3)
+    path = follow_packing(graph, LAW, stage, interval=2e-5)
+    assert path.status == "finished" and len(path.events) > 0
+    off = []
+    for duration in (5e3, 5e4):
+        H, P = driven(replay(graph, LAW, stage, duration=duration, **quiet), graph)
+        assert H[1, 1] == pytest.approx(-2e-3, rel=1e-11) and H[0, 1] == H[1, 0] == 0
+        assert P[0, 0] == pytest.approx(path.P[0, 0], rel=1e-5)
+        off.append(np.abs(np.array([H[0, 0], P[1, 1]]) / [path.H[-1, 0], path.P[-1, 3]] - 1).max())
+    assert off[1] < 2e-4 and off[1] < off[0]
+
+
+def test_a_servo_holds_the_area_and_drives_both_stresses():
+    graph, quiet = jammed(16, 2), {"damping": 0.3, "viscous": 0.05, "duration": 2e4}
+    H, _ = driven(replay(graph, LAW, Stage(undrained(1), "H11", 2e-3), **quiet), graph)
+    assert np.linalg.det(np.eye(2) - H) == pytest.approx(1.0, abs=1e-11)
+    start = driven(replay(graph, LAW, STILL, duration=1.0), graph)[1]
+    P = driven(replay(graph, LAW, Stage(isotropic_stress(1e-3), "parameter", 0.5), **quiet), graph)
+    for k in (0, 1):
+        assert P[1][k, k] - start[k, k] == pytest.approx(5e-4, rel=2e-3)
+
+
 @pytest.mark.parametrize("gap", [0.0, 0.1, 1.5])
 def test_pairs_are_those_of_brute_force(gap):
     graph = packing(12, seed=3)
@@ -115,6 +162,9 @@ def test_pairs_are_those_of_brute_force(gap):
         ({"mass": [1.0]}, "mass"),
         ({"damping": -1}, "damping"),
         ({"inertial_number": 0}, "inertial_number"),
+        ({"strain": Stage(isotropic_stress(), "P11", 1.0)}, "P11 at the end, expected 'parameter'"),
+        ({"strain": Stage(drained_biaxial(1), "H22", 1.0)}, "H22 at the end, expected 'parameter'"),
+        ({"strain": Stage(drained_biaxial(1), "H11", -1e-4)}, "a target that lies ahead"),
         ({"graph": pair(0.99).replace(cell=None, cell0=None, images=None)}, "periodic"),
     ],
 )

@@ -1,5 +1,6 @@
 """A series foretold by its packings: columns, targets, restarts, and the skill on real series."""
 
+import itertools
 import json
 import shutil
 from dataclasses import replace
@@ -84,7 +85,7 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
 def test_the_path_and_the_replay_foretell_beside(tmp_path):
     """One step of 2e-5, whose AUC of the path is .99 and more, of the replay .995 and more."""
     out = tmp_path / "series"
-    summary = foretell(out, PATHS[:2], by_events=True, figures=True)
+    summary = foretell(out, PATHS[:2], in_packing="events", figures=True)
     before, after = read(0), read(1)
     strain = np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
     faces = find_faces(before.graph)
@@ -98,8 +99,22 @@ def test_the_path_and_the_replay_foretell_beside(tmp_path):
     assert skill["packing"]["auc"] < skill["packing_path"]["auc"]
     far = summary["skill_of_targets"]["nonaffine"]
     assert far["packing"]["auc"] < far["packing_path"]["auc"] < far["replay"]["auc"]
-    with pytest.raises(InputError, match="--by-events: got alone"):
-        foretell(tmp_path / "other", PATHS[:2], in_packing=False, by_events=True)
+    table = pd.read_parquet(out / "skill.parquet").set_index(["target", "predictor"])
+    # A contact of the start that is open at the end has lost its loop a contact.
+    opened = end.normal_force[: before.graph.contact_count] == 0
+    assert np.array_equal(every.replay_opening < 1, lost_any(faces, opened))
+    for target in ("contact_lost", "topology"):
+        aucs = [table.auc[target, one] for one in ("packing", "packing_path", "replay")]
+        assert aucs[0] < aucs[1] and aucs[2] > 0.99
+        assert table.recall[target, "replay"] > 0.95
+    with pytest.raises(InputError, match="--in-packing: got 'path', expected False, True, rates"):
+        foretell(tmp_path / "other", PATHS[:2], in_packing="path")
+
+
+def lost_any(faces, opened):
+    """Whether each loop has one of the contacts."""
+    parts = (faces.contacts[a:b] for a, b in itertools.pairwise(faces.offsets))
+    return np.array([opened[part].any() for part in parts])[faces.loops]
 
 
 def own_strain(table):
