@@ -165,7 +165,7 @@ def replay(
         fresh = np.zeros(len(pairs) - len(motion.shear))
         motion = motion._replace(shear=np.append(motion.shear, fresh))
         grains, images = pairs.grains.astype(np.uint32), pairs.images.astype(float)
-        wraps = images.any(axis=1)
+        wraps = np.asarray(images.any(axis=1))
         discs = Discs(radii, 1.0 / masses, 1.0 / inertias, grains, images, wraps, *pairs[2:])
         if done == 0:
             moment = contact_forces(motion, discs, 0.0, by_radii, servo.on)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +23,16 @@ from stability.packing.state import PackingState
 from stability.programmes import Programme, Stage
 from stability.subspaces import subspace_basis
 
+Follow = Callable[[Sequence[Stage]], Sequence[PackingPath]]
+
 
 def probe_to(
-    found: Probe, graph: GrainGraph, law: ContactLaw, faces: Faces, amplitude: float
+    found: Probe,
+    graph: GrainGraph,
+    law: ContactLaw,
+    faces: Faces,
+    amplitude: float,
+    follow: Follow | None = None,
 ) -> Probe:
     """The probe with each direction followed by events until what is driven has grown so much.
 
@@ -36,6 +44,9 @@ def probe_to(
         What it was made of; periodic, under `LinearFrictional`.
     amplitude : float
         Strain, or stress under stress control.
+    follow : callable, optional
+        Who follows the stages, one a direction, and gives their paths in order; `follow_packing`
+        one after the other if left out.
 
     Returns
     -------
@@ -53,10 +64,11 @@ def probe_to(
     checked = require_replayable(graph, law)
     number("amplitude", amplitude, 0.0, open_low=True)
     pairs = contact_pairs(graph, checked)
-    paths = [
-        follow_packing(graph, law, _stage(found, direction, amplitude))
-        for direction in found.directions
-    ]
+    stages = [_stage(found, direction, amplitude) for direction in found.directions]
+    if follow is None:
+        paths: Sequence[PackingPath] = [follow_packing(graph, law, stage) for stage in stages]
+    else:
+        paths = follow(stages)
     done = np.array([path.status == "finished" for path in paths])
     strain, stress = (
         _of_finished(done, [(values[-1] - values[0]) / amplitude for values in parts])

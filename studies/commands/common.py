@@ -31,6 +31,13 @@ NoFigures = Annotated[
 YieldBand = Annotated[
     float, typer.Option(help="Contacts from this share of their strength on may slide.")
 ]
+Workers = Annotated[
+    int | None, typer.Option(help="Processes on this machine; by default one a core.")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work."),
+]
 # What commands ask of a snapshot to be read, as `read_planar` names it.
 READING: dict[str, Any] = {
     "contacts": Annotated[

@@ -37,6 +37,9 @@ def evolve(
         typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
     ] = None,
     no_figures: NoFigures = False,
+    animation: Annotated[
+        bool, typer.Option("--animation", help="Draw the loops' work row by row, as a GIF.")
+    ] = False,
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
@@ -59,6 +62,7 @@ def evolve(
         force=force,
         csv=csv,
         figures=not no_figures,
+        animation=animation,
         **how,
     )
     report(summary, out, json, _evolve_lines)

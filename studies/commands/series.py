@@ -8,7 +8,18 @@ from typing import Annotated, Any
 import typer
 
 from studies.commands import common
-from studies.commands.common import Csv, Json, Out, YieldBand, out_or, reads, report, shown
+from studies.commands.common import (
+    Csv,
+    Json,
+    Out,
+    Scheduler,
+    Workers,
+    YieldBand,
+    out_or,
+    reads,
+    report,
+    shown,
+)
 
 # So many notes are printed, and so much of the reason why a snapshot was skipped.
 NOTES, LONGEST = 8, 300
@@ -44,13 +55,8 @@ def series(
         typer.Argument(help="Files of the snapshots, in order; all of a file with several."),
     ],
     out: Out = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes on this machine; by default one a core.")
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work."),
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     cells: Annotated[
         Path | None,
         typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),

@@ -5,19 +5,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from loops import Faces
+from loops.arrays import Floats
 from patterns import Snapshot
+from studies.series.animation import write_animation
 from studies.snapshot.figures import Drawing
 from studies.snapshot.loop_map import draw_values, loop_drawer
-from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, save_figure, styled
+from studies.style import (
+    BLUE,
+    DIVERGING,
+    GREY,
+    TWO_COLUMNS,
+    VERMILION,
+    new_figure,
+    save_figure,
+    styled,
+)
 
 _STRESS = (
-    "Nominal stress and change of volume over {driven}, along the path; rings: the DEM's own next "
+    "Changes of nominal stress and of volume over {driven}, along the path; rings: the DEM's own next "
     "states, where given; ticks on the lower edge: instabilities. {said}"
 )
+CHANGE = "change of nominal stress (force/length)"
 _MAP = (
     "Second-order work W2 of every loop from the start to the end of the path, over the mean kn "
     "(left), and the value of {driven} at the first row where it is negative (right; white: never)."
@@ -52,6 +66,10 @@ def draw_figures(
     return [(one.title, one.caption, folder / f"{one.name}.png") for one in drawings]
 
 
+def _told(name: str, start: float) -> str:
+    return f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
+
+
 @styled()
 def stress_strain(tables: dict[str, Any], driven: str) -> Figure:
     """Both normal stresses and the volume along the path, the DEM's beside."""
@@ -59,15 +77,15 @@ def stress_strain(tables: dict[str, Any], driven: str) -> Figure:
     figure = new_figure(TWO_COLUMNS, 2.7)
     stress, volume = figure.subplots(1, 2)
     for name, colour, style in (("P11", BLUE, "-"), ("P22", VERMILION, "--")):
-        stress.plot(
-            path["driven"], path[name], style, color=colour, label=f"${name[0]}_{{{name[1:]}}}$"
-        )
+        start = path[name][0]
+        label = _told(name, start)
+        stress.plot(path["driven"], path[name] - start, style, color=colour, label=label)
     volume.plot(path["driven"], path["H11"] + path["H22"], color=BLUE, label="path")
     if dem is not None:
         at = dem[driven] - (path[driven][0] if driven[0] == "P" else 0.0)
         ring: dict[str, Any] = {"linestyle": "none", "marker": "o", "fillstyle": "none"}
-        stress.plot(at, dem["P11"], color=BLUE, label="DEM", **ring)
-        stress.plot(at, dem["P22"], color=VERMILION, **ring)
+        stress.plot(at, dem["P11"] - path["P11"][0], color=BLUE, label="DEM", **ring)
+        stress.plot(at, dem["P22"] - path["P22"][0], color=VERMILION, **ring)
         volume.plot(at, dem["H11"] + dem["H22"], color=BLUE, label="DEM", **ring)
     unstable = events["driven"][events["kind"] == "instability"]
     stress.plot(
@@ -75,12 +93,45 @@ def stress_strain(tables: dict[str, Any], driven: str) -> Figure:
         transform=stress.get_xaxis_transform(), clip_on=False,
     )  # fmt: skip
     label = f"$\\Delta {driven[0]}_{{{driven[1:]}}}$"
-    stress.set(xlabel=label, ylabel="nominal stress (force/length)")
+    stress.set(xlabel=label, ylabel=CHANGE)
     volume.set(xlabel=label, ylabel=r"$H_{11} + H_{22}$")
     for ax in (stress, volume):
         ax.ticklabel_format(axis="x", scilimits=(-3, 3))
         ax.legend()
     return figure
+
+
+@styled()
+def animate_path(
+    snapshot: Snapshot,
+    faces: Faces,
+    works: Floats,
+    path: dict[str, Any],
+    summary: dict[str, Any],
+    folder: Path,
+) -> list[str]:
+    """The loops' normalised work since the start, (rows, loops), row by row beside the stresses."""
+    figure, driven = new_figure(TWO_COLUMNS, 3.4), path["driven"]
+    left, right = figure.subplots(1, 2)
+    scale = Normalize(-1.0, 1.0)
+    loops = loop_drawer(snapshot, faces)(left, works[0], mpl.colormaps[DIVERGING], scale)
+    figure.colorbar(loops, ax=left, shrink=0.75, label="normalised $W_2$ since the start")
+    rings = []
+    for name, colour in (("P11", BLUE), ("P22", VERMILION)):
+        start = path[name][0]
+        right.plot(driven, path[name] - start, color=colour, label=_told(name, start))
+        rings += right.plot([0.0], [0.0], "o", color=colour)
+    label = summary["driven"]
+    right.set(xlabel=f"$\\Delta {label[0]}_{{{label[1:]}}}$", ylabel=CHANGE)
+    right.ticklabel_format(axis="x", scilimits=(-3, 3))
+    right.legend()
+
+    def show(row: int) -> None:
+        loops.set_array(works[row])
+        for ring, name in zip(rings, ("P11", "P22"), strict=True):
+            ring.set_data([driven[row]], [path[name][row] - path[name][0]])
+
+    return write_animation(folder, figure, map(show, range(1, len(works))), summary["provenance"])
 
 
 @styled()

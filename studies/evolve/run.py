@@ -61,6 +61,7 @@ def run_evolve(
     force: bool = False,
     csv: bool = False,
     figures: bool = True,
+    animation: bool = False,
     **how: Any,
 ) -> dict[str, Any]:
     """Follow the first snapshot, write tables, figures and a report; the summary.
@@ -100,6 +101,12 @@ def run_evolve(
         for name, columns in tables.items():
             write_table(folder, name, columns, made, csv=csv)
         write_summary(folder, summary)
+        if animation:
+            from studies.evolve.figures import animate_path
+
+            # Nothing has moved at the start.
+            works = [0.0 * tables["loops"]["area"], *(one.normalised_work for one in changes)]
+            animate_path(snapshot, faces, np.array(works), tables["path"], summary, folder)
         if figures:
             _draw(snapshot, faces, tables, summary, folder, first.name)
     return summary

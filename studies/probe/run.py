@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import Faces
+from loops import Faces, GrainGraph, InputError
+from loops.laws import ContactLaw
 from patterns import Snapshot
-from stability import COMPONENTS
-from stability.packing import Probe
+from stability import COMPONENTS, Stage
+from stability.packing import PackingPath, Probe, follow_packing
 from stability.packing.pieces import Driven, Subspace
 from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
 from studies.output import provenance, readable, result_folder, write_summary, write_table
+from studies.series.tasks import one_blas_thread
+from studies.series.workers import open_runner
 from studies.snapshot.edge import sample_edge
 from studies.snapshot.source import read_planar, reading
 
@@ -70,6 +76,8 @@ def run_probe(
     subspace: Subspace = "diagonal",
     yield_band: float = 0.99,
     amplitude: float | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
     force: bool = False,
     csv: bool = False,
     figures: bool = True,
@@ -77,8 +85,12 @@ def run_probe(
 ) -> dict[str, Any]:
     """Probe a snapshot, write tables, figures and a report; the summary.
 
-    It is read with the options `how` of `read_planar`.
+    It is read with the options `how` of `read_planar`. Directions that are followed to an amplitude
+    are shared by so many processes, one a core if left out, or by the workers of a Dask scheduler.
     """
+    if amplitude is None and (workers is not None or scheduler is not None):
+        which, remedy = "--workers, --scheduler", "Give --amplitude, or leave them out."
+        raise InputError(which, "rates alone", "directions to follow", remedy)
     asked: dict[str, Any] = {
         "directions": directions,
         "control": control,
@@ -91,7 +103,9 @@ def run_probe(
         edge = sample_edge(snapshot, faces, yield_band)
         found = probe_edge(edge, directions, control, subspace, faces)
         if amplitude is not None:
-            found = probe_to(found, snapshot.graph, snapshot.mechanics()[0], faces, amplitude)
+            follow = partial(_followed, snapshot, workers, scheduler)
+            law = snapshot.mechanics()[0]
+            found = probe_to(found, snapshot.graph, law, faces, amplitude, follow)
         made = provenance("probe", {"path": path, **reading(**how), **asked}, UNITS)
         summary = probe_summary(snapshot, found) | asked | {"provenance": made}
         tables = {
@@ -106,6 +120,36 @@ def run_probe(
         if figures:
             _draw(snapshot, faces, found, tables["loops"], summary, folder)
     return summary
+
+
+@dataclass(frozen=True, eq=False)
+class _Direction:
+    """What a worker needs to follow one direction."""
+
+    number: int
+    graph: GrainGraph
+    law: ContactLaw
+    stage: Stage
+
+    @property
+    def name(self) -> str:
+        return f"direction {self.number}"
+
+
+def _follow(one: _Direction) -> tuple[int, PackingPath]:
+    with one_blas_thread():
+        return one.number, follow_packing(one.graph, one.law, one.stage)
+
+
+def _followed(
+    snapshot: Snapshot, workers: int | None, scheduler: str | None, stages: Sequence[Stage]
+) -> list[PackingPath]:
+    """Paths of all directions, whoever follows which: the same numbers."""
+    graph, (law, _) = snapshot.graph, snapshot.mechanics()
+    tasks = [_Direction(number, graph, law, stage) for number, stage in enumerate(stages)]
+    with open_runner(workers, scheduler, []) as runner:
+        found = dict(runner(_follow, tasks))
+    return [found[number] for number in range(len(stages))]
 
 
 def direction_table(found: Probe) -> Columns:

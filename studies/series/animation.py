@@ -49,22 +49,30 @@ def picked_snapshots(count: int, most: int = MOST) -> list[int]:
 def animate_series(
     folder: Path, pictures: Iterable[Picture], source: Mapping[str, Any]
 ) -> list[str]:
-    """Write `animation.gif`, and `animation.mp4` where the program ffmpeg is at hand.
+    """The animation of a series, one snapshot in memory at a time.
 
-    Frames are drawn as they come, one snapshot in memory at a time. Colours keep their meaning,
-    those of the eigenvalues from the first frame on.
+    Colours keep their meaning, those of the eigenvalues from the first frame on.
     """
     drawn = iter(pictures)
     scene = _Scene(next(drawn))
+    return write_animation(folder, scene.figure, map(scene.show, drawn), source)
+
+
+def write_animation(
+    folder: Path, figure: Figure, changes: Iterable[None], source: Mapping[str, Any]
+) -> list[str]:
+    """Write `animation.gif`, and `animation.mp4` where the program ffmpeg is at hand.
+
+    The first frame is the figure as it is, another one follows each of the changes to it.
+    """
     partial = {folder / f".partial-{name}": folder / name for name in _names()}
     try:
         with ExitStack() as stack:
             writers = [_writer(path, source) for path in partial]
             for path, writer in zip(partial, writers, strict=True):
-                stack.enter_context(writer.saving(scene.figure, str(path), DPI))
+                stack.enter_context(writer.saving(figure, str(path), DPI))
             _grab(writers)
-            for frame in drawn:
-                scene.show(frame)
+            for _ in changes:
                 _grab(writers)
         for path, final in partial.items():
             os.replace(path, final)

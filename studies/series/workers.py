@@ -36,8 +36,8 @@ class Runner(Protocol):
     """Calls a function with each task, and gives the answers as they come."""
 
     def __call__(
-        self, function: Callable[[Any], Failure | None], tasks: Sequence[Any]
-    ) -> Generator[Failure | None]:
+        self, function: Callable[[Any], Answer], tasks: Sequence[Any]
+    ) -> Generator[Answer]:
         """Answers in any order."""
         ...
 

@@ -1,10 +1,12 @@
 """`grainloops evolve`: its tables against the numerics and the DEM, and what it refuses."""
 
+import itertools
 import json
 
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from loops import InputError, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
@@ -12,6 +14,7 @@ from stability import Stage, programmes
 from stability.packing import follow_packing, loop_changes
 from studies.evolve import run_evolve
 from studies.evolve.run import stage_of
+from studies.output import as_json
 from tests.packings import LAW, jammed
 from tests.studies.probe.test_run import plain
 from tests.studies.snapshot.test_run import run
@@ -114,6 +117,20 @@ def test_where_and_why_a_path_ends_is_one_sentence(small, tmp_path, monkeypatch,
     assert first == (
         f"{summary['status']} at H11 = {summary['reached']:.4g} of 0.2: {summary['message']}"
     )
+
+
+def test_an_animation_has_a_frame_a_row(small, tmp_path):
+    """A file of its own, small, with its provenance; the frames differ."""
+    out = tmp_path / "out"
+    how = {"to": 1e-3, "rows": 3, "interval": 5e-5, "figures": False, "animation": True}
+    summary = run_evolve([small[0]], out, **how)
+    with Image.open(out / "animation.gif") as gif:
+        assert gif.n_frames == 4 and json.loads(gif.info["comment"]) == json.loads(
+            as_json(summary["provenance"])
+        )
+        frames = [gif.seek(k) or np.array(gif.convert("RGB")) for k in range(4)]
+    assert all((one != other).any() for one, other in itertools.pairwise(frames))
+    assert (out / "animation.gif").stat().st_size < 3e5
 
 
 @pytest.mark.parametrize("programme", ["drained", "isotropic", "isotropic-stress", "undrained"])

@@ -130,6 +130,25 @@ def test_by_events_probes_come_to_yades(tmp_path):
     assert np.allclose(grouped["W2"].sum(), table["W2"], rtol=1e-10)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("control", ["strain", "stress"])
+def test_directions_in_processes_give_the_same_bytes(tmp_path, control):
+    for workers in (1, 2, 3):
+        run_probe(
+            SLOW, tmp_path / str(workers), cell=CELL, shear_increment="radii", directions=5,
+            control=control, amplitude={"strain": 5e-6, "stress": 1.0}[control],
+            workers=workers, figures=False,
+        )  # fmt: skip
+    alone, *others = (
+        [
+            (tmp_path / str(n) / f"{name}.parquet").read_bytes()
+            for name in ("probe", "orders", "loops")
+        ]
+        for n in (1, 2, 3)
+    )
+    assert all(one == alone for one in others)
+
+
 def test_stress_on_the_sphere_has_no_cones_but_a_share(tmp_path):
     cell, how = CELL, {"shear_increment": "radii", "figures": False}
     summary = run_probe(SLOW, tmp_path / "out", cell=cell, directions=9, control="strain",
@@ -174,6 +193,9 @@ def test_walls_drive_a_box_and_a_held_outline_stiffens_it(tmp_path):
         (["--directions", "0"], "directions: got 0, expected a whole number, 1 or more"),
         (["--subspace", "full"], "subspace: got 'full', expected 'diagonal' or 'symmetric'"),
         (["--control", "both"], "control: got 'both', expected 'strain' or 'stress'"),
+        (["--workers", "2"], "--workers, --scheduler: got rates alone"),
+        (["--amplitude", "0"], "amplitude: got 0"),
+        (["--amplitude", "-1e-5"], "amplitude: got -1e-05"),
         (["--amplitude", "1e-5"], "packing: got no cell, expected a periodic packing"),
         (["--yield-band", "1.5"], "yield_band: got 1.5, expected a share in (0, 1]"),
     ],

@@ -16,6 +16,7 @@ import studies
 from loops import InputError
 from patterns import sample_path
 from studies.output import code_version
+from studies.probe import run_probe
 from studies.series import cluster
 from tests.studies.series.test_run import (
     command,
@@ -104,6 +105,24 @@ def test_the_packing_foretells_the_same_on_a_cluster(tmp_path, scheduler, worker
     how = {"cells": cells, "shear_increment": "radii", "in_packing": True}
     run(paths, tmp_path / "alone", **how)
     assert contents(out) == contents(tmp_path / "alone")
+
+
+@pytest.mark.slow
+def test_paths_are_the_same_on_a_cluster(tmp_path, scheduler, workers):
+    """Intervals of a series and directions of a probe, byte for byte."""
+    cells = sample_path("slow/cells.csv")
+    paths = sorted(cells.parent.glob("grains_*.parquet"))[:2]
+    how = {"cells": cells, "shear_increment": "radii", "in_packing": "events"}
+    run(paths, tmp_path / "alone", workers=1, **how)
+    run(paths, tmp_path / "out", scheduler=scheduler[1], **how)
+    assert contents(tmp_path / "out") == contents(tmp_path / "alone")
+    cell = (0.914723458490276, 0.0, 0.0, 0.897826511170329)
+    how = {"cell": cell, "shear_increment": "radii", "directions": 4, "amplitude": 5e-6}
+    run_probe(paths[0], tmp_path / "one", workers=1, figures=False, **how)
+    run_probe(paths[0], tmp_path / "two", scheduler=scheduler[1], figures=False, **how)
+    for name in ("probe", "orders", "loops"):
+        one, two = (tmp_path / which / f"{name}.parquet" for which in ("one", "two"))
+        assert one.read_bytes() == two.read_bytes()
 
 
 @pytest.mark.slow
