@@ -28,7 +28,7 @@ from studies.style import (
 )
 
 _STRESS = (
-    "Changes of nominal stress and of volume over {driven}, along the path; rings: the DEM's own next "
+    "Changes of nominal stress and volume over {driven}, along the path; rings: the DEM's own next "
     "states, where given; ticks on the lower edge: instabilities. {said}"
 )
 CHANGE = "change of nominal stress (force/length)"

@@ -15,6 +15,7 @@ from loops import Faces, GrainGraph, InputError
 from loops.laws import ContactLaw
 from patterns import Snapshot
 from stability import COMPONENTS, Stage
+from stability.arguments import number
 from stability.packing import PackingPath, Probe, follow_packing
 from stability.packing.pieces import Driven, Subspace
 from stability.packing.probe import probe_edge
@@ -88,7 +89,9 @@ def run_probe(
     It is read with the options `how` of `read_planar`. Directions that are followed to an amplitude
     are shared by so many processes, one a core if left out, or by the workers of a Dask scheduler.
     """
-    if amplitude is None and (workers is not None or scheduler is not None):
+    if amplitude is not None:
+        number("amplitude", amplitude, 0.0, open_low=True)
+    elif workers is not None or scheduler is not None:
         which, remedy = "--workers, --scheduler", "Give --amplitude, or leave them out."
         raise InputError(which, "rates alone", "directions to follow", remedy)
     asked: dict[str, Any] = {
@@ -146,10 +149,10 @@ def _followed(
 ) -> list[PackingPath]:
     """Paths of all directions, whoever follows which: the same numbers."""
     graph, (law, _) = snapshot.graph, snapshot.mechanics()
-    tasks = [_Direction(number, graph, law, stage) for number, stage in enumerate(stages)]
+    tasks = [_Direction(k, graph, law, stage) for k, stage in enumerate(stages)]
     with open_runner(workers, scheduler, []) as runner:
         found = dict(runner(_follow, tasks))
-    return [found[number] for number in range(len(stages))]
+    return [found[k] for k in range(len(stages))]
 
 
 def direction_table(found: Probe) -> Columns:

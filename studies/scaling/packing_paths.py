@@ -1,0 +1,328 @@
+"""Paths of packings by events, beside their replay and a DEM code: skill, probes, rates, growth.
+
+`python -m studies.scaling.packing_paths WHAT --out DIR [--collection DIR]`, where WHAT is
+
+- `skill`: AUC of every predictor over the strain of a step (Yade's slow compression, `yade-slow` of
+  the collection of DEM samples);
+- `probes`: a path against replays at three rates and against Yade, over the amplitude;
+- `rates`: replays of steps of the sample series at four rates, against path and Yade;
+- `growth`: time of an event and of a replay, and memory, over the number of grains.
+
+Times are the processor's.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+import typer
+from matplotlib.figure import Figure
+
+from loops import GrainGraph, InputError, LinearFrictional, find_faces
+from loops.arrays import Floats
+from patterns import Snapshot, read_snapshot
+from stability import Programme, Stage
+from stability.packing import follow_packing, loop_changes, replay
+from studies.examples.probing import STRESS, state
+from studies.output import provenance, result_folder, write_table
+from studies.scaling.in_place import replicated
+from studies.scaling.measure import MB, _peak, _reset_peak, _timed
+from studies.series import run_series
+from studies.series.increments import TrackedState, increments, track_loops
+from studies.series.plan import cells_by_number
+from studies.series.skill import skill
+from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
+
+Rows = list[dict[str, Any]]
+# Strain of a step, and the snapshots of yade-slow that are so far apart.
+STEPS: dict[float, range] = {
+    2e-5: range(2, 23), 1e-4: range(22, 33), 2e-4: range(22, 33, 2), 5e-4: range(22, 33, 5),
+    1e-3: range(32, 37),
+}  # fmt: skip
+SHOWN = ("replay", "packing_path", "packing", "persistence", "traction_free", "order")
+TARGETS = {
+    "W2_negative": "$W_2 < 0$",
+    "nonaffine": "least affine tenth",
+    "contact_lost": "contact lost",
+    "topology": "topology changed",
+}
+# Inertial numbers: Yade's probes were made at 2e-6.
+PROBED, RATES = (2e-5, 2e-6, 2e-7), (2e-5, 2e-6, 2e-7, 2e-8)
+TIMES = (1, 2, 4)
+# Shear forces of the copies are less by up to so much: copies that agree would act as one.
+NOISE = 0.01
+UNITS = "seconds of the processor, MB = 2^20 bytes, strain, shares"
+
+
+def by_step(collection: Path) -> Rows:
+    """AUC of each predictor for each target, means over the steps weighted by loops."""
+    rows: Rows = []
+    for step, numbers in STEPS.items():
+        paths = [collection / f"yade-slow/grains_{number:02d}.parquet" for number in numbers]
+        with TemporaryDirectory() as folder:
+            summary = run_series(
+                paths, Path(folder) / "out", cells=collection / "yade-slow/macro.csv", workers=1,
+                shear_increment="radii", in_packing="events", figures=False,
+            )  # fmt: skip
+        found = {"W2_negative": summary["skill"]} | summary["skill_of_targets"]
+        for target, skills in found.items():
+            for name, row in skills.items():
+                numbers_of = {key: row.get(key) for key in ("auc", "auc_min", "auc_max", "base")}
+                place = {"step": step, "steps": len(paths) - 1, "target": target, "predictor": name}
+                rows.append(place | numbers_of | {"loops": row["loops"]})
+    return rows
+
+
+@styled()
+def skill_figure(rows: Rows) -> Figure:
+    """AUC over the strain of a step, a panel a target."""
+    table = pd.DataFrame(rows)
+    figure = new_figure(TWO_COLUMNS, 2.6)
+    panels = figure.subplots(1, len(TARGETS), sharey=True)
+    for ax, (target, title) in zip(panels, TARGETS.items(), strict=True):
+        for name, colour, mark in zip(SHOWN, LINE_COLOURS, "os^vDP", strict=False):
+            own = table[(table.target == target) & (table.predictor == name)]
+            ax.semilogx(own.step, own.auc, f"{mark}-", color=colour, label=name, markersize=3)
+        ax.axhline(0.5, color="0.7", linewidth=0.8)
+        ax.set(title=title, xlabel="axial strain of a step")
+    panels[0].set_ylabel("AUC")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    return figure
+
+
+def strained(H: Floats, parameter: float = 1.0) -> Stage:
+    """A displacement gradient prescribed."""
+    given = Programme("strain", np.zeros((4, 4)), np.eye(4), np.ravel(H))
+    return Stage(given, "parameter", parameter)
+
+
+def probed(name: str) -> Iterator[dict[str, Any]]:
+    """Increments of stress along Yade's directions: by path, by replays, by Yade; errors."""
+    snapshot, measured = state(name)
+    # One spring for all contacts, those to come too.
+    own = snapshot.mechanics()[0]
+    law = LinearFrictional(*(float(np.median(k)) for k in (own.kn, own.kt, own.mu)), "radii")
+    amplitudes = np.sort(measured["amplitude"].unique())
+    for theta, rows in measured.sort_values("amplitude").groupby("theta_deg"):
+        # Axial strains are counted from the start of the probe.
+        direction = np.diag([np.cos(np.radians(theta)), np.sin(np.radians(theta))])
+        stages = [strained(direction, step) for step in np.diff(amplitudes, prepend=0.0)]
+        path, spent = _spent(follow_packing, snapshot.graph, law, stages, instabilities=1000)
+        if path.status != "finished":
+            continue
+        stress = np.array([one.stress for one in path.states])
+        moves = {"path": stress[1:] - stress[0]}
+        moves["yade"] = rows[STRESS].to_numpy(float).reshape(-1, 2, 2)
+        for rate in PROBED:
+            stresses = replayed(snapshot.graph, law, direction, amplitudes, rate)
+            moves[f"replay {rate:g}"] = stresses - stress[0]
+        for k, amplitude in enumerate(amplitudes):
+            size = np.linalg.norm(moves["path"][k])
+            for other in list(moves)[1:]:
+                error = np.linalg.norm(moves["path"][k] - moves[other][k])
+                error /= np.linalg.norm(moves[other][k])
+                yield {
+                    "state": name, "theta_deg": theta, "amplitude": amplitude, "against": other,
+                    "error": error, "increment": size, "events": len(path.events),
+                    "cpu_seconds": spent,
+                }  # fmt: skip
+
+
+def replayed(
+    graph: GrainGraph, law: LinearFrictional, direction: Floats, amplitudes: Floats, rate: float
+) -> Floats:
+    """Stresses at the amplitudes of one replay from rest."""
+    first, stresses = np.array(graph.cell), []
+    pace, going = 0.0, dict[str, Any]()
+    for amplitude, before in zip(amplitudes, [0.0, *amplitudes[:-1]], strict=True):
+        after = (np.eye(2) - amplitude * direction) @ first
+        H = np.eye(2) - after @ np.linalg.inv(np.array(graph.cell))
+        # The rate is that of the strain, whatever the pressure has become.
+        if not going:
+            end = replay(graph, law, H, inertial_number=rate)
+            pace = end.duration / amplitude
+        else:
+            end = replay(graph, law, H, duration=pace * (amplitude - before), **going)
+        graph, going = end.state.graph(), {"velocity": end.velocity, "spin": end.spin}
+        stresses.append(end.state.stress)
+    return np.array(stresses)
+
+
+@styled()
+def probes_figure(rows: Rows) -> Figure:
+    """Errors over the amplitude: median and 90 % of the directions."""
+    table = pd.DataFrame(rows)
+    names = {"yade": "Yade, 2e-6"} | {f"replay {rate:g}": f"replay, {rate:g}" for rate in PROBED}
+    states = list(table.state.unique())
+    figure = new_figure(TWO_COLUMNS, 3.0)
+    panels = figure.subplots(1, len(states), sharey=True, squeeze=False)[0]
+    for ax, where in zip(panels, states, strict=True):
+        for (against, label), colour in zip(names.items(), LINE_COLOURS, strict=False):
+            own = table[(table.state == where) & (table.against == against)]
+            error = 100 * own.groupby("amplitude")["error"].quantile([0.5, 0.9]).unstack()
+            ax.loglog(error.index, error[0.5], "o-", color=colour, label=label, markersize=3)
+            ax.loglog(error.index, error[0.9], ":", color=colour)
+        ax.set(title=f"{where} the peak", xlabel="amplitude of the probe")
+    panels[0].set_ylabel("path against it: error of the\nstress increment (%), dotted: 90 %")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def by_rate(collection: Path) -> Iterator[dict[str, Any]]:
+    """Replays of three steps of 2e-5 from rest, at four rates, against path and Yade."""
+    cells = cells_by_number(collection / "yade-slow/macro.csv")
+    for number in (6, 10, 16):
+        one, two = (_slow(collection, cells, k) for k in (number, number + 1))
+        faces, H, law = find_faces(one.graph), _strain(one, two), one.mechanics()[0]
+        path = follow_packing(one.graph, law, strained(H), instabilities=1000)
+        start, count = path.states[0].forces[: one.graph.contact_count], one.graph.contact_count
+        wanted = path.states[-1].forces[:count]
+        told = loop_changes(one.graph, path.states[-1], faces).normalised_work
+        row = {"step": number, "events": len(path.events)}
+        yield row | {"rate": 0.0, "auc": _auc(one, two, told)}
+        for rate in RATES:
+            end, spent = _spent(replay, one.graph, law, H, inertial_number=rate)
+            forces = end.state.forces[:count]
+            work = loop_changes(one.graph, end.state, faces).normalised_work
+            signs = np.isfinite(work) & np.isfinite(told)
+            yield row | {
+                "rate": rate, "steps": end.steps, "cpu_seconds": spent,
+                "unbalanced": end.unbalanced,
+                "from_path": np.linalg.norm(forces - wanted) / np.linalg.norm(wanted - start),
+                "signs_of_path": float(np.mean((work < 0)[signs] == (told < 0)[signs])),
+                "auc": _auc(one, two, work),
+            }  # fmt: skip
+
+
+@styled()
+def rates_figure(rows: Rows) -> Figure:
+    """Distance from the path over the rate, and skill at foretelling Yade."""
+    table = pd.DataFrame(rows)
+    figure = new_figure(TWO_COLUMNS, 2.6)
+    left, right = figure.subplots(1, 2)
+    for (number, own), colour in zip(table.groupby("step"), LINE_COLOURS, strict=False):
+        moving, still = own[own.rate > 0], own[own.rate == 0]
+        label = f"snapshots {number} to {number + 1}"
+        left.loglog(moving.rate, moving.from_path, "o-", color=colour, label=label)
+        right.semilogx(moving.rate, moving.auc, "o-", color=colour)
+        right.axhline(still.auc.iloc[0], color=colour, linestyle="--", linewidth=0.8)
+    left.set(
+        xlabel="inertial number of the replay",
+        ylabel="forces: distance from the path\nover what the path changes",
+    )
+    right.set(xlabel=left.get_xlabel(), ylabel="AUC for Yade's $W_2 < 0$\n(dashed: path)")
+    left.legend()
+    return figure
+
+
+def grown(times: int) -> dict[str, Any]:
+    """Time and memory of a path to 1e-5 and of 200 steps of a replay, at one size."""
+    graph, law = replicated(times, sliding=False)
+    rng = np.random.default_rng(1)
+    less = 1.0 - NOISE * rng.random(graph.contact_count)
+    graph = graph.replace(shear_force=graph.shear_force * less, regime=None)
+    H = 1e-5 * np.diag([-1.33, 1.0]) / np.hypot(1.33, 1.0)
+    # Loads what is compiled.
+    small = replicated(1, sliding=False)
+    replay(*small, 1e-3 * H, duration=10.0, time_step=1.0, mass=small[1].kn[0] * np.ones(2000))
+    row: dict[str, Any] = {"grains": graph.grain_count, "contacts": graph.contact_count}
+    mass = np.full(graph.grain_count, float(law.kn[0]))
+    for name, steps in (("replay", 200), ("replay twice", 400)):
+        before = _reset_peak()
+        how = {"duration": steps * 0.3, "time_step": 0.3, "mass": mass}
+        _, row[f"{name} seconds"] = _spent(replay, graph, law, H, **how)
+        row["replay_mb"] = (_peak() - before) / MB
+    row["step_ms"] = 5.0 * (row.pop("replay twice seconds") - row.pop("replay seconds"))
+    before = _reset_peak()
+    path, spent = _spent(follow_packing, graph, law, strained(H), instabilities=10**6)
+    unstable = len({event.contacts for event in path.of_kind("instability")})
+    return row | {
+        "path_mb": (_peak() - before) / MB, "path_seconds": spent, "events": len(path.events),
+        "event_ms": 1e3 * spent / max(len(path.events), 1), "intervals": path.intervals,
+        "unstable": unstable, "status": path.status,
+    }  # fmt: skip
+
+
+def growth() -> Iterator[dict[str, Any]]:
+    """Each size in a process of its own."""
+    for times in TIMES:
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            yield pool.apply(grown, (times,))
+
+
+@styled()
+def growth_figure(rows: Rows) -> Figure:
+    """Times and memory over the number of grains."""
+    table = pd.DataFrame(rows)
+    figure = new_figure(TWO_COLUMNS, 2.6)
+    times, memory = figure.subplots(1, 2)
+    shown = {"event_ms": "path: an event", "step_ms": "replay: a step"}
+    for (name, label), colour in zip(shown.items(), LINE_COLOURS, strict=False):
+        times.loglog(table.grains, table[name], "o-", color=colour, label=label)
+    for name, colour in zip(("path", "replay"), LINE_COLOURS, strict=False):
+        memory.loglog(table.grains, table[f"{name}_mb"], "o-", color=colour, label=name)
+    times.set(xlabel="number of grains", ylabel="processor time (ms)")
+    memory.set(xlabel="number of grains", ylabel="memory (MB)")
+    for ax in (times, memory):
+        ax.legend()
+    return figure
+
+
+def _spent(work: Callable[..., Any], *given: Any, **options: Any) -> tuple[Any, float]:
+    found: list[Any] = []
+    _, cpu = _timed(lambda: found.append(work(*given, **options)))
+    return found[0], cpu
+
+
+def _slow(collection: Path, cells: dict[int, Any], number: int) -> Snapshot:
+    path = collection / f"yade-slow/grains_{number:02d}.parquet"
+    return read_snapshot(path, cell=np.reshape(cells[number], (2, 2)), shear_increment="radii")
+
+
+def _strain(one: Snapshot, two: Snapshot) -> Floats:
+    return np.eye(2) - np.array(two.graph.cell) @ np.linalg.inv(np.array(one.graph.cell))
+
+
+def _auc(one: Snapshot, two: Snapshot, work: Floats) -> float:
+    before, after = (TrackedState(s, find_faces(s.graph)) for s in (one, two))
+    table = increments(before, after, track_loops(before, after))
+    actual = np.full(len(work), np.nan)
+    actual[table["loop_before"]] = table["w2"]
+    return float(skill(-work, actual, signed=True)["auc"])
+
+
+STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure]]] = {
+    "skill": (by_step, skill_figure),
+    "probes": (lambda _: chain(*map(probed, ("before", "after"))), probes_figure),
+    "rates": (by_rate, rates_figure),
+    "growth": (lambda _: growth(), growth_figure),
+}
+
+
+def main(
+    what: Annotated[str, typer.Argument(help=f"{', '.join(STUDIES)}.")],
+    out: Annotated[Path, typer.Option(help="Result folder.")],
+    collection: Annotated[Path, typer.Option(help="The DEM samples.")] = Path("dem"),
+    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+) -> None:
+    """Measure; write the table and the figure."""
+    if what not in STUDIES:
+        raise InputError("WHAT", repr(what), f"one of {', '.join(STUDIES)}", "Name one of them.")
+    measure, draw = STUDIES[what]
+    with result_folder(out, force=force) as folder:
+        rows = list(measure(collection))
+        made = provenance("packing-paths study", {"what": what}, UNITS)
+        table = pd.DataFrame(rows)
+        write_table(folder, what, {name: table[name].to_numpy() for name in table}, made, csv=True)
+        save_figure(draw(rows), folder, f"packing-paths-{what}", made)
+
+
+if __name__ == "__main__":
+    typer.run(main)
