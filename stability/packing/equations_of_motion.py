@@ -46,8 +46,6 @@ class Replay:
         Steps made and their length.
     duration : float
         Time that it took, in the unit of the masses.
-    unbalanced : float
-        Mean resultant on a grain over the mean contact force, as Yade tells it; nan without forces.
     """
 
     state: PackingState
@@ -56,7 +54,6 @@ class Replay:
     steps: int
     time_step: float
     duration: float
-    unbalanced: float
 
 
 def replay(
@@ -177,10 +174,7 @@ def replay(
             raise InputError("replay", found, "a stable motion", "Take shorter steps.")
         done += made
     state = _state(graph, pairs, motion)
-    carried = np.hypot(state.normal_force, state.shear_force)[state.closed].sum()
-    left = np.linalg.norm(motion.resultant[:, :2], axis=1).mean() * np.count_nonzero(state.closed)
-    unbalanced = float(left / carried) if carried > 0 else math.nan
-    return Replay(state, motion.velocity, motion.spin, steps, dt, steps * dt, unbalanced)
+    return Replay(state, motion.velocity, motion.spin, steps, dt, steps * dt)
 
 
 def _steered(

@@ -58,6 +58,16 @@ class PackingState:
         """(2, 2) stress, compression positive, over the current cell."""
         return self.forces.T @ self.branches / abs(np.linalg.det(self.cell))
 
+    @property
+    def unbalanced(self) -> float:
+        """Mean resultant on a grain over the mean contact force, as Yade; nan without forces."""
+        force, out = self.forces, np.zeros(self.x.shape)
+        np.add.at(out, self.contacts[:, 1], force)
+        np.add.at(out, self.contacts[:, 0], -force)
+        carried = np.linalg.norm(force[self.closed], axis=1)
+        mean = carried.mean() if carried.any() else np.nan
+        return float(np.linalg.norm(out, axis=1).mean() / mean)
+
     def graph(self) -> GrainGraph:
         """The closed contacts as a graph of their own."""
         c = self.closed

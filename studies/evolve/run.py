@@ -21,6 +21,7 @@ from studies.output import provenance, readable, result_folder, write_summary, w
 from studies.paths.options import PROGRAMMES
 from studies.series.evolution import cell_strain
 from studies.series.plan import PlannedSnapshot, plan_series
+from studies.snapshot.edge import balance_notes
 from studies.snapshot.source import read_planar, reading
 
 Columns = dict[str, NDArray[Any]]
@@ -81,6 +82,7 @@ def run_evolve(
         first, *later = plan_series(paths, cells, reading(**how))
         snapshot, faces = read_planar(first.path, **first.how)
         law, _ = snapshot.mechanics()
+        notes = balance_notes(snapshot)
         path = follow_packing(
             snapshot.graph, law, stage, rows=rows, interval=interval, instabilities=instabilities
         )
@@ -97,7 +99,7 @@ def run_evolve(
             "evolve", {"paths": [*paths], "cells": cells, **reading(**how), **asked}, UNITS
         )
         summary = asked | path_summary(snapshot, path, tables, _driven(programme, axis))
-        summary["provenance"] = made
+        summary |= {"notes": [*snapshot.notes, *notes], "provenance": made}
         for name, columns in tables.items():
             write_table(folder, name, columns, made, csv=csv)
         write_summary(folder, summary)
@@ -240,7 +242,6 @@ def path_summary(
         "mean_kn": float(np.mean(law.kn)),
         "message": path.message,
         "negative_loops": float(np.mean(loops["W2"][known] < 0)) if known.any() else None,
-        "notes": [*snapshot.notes],
         "passed": {name or "other": count for name, count in held.items()},
         "reached": reached,
         "status": path.status,

@@ -23,7 +23,7 @@ from stability.packing.probe_paths import probe_to
 from studies.output import provenance, readable, result_folder, write_summary, write_table
 from studies.series.tasks import one_blas_thread
 from studies.series.workers import open_runner
-from studies.snapshot.edge import sample_edge
+from studies.snapshot.edge import balance_notes, sample_edge
 from studies.snapshot.source import read_planar, reading
 
 Columns = dict[str, NDArray[Any]]
@@ -103,14 +103,16 @@ def run_probe(
     }
     with result_folder(out, force=force) as folder:
         snapshot, faces = read_planar(path, **how)
+        notes: list[str] = []
         edge = sample_edge(snapshot, faces, yield_band)
         found = probe_edge(edge, directions, control, subspace, faces)
         if amplitude is not None:
             follow = partial(_followed, snapshot, workers, scheduler)
-            law = snapshot.mechanics()[0]
+            law, notes = snapshot.mechanics()[0], balance_notes(snapshot)
             found = probe_to(found, snapshot.graph, law, faces, amplitude, follow)
         made = provenance("probe", {"path": path, **reading(**how), **asked}, UNITS)
         summary = probe_summary(snapshot, found) | asked | {"provenance": made}
+        summary["notes"] += notes
         tables = {
             "probe": direction_table(found),
             **({"pieces": piece_table(found)} if amplitude is None else {}),

@@ -37,7 +37,7 @@ from stability.packing import (
 from stability.packing.edge import YieldEdge, forces_of_motion
 from studies.series.evolution import sample_strain
 from studies.series.increments import TrackedState
-from studies.snapshot.edge import sample_edge
+from studies.snapshot.edge import balance_notes, sample_edge
 from studies.snapshot.in_packing import sample_boundary
 
 Columns = dict[str, NDArray[Any]]
@@ -117,8 +117,9 @@ def _by_events(before: TrackedState, H: Floats) -> tuple[Columns, list[str]]:
     """What the packing's path and its replay from rest make of the loops; why one did not."""
     graph, (law, _) = before.snapshot.graph, before.snapshot.mechanics()
     strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
-    ends, notes = {}, []
+    ends, notes = {}, list[str]()
     try:
+        notes += balance_notes(before.snapshot)
         path = follow_packing(graph, law, Stage(strain, "parameter", 1.0), instabilities=PASSED)
         if path.status == "finished":
             ends["path"] = path.states[-1]

@@ -200,7 +200,7 @@ def test_yades_next_state_of_the_sample_series():
     )
     end = replay(one.graph, one.law, strain_between(one, two), inertial_number=2e-6)
     assert foreseen(one, two, lambda f: loop_changes(one.graph, end.state, f)) > 0.9995
-    assert end.unbalanced < 1.5e-4
+    assert end.state.unbalanced < 1.5e-4
 
 
 def slow(number):

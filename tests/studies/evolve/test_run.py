@@ -2,13 +2,14 @@
 
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
 
-from loops import InputError, find_faces
+from loops import InputError, contact_forces, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import Stage, programmes
 from stability.packing import follow_packing, loop_changes
@@ -168,6 +169,27 @@ def test_bad_options_are_one_clear_line(small, monkeypatch, capsys, tmp_path, ar
     assert run(monkeypatch, "evolve", small[0], "--out", out, *arguments) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1 and not out.exists()
+
+
+@pytest.mark.parametrize(("share", "flows"), [(0.9, False), (-1.0, True)])
+def test_a_state_out_of_balance_is_said_and_one_that_flows_refused(small, tmp_path, share, flows):
+    """The rule: said from a thousandth of the mean contact force on, followed up to a tenth."""
+    snapshot, grains = small[1], tmp_path / "grains_1.parquet"
+    graph = snapshot.graph.replace(shear_force=share * snapshot.graph.shear_force)
+    write_snapshot(grains, replace(snapshot, graph=graph))
+    left, force = np.zeros((graph.grain_count, 2)), contact_forces(graph)
+    for (i, j), f in zip(graph.contacts, force, strict=True):
+        left[i], left[j] = left[i] - f, left[j] + f
+    unbalanced = np.linalg.norm(left, axis=1).mean() / np.linalg.norm(force, axis=1).mean()
+    how = {"to": 1e-4, "rows": 1, "interval": 5e-5, "figures": False}
+    told = f"an unbalanced force of {unbalanced:.2g} of the mean contact force"
+    if flows:
+        with pytest.raises(InputError, match=f"snapshot: got {told}, expected 0.1 at most"):
+            run_evolve([grains], tmp_path / "out", **how)
+        return
+    summary = run_evolve([grains], tmp_path / "out", **how)
+    assert summary["status"] == "finished" and 1e-3 < unbalanced < 0.1
+    assert sum(note.startswith(told) for note in summary["notes"]) == 1
 
 
 def test_no_forces_and_no_cell_are_refused(tmp_path):
