@@ -52,14 +52,14 @@ def files_say(command, out, least):
 def test_files_hold_units_and_meanings(tmp_path):
     cells = sample_path("slow/cells.csv")
     how = {"cells": cells, "workers": 1, "shear_increment": "radii", "figures": False}
-    run_series(SLOW[:2], tmp_path / "s", in_packing=True, probe=5, **how)
+    run_series(SLOW[:2], tmp_path / "s", in_packing=True, probe=1, **how)
     files_say("series", tmp_path / "s", 200)
 
 
 def test_files_of_a_snapshot_and_of_a_probe(tmp_path):
     run_snapshot(sample_path(), tmp_path / "n", in_packing="blocks", figures=False)
     files_say("snapshot", tmp_path / "n", 45)
-    run_probe(sample_path(), tmp_path / "p", directions=5)
+    run_probe(sample_path(), tmp_path / "p", directions=2, figures=False)
     files_say("probe", tmp_path / "p", 40)
 
 

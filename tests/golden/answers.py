@@ -35,6 +35,7 @@ def run(folder: Path, *arguments: object) -> Path:
         patch.setattr(sys, "argv", ["grainloops", *map(str, arguments), "--out", str(out)])
         # Drawing is left out, the names of the figures stay.
         patch.setattr(matplotlib.figure.Figure, "savefig", lambda _, path, **how: touch(path))
+        patch.setattr("studies.style._lay_out", lambda fig: None)
         with pytest.raises(SystemExit) as stop:
             main()
     if stop.value.code != 0:

@@ -13,25 +13,30 @@ import pytest
 import grainloops as gl
 from studies.cli import main
 from studies.commands.common import out_or
+from tests.studies.snapshot.test_run import run
 
 SAMPLE = str(gl.sample_path())
-COMMAND = [sys.executable, "-m", "studies.cli"]
 ROOT = str(gl.sample_path().parents[3])
 
 
-def run(*arguments, cwd):
-    environment = {**os.environ, "PYTHONPATH": ROOT}
-    return subprocess.run(
-        [*COMMAND, *arguments], cwd=cwd, env=environment, capture_output=True, text=True
-    )
+@pytest.fixture
+def said(tmp_path, monkeypatch, capsys):
+    """Runs a command in an empty folder; exit status and what it printed."""
+    monkeypatch.chdir(tmp_path)
+
+    def say(*arguments):
+        status = run(monkeypatch, *arguments)
+        return status, *capsys.readouterr()
+
+    return say
 
 
-def test_results_go_beside_where_one_stands(tmp_path):
-    done = run("snapshot", SAMPLE, "--no-figures", cwd=tmp_path)
-    assert done.returncode == 0 and done.stdout.endswith("results in grains_biaxial-snapshot\n")
+def test_results_go_beside_where_one_stands(said, tmp_path):
+    status, out, _ = said("snapshot", SAMPLE, "--no-figures")
+    assert status == 0 and out.endswith("results in grains_biaxial-snapshot\n")
     assert (tmp_path / "grains_biaxial-snapshot" / "summary.json").is_file()
-    again = run("snapshot", SAMPLE, "--no-figures", cwd=tmp_path)
-    assert again.returncode == 2 and "--force" in again.stderr
+    status, _, error = said("snapshot", SAMPLE, "--no-figures")
+    assert status == 2 and "--force" in error
 
 
 @pytest.mark.parametrize(
@@ -46,11 +51,10 @@ def test_names_of_results(path, name):
     assert str(out_or(None, "snapshot", Path(path))) == name
 
 
-def test_quiet_prints_nothing_but_errors(tmp_path):
-    done = run("snapshot", SAMPLE, "--no-figures", "--quiet", cwd=tmp_path)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    failed = run("check", "grains_none.csv", "--quiet", cwd=tmp_path)
-    assert failed.returncode == 2 and failed.stdout == "" and failed.stderr.count("\n") == 1
+def test_quiet_prints_nothing_but_errors(said):
+    assert said("snapshot", SAMPLE, "--no-figures", "--quiet") == (0, "", "")
+    status, out, error = said("check", "grains_none.csv", "--quiet")
+    assert (status, out, error.count("\n")) == (2, "", 1)
 
 
 @pytest.mark.parametrize(
@@ -78,8 +82,8 @@ def test_in_packing_may_stand_alone(given, asked, monkeypatch):
     assert [str(path) for path in seen["paths"]] == ["a.csv", "b.csv"]
 
 
-def test_the_version_stands_anywhere(tmp_path):
-    assert run("snapshot", "--version", cwd=tmp_path).stdout == f"grainloops {gl.__version__}\n"
+def test_the_version_stands_anywhere(said):
+    assert said("snapshot", "--version")[1] == f"grainloops {gl.__version__}\n"
 
 
 def test_an_interruption_leaves_a_sentence_and_no_folder(tmp_path):

@@ -35,7 +35,7 @@ def assert_same_faces(graph):
 @pytest.mark.parametrize("coordination", [2.2, 2.6, 3.7, 5.5])
 def test_random_networks(periodic, coordination):
     """Bridges, pinches, clusters inside loops, dangling chains; grains numbered at random."""
-    for seed in range(12):
+    for seed in range(6):
         graph = synthetic_network(
             [10, 60, 400][seed % 3], seed=seed, periodic=periodic, coordination=coordination
         )

@@ -36,7 +36,8 @@ def test_what_the_full_model_cannot_do_is_refused():
         PolygonOptions(5, model="small")
 
 
-def test_the_command_takes_and_says_the_model(tmp_path):
+def test_the_command_takes_and_says_the_model(tmp_path, monkeypatch):
+    monkeypatch.setattr("studies.paths.run.draw", lambda *_: None)
     runs = {}
     for model in ("auto", "full"):
         out = tmp_path / model

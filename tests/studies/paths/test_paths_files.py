@@ -107,9 +107,14 @@ def test_figures_are_drawn_and_say_what_made_them(written, name):
         assert b"alpha0_deg" in data
 
 
-def test_the_same_study_gives_the_same_bytes(written, tmp_path):
+def test_the_same_study_gives_the_same_bytes(written, tmp_path, undrawn):
     run_diamond(DiamondOptions(table=1), tmp_path / "again")
-    for file in sorted((tmp_path / "again").glob("*.*")):
+    one, two = (
+        json.loads((folder / "summary.json").read_text()) | {"files": [], "figures": {}}
+        for folder in (tmp_path / "again", written[1][0])
+    )
+    assert one == two
+    for file in sorted((tmp_path / "again").glob("*.parquet")):
         assert file.read_bytes() == (written[1][0] / file.name).read_bytes(), file.name
 
 

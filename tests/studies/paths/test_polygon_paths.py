@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.optimize import brentq
 
 from loops import InputError, macroscopic_tangent
 from patterns import regular_polygon
@@ -226,8 +225,7 @@ def test_peak_between_rows_of_an_undrained_path():
         ).path
         return path.P_rate[-1, 0] / path.H_rate[-1, 0]
 
-    turning = brentq(slope, peak["E1"] - 0.02, peak["E1"] + 0.02, xtol=1e-9)
-    assert peak["E1"] == pytest.approx(turning, abs=1e-5)
+    assert slope(peak["E1"] - 1e-5) > 0 > slope(peak["E1"] + 1e-5)
 
 
 @pytest.mark.parametrize("programme", PROGRAMMES)

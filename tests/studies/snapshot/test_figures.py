@@ -136,13 +136,3 @@ def test_a_run_without_figures_but_for_paraview(tmp_path):
     orders = pd.read_parquet(tmp_path / "out" / "orders.parquet")
     assert orders["loops"].sum() == summary["loops"]
     assert orders["area"].sum() == pytest.approx(summary["area_sum"], rel=1e-12)
-
-
-def test_report_of_a_run(tmp_path):
-    """The whole way: the page holds the figures and the map."""
-    run_snapshot(sample_path("grains_biaxial.csv.gz"), tmp_path / "out")
-    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert text.count("data:image/png;base64,") == 5
-    assert "<title>Loops of grains_biaxial.csv.gz</title>" in text
-    assert 'id="map-data"' in text
-    assert "Love-Weber" in text

@@ -1,6 +1,7 @@
 import json
 import shutil
 import sys
+from itertools import islice
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,7 @@ from patterns import Snapshot, read_snapshot, sample_cell, sample_path, syntheti
 from stability import imhof_fraction, restrict, symmetric_part
 from studies.cli import main
 from studies.fifty_digits import as_array, traction_tangent_50
+from studies.snapshot import figures
 from studies.snapshot.table import loop_table
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
 
@@ -320,7 +322,7 @@ def test_crossing_branches_are_named(monkeypatch, tmp_path, capsys):
 
 def test_without_forces_the_geometry_comes_out(monkeypatch, tmp_path, capsys):
     path = write(tmp_path, contacts=changed(CONTACTS, fn=None, fsx=None, fsy=None, kn=None))
-    assert run(monkeypatch, "snapshot", path, "--out", tmp_path / "out") == 0
+    assert run(monkeypatch, "snapshot", path, "--out", tmp_path / "out", "--no-figures") == 0
     assert "no contact forces" in capsys.readouterr().out
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["orders"] == {"4": 1}
@@ -385,10 +387,21 @@ def test_a_snapshot_without_loops_still_gives_its_counts(monkeypatch, tmp_path):
 
 def test_same_input_gives_the_same_files(tmp_path, monkeypatch):
     path = write(tmp_path, ending="parquet")
+    drawings = figures._drawings
+    # Two figures tell whether drawing them leaves a trace of the run.
+    monkeypatch.setattr(figures, "_drawings", lambda *given: islice(drawings(*given), 2))
     for name in ("one", "two"):
         assert run(monkeypatch, "snapshot", path, "--out", tmp_path / name) == 0
     for file in (tmp_path / "one").iterdir():
         assert file.read_bytes() == (tmp_path / "two" / file.name).read_bytes(), file.name
+
+
+def test_the_page_holds_the_figures_and_the_map(results):
+    text = (results / "report.html").read_text(encoding="utf-8")
+    assert text.count("data:image/png;base64,") == 5
+    assert "<title>Loops of grains_periodic.parquet</title>" in text
+    assert 'id="map-data-0"' in text
+    assert "Love-Weber" in text
 
 
 def test_table_is_a_plain_arrow_table(results):
