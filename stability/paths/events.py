@@ -10,7 +10,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.laws.protocol import Regime
 from stability.paths.edge import EdgeTrial
 from stability.paths.model import PathModel
-from stability.paths.monitors import eigenvalue_kind
+from stability.paths.monitors import SPECTRAL, eigenvalue_kind
 from stability.paths.path import EventKind
 from stability.paths.piece import PieceEnd
 from stability.paths.record import Record
@@ -21,7 +21,6 @@ from stability.subspaces import restrict
 
 CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
 SINGULAR = "the controlled system is singular"
-SPECTRAL = ("det_Ks_zero", "det_K_zero")
 # More pairs of grains than these that touch at once are one event.
 MANY_PAIRS = 12
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -29,6 +32,7 @@ ROUNDING = {
     "control_limit": 1e-12,
     "stage_end": 0.0,
 }
+SPECTRAL = ("det_Ks_zero", "det_K_zero")
 # Pairs of grains are watched where their gap is below this fraction of r_i + r_j.
 NEAR = 0.1
 # An eigenvalue of K whose imaginary part is below this fraction of |K| is real.
@@ -37,91 +41,77 @@ REAL = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Monitors:
-    """Event functions of one piece, regimes fixed.
+    """Event functions of one piece, regimes fixed: `functions` of a state give their values.
 
-    `kinds`: Kind of event, one per function; `items` (M,): Contact, pair or eigenvalue that it
-    belongs to, four eigenvalues a subspace; -1 for none; `two_sided` (M,): Whether a change of sign
-    either way is the event; otherwise the function is negative until the event.
+    `kinds`: Kind of event, one per value; `items` (M,): Contact, pair or eigenvalue that it belongs
+    to, four eigenvalues a subspace; -1 for none.
     """
 
     kinds: list[str]
     items: Integers
-    two_sided: Flags
-    tolerance: Floats
+    functions: Sequence[Callable[[Look], Sequence[float] | Floats]]
+
+    @cached_property
+    def two_sided(self) -> Flags:
+        """(M,) whether a change of sign either way is the event; else it is negative until then."""
+        return np.isin(self.kinds, SPECTRAL)
+
+    @cached_property
+    def tolerance(self) -> Floats:
+        """(M,) what a value may be beyond zero by rounding."""
+        return np.array([ROUNDING[kind] for kind in self.kinds])
+
+    def values(self, seen: Look) -> Floats:
+        """(M,) dimensionless values in a state, the pairs' left out."""
+        return np.concatenate([function(seen) for function in self.functions])
 
     def with_pairs(self, count: int) -> Monitors:
         """These functions, then the gaps of so many pairs of grains."""
-        two_sided = np.concatenate([self.two_sided, np.zeros(count, dtype=bool)])
-        tolerance = np.concatenate([self.tolerance, np.full(count, ROUNDING["opposite_contact"])])
         kinds = [*self.kinds, *["opposite_contact"] * count]
-        items = np.concatenate([self.items, np.arange(count)])
-        return Monitors(kinds, items, two_sided, tolerance)
+        return Monitors(kinds, np.concatenate([self.items, np.arange(count)]), self.functions)
 
 
-def monitors_of(model: PathModel, mode: Mode, subspaces: tuple[str, ...]) -> Monitors:
-    """Event functions that a piece with these regimes watches."""
+def monitors_of(
+    model: PathModel, mode: Mode, stage: Stage, start: float, sense: float, size: float,
+    subspaces: tuple[str, ...],
+) -> Monitors:  # fmt: skip
+    """Event functions that a piece with these regimes watches; strains are of that `size`."""
+    law, force, unit = model.law, model.stiffness * model.length, model.touching * size
     elastic = np.flatnonzero((mode.regime == Regime.ELASTIC) & model.has_cone)
     sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & model.has_cone)
     closed = np.flatnonzero(mode.regime != Regime.OPEN)
     is_open = np.flatnonzero(mode.regime == Regime.OPEN)
-    eigenvalues = [4 * k + np.arange(len(subspace_basis(s))) for k, s in enumerate(subspaces)]
-    groups = [
-        ("yield", elastic, False),
-        ("unloading", sliding, False),
-        ("opening", closed, False),
-        ("closing", is_open, False),
-        *((kind, each, True) for each in eigenvalues for kind in ("det_Ks_zero", "det_K_zero")),
-        ("collapse", np.array([-1]), False),
-        ("control_limit", np.array([-1]), False),
-        ("stage_end", np.array([-1]), False),
+    parameter_unit, none = _parameter_unit(model, stage), [-1]
+
+    def beyond_strength(seen: Look) -> Floats:
+        beyond = np.abs(seen.contacts.shear_force) - law.strength(seen.contacts)
+        return np.asarray(beyond[elastic] / (force * size))
+
+    watched: list[tuple[Sequence[str], Any, Callable[[Look], Any]]] = [
+        (["yield"], elastic, beyond_strength),
+        (["unloading"], sliding, lambda seen: -seen.slip[sliding] / force),
+        (["opening"], closed, lambda seen: (law.gap(seen.contacts) / unit)[closed]),
+        (["closing"], is_open, lambda seen: (seen.contacts.overlap / unit)[is_open]),
+        *(
+            (SPECTRAL, 4 * k + np.arange(len(subspace_basis(one))), partial(_spectra, subspace=one))
+            for k, one in enumerate(subspaces)
+        ),
+        (["collapse"], none, lambda seen: [-_area_ratio(seen.H)]),
+        (["control_limit"], none, lambda seen: [-seen.rates.parameter / parameter_unit]),
+        (["stage_end"], none, lambda seen: [sense * _left(stage, seen, start)]),
     ]
-    kinds = [kind for kind, items, _ in groups for _ in items]
     return Monitors(
-        kinds=kinds,
-        items=np.concatenate([items for _, items, _ in groups]).astype(np.int64),
-        two_sided=np.concatenate([np.full(len(items), two) for _, items, two in groups]),
-        tolerance=np.array([ROUNDING[kind] for kind in kinds]),
+        kinds=[kind for kinds, items, _ in watched for kind in kinds for _ in items],
+        items=np.concatenate([items for kinds, items, _ in watched for _ in kinds]).astype(int),
+        functions=[function for *_, function in watched],
     )
 
 
-def monitor_values(
-    model: PathModel,
-    seen: Look,
-    subspaces: tuple[str, ...],
-    stage: Stage,
-    start: float,
-    sense: float,
-    size: float,
-) -> Floats:
-    """Values of the event functions but the pairs', as in `monitors_of`, dimensionless."""
-    contacts, mode = seen.contacts, seen.mode
-    elastic = (mode.regime == Regime.ELASTIC) & model.has_cone
-    sliding = (mode.regime == Regime.SLIDING) & model.has_cone
-    closed = mode.regime != Regime.OPEN
-    force = model.stiffness * model.length
-    reach = force * size
-    strength = np.where(elastic, model.law.strength(contacts), 0.0)
-    beyond = (np.abs(contacts.shear_force) - strength) / reach
-    unit = model.touching * size
-    forward = -seen.rates.parameter / _parameter_unit(model, stage)
-    target = sense * (stage_quantity(stage, seen, start) - stage.target)
-    return np.concatenate(
-        [
-            beyond[elastic],
-            -seen.slip[sliding] / force,
-            (model.law.gap(contacts) / unit)[closed],
-            (contacts.overlap / unit)[~closed],
-            *(values for subspace in subspaces for values in _spectra(seen.A, subspace)),
-            [-_area_ratio(seen.H), forward, target],
-        ]
-    )
-
-
-def stage_quantity(stage: Stage, seen: Look, start: float) -> float:
-    """Value of the quantity that ends a stage."""
+def _left(stage: Stage, seen: Look, start: float) -> float:
+    """The quantity that ends a stage, less its target."""
     if stage.quantity == "parameter":
-        return seen.state.parameter - start
-    return float(np.concatenate([seen.H, seen.P])[QUANTITIES.index(stage.quantity)])
+        return seen.state.parameter - start - stage.target
+    return float(np.concatenate([seen.H, seen.P])[QUANTITIES.index(stage.quantity)]) - stage.target
 
 
 def eigenvalue_kind(A: Floats, subspace: str, item: int) -> str:
@@ -171,13 +161,12 @@ def pair_overlaps(model: PathModel, pairs: Integers, x: Floats) -> Floats:
     return np.asarray((touching - np.hypot(d[:, 0], d[:, 1])) / touching)
 
 
-def _spectra(A: Floats, subspace: str) -> tuple[Floats, Floats]:
-    """Eigenvalues of Ks and real parts of those of K, ascending, over the norm of K."""
+def _spectra(seen: Look, subspace: str) -> Floats:
+    """Eigenvalues of Ks, then real parts of those of K, ascending, over the norm of K."""
     basis = subspace_basis(subspace)
-    K = basis @ A @ basis.T
+    K = basis @ seen.A @ basis.T
     norm = np.linalg.norm(K)
     if not np.isfinite(norm) or norm == 0.0:
-        none = np.full(len(basis), np.nan)
-        return none, none
-    symmetric = np.linalg.eigvalsh(0.5 * (K + K.T)) / norm
-    return symmetric, np.sort(np.linalg.eigvals(K).real) / norm
+        return np.full(2 * len(basis), np.nan)
+    symmetric = np.linalg.eigvalsh(0.5 * (K + K.T))
+    return np.asarray(np.concatenate([symmetric, np.sort(np.linalg.eigvals(K).real)]) / norm)

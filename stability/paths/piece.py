@@ -18,8 +18,6 @@ from stability.paths.look import Look, look
 from stability.paths.model import PathModel
 from stability.paths.monitors import (
     Monitors,
-    monitor_values,
-    monitors_of,
     near_pairs,
     pair_overlaps,
 )
@@ -56,20 +54,18 @@ class Task:
 
     `rtol`: Relative tolerance of the integrator; `atol` (Y,): Absolute tolerances; `max_step`:
     Longest step in `|H|`; `row_step`: Way in `|H|` between two rows, infinite for a row at every
-    step; `size`: Size of the strains of the stage, at most 1; `subspaces`: Where the spectra are.
+    step; `size`: Size of the strains of the stage, at most 1; `watch`: Event functions.
     """
 
     model: PathModel
     mode: Mode
     stage: Stage
-    start: float
-    sense: float
+    watch: Monitors
     rtol: float
     atol: Floats
     max_step: float
     row_step: float
     size: float
-    subspaces: tuple[str, ...]
 
     def look(self, y: Floats, gauge: Gauge) -> Look:
         """Evaluate a state completely."""
@@ -78,12 +74,6 @@ class Task:
     def rates(self, y: Floats, gauge: Gauge) -> Floats:
         """Right-hand side."""
         return y_rates(self.model, y, self.mode, self.stage.programme, gauge)
-
-    def values(self, seen: Look) -> Floats:
-        """Event functions but the pairs'."""
-        return monitor_values(
-            self.model, seen, self.subspaces, self.stage, self.start, self.sense, self.size
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +103,8 @@ def run_piece(
     steps_left: int,
 ) -> PieceEnd:
     """Integrate until the first event."""
-    watch = monitors_of(task.model, task.mode, task.subspaces)
-    seen = task.look(y, gauge)
-    values = task.values(seen)
+    watch, seen = task.watch, task.look(y, gauge)
+    values = watch.values(seen)
     sign = _initial_signs(watch, values)
     solver = _solver(task, y, gauge, np.inf, None)
     for steps in range(1, steps_left + 1):
@@ -129,7 +118,7 @@ def run_piece(
             return PieceEnd(y_begin, seen, fired, steps, message)
         step = _Step(task, begin, y_begin, float(solver.t), solver.y, solver.dense_output(), gauge)
         samples = [seen, *(step.look(theta) for theta in SAMPLES[1:])]
-        table = np.vstack([values, *(task.values(each) for each in samples[1:])])
+        table = np.vstack([values, *(watch.values(each) for each in samples[1:])])
         _adopt_signs(sign, table, watch)
         step.pairs = near_pairs(task.model, [each.x for each in samples])
         everything = watch.with_pairs(len(step.pairs))
@@ -180,7 +169,7 @@ class _Step:
 
     def values_of(self, seen: Look) -> Floats:
         gaps = pair_overlaps(self.task.model, self.pairs, seen.x)
-        return np.concatenate([self.task.values(seen), gaps])
+        return np.concatenate([self.task.watch.values(seen), gaps])
 
     def integrate(self, theta: float) -> Floats:
         """Integrated again from the start of the step: no interpolation error."""

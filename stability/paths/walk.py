@@ -14,6 +14,7 @@ from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup
 from stability.paths.look import Look
 from stability.paths.model import PathModel
+from stability.paths.monitors import monitors_of
 from stability.paths.path import ModelOption
 from stability.paths.piece import Task
 from stability.paths.record import Record, Searches
@@ -98,8 +99,9 @@ class Walk:
         max_step = min(self.max_step, reach / STEPS)
         atol = self.atol * size * scales(self.model)
         row_step = min(reach, 1.0) / self.rows if self.rows else np.inf
-        how = self.rtol, atol, max_step, row_step, size, self.subspaces
-        return Task(self.model, self.mode, stage, start, sense, *how)
+        about = self.model, self.mode, stage
+        watch = monitors_of(*about, start, sense, size, self.subspaces)
+        return Task(*about, watch, self.rtol, atol, max_step, row_step, size)
 
 
 def start_mode(model: PathModel, graph: GrainGraph) -> Mode:
