@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.laws.frictional import ShearIncrement
 from patterns.snapshots.tables import Table
-from patterns.snapshots.text import listed
+from patterns.snapshots.text import beside, listed
 
 GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius", "theta_z")
 CONTACT_COLUMNS = (
@@ -48,6 +48,14 @@ class Source:
     contacts: Path | None = None
     cell: NDArray[np.float64] | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
+
+
+def contacts_path(source: Source, names: Sequence[str], lacks: str, wanted: str, hint: str) -> Path:
+    """The file of contacts as given, else of one of these names beside the grains', gzip or not."""
+    found = source.contacts or beside(source.path, *names)
+    if found is None:
+        raise InputError(f"contacts of {source.path}", lacks, wanted, hint)
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from loops import InputError
 from patterns.snapshots.frame import Frame, Frames, Notes
 from patterns.snapshots.tables import Table
@@ -51,29 +53,40 @@ ReadPair = Callable[[Found, Found, Notes], Frame]
 
 def paired(
     grains: Iterable[Found | InputError],
-    contacts_of: Callable[[Found], Found | InputError],
+    contacts: Iterable[Found | InputError],
     read: ReadPair[Found],
     contacts_path: Path,
+    by: str,
+    tolerance: float = 0.0,
     notes: Notes = (),
 ) -> Frames:
-    """Snapshots of grains with their contacts; what is wrong with one is told when it is read.
+    """Snapshots of grains with their contacts, `by` step or time; what is wrong is told on reading.
 
     Those without contacts, as before the grains meet, are left out.
     """
+    found = list(contacts)
+    good = [one for one in found if not isinstance(one, InputError)]
+    damaged = [one for one in found if isinstance(one, InputError)]
+    steps = np.array([one.step for one in good], dtype=float)
     readers: list[Callable[[], Frame]] = []
     empty = 0
     for own in grains:
         if isinstance(own, InputError):
             readers.append(partial(_refuse, own))
             continue
-        contacts = contacts_of(own)
-        if isinstance(contacts, InputError):
-            readers.append(partial(_refuse, contacts))
-        elif contacts.is_empty:
+        same = np.flatnonzero(np.abs(steps - own.step) <= tolerance * abs(own.step))
+        if not len(same):
+            shown = ", ".join(f"{step:.15g}" for step in steps[:3]) + (", ..." * (len(steps) > 3))
+            received = f"{by}s {shown}" if good else f"no {by}"
+            expected = f"{by} {own.step:.15g} of {own.where}"
+            remedy = f"Take both files from the same {by}s of one run."
+            missing = InputError(str(contacts_path), received, expected, remedy)
+            readers.append(partial(_refuse, damaged[0] if damaged else missing))
+        elif good[same[0]].is_empty:
             empty += 1
         else:
             said = (f"{empty} earlier snapshots without contacts left out",) if empty else ()
-            readers.append(partial(read, own, contacts, (*notes, *said)))
+            readers.append(partial(read, own, good[same[0]], (*notes, *said)))
     if not readers:
         where = str(contacts_path)
         raise InputError(where, "no contacts in any snapshot", "contacts", "Check the export.")

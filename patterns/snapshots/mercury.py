@@ -13,11 +13,11 @@ from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.dumps.dump_files import Atoms
 from patterns.snapshots.dumps.pairs import Forces, Pairs, Space, Wall, frame_of, normals, pairs_of
-from patterns.snapshots.frame import Frame, Frames, Notes, Source
+from patterns.snapshots.frame import Frame, Frames, Notes, Source, contacts_path
 from patterns.snapshots.geometry import PLANE_TOLERANCE
 from patterns.snapshots.listing import Listing, paired
 from patterns.snapshots.tables import Table
-from patterns.snapshots.text import Text, beside, line_at, open_text
+from patterns.snapshots.text import Text, line_at, open_text
 
 # Columns by the number of numbers in a row; the header of a frame has 6 numbers in 2D, else 8.
 DATA_COLUMNS = {
@@ -146,53 +146,13 @@ def frames(source: Source) -> Frames:
     Grains are numbered from 0 in the order of the file, walls from -1 down; in three dimensions the
     packing lies in one plane of constant z, or of constant y: then z is taken for y.
     """
-    path = source.contacts or fstat_beside(source.path)
-    contacts = _until_fault(_fstat_listings(path, open_text(path)))
-    start = 0
-
-    def contacts_of(grains: Listing) -> Listing | InputError:
-        nonlocal start
-        start, found = _at_time(grains, contacts, start, path)
-        return found
-
+    name = source.path.name.replace(".data", ".fstat")
+    hint = "Write them (fStatFile.setFileType) or name the file by --contacts."
+    lacks, wanted = "no .fstat file beside it", "the contacts in a file named alike"
+    path = contacts_path(source, [name] if ".fstat" in name else [], lacks, wanted, hint)
     grains = _until_fault(_data_listings(source.path, open_text(source.path)))
-    return paired(grains, contacts_of, partial(_frame, source), path)
-
-
-def fstat_beside(path: Path) -> Path:
-    """Path of the `.fstat` file beside a `.data` file, or `InputError` if there is none."""
-    name = path.name.replace(".data", ".fstat")
-    found = beside(path, name) if ".fstat" in name else None
-    if found is not None:
-        return found
-    received = "no .fstat file beside it"
-    remedy = "Write them (fStatFile.setFileType) or name the file by --contacts."
-    raise InputError(f"contacts of {path}", received, "the contacts in a file named alike", remedy)
-
-
-def _at_time(
-    grains: Listing, listings: list[Listing | InputError], start: int, path: Path
-) -> tuple[int, Listing | InputError]:
-    """Contacts at the time of the grains, at `start` or later, and where to go on from.
-
-    Earlier ones are passed over; without any, what is wrong.
-    """
-    passed: list[float] = []
-    for k in range(start, len(listings)):
-        found = listings[k]
-        if isinstance(found, InputError):
-            return start, found
-        if abs(found.step - grains.step) <= TIME_TOLERANCE * max(abs(grains.step), 1e-300):
-            return k + 1, found
-        passed.append(found.step)
-        if found.step > grains.step:
-            break
-    return start, InputError(
-        str(path),
-        f"frames at {', '.join(f'{time:g}' for time in passed[:3])}" if passed else "no frame",
-        f"one at {grains.where}",
-        "Write both files at the same times of one run.",
-    )
+    contacts = _until_fault(_fstat_listings(path, open_text(path)))
+    return paired(grains, contacts, partial(_frame, source), path, "time", TIME_TOLERANCE)
 
 
 def _frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame:

@@ -11,10 +11,10 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.frame import Frame, Frames, Notes, Source, require_column
+from patterns.snapshots.frame import Frame, Frames, Notes, Source, contacts_path, require_column
 from patterns.snapshots.geometry import refuse_radii, refuse_repeated
 from patterns.snapshots.listing import Listing, ReadPair, paired
-from patterns.snapshots.text import Text, beside, line_at, open_text
+from patterns.snapshots.text import Text, line_at, open_text
 
 ITEM = b"ITEM: "
 START = b"ITEM: TIMESTEP"
@@ -185,56 +185,34 @@ class Atoms(NamedTuple):
     z: Floats | None
 
 
-def contacts_beside(path: Path) -> Path | None:
-    """Path of the dump of contacts beside that of the atoms, if there is one."""
+def contact_names(path: Path) -> list[str]:
+    """What the dump of contacts beside that of the atoms may be called."""
     words = [word for word in ATOM_WORDS if word in path.name]
-    return beside(path, *(path.name.replace(w, other) for w in words for other in CONTACT_WORDS))
+    return [path.name.replace(word, other) for word in words for other in CONTACT_WORDS]
 
 
 def frames_of_dumps(source: Source, read: ReadPair[DumpFrame]) -> Frames:
     """Listings of the atoms with those of the contacts at the same step."""
-    atoms, contacts, contacts_path = _both_dumps(source)
-    of_step = {frame.step: frame for frame in contacts if isinstance(frame, DumpFrame)}
-    steps = {frame.step for frame in atoms if isinstance(frame, DumpFrame)}
-    unused = sorted(set(of_step) - steps)
+    wanted = "a 'dump local', such as dump.contacts.0 beside dump.atoms.0"
+    lacks, hint = "no dump of contacts beside it", "Name it by --contacts."
+    path = contacts_path(source, contact_names(source.path), lacks, wanted, hint)
+    atoms, contacts = dump_frames(source.path), dump_frames(path)
+    _require_kind(atoms, atom=True)
+    _require_kind(contacts, atom=False)
+    of_atoms, of_contacts = (
+        {frame.step for frame in frames if isinstance(frame, DumpFrame)}
+        for frames in (atoms, contacts)
+    )
+    unused = sorted(of_contacts - of_atoms)
     notes: tuple[str, ...] = ()
     if unused:
-        notes = (f"{len(unused)} steps of {contacts_path} have no atoms, such as {unused[0]}",)
-
-    def contacts_of(frame: DumpFrame) -> DumpFrame | InputError:
-        found = of_step.get(frame.step)
-        return _no_step(source, frame, contacts, contacts_path) if found is None else found
+        notes = (f"{len(unused)} steps of {path} have no atoms, such as {unused[0]}",)
 
     def of_one_box(atoms: DumpFrame, contacts: DumpFrame, notes: Notes) -> Frame:
         _require_one_box(atoms, contacts)
         return read(atoms, contacts, notes)
 
-    return paired(atoms, contacts_of, of_one_box, contacts_path, notes)
-
-
-def _both_dumps(source: Source) -> tuple[Listings, Listings, Path]:
-    """Headers of the atoms, of their contacts, and where those are."""
-    path = source.contacts or contacts_beside(source.path)
-    if path is None:
-        where = f"contacts of {source.path}"
-        expected = "a 'dump local', such as dump.contacts.0 beside dump.atoms.0"
-        raise InputError(where, "no dump of contacts beside it", expected, "Name it by --contacts.")
-    atoms, contacts = dump_frames(source.path), dump_frames(path)
-    _require_kind(atoms, atom=True)
-    _require_kind(contacts, atom=False)
-    return atoms, contacts, path
-
-
-def _no_step(source: Source, frame: DumpFrame, contacts: Listings, path: Path) -> InputError:
-    """What is wrong with contacts that lack a step: a damaged header, else the step itself."""
-    damaged = [other for other in contacts if isinstance(other, InputError)]
-    if damaged:
-        return damaged[0]
-    steps = sorted(f.step for f in contacts if isinstance(f, DumpFrame))
-    shown = ", ".join(str(step) for step in steps[:3])
-    received = f"steps {shown}{f', ..., {steps[-1]}' if len(steps) > 3 else ''}"
-    remedy = "Take both dumps from the same steps of one run."
-    return InputError(str(path), received, f"step {frame.step} of {source.path}", remedy)
+    return paired(atoms, contacts, of_one_box, path, "step", notes=notes)
 
 
 def _require_kind(frames: Listings, *, atom: bool) -> None:

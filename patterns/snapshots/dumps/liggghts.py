@@ -24,7 +24,7 @@ from patterns.snapshots.dumps.dump_files import (
     ATOM_NAMES,
     Atoms,
     DumpFrame,
-    contacts_beside,
+    contact_names,
     first_frame,
     frames_of_dumps,
     is_dump,
@@ -42,7 +42,7 @@ from patterns.snapshots.dumps.pairs import (
 )
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
 from patterns.snapshots.tables import Table
-from patterns.snapshots.text import head_of
+from patterns.snapshots.text import beside, head_of
 
 # Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
 COARSE = 9
@@ -63,7 +63,7 @@ def recognises(path: Path, head: bytes) -> bool:
     """Whether the contacts beside this dump are columns of one compute, as LIGGGHTS' are."""
     if not is_dump(head):
         return False
-    contacts = contacts_beside(path)
+    contacts = beside(path, *contact_names(path))
     if contacts is None:
         return False
     try:

@@ -161,7 +161,7 @@ def frame_of(
         Table(listings[0].where, _grains(atoms, below)),
         Table(
             listings[1].where,
-            _contacts(atoms, pairs.take(rows), forces, walls, below, space.cell is not None),
+            _contacts(atoms, pairs.take(rows), forces, walls, below),
         ),
         space.cell,
         float(listings[0].step),
@@ -184,25 +184,20 @@ def _contacts(
     forces: Forces,
     walls: Sequence[Wall],
     wall_ids: Integers,
-    periodic: bool,
 ) -> dict[str, NDArray[np.generic]]:
     """Contacts between grains, then those with walls."""
     ones = [np.full(len(wall.grains), own) for own, wall in zip(wall_ids, walls, strict=True)]
     twos = [atoms.ids[wall.grains] for wall in walls]
     d = np.concatenate([pairs.d, *[wall.branch for wall in walls]])
-    n = normals(d)
     columns: dict[str, NDArray[np.generic]] = {
         "id1": np.concatenate([atoms.ids[pairs.i], *ones]),
         "id2": np.concatenate([atoms.ids[pairs.j], *twos]),
     }
-    columns |= {"branch_x": d[:, 0], "branch_y": d[:, 1], "nx": n[:, 0], "ny": n[:, 1]}
-    if periodic:
-        images = np.concatenate([pairs.images, np.zeros((len(d) - len(pairs.i), 2), dtype=int)])
-        columns |= {"cell_dx": images[:, 0], "cell_dy": images[:, 1]}
+    columns |= {"branch_x": d[:, 0], "branch_y": d[:, 1]}
     if forces.any is not None:
         force = np.concatenate([forces.any, *[wall.force for wall in walls]])
         if forces.total is None:
-            columns["fn"] = np.einsum("ck,ck->c", force, n)
+            columns["fn"] = np.einsum("ck,ck->c", force, normals(d))
         else:
             columns |= {"fx_on_2": force[:, 0], "fy_on_2": force[:, 1]}
     return columns

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.frame import Frame, Frames, Source, with_plain_names
+from patterns.snapshots.frame import Frame, Frames, Source, contacts_path, with_plain_names
 from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import Table
-from patterns.snapshots.text import beside, open_text
+from patterns.snapshots.text import open_text
 from patterns.snapshots.yade.shear import shear_signs
 from patterns.snapshots.yade.vtk_files import LEGACY, VtkData, read_vtk
 
@@ -59,16 +59,11 @@ def _frame(source: Source) -> Frame:
 
 def _contacts_path(source: Source, ending: str) -> Path:
     """The file of interactions beside that of the spheres, gzip or not."""
-    if source.contacts is not None:
-        return source.contacts
-    path = source.path
-    stem = re.sub(r"\.(vtu|vtk)(\.gz)?$", "", path.name, flags=re.I)
-    found = beside(path, stem.replace("spheres", "intrs") + ending) if "spheres" in stem else None
-    if found is not None:
-        return found
-    expected = stem.replace("spheres", "intrs") + ending
-    remedy = "Record 'intr' too, or name the file of the contacts."
-    raise InputError(f"interactions of {path}", "no such file beside it", expected, remedy)
+    stem = re.sub(r"\.(vtu|vtk)(\.gz)?$", "", source.path.name, flags=re.I)
+    wanted = stem.replace("spheres", "intrs") + ending
+    hint = "Record 'intr' too, or name the file of the contacts."
+    names = [wanted] if "spheres" in stem else []
+    return contacts_path(source, names, "no such file beside it", wanted, hint)
 
 
 def _blocks(path: Path) -> tuple[Path, Path]:

@@ -9,8 +9,9 @@ import pytest
 from loops import InputError
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_files import contacts_beside, dump_frames
+from patterns.snapshots.dumps.dump_files import contact_names, dump_frames
 from patterns.snapshots.frame import Source
+from patterns.snapshots.text import beside
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, lammps_columns, write_lammps
 
@@ -200,8 +201,8 @@ def test_contacts_are_found_beside(tmp_path):
         ("a.atom.7", "a.local.7.gz"),
     ):
         (tmp_path / contacts).write_text("x")
-        assert contacts_beside(tmp_path / atoms) == tmp_path / contacts
-    assert contacts_beside(tmp_path / "dump.lammpstrj") is None
+        assert beside(tmp_path / atoms, *contact_names(tmp_path / atoms)) == tmp_path / contacts
+    assert contact_names(tmp_path / "dump.lammpstrj") == []
 
 
 def test_boxes(tmp_path):
