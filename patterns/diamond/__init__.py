@@ -6,7 +6,6 @@ Forces, stresses and strains are positive in compression, angles are radians, `T
 
 from patterns.diamond.drained import DrainedPath as DrainedPath
 from patterns.diamond.drained import drained_path as drained_path
-from patterns.diamond.drained import drained_states as drained_states
 from patterns.diamond.drained import drained_states_after_turn as drained_states_after_turn
 from patterns.diamond.drained import printed_states_after_turn as printed_states_after_turn
 from patterns.diamond.drained_end import DrainedEnd as DrainedEnd

@@ -63,21 +63,13 @@ def drained_path(parameters: DiamondParameters) -> DrainedPath:
     )
 
 
-def drained_states(path: DrainedPath, alpha: ArrayLike) -> tuple[DrainedState, NDArray[np.str_]]:
-    """States of the path where the branch stands at `alpha`, and 'elastic', 'sliding' or 'open'.
-
-    Angles from `alpha0` on in the path's direction; at B itself the state is still elastic.
-    """
-    return drained_states_after_turn(path, finite("alpha", alpha) - path.parameters.alpha0)
-
-
 def drained_states_after_turn(
     path: DrainedPath, turn: ArrayLike
 ) -> tuple[DrainedState, NDArray[np.str_]]:
-    """States of the path after the branch has turned by `turn = alpha - alpha0`, and regimes.
+    """States after the branch has turned by `turn = alpha - alpha0`; 'elastic', 'sliding', 'open'.
 
-    As `drained_states`, but exact to relative rounding errors also where stiff grains yield after a
-    turn of 1e-9.
+    Turns run from 0 on in the path's direction; at B itself the state is still elastic. Exact to
+    relative rounding errors also where stiff grains yield after a turn of 1e-9.
     """
     p, turn = path.parameters, _on_path(path, turn)
     T, regime = _shear_and_regime(path, turn.reshape(-1))

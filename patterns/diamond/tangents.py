@@ -83,28 +83,6 @@ def tangent(
     )
 
 
-def determinant(
-    E1: ArrayLike,
-    E2: ArrayLike,
-    s1: ArrayLike,
-    s2: ArrayLike,
-    alpha: ArrayLike,
-    lambda1: ArrayLike,
-    lambda2: ArrayLike,
-) -> Floats:
-    """`det K` for any pair of moduli (34)."""
-    alpha = acute_angle("alpha", alpha)
-    lambda1, lambda2 = finite("lambda1", lambda1), finite("lambda2", lambda2)
-    c, s = np.cos(alpha), np.sin(alpha)
-    turning = geometric_asymmetry(E1, E2, s1, s2, alpha)
-    return (
-        s**2 * lambda1
-        + c**2 * lambda2
-        - geometric_softening(E1, E2, s1, s2, alpha)
-        + (lambda1 - lambda2) * c * s * turning
-    )
-
-
 def determinant_elastic(
     E1: ArrayLike,
     E2: ArrayLike,

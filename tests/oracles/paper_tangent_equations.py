@@ -18,7 +18,6 @@ from patterns.diamond import (
     tangent,
 )
 from patterns.diamond.tangents import (
-    determinant,
     geometric_asymmetry,
     geometric_softening,
     isotropic_determinant,
@@ -33,6 +32,7 @@ from tests.oracles.diamond_forces import (
     lagrangian_tangent,
     side_rates,
 )
+from tests.oracles.diamond_general import determinant
 from tests.oracles.paper_samples import Samples, difference, operator_difference, random_samples
 
 Floats = NDArray[np.float64]

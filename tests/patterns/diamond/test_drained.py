@@ -10,7 +10,6 @@ from patterns.diamond import (
     TABLE_2,
     DiamondParameters,
     drained_path,
-    drained_states,
     drained_states_after_turn,
     elastic_moduli,
     external_forces,
@@ -20,6 +19,7 @@ from patterns.diamond import (
 from patterns.diamond.geometry import contact_displacement_rates
 from patterns.diamond.tangents import drained_slope
 from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
+from tests.oracles.diamond_general import drained_states
 
 TWENTY_DIGITS = [
     (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),

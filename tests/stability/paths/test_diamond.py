@@ -18,7 +18,6 @@ from patterns.diamond import (
     DiamondParameters,
     angle_from_strains,
     determinant_sliding,
-    drained_states,
     elastic_moduli,
     external_forces,
     overlap_ratio,
@@ -30,6 +29,7 @@ from patterns.diamond.geometry import SHEAR_SIGNS
 from patterns.diamond.tangents import drained_slope
 from stability import Stage, follow, programmes
 from tests.oracles.diamond_forces import contact_forces
+from tests.oracles.diamond_general import drained_states
 
 CLOSURES = ("affine", "traction")
 # Twenty digits, by a quadrature in tests.oracles.diamond_mpmath: E1, E2, s1.

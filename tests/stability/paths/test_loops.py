@@ -15,9 +15,10 @@ from loops import (
     nominal_stress,
 )
 from patterns import regular_polygon, synthetic_network
-from patterns.diamond import DiamondParameters, drained_states
+from patterns.diamond import DiamondParameters
 from patterns.diamond import drained_path as exact_drained_path
 from stability import Stage, follow, programmes
+from tests.oracles.diamond_general import drained_states
 
 CLOSURES = ("affine", "traction")
 SPINS = ("blocked", "affine", "free")

@@ -8,7 +8,7 @@ import pytest
 
 from loops import InputError, macroscopic_tangent
 from patterns import regular_polygon
-from patterns.diamond import DiamondParameters, drained_states
+from patterns.diamond import DiamondParameters
 from patterns.diamond import drained_path as exact_drained_path
 from stability import restrict, symmetric_spectrum
 from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
@@ -22,6 +22,7 @@ from studies.paths.polygon import (
     thresholds,
 )
 from studies.paths.tables import polygon_table
+from tests.oracles.diamond_general import drained_states
 
 SUMMARY_KEYS = {
     "critical_strain", "definitions", "events", "message", "model", "notes", "parameters", "peak",

@@ -1,0 +1,19 @@
+"""The diamond's determinant for any moduli (34), and its drained path over the branch angle."""
+
+import numpy as np
+
+from patterns.arguments import finite
+from patterns.diamond import drained_states_after_turn
+from patterns.diamond.tangents import geometric_asymmetry, geometric_softening
+
+
+def determinant(E1, E2, s1, s2, alpha, lambda1, lambda2):
+    """`det K` for any pair of moduli (34)."""
+    c, s = np.cos(alpha), np.sin(alpha)
+    turning = (lambda1 - lambda2) * c * s * geometric_asymmetry(E1, E2, s1, s2, alpha)
+    return s**2 * lambda1 + c**2 * lambda2 - geometric_softening(E1, E2, s1, s2, alpha) + turning
+
+
+def drained_states(path, alpha):
+    """States of a path where the branch stands at `alpha`, and their regimes."""
+    return drained_states_after_turn(path, finite("alpha", alpha) - path.parameters.alpha0)
