@@ -14,9 +14,10 @@ from typing import ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
-from numbered import CITED, NUMBER, equations, named
+from numbered import CITED, NUMBER, equations, named, shown
 from sphinx.directives.patches import MathDirective
 from sphinx.domains.python import PythonDomain
+from sphinx.util.docutils import SphinxDirective
 
 
 class Equation(MathDirective):
@@ -53,7 +54,23 @@ def link_back(app, what, name, obj, options, lines):
         lines += ["", "**Theory:** " + ", ".join(f":eq:`eq-{number}`" for number in own), ""]
 
 
-class Names(PythonDomain):
+class NameTable(SphinxDirective):
+    """The functions and classes that a face shows, each with its first line."""
+
+    required_arguments = 1
+
+    def run(self):
+        """A table of links."""
+        (face,) = self.arguments
+        rows = ["| name | what |", "|---|---|"]
+        for name, what in shown(face):
+            first = (what.__doc__ or "").strip().split("\n\n")[0]
+            said = " ".join(first.split()).replace("|", r"\|")
+            rows.append(f"| {{py:obj}}`~{face}.{name}` | {said} |")
+        return self.parse_text_to_nodes("\n".join(rows))
+
+
+class Domain(PythonDomain):
     """A name that the front door and a room both show has two entries, and no warning."""
 
     def note_object(self, name, objtype, node_id, aliased=False, location=None):
@@ -67,7 +84,8 @@ def setup(app):
     app.equations_of = {
         number: [named(path) for path in said.get("code", ())] for _, number, said in equations()
     }
-    app.add_domain(Names, override=True)
+    app.add_domain(Domain, override=True)
+    app.add_directive("names", NameTable)
     app.add_directive("equation", Equation)
     # After numpydoc, which reads the sections of a docstring.
     app.connect("autodoc-process-docstring", link_back, priority=900)

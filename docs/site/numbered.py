@@ -2,6 +2,7 @@
 
 import re
 from importlib import import_module
+from inspect import isclass, isfunction
 from pathlib import Path
 
 PAGES = Path(__file__).parents[1] / "theory"
@@ -30,3 +31,15 @@ def named(path):
             found = getattr(found, part)
         return found
     raise ImportError(path)
+
+
+def shown(face):
+    """The functions and classes that a face shows, by name."""
+    module = import_module(face)
+    names = getattr(module, "__all__", None) or [n for n in vars(module) if n[0] != "_"]
+    for name in sorted(names):
+        what = getattr(module, name)
+        # A module shows its own, a package what it imports.
+        here = hasattr(module, "__path__") or getattr(what, "__module__", "") == face
+        if here and (isfunction(what) or isclass(what)):
+            yield name, what
