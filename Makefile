@@ -45,7 +45,7 @@ format: $(INSTALLED)
 	$(RUN) ruff check --fix .
 
 clean:
-	rm -rf $(VENV) $(OUT) $(SITE) build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OUT) $(SITE) docs/gallery build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find grainloops loops patterns stability studies tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Built afresh whenever the requirements change; an install that fails leaves no stamp.

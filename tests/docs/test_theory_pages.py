@@ -263,14 +263,6 @@ def test_the_site_builds(tmp_path):
     asks = re.compile(r"<(?:script|link|img)[^>]*(?:src|href)=\"https?:")
     assert [html.name for html in built if asks.search(html.read_text())] == []
     # A function leads back to the equations that name it, as equations lead to functions.
-    room, tangent = (
-        tmp_path / "rooms" / "loops.html",
-        tmp_path / "theory" / "stress-and-tangent.html",
-    )
-    assert 'href="../theory/stress-and-tangent.html#equation-eq-4-4"' in room.read_text()
-    assert "rooms/loops.html#loops.affine_tangent" in tangent.read_text()
-    # Every name of every face has its entry.
-    entries = set(re.findall(r'<dt class="sig[^>]*id="([\w.]+)"', "".join(
-        html.read_text() for html in built
-    )))  # fmt: skip
-    assert {f"{face}.{name}" for face in FACES for name, _ in shown(face)} - entries == set()
+    room, name = (tmp_path / "rooms" / "loops.html").read_text(), "stress-and-tangent.html"
+    assert f'href="../theory/{name}#equation-eq-4-4"' in room
+    assert "rooms/loops.html#loops.affine_tangent" in (tmp_path / "theory" / name).read_text()
