@@ -80,9 +80,9 @@ def _check_grains(graph: Any) -> None:
     moved = () if graph.x0 is graph.x else (("reference position", graph.x0),)
     for name, value in (("position", graph.x), *moved):
         ok = np.isfinite(value[..., 0]) & np.isfinite(value[..., 1])
-        _finite(name, "grain", ok, value, axes=2)
+        _finite(name, "grain", ok, value)
     radii = graph.radii
-    _finite("radius", "grain", np.isfinite(radii), radii, axes=1)
+    _finite("radius", "grain", np.isfinite(radii), radii)
     if not (radii > 0).all():
         index = _first(radii <= 0)
         raise InputError(
@@ -90,14 +90,12 @@ def _check_grains(graph: Any) -> None:
         )
 
 
-def _finite(what: str, item: str, ok: Flags, value: Floats, axes: int) -> None:
+def _finite(what: str, item: str, ok: Flags, value: Floats) -> None:
     if ok.all():
         return
     index = _first(~ok)
-    received = value[index[: value.ndim - axes + 1]]
-    raise InputError(
-        f"{what} of {item} {index[-1]}", str(received), "finite numbers", "Correct or drop it."
-    )
+    where, received = f"{what} of {item} {index[-1]}", str(value[index])
+    raise InputError(where, received, "finite numbers", "Correct or drop it.")
 
 
 def _check_contacts(graph: Any) -> None:
@@ -110,7 +108,7 @@ def _check_contacts(graph: Any) -> None:
         raise InputError(f"contact {c}", received, expected, "Add the grain or drop the contact.")
     for name in ("normal_force", "shear_force"):
         value = getattr(graph, name)
-        _finite(name.replace("_", " "), "contact", np.isfinite(value), value, axes=1)
+        _finite(name.replace("_", " "), "contact", np.isfinite(value), value)
     _check_self_contacts(graph)
     _check_duplicates(graph)
 

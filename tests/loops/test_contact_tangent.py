@@ -6,10 +6,13 @@ from loops import (
     GrainGraph,
     LinearFrictional,
     Regime,
+    RollingResistance,
     contact_state,
     contact_tangent,
     translational_blocks,
 )
+from loops.contact_tangent import contact_sizes
+from patterns import diamond
 
 
 class Dilating(LinearFrictional):
@@ -49,3 +52,14 @@ def test_spins_and_translations_meet_every_entry_of_the_law():
     expected = frame @ (D + turn) @ np.swapaxes(frame, -1, -2)
     found = translational_blocks(state, law, elastic)
     np.testing.assert_allclose(found, expected, atol=1e-13)
+
+
+def test_sizes_bound_every_entry_by_its_own_terms():
+    """Without shear stiffness what is left of spins is the turned force, or a rolling spring."""
+    slack, regime = LinearFrictional(kn=1.0, kt=0.0), np.full(4, Regime.ELASTIC, dtype=np.int8)
+    state = contact_state(diamond(0.7, E1=0.1, E2=0.1, T=0.05))
+    for law, left in ((slack, "p_i"), (RollingResistance(slack, k_r=0.3), "c")):
+        entries, sizes = (of(state, law, regime) for of in (contact_tangent, contact_sizes))
+        assert np.abs(getattr(entries, left)).max() > 0.01
+        for name, values in vars(entries).items():
+            assert (np.abs(values) <= getattr(sizes, name) * (1 + 1e-15)).all(), name

@@ -97,3 +97,15 @@ def test_outline_of_nested_and_separate_clusters():
             x=np.vstack([square, triangle + shift]), radii=np.full(7, 3.0), contacts=ring
         )
         assert outline_area(graph, find_faces(graph)) == pytest.approx(area, rel=1e-14)
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (30.0, -20.0), (-7.0, 9.0)])
+def test_a_cluster_in_the_notch_of_another_stands_outside_it(shift):
+    """An L of three squares of side 2, a square of side 1 in its notch, another in its foot."""
+    L = np.array([[0, 0], [4, 0], [4, 2], [2, 2], [2, 4], [0, 4.0]])
+    notch = np.array([[2.5, 2.5], [3.5, 2.5], [3.5, 3.5], [2.5, 3.5]])
+    x = np.vstack([L, notch, notch - np.array([0.0, 2.0])]) + shift
+    rings = ((0, 6), (6, 4), (10, 4))
+    contacts = [[a + k, a + (k + 1) % n] for a, n in rings for k in range(n)]
+    graph = GrainGraph(x=x, radii=np.full(14, 2.0), contacts=contacts)
+    assert outline_area(graph, find_faces(graph)) == pytest.approx(12.0 + 1.0, rel=1e-13)

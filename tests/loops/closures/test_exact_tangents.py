@@ -16,11 +16,12 @@ from loops import (
     polygon_area,
     traction_tangent,
 )
-from loops.closures.spins import affine_spin, spin_of_gradient
+from loops.closures.macro_tangent import ROUNDING
+from loops.closures.spins import _spin_error, affine_spin, spin_of_gradient
 from loops.closures.system import boundary_matrix, saddle_matrix
 from loops.loop_strain import loop_strain
 from loops.null_space import solve_through_null_space
-from patterns import loop_of_snapshot, read_snapshot, sample_path
+from patterns import loop_of_snapshot, random_loop, read_snapshot, sample_path
 from stability import judge
 from tests.oracles.exact_loops import Loops, exact_tangent, mp_solve
 from tests.oracles.rings import random_rings, ring, slide
@@ -208,3 +209,36 @@ def test_laws_fit_the_graph(tangent):
         with pytest.raises(InputError, match="parameters of the contact law"):
             tangent(graph, law)
     assert ring(3).shape == (3, 2)
+
+
+def test_errors_do_not_depend_on_units():
+    """Stated errors over the size of the operator, lengths and stiffnesses in other units."""
+    rng = np.random.default_rng(3)
+    loop = random_loop(6, 2, strain=0.05, mu=0.3)
+    for spins, method in (("blocked", "force"), ("affine", "saddle"), ("free", "saddle")):
+        found = []
+        for length, kn in ((1.0, 1.0), (1e4, 1e-3), (1e-4, 1e6)):
+            graph = loop.replace(
+                x=length * loop.x, x0=length * loop.x0, radii=length * loop.radii,
+                normal_force=kn * length * loop.normal_force,
+                shear_force=kn * length * loop.shear_force,
+            )  # fmt: skip
+            law = LinearFrictional(kn, 0.5 * kn, 0.5)
+            tangent = traction_tangent(graph, law, spins=spins, method=method)
+            found.append(tangent.error / np.linalg.norm(tangent.matrix))
+        # The residual, rounding itself, is a part of them.
+        np.testing.assert_allclose(found, found[0], rtol=0.05)
+    matrix, rhs = np.diag([2.0, 1.0, 0.0]), rng.normal(size=(3, 1))
+    errors = [
+        unit * solve_through_null_space(
+            unit * matrix, rhs, np.eye(3), size=unit * np.abs(matrix)
+        ).error
+        for unit in (1.0, 1e6)
+    ]  # fmt: skip
+    np.testing.assert_allclose(*errors, rtol=1e-9)
+
+
+def test_the_spin_of_an_exact_gradient_errs_by_its_determinant():
+    """F = 2 I, known exactly: half a rounding in all, `|F^-1| e |F| |F^-1|` over two."""
+    error = _spin_error(2.0 * np.eye(2), np.zeros((2, 2)))
+    np.testing.assert_allclose(error, 0.25 * ROUNDING * np.array([0.0, 1.0, 1.0, 0.0]), rtol=1e-15)
