@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from studies.plots import plot_map as plot_map
     from studies.plots import plot_path as plot_path
     from studies.snapshot.source import planar as planar
+    from studies.style import figure_width as figure_width
     from studies.version import __version__ as __version__
 
 

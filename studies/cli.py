@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator
+from itertools import islice
 from typing import Annotated, Any
 
 import typer
@@ -35,6 +36,7 @@ app = typer.Typer(
     help="Stability of grain loops in two-dimensional granular media. Angles in degrees; "
     "forces, stresses and strains positive in compression.",
 )
+WIDTH = "--figure-width="
 # No error is longer than a screen: the middle of what was received is left out.
 LONGEST = 1000
 INTERRUPTED = 130
@@ -49,9 +51,20 @@ def grainloops(
     quiet: Annotated[
         bool, typer.Option("--quiet", help="Print errors alone, and --json; anywhere in the line.")
     ] = False,
+    figure_width: Annotated[
+        str | None,
+        typer.Option(
+            metavar="single|double",
+            help="Figures of one or two columns of a journal, 86 or 178 mm; anywhere in the line.",
+        ),
+    ] = None,
 ) -> None:
     """Show the version, or the help when no command is given."""
     common.quiet = quiet
+    if figure_width is not None:
+        from studies.style import figure_width as ask_for
+
+        ask_for(figure_width)
     if quiet:
         os.environ["TTY_COMPATIBLE"] = "0"  # no progress bars of rich
     if show_version:
@@ -82,7 +95,7 @@ def main() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         # Common options may stand anywhere.
-        arguments = sorted(sys.argv[1:], key=lambda one: one not in ("--quiet", "--version"))
+        arguments = _common_first(sys.argv[1:])
         if not SHOWN_OTHERWISE & {*arguments}:
             clock.start("grainloops")
         status = app(list(_with_rates(arguments)), standalone_mode=False)
@@ -105,6 +118,19 @@ def _with_rates(arguments: list[str]) -> Iterator[str]:
     for word, follows in zip(arguments, [*arguments[1:], ""], strict=True):
         alone = word == "--in-packing" and follows not in ("rates", "events")
         yield "--in-packing=rates" if alone and "series" in arguments else word
+
+
+def _common_first(arguments: list[str]) -> list[str]:
+    common: list[str] = []
+    own: list[str] = []
+    rest = iter(arguments)
+    for one in rest:
+        if one == "--figure-width":
+            common += [one, *islice(rest, 1)]
+        else:
+            to = common if one in ("--quiet", "--version") or one.startswith(WIDTH) else own
+            to.append(one)
+    return common + own
 
 
 def _fail(message: str, status: int = 2) -> None:

@@ -12,6 +12,7 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from loops import InputError
 from studies.output import as_json
 
 # Okabe and Ito's palette, told apart with any colour vision; yellow is too light for lines.
@@ -24,8 +25,11 @@ LINE_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 # Continuous maps that keep their order with any colour vision and in grey.
 SEQUENTIAL, DIVERGING = "cividis", "PuOr"
 
-# Widths in inches of one and of two columns of a journal.
-ONE_COLUMN, TWO_COLUMNS = 3.5, 7.2
+# Widths of one and of two columns of a journal, 86 and 178 mm, in inches; the height of a page.
+ONE_COLUMN, TWO_COLUMNS, PAGE = 86 / 25.4, 178 / 25.4, 9.3
+WIDTHS = {"single": ONE_COLUMN, "double": TWO_COLUMNS}
+# More panels than these don't stand one below the other on a page.
+STACKED = 6
 
 # Any: matplotlib types the keys by a list of its own that grows with its versions.
 STYLE: Any = {
@@ -66,10 +70,60 @@ def styled() -> Iterator[None]:
         yield
 
 
+_asked: str | None = None
+
+
+def figure_width(name: str | None) -> None:
+    """Give figures from now on the width of one or of two columns of a journal.
+
+    Letters keep their size. In one column panels stand below one another; figures of more than
+    six panels keep two columns.
+
+    Parameters
+    ----------
+    name : str or None
+        single (86 mm) or double (178 mm); None: each figure as wide as what it shows.
+
+    Raises
+    ------
+    InputError
+        For another word.
+    """
+    global _asked
+    if name not in (None, *WIDTHS):
+        raise InputError("figure width", repr(name), "single or double", "Pick one of these.")
+    _asked = name
+
+
 @styled()
-def new_figure(width: float = ONE_COLUMN, height: float = 2.5) -> Figure:
-    """An empty figure without any global state; its layout keeps labels apart."""
-    return Figure(figsize=(width, height), layout="constrained")
+def new_figure(width: float = ONE_COLUMN, height: float = 2.5, *, fixed: bool = False) -> Figure:
+    """An empty figure without any global state; its layout keeps labels apart.
+
+    Unless `fixed` it takes the width that was asked for, its height half as much more or less.
+    """
+    asked = width if fixed else WIDTHS.get(_asked or "", width)
+    return Figure(figsize=(asked, height * (asked / width) ** 0.5), layout="constrained")
+
+
+@styled()
+def new_panels(
+    rows: int, columns: int, height: float, width: float = TWO_COLUMNS, **how: Any
+) -> tuple[Figure, Any]:
+    """A figure and its (rows, columns) panels, one below the other in a single column."""
+    count = rows * columns
+    if _asked != "single" or count > STACKED:
+        fixed = _asked == "single" or columns > 1
+        figure = new_figure(width, height, fixed=fixed)
+        return figure, figure.subplots(rows, columns, squeeze=False, **how)
+    how.pop("width_ratios", None)
+    tall = min(0.8 * height / rows * count, PAGE) if columns > 1 else height
+    figure = new_figure(ONE_COLUMN, tall)
+    return figure, figure.subplots(count, 1, squeeze=False, **how).reshape(rows, columns)
+
+
+def panel_width(columns: int) -> float:
+    """Width in inches of a panel of a figure that has so many side by side in two columns."""
+    return ONE_COLUMN if _asked == "single" else TWO_COLUMNS / columns
 
 
 @styled()
@@ -89,6 +143,11 @@ def write_above(ax: Axes, x: float, text: str, **look: Any) -> None:
         text, (x, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
         ha="center", va="bottom", **look,
     )  # fmt: skip
+
+
+def say_empty(ax: Axes, why: str) -> None:
+    """Say in the middle of axes why they show nothing."""
+    ax.text(0.5, 0.5, why, transform=ax.transAxes, ha="center", va="center", color=GREY)
 
 
 def save_figure(fig: Figure, folder: Path, name: str, source: Mapping[str, Any]) -> None:

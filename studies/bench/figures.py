@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from studies.bench.measure import Row, grouped
-from studies.style import BLACK, GREY, LINE_COLOURS, TWO_COLUMNS, new_figure, styled
+from studies.style import BLACK, GREY, LINE_COLOURS, new_panels, styled
 
 # Stands for an error of zero.
 LEAST = 1e-17
@@ -49,8 +49,8 @@ def pareto(groups: dict[str, list[Row]]) -> Figure:
     """Error over time, a panel for each group; the default is ringed."""
     columns = min(3, len(groups))
     lines = -(-len(groups) // columns)
-    figure = new_figure(TWO_COLUMNS, 2.75 * lines)
-    axes = figure.subplots(lines, columns, squeeze=False).ravel()
+    figure, axes = new_panels(lines, columns, 2.75 * lines)
+    axes = axes.ravel()
     for ax, (name, rows) in zip(axes, groups.items(), strict=False):
         _front(ax, name, rows)
     for ax in axes[len(groups) :]:
@@ -88,8 +88,7 @@ def _whole_decades(ax: Axes, seconds: list[float]) -> None:
 @styled()
 def batches(sizes: list[Row], precisions: list[Row]) -> Figure:
     """Time per loop over the number of loops at once; error over the overlap by precision."""
-    figure = new_figure(TWO_COLUMNS, 2.6)
-    left, right = figure.subplots(1, 2)
+    figure, ((left, right),) = new_panels(1, 2, 2.6)
     for k, (method, own) in enumerate(grouped(sizes, "method").items()):
         seconds = [row.seconds_per_item for row in own]
         style: Any = {"color": LINE_COLOURS[k], "label": method}
@@ -109,8 +108,7 @@ def batches(sizes: list[Row], precisions: list[Row]) -> Figure:
 @styled()
 def stiff(rows: list[dict[str, Any]]) -> Figure:
     """Errors over the overlap: elastic and sliding loops, both closures."""
-    figure = new_figure(TWO_COLUMNS, 6.2)
-    axes = figure.subplots(3, 2, sharex=True, sharey=True)
+    figure, axes = new_panels(3, 2, 6.2, sharex=True, sharey=True)
     for down, (case, what) in enumerate(STIFF.items()):
         for across, closure in enumerate(("affine", "traction")):
             own = [r for r in rows if r["case"] == case and r["closure"] == closure]

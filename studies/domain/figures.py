@@ -24,7 +24,7 @@ from studies.style import (
     ONE_COLUMN,
     TWO_COLUMNS,
     axes_or_new,
-    new_figure,
+    new_panels,
     styled,
 )
 
@@ -38,9 +38,8 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
     angles = list(dict.fromkeys(case.alpha0 for case in cases))
     rows, columns = 2 if len(angles) == len(cases) else 1, len(angles)
     width = ONE_COLUMN * 1.2 if columns == 1 else max(TWO_COLUMNS, 2.4 * columns)
-    figure = new_figure(width, 0.8 + 2.4 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).T
-    for angle, (whole, *near) in zip(angles, panels, strict=True):
+    figure, panels = new_panels(rows, columns, 0.8 + 2.4 * rows, width)
+    for angle, (whole, *near) in zip(angles, panels.T, strict=True):
         own = [case for case in cases if case.alpha0 == angle]
         if near:
             draw_programmes(own[0], whole)
@@ -99,7 +98,8 @@ def draw_domain(
         ax.plot(*_yielding(bound), ":", color=colour, linewidth=1.6)
         s1, s2 = isotropic_stress(critical_strain(case.kappa), case.alpha0)
         ax.plot(float(s1), float(s2), "o", color=colour)
-    ax.set(xlabel="$s_1$", ylabel="$s_2$")
+    ax.set(xlabel="$s_1$ over $k_n$ (–)", ylabel="$s_2$ over $k_n$ (–)")
+    ax.locator_params(nbins=6)
     return ax
 
 

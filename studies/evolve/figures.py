@@ -16,16 +16,7 @@ from patterns import Snapshot
 from studies.series.animation import write_animation
 from studies.snapshot.figures import Drawing
 from studies.snapshot.loop_map import draw_values, loop_drawer
-from studies.style import (
-    BLUE,
-    DIVERGING,
-    GREY,
-    TWO_COLUMNS,
-    VERMILION,
-    new_figure,
-    save_figure,
-    styled,
-)
+from studies.style import BLUE, DIVERGING, GREY, VERMILION, new_panels, save_figure, styled
 
 _STRESS = (
     "Changes of nominal stress and volume over {driven}, along the path; rings: the DEM's own next "
@@ -74,8 +65,7 @@ def _told(name: str, start: float) -> str:
 def stress_strain(tables: dict[str, Any], driven: str) -> Figure:
     """Both normal stresses and the volume along the path, the DEM's beside."""
     path, dem, events = tables["path"], tables.get("dem"), tables["events"]
-    figure = new_figure(TWO_COLUMNS, 2.7)
-    stress, volume = figure.subplots(1, 2)
+    figure, ((stress, volume),) = new_panels(1, 2, 2.7)
     for name, colour, style in (("P11", BLUE, "-"), ("P22", VERMILION, "--")):
         start = path[name][0]
         label = _told(name, start)
@@ -111,8 +101,7 @@ def animate_path(
     folder: Path,
 ) -> list[str]:
     """The loops' normalised work since the start, (rows, loops), row by row beside the stresses."""
-    figure, driven = new_figure(TWO_COLUMNS, 3.4), path["driven"]
-    left, right = figure.subplots(1, 2)
+    (figure, ((left, right),)), driven = new_panels(1, 2, 3.4), path["driven"]
     scale = Normalize(-1.0, 1.0)
     loops = loop_drawer(snapshot, faces)(left, works[0], mpl.colormaps[DIVERGING], scale)
     figure.colorbar(loops, ax=left, shrink=0.75, label="normalised $W_2$ since the start")
@@ -139,8 +128,7 @@ def work_map(
     snapshot: Snapshot, faces: Faces, loops: dict[str, Any], summary: dict[str, Any]
 ) -> Figure:
     """Loops by their second-order work, and by when it first was negative."""
-    figure = new_figure(TWO_COLUMNS, 3.4)
-    work, first = figure.subplots(1, 2)
+    figure, ((work, first),) = new_panels(1, 2, 3.0)
     draw = loop_drawer(snapshot, faces)
     label = r"$W_2$ / mean $k_n$"
     draw_values(draw, work, loops["W2"] / summary["mean_kn"], label, signed=True)

@@ -13,11 +13,10 @@ from studies.style import (
     BLUE,
     GREY,
     SEQUENTIAL,
-    TWO_COLUMNS,
     VERMILION,
     axes_or_new,
     figure_of,
-    new_figure,
+    new_panels,
     styled,
 )
 
@@ -61,10 +60,10 @@ def draw_critical_strain(compared: Compared, ax: Axes | None = None) -> Axes:
 @styled()
 def draw_yield_and_peak(compared: Compared) -> Figure:
     """First yield and peak of the axial stress over the order: strain and stress."""
-    fig = new_figure(TWO_COLUMNS, 2.6)
+    fig, (axes,) = new_panels(1, 2, 2.6)
     columns = compared.tables()["compare"]
     for ax, key, label in zip(
-        fig.subplots(1, 2), ("E1", "s1"), ("axial strain (–)", "axial stress (–)"), strict=True
+        axes, ("E1", "s1"), ("axial strain (–)", "axial stress (–)"), strict=True
     ):
         for name, mark, colour, said in (
             ("first_yield", "o", BLUE, "first yield"),

@@ -35,6 +35,7 @@ from studies.style import (
     axes_or_new,
     figure_of,
     new_figure,
+    new_panels,
     styled,
 )
 
@@ -90,7 +91,7 @@ def draw_determinant(found: FollowedDiamond, ax: Axes | None = None) -> Axes:
 @styled()
 def draw_split(found: FollowedDiamond) -> Figure:
     """Material and geometric part of every entry of K, and both sources of its nonsymmetry."""
-    fig = new_figure(TWO_COLUMNS, 3.6)
+    fig = new_figure(TWO_COLUMNS, 3.6, fixed=True)
     axes = fig.subplot_mosaic([["11", "12", "n"], ["21", "22", "n"]], width_ratios=[1, 1, 1.5])
     E1, parts = found.broken(found.E1), found.operators
     named = (
@@ -137,8 +138,7 @@ def draw_sliding_rules(found: FollowedDiamond) -> Figure | None:
     curves = rule_curves(found.options)
     if curves is None:
         return None
-    fig = new_figure(TWO_COLUMNS, 2.6)
-    use, stress = fig.subplots(1, 2)
+    fig, ((use, stress),) = new_panels(1, 2, 2.6)
     use.axhspan(1.0, 3.0, color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
     highest = 1.0
     for rule, (E1, ratio, s1) in curves.items():
@@ -166,8 +166,7 @@ def draw_added_contact(found: FollowedDiamond, ignored: FollowedDiamond) -> Figu
 
     Under isotropic strain on beyond A; along the programme; the axial stress.
     """
-    fig = new_figure(TWO_COLUMNS, 2.7)
-    isotropic, along, stress = fig.subplots(1, 3)
+    fig, ((isotropic, along, stress),) = new_panels(1, 3, 2.7)
     for name, one in (("ignored", ignored), ("added", found)):
         colour, style, label = OPPOSITE[name]
         E, eigenvalues = isotropic_eigenvalues(found.loop, added=name == "added")
@@ -205,8 +204,7 @@ def draw_path_dependence(found: FollowedDiamond) -> Figure:
     Lines are (9) and (10), points the integrated rate law.
     """
     table = path_dependence_table(found.loop)
-    fig = new_figure(TWO_COLUMNS, 2.8)
-    geometry, works = fig.subplots(1, 2, width_ratios=[1.0, 1.25])
+    fig, ((geometry, works),) = new_panels(1, 2, 2.8, width_ratios=[1.0, 1.25])
     _draw_routes(float(table["compression"][0]), geometry)
     points = slice(None, None, 5)
     for route, colour, label in (

@@ -28,14 +28,14 @@ from studies.style import (
     GREEN,
     GREY,
     LIGHT_GREY,
-    ONE_COLUMN,
     ORANGE,
     PURPLE,
     TWO_COLUMNS,
     VERMILION,
     axes_or_new,
     figure_of,
-    new_figure,
+    new_panels,
+    say_empty,
     styled,
     write_above,
 )
@@ -115,9 +115,11 @@ def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
         ax.fill_between(
             E1[part], (axis - half)[part], (axis + half)[part], facecolor="none",
             edgecolor=VERMILION, hatch="////", linewidth=0.8,
-            label="instability cone" if first else None,
+            label="instability cone" if first and np.isfinite(half).any() else None,
         )  # fmt: skip
         first = False
+    if not np.isfinite(half).any():
+        ax.plot([], [], " ", label="no instability cone on this path")
     direction = np.degrees(alpha_e(np.arctan2(found.direction[:, 1], found.direction[:, 0])))
     ax.plot(E1, direction, color=BLUE, label="loading direction")
     for name, row in found.marks.items():
@@ -139,6 +141,9 @@ def draw_unstable_fraction(found: Followed, ax: Axes | None = None) -> Axes:
         share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"])
         ax.plot(E1, share, color=colour, linestyle=style, label=label)
     over_strain(found, ax, None, "unstable directions (%)")
+    if not any(np.any(table[f"unstable_fraction_{name}"] > 0.0) for name, *_ in SHARES):
+        say_empty(ax, "no unstable direction on this path")
+        ax.set_ylim(top=10.0)
     ax.set_ylim(bottom=-1.0)
     ax.legend(loc="best")
     return ax
@@ -202,8 +207,8 @@ def draw_polar_figure(found: Followed, critical: float | None = None) -> Figure:
         finite = {name: K for name, K in known.items() if np.isfinite(K).all()}
         diagrams = {name: operator_diagram(K) for name, K in finite.items()}
     count = max(len(diagrams), 1)
-    fig = new_figure(0.5 + count * (TWO_COLUMNS - 0.5) / 3.0, 2.75)
-    axes = fig.subplots(1, count, sharey=True, squeeze=False)[0]
+    width = 0.5 + count * (TWO_COLUMNS - 0.5) / 3.0
+    fig, (axes,) = new_panels(1, count, 2.75, width, sharey=True)
     for ax, (name, diagram) in zip(axes, diagrams.items(), strict=False):
         draw_polar(diagram, ax, name)
         beyond = (
@@ -255,8 +260,8 @@ def isotropic_operator(options: PolygonOptions, strain: float) -> Floats:
 @styled()
 def draw_loops(found: Followed, names: Sequence[str]) -> Figure:
     """The loop at named states with its contact forces, and for few grains the external ones."""
-    fig = new_figure(ONE_COLUMN * len(names), 3.6)
-    axes = fig.subplots(1, len(names), squeeze=False, sharex=True, sharey=True)[0]
+    count = len(names)
+    fig, (axes,) = new_panels(1, count, 3.6, count * TWO_COLUMNS / 2, sharex=True, sharey=True)
     path, rows = found.path, [found.marks[name] for name in names]
     x, size = path.x[rows], np.ones(path.x.shape[1])
     forces = [(path.normal_force[row], path.shear_force[row]) for row in rows]
@@ -271,7 +276,11 @@ def draw_loops(found: Followed, names: Sequence[str]) -> Figure:
         ax.label_outer()
     regimes = {Regime(int(each)) for each in np.unique(path.regime[rows])}
     key = forces_key(largest, r"$k_n l_0$", regimes, arrows=len(size) <= FEW)
-    fig.legend(handles=key, loc="outside lower center", ncols=len(names))
+    fig.legend(
+        handles=key,
+        loc="outside lower center",
+        ncols=count if fig.get_figwidth() > TWO_COLUMNS - 0.1 else 1,
+    )
     return fig
 
 

@@ -24,6 +24,7 @@ from studies.style import (
     DIVERGING,
     GREY,
     LIGHT_GREY,
+    ONE_COLUMN,
     ORANGE,
     SEQUENTIAL,
     SKY,
@@ -97,7 +98,7 @@ def _drawings(
 @styled()
 def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
     """Rates that answer to the unit circle of the driven ones, the elastic ones beside."""
-    ax = axes_or_new(ax, 3.5, 3.6)
+    ax = axes_or_new(ax, ONE_COLUMN, 3.6)
     if found.control == "strain":
         answers = found.stress_rate / kn, found.elastic_stress / kn
         labels = r"$P'_{11}$ / mean $k_n$", r"$P'_{22}$ / mean $k_n$"
@@ -128,7 +129,7 @@ def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
 @styled()
 def polar_work(found: Probe) -> Figure:
     """Normalised second-order work over the directions, with the cones."""
-    figure = new_figure(3.8, 3.7)
+    figure = new_figure(ONE_COLUMN, 3.5)
     ax = figure.add_subplot(projection="polar")
     assert isinstance(ax, PolarAxes)
     circle = np.linspace(0.0, 2.0 * np.pi, 361)

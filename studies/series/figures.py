@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
@@ -30,13 +30,13 @@ from studies.style import (
     ORDER_COLOURS,
     PURPLE,
     SEQUENTIAL,
-    SKY,
     TWO_COLUMNS,
     VERMILION,
     axes_or_new,
     figure_of,
-    new_figure,
+    new_panels,
     save_figure,
+    say_empty,
     styled,
 )
 
@@ -44,7 +44,6 @@ Columns = Mapping[str, Sequence[Any]]
 STRAIN_LABEL = r"accumulated shear strain, $\Sigma\,(\varepsilon_1 - \varepsilon_2)/2$"
 MARKERS = "os^DvP"
 FATES = {
-    "survived": SKY,
     "split": BLUE,
     "merged": ORANGE,
     "changed": PURPLE,
@@ -96,10 +95,10 @@ def draw_series(
 @styled()
 def orders_over_strain(evolution: Columns) -> Figure:
     """Shares of the loops by order along the series, in number and in area."""
-    figure = new_figure(TWO_COLUMNS, 2.6)
+    figure, (axes,) = new_panels(1, 2, 2.6, sharey=True)
     strain = _column(evolution, "shear_strain")
     for ax, kind, title in zip(
-        figure.subplots(1, 2, sharey=True),
+        axes,
         ("share", "area_share"),
         ("in number", "in area"),
         strict=True,
@@ -117,22 +116,25 @@ def orders_over_strain(evolution: Columns) -> Figure:
 
 @styled()
 def fates_over_strain(evolution: Columns, ax: Axes | None = None) -> Axes:
-    """What became of the loops of each interval, stacked, one bar an interval."""
+    """What became of the loops of each interval that did not survive it, stacked."""
     ax = axes_or_new(ax, TWO_COLUMNS, 2.6)
     counts = {name: _column(evolution, name)[1:] for name in FATES}
-    total = np.maximum(sum(counts.values()), 1)
-    place, bottom = np.arange(1, len(total) + 1), np.zeros(len(total))
+    total = np.maximum(_column(evolution, "survived")[1:] + sum(counts.values()), 1)
+    place, bottom = _column(evolution, "snapshot")[1:], np.zeros(len(total))
     for name, colour in FATES.items():
-        share = counts[name] / total
-        ax.bar(place, share, 0.85, bottom=bottom, color=colour, label=name)
+        share = 100 * counts[name] / total
+        ax.bar(place, share, 0.6, bottom=bottom, color=colour, label=name)
         bottom = bottom + share
-    born = _column(evolution, "born")[1:] / total
-    ax.plot(place, born, "x", color=VERMILION, label="born, over earlier loops")
-    widths = np.diff(_column(evolution, "shear_strain"))
-    ax.set_xticks(place, labels=[f"{width:.2g}" for width in widths], rotation=60)
-    ax.set(xlabel="shear strain of the interval, in the order of the series", ylim=(0, 1))
-    ax.set_ylabel("share of the earlier loops")
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    born = 100 * _column(evolution, "born")[1:] / total
+    ax.plot(place, born, "x", color=VERMILION, label="born, over\nearlier loops")
+    if not bottom.any() and not born.any():
+        say_empty(ax, "every loop survived every interval")
+    # A bar is no wider than one of eight.
+    wide = max(8 - np.ptp(place), 1) / 2
+    ax.set(xlim=(place[0] - wide, place[-1] + wide), ylim=(0, None))
+    ax.set_xticks(place[:: len(place) // 12 + 1])
+    ax.set(xlabel="interval, by its later snapshot", ylabel="share of the earlier loops (%)")
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="did not survive")
     return ax
 
 
@@ -144,25 +146,26 @@ def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
     orders = [*range(3, LAST_ORDER + 1), 0]
     counts = matrix[np.ix_(orders, orders)]
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    image = ax.imshow(share, cmap=mpl.colormaps[SEQUENTIAL], vmin=0, vmax=1)
+    palette = mpl.colormaps[SEQUENTIAL].with_extremes(bad="white")
+    # Few loops change their order: the colours tell one in a thousand from none.
+    image = ax.imshow(np.ma.masked_equal(share, 0), cmap=palette, norm=LogNorm(1e-3, 1))
     for (row, column), number in np.ndenumerate(counts):
         if number:
-            colour = "white" if share[row, column] < 0.55 else BLACK
+            colour = "white" if share[row, column] < 0.04 else BLACK
             ax.text(column, row, f"{number}", ha="center", va="center", color=colour, fontsize=6)
     ax.set_xticks(range(len(orders)), labels=[*GROUPS, "died"])
     ax.set_yticks(range(len(orders)), labels=[*GROUPS, "born"])
     ax.set(xlabel="order of the successor", ylabel="order before")
     ax.spines[:].set_visible(False)
     ax.tick_params(length=0)
-    figure_of(ax).colorbar(image, ax=ax, label="share of the row", shrink=0.8)
+    figure_of(ax).colorbar(image, ax=ax, label="share of the row", shrink=0.8, extend="min")
     return ax
 
 
 @styled()
 def stress_strain(evolution: Columns) -> Figure:
     """Stress of the sample along the series, and the unstable and sliding shares below it."""
-    figure = new_figure(TWO_COLUMNS, 2.8)
-    left, right = figure.subplots(1, 2)
+    figure, ((left, right),) = new_panels(1, 2, 2.8)
     strain = _column(evolution, "shear_strain")
     for name, colour, marker in (("11", BLUE, "o"), ("22", VERMILION, "s")):
         values = _column(evolution, f"S{name}")
@@ -182,8 +185,7 @@ def stress_strain(evolution: Columns) -> Figure:
 @styled()
 def probes_over_strain(evolution: Columns) -> Figure:
     """Smallest second-order work and the share of unstable directions, above the stress ratio."""
-    figure = new_figure(TWO_COLUMNS, 2.6)
-    left, right = figure.subplots(1, 2)
+    figure, ((left, right),) = new_panels(1, 2, 2.6)
     strain = _column(evolution, "shear_strain")
     left.plot(strain, _column(evolution, "probe_w2"), "o-", color=BLUE)
     left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
@@ -240,9 +242,8 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
 @styled()
 def work_signs(increments: Mapping[str, NDArray[Any]]) -> Figure:
     """Distribution of the actual work by the sign of its prediction."""
-    figure = new_figure(TWO_COLUMNS, 4.6)
+    figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)
     actual, bins = increments["w2"], np.linspace(-1, 1, 41)
-    axes = figure.subplots(2, 2, sharex=True, sharey=True)
     for ax, (name, title) in zip(axes.ravel(), TITLES.items(), strict=True):
         predicted = increments[name]
         known = np.isfinite(predicted) & (actual != 0)

@@ -35,7 +35,10 @@ CAPTIONS = {
         "Smallest normalised second-order work over the directions of strain, and the share of "
         "directions where it is negative; gaps where the rate problem has no solution anywhere.",
     ),
-    "fates": ("Fates", "What became of the loops of each snapshot by the next one."),
+    "fates": (
+        "Fates",
+        "What became of the loops of each snapshot that the next one does not have.",
+    ),
     "survival": (
         "Survival",
         "Share of the loops that survive an interval, by what was judged of them before. Bars hold "

@@ -28,10 +28,9 @@ from studies.style import (
     PURPLE,
     SEQUENTIAL,
     SKY,
-    TWO_COLUMNS,
     VERMILION,
     figure_of,
-    new_figure,
+    new_panels,
     styled,
 )
 
@@ -75,16 +74,21 @@ Table = Mapping[str, Sequence[Any]]
 @styled()
 def skill_by_predictor(table: Table) -> Figure:
     """AUC of every predictor, a dot an interval and the mean of them, for each target."""
-    figure = new_figure(TWO_COLUMNS, 4.6)
     walked = set(table["predictor"])
     names = [name for name in NAMES if name in walked or name not in BY_EVENTS]
-    axes = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
+    figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)
+    axes = axes.ravel()
     for ax, target in zip(axes, TARGETS, strict=True):
         for place, name in enumerate(names):
             auc = _column(table, "auc", target, name)
             auc = auc[np.isfinite(auc)]
             colour = FOLLOWED.get(name, (GREY, ""))[0]
             ax.plot(auc, np.full(len(auc), place), "o", color=colour, alpha=0.35, markersize=3)
+            if not len(auc):
+                ax.annotate(
+                    "says nothing of it", (0.03, place), xycoords=("axes fraction", "data"),
+                    va="center", color=GREY, fontsize=6,
+                )  # fmt: skip
             if len(auc):
                 ax.plot(auc.mean(), place, "|", color=BLACK, markersize=9, markeredgewidth=1.6)
         past = _column(table, "auc", target, "persistence")
@@ -95,15 +99,15 @@ def skill_by_predictor(table: Table) -> Figure:
     axes[0].set_yticks(range(len(names)), labels=[NAMES[name] for name in names])
     axes[0].invert_yaxis()
     for ax in axes[2:]:
-        ax.set_xlabel("AUC: dots intervals, bars means, dashed persistence")
+        ax.set_xlabel("AUC (bars: means; dashed: persistence)")
     return figure
 
 
 @styled()
 def skill_by_interval(table: Table) -> Figure:
     """AUC of the main predictors from interval to interval, above the base rate."""
-    figure = new_figure(TWO_COLUMNS, 4.4)
-    axes = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
+    figure, axes = new_panels(2, 2, 4.4, sharex=True, sharey=True)
+    axes = axes.ravel()
     for ax, target in zip(axes, TARGETS, strict=True):
         for name, (colour, marker) in FOLLOWED.items():
             _follow(ax, table, target, name, color=colour, marker=marker, label=NAMES[name])
@@ -156,8 +160,7 @@ def nonaffinity_map(mapped: MappedInterval) -> Figure:
     before, fates, increments, foretold = mapped
     actual = np.full(len(fates.before), np.nan)
     actual[increments["loop_before"]] = increments["nonaffinity"]
-    figure = new_figure(TWO_COLUMNS, 3.6)
-    axes = figure.subplots(1, 2)
+    figure, (axes,) = new_panels(1, 2, 3.6)
     known = actual[np.isfinite(actual) & (actual > 0)]
     low, high = np.percentile(known, [2, 98]) if len(known) else (0.1, 10.0)
     high = max(high, 1.01 * low)

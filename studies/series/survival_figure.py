@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from studies.series.fates import ALL, VERDICTS, Table, pooled
 from studies.snapshot.figures import TITLES
 from studies.snapshot.statistics import GROUPS
-from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
+from studies.style import BLUE, GREY, VERMILION, new_panels, styled
 
 LOOKS = dict(zip(VERDICTS, ((BLUE, "o"), (VERMILION, "s"), (GREY, "^")), strict=True))
 
@@ -24,8 +24,8 @@ def survival_by_verdict(table: Table) -> Figure:
     interval to the next.
     """
     present = list(dict.fromkeys(table["judge"]))
-    figure = new_figure(TWO_COLUMNS, 0.6 + 1.5 * len(present))
-    panels = figure.subplots(len(present), 2, sharey=True, sharex="col", squeeze=False)
+    height = 0.6 + 1.5 * len(present)
+    figure, panels = new_panels(len(present), 2, height, sharey=True)
     numbers = list(dict.fromkeys(table["snapshot_after"]))
     for judge, (left, right) in zip(present, panels, strict=True):
         for shift, (verdict, look) in zip((-0.12, 0.12, 0.0), LOOKS.items(), strict=True):
@@ -33,14 +33,14 @@ def survival_by_verdict(table: Table) -> Figure:
             by_order = {n: pooled(table, judge, verdict, n) for n in range(3, 3 + len(GROUPS))}
             _bars(left, by_interval, shift, look, verdict)
             _bars(right, by_order, shift, look, verdict)
+        left.set_xticks(numbers[:: len(numbers) // 12 + 1])
+        right.set_xticks(range(3, 3 + len(GROUPS)), labels=GROUPS)
         left.set_ylabel(f"{TITLES[judge]}\nshare that survives")
     figure.legend(*_once(*figure.axes), loc="outside upper center", ncols=3)
     low = min(table["share_low"])
     figure.axes[0].set_ylim(low - 0.05 * (1.0 - low), 1.0 + 0.05 * (1.0 - low))
     left.set_xlabel("interval, by its later snapshot")
-    left.set_xticks(numbers[:: max(len(numbers) // 10, 1)])
     right.set_xlabel("order before, all intervals together")
-    right.set_xticks(range(3, 3 + len(GROUPS)), labels=GROUPS)
     return figure
 
 

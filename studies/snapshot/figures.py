@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -27,15 +28,17 @@ from studies.style import (
     BLUE,
     GREY,
     LIGHT_GREY,
+    ONE_COLUMN,
     ORANGE,
     ORDER_COLOURS,
     SKY,
-    TWO_COLUMNS,
     VERMILION,
     axes_or_new,
     figure_of,
     new_figure,
+    new_panels,
     save_figure,
+    say_empty,
     styled,
 )
 
@@ -47,7 +50,8 @@ TITLES = {
     "traction_free": "traction, spins free",
     PLACE: "in its packing",
 }
-BINS = 60
+# Of histograms: the root of the number of loops, within these.
+BINS = 20, 60
 # The axes leave out this share of the loops at either end; the first and the last bin hold them.
 TAIL = 0.002
 # Part of the axis that negative values may take beyond that.
@@ -127,7 +131,7 @@ def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None =
     ax = axes_or_new(ax)
     if summary["loops"] == 0:
         ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
-        ax.text(0.5, 0.5, "no loops", transform=ax.transAxes, ha="center", color=GREY)
+        say_empty(ax, "no loops")
         return ax
     orders = np.array([int(n) for n in summary["orders"]])
     number = np.array(list(summary["orders"].values())) / summary["loops"]
@@ -136,13 +140,13 @@ def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None =
     ax.bar(orders + 0.2, area / area.sum(), 0.4, color=ORANGE, label="in area")
     if "unstable_loops" in summary:
         unstable = np.array(list(summary["unstable_loops"]["traction"].values()))
-        label = "unstable, in number\n(traction closure, spins blocked)"
+        label = "unstable, in number\n(traction, blocked)"
         ax.bar(orders - 0.2, number * unstable, 0.4, color=VERMILION, label=label)
     mean = summary["mean_order"]
     ax.axvline(mean, color=GREY, linewidth=0.8, linestyle="--", label=f"mean order {mean:.2f}")
     ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
     ax.xaxis.set_major_locator(MaxNLocator(12, integer=True))
-    ax.legend()
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return ax
 
 
@@ -150,11 +154,11 @@ def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None =
 def eigenvalue_distribution(table: dict[str, Any]) -> Figure:
     """Histograms of the three eigenvalues of Ks, a row a closure, a colour a group of orders."""
     present = judges(table)
-    figure = new_figure(TWO_COLUMNS, 0.2 + 1.8 * len(present))
-    panels = figure.subplots(len(present), 3, sharey=True)
+    figure, panels = new_panels(len(present), 3, 0.2 + 1.8 * len(present), sharey=True)
     groups = group_rows(table["order"])
     for k, (name, shown) in enumerate(zip(EIGENVALUES, NAMES, strict=True)):
-        edges = _edges(np.concatenate([table[f"{closure}_{name}"] for closure in present]))
+        values = np.concatenate([table[f"{closure}_{name}"] for closure in present])
+        edges = _edges(values, len(present))
         for row, closure in enumerate(present):
             ax = panels[row, k]
             for group in GROUPS:
@@ -173,15 +177,15 @@ def eigenvalue_distribution(table: dict[str, Any]) -> Figure:
     return figure
 
 
-def _edges(values: Floats) -> Floats:
+def _edges(values: Floats, tables: int = 1) -> Floats:
     """Bins over nearly all values; zero is a border of a bin."""
     known = values[np.isfinite(values)]
     if len(known) == 0:
-        return np.linspace(0.0, 1.0, BINS + 1)
+        return np.linspace(0.0, 1.0, BINS[0] + 1)
     low, high = np.quantile(known, [TAIL, 1 - TAIL])
     if known.min() < 0:
         low = max(known.min(), min(low, -NEGATIVE * abs(high)))
-    width = max((high - low) / BINS, 1e-9)
+    width = max((high - low) / np.clip((len(known) / tables) ** 0.5, *BINS), 1e-9)
     first, last = np.floor(low / width), np.ceil(high / width)
     return width * np.arange(first, last + 1.5)
 
@@ -210,8 +214,9 @@ def _legend(ax: Axes, table: dict[str, Any], closure: str, groups: Groups) -> No
 @styled()
 def fabric_rose(graph: GrainGraph, summary: dict[str, Any]) -> Figure:
     """Density of the contact directions, and its Fourier series of second order."""
-    figure = new_figure(3.5, 3.6)
-    ax = _polar(figure, 111)
+    figure = new_figure(ONE_COLUMN, 3.6)
+    ax = figure.add_subplot(projection="polar")
+    assert isinstance(ax, PolarAxes)
     _bars(ax, _contact_axes(graph), FINE, SKY, "contacts", filled=True)
     fabric = summary["contact_fabric"]
     theta = np.linspace(0, 2 * np.pi, 721)
@@ -242,14 +247,15 @@ def _second_order(theta: Floats, fabric: dict[str, Any]) -> Floats:
 @styled()
 def unstable_rose(table: dict[str, Any], summary: dict[str, Any]) -> Figure:
     """Directions of the unstable loops: of their smallest eigenvalue, and of their long axes."""
-    figure = new_figure(TWO_COLUMNS, 3.7)
-    for place, (title, column, key) in enumerate(
+    figure, (axes,) = new_panels(1, 2, 3.7, subplot_kw={"projection": "polar"})
+    for ax, (title, column, key) in zip(
+        axes,
         (
             ("soft direction", "{}_soft_angle", "soft_angle"),
             ("long axis of the polygon", "orientation", "long_axis"),
-        )
+        ),
+        strict=True,
     ):
-        ax = _polar(figure, 121 + place)
         for closure in CLOSURES:
             rows = unstable_loops(table, closure)
             angles = table[column.format(closure)][rows]
@@ -257,6 +263,8 @@ def unstable_rose(table: dict[str, Any], summary: dict[str, Any]) -> Figure:
             width = FINE if len(angles) >= FEW else COARSE
             label = f"{closure}, {len(angles)} loops"
             _bars(ax, angles, width, CLOSURE_COLOURS[closure], label, filled=False)
+        if not any(len(table["order"][unstable_loops(table, closure)]) for closure in CLOSURES):
+            say_empty(ax, "no loop is unstable")
         for closure in CLOSURES:
             _mean_axis(ax, summary["soft_loops"][closure][key], CLOSURE_COLOURS[closure])
         _finish(ax, f"{title}, unstable loops", "probability density (1/rad)")
@@ -266,8 +274,7 @@ def unstable_rose(table: dict[str, Any], summary: dict[str, Any]) -> Figure:
 @styled()
 def in_packing(table: dict[str, Any]) -> Figure:
     """Loops cut out against loops in place, and what the surroundings give of their stiffness."""
-    figure = new_figure(TWO_COLUMNS, 3.1)
-    left, right = figure.subplots(1, 2)
+    figure, ((left, right),) = new_panels(1, 2, 3.1)
     alone, inside = table[f"{FREE}_lambda_min"], table[f"{PLACE}_lambda_min"]
     groups = group_rows(table["order"])
     for name in GROUPS:
@@ -292,14 +299,8 @@ def in_packing(table: dict[str, Any]) -> Figure:
     right.axhline(1.0, color=GREY, linewidth=0.6)
     right.set(xlabel="loop order (number of grains)", ylabel="share of the surroundings")
     right.xaxis.set_major_locator(MaxNLocator(12, integer=True))
-    right.set_title(r"1 - tr $A_{loop}$ / tr $A_{in}$")
+    right.set_title(r"$1 - \mathrm{tr}\,A_\mathrm{loop} / \mathrm{tr}\,A_\mathrm{in}$")
     return figure
-
-
-def _polar(figure: Figure, place: int) -> PolarAxes:
-    ax = figure.add_subplot(place, projection="polar")
-    assert isinstance(ax, PolarAxes)
-    return ax
 
 
 def _bars(ax: Axes, axes: Floats, width: float, colour: str, label: str, *, filled: bool) -> None:
@@ -331,6 +332,10 @@ def _finish(ax: PolarAxes, title: str, unit: str) -> None:
     ax.set_thetagrids(range(0, 360, 45))
     ax.set_rticks(MaxNLocator(3).tick_values(0.0, ax.get_ylim()[1])[1:-1])
     ax.tick_params(axis="y", labelsize=6, labelcolor=BLACK)
+    # Above the bars, which would cut the numbers.
+    ax.set_axisbelow(False)
+    for label in ax.get_yticklabels():
+        label.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
     ax.set_rlabel_position(22.5)
     ax.grid(color=LIGHT_GREY, linewidth=0.5)
     ax.set_title(f"{title}\n{unit}")

@@ -28,7 +28,8 @@ from studies.style import (
     TWO_COLUMNS,
     VERMILION,
     figure_of,
-    new_figure,
+    new_panels,
+    panel_width,
     styled,
 )
 
@@ -52,10 +53,9 @@ def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
     extent = np.ptp(snapshot.graph.x, axis=0)
     # A panel is as wide as half the page less its colour bar and labels.
     ratio = extent[1] / extent[0] if extent[0] > 0 else 1.0
-    height = float(np.clip((0.5 * TWO_COLUMNS - 0.95) * ratio + 0.5, 2.0, 9.0))
+    height = float(np.clip((panel_width(2) - 0.95) * ratio + 0.5, 2.0, 9.0))
     panels = 2 if snapshot.mechanical else 1
-    figure = new_figure(TWO_COLUMNS * panels / 2, height)
-    axes = figure.subplots(1, panels, squeeze=False)[0]
+    figure, (axes,) = new_panels(1, panels, height, TWO_COLUMNS * panels / 2)
     draw = loop_drawer(snapshot, faces)
     draw_orders(draw, axes[0], table["order"])
     if snapshot.mechanical:

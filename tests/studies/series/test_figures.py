@@ -85,7 +85,10 @@ class Series:
         self.fates = [track_loops(*pair) for pair in pairs]
         self.tables = [increments(*p, f) for p, f in zip(pairs, self.fates, strict=True)]
         self.evolution = evolution_table(
-            [evolution_row(one, plain_table(one)) for one in self.states],
+            [
+                {"snapshot": k} | evolution_row(one, plain_table(one))
+                for k, one in enumerate(self.states)
+            ],
             [
                 interval_row(*p, f, t)
                 for p, f, t in zip(pairs, self.fates, self.tables, strict=True)
@@ -154,9 +157,10 @@ def test_orders_and_stress_lines(series):
 def test_fates_stack_up_to_one(series):
     ax = fates_over_strain(series.evolution)
     heights = np.array([[bar.get_height() for bar in bars] for bars in ax.containers])
-    np.testing.assert_allclose(heights.sum(axis=0), 1, rtol=1e-14)
-    survived = [np.mean(fates.before == Fate.SURVIVED) for fates in series.fates]
-    np.testing.assert_allclose(heights[0], survived, rtol=1e-14)
+    split = [100 * np.mean(fates.before == Fate.SPLIT) for fates in series.fates]
+    np.testing.assert_allclose(heights[0], split, rtol=1e-14)
+    survived = [100 * np.mean(fates.before == Fate.SURVIVED) for fates in series.fates]
+    np.testing.assert_allclose(heights.sum(axis=0) + survived, 100, rtol=1e-14)
 
 
 def test_exchange_numbers(series):
