@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from loops import InputError
+from loops.arrays import available_cores
 from studies.output import as_json
 
 # Okabe and Ito's palette, told apart with any colour vision; yellow is too light for lines.
@@ -174,3 +178,35 @@ def _lay_out(fig: Figure) -> None:
     if engine is not None:
         engine.execute(fig)
         fig.set_layout_engine(None)
+
+
+def save_figures(figures: Mapping[str, Figure], folder: Path, source: Mapping[str, Any]) -> None:
+    """`save_figure` for each by its name; on Linux a copy of this process saves every other one."""
+    # Those of most panels take longest.
+    names = sorted(figures, key=lambda name: -len(figures[name].axes))
+    copy = None
+    if len(names) > 1 and sys.platform == "linux" and available_cores() > 1:
+        with warnings.catch_warnings():
+            # Threads may sleep in libraries; the copy draws, which asks none of them.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            copy = os.fork()
+    if copy == 0:
+        failed = 1
+        try:
+            _save(names[1::2], figures, folder, source)
+            failed = 0
+        finally:
+            os._exit(failed)
+    try:
+        _save(names if copy is None else names[::2], figures, folder, source)
+    finally:
+        missing = copy is not None and os.waitpid(copy, 0)[1]
+    if missing:  # what is wrong is said here
+        _save(names[1::2], figures, folder, source)
+
+
+def _save(
+    names: list[str], figures: Mapping[str, Figure], folder: Path, source: Mapping[str, Any]
+) -> None:
+    for name in names:
+        save_figure(figures[name], folder, name, source)

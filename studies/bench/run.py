@@ -58,10 +58,9 @@ def run_bench(
         write_summary(folder, summary)
         # Drawing is loaded only when there is something to draw.
         from studies.bench.figures import all_figures
-        from studies.style import save_figure
+        from studies.style import save_figures
 
-        for name, figure in all_figures(results).items():
-            save_figure(figure, folder, name, made)
+        save_figures(all_figures(results), folder, made)
     return summary
 
 

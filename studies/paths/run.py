@@ -117,10 +117,9 @@ def _write(
 
 def draw(figures: Callable[[], dict[str, Any]], folder: Path, made: dict[str, Any]) -> None:
     """Draw and save figures; drawing is loaded only when there is something to draw."""
-    from studies.style import save_figure
+    from studies.style import save_figures
 
-    for name, figure in figures().items():
-        save_figure(figure, folder, name, made)
+    save_figures(figures(), folder, made)
 
 
 def _one_below_the_other(tables: Tables) -> dict[str, Any]:

@@ -35,7 +35,7 @@ from studies.style import (
     axes_or_new,
     figure_of,
     new_panels,
-    save_figure,
+    save_figures,
     say_empty,
     styled,
 )
@@ -87,8 +87,7 @@ def draw_series(
         figures["work_signs"] = work_signs(increments)
     if mapped is not None and "W2" in mapped.increments:
         figures["work_map"] = figure_of(work_map(mapped))
-    for name, figure in figures.items():
-        save_figure(figure, folder, name, source)
+    save_figures(figures, folder, source)
     return list(figures)
 
 

@@ -21,7 +21,7 @@ from studies.series.survival_figure import survival_by_verdict
 from studies.series.targets import part_columns
 from studies.series.tasks import PartTask, pairs, singles, state_of, tracked
 from studies.snapshot.report import MOST_LOOPS, LoopsForMap, loops_for_map, write_report
-from studies.style import save_figure
+from studies.style import save_figures
 
 CAPTIONS = {
     "orders_over_strain": ("Orders", "Shares of the loops by order along the series."),
@@ -99,8 +99,7 @@ def draw(
         figures["skill_by_interval"] = skill_by_interval(skill)
         if interval is not None and np.isfinite(interval.foretold["packing_nonaffinity"]).any():
             figures["nonaffinity_map"] = nonaffinity_map(interval)
-    for name, figure in figures.items():
-        save_figure(figure, folder, name, source)
+    save_figures(figures, folder, source)
     counts = tables["evolution"]["loops"]
     maps = _maps(planned, out, counts, mapped or 0)
     series_report(folder, summary, maps, source, max(counts))
