@@ -34,6 +34,10 @@ DRAGS = (1e-3, 1e-2, 1e-1, 0.0)
 TINY = 1e-9
 
 
+class ControlLimitError(Exception):
+    """The control asks for ever more strain."""
+
+
 class Told(Protocol):
     """Hears of every event."""
 
@@ -75,6 +79,7 @@ class Interval:
     end: float
     goal: Goal
     told: Told
+    fastest: float
     time: float = 0.0
     events: Counter[int] = field(default_factory=Counter)
 
@@ -95,6 +100,8 @@ class Interval:
         """Go to the end of the interval."""
         rates = self._settled()
         while self.time < self.end:
+            if not np.linalg.norm(rates.h[:4]) <= self.fastest:
+                raise ControlLimitError
             v = self.pieces.motion(rates)
             step, c, kind = self._next(rates.h, v)
             speed = self.goal.speed(rates.h[:4], self.stress / self.pieces.volume)

@@ -86,7 +86,7 @@ def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopR
     before : GrainGraph
         The packing at the start.
     after : PackingState
-        Of the same packing, from `replay` or `follow_packing`.
+        Of the same packing, from `replay` or `follow`.
     faces : Faces
         Faces of the start.
 

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from loops.arrays import Floats, Integers, Regimes
-from loops.errors import InputError
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.laws.protocol import Regime
-from stability.arguments import number, whole_number
-from stability.packing.interval import Goal, Interval, end_state
+from stability.packing.interval import ControlLimitError, Goal, Interval, end_state
 from stability.packing.linear_pieces import AT_YIELD, Order, Pieces
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength, with_near
 from stability.packing.pivots import Control
 from stability.packing.state import PackingState, start_state
-from stability.paths.path import Event, EventKind
+from stability.paths.path import Event, EventKind, PathStatus
 from stability.programmes import Stage
 from stability.subspaces import COMPONENTS
 
@@ -29,8 +27,7 @@ NEAR = 0.01
 JUMP, LEAP = 0.5, 0.02
 # Strain asked for by the control, over the least of the stage.
 LIMIT = 1e3
-
-PackingPathStatus = Literal["finished", "instabilities", "no_solution", "lost"]
+FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +37,10 @@ class PackingPath:
     Attributes
     ----------
     status : str
-        'finished'; 'instabilities': stopped at the stated number of them; 'no_solution': the
-        controlled stress or strain cannot go on; 'lost': forces or centres jumped, or the system
-        was singular. The last row is the state before.
+        'finished'; 'instabilities': stopped at the stated number of them; 'control_limit': the
+        control asks for ever more strain; 'no_solution': it moves nothing; 'lost': forces or
+        centres jumped, or the system was singular; 'no_load': it has come apart. The last row is
+        the state before.
     message : str
         The status in words.
     events : tuple of Event
@@ -69,7 +67,7 @@ class PackingPath:
         Intervals walked.
     """
 
-    status: PackingPathStatus
+    status: PathStatus
     message: str
     events: tuple[Event, ...]
     parameter: Floats
@@ -93,82 +91,44 @@ class PackingPath:
 def follow_packing(
     graph: GrainGraph,
     law: ContactLaw,
-    stages: Stage | Sequence[Stage],
+    stages: Sequence[Stage],
     *,
-    rows: int = 1,
-    interval: float = 5e-6,
-    instabilities: int = 20,
-    max_intervals: int = 100_000,
+    rows: int,
+    interval: float,
+    instabilities: int,
+    max_steps: int,
 ) -> PackingPath:
-    """Follow a periodic packing under loading programmes, every change of regime located.
-
-    Normal forces are those of the geometry, shear forces start from the stored ones; what is out
-    of balance at the start stays as a constant load. Within an interval rates are piecewise linear;
-    geometry and normal forces are exact at its ends, so the error halves with the interval.
-    Theory, equation (11.10).
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        One periodic state.
-    law : LinearFrictional
-        Contact law.
-    stages : Stage or sequence of Stage
-        Programmes and the values at which they end; fallback stages are not entered.
-    rows : int
-        Rows of each stage, evenly spaced in the quantity that ends it.
-    interval : float
-        Strain of an interval, the norm of the change of `H`.
-    instabilities : int
-        Number of unstable contacts at which the path stops.
-    max_intervals : int
-        Intervals after which it is given up.
-
-    Returns
-    -------
-    PackingPath
-        Also where the path ends early: see `PackingPath.status`.
-
-    Raises
-    ------
-    InputError
-        If the law is another, the packing is not periodic, or an option is out of range.
-
-    Examples
-    --------
-    >>> from loops import GrainGraph, LinearFrictional
-    >>> from stability import Stage, programmes
-    >>> row = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.505] * 2, contacts=[[0, 1], [1, 0]],
-    ...     images=[[0, 0], [1, 0]], cell=[[2, 0], [0, 3]], normal_force=[0.01] * 2)
-    >>> path = follow_packing(row, LinearFrictional(1.0, 0.5, 0.5),
-    ...     Stage(programmes.isotropic_strain(), "H11", 2e-5))
-    >>> path.status, path.states[-1].normal_force.round(9).tolist()
-    ('finished', [0.01002, 0.01002])
-    """
+    """What `follow` does with the packing closure. Theory, equation (11.10)."""
     checked = require_replayable(graph, law)
-    stages = [stages] if isinstance(stages, Stage) else list(stages)
-    if not stages:
-        raise InputError("stages", "none", "one at least", "Give a Stage.")
-    number("interval", interval, 0.0, open_low=True)
-    for name, value in (("rows", rows), ("instabilities", instabilities)):
-        whole_number(name, value, 1)
     walk = _Walk(graph, contact_pairs(graph, checked), checked.shear_increment == "radii", interval)
     walk.record()
+    stop: tuple[PathStatus, str] = FINISHED
     for k, stage in enumerate(stages):
-        if stage.fallback:
+        if stage.fallback != (stop[0] in ("control_limit", "no_solution")):
             continue
+        if walk.intervals:
+            walk.changes(k, stage)
         walk.stage, walk.begun = k, walk.parameter
         walk.enter()
-        start = walk.quantity(stage)
-        for target in np.linspace(start, stage.target, rows + 1)[1:]:
-            while not walk.at(stage, target):
-                if walk.intervals >= max_intervals:
-                    return walk.path("lost", f"{max_intervals} intervals were not enough")
-                stop = walk.step(stage, float(target), instabilities)
-                if stop is not None:
-                    return walk.path(*stop)
-            walk.record()
-    return walk.path("finished", "every stage reached its target")
+        stop = _walk_stage(walk, stage, max(rows, 1), instabilities, max_steps)
+        if stop[0] in ("instabilities", "lost"):
+            break
+    return walk.path(*stop)
+
+
+def _walk_stage(
+    walk: _Walk, stage: Stage, rows: int, instabilities: int, max_steps: int
+) -> tuple[PathStatus, str]:
+    for target in np.linspace(walk.quantity(stage), stage.target, rows + 1)[1:]:
+        while not walk.at(stage, target):
+            if walk.intervals >= max_steps:
+                return "lost", f"{max_steps} intervals were not enough"
+            stop = walk.step(stage, float(target), instabilities)
+            if stop is not None:
+                walk.record()
+                return stop
+        walk.record()
+    return FINISHED
 
 
 @dataclass(eq=False)
@@ -191,6 +151,7 @@ class _Walk:
         self.state = start_state(self.graph)
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
+        self.stress = float(np.linalg.norm(self.state.stress))
         self.work = np.zeros(4)
         self.unstable: list[tuple[int, Integers]] = []
         self.order: Order | None = None
@@ -229,6 +190,11 @@ class _Walk:
         share = abs(float(np.linalg.det(self.state.cell))) / self.volume
         return share * np.kron(np.eye(2), np.linalg.inv(self.F))
 
+    def changes(self, number: int, stage: Stage) -> None:
+        """The programme gives way to another one."""
+        row, detail = len(self.rows) - 1, f"to {stage.programme.name}"
+        self.events.append(Event("programme_change", self.parameter, number, row, (), detail))
+
     def quantity(self, stage: Stage) -> float:
         """What ends the stage."""
         if stage.quantity == "parameter":
@@ -250,11 +216,13 @@ class _Walk:
         self.H_start, self.P_start = self.H, self.P
         self.slowest = np.inf
 
-    def step(self, stage: Stage, target: float, most: int) -> tuple[PackingPathStatus, str] | None:
+    def step(self, stage: Stage, target: float, most: int) -> tuple[PathStatus, str] | None:
         """One interval; why the path ends if it does."""
         before = (self.state, self.F, self.regime.copy(), self.side.copy(), self.pairs)
         try:
             stop = self._interval(stage, target)
+        except ControlLimitError:
+            stop = "control_limit", "the control has met its limit: it asks for ever more strain"
         except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
             stop = ("lost", f"the system has no answer: {error}")
         if stop is not None:
@@ -265,7 +233,7 @@ class _Walk:
             return "instabilities", f"{len(found)} contacts found no regimes that agree"
         return None
 
-    def _interval(self, stage: Stage, target: float) -> tuple[PackingPathStatus, str] | None:
+    def _interval(self, stage: Stage, target: float) -> tuple[PathStatus, str] | None:
         # What has to go: the loads of the rates are external forces.
         load = self.drift
         pieces = Pieces(
@@ -283,7 +251,7 @@ class _Walk:
             return "no_solution", "the control moves nothing"
         self.slowest = min(self.slowest, speed)
         if speed > LIMIT * self.slowest:
-            return "no_solution", "the control has met its limit: it asks for ever more strain"
+            raise ControlLimitError
         end = self.size / speed
         scale = np.tile([1.0, 1.0, 1.0 / pieces.length], len(self.state.x))
         pieces.set_load(load.ravel() * scale / end)
@@ -296,11 +264,14 @@ class _Walk:
             end=end,
             goal=self._goal(stage, target),
             told=self._told,
+            fastest=LIMIT * self.slowest,
         )
         P = self.P
         walk.walk()
         state, self.regime, inner = end_state(walk, self.state, self.pairs)
         self.side, self.order = pieces.side, pieces.order
+        if not state.closed.any():
+            return "no_load", "the packing has come apart and carries no force"
         jump = self._jump(state)
         if jump:
             return "lost", jump
@@ -405,13 +376,11 @@ class _Walk:
 
     def _jump(self, state: PackingState) -> str:
         """What is out of measure after an interval, if anything."""
-        mean = float(self.state.normal_force[self.state.closed].mean())
-        forces = np.abs(state.normal_force - self.state.normal_force).max() / mean
-        stress = np.linalg.norm(state.stress - self.state.stress) / np.linalg.norm(
-            self.state.stress
-        )
-        if not (np.isfinite(forces) and stress < JUMP):
-            return f"the stress jumped by {stress:.2g} of itself"
+        # Near zero a stress is no measure of its change; that of the start is.
+        size = max(float(np.linalg.norm(self.state.stress)), self.stress)
+        stress = np.linalg.norm(state.stress - self.state.stress) / size
+        if not stress < JUMP:
+            return f"the stress jumped by {stress:.2g} of what it was"
         beyond = (
             state.x
             - self.state.x
@@ -429,14 +398,12 @@ class _Walk:
         )
         energy = 0.5 * float(np.sum(state.normal_force**2 / pairs.kn + shear))
         closed = np.hypot(state.normal_force, state.shear_force)[state.closed]
-        drift = np.abs(self.drift)[:, :2].max() / float(closed.mean())
+        drift = np.abs(self.drift)[:, :2].max() / float(closed.mean() if len(closed) else np.nan)
         row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, drift
         self.rows.append(row)
 
-    def path(self, status: PackingPathStatus, message: str) -> PackingPath:
+    def path(self, status: PathStatus, message: str) -> PackingPath:
         """What has been walked."""
-        if status != "finished":
-            self.record()
         columns = list(zip(*self.rows, strict=True))
         parameter, stage, H, P, states, work, energy, drift = columns
         return PackingPath(

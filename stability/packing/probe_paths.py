@@ -16,10 +16,11 @@ from stability.destabilising import no_control
 from stability.packing.linear_pieces import AT_YIELD
 from stability.packing.loop_rates import loop_changes
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength
-from stability.packing.path import PackingPath, follow_packing
+from stability.packing.path import PackingPath
 from stability.packing.pieces import NEUTRAL
 from stability.packing.probe import Probe
 from stability.packing.state import PackingState
+from stability.paths import follow as path_of
 from stability.programmes import Programme, Stage
 from stability.subspaces import subspace_basis
 
@@ -45,7 +46,7 @@ def probe_to(
     amplitude : float
         Strain, or stress under stress control.
     follow : callable, optional
-        Who follows the stages, one a direction, and gives their paths in order; `follow_packing`
+        Who follows the stages, one a direction, and gives their paths in order; `stability.follow`
         one after the other if left out.
 
     Returns
@@ -59,14 +60,16 @@ def probe_to(
     Raises
     ------
     InputError
-        If the amplitude isn't positive, or where `follow_packing` refuses.
+        If the amplitude isn't positive, or where `follow` refuses.
     """
     checked = require_replayable(graph, law)
     number("amplitude", amplitude, 0.0, open_low=True)
     pairs = contact_pairs(graph, checked)
     stages = [_stage(found, direction, amplitude) for direction in found.directions]
     if follow is None:
-        paths: Sequence[PackingPath] = [follow_packing(graph, law, stage) for stage in stages]
+        paths: Sequence[PackingPath] = [
+            path_of(graph, law, stage, closure="packing") for stage in stages
+        ]
     else:
         paths = follow(stages)
     done = np.array([path.status == "finished" for path in paths])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
 from numpy.typing import ArrayLike
 
@@ -24,9 +24,38 @@ from stability.programmes import Programme, Stage
 from stability.rate_problem import RateProblem
 from stability.subspaces import subspace_basis
 
+if TYPE_CHECKING:
+    from stability.packing.path import PackingPath
+
 OnTouch = Literal["ignore", "stop", "add"]
+# Options of loops, as they stand if left out.
+OF_LOOPS: dict[str, Any] = {
+    "spins": "blocked",
+    "subspace": "diagonal",
+    "volume": None,
+    "contact_on_touch": "ignore",
+    "rtol": 1e-12,
+    "atol": 1e-14,
+    "max_step": 0.05,
+    "model": "auto",
+}
 
 
+@overload
+def follow(
+    graph: GrainGraph,
+    law: ContactLaw,
+    stages: Sequence[Stage] | Stage,
+    *,
+    closure: Literal["packing"],
+    rows: int = 0,
+    max_steps: int = 20_000,
+    interval: float = 5e-6,
+    instabilities: int = 20,
+) -> PackingPath: ...
+
+
+@overload
 def follow(
     graph: GrainGraph,
     law: ContactLaw,
@@ -43,7 +72,28 @@ def follow(
     max_steps: int = 20_000,
     rows: int = 0,
     model: ModelOption = "auto",
-) -> Path:
+) -> Path: ...
+
+
+def follow(
+    graph: GrainGraph,
+    law: ContactLaw,
+    stages: Sequence[Stage] | Stage,
+    *,
+    closure: Closure | Literal["packing"] = "affine",
+    spins: Spins = "blocked",
+    subspace: str | Sequence[str] = "diagonal",
+    volume: ArrayLike | None = None,
+    contact_on_touch: OnTouch = "ignore",
+    rtol: float = 1e-12,
+    atol: float = 1e-14,
+    max_step: float = 0.05,
+    max_steps: int = 20_000,
+    rows: int = 0,
+    model: ModelOption = "auto",
+    interval: float = 5e-6,
+    instabilities: int = 20,
+) -> Path | PackingPath:
     """Integrate the rate equations of a graph under loading programmes, with exact events.
 
     Every contact is elastic, sliding or open (Nicot et al. 2016, equation (8)). The normal force is
@@ -52,6 +102,12 @@ def follow(
     restarted at every event. Events are located on the dense output and corrected by integrating
     to them again. Where contacts are at the edge of their law, a rate problem decides
     (`stability.rate_problem`).
+
+    Under the `packing` closure the whole of a periodic packing under `LinearFrictional` is
+    followed, its spins free: within short intervals of strain the rates are piecewise linear and
+    contacts change regime by pivots; geometry and normal forces are exact at their ends, so the
+    error halves with the interval. What is out of balance at the start stays as a constant load.
+    Of the options below it takes `max_steps` (intervals), `rows`, `interval` and `instabilities`.
 
     Parameters
     ----------
@@ -62,7 +118,7 @@ def follow(
         Contact law.
     stages : Stage or sequence of Stage
         Programmes and the values at which they end.
-    closure : {'affine', 'traction'}
+    closure : {'affine', 'traction', 'packing'}
         How the surrounding medium drives the grains.
     spins : {'blocked', 'affine', 'free'}
         What the grains' spins do.
@@ -84,6 +140,7 @@ def follow(
     rows : int
         Rows of each stage, evenly spaced from event to event over its length as judged from its
         start (a strain of one at most), whatever the steps are; 0 for a row at every accepted step.
+        Of a packing: evenly spaced in the quantity that ends the stage; 0 for its end alone.
     model : {'auto', 'full'}
         The smallest model that serves: rates in the fields that the symmetry of state and
         programmes leaves, and one contact of an orbit in the branch search; or all unknowns, and a
@@ -91,10 +148,14 @@ def follow(
         losses of stability are those of all motions. Motions that break the symmetry are not
         looked for where a symmetric one goes on: 'branching' events tell where they set in, with
         spins that are not free.
+    interval : float
+        Of a packing: strain of an interval, the norm of the change of `H`.
+    instabilities : int
+        Of a packing: number of unstable contacts at which the path stops.
 
     Returns
     -------
-    Path
+    Path, or PackingPath
         Also where the path ends early: see `Path.status`.
 
     Raises
@@ -121,6 +182,27 @@ def follow(
     (0.166666666667, (0, 1, 2, 3))
     """
     stages = [stages] if isinstance(stages, Stage) else list(stages)
+    if closure == "packing":
+        given = (spins, subspace, volume, contact_on_touch, rtol, atol, max_step, model)
+        _check_packing(stages, dict(zip(OF_LOOPS, given, strict=True)))
+        number("interval", interval, 0.0, open_low=True)
+        for name, value, least in (
+            ("instabilities", instabilities, 1),
+            ("max_steps", max_steps, 1),
+            ("rows", rows, 0),
+        ):
+            whole_number(name, value, least)
+        from stability.packing.path import follow_packing
+
+        return follow_packing(
+            graph,
+            law,
+            stages,
+            rows=rows,
+            interval=interval,
+            instabilities=instabilities,
+            max_steps=max_steps,
+        )
     _check(law, stages, closure, spins, contact_on_touch)
     number("rtol", rtol, 0.0)
     number("atol", atol, 0.0)
@@ -180,12 +262,32 @@ def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
 
 def _check(law: object, stages: Sequence[Stage], closure: str, spins: str, on_touch: str) -> None:
     require_law(law)
-    check_choice("closure", closure, get_args(Closure))
+    check_choice("closure", closure, (*get_args(Closure), "packing"))
     check_choice("spins", spins, get_args(Spins))
     check_choice("contact_on_touch", on_touch, get_args(OnTouch))
+    _check_stages(stages)
+
+
+def _check_packing(stages: Sequence[Stage], given: dict[str, Any]) -> None:
+    _check_stages(stages)
+    for name, value in given.items():
+        if value is not OF_LOOPS[name] and value != OF_LOOPS[name]:
+            raise InputError(
+                name,
+                f"{value!r} with the packing closure",
+                "interval, instabilities, max_steps and rows: the others are of loops",
+                "Leave it out: a packing's spins are free, its events those of contacts.",
+            )
+
+
+def _check_stages(stages: Sequence[Stage]) -> None:
     if not stages or stages[0].fallback:
-        received = "no stage" if not stages else "a fallback as the first stage"
-        raise InputError("stages", received, "at least one stage to start with", "Give a Stage.")
+        raise InputError(
+            "stages",
+            "no stage" if not stages else "a fallback as the first stage",
+            "at least one stage to start with",
+            "Give a Stage.",
+        )
 
 
 def rates_at(

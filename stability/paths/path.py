@@ -31,7 +31,13 @@ EventKind = Literal[
     "instability",
 ]
 PathStatus = Literal[
-    "finished", "control_limit", "opposite_contact", "no_solution", "no_load", "lost"
+    "finished",
+    "control_limit",
+    "opposite_contact",
+    "no_solution",
+    "no_load",
+    "instabilities",
+    "lost",
 ]
 ModelOption = Literal["auto", "full"]
 
@@ -72,6 +78,7 @@ class Event:
         'yield', 'unloading', 'opening', 'closing' (of contacts), 'opposite_contact' (grains without
         a contact touch), 'det_Ks_zero', 'det_K_zero' (an eigenvalue passes zero, continuously or in
         a jump), 'flutter' (the real part of a complex pair of K does), 'control_limit',
+        'instability' (in a packing: no regimes of the contact agree),
         'branching' (the relaxed grains' balance is singular: other paths branch off, this one goes
         on), 'programme_change'.
     parameter : float

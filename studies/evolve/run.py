@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from loops import Faces, InputError
 from loops.arrays import Floats
 from patterns import Snapshot
-from stability import COMPONENTS, Stage
-from stability.packing import LoopRates, PackingPath, follow_packing, loop_changes
+from stability import COMPONENTS, Stage, follow
+from stability.packing import LoopRates, PackingPath, loop_changes
 from stability.packing.state import start_state
 from stability.paths.path import Event
 from studies.output import provenance, readable, result_folder, write_summary, write_table
@@ -83,8 +83,14 @@ def run_evolve(
         snapshot, faces = read_planar(first.path, **first.how)
         law, _ = snapshot.mechanics()
         notes = balance_notes(snapshot)
-        path = follow_packing(
-            snapshot.graph, law, stage, rows=rows, interval=interval, instabilities=instabilities
+        path = follow(
+            snapshot.graph,
+            law,
+            stage,
+            closure="packing",
+            rows=rows,
+            interval=interval,
+            instabilities=instabilities,
         )
         changes = [loop_changes(snapshot.graph, state, faces) for state in path.states[1:]]
         driven = np.sign(to) * path.parameter

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from loops import Faces, GrainGraph, InputError
 from loops.laws import ContactLaw
 from patterns import Snapshot
-from stability import COMPONENTS, Stage
+from stability import COMPONENTS, Stage, follow
 from stability.arguments import number
-from stability.packing import PackingPath, Probe, follow_packing
+from stability.packing import PackingPath, Probe
 from stability.packing.pieces import Driven, Subspace
 from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
@@ -107,9 +107,9 @@ def run_probe(
         edge = sample_edge(snapshot, faces, yield_band)
         found = probe_edge(edge, directions, control, subspace, faces)
         if amplitude is not None:
-            follow = partial(_followed, snapshot, workers, scheduler)
+            shared = partial(_followed, snapshot, workers, scheduler)
             law, notes = snapshot.mechanics()[0], balance_notes(snapshot)
-            found = probe_to(found, snapshot.graph, law, faces, amplitude, follow)
+            found = probe_to(found, snapshot.graph, law, faces, amplitude, shared)
         made = provenance("probe", {"path": path, **reading(**how), **asked}, UNITS)
         summary = probe_summary(snapshot, found) | asked | {"provenance": made}
         summary["notes"] += notes
@@ -143,7 +143,7 @@ class _Direction:
 
 def _follow(one: _Direction) -> tuple[int, PackingPath]:
     with one_blas_thread():
-        return one.number, follow_packing(one.graph, one.law, one.stage)
+        return one.number, follow(one.graph, one.law, one.stage, closure="packing")
 
 
 def _followed(

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -27,8 +28,8 @@ from matplotlib.figure import Figure
 from loops import GrainGraph, InputError, LinearFrictional, find_faces
 from loops.arrays import Floats
 from patterns import Snapshot, read_snapshot
-from stability import Programme, Stage
-from stability.packing import follow_packing, loop_changes, replay
+from stability import Programme, Stage, follow
+from stability.packing import loop_changes, replay
 from studies.examples.probing import STRESS, state
 from studies.output import provenance, result_folder, write_table
 from studies.scaling.in_place import replicated
@@ -39,6 +40,7 @@ from studies.series.plan import cells_by_number
 from studies.series.skill import skill
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
 
+followed = partial(follow, closure="packing")
 Rows = list[dict[str, Any]]
 # Strain of a step, and the snapshots of yade-slow that are so far apart.
 STEPS: dict[float, range] = {
@@ -114,7 +116,7 @@ def probed(name: str) -> Iterator[dict[str, Any]]:
         # Axial strains are counted from the start of the probe.
         direction = np.diag([np.cos(np.radians(theta)), np.sin(np.radians(theta))])
         stages = [strained(direction, step) for step in np.diff(amplitudes, prepend=0.0)]
-        path, spent = _spent(follow_packing, snapshot.graph, law, stages, instabilities=1000)
+        path, spent = _spent(followed, snapshot.graph, law, stages, instabilities=1000)
         if path.status != "finished":
             continue
         stress = np.array([one.stress for one in path.states])
@@ -181,7 +183,7 @@ def by_rate(collection: Path) -> Iterator[dict[str, Any]]:
     for number in (6, 10):
         one, two = (_slow(collection, cells, k) for k in (number, number + 1))
         faces, H, law = find_faces(one.graph), _strain(one, two), one.mechanics()[0]
-        path = follow_packing(one.graph, law, strained(H), instabilities=1000)
+        path = followed(one.graph, law, strained(H), instabilities=1000)
         start, count = path.states[0].forces[: one.graph.contact_count], one.graph.contact_count
         wanted = path.states[-1].forces[:count]
         told = loop_changes(one.graph, path.states[-1], faces).normalised_work
@@ -241,7 +243,7 @@ def grown(times: int) -> dict[str, Any]:
         row["replay_mb"] = (_peak() - before) / MB
     row["step_ms"] = 5.0 * (row.pop("replay twice seconds") - row.pop("replay seconds"))
     before = _reset_peak()
-    path, spent = _spent(follow_packing, graph, law, strained(H), instabilities=10**6)
+    path, spent = _spent(followed, graph, law, strained(H), instabilities=10**6)
     unstable = len({event.contacts for event in path.of_kind("instability")})
     return row | {
         "path_mb": (_peak() - before) / MB, "path_seconds": spent, "events": len(path.events),

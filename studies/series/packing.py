@@ -23,13 +23,12 @@ from loops.graph import branch_vectors
 from loops.loop_strain import rotation_and_stretch
 from loops.packing import loops_in_place
 from loops.tracking import Fate, LoopFates
-from stability import COMPONENTS, Programme, Stage
+from stability import COMPONENTS, Programme, Stage, follow
 from stability.loop_stability import loop_spectra
 from stability.packing import (
     LoopRates,
     PackingRates,
     PackingResponse,
-    follow_packing,
     loop_changes,
     loop_rates,
     replay,
@@ -120,7 +119,8 @@ def _by_events(before: TrackedState, H: Floats) -> tuple[Columns, list[str]]:
     ends, notes = {}, list[str]()
     try:
         notes += balance_notes(before.snapshot)
-        path = follow_packing(graph, law, Stage(strain, "parameter", 1.0), instabilities=PASSED)
+        stage = Stage(strain, "parameter", 1.0)
+        path = follow(graph, law, stage, closure="packing", instabilities=PASSED)
         if path.status == "finished":
             ends["path"] = path.states[-1]
         else:

@@ -5,7 +5,8 @@ import inspect
 import numpy as np
 import pytest
 
-from stability.packing import follow_packing, interval, linear_pieces, loop_changes, path
+from stability import follow
+from stability.packing import interval, linear_pieces, loop_changes, path
 from tests.docs.pages import page, says, tables
 from tests.stability.packing.test_path import in_collection, strained
 from tests.stability.packing.test_replay import foreseen, slow, strain_between
@@ -15,7 +16,7 @@ PAGE = " ".join(page("packing-paths").split())
 
 
 def test_settings():
-    usual = inspect.signature(follow_packing).parameters
+    usual = inspect.signature(follow).parameters
     assert f"Intervals of strain {usual['interval'].default:.0e}".replace("e-06", "e-6") in PAGE
     assert f"At {usual['instabilities'].default} unstable contacts" in PAGE
     assert f"gap below {path.NEAR} mean diameters" in PAGE
@@ -41,7 +42,7 @@ def test_skill(row, numbers, step):
     for number in numbers:
         (one, _), (two, _) = slow(number), slow(number + step)
         stage = strained(strain_between(one, two))
-        way = follow_packing(one.graph, one.law, stage, instabilities=1000)
+        way = follow(one.graph, one.law, stage, closure="packing", instabilities=1000)
         end, events = way.states[-1], events + len(way.events)
         areas.append(foreseen(one, two, lambda f, g=one.graph, e=end: loop_changes(g, e, f)))
     assert len(areas) == int(told["steps"])

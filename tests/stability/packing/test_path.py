@@ -1,6 +1,7 @@
 """The path of a packing by events: against its own refinement, slow replays, loops and Yade."""
 
 import functools
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,12 +10,12 @@ import pytest
 from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, find_faces
 from stability import Stage, follow
 from stability.packing import (
-    follow_packing,
     loop_changes,
     loop_rates,
     packing_response,
     replay,
 )
+from stability.packing.pairs import _ordered, near_pairs
 from stability.programmes import Programme
 from tests.packings import LAW, jammed
 from tests.stability.packing.test_replay import COLLECTION, foreseen, slow, strain_between
@@ -36,6 +37,7 @@ cases = pytest.mark.parametrize(
     ids=lambda case: str(case[0]),
 )
 packed = functools.cache(jammed)
+followed = functools.partial(follow, closure="packing")
 
 
 def strained(strain):
@@ -51,7 +53,7 @@ def drained(target):
 @functools.cache
 def forces(case, interval):
     graph = packed(*case[:3])
-    path = follow_packing(graph, case[2], strained(H), interval=interval)
+    path = followed(graph, case[2], strained(H), interval=interval)
     assert path.status == "finished"
     return path, path.states[-1].forces[: graph.contact_count]
 
@@ -100,7 +102,7 @@ def test_a_first_step_is_the_rate_problem(case):
     """Loop by loop, before any contact changes regime; second order in a strain of 3e-7."""
     graph, law = packed(*case[:3]), case[2]
     faces, step = find_faces(graph), 1e-4 * H
-    path = follow_packing(graph, law, strained(step), interval=1e-8)
+    path = followed(graph, law, strained(step), interval=1e-8)
     assert path.events == () and path.imbalance[-1] < 1e-10
     changes = loop_changes(graph, path.states[-1], faces)
     rates = loop_rates(packing_response(graph, law, step, yield_band=1 - 1e-6), faces)
@@ -112,14 +114,14 @@ def test_a_first_step_is_the_rate_problem(case):
 
 def test_mixed_control_holds_its_stress():
     graph = packed(16, 2, BRANCH)
-    path = follow_packing(graph, BRANCH, drained(1e-3), rows=4, interval=2e-5)
+    path = followed(graph, BRANCH, drained(1e-3), rows=4, interval=2e-5)
     assert path.status == "finished" and len(path) == 5
     np.testing.assert_allclose(path.H[:, 3], np.linspace(0, 1e-3, 5), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(path.P[:, 0], path.P[0, 0], rtol=1e-5)
     assert np.abs(path.H[:, 1:3]).max() < 1e-15
     assert (np.diff(path.H[:, 0]) < 0).all()
     # The same strain prescribed leads to the same stress.
-    again = follow_packing(graph, BRANCH, strained(path.H[-1]), interval=2e-5)
+    again = followed(graph, BRANCH, strained(path.H[-1]), interval=2e-5)
     np.testing.assert_allclose(again.P[-1], path.P[-1], rtol=0, atol=2e-3 * path.P[0, 0])
 
 
@@ -147,9 +149,9 @@ def test_a_lattice_of_diamonds_goes_as_follow_has_it():
     wanted = follow(lattice(), law, part, closure="affine", spins="blocked").P[-1]
     error, place = [], []
     for interval in (1e-4, 5e-5):
-        path = follow_packing(lattice(), law, part, interval=interval)
+        path = followed(lattice(), law, part, interval=interval)
         error.append(np.abs(path.P[-1] - wanted).max() / np.abs(wanted).max())
-        events = follow_packing(
+        events = followed(
             lattice(), law, strained(strain), interval=interval, instabilities=1
         ).events
         place.append(abs(events[0].parameter - yields))
@@ -160,7 +162,7 @@ def test_a_lattice_of_diamonds_goes_as_follow_has_it():
 def test_instabilities_are_told_and_end_the_path():
     """A lattice at yield is a mechanism: named, dragged or held, and stopped at the first."""
     law, strain = LinearFrictional(1.0, 0.5, 0.2), np.diag([8e-3, -6e-3])
-    path = follow_packing(lattice(), law, strained(strain), interval=5e-5, instabilities=1)
+    path = followed(lattice(), law, strained(strain), interval=5e-5, instabilities=1)
     assert path.status == "instabilities" and path.parameter[-1] < 0.8
     (event, *_) = path.of_kind("instability")
     assert "grains take part" in event.detail and len(event.contacts) == 1
@@ -168,7 +170,7 @@ def test_instabilities_are_told_and_end_the_path():
 
 def test_a_path_that_leaps_is_lost_with_the_state_before():
     """One interval across half of the packing's stress."""
-    path = follow_packing(packed(12, 1, LAW), LAW, strained(0.05 * np.eye(2)), interval=0.05)
+    path = followed(packed(12, 1, LAW), LAW, strained(0.05 * np.eye(2)), interval=0.05)
     assert path.status == "lost" and "jumped" in path.message
     np.testing.assert_array_equal(path.H[-1], 0)
 
@@ -185,7 +187,7 @@ def test_a_path_that_leaps_is_lost_with_the_state_before():
 def test_laws_at_their_limits(law, least):
     """Against a slow replay, past openings and closings."""
     graph = jammed(16, 2, law)
-    path = follow_packing(graph, law, strained(H), interval=2e-5)
+    path = followed(graph, law, strained(H), interval=2e-5)
     assert (path.status == "finished" and path.of_kind("closing")) or path.of_kind("opening")
     assert not path.of_kind("instability") and not path.of_kind("yield")
     wanted = replay(graph, law, H, duration=2e5, viscous=0.02).state.forces
@@ -194,12 +196,56 @@ def test_laws_at_their_limits(law, least):
     assert error < least
 
 
+@pytest.mark.parametrize("share", [0.0, 1.0], ids=["none slides", "all at yield"])
+def test_shares_at_yield(share):
+    """No shear: nothing happens at first. All at yield: each finds its regime."""
+    graph = packed(16, 2, LAW)
+    most = LAW.mu * graph.normal_force
+    graph = graph.replace(shear_force=share * np.sign(graph.shear_force) * most)
+    path = followed(graph, LAW, strained(0.01 * H))
+    assert path.status == "finished" and bool(path.events) == bool(share)
+    last = path.states[-1]
+    assert (np.abs(last.shear_force) <= (1 + 1e-9) * LAW.mu * last.normal_force).all()
+
+
+def test_a_cell_sheared_past_its_neighbours():
+    """Four grains in a cell, by 0.4: who touches at the end is who overlaps, images and all."""
+    shear, law = np.array([[0.0, 0.4], [0.0, 0.0]]), LinearFrictional(1.0, 0.5, np.inf, "branch")
+    path = followed(lattice(), law, strained(shear), interval=4e-3)
+    end = path.states[-1]
+    assert path.status == "finished" and path.of_kind("opening")
+    grains, images = near_pairs(end.x, end.cell, end.radii, 0.0)
+    found = zip(*_ordered(end.contacts[end.closed], end.images[end.closed]), strict=True)
+    told = {(*map(int, pair), *map(int, image)) for pair, image in found}
+    assert told == {tuple(row) for row in np.column_stack([grains, images]).tolist()}
+
+
+def test_a_path_that_asks_for_ever_more_strain_ends_or_falls_back():
+    """A row pulled to a tension it can't have: stopped where it opens, the state before kept."""
+    row = GrainGraph(
+        [[0, 0], [1, 0]],
+        [0.505] * 2,
+        [[0, 1], [1, 0]],
+        images=[[0, 0], [1, 0]],
+        cell=[[2, 0], [0, 3]],
+        normal_force=[0.01] * 2,
+    )
+    held = np.diag([0, 1.0, 1.0, 1.0])
+    pull = Stage(Programme("pull", np.diag([1.0, 0, 0, 0]), held, [-1.0, 0, 0, 0]), "P11", -0.01)
+    path = followed(row, LAW, pull, interval=1e-3)
+    assert path.status == "control_limit" and 0 < path.P[-1, 0] < 0.2 * path.P[0, 0]
+    other = replace(strained(1e-3 * H), fallback=True)
+    path = followed(row, LAW, [pull, other], interval=1e-3)
+    assert path.status == "finished" and path.stage.tolist() == [0, 0, 1]
+    np.testing.assert_allclose(path.H[-1] - path.H[-2], 1e-3 * H.ravel(), rtol=0.02)
+
+
 def test_a_state_out_of_balance_keeps_its_load():
     """One force in a hundred taken off: the drift is of what comes, not of what was there."""
     graph = packed(24, 3, LAW)
     rng = np.random.default_rng(0)
     shaken = graph.replace(shear_force=graph.shear_force * rng.uniform(0.9, 1.0, 44))
-    path = follow_packing(shaken, LAW, strained(0.1 * H))
+    path = followed(shaken, LAW, strained(0.1 * H))
     assert path.status == "finished" and path.imbalance[-1] < 1e-5
     whole = path.states[0].forces
     assert np.linalg.norm(path.states[-1].forces[: len(whole)] - whole) > 1e-3 * np.linalg.norm(
@@ -212,15 +258,19 @@ def test_a_state_out_of_balance_keeps_its_load():
     [
         ({"law": HertzMindlin(1.0, 0.3, 0.5)}, "piecewise linear"),
         ({"stages": []}, "stages"),
-        ({"rows": 0}, "rows"),
+        ({"rows": -1}, "rows"),
         ({"interval": 0.0}, "interval"),
         ({"instabilities": 0}, "instabilities"),
+        ({"max_steps": 0}, "max_steps"),
+        ({"spins": "free"}, "of loops"),
+        ({"volume": 1.0}, "of loops"),
+        ({"graph": GrainGraph([[0, 0], [1, 0]], [0.5, 0.5], [[0, 1]])}, "walls"),
     ],
 )
 def test_bad_input(change, message):
     given = {"graph": lattice(), "law": LAW, "stages": strained(H)} | change
     with pytest.raises(InputError, match=message):
-        follow_packing(given.pop("graph"), given.pop("law"), given.pop("stages"), **given)
+        followed(given.pop("graph"), given.pop("law"), given.pop("stages"), **given)
 
 
 in_collection = pytest.mark.skipif(
@@ -239,7 +289,7 @@ def test_work_of_yades_loops(numbers, mean, least):
     for number in numbers:
         (one, _), (two, _) = slow(number), slow(number + 1)
         step = strained(strain_between(one, two))
-        path = follow_packing(one.graph, one.law, step, instabilities=100)
+        path = followed(one.graph, one.law, step, instabilities=100)
         assert path.status == "finished"
         end = path.states[-1]
         found.append(
@@ -255,6 +305,6 @@ def test_strain_ratio_of_yades_sample(number):
     """-H11'/H22' with P11 held, as the test was driven, within 2 per cent."""
     (one, _), (two, _) = slow(number), slow(number + 1)
     strain = strain_between(one, two)
-    path = follow_packing(one.graph, one.law, drained(strain[1, 1]), instabilities=100)
+    path = followed(one.graph, one.law, drained(strain[1, 1]), instabilities=100)
     ratio = path.H[-1, 0] / path.H[-1, 3]
     assert ratio == pytest.approx(strain[0, 0] / strain[1, 1], rel=0.02)

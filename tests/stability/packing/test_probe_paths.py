@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, find_faces
-from stability.packing import follow_packing, probe
+from stability import follow
+from stability.packing import probe
 from stability.packing.probe_paths import probe_to
 from stability.programmes import Programme, Stage
 from tests.packings import LAW, jammed
@@ -40,7 +41,7 @@ def test_a_row_is_the_path_itself(case):
     graph, faces = case
     found = probe_to(probe(graph, LAW, [[3.0, -4.0]]), graph, LAW, faces, 1e-3)
     strain = Programme("strain", np.zeros((4, 4)), np.eye(4), [0.6, 0, 0, -0.8])
-    path = follow_packing(graph, LAW, Stage(strain, "parameter", 1e-3))
+    path = follow(graph, LAW, Stage(strain, "parameter", 1e-3), closure="packing")
     assert np.allclose(found.strain_rate[0].ravel(), [0.6, 0, 0, -0.8], rtol=0, atol=1e-10)
     assert np.allclose(found.stress_rate[0].ravel(), (path.P[-1] - path.P[0]) / 1e-3, rtol=1e-12)
     assert len(path.events) > 0 and len(found.cones) == 0
@@ -48,8 +49,8 @@ def test_a_row_is_the_path_itself(case):
 
 def test_what_is_not_finished_is_not_a_number(case, monkeypatch):
     graph, faces = case
-    short = functools.partial(follow_packing, max_intervals=2)
-    monkeypatch.setattr("stability.packing.probe_paths.follow_packing", short)
+    short = functools.partial(follow, max_steps=2)
+    monkeypatch.setattr("stability.packing.probe_paths.path_of", short)
     found = probe_to(probe(graph, LAW, 2), graph, LAW, faces, 1e-4)
     assert set(found.status) == {"lost"} and not found.determined.any()
     for name in ("strain_rate", "stress_rate", "loop_work", "work", "normalised"):

@@ -10,8 +10,8 @@ import pytest
 
 from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, find_faces
 from patterns import read_snapshot, sample_path
-from stability import Stage
-from stability.packing import follow_packing, loop_changes, replay
+from stability import Stage, follow
+from stability.packing import loop_changes, replay
 from stability.packing.pairs import near_pairs
 from stability.programmes import combination, drained_biaxial, isotropic_stress, undrained
 from studies.series.increments import TrackedState, increments, track_loops
@@ -113,7 +113,7 @@ def test_a_servo_holds_what_the_path_holds():
     """Drained: the same strain and stress as the quasi-static path, the nearer the slower."""
     graph, quiet = jammed(16, 2), {"damping": 0.3, "viscous": 0.05}
     stage = Stage(drained_biaxial(2, -1.0), "H22", -2e-3)
-    path = follow_packing(graph, LAW, stage, interval=2e-5)
+    path = follow(graph, LAW, stage, closure="packing", interval=2e-5)
     assert path.status == "finished" and len(path.events) > 0
     off = []
     for duration in (5e3, 5e4):

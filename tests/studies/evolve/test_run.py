@@ -11,8 +11,8 @@ from PIL import Image
 
 from loops import InputError, contact_forces, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
-from stability import Stage, programmes
-from stability.packing import follow_packing, loop_changes
+from stability import Stage, follow, programmes
+from stability.packing import loop_changes
 from studies.evolve import run_evolve
 from studies.evolve.run import stage_of
 from studies.output import as_json
@@ -78,7 +78,8 @@ def test_tables_are_the_numerics(small, tmp_path):
     summary = run_evolve([grains], out, to=-3e-3, axis=2, rows=4,
                          interval=2e-5, csv=True, figures=False)  # fmt: skip
     stage = Stage(programmes.drained_biaxial(2, -1.0), "parameter", 3e-3)
-    found = follow_packing(snapshot.graph, snapshot.law, stage, rows=4, interval=2e-5)
+    how = {"rows": 4, "interval": 2e-5}
+    found = follow(snapshot.graph, snapshot.law, stage, closure="packing", **how)
     path, events, loops = tables(out)
     assert np.array_equal(path[["P11", "P12", "P21", "P22"]], found.P) and len(found) == 5
     assert np.allclose(path["driven"], path["H22"], rtol=0, atol=1e-12) and path["H22"].min() < 0
@@ -138,7 +139,8 @@ def test_an_animation_has_a_frame_a_row(small, tmp_path):
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_programmes_drive_what_they_say(programme, sense, small):
     snapshot = small[1]
-    path = follow_packing(snapshot.graph, snapshot.law, stage_of(programme, 1, sense * 1e-5))
+    stage = stage_of(programme, 1, sense * 1e-5)
+    path = follow(snapshot.graph, snapshot.law, stage, closure="packing")
     held = {"drained": ("P", 3), "isotropic-stress": ("P", 3), "isotropic": ("H", 3)}
     driven = path.P[:, 0] if programme == "isotropic-stress" else path.H[:, 0]
     assert driven[-1] - driven[0] == pytest.approx(sense * 1e-5, rel=1e-3)
@@ -158,7 +160,7 @@ def test_programmes_drive_what_they_say(programme, sense, small):
         (["--to", "0"], "--to: got 0, expected a finite number other than zero"),
         (["--to", "1e-5", "--programme", "odd"], "--programme: got 'odd', expected one of drained"),
         (["--to", "1e-5", "--axis", "3"], "--axis: got 3, expected 1 or 2"),
-        (["--to", "1e-5", "--rows", "0"], "rows: got 0, expected a whole number, 1 or more"),
+        (["--to", "1e-5", "--rows", "-1"], "rows: got -1, expected a whole number, 0 or more"),
         (["--to", "1e-5", "--interval", "0"], "interval: got 0"),
         (["--to", "1e-5", "--instabilities", "0"], "instabilities: got 0"),
         ([], "Missing option '--to'"),
