@@ -98,7 +98,7 @@ def follow_packing(
     instabilities: int,
     max_steps: int,
 ) -> PackingPath:
-    """What `follow` does with the packing closure. Theory, equation (11.10)."""
+    """What `follow` does with the packing closure."""
     checked = require_replayable(graph, law)
     walk = _Walk(graph, contact_pairs(graph, checked), checked.shear_increment == "radii", interval)
     walk.record()

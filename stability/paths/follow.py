@@ -105,8 +105,9 @@ def follow(
 
     Under the `packing` closure the whole of a periodic packing under `LinearFrictional` is
     followed, its spins free: within short intervals of strain the rates are piecewise linear and
-    contacts change regime by pivots; geometry and normal forces are exact at their ends, so the
-    error halves with the interval. What is out of balance at the start stays as a constant load.
+    contacts change regime by pivots (Theory, equation (11.10)); geometry and normal forces are
+    exact at their ends, so the error halves with the interval. What is out of balance at the start
+    stays as a constant load.
     Of the options below it takes `max_steps` (intervals), `rows`, `interval` and `instabilities`.
 
     Parameters
