@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from loops.graph import branch_vectors as branch_vectors
     from loops.graph import contact_frame as contact_frame
     from loops.graph import reference_branch_vectors as reference_branch_vectors
+    from loops.kinetics import OrderKinetics as OrderKinetics
+    from loops.kinetics import order_kinetics as order_kinetics
     from loops.laws import ContactLaw as ContactLaw
     from loops.laws import FrictionalLaw as FrictionalLaw
     from loops.laws import HertzMindlin as HertzMindlin

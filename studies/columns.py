@@ -151,6 +151,23 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
         "order_before": ("1", "order of the earlier loop, 0 for none"),
         "order_after": ("1", "order of its successor, 0 for none"),
         "exchange:loops": ("1", "loops that went from one order to the other"),
+        "order_1": ("1", "smaller order of a pair of loops"),
+        "order_2": ("1", "larger order of the pair"),
+        "order_merged": ("1", "order_1 + order_2 - 2, of the loop that they merge into"),
+        "openings": ("1", "contacts between the two that opened, each alone in its interval"),
+        "closings": ("1", "contacts that closed and left the two, each alone in its interval"),
+        "opening_rate": ("1/time", "openings over the time integral of N_1 N_2/G (of two alike "
+                         "N (N - 1)/2 G), G = sum (n - 2) N_n/2; time as kinetics of the summary "
+                         "says"),
+        "closing_rate": ("1/time", "closings over the time integral of the number of loops of "
+                         "order_merged"),
+        "*ing_rate_low": ("1/time", "lower limit of the rate, 95 %, Poisson's counts"),
+        "*ing_rate_high": ("1/time", "upper limit of the rate, 95 %, Poisson's counts"),
+        "balance_z": ("1", "(openings - closings)/sqrt(openings + closings)"),
+        "balance_p": ("1", "exact two-sided level of the pair under detailed balance"),
+        "observed_share": ("1", "share of the loops, mean over the time of the series"),
+        "steady_share": ("1", "share in the steady state of the rates"),
+        "steady_error": ("1", "its standard error by Poisson's counts"),
         "predictor": ("", "what foretells, see docs/series.md"),
         "target": ("", "what is foretold, see docs/series.md"),
         "base": ("1", "share of the loops for which the target came true"),

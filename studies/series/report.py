@@ -15,6 +15,7 @@ from loops.tracking import ExchangeCounts
 from studies.series.animation import Picture, animate_series, picked_snapshots
 from studies.series.figures import MappedInterval, draw_series
 from studies.series.increments import PREDICTIONS
+from studies.series.kinetics_figures import kinetics_figure
 from studies.series.plan import PlannedSnapshot
 from studies.series.skill_figures import nonaffinity_map, skill_by_interval, skill_by_predictor
 from studies.series.survival_figure import survival_by_verdict
@@ -46,6 +47,12 @@ CAPTIONS = {
         "verdict: compare within an order.",
     ),
     "exchange": ("Exchange of orders", "Loops by order before and after, all intervals together."),
+    "kinetics": (
+        "Kinetics of the orders",
+        "Left: contacts that opened between loops of two orders against those that closed and made "
+        "the same two, with Poisson's errors; pairs far from balance (p < 0.01) are named. Right: "
+        "orders seen, and the steady state that the rates lead to.",
+    ),
     "work_signs": (
         "Work and its prediction",
         "Second-order work that the survived loops did, and the sign that two closures predict, "
@@ -94,6 +101,8 @@ def draw(
     figures = {}
     if "survival" in tables:
         figures["survival"] = survival_by_verdict(tables["survival"])
+    if "kinetics" in tables:
+        figures["kinetics"] = kinetics_figure(tables)
     if "packing" in (skill := tables.get("skill", {"predictor": ()}))["predictor"]:
         figures["skill_by_predictor"] = skill_by_predictor(skill)
         figures["skill_by_interval"] = skill_by_interval(skill)

@@ -39,6 +39,8 @@ from studies.series.dataset import (
 )
 from studies.series.evolution import evolution_table
 from studies.series.fates import survival_summary, write_fates
+from studies.series.kinetics import DEFINITION as KINETICS
+from studies.series.kinetics import kinetics_of, kinetics_summary, kinetics_tables
 from studies.series.packing import SOLVED
 from studies.series.plan import PlannedSnapshot, plan_series
 from studies.series.probing import DEFINITION
@@ -80,6 +82,7 @@ DEFINITIONS = {
     "upper bound; smallest_N is the smallest normal force of a loop's contacts",
     "skill_by_order": "AUC of negative work among the loops of one order, means over the intervals "
     "weighted by loops; the last order stands for all beyond",
+    "kinetics": KINETICS,
     "probe": DEFINITION,
     "skipped": "snapshots that could not be read; the interval goes over them",
 }
@@ -196,6 +199,12 @@ def _gather(
     tables: dict[str, Any] = {"evolution": evolution, "exchange": exchange}
     summary = _summary(evolution, about, failures) | {"provenance": made}
     fates = datasets.pop("fates")
+    events = [kept["events"] for kept in about["increments"]]
+    kinetics, per = kinetics_of(events, evolution["shear_strain"])
+    if kinetics is not None:
+        tables |= kinetics_tables(kinetics)
+        counts = (sum(kept["row"][n] for kept in about["increments"]) for n in ("opened", "closed"))
+        summary["kinetics"] = kinetics_summary(kinetics, per, *counts)
     skill, by_order = skill_tables(**datasets)
     if skill["predictor"]:
         tables["skill"] = skill

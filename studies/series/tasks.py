@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import _fblas as fblas
 
 from loops import InputError
+from loops.kinetics import order_events
 from loops.tracking import LoopFates, exchange_counts
 from studies.output import DATASETS
 from studies.series.dataset import is_finished, write_part
@@ -176,6 +177,7 @@ def _write_pair(task: PartTask) -> None:
         "fingerprint": task.fingerprint,
         "row": interval_row(before, after, fates, table),
         "exchange": exchange_counts(fates)._asdict(),
+        "events": order_events(fates)._asdict(),
     }
     if task.yield_band is not None:
         columns, row, about["notes"] = foretold(

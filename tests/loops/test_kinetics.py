@@ -1,0 +1,178 @@
+"""Rates of merging and splitting: by hand, and from Gillespie runs of known rates."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from loops import InputError
+from loops.kinetics import FATES, OrderEvents, order_events, order_kinetics
+from patterns import synthetic_network
+from tests.loops.test_tracking import CORNERS, SQUARE, follow, network, with_contacts
+
+# Orders up to 7: every pair that merges into one of them.
+PAIRS = [(m, n) for m in range(3, 7) for n in range(m, 7) if m + n - 2 <= 7]
+MERGE = {pair: 0.3 + 0.2 * k for k, pair in enumerate(PAIRS)}
+# A distribution per grain, sum (n - 2) x_n = 2, that closing rates are balanced with.
+WANTED = np.array([0, 0, 0, 0.5, 0.3, 0.12, 0.07, 0.05]) * 2.0 / 1.99
+
+
+def balanced(x=WANTED):
+    """Closing rates with which every pair merges as often as it comes about at x."""
+    twins = {pair: 0.5 if pair[0] == pair[1] else 1.0 for pair in PAIRS}
+    return {(m, n): twins[m, n] * MERGE[m, n] * x[m] * x[n] / x[m + n - 2] for m, n in PAIRS}
+
+
+def gillespie(split, until, seed, grains=300, interval=0.05):
+    """Events of a run from its steady state, by intervals: every event counts."""
+    rng = np.random.default_rng(seed)
+    N = np.rint(WANTED * grains).astype(int)
+    pairs = np.array(PAIRS)
+    m, n = pairs.T
+    p, q = (np.array([rates[pair] for pair in PAIRS]) for rates in (MERGE, split))
+    size, out, time, end = 0.5 * np.sum((np.arange(8) - 2) * N), [], 0.0, interval
+    before, counts = N.copy(), np.zeros((2, len(PAIRS)), int)
+    while True:
+        merge = p * np.where(m == n, N[m] * (N[m] - 1) / 2, N[m] * N[n]) / size
+        rates = np.concatenate([merge, q * N[m + n - 2]])
+        time += rng.exponential(1.0 / rates.sum())
+        while time > end:
+            some = counts.sum(axis=0) > 0
+            out.append(OrderEvents(before, N.copy(), pairs[some], *counts[:, some], 0, 0, 0, 0))
+            before, counts, end = N.copy(), np.zeros_like(counts), end + interval
+            if end > until:
+                return out
+        kind, k = divmod(int(np.searchsorted(rates.cumsum(), rng.random() * rates.sum())), len(p))
+        counts[kind, k] += 1
+        np.add.at(N, [m[k], n[k]], 2 * kind - 1)
+        N[m[k] + n[k] - 2] += 1 - 2 * kind
+
+
+# --- what is counted --------------------------------------------------------------------------
+
+
+def test_a_diagonal_that_closes_and_opens_is_one_event_of_two_triangles():
+    square, crossed = network(CORNERS, SQUARE), network(CORNERS, [*SQUARE, [0, 2]])
+    closing, opening = order_events(follow(square, crossed)), order_events(follow(crossed, square))
+    assert closing.pairs.tolist() == opening.pairs.tolist() == [[3, 3]]
+    assert (closing.opened.tolist(), closing.closed.tolist()) == ([0], [1])
+    assert (opening.opened.tolist(), opening.closed.tolist()) == ([1], [0])
+    assert (closing.kept, closing.once, closing.several) == (0, 1, 0)
+    assert (opening.kept, opening.once, opening.several) == (0, 2, 0)
+
+
+def test_contacts_that_open_far_apart_are_each_counted_and_two_of_one_loop_are_not():
+    graph = synthetic_network(400, seed=3, coordination=4.6)
+    rng = np.random.default_rng(1)
+    keep = np.ones(graph.contact_count, bool)
+    keep[rng.choice(graph.contact_count, 12, replace=False)] = False
+    events = order_events(follow(graph, with_contacts(graph, keep)))
+    assert events.opened.sum() <= 12 and events.closed.sum() == 0
+    assert sum(getattr(events, name) for name in FATES) == events.before.sum()
+    # The same backwards; a merger leaves one loop less.
+    back = order_events(follow(with_contacts(graph, keep), graph))
+    assert back.pairs.tolist() == events.pairs.tolist()
+    assert back.closed.tolist() == events.opened.tolist()
+    two = network([*CORNERS, [0.5, 0.5]], [*SQUARE, *([k, 4] for k in range(4))])
+    events = order_events(follow(two, with_contacts(two, np.arange(8) < 6)))
+    assert (len(events.pairs), events.kept, events.several) == (0, 1, 3)
+
+
+def test_a_grain_that_comes_loose_is_no_merger_of_the_rule():
+    """Two squares that share a grain of two contacts: one opens, and the grain dangles."""
+    x = [*CORNERS, [0.5, 0.5]]
+    graph = network(x, [*SQUARE, [0, 4], [4, 2]])
+    events = order_events(follow(graph, with_contacts(graph, np.arange(6) < 5)))
+    assert (len(events.pairs), events.grain, events.once, events.several) == (0, 2, 0, 0)
+
+
+def test_no_event_and_times_that_do_not_fit_are_refused():
+    square = network(CORNERS, SQUARE)
+    with pytest.raises(InputError, match="without an elementary event"):
+        order_kinetics([follow(square, square)])
+    crossed = network(CORNERS, [*SQUARE, [0, 2]])
+    for time in ([1.0, 1.0], [0.0], [np.nan]):
+        with pytest.raises(InputError, match="1 positive lengths"):
+            order_kinetics([follow(square, crossed)], time)
+
+
+# --- against known rates -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [gillespie(balanced(), 6.0, seed) for seed in range(25)]
+
+
+def test_known_rates_lie_within_their_limits(runs):
+    split, inside, of = balanced(), 0, 0
+    for run in runs:
+        found = order_kinetics(run, np.full(len(run), 0.05))
+        (p_low, q_low), (p_high, q_high) = found.limits()
+        for k, pair in enumerate(map(tuple, found.pairs.tolist())):
+            inside += int(p_low[k] <= MERGE[pair] <= p_high[k])
+            inside += int(q_low[k] <= split[pair] <= q_high[k])
+            of += 2
+    # Garwood's limits hold at least 95 %; one in a thousand samples of `of` has fewer than this.
+    assert inside >= binom.ppf(1e-3, of, 0.95)
+
+
+def test_balance_is_refused_no_more_often_than_the_level_says(runs):
+    balances = [order_kinetics(run).balance() for run in runs]
+    most = binom.ppf(0.999, len(runs), 0.05)
+    assert sum(balance.p_all < 0.05 for balance in balances) <= most
+    assert sum(balance.p_cycles < 0.05 for balance in balances) <= most
+    assert all(balance.cycles > 0 for balance in balances)
+
+
+def test_a_cycle_is_refused():
+    """(3, 5) -> 6 -> (4, 4) faster than back: fluxes around, whatever the distribution."""
+    split = balanced()
+    split[3, 5] *= 0.2
+    split[4, 4] *= 5.0
+    balance = order_kinetics(gillespie(split, 6.0, 0)).balance()
+    assert balance.p_cycles < 1e-6 and balance.p_all < 1e-6
+
+
+def test_a_distribution_on_its_way_is_no_cycle():
+    """Started away from its steady state a reversible system has net events; its rates balance."""
+    run = gillespie(balanced(WANTED * np.array([1, 1, 1, 0.5, 1, 1, 1, 1])), 0.5, 0, grains=3000)
+    balance = order_kinetics(run).balance()
+    assert balance.p_all < 1e-6 and balance.p_cycles > 0.01
+
+
+def test_the_steady_state_of_balanced_rates_is_the_distribution_they_were_made_for():
+    """Exact rates, by counts that are exposures times rates."""
+    found = order_kinetics(gillespie(balanced(), 1.0, 0))
+    split = balanced()
+    rates = [[table[tuple(pair)] for pair in found.pairs.tolist()] for table in (MERGE, split)]
+    found.__dict__.update(opening_rate=np.array(rates[0]), closing_rate=np.array(rates[1]))
+    share = found.steady().share
+    assert share == pytest.approx(WANTED / WANTED.sum(), abs=1e-8)
+
+
+def test_the_error_of_the_steady_state_covers_runs(runs):
+    """z of an order over ten runs: chi squared of 10, from 1.2 to 31 in 999 of 1000 samples."""
+    want = WANTED / WANTED.sum()
+    steady = [order_kinetics(run, np.full(len(run), 0.05)).steady() for run in runs[:10]]
+    z = np.array([(one.share - want)[3:6] / one.error[3:6] for one in steady])
+    assert 1.2 < (z**2).sum(axis=0).min() and (z**2).sum(axis=0).max() < 31
+
+
+def test_stated_error_is_the_difference_of_the_rates():
+    """By central differences over the rates: their truncation is 1e-8 of a slope."""
+    run = gillespie(balanced(), 3.0, 1)
+    found = order_kinetics(run)
+    wanted = np.zeros(len(found.loops))
+    for kind in ("opening_rate", "closing_rate"):
+        base = getattr(found, kind)
+        counts = (found.opened if kind == "opening_rate" else found.closed).sum(axis=0)
+        for k in range(len(base)):
+            shares = []
+            for step in (-1e-4, 1e-4):
+                moved = base.copy()
+                moved[k] *= 1.0 + step
+                found.__dict__[kind] = moved
+                shares.append(found.steady().share)
+            found.__dict__[kind] = base
+            wanted += ((shares[1] - shares[0]) / 2e-4) ** 2 / counts[k]
+    assert found.steady().error == pytest.approx(np.sqrt(wanted), rel=1e-3, abs=1e-9)
