@@ -194,9 +194,10 @@ class OrderKinetics(Shown):
         with `n = opened + closed`, `p` the exact binomial two-sided level. `chi2` adds up `z^2`
         over the `pairs` of at least 10 events. A distribution on its way has net events, whatever
         the rates; whether these can be balanced at all is Kolmogorov's criterion: around every
-        closed cycle of pairs, as 3 + 5 -> 6 -> 4 + 4, 4 -> 3 + 3, 3 + 4 -> 5, the products of the rates are the
-        same in either direction. `cycles_chi2` adds up the logarithms of their ratios, each over
-        its error, for the `cycles` that are independent; half an event is added to every count.
+        closed cycle of pairs, as 3 + 5 -> 6 -> 4 + 4, 4 -> 3 + 3, 3 + 4 -> 5, the products of the
+        rates are the same in either direction. `cycles_chi2` adds up the logarithms of their
+        ratios, each over its error, for the `cycles` that are independent; half an event is added
+        to every count.
 
         Errors are Poisson's. Net events of a steady reversible system vary less, so that `p_all`
         refuses it less often than the level says. `dispersion` is the variance of the net events

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from loops import ContactLaw, GrainGraph, InputError
+from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import check_choice
 from loops.laws.protocol import require_law
@@ -27,6 +28,8 @@ from stability.subspaces import subspace_basis
 if TYPE_CHECKING:
     from stability.packing.path import PackingPath
 
+# Isotropic strain at which a path starts where its law has no stiffness at first touch.
+FIRST_STRAIN = 1e-8
 OnTouch = Literal["ignore", "stop", "add"]
 # Options of loops, as they stand if left out.
 OF_LOOPS: dict[str, Any] = {
@@ -109,6 +112,9 @@ def follow(
     exact at their ends, so the error halves with the interval. What is out of balance at the start
     stays as a constant load.
     Of the options below it takes `max_steps` (intervals), `rows`, `interval` and `instabilities`.
+    Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
+    such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
+    at rest.
 
     Parameters
     ----------
@@ -216,6 +222,7 @@ def follow(
     if not subspaces:
         raise InputError("subspace", "none", "one at least", "Name 'diagonal', say.")
     check_choice("model", model, get_args(ModelOption))
+    graph = _pressed(graph, law)
     full = path_model(graph, law, closure, spins, volume)
     walk = Walk(
         model=replace(full, search_all=model == "full"),
@@ -238,6 +245,20 @@ def follow(
     status, message = _walk_all(walk, stages)
     chosen = model_choice(start, model, walk.searches, walk.kept)
     return walk.record.path(walk.model, status, message, subspaces[0], chosen)
+
+
+def _pressed(graph: GrainGraph, law: ContactLaw) -> GrainGraph:
+    """The graph, or where no contact has any stiffness the graph at a first overlap."""
+    if graph.batch_shape or not graph.contact_count:
+        return graph
+    state = contact_state(graph)
+    elastic = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+    if (law.local_stiffness(state, elastic)[:, 0, 0] > 0.0).any():
+        return graph
+    smaller = 1.0 - FIRST_STRAIN
+    cell = None if graph.cell is None else smaller * graph.cell
+    pressed = graph.replace(x=smaller * graph.x, cell=cell)
+    return pressed.replace(normal_force=law.normal_force(contact_state(pressed)))
 
 
 def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
