@@ -1,5 +1,7 @@
 """Paths under every contact law: spheres, rolling resistance, a law of the user's own."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -218,3 +220,52 @@ def test_accuracies_that_mean_nothing_are_refused(options):
     law = LinearFrictional(kn=1.0, kt=KAPPA)
     with pytest.raises(InputError, match=next(iter(options))):
         follow(regular_polygon(4), law, isotropic(0.1), **options)
+
+
+# ---- from the first touch of spheres
+
+
+def sphere_contacts(graph, law, E, poisson=0.3):
+    """N and T of contacts that never slide, driven affinely to H11 = E from rest, by quadrature."""
+    kappa = 2 * (1 - poisson) / (2 - poisson)
+    d0 = np.roll(graph.x0, -1, axis=0) - graph.x0
+
+    def lengths(s):
+        d = d0 * [1.0 - s, 1.0]
+        return d, np.hypot(*d.T)
+
+    def rates(s, T):
+        # kn = 2 E* sqrt(R* overlap), E* = E/(2 (1 - nu^2)), R* = 1/4; ut' = t . d'.
+        d, length = lengths(s)
+        kn = law.young / (1 - poisson**2) * 0.5 * np.sqrt(np.maximum(1.0 - length, 0.0))
+        return -kappa * kn * d[:, 1] * d0[:, 0] / length
+
+    run = solve_ivp(rates, (0.0, E), np.zeros(len(d0)), "DOP853", rtol=1e-12, atol=1e-16)
+    _, length = lengths(E)
+    N = law.young / (1 - poisson**2) / 3 * np.maximum(1.0 - length, 0.0) ** 1.5
+    return N, run.y[:, -1]
+
+
+@pytest.mark.parametrize("order", [3, 5])
+def test_spheres_are_followed_from_their_first_touch(order, monkeypatch):
+    """Against the path from rest; what the first strain changes is in proportion to it."""
+    law, graph, off = HertzMindlin(young=1.0, poisson=0.3), regular_polygon(order), []
+    N, T = sphere_contacts(graph, law, 0.1)
+    for first in (1e-8, 1e-6):
+        monkeypatch.setattr(import_module("stability.paths.follow"), "FIRST_STRAIN", first)
+        path = follow(graph, law, Stage(programmes.oedometric(), "H11", 0.1))
+        assert path.status == "finished"
+        found = path.normal_force[-1] - N, path.shear_force[-1] - T
+        off.append(max(np.abs(part).max() for part in found))
+    assert off[0] < 1e-8
+    assert off[1] / off[0] == pytest.approx(100.0, rel=0.1)
+
+
+@pytest.mark.parametrize("programme", ["isotropic_stress", "oedometric", "isotropic_strain"])
+def test_spheres_start_under_every_control(programme):
+    law = HertzMindlin(young=1.0, poisson=0.3, mu=0.1)
+    quantity, target = ("P11", 1e-3) if "stress" in programme else ("H11", 0.02)
+    stage = Stage(getattr(programmes, programme)(), quantity, target)
+    path = follow(regular_polygon(5), law, stage, closure="traction", spins="free")
+    assert path.status == "finished", path.message
+    assert path.H[0] == pytest.approx([1e-8, 0, 0, 1e-8], abs=1e-15)
