@@ -2,26 +2,62 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from loops.errors import InputError
-from studies.commands.common import Csv, Force, Json, Out, out_or, report, shown
+from studies.commands.common import (
+    DEFAULTS,
+    Csv,
+    Force,
+    Json,
+    Out,
+    numbers,
+    out_or,
+    reads,
+    report,
+    shown,
+)
+
+# Stiffness ratio where nobody gives one; that of spheres is of nu = 0.3.
+KAPPA = {"linear": 0.2, "hertz": 1.4 / 1.7}
+# Options that a loop of a snapshot takes from the snapshot.
+TAKEN = ("orientation", "kappa", "phi", "confine", "law", "rolling")
 
 
+@reads()
 def polygon(
     out: Out = None,
     order: Annotated[int | None, typer.Option(help="Number of grains, 3 or more.")] = None,
     compare: Annotated[
         str | None, typer.Option(metavar="ORDERS", help="Orders side by side, such as 3-12.")
     ] = None,
-    orientation: Annotated[str, typer.Option(help="vertex or edge on axis 1.")] = "vertex",
-    kappa: Annotated[float, typer.Option(help="Stiffness ratio kt/kn.")] = 0.2,
-    phi: Annotated[float, typer.Option(help="Contact friction angle (degrees).")] = 5.0,
+    radii: Annotated[
+        str | None,
+        typer.Option(metavar="R1,R2,...", help="Unequal grains in order, centres on a circle."),
+    ] = None,
+    snapshot: Annotated[
+        Path | None, typer.Option(help="Snapshot to take a loop from, with --loop.")
+    ] = None,
+    loop: Annotated[int | None, typer.Option(help="Number of the loop in loops.parquet.")] = None,
+    orientation: Annotated[
+        str | None, typer.Option(help="vertex (by default) or edge on axis 1.")
+    ] = None,
+    kappa: Annotated[
+        float | None, typer.Option(help="Stiffness ratio kt/kn; 0.2, of spheres 0.82.")
+    ] = None,
+    phi: Annotated[float | None, typer.Option(help="Contact friction angle (5 degrees).")] = None,
+    law: Annotated[str | None, typer.Option(help="linear (by default) or hertz.")] = None,
+    rolling: Annotated[
+        float | None, typer.Option(help="Rolling stiffness over kn l0^2, with free spins.")
+    ] = None,
     closure: Annotated[str, typer.Option(help="affine or traction.")] = "affine",
     spins: Annotated[str, typer.Option(help="blocked, affine or free.")] = "blocked",
-    confine: Annotated[float, typer.Option(help="Isotropic strain at state A.")] = 0.1,
+    confine: Annotated[
+        float | None, typer.Option(help="Isotropic strain at state A; 0.1 by default.")
+    ] = None,
     programme: Annotated[
         str, typer.Option(help="drained, isotropic, isotropic-stress, oedometric or undrained.")
     ] = "drained",
@@ -32,25 +68,70 @@ def polygon(
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
+    **how: Any,
 ) -> None:
-    """Follow a regular loop of any order, or compare orders: confined, then loaded."""
+    """Follow a loop: regular, of unequal grains, or of a snapshot; or compare orders."""
     from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
     from studies.paths.options import orders_of
 
-    out = out_or(out, f"polygon-{order or compare}")
-    if (order is None) == (compare is None):
-        given = "neither" if order is None else "both"
-        raise InputError("--order, --compare", given, "one of them", "Write --order 6.")
+    kinds = {"--order": order, "--radii": radii, "--compare": compare, "--snapshot": snapshot}
+    given = [name for name, value in kinds.items() if value is not None]
+    if len(given) != 1:
+        received = " and ".join(given) or "none"
+        raise InputError(", ".join(kinds), received, "one of them", "Write --order 6.")
+    asked = [orientation, kappa, phi, confine, law, rolling]
+    named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'radii'}"
+    out = out_or(out, named, snapshot)
+    if snapshot is not None:
+        own = [f"--{name}" for name, value in zip(TAKEN, asked, strict=True) if value is not None]
+        options = _of_snapshot(snapshot, loop, own, (closure, spins, programme, end, model), how)
+        report(run_polygon(options, out, force=force, csv=csv), out, json, _polygon_lines)
+        return
+    unread = [
+        f"--{name.replace('_', '-')}" for name, value in how.items() if value != DEFAULTS.get(name)
+    ]
+    if loop is not None or unread:
+        received = " ".join([*(["--loop"] if loop is not None else []), *unread])
+        raise InputError(received, "given", "--snapshot with it", "Leave it out.")
+    law = law or "linear"
     # The options check the words themselves, and say what is expected.
-    words: Any = (orientation, kappa, phi, closure, spins, confine, programme, end, model)
+    words: Any = (orientation or "vertex", KAPPA.get(law, 0.2) if kappa is None else kappa,
+                  5.0 if phi is None else phi, closure, spins, 0.1 if confine is None else confine,
+                  programme, end, model)  # fmt: skip
+    sizes = numbers("--radii", radii)
+    more: Any = (sizes, law, rolling or 0.0)
     if compare is None:
-        summary = run_polygon(PolygonOptions(order or 0, *words), out, force=force, csv=csv)
+        count = order if sizes is None else len(sizes)
+        summary = run_polygon(PolygonOptions(count or 0, *words, *more), out, force=force, csv=csv)
         report(summary, out, json, _polygon_lines)
         return
     listed = orders_of(compare)
-    options = ComparisonOptions(listed, PolygonOptions(listed[0], *words))
-    summary = run_comparison(options, out, force=force, csv=csv)
+    compared = ComparisonOptions(listed, PolygonOptions(listed[0], *words, *more))
+    summary = run_comparison(compared, out, force=force, csv=csv)
     report(summary, out, json, _comparison_lines)
+
+
+def _of_snapshot(
+    path: Path, loop: int | None, own: list[str], words: Any, how: dict[str, Any]
+) -> Any:
+    """Options of one loop of a snapshot."""
+    from patterns import loop_of_snapshot
+    from studies.paths.snapshot_loop import LoopOptions
+    from studies.snapshot.source import read_planar
+
+    if own:
+        expected = "none of these: a loop of a snapshot has its own law and state"
+        raise InputError(", ".join(own), "given with --snapshot", expected, "Leave them out.")
+    snapshot, faces = read_planar(path, **how)
+    if loop is None:
+        remedy = "loops.parquet of grainloops snapshot has them in its column loop."
+        raise InputError("--loop", "none", f"a number from 0 to {len(faces.loops) - 1}", remedy)
+    closure, spins, programme, end, model = words
+    order = loop_of_snapshot(snapshot, loop).graph.grain_count
+    return LoopOptions(
+        order, closure=closure, spins=spins, confine=0.0, programme=programme, end=end,
+        model=model, snapshot=snapshot, loop=loop, source=path.name,
+    )  # fmt: skip
 
 
 def _polygon_lines(summary: dict[str, Any]) -> list[str]:

@@ -63,7 +63,7 @@ def compare(options: ComparisonOptions) -> Compared:
 
 def first_yield(found: Followed) -> dict[str, Any] | None:
     """First event at which contacts reach `|T| = mu N`, a control limit where it ends the path."""
-    path, mu = found.path, found.options.law().mu
+    path, mu = found.path, np.asarray(found.options.law().mu, dtype=float)
     for event in path.events:
         contacts = list(event.contacts)
         reached = event.kind == "yield"

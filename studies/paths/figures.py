@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-from loops import Regime, macroscopic_tangent
+from loops import Regime, contact_state, macroscopic_tangent
 from loops.arrays import Flags, Floats, Integers, Regimes
 from patterns.diamond import opposite_gaps
 from stability import PolarDiagram, alpha_e, restrict, spectrum, symmetric_spectrum
@@ -250,6 +250,7 @@ def draw_polar(diagram: PolarDiagram, ax: Axes | None = None, name: str = "") ->
 def isotropic_operator(options: PolygonOptions, strain: float) -> Floats:
     """(2, 2) tangent in (11, 22) of a regular loop under isotropic strain."""
     loop, law = options.graph(strain), options.law()
+    loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
     tangent = macroscopic_tangent(loop, law, options.closure, spins=options.spins)
     return restrict(tangent.matrix, "diagonal")
 
@@ -263,7 +264,7 @@ def draw_loops(found: Followed, names: Sequence[str]) -> Figure:
     count = len(names)
     fig, (axes,) = new_panels(1, count, 3.6, count * TWO_COLUMNS / 2, sharex=True, sharey=True)
     path, rows = found.path, [found.marks[name] for name in names]
-    x, size = path.x[rows], np.ones(path.x.shape[1])
+    x, size = path.x[rows], 2.0 * found.options.graph().radii
     forces = [(path.normal_force[row], path.shear_force[row]) for row in rows]
     largest = max(float(np.hypot(*both).max()) for both in forces)
     reach = float(np.abs(x).max()) + (1.4 if len(size) <= FEW else 0.6)

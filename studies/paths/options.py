@@ -11,7 +11,15 @@ from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
-from loops import GrainGraph, InputError, LinearFrictional
+from loops import (
+    ContactLaw,
+    GrainGraph,
+    HertzMindlin,
+    InputError,
+    LinearFrictional,
+    RollingResistance,
+)
+from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from patterns.diamond import (
     TABLE_1,
@@ -22,13 +30,14 @@ from patterns.diamond import (
     diamond,
     drained_path,
 )
-from patterns.polygons import regular_polygon
+from patterns.polygons import polydisperse_polygon, regular_polygon
 from patterns.polygons.shapes import Orientation
 from stability import Programme, Stage, programmes
 from stability.paths.follow import OnTouch
 from stability.paths.path import ModelOption
 
 Sliding = Literal["coulomb", "printed"]
+LawName = Literal["linear", "hertz"]
 ProgrammeName = Literal["drained", "isotropic", "isotropic-stress", "oedometric", "undrained"]
 PROGRAMMES: dict[str, Callable[..., Programme]] = {
     "drained": programmes.drained_biaxial,
@@ -148,9 +157,13 @@ class DiamondOptions:
 class PolygonOptions:
     """Options of `grainloops polygon`.
 
-    `order` from 3 to 1000; `kappa` of zero or more; `phi_deg` in [0, 90] (90: nothing slides);
-    `confine` in [0, 1), the isotropic strain at A; `programme` what follows A, up to `end`, an E1
-    above `confine` and below 1, `confine + 0.4 (1 - confine)` if left out. `H12 = H21 = 0` in all.
+    `order` from 3 to 1000, regular; or `radii` in order, whose mean diameter becomes 1, the centres
+    on a circle (`polydisperse_polygon`). `contact_law` linear, or hertz: spheres of `E* = 1`, so
+    that `kn` in units is `E* l0`. `rolling` is the stiffness of rolling springs over `kn l0^2`, for
+    free spins. `kappa` of zero or more, of spheres from 2/3 to below 4/3; `phi_deg` in [0, 90]
+    (90: nothing slides); `confine` in [0, 1), the isotropic strain at A; `programme` what follows
+    A, up to `end`, an E1 above `confine` and below 1, `confine + 0.4 (1 - confine)` if left out.
+    `H12 = H21 = 0` in all.
     """
 
     order: int
@@ -163,6 +176,9 @@ class PolygonOptions:
     programme: ProgrammeName = "drained"
     end: float | None = None
     model: ModelOption = "auto"
+    radii: tuple[float, ...] | None = None
+    contact_law: LawName = "linear"
+    rolling: float = 0.0
 
     volume: ClassVar[float | None] = None
     rows: ClassVar[int] = 40
@@ -179,6 +195,27 @@ class PolygonOptions:
         _check_shared(self)
         expected = f"a strain above that of A, {self.confine:g}, and below 1"
         inside("--end", self.end, lambda e: self.confine < e < 1.0, expected)
+        self._check_law()
+        if self.radii is not None:
+            if self.orientation != "vertex":
+                received, remedy = "edge with --radii", "Leave --orientation out."
+                raise InputError("--orientation", received, "grain 0 on axis 1", remedy)
+            self.graph()
+
+    def _check_law(self) -> None:
+        one_of("--law", self.contact_law, get_args(LawName))
+        inside("--rolling", self.rolling, lambda k: k >= 0.0, "a stiffness of zero or more")
+        if self.rolling > 0.0 and self.spins != "free":
+            expected = "--spins free: where grains don't turn on their own no spring turns"
+            raise InputError("--rolling", f"spins {self.spins}", expected, "Add --spins free.")
+        if self.contact_law == "hertz":
+            expected = "2 (1 - nu)/(2 - nu) of spheres, from 2/3 (nu = 0.5) to below 4/3"
+            inside("--kappa", self.kappa, lambda k: 2 / 3 <= k < 4 / 3, expected)
+
+    @property
+    def keeps_shape(self) -> bool:
+        """Whether isotropic strain scales the loop."""
+        return self.radii is None or self.closure == "affine"
 
     @property
     def last_strain(self) -> float:
@@ -192,13 +229,20 @@ class PolygonOptions:
         """Friction coefficient, infinite when nothing slides."""
         return float(np.tan(np.radians(self.phi_deg))) if self.phi_deg < 90.0 else float("inf")
 
-    def graph(self, strain: float = 0.0) -> GrainGraph:
+    def graph(self, strain: Floats | float = 0.0) -> GrainGraph:
         """The loop, barely touching or under isotropic strain."""
+        if self.radii is not None:
+            radii = np.array(self.radii) / (2.0 * np.mean(self.radii))
+            return polydisperse_polygon(radii, strain=strain)
         return regular_polygon(self.order, orientation=self.orientation, strain=strain)
 
-    def law(self) -> LinearFrictional:
-        """Coulomb's law."""
-        return LinearFrictional(kn=1.0, kt=self.kappa, mu=self.mu)
+    def law(self) -> ContactLaw:
+        """The law of the contacts, with Coulomb's friction."""
+        law: ContactLaw = LinearFrictional(kn=1.0, kt=self.kappa, mu=self.mu)
+        if self.contact_law == "hertz":
+            nu = 2.0 * (1.0 - self.kappa) / (2.0 - self.kappa)
+            law = HertzMindlin(young=2.0 * (1.0 - nu**2), poisson=nu, mu=self.mu)
+        return RollingResistance(law, self.rolling) if self.rolling > 0.0 else law
 
     def stages(self) -> tuple[tuple[str, Stage], ...]:
         """The confinement, left out where there is none, and the programme; names and stages."""
@@ -211,7 +255,9 @@ class PolygonOptions:
         """Every value in force, under the names of the command line."""
         names = ("order", "orientation", "kappa", "phi_deg", "mu", "closure", "spins", "confine")
         values = {name: getattr(self, name) for name in (*names, "programme", "model")}
-        return {**values, "end": self.last_strain}
+        own = {"law": self.contact_law, "rolling": self.rolling, "radii": self.radii}
+        told = {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
+        return {**values, "end": self.last_strain, **told}
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from loops import ContactLaw, contact_state, macroscopic_tangent
+from loops import ContactLaw, GrainGraph, contact_state, macroscopic_tangent
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
-from patterns import regular_polygon
-from patterns.polygons.shapes import Orientation
 from stability import Event, Path, judge, operator_norm, restrict, symmetric_spectrum
 from studies.paths.followed import SUBSPACES, Followed, follow_options, values_at
 from studies.paths.options import PolygonOptions
@@ -118,23 +116,27 @@ def _between(found: Followed, row: int) -> dict[str, float] | None:
 
 
 def thresholds(options: PolygonOptions) -> dict[str, float | None]:
-    """Isotropic threshold by subspace; the confinement plays no part."""
+    """Isotropic threshold by subspace; the confinement plays no part.
+
+    None as well where isotropic strain doesn't keep the loop's shape.
+    """
     law, o = options.law(), options
+    if not o.keeps_shape:
+        return dict.fromkeys(SUBSPACES)
     return {
-        subspace: isotropic_threshold(o.order, law, o.closure, o.spins, subspace, o.orientation)
+        subspace: isotropic_threshold(o.graph, law, o.closure, o.spins, subspace)
         for subspace in SUBSPACES
     }
 
 
 def isotropic_threshold(
-    order: int,
+    strained: Callable[[Floats | float], GrainGraph],
     law: ContactLaw,
     closure: Closure,
     spins: Spins = "blocked",
     subspace: str = "diagonal",
-    orientation: Orientation = "vertex",
 ) -> float | None:
-    """First isotropic strain at which Ks of a regular loop is no longer positive definite.
+    """First isotropic strain at which Ks of a loop that keeps its shape isn't positive definite.
 
     0 where Ks is not definite from the first load on, None where it stays so up to `LAST`. A root
     is refined to 1e-15 where an eigenvalue changes sign between two of `COUNT` strains; one that is
@@ -142,15 +144,16 @@ def isotropic_threshold(
 
     >>> from loops import LinearFrictional
     >>> law = LinearFrictional(kn=1.0, kt=0.25)
-    >>> isotropic_threshold(5, law, "traction", "free")
+    >>> pentagon = PolygonOptions(5).graph
+    >>> isotropic_threshold(pentagon, law, "traction", "free")
     0.0
-    >>> round(isotropic_threshold(5, law, "traction"), 12)
+    >>> round(isotropic_threshold(pentagon, law, "traction"), 12)
     0.2
     """
 
     def smallest(strain: Floats | float) -> Floats:
         """Smallest eigenvalue of Ks over the norm of K; NaN where there is no single answer."""
-        loop = regular_polygon(order, strain=strain, orientation=orientation)
+        loop = strained(strain)
         loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
         K = restrict(macroscopic_tangent(loop, law, closure, spins=spins).matrix, subspace)
         norm = operator_norm(K)
@@ -270,6 +273,11 @@ def _notes(
     path, rows = found.path, found.loading
     lost = [name for name, strain in critical.items() if strain == 0.0]
     notes = [f"unstable from the first load on in the subspace {name}" for name in lost]
+    if not found.options.keeps_shape:  # type: ignore[union-attr]
+        notes.append(
+            "no critical isotropic strain: isotropic strain changes this loop's shape; the events "
+            "tell where stability is lost on the way"
+        )
     if path.status != "finished":
         notes.append(f"the path ends early ({path.status}): {path.message}")
     if peak is None and len(rows) > 1:

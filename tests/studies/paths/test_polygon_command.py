@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from patterns import sample_path
 from studies import cli
 
 
@@ -56,6 +57,13 @@ def test_compare(monkeypatch, capsys, tmp_path, undrawn):
         (["--order", "6", "--programme", "biaxial"], "--programme"),
         (["--order", "6", "--orientation", "corner"], "vertex or edge"),
         (["--order", "six"], "--order"),
+        (["--order", "5", "--radii", "1,2,3"], "one of them"),
+        (["--order", "5", "--kn", "3"], "--snapshot"),
+        (["--order", "5", "--law", "hertz", "--kappa", "0.3"], "spheres"),
+        (["--order", "5", "--rolling", "0.3"], "--spins free"),
+        (["--radii", "1,2,x"], "--radii"),
+        (["--snapshot", str(sample_path())], "--loop"),
+        (["--snapshot", str(sample_path()), "--loop", "1", "--kappa", "1"], "--kappa"),
         (["--compare", "12-3"], "--compare"),
         (["--compare", "2-4"], "--order"),
         (["--compare", "3-4", "--order", "3"], "--compare"),

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import InputError, macroscopic_tangent
-from patterns import regular_polygon
+from loops import InputError, love_weber_stress, macroscopic_tangent, traction_tangent
+from patterns import loop_of_snapshot, read_snapshot, regular_polygon, sample_path
 from patterns.diamond import DiamondParameters
 from patterns.diamond import drained_path as exact_drained_path
 from stability import restrict, symmetric_spectrum
@@ -21,6 +21,7 @@ from studies.paths.polygon import (
     polygon_summary,
     thresholds,
 )
+from studies.paths.snapshot_loop import LoopOptions, ring_of_lengths
 from studies.paths.tables import polygon_table
 from tests.oracles.diamond_general import drained_states
 
@@ -320,3 +321,73 @@ def test_what_is_printed_and_tabled_of_a_large_loop_is_bounded(monkeypatch):
     (line,) = event_lines({"events": events})
     assert "E1 = 0.10000000 to 0.15900000" in line and line.endswith("120 contacts")
     assert len(event_lines({"events": events[:30]})) == 30
+
+
+# ---- unequal grains, other laws, loops of a snapshot
+
+
+def test_equal_radii_are_the_regular_loop_in_any_unit():
+    one = follow_polygon(PolygonOptions(5, end=0.2), ("diagonal",)).path
+    two = follow_polygon(PolygonOptions(5, end=0.2, radii=(7.0,) * 5), ("diagonal",)).path
+    # The same loop but for the rounding of its corners.
+    assert two.P[-1] == pytest.approx(one.P[-1], abs=1e-13)
+
+
+def test_unequal_radii_under_isotropic_strain():
+    """N = (r_i + r_j) E over the mean diameter, whatever the shape, and P their virial."""
+    radii = np.array([1.0, 0.8, 1.2, 0.9])
+    given = PolygonOptions(4, radii=tuple(radii), confine=0.0, programme="isotropic", end=0.1)
+    path = follow_polygon(given, ("diagonal",)).path
+    sides = (radii + np.roll(radii, -1)) / (2 * radii.mean())
+    assert path.normal_force[-1] == pytest.approx(0.1 * sides, abs=1e-13)
+    x = given.graph().x
+    d, area = np.roll(x, -1, axis=0) - x, path.volume
+    wanted = np.einsum("c,ci,cj->ij", 0.1 * sides / sides, d, d).ravel() / area
+    assert path.P[-1] == pytest.approx(wanted, abs=1e-13)
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3])
+def test_spheres_reach_their_threshold_on_the_way(nu):
+    """E = kappa/(kappa + 2/3) of Hertz-Mindlin contacts, by the root and on the path."""
+    kappa = 2 * (1 - nu) / (2 - nu)
+    given = PolygonOptions(
+        5, kappa=kappa, contact_law="hertz", closure="traction", confine=0.62, end=0.63
+    )
+    assert thresholds(given)["diagonal"] == pytest.approx(kappa / (kappa + 2 / 3), abs=1e-12)
+    found = follow_polygon(given, ("diagonal",))
+    lost = found.path.of_kind("det_Ks_zero")[0].index
+    assert found.E1[lost] == pytest.approx(kappa / (kappa + 2 / 3), abs=1e-10)
+
+
+def test_rolling_springs_give_free_spins_a_threshold():
+    """That of blocked spins with 1/kt + l^2 cot^2(2 pi/n)/(4 k_r) in place of 1/kt, l = 1 - E."""
+    given = PolygonOptions(5, spins="free", closure="traction", rolling=0.1, kappa=0.3)
+    found = thresholds(given)["diagonal"]
+    softer = 1 / (1 / 0.3 + (1 - found) ** 2 / np.tan(2 * np.pi / 5) ** 2 / 0.4)
+    assert found == pytest.approx(softer / (1 + softer), abs=1e-10)
+
+
+def test_a_loop_of_a_snapshot_starts_as_the_simulation_left_it():
+    snapshot = read_snapshot(sample_path())
+    loop = loop_of_snapshot(snapshot, 17)
+    options = LoopOptions(5, confine=0.0, closure="traction", snapshot=snapshot, loop=17)
+    path = follow_polygon(options, ("diagonal",)).path
+    length, kn = 2 * loop.graph.radii.mean(), loop.law.kn.mean()
+    # Overlaps of the file hold the forces to some 1e-10 of the mean, by which grains are moved.
+    assert options.taken[2] < 1e-13
+    assert path.normal_force[0] * kn * length == pytest.approx(loop.graph.normal_force, rel=1e-9)
+    assert path.shear_force[0] * kn * length == pytest.approx(loop.graph.shear_force, rel=1e-12)
+    assert path.P[0] * kn == pytest.approx(love_weber_stress(loop.graph).ravel(), rel=1e-9)
+    want = traction_tangent(loop.graph, loop.law).matrix
+    assert path.A[0] * kn == pytest.approx(want, rel=1e-8, abs=1e-8 * kn)
+    assert polygon_summary(follow_polygon(options))["critical_strain"]["full"] is None
+
+
+def test_rounded_positions_are_moved_until_they_fit_the_forces():
+    """Positions of seven digits, overlaps of 1e-4: the forces stay, centres move by 1e-7."""
+    snapshot = read_snapshot(sample_path())
+    loop = loop_of_snapshot(snapshot, 17).graph
+    wanted = loop.radii + np.roll(loop.radii, -1) - 1e-4 * loop.radii.mean()
+    x = ring_of_lengths(loop.x.round(7), wanted)
+    assert np.hypot(*(np.roll(x, -1, axis=0) - x).T) == pytest.approx(wanted, rel=1e-15)
+    assert np.abs(x - loop.x).max() < 1e-3 * loop.radii.mean()
