@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state
+from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import check_choice
 from loops.laws.protocol import require_law
 from stability.arguments import number, whole_number
 from stability.paths.edge import EdgeTrial, edge_problem
-from stability.paths.model import path_model
+from stability.paths.model import PathModel, compressed, path_model
 from stability.paths.path import ModelOption, Path, PathStatus
 from stability.paths.record import Record, model_choice
 from stability.paths.stage import walk_stage
-from stability.paths.state import initial_state, unpack
+from stability.paths.state import initial_state, pack, unpack
 from stability.paths.walk import Walk, start_mode
 from stability.programmes import Programme, Stage
 from stability.rate_problem import RateProblem
@@ -222,11 +223,11 @@ def follow(
     if not subspaces:
         raise InputError("subspace", "none", "one at least", "Name 'diagonal', say.")
     check_choice("model", model, get_args(ModelOption))
-    graph = _pressed(graph, law)
     full = path_model(graph, law, closure, spins, volume)
+    full, y = _first_state(full, graph)
     walk = Walk(
         model=replace(full, search_all=model == "full"),
-        y=initial_state(full, graph),
+        y=y,
         mode=start_mode(full, graph),
         record=Record(),
         subspaces=subspaces,
@@ -247,18 +248,23 @@ def follow(
     return walk.record.path(walk.model, status, message, subspaces[0], chosen)
 
 
-def _pressed(graph: GrainGraph, law: ContactLaw) -> GrainGraph:
-    """The graph, or where no contact has any stiffness the graph at a first overlap."""
-    if graph.batch_shape or not graph.contact_count:
-        return graph
-    state = contact_state(graph)
+def _first_state(model: PathModel, graph: GrainGraph) -> tuple[PathModel, Floats]:
+    """The graph's state; where no contact has any stiffness that at a first overlap, its scale."""
+    y = initial_state(model, graph)
     elastic = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
-    if (law.local_stiffness(state, elastic)[:, 0, 0] > 0.0).any():
-        return graph
-    smaller = 1.0 - FIRST_STRAIN
-    cell = None if graph.cell is None else smaller * graph.cell
-    pressed = graph.replace(x=smaller * graph.x, cell=cell)
-    return pressed.replace(normal_force=law.normal_force(contact_state(pressed)))
+    stiffness = model.law.local_stiffness(contact_state(graph), elastic)[:, 0, 0]
+    if not graph.contact_count or (stiffness > 0.0).any():
+        return model, y
+    state = unpack(model, y)
+    if model.closure == "affine":
+        place = state.place + FIRST_STRAIN * (np.eye(2).ravel() - state.place)
+    else:
+        place = state.place - FIRST_STRAIN * (model.x0 + state.place)
+    pressed = compressed(contact_state(graph), model.law, 1.0 - FIRST_STRAIN)
+    kn = float(model.law.local_stiffness(pressed, elastic)[:, 0, 0].mean())
+    # Between the first stiffness, for what is singular, and the later ones, for tolerances.
+    model = replace(model, stiffness=float(np.sqrt(kn * model.stiffness)))
+    return model, pack(place, state.shear_force, state.parameter, state.work)
 
 
 def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
