@@ -346,11 +346,11 @@ def test_unequal_radii_under_isotropic_strain():
     assert path.P[-1] == pytest.approx(wanted, abs=1e-13)
 
 
-@pytest.mark.parametrize("nu", [0.0, 0.3])
+@pytest.mark.parametrize("nu", [0.3])
 def test_spheres_reach_their_threshold_on_the_way(nu):
     """E = kappa/(kappa + 2/3) of Hertz-Mindlin contacts, by the root and on the path."""
     kappa = 2 * (1 - nu) / (2 - nu)
-    ways = {"closure": "traction", "confine": 0.0, "programme": "isotropic", "end": 0.61}
+    ways = {"closure": "traction", "confine": 0.0, "programme": "isotropic", "end": 0.6}
     given = PolygonOptions(5, kappa=kappa, contact_law="hertz", **ways)
     assert thresholds(given)["diagonal"] == pytest.approx(kappa / (kappa + 2 / 3), abs=1e-12)
     found = follow_polygon(given, ("diagonal",))
