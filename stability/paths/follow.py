@@ -113,6 +113,7 @@ def follow(
     exact at their ends, so the error halves with the interval. What is out of balance at the start
     stays as a constant load.
     Of the options below it takes `max_steps` (intervals), `rows`, `interval` and `instabilities`.
+
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
     at rest.
