@@ -225,12 +225,12 @@ def rates_figure(rows: Rows) -> Figure:
 
 
 def grown(times: int) -> dict[str, Any]:
-    """Time and memory of a path to 1e-5 and of 200 steps of a replay, at one size."""
+    """Time and memory of a path to 1e-5, less for many grains, and of 200 steps of a replay."""
     graph, law = replicated(times, sliding=False)
     rng = np.random.default_rng(1)
     less = 1.0 - NOISE * rng.random(graph.contact_count)
     graph = graph.replace(shear_force=graph.shear_force * less, regime=None)
-    H = 1e-5 * np.diag([-1.33, 1.0]) / np.hypot(1.33, 1.0)
+    H = 1e-5 / times * np.diag([-1.33, 1.0]) / np.hypot(1.33, 1.0)
     # Loads what is compiled.
     small = replicated(1, sliding=False)
     replay(*small, 1e-3 * H, duration=10.0, time_step=1.0, mass=small[1].kn[0] * np.ones(2000))
@@ -319,7 +319,10 @@ def main(
         raise InputError("WHAT", repr(what), f"one of {', '.join(STUDIES)}", "Name one of them.")
     measure, draw = STUDIES[what]
     with result_folder(out, force=force) as folder:
-        rows = list(measure(collection))
+        rows: Rows = []
+        for row in measure(collection):
+            typer.echo(row)
+            rows.append(row)
         made = provenance("packing-paths study", {"what": what}, UNITS)
         table = pd.DataFrame(rows)
         write_table(folder, what, {name: table[name].to_numpy() for name in table}, made, csv=True)
