@@ -5,7 +5,7 @@
 - `skill`: AUC of every predictor over the strain of a step (Yade's slow compression, `yade-slow` of
   the collection of DEM samples);
 - `probes`: a path against replays at three rates and against Yade, over the amplitude;
-- `rates`: replays of steps of the sample series at four rates, against path and Yade;
+- `rates`: replays at four rates, against path and Yade;
 - `growth`: time of an event and of a replay, and memory, over the number of grains.
 
 Times are the processor's.
@@ -178,29 +178,38 @@ def probes_figure(rows: Rows) -> Figure:
 
 
 def by_rate(collection: Path) -> Iterator[dict[str, Any]]:
-    """Replays of two steps of 2e-5 from rest, at four rates, against path and Yade."""
+    """Replays to 2e-5 from rest, at four rates, against the path.
+
+    From a state that was held before, and over a step of the compression, against Yade as well.
+    """
     cells = cells_by_number(collection / "yade-slow/macro.csv")
-    for number in (6, 10):
-        one, two = (_slow(collection, cells, k) for k in (number, number + 1))
-        faces, H, law = find_faces(one.graph), _strain(one, two), one.mechanics()[0]
-        path = followed(one.graph, law, strained(H), instabilities=1000)
-        start, count = path.states[0].forces[: one.graph.contact_count], one.graph.contact_count
-        wanted = path.states[-1].forces[:count]
-        told = loop_changes(one.graph, path.states[-1], faces).normalised_work
-        row = {"step": number, "events": len(path.events)}
-        yield row | {"rate": 0.0, "auc": _auc(one, two, told)}
+    one, two = (_slow(collection, cells, k) for k in (6, 7))
+    held = state("before")[0]
+    for name, start, end, H in (
+        ("held", held, None, 2e-5 * np.diag([-0.6, 0.8])),
+        ("under way", one, two, _strain(one, two)),
+    ):
+        graph, law, faces = start.graph, start.mechanics()[0], find_faces(start.graph)
+        path = followed(graph, law, strained(H), instabilities=1000)
+        before, after = (path.states[k].forces[: graph.contact_count] for k in (0, -1))
+        told = loop_changes(graph, path.states[-1], faces).normalised_work
+        row = {"state": name, "unbalanced_before": path.states[0].unbalanced}
+        row["events"] = len(path.events)
+        yield row | {"rate": 0.0, "auc": _auc(start, end, told)}
         for rate in RATES:
-            end, spent = _spent(replay, one.graph, law, H, inertial_number=rate)
-            forces = end.state.forces[:count]
-            work = loop_changes(one.graph, end.state, faces).normalised_work
-            signs = np.isfinite(work) & np.isfinite(told)
+            found, spent = _spent(replay, graph, law, H, inertial_number=rate)
+            forces = found.state.forces[: graph.contact_count]
+            work = loop_changes(graph, found.state, faces).normalised_work
+            known = np.isfinite(work) & np.isfinite(told)
             yield row | {
-                "rate": rate, "steps": end.steps, "cpu_seconds": spent,
-                "unbalanced": end.state.unbalanced,
-                "from_path": np.linalg.norm(forces - wanted) / np.linalg.norm(wanted - start),
-                "signs_of_path": float(np.mean((work < 0)[signs] == (told < 0)[signs])),
-                "auc": _auc(one, two, work),
-            }  # fmt: skip
+                "rate": rate,
+                "steps": found.steps,
+                "cpu_seconds": spent,
+                "unbalanced": found.state.unbalanced,
+                "from_path": np.linalg.norm(forces - after) / np.linalg.norm(after - before),
+                "signs_of_path": float(np.mean((work < 0)[known] == (told < 0)[known])),
+                "auc": _auc(start, end, work),
+            }
 
 
 @styled()
@@ -209,12 +218,12 @@ def rates_figure(rows: Rows) -> Figure:
     table = pd.DataFrame(rows)
     figure = new_figure(TWO_COLUMNS, 2.6)
     left, right = figure.subplots(1, 2)
-    for (number, own), colour in zip(table.groupby("step"), LINE_COLOURS, strict=False):
+    for (name, own), colour in zip(table.groupby("state"), LINE_COLOURS, strict=False):
         moving, still = own[own.rate > 0], own[own.rate == 0]
-        label = f"snapshots {number} to {number + 1}"
-        left.loglog(moving.rate, moving.from_path, "o-", color=colour, label=label)
-        right.semilogx(moving.rate, moving.auc, "o-", color=colour)
-        right.axhline(still.auc.iloc[0], color=colour, linestyle="--", linewidth=0.8)
+        left.loglog(moving.rate, moving.from_path, "o-", color=colour, label=name)
+        if own.auc.notna().all():
+            right.semilogx(moving.rate, moving.auc, "o-", color=colour)
+            right.axhline(still.auc.iloc[0], color=colour, linestyle="--", linewidth=0.8)
     left.set(
         xlabel="inertial number of the replay",
         ylabel="forces: distance from the path\nover what the path changes",
@@ -292,7 +301,9 @@ def _strain(one: Snapshot, two: Snapshot) -> Floats:
     return np.eye(2) - np.array(two.graph.cell) @ np.linalg.inv(np.array(one.graph.cell))
 
 
-def _auc(one: Snapshot, two: Snapshot, work: Floats) -> float:
+def _auc(one: Snapshot, two: Snapshot | None, work: Floats) -> float:
+    if two is None:
+        return float("nan")
     before, after = (TrackedState(s, find_faces(s.graph)) for s in (one, two))
     table = increments(before, after, track_loops(before, after))
     actual = np.full(len(work), np.nan)

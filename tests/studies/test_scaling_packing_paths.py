@@ -34,7 +34,7 @@ def test_figures_show_what_was_measured(what):
             for name in names for a in (1e-6, 1e-5) for k in (1, 2)
         ],
         "rates": [
-            {"step": 6, "rate": rate, "from_path": 2 * rate, "auc": 0.9}
+            {"state": "held", "rate": rate, "from_path": 2 * rate, "auc": 0.9}
             for rate in (0.0, *study.RATES)
         ],
         "growth": [
