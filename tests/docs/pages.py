@@ -18,6 +18,11 @@ def section(text, title):
     return re.split(rf"\n#{{1,{level}}} ", rest)[0]
 
 
+def sections(text):
+    """Titles and texts of what stands under the headings of the second level."""
+    return [part.split("\n", 1) for part in text.split("\n## ")[1:]]
+
+
 def tables(text):
     """Every table: a list of rows, each a dict by the column's title."""
     found = []

@@ -3,16 +3,61 @@
 import inspect
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from stability import follow
 from stability.packing import interval, linear_pieces, loop_changes, path
-from tests.docs.pages import page, says, tables
+from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.stability.packing.test_path import in_collection, strained
 from tests.stability.packing.test_replay import foreseen, slow, strain_between
 
 PAGE = " ".join(page("packing-paths").split())
-(TABLE,) = tables(page("packing-paths"))
+TABLES = {section: tables(part) for section, part in sections(page("packing-paths"))}
+(TABLE,) = TABLES["What it foretells"]
+
+
+def measured(what):
+    """What `studies.scaling.packing_paths` wrote, kept beside its figure."""
+    return pd.read_csv(DOCS / f"figures/packing-paths-{what}.csv")
+
+
+def agrees(told, row, columns):
+    """Numbers of a row of the page, a dash for none."""
+    for title, name in columns.items():
+        token, value = told[title].replace(",", ""), row[name]
+        assert token == "-" if np.isnan(value) else says(token, value), (title, value)
+
+
+def test_rates():
+    rows = measured("rates")
+    rows, (table,) = rows[rows.rate > 0], TABLES["How slow is slow"]
+    columns = {
+        "inertial number": "rate", "steps": "steps", "distance from the path": "from_path",
+        "unbalanced force at the end": "unbalanced", "signs that agree": "signs_of_path",
+        "AUC for Yade's loops": "auc",
+    }  # fmt: skip
+    for told, (_, row) in zip(table, rows.iterrows(), strict=True):
+        assert told["state"] == row.state
+        agrees(told, row, columns)
+
+
+def test_probes():
+    rows = measured("probes")
+    (table,) = TABLES["Probes over their amplitude"]
+    for told, (amplitude, own) in zip(table, rows.groupby("amplitude"), strict=True):
+        assert float(told["amplitude"]) == amplitude
+        for title, against in zip(list(told)[1:], rows.against.unique(), strict=True):
+            error = 100 * own[own.against == against].error
+            quantiles = error.quantile([0.5, 0.9, 1.0])
+            assert all(map(says, told[title].split(" / "), quantiles)), (amplitude, against)
+    assert rows.theta_deg.nunique() == 12 and f"{rows.events.mean():.0f} events in the mean" in PAGE
+    spent = rows.cpu_seconds
+    assert f"{spent.min():.1f} to {spent.max():.1f} s of processor time" in PAGE
+    # What was asked of paths at 5e-5, against Yade and against a replay ten times slower.
+    last = rows[rows.amplitude == 5e-5].groupby("against").error.quantile([0.5, 0.9]).unstack()
+    assert (last.loc["yade"] < [2e-3, 1e-2]).all()
+    assert (last.loc["replay 2e-07"] < [5e-4, 3e-3]).all()
 
 
 def test_settings():
