@@ -1,8 +1,10 @@
-"""Run the study: `python -m studies.scaling --out DIR [--grains 1000,10000,100000]`."""
+"""Run the study: `python -m studies.scaling --out DIR [--page docs]`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+import shutil
+from datetime import date
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,63 +14,66 @@ import typer
 from studies.bench.measure import machine
 from studies.output import provenance, result_folder, write_summary, write_table
 from studies.scaling.figure import scaling_figure
-from studies.scaling.measure import FLOORS, floor_seconds, in_a_process, triad_bandwidth
-from studies.scaling.methods import METHODS
+from studies.scaling.measure import (
+    FLOORS,
+    command_row,
+    floor_seconds,
+    in_a_process,
+    triad_bandwidth,
+)
+from studies.scaling.methods import COMMANDS, METHODS
+from studies.scaling.page import markdown, update
 from studies.style import save_figure
 
 PACKAGES = ("numpy", "scipy", "numba", "pyarrow", "networkx", "shapely")
-NAMES = {
-    "faces": "faces",
-    "crossings": "search for crossings",
-    "table": "table of all loops",
-    "snapshot": "whole snapshot, no figures",
-}
+ABOUT = "Measured on {}, triad on one thread {:.1f} GB/s; {}."
 UNITS = "seconds, MB = 2^20 bytes, bytes per grain"
 
 
 def main(
     out: Annotated[Path, typer.Option(help="Result folder.")],
     grains: Annotated[str, typer.Option(help="Sizes, by commas.")] = "1000,10000,100000,1000000",
-    repeats: Annotated[int, typer.Option(help="Timed calls.")] = 3,
+    repeats: Annotated[int, typer.Option(help="Timed calls, after a first one.")] = 2,
     slow_up_to: Annotated[int, typer.Option(help="Largest size for shapely.")] = 100_000,
+    page: Annotated[Path | None, typer.Option(help="Folder of the pages to update.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
 ) -> None:
-    """Measure; write the table, the figure and the rows for docs/performance.md."""
+    """Measure; write the table and the figure, and with --page those of docs/performance.md."""
+    # As the command line has it.
+    os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
     sizes = [int(size) for size in grains.split(",")]
     with result_folder(out, force=force) as folder:
         bandwidth, rows = triad_bandwidth(), []
         for size, ((what, how), (_, most)) in product(sizes, METHODS.items()):
-            if size > (slow_up_to if how == "shapely" else most):
-                continue
-            rows.append(in_a_process(what, how, size, repeats))
-            seconds, cpu, each = (
-                rows[-1][k] for k in ("seconds", "cpu_seconds", "bytes_per_grain")
-            )
-            typer.echo(
-                f"{what:<10} {how:<9} {rows[-1]['grains']:>9} grains {seconds:9.4f} s "
-                f"({cpu:.4f} CPU) {each:7.0f} bytes per grain"
-            )
-        least = {row["grains"]: floor_seconds(row["grains"], bandwidth) for row in rows}
-        floors = {what: {n: seconds[what] for n, seconds in least.items()} for what in FLOORS}
+            if size <= (slow_up_to if how == "shapely" else most):
+                rows.append(in_a_process(what, how, size, repeats))
+                tell(rows[-1])
+        for how in COMMANDS:
+            rows.append(command_row(how, repeats))
+            tell(rows[-1])
+        least = {n: floor_seconds(n, bandwidth) for n in {row["grains"] for row in rows} - {0}}
+        rows = [{**row, "floor": least.get(row["grains"], {}).get(row["what"])} for row in rows]
         configuration = {"grains": sizes, "repeats": repeats, "slow_up_to": slow_up_to}
-        made = provenance("scaling study", {**configuration, "machine": machine(*PACKAGES)}, UNITS)
+        on = machine(*PACKAGES)
+        made = provenance("scaling study", {**configuration, "machine": on}, UNITS)
         columns = {name: [row[name] for row in rows] for name in rows[0]}
         write_table(folder, "scaling", columns, made, csv=True)
-        summary = {"rows": rows, "floors": floors, "bandwidth": bandwidth, "provenance": made}
-        write_summary(folder, summary)
+        write_summary(folder, {"rows": rows, "bandwidth": bandwidth, "provenance": made})
+        floors = {what: {n: seconds[what] for n, seconds in least.items()} for what in FLOORS}
         save_figure(scaling_figure(rows, floors), folder, "scaling", made)
-        (folder / "rows.md").write_text("\n".join(_markdown(rows, floors)) + "\n")
+        (folder / "rows.md").write_text("\n".join(markdown(rows)) + "\n")
+        if page is not None:
+            packages = ", ".join(f"{name} {version}" for name, version in on.items())
+            update(page, ABOUT.format(date.today(), 1e-9 * bandwidth, packages), rows)
+            shutil.copy(folder / "scaling.png", page / "figures")
 
 
-def _markdown(rows: list[dict[str, Any]], floors: dict[str, dict[int, float]]) -> Iterator[str]:
-    """One row of the page's table for each measurement."""
-    for row in sorted(rows, key=lambda row: (list(NAMES).index(row["what"]), row["grains"])):
-        floor = floors.get(row["what"], {}).get(row["grains"])
-        yield (
-            f"| {NAMES[row['what']]} | {row['grains']:,} | {row['how']} | {row['seconds']:.3g} "
-            f"| {row['cpu_seconds']:.3g} | {row['bytes_per_grain']:.0f} "
-            f"| {'-' if floor is None else f'{floor:.2g}'} |"
-        )
+def tell(row: dict[str, Any]) -> None:
+    """Show a row as soon as it is there."""
+    typer.echo(
+        f"{row['what']:<10} {row['how']:<22} {row['grains']:>9} grains {row['seconds']:9.4f} s "
+        f"({row['cpu_seconds']:.4f} CPU)"
+    )
 
 
 if __name__ == "__main__":

@@ -15,7 +15,13 @@ import numpy as np
 from loops import find_faces
 from loops.arrays import Floats
 from loops.compiled.kernel import kernel
-from studies.scaling.methods import METHODS, bytes_moved, synthetic_snapshot
+from studies.scaling.methods import (
+    COMMANDS,
+    METHODS,
+    bytes_moved,
+    command,
+    synthetic_snapshot,
+)
 from studies.snapshot.table import loop_table
 
 STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
@@ -34,18 +40,26 @@ def measure(what: str, how: str, grains: int, repeats: int) -> dict[str, Any]:
     before = _reset_peak()
     first, _ = _timed(work)
     spent = [_timed(work) for _ in range(repeats)]
-    peak = _peak()
+    taken = max(_peak() - before, 0.0)
+    if what == "command":
+        taken = 1024.0 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     return {
         "what": what,
         "how": how,
         "grains": snapshot.graph.grain_count,
-        "contacts": snapshot.graph.contact_count,
         "first_seconds": first,
         "seconds": min(wall for wall, _ in spent),
         "cpu_seconds": min(cpu for _, cpu in spent),
-        "peak_mb": peak / MB,
-        "bytes_per_grain": max(peak - before, 0.0) / snapshot.graph.grain_count,
+        "bytes_per_grain": taken / snapshot.graph.grain_count,
     }
+
+
+def command_row(how: str, repeats: int) -> dict[str, Any]:
+    """Time one of `COMMANDS`, from its start to its end."""
+    spent = [_timed(command(*COMMANDS[how])) for _ in range(repeats)]
+    wall, cpu = (min(times) for times in zip(*spent, strict=True))
+    row = {"what": "start", "how": how, "grains": 0, "first_seconds": spent[0][0]}
+    return {**row, "seconds": wall, "cpu_seconds": cpu, "bytes_per_grain": None}
 
 
 def floor_seconds(grains: int, bandwidth: float) -> dict[str, float]:
@@ -58,7 +72,7 @@ def floor_seconds(grains: int, bandwidth: float) -> dict[str, float]:
     return {what: share * bytes_moved(what, sample.graph, faces, table) for what in FLOORS}
 
 
-FLOORS = ("faces", "table")
+FLOORS = ("faces", "read", "table", "summary", "write")
 
 
 def triad_bandwidth(repeats: int = 7) -> float:
@@ -76,9 +90,15 @@ def in_a_process(what: str, how: str, grains: int, repeats: int) -> dict[str, An
 
 
 def _timed(work: Any) -> tuple[float, float]:
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall, cpu = time.perf_counter(), _processor()
     work()
-    return time.perf_counter() - wall, time.process_time() - cpu
+    return time.perf_counter() - wall, _processor() - cpu
+
+
+def _processor() -> float:
+    """Seconds of the processor, those of commands that have ended among them."""
+    ended = os.times()
+    return time.process_time() + ended.children_user + ended.children_system
 
 
 def _reset_peak() -> float:

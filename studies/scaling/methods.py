@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable
 from functools import partial
@@ -11,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from loops import Faces, GrainGraph, LinearFrictional, Regime, find_crossings, find_faces
-from patterns import Snapshot, synthetic_network, write_snapshot
+from patterns import Snapshot, read_snapshot, sample_path, synthetic_network, write_snapshot
 from studies.output import write_table
 from studies.snapshot.run import analyse
 from studies.snapshot.summary import snapshot_summary
@@ -42,19 +44,52 @@ def table_of(snapshot: Snapshot, *, compiled: bool) -> Work:
     return partial(loop_table, snapshot, find_faces(snapshot.graph), compiled=compiled)
 
 
-def whole_snapshot(snapshot: Snapshot) -> Work:
-    """From Parquet to table and summary, as `grainloops snapshot` does it without figures."""
-    # Kept until the process ends.
+def written(snapshot: Snapshot) -> Path:
+    """The snapshot as Parquet, in a folder that is kept until the process ends."""
     room = tempfile.TemporaryDirectory()
+    KEPT.append(room)
     path = Path(room.name) / "grains.parquet"
     write_snapshot(path, snapshot)
+    return path
+
+
+KEPT: list[tempfile.TemporaryDirectory[str]] = []
+
+
+def whole_snapshot(snapshot: Snapshot) -> Work:
+    """From Parquet to table and summary, as `grainloops snapshot` does it without figures."""
+    path = written(snapshot)
 
     def work() -> None:
         read, faces, table = analyse(path)
         snapshot_summary(read, faces, table)
-        write_table(Path(room.name), "loops", table, {}, csv=False)
+        write_table(path.parent, "loops", table, {}, csv=False)
 
     return work
+
+
+def summary_of(snapshot: Snapshot) -> Work:
+    """What the loops come down to."""
+    faces = find_faces(snapshot.graph)
+    return partial(snapshot_summary, snapshot, faces, loop_table(snapshot, faces))
+
+
+def writing_of(snapshot: Snapshot) -> Work:
+    """The table of loops to Parquet."""
+    table, folder = loop_table(snapshot, find_faces(snapshot.graph)), written(snapshot).parent
+    return partial(write_table, folder, "loops", table, {}, csv=False)
+
+
+def command(*arguments: str) -> Work:
+    """A command of its own process, its result folder replaced by the next."""
+    out = str(written(synthetic_snapshot(100)).parent / "out")
+    line = [sys.executable, "-m", "studies.cli", *arguments, "--quiet", "--force", "--out", out]
+    return partial(subprocess.run, line, check=True)
+
+
+def snapshot_command(snapshot: Snapshot) -> Work:
+    """`grainloops snapshot --no-figures`."""
+    return command("snapshot", str(written(snapshot)), "--no-figures")
 
 
 def faces_networkx(snapshot: Snapshot) -> Work:
@@ -107,8 +142,12 @@ def bytes_moved(what: str, graph: GrainGraph, faces: Faces, table: dict[str, Any
     found = [faces.offsets, faces.grains, faces.contacts, faces.forward, faces.area]
     found += [faces.kind, faces.component]
     moved = [graph.x, graph.contacts, *found]
+    if what == "read":  # ten columns of contacts and four of grains, and what is kept of them
+        return 130 * graph.contact_count + 64 * graph.grain_count
     if what == "table":
         moved += [graph.normal_force, graph.shear_force, *table.values()]
+    if what in ("summary", "write"):
+        moved = [*table.values()] * (2 if what == "write" else 1)
     return sum(int(array.nbytes) for array in moved)
 
 
@@ -121,6 +160,17 @@ METHODS: dict[tuple[str, str], tuple[Callable[[Snapshot], Work], float]] = {
     ("crossings", "compiled"): (lambda s: partial(find_crossings, s.graph, compiled=True), np.inf),
     ("crossings", "numpy"): (lambda s: partial(find_crossings, s.graph, compiled=False), 1e6),
     ("table", "compiled"): (lambda s: table_of(s, compiled=True), np.inf),
-    ("table", "numpy"): (lambda s: table_of(s, compiled=False), 1e6),
+    ("table", "numpy"): (lambda s: table_of(s, compiled=False), 1e4),
+    ("read", "by size"): (lambda s: partial(read_snapshot, written(s)), np.inf),
+    ("summary", "by size"): (summary_of, np.inf),
+    ("write", "by size"): (writing_of, np.inf),
     ("snapshot", "by size"): (whole_snapshot, np.inf),
+    ("command", "by size"): (snapshot_command, np.inf),
+}
+# Commands whose whole time is told, of no size of their own.
+COMMANDS = {
+    "diamond --table 1": ("diamond", "--table", "1"),
+    "diamond --table 2": ("diamond", "--table", "2"),
+    "polygon --order 5": ("polygon", "--order", "5"),
+    "snapshot of the sample": ("snapshot", str(sample_path("grains_biaxial.csv.gz"))),
 }

@@ -45,8 +45,9 @@ def test_bytes_are_those_of_input_and_result():
 
 
 @pytest.mark.slow
-def test_a_run_on_tiny_sizes(tmp_path):
+def test_a_run_on_tiny_sizes(tmp_path, monkeypatch):
     out = tmp_path / "out"
+    monkeypatch.setattr(study, "COMMANDS", {})
     study.main(out, grains="200,400", repeats=1, slow_up_to=200)
     table = pyarrow.parquet.read_table(out / "scaling.parquet").to_pandas()
     ways = set(zip(table["what"], table["how"], table["grains"], strict=True))
@@ -55,7 +56,9 @@ def test_a_run_on_tiny_sizes(tmp_path):
     assert (table["seconds"] > 0).all() and np.isfinite(table["bytes_per_grain"]).all()
     summary = json.loads((out / "summary.json").read_text())
     assert summary["bandwidth"] > 1e8
-    assert summary["floors"]["table"]["400"] > summary["floors"]["faces"]["400"] > 0
+    floors = {row["what"]: row["floor"] for row in summary["rows"] if row["grains"] == 400}
+    assert floors["table"] > floors["faces"] > 0 and floors["crossings"] is None
+    assert floors["write"] == pytest.approx(2 * floors["summary"])
     rows = (out / "rows.md").read_text().splitlines()
     assert len(rows) == len(table)
     assert rows[0].startswith("| faces | 200 | compiled | ")
