@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
-from matplotlib.ticker import MaxNLocator
 
 from loops import Faces
 from loops.arrays import Floats
@@ -148,7 +147,7 @@ def polar_work(found: Probe) -> Figure:
     ax.plot(unknown, np.full(len(unknown), RADIUS + 1.0), "x", color=GREY, markersize=3.5)
     driven = "H" if found.control == "strain" else "P"
     ax.set_ylim(0.0, RADIUS + 1.05)
-    ax.set_rticks([1.0, 2.0, 3.0], ["-1", "0", "1"])
+    ax.set_rticks([1.0, 2.0, 3.0], ["−1", "0", "1"])
     ax.set_rlabel_position(112.5)
     ax.set_thetagrids(range(0, 360, 45))
     ax.grid(color=LIGHT_GREY, linewidth=0.5)
@@ -165,7 +164,8 @@ def polar_work(found: Probe) -> Figure:
 def order_bars(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> Axes:
     """Shares of the loops by order in area, in W2 and in its negative part."""
     ax = axes_or_new(ax)
-    numbers = np.array([int(n) for n in orders])
+    # What belongs to no loop stands before the triangles.
+    numbers = np.array([int(n) or 2 for n in orders])
     for k, (name, colour, label) in enumerate(
         (
             ("area_share", SKY, "of the area"),
@@ -177,7 +177,8 @@ def order_bars(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> A
         ax.bar(numbers + 0.27 * (k - 1), values, 0.27, color=colour, label=label)
     ax.axhline(0.0, color=GREY, linewidth=0.7)
     ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops of an order")
-    ax.xaxis.set_major_locator(MaxNLocator(12, integer=True))
+    shown = numbers[:: len(numbers) // 13 + 1]
+    ax.set_xticks(shown, labels=["none" if n == 2 else str(n) for n in shown])
     ax.legend()
     return ax
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet
 
 from loops.tracking import Fate, LoopFates
@@ -65,7 +66,8 @@ def write_fates(
         read = pyarrow.parquet.read_table(part)
         columns = {name: read.column(name).combine_chunks() for name in read.column_names}
         verdicts = dict(_verdicts(earlier, columns["loop_before"].to_numpy()))
-        columns |= {f"{judge}_verdict": pa.array(words) for judge, words in verdicts.items()}
+        words = np.array([*VERDICTS, ""])
+        columns |= {f"{judge}_verdict": pa.array(words[k]) for judge, k in verdicts.items()}
         about = {KEY: as_json(source).encode()}
         table = described_table("series/fates", columns, about)
         if writer is None:
@@ -78,29 +80,35 @@ def write_fates(
 
 
 def _verdicts(earlier: Path, loop: Any) -> Iterator[tuple[str, Any]]:
-    """By judge: what is said of each loop, nothing of one that was born."""
+    """By judge: the place of what is said of each loop, behind the last of one that was born."""
     names = pyarrow.parquet.read_schema(earlier).names
     found = judges(dict.fromkeys(names))
     table = pyarrow.parquet.read_table(earlier, columns=[f"{judge}_lambda_min" for judge in found])
     for judge, column in zip(found, table.columns, strict=True):
         smallest = column.to_numpy()
-        words = np.where(smallest < -RTOL, 1, np.where(np.isfinite(smallest), 0, 2))
-        yield judge, np.append(VERDICTS, "")[np.append(words, 3)[loop]]
+        said = np.where(smallest < -RTOL, 1, np.where(np.isfinite(smallest), 0, 2))
+        yield judge, np.append(said, len(VERDICTS))[loop]
 
 
 def _survivals(columns: Mapping[str, Any], verdicts: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """Of one interval: how many loops of each verdict and order met which fate."""
-    fate = columns["fate"].to_numpy(zero_copy_only=False)
-    order = np.minimum(columns["order_before"].to_numpy(), LAST_ORDER)
+    earlier = columns["loop_before"].to_numpy() >= 0
+    ends = columns["fate"].filter(pa.array(earlier))
+    fate = pc.index_in(ends, value_set=pa.array(ENDS)).to_numpy()
+    order = np.minimum(columns["order_before"].to_numpy()[earlier], LAST_ORDER)
     numbers = {name: columns[name][0].as_py() for name in NUMBERS if len(fate)}
-    for judge, words in verdicts.items():
-        for verdict in VERDICTS:
+    shape = len(VERDICTS), LAST_ORDER + 1, len(ENDS)
+    for judge, codes in verdicts.items():
+        place = (codes[earlier] * shape[1] + order) * shape[2] + fate
+        found = np.bincount(place, minlength=np.prod(shape)).reshape(shape)
+        # Nothing has no grains: the first place takes all orders together.
+        found[:, ALL] = found.sum(axis=1)
+        for verdict, by_order in zip(VERDICTS, found, strict=True):
             for n in (ALL, *range(3, LAST_ORDER + 1)):
-                ends = fate[(words == verdict) & ((order == n) | (n == ALL))]
-                counts = {name: int(np.count_nonzero(ends == name)) for name in ENDS}
-                if len(ends):
-                    place = {"judge": judge, "verdict": verdict, "order": n}
-                    yield numbers | place | survival(len(ends), counts)
+                if loops := int(by_order[n].sum()):
+                    key = {"judge": judge, "verdict": verdict, "order": n}
+                    counts = dict(zip(ENDS, by_order[n].tolist(), strict=True))
+                    yield numbers | key | survival(loops, counts)
 
 
 def survival(loops: int, counts: Mapping[str, int]) -> dict[str, Any]:

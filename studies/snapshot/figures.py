@@ -53,7 +53,7 @@ TITLES = {
 # Of histograms: the root of the number of loops, within these.
 BINS = 20, 60
 # The axes leave out this share of the loops at either end; the first and the last bin hold them.
-TAIL = 0.002
+TAIL = 0.01
 # Part of the axis that negative values may take beyond that.
 NEGATIVE = 0.15
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION}

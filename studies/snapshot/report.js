@@ -103,6 +103,13 @@ function contains(loops, k, x, y) {
   return inside;
 }
 
+// A word has one colour on all maps of a page.
+const hues = new Map();
+function hueOf(word, palette) {
+  if (!hues.has(word)) hues.set(word, hues.size % palette.length);
+  return hues.get(word);
+}
+
 // Colour number of each loop (-1: not known), the palette and the ends of the scale.
 function colouring(loops, name) {
   const values = loops.columns[name];
@@ -115,8 +122,8 @@ function colouring(loops, name) {
   const words = loops.words[name];
   if (words) {
     const palette = loops.palettes.order;
-    for (let k = 0; k < loops.count; k++) if (words[values[k]]) shade[k] = values[k] % palette.length;
-    const named = words.map((word, k) => [word, palette[k % palette.length]]).filter(([word]) => word);
+    for (let k = 0; k < loops.count; k++) if (words[values[k]]) shade[k] = hueOf(words[values[k]], palette);
+    const named = words.filter((word) => word).map((word) => [word, palette[hueOf(word, palette)]]);
     return { shade, palette, named };
   }
   const known = Array.from(values).filter(Number.isFinite).sort((a, b) => a - b);

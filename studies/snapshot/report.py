@@ -24,6 +24,8 @@ from studies.style import DIVERGING, ORDER_COLOURS, SEQUENTIAL
 
 # Of a figure's pixels, of which there are 300 to the inch.
 SHOWN = 0.5
+# Pixels from which on a figure is scrolled on a phone, where its letters would be too small.
+WIDE = 640
 # The page asks nothing of any network, and browsers hold it to that.
 POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; "
 POLICY += "script-src 'unsafe-inline'"
@@ -133,8 +135,8 @@ def _width(kind: str, content: bytes) -> str:
     """Width of a PNG on the page, so that letters are of one size in all figures."""
     if kind != "image/png":
         return ""
-    pixels = int.from_bytes(content[16:20], "big")
-    return f' width="{round(SHOWN * pixels)}"'
+    wide = round(SHOWN * int.from_bytes(content[16:20], "big"))
+    return f' width="{wide}"' + (' class="wide"' if wide > WIDE else "")
 
 
 def _plain(provenance: Mapping[str, Any]) -> dict[str, Any]:
