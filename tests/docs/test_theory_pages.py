@@ -145,7 +145,7 @@ def test_work_differs_by_the_way():
 
 @pytest.mark.parametrize("order", [3, 4, 5, 6, 7, 8, 11, 12])
 def test_moduli_of_regular_loops(order):
-    """(7.2)-(7.4) and the table of thresholds."""
+    """(7.2)-(7.4)."""
     kappa, E = 0.3, 0.1
     graph = regular_polygon(order, strain=E)
     law, nu = LinearFrictional(kn=1.0, kt=kappa), E / (1 - E)
@@ -162,15 +162,23 @@ def test_moduli_of_regular_loops(order):
         A = restrict(tangent, "diagonal")
         np.testing.assert_allclose(A[0, 0] + A[0, 1], ratio, rtol=1e-12)
         np.testing.assert_allclose(A[0, 0] - A[0, 1], wanted, rtol=1e-11)
-    thresholds = tables(page("theory/polygons"))[0]
+
+
+@pytest.mark.parametrize("order", [3, 4, 5, 6, 8, 9])
+def test_table_of_thresholds(order):
+    """At the strain that the table says Ks of (11, 22) has a zero; before it none."""
+    kappa, law = 0.3, LinearFrictional(kn=1.0, kt=0.3)
     column = {3: "$n = 3$", 4: "$n = 4$, vertex on axis 1"}.get(order, r"$n \ge 5$")
-    for row, zero in zip(thresholds, (affine, relaxed, free), strict=True):
+    (rows,) = tables(page("theory/polygons"))
+    closures = (affine_tangent, {}), (traction_tangent, {}), (traction_tangent, {"spins": "free"})
+    for row, (closure, how) in zip(rows, closures, strict=True):
         formula = row[column].strip("$").replace(r"\kappa", "kappa")
-        if "/" in formula:
-            # The modulus has the sign that the threshold says.
-            assert (zero > 0) == (E < eval(formula, {"kappa": kappa}))
-        else:
-            assert formula == "from the first load" and zero < 0
+        first = 0.0 if formula == "from the first load" else eval(formula, {"kappa": kappa})
+        least = [symmetric_spectrum(restrict(closure(regular_polygon(order, strain=E), law, **how),
+                                             "diagonal"))[0]
+                 for E in (first, 0.9 * first)]  # fmt: skip
+        assert least[0] == pytest.approx(0.0, abs=1e-12), (row, formula)
+        assert first == 0.0 or least[1] > 1e-3
 
 
 def test_free_spins_need_no_shear_beyond_four():
