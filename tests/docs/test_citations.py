@@ -4,7 +4,9 @@ import re
 
 import pytest
 
-from tests.docs.pages import DOCS
+from patterns.snapshots.formats import FORMATS
+from patterns.snapshots.frame import ALIASES, PLAIN_NAMES
+from tests.docs.pages import DOCS, tables
 
 ROOT = DOCS.parent
 SOURCES = [
@@ -55,3 +57,16 @@ def test_links_between_pages_lead_somewhere(page):
             assert (ROOT / "studies" / "examples" / f"{example}.py").is_file(), target
         elif not target.startswith("http"):
             assert (page.parent / target).exists(), target
+
+
+def test_formats_and_names_of_columns_are_those_that_are_read():
+    text = (DOCS / "formats.md").read_text()
+    formats, *columns = tables(text)[:3]
+    named = {name for row in formats for name in re.findall(r"`([\w-]+)`", row["format"])}
+    assert named == set(FORMATS)
+    rows = [row for table in columns for row in table]
+    plain = {name for row in rows for name in re.findall(r"`(\w+)`", row["column"])}
+    assert plain == set(PLAIN_NAMES)
+    other = {row["column"].strip("`"): tuple(re.findall(r"`(\w+)`", row["also read as"]))
+             for row in rows if row["also read as"]}  # fmt: skip
+    assert other == ALIASES
