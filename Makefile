@@ -25,9 +25,9 @@ demo: $(INSTALLED)
 	@echo "  . $(VENV)/bin/activate"
 	@echo "  grainloops snapshot grains_05.csv     # contacts_05.csv stands beside it"
 
-# One thread of BLAS for each of the two processes.
+# One thread of BLAS for each of the two processes; bytecode is kept, for them and for what they start.
 test: $(INSTALLED)
-	OPENBLAS_NUM_THREADS=1 $(RUN) pytest -n 2
+	OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(RUN) pytest -n 2
 
 docs: $(VENV)/.docs
 	$(RUN) sphinx -q -W --keep-going -E -b html docs $(SITE)

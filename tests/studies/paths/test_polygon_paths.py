@@ -133,14 +133,11 @@ def diamond(kappa):
 TABLE = [
     ("affine", "blocked", 3, stable),
     ("affine", "blocked", 4, diamond),
-    ("affine", "blocked", 5, stable),
     ("affine", "blocked", 6, stable),
-    ("affine", "blocked", 12, stable),
     ("traction", "blocked", 3, stable),
     ("traction", "blocked", 4, diamond),
     ("traction", "blocked", 5, diamond),
     ("traction", "blocked", 6, diamond),
-    ("traction", "blocked", 12, diamond),
     ("traction", "free", 3, lambda kappa: 0.5),
     ("traction", "free", 4, diamond),
 ]
@@ -159,7 +156,7 @@ def test_thresholds_through_paths(closure, spins, order, threshold):
     assert abs(thresholds(given)["diagonal"] - threshold(kappa)) < 1e-9
 
 
-@pytest.mark.parametrize("order", [5, 6, 9])
+@pytest.mark.parametrize("order", [5, 6])
 def test_free_spins_roll_from_the_first_load(order):
     parameters = PolygonOptions(order, spins="free", closure="traction", confine=0.0, end=0.01)
     assert thresholds(parameters) == {"diagonal": 0.0, "symmetric": 0.0, "full": 0.0}

@@ -14,6 +14,7 @@ from loops import GrainGraph, InputError, LinearFrictional, Regime, find_faces
 from loops.packing import loops_in_place, outline_grains
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
+from studies.snapshot import figures
 from studies.snapshot.definitions import GEOMETRY, MECHANICS, PACKING
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import snapshot_summary
@@ -41,7 +42,11 @@ def eigenvalues(matrix):
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("place") / "whole"
+    drawn = figures._drawings
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            figures, "_drawings", lambda *a: (one for one in drawn(*a) if one.name == "in_packing")
+        )
         cell = ",".join(map(repr, CELL))
         asked = ("--cell", cell, "--in-packing", "whole", "--out", out)
         assert run(patch, "snapshot", SLOW, *asked) == 0
