@@ -36,6 +36,12 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
                             "contacts; row = force, column = branch; compression positive"),
         "pressure": (STRESS, "(stress_11 + stress_22)/2"),
         "deviator": (STRESS, "half the difference of the principal stresses of the symmetric part"),
+        "chain_contacts": ("1", "contacts of the loop that are links of force chains"),
+        "place": ("", "loops beside force chains, with a link among their contacts; or elsewhere"),
+        "orders": ("", "group of orders, or all"),
+        "chains:mean_order": ("1", "mean order of these loops"),
+        "chains:*_lambda_min": ("kn", "median of *_lambda_min"),
+        "*_unstable_error": ("1", "standard error of the share, as if loops were independent"),
         "surroundings_lambda_min": ("kn", f"smallest eigenvalue of {KS}, of what surrounds the "
                                     "loop; over the mean kn"),
         "*_lambda_min": ("kn", f"smallest eigenvalue of {KS}, over the mean kn: below zero the "

@@ -67,6 +67,10 @@ MECHANICS = {
     "second-order work in the plane of (11, 22) strains",
     "eigenvalues": "spread of the three eigenvalues of Ks over the mean kn, symmetric subspace; "
     "spins blocked, of traction_free free",
+    "force_chains": "after Peters et al. 2005: grains whose major principal stress is above the "
+    "mean, each touching the next within 45 degrees of the axes of both, three at least; "
+    "share_of_grains of all grains; loops_beside: share of the loops with a link of a chain among "
+    "their contacts (column chain_contacts), which chains.parquet sets beside the others",
     "mean_kn": "mean normal stiffness of the contacts",
     "mean_unstable_directions": "mean over the loops of an order of the share of directions with "
     "negative second-order work",

@@ -8,20 +8,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from loops import Faces, GrainGraph, branch_vectors
+from loops import Faces, ForceChains, GrainGraph, branch_vectors
 from loops.arrays import Floats
 from patterns import Snapshot
+from studies.snapshot.chains import chain_segments
 from studies.snapshot.definitions import BLOCKED, FREED, IN_PLACE
 from studies.snapshot.in_packing import PLACE, surroundings_share
-from studies.snapshot.loop_map import loop_map
+from studies.snapshot.loop_map import VECTOR_LIMIT, draw_orders, loop_drawer, loop_map
 from studies.snapshot.mechanics import CLOSURES, judges, unstable_loops
-from studies.snapshot.statistics import GROUPS, Groups, axes_density, group_rows
+from studies.snapshot.statistics import GROUPS, Groups, axes_density, group_rows, share
 from studies.snapshot.table import EIGENVALUES, FREE
 from studies.style import (
     BLACK,
@@ -74,26 +76,34 @@ def draw_figures(
     snapshot: Snapshot,
     faces: Faces,
     table: dict[str, Any],
+    chains: ForceChains | None,
     summary: dict[str, Any],
     folder: Path,
     source: dict[str, Any],
 ) -> list[tuple[str, str, Path]]:
     """Draw every figure of a snapshot as PNG and SVG."""
     shown = []
-    for drawing in _drawings(snapshot, faces, table, summary):
+    for drawing in _drawings(snapshot, faces, table, chains, summary):
         save_figure(drawing.figure, folder, drawing.name, source)
         shown.append((drawing.title, drawing.caption, folder / f"{drawing.name}.png"))
     return shown
 
 
 def _drawings(
-    snapshot: Snapshot, faces: Faces, table: dict[str, Any], summary: dict[str, Any]
+    snapshot: Snapshot,
+    faces: Faces,
+    table: dict[str, Any],
+    chains: ForceChains | None,
+    summary: dict[str, Any],
 ) -> Iterator[Drawing]:
     """One figure after the other: only one is held at a time."""
     yield Drawing("map", "Loops", _MAP, loop_map(snapshot, faces, table))
     orders = figure_of(order_bars(summary, table))
     yield Drawing("orders", "Orders", "Share of the loops by their number of grains.", orders)
     yield Drawing("fabric", "Fabric", _FABRIC, fabric_rose(snapshot.graph, summary))
+    if chains is not None and summary["loops"]:
+        beside = chains_figure(snapshot, faces, table, chains)
+        yield Drawing("chains", "Force chains", _CHAINS, beside)
     if snapshot.mechanical and summary["loops"]:
         yield Drawing("eigenvalues", "Eigenvalues", _EIGENVALUES, eigenvalue_distribution(table))
         yield Drawing("directions", "Unstable loops", _ROSE, unstable_rose(table, summary))
@@ -111,6 +121,12 @@ _EIGENVALUES = (
     "Eigenvalues of the symmetric part of the loops' tangents over the mean normal stiffness, by "
     "order of the loops; grey: negative, the loop is unstable. Spins blocked: " + BLOCKED + ". "
     "Spins free: " + FREED + "."
+)
+_CHAINS = (
+    "Left: force chains after Peters et al. 2005 over the loops by order. Right: smallest "
+    "eigenvalue of the loops beside chains, that have a link among their contacts, and elsewhere: "
+    "median and quartiles, traction closure, spins blocked. Larger loops have more contacts and "
+    "lie beside chains more often: compare within an order."
 )
 _PLACE = (
     "Left: smallest eigenvalue of each loop cut out of its packing and in it, over the mean normal "
@@ -209,6 +225,44 @@ def _legend(ax: Axes, table: dict[str, Any], closure: str, groups: Groups) -> No
             label = f"order {group}: {float(f'{share:.2g}'):g} %"
             ax.plot([], [], color=GROUP_COLOURS[group], label=label)
     ax.legend(title="unstable", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+@styled()
+def chains_figure(
+    snapshot: Snapshot, faces: Faces, table: dict[str, Any], chains: ForceChains
+) -> Figure:
+    """Force chains over the loops by order; unstable loops beside chains and elsewhere."""
+    figure, (axes,) = new_panels(1, 2, 3.3, width_ratios=(1.25, 1))
+    left, right = axes
+    draw_orders(loop_drawer(snapshot, faces), left, table["order"])
+    ends, many = chain_segments(snapshot, chains), len(chains.links) > VECTOR_LIMIT
+    width = float(np.clip(60.0 / max(len(faces.loops), 1) ** 0.5, 0.3, 2.0))
+    for colour, wide in (("white", 2.2), (BLACK, 1.2)):
+        lines = LineCollection(
+            list(ends), colors=colour, linewidths=wide * width, capstyle="round", rasterized=many
+        )
+        left.add_collection(lines, autolim=False)
+    left.set_title("force chains")
+    near, smallest = table["chain_contacts"] > 0, table["traction_lambda_min"]
+    groups, place = group_rows(table["order"]), np.arange(len(GROUPS))
+    looks = ("beside", near, "o", VERMILION, -0.12), ("elsewhere", ~near, "s", BLUE, 0.12)
+    for name, here, marker, colour, aside in looks:
+        known = here & np.isfinite(smallest)
+        parts = [smallest[groups[group]][known[groups[group]]] for group in GROUPS]
+        quartiles = [np.quantile(v, (0.25, 0.5, 0.75)) if len(v) else [np.nan] * 3 for v in parts]
+        low, middle, high = np.array(quartiles).T
+        unstable = 100.0 * share(unstable_loops(table, "traction")[known])["mean"]
+        right.errorbar(
+            place + aside, middle, (middle - low, high - middle), fmt=marker, color=colour,
+            markersize=4, elinewidth=0.8,
+            label=f"{name}: {np.count_nonzero(here)} loops, {unstable:.2g} % unstable",
+        )  # fmt: skip
+    right.axhline(0.0, color=GREY, linewidth=0.6)
+    right.set_xticks(place, labels=GROUPS)
+    right.set(xlabel="loop order (number of grains)")
+    right.set_ylabel(r"smallest eigenvalue of $K_s$ / mean $k_n$")
+    right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    return figure
 
 
 @styled()

@@ -12,7 +12,7 @@ function decoded(array) {
 function readLoops(text) {
   const raw = JSON.parse(text);
   const loops = { ...raw, columns: {}, words: {} };
-  for (const name of ["offsets", "corners", "grains"]) loops[name] = decoded(raw[name]);
+  for (const name of ["offsets", "corners", "grains", "links"]) loops[name] = decoded(raw[name]);
   for (const name of Object.keys(raw.columns)) {
     loops.columns[name] = decoded(raw.columns[name]);
     loops.words[name] = raw.columns[name].words;
@@ -229,7 +229,22 @@ function startMap(sources, part) {
       context.strokeStyle = seen < 8000 ? "#ffffff" : context.fillStyle;
       context.stroke(path);
     }
+    if (part.links.checked) chains();
     for (const k of new Set([pinned, hovered])) if (k >= 0) outline(k);
+  }
+  // Force chains: their links, black on white so that any colour lets them show.
+  function chains() {
+    const path = new Path2D(), ends = loops.links;
+    for (let k = 0; k < ends.length; k += 4) {
+      path.moveTo(across(ends[k]), down(ends[k + 1]));
+      path.lineTo(across(ends[k + 2]), down(ends[k + 3]));
+    }
+    context.lineCap = "round";
+    for (const [colour, width] of [["#ffffff", 5], ["#000000", 2.5]]) {
+      context.strokeStyle = colour;
+      context.lineWidth = width;
+      context.stroke(path);
+    }
   }
   function outline(k) {
     const path = new Path2D();
@@ -368,6 +383,7 @@ function startMap(sources, part) {
   part.closer.addEventListener("click", () => zoom(1.5, view.x, view.y));
   part.farther.addEventListener("click", () => zoom(1 / 1.5, view.x, view.y));
   part.find.addEventListener("change", () => find(part.find.value));
+  part.links.addEventListener("change", redraw);
   part.colour.addEventListener("change", () => choose(part.colour.value));
   part.snapshot.addEventListener("change", () => take(Number(part.snapshot.value)));
   window.addEventListener("resize", fit);
@@ -379,7 +395,7 @@ function startMap(sources, part) {
 
 if (typeof document !== "undefined") {
   const named = (id) => document.getElementById(id);
-  const parts = ["canvas", "row", "colour", "bar", "low", "high", "reset", "closer", "farther", "find"];
+  const parts = ["canvas", "row", "colour", "bar", "low", "high", "reset", "closer", "farther", "find", "links"];
   const part = Object.fromEntries([...parts, "snapshot"].map((name) => [name, named(`map-${name}`)]));
   part.numbers = Array.from(part.snapshot.options, (option) => option.dataset.number);
   startMap(part.numbers.map((_, k) => named(`map-data-${k}`).textContent), part);

@@ -104,6 +104,7 @@ def _map_section(maps: Sequence[LoopsForMap], count: int) -> str:
         unit=escape(maps[0].unit),
         about=escape(maps[0].about),
         hidden=" hidden" if len(maps) == 1 else "",
+        unlinked="" if any(len(one.links) for one in maps) else " hidden",
         snapshots="".join(
             f'<option value="{k}" data-number="{one.number}"{" selected" if one.first else ""}>'
             f"{escape(one.name)}</option>"
@@ -154,7 +155,7 @@ class LoopsForMap:
     """Polygons and rows of the loops of one packing.
 
     Of a series also the `name` and number of the snapshot, whether it is shown `first`, and what
-    there is to say `about` the maps.
+    there is to say `about` the maps. `links (L, 2, 2)` are the ends of those of force chains.
     """
 
     offsets: Integers
@@ -166,6 +167,7 @@ class LoopsForMap:
     number: int = 0
     first: bool = False
     about: str = ""
+    links: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
     def __len__(self) -> int:
         return len(self.offsets) - 1
@@ -204,6 +206,7 @@ def packed(loops: LoopsForMap) -> str:
         "offsets": encoded(loops.offsets),
         "corners": encoded((loops.corners - origin).ravel()),
         "grains": encoded(loops.grains),
+        "links": encoded((loops.links - origin).ravel()),
         "columns": {name: encoded(values) for name, values in loops.columns.items()},
         "colour_by": [*ahead, *(n for n in loops.columns if n not in (*ahead, "loop"))],
         "palettes": {

@@ -6,9 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from loops import Faces
+from loops import Faces, ForceChains
 from patterns import Snapshot
 from studies.output import provenance, readable, result_folder, write_summary, write_table
+from studies.snapshot.chains import add_chains, chain_segments, chains_summary, chains_table
 from studies.snapshot.in_packing import add_in_packing, place_options, share_by_order
 from studies.snapshot.source import read_planar, reading
 from studies.snapshot.summary import snapshot_summary
@@ -44,6 +45,7 @@ def run_snapshot(
         place = None
         if in_packing is not None:
             snapshot, place = add_in_packing(snapshot, faces, table, in_packing)
+        chains = add_chains(snapshot, faces, table) if snapshot.mechanical else None
         made = provenance("snapshot", {"path": path, **reading(**how), **asked}, UNITS)
         # Of a million grains, writing takes a third as long as summing up, on another core.
         with ThreadPoolExecutor(1) as other:
@@ -51,6 +53,9 @@ def run_snapshot(
             summary = snapshot_summary(snapshot, faces, table, place)
             written.result()
         summary["provenance"] = made
+        if chains is not None:
+            summary["force_chains"] = chains_summary(chains, table)
+            write_table(folder, "chains", chains_table(table), made, csv=csv)
         write_table(folder, "orders", _orders(summary, table), made, csv=csv)
         write_summary(folder, summary)
         if paraview:
@@ -58,7 +63,7 @@ def run_snapshot(
 
             write_paraview(folder, snapshot, faces, table, made)
         if figures:
-            _draw(snapshot, faces, table, summary, folder, csv=csv)
+            _draw(snapshot, faces, table, chains, summary, folder, csv=csv)
     return summary
 
 
@@ -72,6 +77,7 @@ def _draw(
     snapshot: Snapshot,
     faces: Faces,
     table: dict[str, Any],
+    chains: ForceChains | None,
     summary: dict[str, Any],
     folder: Path,
     *,
@@ -84,9 +90,11 @@ def _draw(
 
     made = summary["provenance"]
     write_table(folder, "fabric", fabric_table(snapshot.graph, summary), made, csv=csv)
-    drawn = draw_figures(snapshot, faces, table, summary, folder, made)
+    drawn = draw_figures(snapshot, faces, table, chains, summary, folder, made)
     title = f"Loops of {readable(made['configuration']['path'].name)}"
-    write_report(folder, title, summary, drawn, loops_for_map(snapshot, faces, table), made)
+    links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
+    shown = loops_for_map(snapshot, faces, table, **links)
+    write_report(folder, title, summary, drawn, shown, made)
 
 
 def _orders(summary: dict[str, Any], table: dict[str, Any]) -> dict[str, Any]:

@@ -120,7 +120,7 @@ def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
     bare = replace(snapshot, law=None, regime=None)
     table = loop_table(bare, faces)
     summary = snapshot_summary(bare, faces, table)
-    drawn = draw_figures(bare, faces, table, summary, tmp_path, {"command": "grainloops"})
+    drawn = draw_figures(bare, faces, table, None, summary, tmp_path, {"command": "grainloops"})
     assert [path.stem for *_, path in drawn] == ["map", "orders", "fabric"]
     assert {path.name for path in tmp_path.iterdir()} == {
         f"{name}.{ending}" for name in ("map", "orders", "fabric") for ending in ("png", "svg")
@@ -131,7 +131,8 @@ def test_a_run_without_figures_but_for_paraview(tmp_path):
     pytest.importorskip("vtkmodules")
     summary = run_snapshot(PERIODIC, tmp_path / "out", cell=CELL, figures=False, paraview=True)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        *("loops.parquet", "orders.parquet", "summary.json", "loops.vtp", "contacts.vtp")
+        *("chains.parquet", "loops.parquet", "orders.parquet", "summary.json"),
+        *("loops.vtp", "contacts.vtp"),
     }
     orders = pd.read_parquet(tmp_path / "out" / "orders.parquet")
     assert orders["loops"].sum() == summary["loops"]

@@ -45,11 +45,12 @@ KEYS = [
 ]
 SUMMARY_KEYS = """grains contacts dangling_grains components vertices edges faces euler_ok
 coordination loops orders mean_order area_sum stress sliding_fraction unstable_loops""".split()
-FIGURES = ("map", "orders", "fabric", "eigenvalues", "directions")
+FIGURES = ("map", "orders", "fabric", "chains", "eigenvalues", "directions")
 FILES = {
     "loops.parquet",
     "orders.parquet",
     "fabric.parquet",
+    "chains.parquet",
     "summary.json",
     "report.html",
     *(f"{name}.{ending}" for name in FIGURES for ending in ("png", "svg")),
@@ -77,7 +78,7 @@ def results(tmp_path_factory):
 
 
 def test_files_and_keys(results):
-    tables = {f"{name}.csv" for name in ("loops", "orders", "fabric")}
+    tables = {f"{name}.csv" for name in ("loops", "orders", "fabric", "chains")}
     assert {path.name for path in results.iterdir()} == FILES | tables
     summary = json.loads((results / "summary.json").read_text())
     assert set(SUMMARY_KEYS) <= set(summary)

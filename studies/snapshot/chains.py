@@ -1,0 +1,65 @@
+"""Force chains of a snapshot, and the loops beside them against the others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from loops import Faces, ForceChains, branch_vectors, force_chains, loop_chain_contacts
+from loops.arrays import Floats
+from patterns import Snapshot
+from studies.snapshot.mechanics import judges, unstable_loops
+from studies.snapshot.statistics import GROUPS, group_rows, share
+
+PLACES = ("beside", "elsewhere")
+
+
+def add_chains(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> ForceChains:
+    """The chains of a snapshot with forces; their links on each loop become a column."""
+    chains = force_chains(snapshot.graph)
+    table["chain_contacts"] = loop_chain_contacts(chains, faces)
+    return chains
+
+
+def chains_summary(chains: ForceChains, table: dict[str, Any]) -> dict[str, Any]:
+    """Number and length of the chains, and how many loops lie beside them."""
+    lengths = np.bincount(chains.chain[chains.chain >= 0])
+    return {
+        "chains": len(lengths),
+        "grains": int(lengths.sum()),
+        "share_of_grains": float(lengths.sum() / max(len(chains.chain), 1)),
+        "mean_length": float(lengths.mean()) if len(lengths) else None,
+        "longest": int(lengths.max(initial=0)),
+        "loops_beside": share(table["chain_contacts"] > 0),
+    }
+
+
+def chains_table(table: dict[str, Any]) -> dict[str, list[Any]]:
+    """Loops beside chains and elsewhere by groups of orders: eigenvalues, unstable share."""
+    near, groups = table["chain_contacts"] > 0, group_rows(table["order"])
+    rows: dict[str, list[Any]] = {"place": [], "orders": [], "loops": [], "mean_order": []}
+    for place, here in zip(PLACES, (near, ~near), strict=True):
+        for name in (*GROUPS, "all"):
+            inside = np.zeros(len(near), dtype=bool)
+            inside[groups[name]] = True
+            inside &= here
+            order = table["order"][inside]
+            mean = float(order.mean()) if len(order) else np.nan
+            told = {"place": place, "orders": name, "loops": len(order), "mean_order": mean}
+            for judge in judges(table):
+                smallest = table[f"{judge}_lambda_min"][inside]
+                known = np.isfinite(smallest)
+                unstable = share(unstable_loops(table, judge)[inside][known])
+                told[f"{judge}_lambda_min"] = np.median(smallest[known]) if known.any() else np.nan
+                told[f"{judge}_unstable"] = unstable["mean"]
+                told[f"{judge}_unstable_error"] = unstable["std_error"]
+            for column, value in told.items():
+                rows.setdefault(column, []).append(value)
+    return rows
+
+
+def chain_segments(snapshot: Snapshot, chains: ForceChains) -> Floats:
+    """(L, 2, 2) the two ends of every link, across a border on the side of its first grain."""
+    start = snapshot.graph.x[snapshot.graph.contacts[chains.links, 0]]
+    return np.stack([start, start + branch_vectors(snapshot.graph)[chains.links]], axis=1)
