@@ -115,7 +115,7 @@ def main() -> None:
 
 def _with_rates(arguments: list[str]) -> Iterator[str]:
     """`series --in-packing` alone means its rates: the next word may be a file."""
-    for word, follows in zip(arguments, [*arguments[1:], ""], strict=True):
+    for word, follows in zip(arguments, [*arguments[1:], ""], strict=False):
         alone = word == "--in-packing" and follows not in ("rates", "events")
         yield "--in-packing=rates" if alone and "series" in arguments else word
 

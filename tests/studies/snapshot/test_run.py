@@ -341,7 +341,7 @@ def test_several_instants_and_column_maps(monkeypatch, tmp_path, capsys):
     assert "--columns x=COLUMN" in capsys.readouterr().err
     assert run(monkeypatch, *arguments, "--columns", "x=px", "--frame", "-1") == 0
     assert {file.name for file in (tmp_path / "out").iterdir()} == {
-        *("loops.parquet", "orders.parquet", "summary.json")
+        *("chains.parquet", "loops.parquet", "orders.parquet", "summary.json")
     }
     for wrong in ("x", "x=", "x=px,x=y", "=px"):
         assert run(monkeypatch, *arguments, "--force", "--columns", wrong) == 2
@@ -356,7 +356,7 @@ def test_results_are_never_lost(monkeypatch, tmp_path, capsys):
     assert "--force" in capsys.readouterr().err
     assert [file.name for file in out.iterdir()] == ["notes.txt"]
     assert run(monkeypatch, "snapshot", path, "--out", out, "--force", "--no-figures") == 0
-    plain = {"loops.parquet", "orders.parquet", "summary.json"}
+    plain = {"chains.parquet", "loops.parquet", "orders.parquet", "summary.json"}
     assert {file.name for file in out.iterdir()} == plain | {"notes.txt"}
     before = (out / "summary.json").read_bytes()
     # A failing run with --force leaves what was there.
@@ -399,7 +399,7 @@ def test_same_input_gives_the_same_files(tmp_path, monkeypatch):
 
 def test_the_page_holds_the_figures_and_the_map(results):
     text = (results / "report.html").read_text(encoding="utf-8")
-    assert text.count("data:image/png;base64,") == 5
+    assert text.count("data:image/png;base64,") == 6
     assert "<title>Loops of grains_periodic.parquet</title>" in text
     assert 'id="map-data-0"' in text
     assert "Love-Weber" in text
