@@ -12,8 +12,9 @@ import pandas as pd
 import pytest
 
 from patterns.diamond import TABLE_1, TABLE_2, drained_path
+from tests.docs.pages import page, tables
 from tests.golden.answers import CASES, SLOW
-from tests.golden.ratios import ratios
+from tests.golden.ratios import ratios, renewed
 
 FOLDER = Path(__file__).parent
 RELATIVE = 1e-12
@@ -170,3 +171,16 @@ def test_ratios_to_the_record():
     bench = pd.DataFrame(stored("performance")["accuracy"])
     table = ratios(bench.assign(seconds_per_item=2.0 * bench.seconds_per_item))
     assert len(table) >= 100 and (table.ratio == 2.0).all()
+
+
+def test_times_of_the_page_are_renewed():
+    """Twice the record's times: only times change, every row of the record has its ratio."""
+    bench = pd.DataFrame(stored("performance")["accuracy"])
+    text = page("accuracy")
+    new = renewed(text, bench.assign(seconds_per_item=2.0 * bench.seconds_per_item))
+    assert renewed(new, bench.assign(seconds_per_item=2.0 * bench.seconds_per_item)) == new
+    rows = [row for table in tables(new) for row in table if "to before" in row]
+    before = [row for table in tables(text) for row in table if "s per item" in row]
+    assert [row["error"] for row in rows] == [row["error"] for row in before]
+    assert sum(row["to before"] == "2.00" for row in rows) >= 100
+    assert {row["to before"] for row in rows} <= {"2.00", "-"}
