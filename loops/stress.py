@@ -71,7 +71,9 @@ def love_weber_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Flo
     if volume is None:
         volume = _current_volume(graph)
     length, n, t = contact_frame(graph)
-    return _average(_forces(graph, n, t), length[..., None] * n, volume)
+    forces = _forces(graph, n, t)
+    n *= length[..., None]
+    return _average(forces, n, volume)
 
 
 def nominal_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats:

@@ -43,8 +43,9 @@ def snapshot_summary(
         forces = None
         if snapshot.mechanical:
             forces = pool.submit(mechanics_summary, snapshot, table, groups, area)
-        counted = _network(snapshot, faces) | _orders(table, groups)
-        summary = {**counted, **fabric.result(), **({} if forces is None else forces.result())}
+        counted = pool.submit(_network, snapshot, faces)
+        summary = _orders(table, groups) | counted.result() | fabric.result()
+        summary |= {} if forces is None else forces.result()
     told = GEOMETRY | MECHANICS if snapshot.mechanical else GEOMETRY
     if in_packing is not None:
         summary |= packing_summary(table, groups, in_packing)
@@ -116,13 +117,9 @@ def _fabric(
 ) -> dict[str, Any]:
     """How contacts and loops are oriented, and how large and long the loops are."""
     area, branches = table["area"], branch_vectors(snapshot.graph)
-    directions = direction_tensors(branches)
-    contacts = tensor_block(mean_tensor(directions))
-    by_length = mean_tensor(directions, np.hypot(branches[:, 0], branches[:, 1]))
-    shapes = edge_tensors(branches, faces)
+    of_contacts, shapes = _contact_fabric(branches), edge_tensors(branches, faces)
     return {
-        "contact_fabric": contacts | {"fourier_amplitude": 2 * contacts["anisotropy"]},
-        "contact_fabric_by_length": tensor_block(by_length),
+        **of_contacts,
         "loop_shape": {
             name: tensor_block(mean_tensor(shapes[rows], area[rows]))
             for name, rows in groups.items()
@@ -130,4 +127,15 @@ def _fabric(
         "long_axis": axes_block(table["orientation"]),
         "elongation_by_order": spread_by_group(groups, table["elongation"]),
         "loop_area_by_order": spread_by_group(groups, area),
+    }
+
+
+def _contact_fabric(branches: Floats) -> dict[str, Any]:
+    """How contacts are oriented, each counted once and by its length."""
+    directions = direction_tensors(branches)
+    contacts = tensor_block(mean_tensor(directions))
+    by_length = mean_tensor(directions, np.hypot(branches[:, 0], branches[:, 1]))
+    return {
+        "contact_fabric": contacts | {"fourier_amplitude": 2 * contacts["anisotropy"]},
+        "contact_fabric_by_length": tensor_block(by_length),
     }
