@@ -30,6 +30,7 @@ class Motion(NamedTuple):
     resultant: Floats  # (G, 3) forces and moments of the state
     speed: Floats  # (G, 2) `L x + c` in the last step
     gradient: Floats  # (2, 2) `L`
+    load: Floats  # (G, 3) what pulls and turns grains besides, constant
 
 
 class Discs(NamedTuple):
@@ -150,7 +151,7 @@ def contact_forces(
     g00, g01 = L00 * h00 + L01 * h10, L00 * h01 + L01 * h11
     g10, g11 = L10 * h00 + L11 * h10, L10 * h01 + L11 * h11
     s00 = s01 = s10 = s11 = 0.0
-    resultant[:] = 0.0
+    resultant[:] = motion.load
     for p in range(len(discs.pairs)):
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
         d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]

@@ -308,19 +308,6 @@ def pair_rates(
 
 
 @kernel
-def add_motion(V: Floats, U: Floats, h: Floats, w: Floats, out: Floats) -> None:
-    """`V h + U w`."""
-    m = len(w)
-    for a in range(len(out)):
-        value = 0.0
-        for c in range(5):
-            value += V[a, c] * h[c]
-        for c in range(m):
-            value += U[a, c] * w[c]
-        out[a] = value
-
-
-@kernel
 def at_yield(
     rows: Floats, regime: Regimes, held: Flags, N: Floats, T: Floats, share: float
 ) -> Integers:

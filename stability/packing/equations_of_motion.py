@@ -70,6 +70,7 @@ def replay(
     spin: ArrayLike | None = None,
     damping: float = 0.3,
     viscous: float = 0.0,
+    balanced: bool = False,
 ) -> Replay:
     """Strain a periodic packing as a DEM code would: inertia, damping, explicit steps.
 
@@ -101,6 +102,8 @@ def replay(
         Cundall's: a resultant is less by this share with the motion, more against it.
     viscous : float
         Drag of every grain over its momentum, 1/time.
+    balanced : bool
+        Keep what is out of balance at the start as a constant load, as a path by events does.
 
     Returns
     -------
@@ -153,6 +156,7 @@ def replay(
         np.zeros((count, 3)),
         np.zeros((count, 2)),
         gradient,
+        np.zeros((count, 3)),
     )
     gap = NEAR * 2.0 * float(graph.radii.mean())
     radii = np.array(graph.radii)
@@ -166,6 +170,9 @@ def replay(
         discs = Discs(radii, 1.0 / masses, 1.0 / inertias, grains, images, wraps, *pairs[2:])
         if done == 0:
             moment = contact_forces(motion, discs, 0.0, by_radii, servo.on)
+            if balanced:
+                motion.load[:] = -motion.resultant
+                motion.resultant[:] = 0.0
             servo.start[:] = np.array(moment) / abs(np.linalg.det(motion.cell))
         made = run(motion, discs, servo, steps - done, dt, damping, viscous, by_radii, gap)
         singles = singles + 1 if made == 1 else 0

@@ -90,9 +90,11 @@ class Pieces:
         side: Floats,
         by_radii: bool,
         load: Floats,
-        order: Order | None = None,
+        before: Pieces | None = None,
     ) -> None:
-        self.order = order
+        # Of the interval before: its order of elimination and its room for columns.
+        self.order: Order | None = before.order if before else None
+        self.U: Floats = before.U if before else np.empty((3 * len(state.x), ROOM))
         self.frame = frame_of(state, pairs, by_radii)
         self.regime, self.side = regime, side
         self.count, self.length = len(state.x), float(state.radii.mean())
@@ -147,7 +149,6 @@ class Pieces:
         self.V = self._solved(right.T)
         self.rows = np.empty(ROOM, dtype=np.int64)
         self.at: dict[int, int] = {}
-        self.U = np.empty((size, ROOM))
         # Rates of the pairs of the rows: under unit strains and the load, and under the columns.
         self.base = np.empty((2, ROOM, 5))
         self.mutual = np.empty((2, ROOM, ROOM))
@@ -207,11 +208,13 @@ class Pieces:
         Y, x = solved[:, :5], -solved[:, 5]
         if driven >= 0:
             x[driven] += 1.0
-        A, whole, columns = self._controlled(stress, strain, Y)
-        both = np.linalg.solve(
-            A, np.column_stack([rate - stress @ whole[:, 4], -stress @ (columns @ x)])
-        )
-        h, other = np.append(both[:, 0], 1.0), np.append(both[:, 1], 0.0)
+        h, other = np.ones(5), np.zeros(5)
+        if stress.any():
+            A, whole, columns = self._controlled(stress, strain, Y)
+            right = [rate - stress @ whole[:, 4], -stress @ (columns @ x)]
+            h[:4], other[:4] = np.linalg.solve(A, np.array(right).T).T
+        else:
+            h[:4] = np.linalg.solve(strain, rate)
         return Rates(h, -Y @ h), Rates(other, x - Y @ other)
 
     def sign(self, stress: Floats, strain: Floats) -> float:
@@ -220,6 +223,8 @@ class Pieces:
 
         m = len(self.at)
         solved, sign = small_system(self.coefficients, self.base, self.mutual, m, -1)
+        if not stress.any():
+            return sign
         A, _, _ = self._controlled(stress, strain, solved[:, :5])
         return float(sign * np.sign(np.linalg.det(A)))
 
@@ -228,8 +233,7 @@ class Pieces:
     ) -> tuple[Floats, Floats, Floats]:
         """Control's matrix; stress rates of unit strains and the load, and of the columns."""
         m = len(self.at)
-        if stress.any():
-            self._stress_rates(m)
+        self._stress_rates(m)
         columns = self.column_stress[:, :m]
         whole = self.stress0 - columns @ Y
         return stress @ whole[:, :4] + strain, whole, columns
@@ -257,7 +261,7 @@ class Pieces:
         """`n . d'` and shear rates (2, k, r) of pairs."""
         from stability.compiled.packing_rates import pair_rates
 
-        h, w = (np.column_stack(parts) for parts in zip(*rates, strict=True))
+        h, w = (np.array(parts).T for parts in zip(*rates, strict=True))
         out = np.empty((2, len(c), len(rates)))
         pair_rates(*self.frame, c, h, w, self.V, self.U, out)
         return out
@@ -271,11 +275,7 @@ class Pieces:
 
     def motion(self, rates: Rates) -> Floats:
         """(3G,) freedoms."""
-        from stability.compiled.packing_rates import add_motion
-
-        out = np.empty(len(self.V))
-        add_motion(self.V, self.U, rates.h, rates.w, out)
-        return out
+        return np.asarray(self.V @ rates.h + self.U[:, : len(rates.w)] @ rates.w)
 
     def at_yield(self, N: Floats, T: Floats, held: Flags) -> Integers:
         """Pairs that slide, or that stand on their cone."""

@@ -13,7 +13,7 @@ from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.laws.protocol import Regime
 from stability.packing.interval import ControlLimitError, Goal, Interval, end_state
-from stability.packing.linear_pieces import AT_YIELD, Order, Pieces
+from stability.packing.linear_pieces import AT_YIELD, Pieces
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength, with_near
 from stability.packing.pivots import Control
 from stability.packing.state import PackingState, start_state
@@ -154,7 +154,7 @@ class _Walk:
         self.stress = float(np.linalg.norm(self.state.stress))
         self.work = np.zeros(4)
         self.unstable: list[tuple[int, Integers]] = []
-        self.order: Order | None = None
+        self.pieces: Pieces | None = None
         self.regime: Regimes = np.zeros(0, dtype=np.int8)
         self.side = np.zeros(0)
         self._start()
@@ -243,7 +243,7 @@ class _Walk:
             self.side.copy(),
             self.by_radii,
             0.0 * load.ravel(),
-            self.order,
+            self.pieces,
         )
         trial, _ = pieces.solve(*self._control(stage, 0.0))
         speed = float(np.linalg.norm(trial.h[:4]))
@@ -269,7 +269,7 @@ class _Walk:
         P = self.P
         walk.walk()
         state, self.regime, inner = end_state(walk, self.state, self.pairs)
-        self.side, self.order = pieces.side, pieces.order
+        self.side, self.pieces = pieces.side, pieces
         if not state.closed.any():
             return "no_load", "the packing has come apart and carries no force"
         jump = self._jump(state)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -40,12 +41,12 @@ class PackingState:
         """(C,) contacts that carry a force."""
         return self.normal_force > 0
 
-    @property
+    @cached_property
     def branches(self) -> Floats:
         """(C, 2) branch vectors."""
         return branches_between(self.x, self.contacts, self.images, self.cell)
 
-    @property
+    @cached_property
     def forces(self) -> Floats:
         """(C, 2) forces of grain i on grain j."""
         d = self.branches
@@ -53,7 +54,7 @@ class PackingState:
         t = np.column_stack([-n[:, 1], n[:, 0]])
         return self.normal_force[:, None] * n + self.shear_force[:, None] * t
 
-    @property
+    @cached_property
     def stress(self) -> Floats:
         """(2, 2) stress, compression positive, over the current cell."""
         return self.forces.T @ self.branches / abs(np.linalg.det(self.cell))
