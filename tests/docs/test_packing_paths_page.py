@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from stability import follow
-from stability.packing import interval, linear_pieces, loop_changes, path
+from stability.packing import interval, linear_pieces, loop_changes, path, replay
 from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.stability.packing.test_path import in_collection, strained
 from tests.stability.packing.test_replay import foreseen, slow, strain_between
@@ -72,7 +72,37 @@ def test_settings():
     assert interval.DRAGS[:3] == (1e-3, 1e-2, 1e-1) and "1e-3, 1e-2, 1e-1 kn" in PAGE
     assert f"more than {interval.CHATTER} events of a contact in an interval" in PAGE
     assert f"or {interval.IDLE} in a row" in PAGE
+    assert path.LIMIT == 1e3 and "1000 times the strain" in PAGE
     assert path.JUMP == 0.5 and f"leaps by {path.LEAP} diameters" in PAGE
+
+
+def test_sums_of_the_slow_replays():
+    (rows,) = TABLES["What is quasi-static about Yade"]
+    told = [[row[title].split(" of ") for row in rows] for title in list(rows[0])[4:]]
+    (path, of_yade), (slow, again), (found, of_slow) = (
+        np.array(part, dtype=int).sum(axis=0) for part in told
+    )
+    assert of_yade == again and f"the slow replay has {slow} of {of_yade}" in PAGE
+    assert f"the path {path}, and {found} of the slow replay's {of_slow}" in PAGE
+
+
+@pytest.mark.slow
+@in_collection
+@pytest.mark.parametrize("row", [5, 6])
+def test_slow_replays(row):
+    """Unit density, where the table has Yade's masses: other inertia, the same limit."""
+    told = TABLES["What is quasi-static about Yade"][0][row]
+    number = int(told["snapshot"])
+    (one, _), (two, _) = slow(number), slow(number + 1)
+    H, graph = strain_between(one, two), one.graph
+    way = follow(graph, one.law, strained(H), closure="packing", instabilities=1000)
+    end = replay(graph, one.law, H, inertial_number=2.5e-7, balanced=True).state
+    for title, state in (("AUC: path", way.states[-1]), ("AUC: slow replay", end)):
+        found = foreseen(one, two, lambda faces, s=state: loop_changes(graph, s, faces))
+        assert found == pytest.approx(float(told[title]), abs=3e-3)
+    first, last, other = (s.forces[: graph.contact_count] for s in (*way.states, end))
+    apart = np.linalg.norm(last - other) / np.linalg.norm(other - first)
+    assert apart == pytest.approx(float(told["forces apart"]), rel=0.3)
 
 
 @pytest.mark.slow
