@@ -32,6 +32,8 @@ SEQUENTIAL, DIVERGING = "cividis", "PuOr"
 # Widths of one and of two columns of a journal, 86 and 178 mm, in inches; the height of a page.
 ONE_COLUMN, TWO_COLUMNS, PAGE = 86 / 25.4, 178 / 25.4, 9.3
 WIDTHS = {"single": ONE_COLUMN, "double": TWO_COLUMNS}
+# Lower than this, labels of an axis are cut.
+LOWEST = 2.4
 # More panels than these don't stand one below the other on a page.
 STACKED = 6
 
@@ -103,10 +105,11 @@ def figure_width(name: str | None) -> None:
 def new_figure(width: float = ONE_COLUMN, height: float = 2.5, *, fixed: bool = False) -> Figure:
     """An empty figure without any global state; its layout keeps labels apart.
 
-    Unless `fixed` it takes the width that was asked for, its height half as much more or less.
+    Unless `fixed` it takes the width that was asked for, and half as much more or less height.
     """
     asked = width if fixed else WIDTHS.get(_asked or "", width)
-    return Figure(figsize=(asked, height * (asked / width) ** 0.5), layout="constrained")
+    tall = max(height * (asked / width) ** 0.5, min(height, LOWEST))
+    return Figure(figsize=(asked, tall), layout="constrained")
 
 
 @styled()
@@ -147,6 +150,11 @@ def write_above(ax: Axes, x: float, text: str, **look: Any) -> None:
         text, (x, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
         ha="center", va="bottom", **look,
     )  # fmt: skip
+
+
+def key_columns(figure: Figure, wide: int) -> int:
+    """Columns of a key below a figure: so many in two columns of a journal, two in one."""
+    return wide if figure.get_figwidth() > 1.5 * ONE_COLUMN else min(wide, 2)
 
 
 def say_empty(ax: Axes, why: str) -> None:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from studies.bench.measure import Row, grouped
-from studies.style import BLACK, GREY, LINE_COLOURS, new_panels, styled
+from studies.style import BLACK, GREY, LINE_COLOURS, key_columns, new_panels, styled
 
 # Stands for an error of zero.
 LEAST = 1e-17
@@ -119,7 +119,7 @@ def stiff(rows: list[dict[str, Any]]) -> Figure:
     for ax in axes[:, 0]:
         ax.set_ylabel("error")
     handles, labels = axes[1, 1].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5)
+    figure.legend(handles, labels, loc="outside lower center", ncols=key_columns(figure, 5))
     return figure
 
 

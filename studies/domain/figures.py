@@ -24,6 +24,7 @@ from studies.style import (
     ONE_COLUMN,
     TWO_COLUMNS,
     axes_or_new,
+    key_columns,
     new_panels,
     styled,
 )
@@ -50,7 +51,8 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
         )
         whole.set_title(rf"$\alpha_0$ = {np.degrees(angle):g}°, {phi}")
     handles = _legend(cases, drawn_programmes=rows == 2)
-    figure.legend(handles=handles, loc="outside lower center", ncols=2 if columns == 1 else 4)
+    beside = key_columns(figure, 2 if columns == 1 else 4)
+    figure.legend(handles=handles, loc="outside lower center", ncols=beside)
     return figure
 
 

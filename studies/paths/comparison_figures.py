@@ -16,6 +16,7 @@ from studies.style import (
     VERMILION,
     axes_or_new,
     figure_of,
+    key_columns,
     new_panels,
     styled,
 )
@@ -53,7 +54,8 @@ def draw_critical_strain(compared: Compared, ax: Axes | None = None) -> Axes:
         )  # fmt: skip
     _order_axis(ax, columns["order"])
     ax.set(ylabel="critical isotropic strain (–)", ylim=(-0.02, None))
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, columnspacing=1.0)
+    beside = key_columns(figure_of(ax), 3)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=beside, columnspacing=1.0)
     return ax
 
 

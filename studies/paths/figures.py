@@ -44,6 +44,7 @@ STRAIN = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
 COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
 REGIMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
+EVENTS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
 # Line and arrow of the largest force, in points and in diameters; the most grains with arrows.
 WIDEST, ARROW, FEW = 4.0, 0.45, 12
 SHARES: tuple[tuple[str, str, Any, str], ...] = (
@@ -68,7 +69,8 @@ def polygon_figures(found: Followed, critical: dict[str, float | None]) -> dict[
 @styled()
 def draw_stress(found: Followed, ax: Axes | None = None) -> Axes:
     """Axial and lateral stress over the axial strain (Figs. 6 and 8), with the peak if any."""
-    ax = axes_or_new(ax)
+    diamond = isinstance(found, FollowedDiamond)
+    ax = axes_or_new(ax, height=2.5 if diamond else 3.0)
     slides, opens, E1 = found.slides, found.opens, found.E1
     confined = np.isin(found.stage, ("isotropic", "confinement"))
     ax.plot(E1, found.s2, color=GREY, linewidth=0.9, label="lateral stress $s_2$")
@@ -83,8 +85,14 @@ def draw_stress(found: Followed, ax: Axes | None = None) -> Axes:
     peak = axial_peak(found)
     if peak is not None:
         ax.plot(peak["E1"], peak["s1"], "o", color=BLACK, markerfacecolor="white", label="peak")
+    if not diamond:  # whose B is the yield of all contacts
+        for kind, (marker, label) in EVENTS.items():
+            at = [event.index for event in found.path.events if event.kind == kind]
+            if at:
+                ax.plot(E1[at], found.s1[at], marker, color=GREY, markersize=3.5, label=label)
     over_strain(found, ax, found.s1, "stress over $k_n$ (–)", 0.16)
-    ax.legend(loc="best")
+    above: Any = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 2}
+    ax.legend(**({"loc": "best"} if diamond else above))
     return ax
 
 

@@ -30,6 +30,7 @@ from studies.style import (
     SKY,
     VERMILION,
     figure_of,
+    key_columns,
     new_panels,
     styled,
 )
@@ -124,7 +125,8 @@ def skill_by_interval(table: Table) -> Figure:
     for ax in axes:
         handles, labels = ax.get_legend_handles_labels()
         lines |= dict(zip(labels, handles, strict=True))
-    figure.legend(list(lines.values()), list(lines), loc="outside lower center", ncols=4)
+    beside = key_columns(figure, 4)
+    figure.legend(list(lines.values()), list(lines), loc="outside lower center", ncols=beside)
     return figure
 
 
