@@ -1,7 +1,6 @@
 """The command `grainloops polygon`: keys, one-line errors, exit codes."""
 
 import json
-import subprocess
 import sys
 
 import pytest
@@ -77,14 +76,3 @@ def test_bad_input_is_one_line(monkeypatch, capsys, tmp_path, arguments, word):
     assert shown.err.count("\n") == 1
     assert word in shown.err
     assert not (tmp_path / "out").exists()
-
-
-def test_as_a_command(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "studies.cli", "polygon", "--order", "1", "--out", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
