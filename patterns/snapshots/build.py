@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime
 from loops.arrays import Floats, Integers
+from loops.compiled import load_ahead
 from loops.laws.frictional import ShearIncrement
 from loops.validation import repeated_contacts
 from patterns.snapshots.checks import Checked, check_state, same_normal_force
@@ -37,6 +38,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     after which nothing meaningful can follow are refused if `strict`; doubts become notes.
     """
     table = frame.contacts
+    load_ahead(len(table))
     table.read_ahead()
     bodies = read_bodies(frame.grains)
     every = read_pairs(table, bodies)
