@@ -21,16 +21,15 @@ if TYPE_CHECKING:
     from loops import find_faces as find_faces
     from loops import force_chains as force_chains
     from loops import from_networkx as from_networkx
-    from loops import loop_chain_contacts as loop_chain_contacts
     from loops import loop_fates as loop_fates
     from loops import loop_tangents as loop_tangents
     from loops import love_weber_stress as love_weber_stress
     from loops import match_contacts as match_contacts
+    from loops import order_kinetics as order_kinetics
     from loops import to_networkx as to_networkx
     from loops import traction_tangent as traction_tangent
     from patterns import Snapshot as Snapshot
     from patterns import diamond as diamond
-    from patterns import hexagon as hexagon
     from patterns import loop_of_snapshot as loop_of_snapshot
     from patterns import polydisperse_polygon as polydisperse_polygon
     from patterns import random_loop as random_loop
@@ -62,6 +61,7 @@ if TYPE_CHECKING:
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
     from studies.plots import plot_cone as plot_cone
+    from studies.plots import plot_envelope as plot_envelope
     from studies.plots import plot_loop as plot_loop
     from studies.plots import plot_map as plot_map
     from studies.plots import plot_path as plot_path

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from loops.faces import outline_area as outline_area
     from loops.force_chains import ForceChains as ForceChains
     from loops.force_chains import force_chains as force_chains
-    from loops.force_chains import loop_chain_contacts as loop_chain_contacts
     from loops.geometry import boundary_vectors as boundary_vectors
     from loops.geometry import polygon_area as polygon_area
     from loops.geometry import polygon_centroid as polygon_centroid

@@ -46,6 +46,15 @@ class ForceChains(Shown):
         longest = int(lengths.max(initial=0))
         return {"chains": len(lengths), "grains": int(lengths.sum()), "longest": longest}
 
+    def on_loops(self, faces: Faces) -> Integers:
+        """Number of contacts of every loop that are links; with one or more it is beside a chain.
+
+        In the order of `faces.loops`, of the faces of the same graph.
+        """
+        linked = np.concatenate([[0], np.cumsum(np.isin(faces.contacts, self.links))])
+        counts: Integers = np.diff(linked[faces.offsets])
+        return counts[faces.loops]
+
 
 def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) -> ForceChains:
     """Find the force chains of a packing.
@@ -117,26 +126,6 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
         chain=chain,
         links=np.sort(links[chain[i[links]] >= 0]),
     )
-
-
-def loop_chain_contacts(chains: ForceChains, faces: Faces) -> Integers:
-    """Number of contacts of every loop that are links of force chains.
-
-    Parameters
-    ----------
-    chains : ForceChains
-        Of the same graph.
-    faces : Faces
-        Its faces.
-
-    Returns
-    -------
-    (L,) array of int
-        In the order of `faces.loops`; a loop with one or more lies beside a chain.
-    """
-    linked = np.concatenate([[0], np.cumsum(np.isin(faces.contacts, chains.links))])
-    counts: Integers = np.diff(linked[faces.offsets])
-    return counts[faces.loops]
 
 
 def _components(graph: GrainGraph, links: Integers) -> Integers:

@@ -10,17 +10,27 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from loops import GrainGraph, InputError, Regime
-from loops.arrays import Floats, Integers
-from loops.closures import MacroTangent
+from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state, macroscopic_tangent
+from loops.arrays import Floats, Integers, Regimes
+from loops.closures import Closure, MacroTangent, Spins
 from patterns import Snapshot
-from stability import Path, plane_cone, restrict
+from stability import Path, directional_work, plane_cone, restrict
 from studies.frames import events_of_rows
 from studies.paths.figures import FEW, draw_grains, draw_polar, forces_key
 from studies.paths.polar import operator_diagram
 from studies.snapshot.loop_map import draw_orders, draw_values, loop_drawer
 from studies.snapshot.source import planar
-from studies.style import BLACK, LINE_COLOURS, ONE_COLUMN, axes_or_new, styled
+from studies.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    LIGHT_GREY,
+    LINE_COLOURS,
+    ONE_COLUMN,
+    VERMILION,
+    axes_or_new,
+    styled,
+)
 
 
 @styled()
@@ -127,6 +137,77 @@ def plot_cone(tangent: MacroTangent | ArrayLike, ax: Axes | None = None) -> Axes
     opening = float(np.degrees(plane_cone(K).opening))
     text = f"cone {opening:.2f}°" if opening > 0 else "no cone"
     return draw_polar(operator_diagram(K), ax, text)
+
+
+@styled()
+def plot_envelope(
+    graph: GrainGraph,
+    law: ContactLaw,
+    closure: Closure = "affine",
+    spins: Spins = "blocked",
+    ax: Axes | None = None,
+) -> Axes:
+    """Response envelope: stress rates that answer to strain rates of unit size in (11, 22).
+
+    Every direction has the regimes that it activates, as in `directional_work`; of several
+    solutions that of the smallest second-order work. Dashed: all closed contacts stick. Vermilion
+    where the second-order work is negative.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state; `loop_of_snapshot(...).graph` for example.
+    law : ContactLaw
+        Law of its contacts.
+    closure : {'affine', 'traction'}
+        How the surroundings drive the grains.
+    spins : {'blocked', 'affine', 'free'}
+        What the grains' spins do.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure if left out.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        As `directional_work`.
+
+    Examples
+    --------
+    >>> from patterns import loop_of_snapshot, read_snapshot, sample_path
+    >>> loop = loop_of_snapshot(read_snapshot(sample_path()), 17)
+    >>> len(plot_envelope(loop.graph, loop.law).lines)
+    5
+    """
+    ax, theta = axes_or_new(ax, 3.0, 3.0), np.linspace(0.0, 2.0 * np.pi, 361)
+    directions = np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    found = directional_work(graph, law, directions, closure=closure, spins=spins)
+    closed = law.regime(contact_state(graph)) != Regime.OPEN
+    stuck = np.where(closed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
+
+    def rates(regime: Regimes) -> Floats:
+        tangent = macroscopic_tangent(graph, law, closure, spins=spins, regime=regime)
+        return np.asarray(directions @ restrict(tangent, "diagonal").T)
+
+    ax.plot(*rates(stuck).T, "--", color=GREY, linewidth=1.0, label="all sticking")
+    answer = np.full((len(theta), 2), np.nan)
+    for regime in np.unique(found.regime[found.status != "none"], axis=0):
+        rows = (found.regime == regime).all(axis=1)
+        answer[rows] = rates(regime)[rows]
+    ax.plot(*answer.T, color=BLUE, label="as each direction asks")
+    unstable = np.where((found.work[:, 0] < 0.0)[:, None], answer, np.nan)
+    ax.plot(*unstable.T, color=VERMILION, linewidth=2.2, label="negative second-order work")
+    ax.axhline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
+    ax.axvline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
+    ax.set(xlabel="$P'_{11}$ (force / length)", ylabel="$P'_{22}$ (force / length)")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.locator_params(nbins=4)
+    ax.ticklabel_format(scilimits=(-2, 3))
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06))
+    return ax
 
 
 @styled()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from loops import Faces, ForceChains, branch_vectors, force_chains, loop_chain_contacts
+from loops import Faces, ForceChains, branch_vectors, force_chains
 from loops.arrays import Floats
 from patterns import Snapshot
 from studies.snapshot.mechanics import judges, unstable_loops
@@ -18,7 +18,7 @@ PLACES = ("beside", "elsewhere")
 def add_chains(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> ForceChains:
     """The chains of a snapshot with forces; their links on each loop become a column."""
     chains = force_chains(snapshot.graph)
-    table["chain_contacts"] = loop_chain_contacts(chains, faces)
+    table["chain_contacts"] = chains.on_loops(faces)
     return chains
 
 

@@ -112,14 +112,31 @@ def test_plots_draw_into_the_axes_that_they_are_given(session):
     names = session[0]
     figure = matplotlib.figure.Figure()
     for ax, plot, arguments in zip(
-        figure.subplots(1, 4),
-        (gl.plot_map, gl.plot_loop, gl.plot_cone, gl.plot_path),
-        ((names["snapshot"],), (names["loop"].graph,), (names["tangent"],), (names["path"],)),
+        figure.subplots(1, 5),
+        (gl.plot_map, gl.plot_loop, gl.plot_cone, gl.plot_path, gl.plot_envelope),
+        (
+            *((names["snapshot"],), (names["loop"].graph,), (names["tangent"],), (names["path"],)),
+            (names["loop"].graph, names["loop"].law),
+        ),
         strict=True,
     ):
         assert plot(*arguments, ax=ax) is ax
         assert ax.get_xlabel() and ax.get_ylabel()
     figure.canvas.draw()
+
+
+def test_an_envelope_is_what_each_direction_answers():
+    """P' = A H' where all contacts stick; at yield W2 = P'.H' of the directional analysis."""
+    loop, law = gl.regular_polygon(5, strain=0.1), gl.LinearFrictional(kn=1.0, kt=0.3, mu=0.2)
+    theta = np.linspace(0.0, 2.0 * np.pi, 361)
+    e = np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    K = gl.restrict(gl.affine_tangent(loop, law), "diagonal")
+    for line in gl.plot_envelope(loop, law).lines[:2]:
+        np.testing.assert_allclose(line.get_xydata(), e @ K.T, atol=1e-14)
+    at_yield = loop.replace(shear_force=0.2 * loop.normal_force * [1, -1, 1, -1, 1])
+    answer = gl.plot_envelope(at_yield, law).lines[1].get_xydata()
+    work = gl.directional_work(at_yield, law, e).work[:, 0]
+    np.testing.assert_allclose((answer * e).sum(axis=1), work, atol=1e-14)
 
 
 def test_signed_values_have_zero_in_the_middle_of_the_colours(session):

@@ -9,7 +9,6 @@ from loops import (
     InputError,
     find_faces,
     force_chains,
-    loop_chain_contacts,
     love_weber_stress,
 )
 from patterns import read_snapshot, sample_path
@@ -51,7 +50,7 @@ def test_two_chains_are_numbered_by_their_smallest_grains():
 def test_the_loops_beside_a_chain():
     graph = lattice(row_1=10.0)
     faces = find_faces(graph)
-    beside = loop_chain_contacts(force_chains(graph), faces)
+    beside = force_chains(graph).on_loops(faces)
     rows = [int(graph.x[faces.grains[faces.offsets[face]]][1]) for face in faces.loops]
     assert beside.tolist() == [int(row in (0, 1)) for row in rows]
     assert (faces.kind[faces.loops] == FaceKind.LOOP).all()
