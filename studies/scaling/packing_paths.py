@@ -62,9 +62,8 @@ NOISE = 0.01
 UNITS = "seconds of the processor, MB = 2^20 bytes, strain, shares"
 
 
-def by_step(collection: Path) -> Rows:
+def by_step(collection: Path) -> Iterator[dict[str, Any]]:
     """AUC of each predictor for each target, means over the steps weighted by loops."""
-    rows: Rows = []
     for step, numbers in STEPS.items():
         paths = [collection / f"yade-slow/grains_{number:02d}.parquet" for number in numbers]
         with TemporaryDirectory() as folder:
@@ -77,8 +76,7 @@ def by_step(collection: Path) -> Rows:
             for name, row in skills.items():
                 numbers_of = {key: row.get(key) for key in ("auc", "auc_min", "auc_max", "base")}
                 place = {"step": step, "steps": len(paths) - 1, "target": target, "predictor": name}
-                rows.append(place | numbers_of | {"loops": row["loops"]})
-    return rows
+                yield place | numbers_of | {"loops": row["loops"]}
 
 
 @styled()

@@ -214,6 +214,18 @@ def slow(number):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not COLLECTION.is_dir(), reason="GRAINLOOPS_DEM names no folder of samples")
+@pytest.mark.parametrize("number", [10, 24])
+def test_strain_ratio_of_yades_sample(number):
+    """`P11` held and `H22` driven, as the sample was: `H11'/H22'` from rest, at the run's rate."""
+    (one, _), (two, _) = slow(number), slow(number + 1)
+    strain = strain_between(one, two)
+    stage = Stage(drained_biaxial(2), "H22", strain[1, 1])
+    H, _ = driven(replay(one.graph, one.law, stage), one.graph)
+    assert H[0, 0] / H[1, 1] == pytest.approx(strain[0, 0] / strain[1, 1], rel=0.006)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not COLLECTION.is_dir(), reason="GRAINLOOPS_DEM names no folder of samples")
 @pytest.mark.parametrize(("numbers", "least"), [(range(3, 22), 0.999), (range(22, 32), 0.998)])
 def test_yades_next_states(numbers, least):
     """Steps of 2e-5 and 1e-4 with Yade's own velocities, time step and damping."""
