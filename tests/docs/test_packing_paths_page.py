@@ -14,7 +14,7 @@ from tests.stability.packing.test_replay import foreseen, slow, strain_between
 
 PAGE = " ".join(page("packing-paths").split())
 TABLES = {section: tables(part) for section, part in sections(page("packing-paths"))}
-(TABLE,) = TABLES["What it foretells"]
+TABLE, FORETOLD = TABLES["What it foretells"]
 
 
 def measured(what):
@@ -27,6 +27,21 @@ def agrees(told, row, columns):
     for title, name in columns.items():
         token, value = told[title].replace(",", ""), row[name]
         assert token == "-" if np.isnan(value) else says(token, value), (title, value)
+
+
+def test_skill_of_all_targets():
+    """Over a few steps, by the study; many steps of one target stand in the table above it."""
+    rows = measured("skill").set_index(["target", "predictor", "step"])
+    titles = {"W2 < 0": "W2_negative", "least affine tenth": "nonaffine"}
+    titles |= {"contact lost": "contact_lost", "topology changed": "topology"}
+    assert len(FORETOLD) == 16
+    for told in FORETOLD:
+        steps = {title: float(title) for title in list(told)[2:]}
+        place = titles[told["target"]], told["predictor"].strip("`")
+        agrees(told, {step: rows.auc.get((*place, step), np.nan) for step in steps.values()}, steps)
+    counts = rows.groupby("step").steps.first()
+    *few, last = (str(count) for count in counts)
+    assert f"{', '.join(few)} and {last} steps of 2e-5 to 5e-4" in PAGE
 
 
 def test_rates():
