@@ -18,12 +18,34 @@ def assemble_tangent(
 ) -> Floats:
     """Dense grain-level tangent `K`: external force rates `F' = K v` that move the grains by `v`.
 
-    (..., 2 G, 2 G) over `x_0, y_0, x_1, y_1, ...`, with `spins` (..., 3 G, 3 G), the spins
-    (moments) last. Each contact adds its block, with dead forces and moments in the current state;
-    `K` is left nonsymmetric (Nicot et al. 2016, equation 20, for any graph). Regimes as in
-    `affine_tangent`.
+    Freedoms in the order `x_0, y_0, x_1, y_1, ...`, then the spins `w_0, w_1, ...`
+    (counter-clockwise positive) if wanted; the forces in the same order, moments last. Each
+    contact adds its block, with dead forces and moments in the current state; `K` is left
+    nonsymmetric (Nicot et al. 2016, equation 20, for any graph).
 
-    >>> from loops import GrainGraph, LinearFrictional
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grains and contacts, batch axes `...` allowed.
+    law : ContactLaw
+        Contact law.
+    spins : bool
+        Whether the spins are freedoms; otherwise they are blocked.
+    regime : (..., C) array of Regime, optional
+        Regime of each contact; read from the state by the law if left out.
+
+    Returns
+    -------
+    (..., 2 G, 2 G) or (..., 3 G, 3 G) array
+        The tangent (force per length; moments per angle in the last block).
+
+    See Also
+    --------
+    assemble_sparse_tangent : the same as a sparse matrix, for packings.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, LinearFrictional, assemble_tangent
     >>> pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
     >>> assemble_tangent(pair, LinearFrictional(kn=1.0, kt=0.5)).tolist()[0]
     [1.0, 0.0, -1.0, 0.0]
@@ -35,7 +57,36 @@ def assemble_tangent(
 def assemble_sparse_tangent(
     graph: GrainGraph, law: ContactLaw, *, spins: bool = False, regime: ArrayLike | None = None
 ) -> sparse.csr_array:
-    """`assemble_tangent` of one state as a sparse matrix; batches raise `InputError`."""
+    """Grain-level tangent of a packing as a sparse matrix; see `assemble_tangent`.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grains and contacts of one state (no batch axes).
+    law : ContactLaw
+        Contact law.
+    spins : bool
+        Whether the spins are freedoms; otherwise they are blocked.
+    regime : (C,) array of Regime, optional
+        Regime of each contact; read from the state by the law if left out.
+
+    Returns
+    -------
+    scipy.sparse.csr_array
+        (2 G, 2 G) or (3 G, 3 G) tangent.
+
+    Raises
+    ------
+    InputError
+        If the graph carries batch axes.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, LinearFrictional, assemble_sparse_tangent
+    >>> pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
+    >>> assemble_sparse_tangent(pair, LinearFrictional(kn=1.0, kt=0.5)).shape
+    (4, 4)
+    """
     require_one_state(graph)
     element = _elements(graph, law, spins, regime)
     freedoms = _freedoms(graph.contacts, graph.grain_count, spins)

@@ -76,17 +76,35 @@ def _stiffness(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
 
 
 def translational_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
-    """Tangent blocks `k` (..., C, 2, 2) of contacts with spins blocked, `f' = -k d'`.
+    """Tangent blocks `k` of the contacts with spins blocked, `f' = -k d'`.
 
     With the linear-frictional law and the shear increment `branch` these are
 
         elastic   k = kn n(x)n + (kt - N/l) t(x)t + (T/l) n(x)t
         sliding   k = kn n(x)n + s mu kn t(x)n - (N/l) t(x)t + (T/l) n(x)t
 
-    (Nicot et al. 2016, equations 13-19, for one branch): the frame turns with the branch.
+    (Nicot et al. 2016, equations 13-19, for one branch). The terms with `N/l` and `T/l` arise
+    because the frame turns with the branch.
 
-    >>> from loops import GrainGraph, LinearFrictional, contact_state
-    >>> pair = GrainGraph([[0, 0], [0.8, 0]], [0.5, 0.5], [[0, 1]], normal_force=[0.2])
+    Parameters
+    ----------
+    state : ContactState
+        Contacts.
+    law : ContactLaw
+        Their law.
+    regime : (..., C) array of int8
+        Their regime.
+
+    Returns
+    -------
+    (..., C, 2, 2) array
+        Blocks in the global frame (force per length).
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, LinearFrictional, contact_state, translational_blocks
+    >>> pair = GrainGraph(x=[[0, 0], [0.8, 0]], radii=[0.5, 0.5], contacts=[[0, 1]],
+    ...                   normal_force=[0.2])
     >>> law, state = LinearFrictional(kn=1.0, kt=0.5), contact_state(pair)
     >>> translational_blocks(state, law, law.regime(state)).round(12).tolist()
     [[[1.0, 0.0], [0.0, 0.25]]]
@@ -127,8 +145,24 @@ def contact_tangent(
 ) -> ContactTangent:
     """Tangent of the contacts with translations and spins.
 
-    The contact force acts at the lever arms `a_i`, `a_j`; each grain receives the moment `-a T` and
-    `a` moves with `l`. `arms` (..., C) each, by which spins make shear, if other than the law's.
+    The contact force acts at the lever arms `a_i`, `a_j`; each grain receives the moment `-a T`
+    and `a` moves with `l`.
+
+    Parameters
+    ----------
+    state : ContactState
+        Contacts.
+    law : ContactLaw
+        Their law.
+    regime : (..., C) array of int8
+        Their regime.
+    arms : pair of (..., C) arrays, optional
+        Arms `b_i`, `b_j` by which spins make shear (length), if other than the law's.
+
+    Returns
+    -------
+    ContactTangent
+        Blocks of force and moment rates.
     """
     stiffness = _stiffness(state, law, regime)
     g, b_i, b_j = law.shear_kinematics(state)

@@ -29,14 +29,37 @@ REPEATS = 8  # times a crossing may be met before the kernel gives up counting
 def find_crossings(
     graph: GrainGraph, max_pairs: int = 1000, *, compiled: bool | None = None
 ) -> Integers:
-    """Pairs of contacts (M, 2), ascending, whose branches meet elsewhere than in a common grain.
+    """Pairs of contacts whose branches meet elsewhere than in a common grain.
 
-    They cross, touch (the centre of a grain lies on a branch it has no part in, to round-off) or
-    overlap along a line; `(c, c)` is a branch that overlaps its own periodic image. Euler's formula
-    misses some, such as a loop in the shape of an eight. Time and memory grow with the number of
-    contacts, whatever the sizes of the grains; the search stops at `max_pairs`, whichever they are.
+    They cross, touch (the centre of a grain lies on a branch it has no part in) or overlap along
+    a line; touching is judged to round-off. Dangling contacts are looked at as well. Euler's
+    formula misses some crossings, such as a loop in the shape of an eight or two components that
+    cross; this is the geometric test. Time and memory grow with the number of contacts, whatever
+    the sizes of the grains.
 
-    >>> from loops import GrainGraph
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state, in the plane or in a periodic cell of any shape.
+    max_pairs : int
+        The search stops once it has found this many pairs; which ones is not said.
+    compiled : bool, optional
+        Whether to take the compiled kernel; by the size of the graph if left out.
+
+    Returns
+    -------
+    (M, 2) array of int
+        Pairs of contacts, the smaller number first, in ascending order; `(c, c)` if a branch
+        overlaps its own periodic image.
+
+    Raises
+    ------
+    InputError
+        If the graph has batch axes.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_crossings
     >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
     ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]])
     >>> find_crossings(square).tolist()
@@ -64,10 +87,31 @@ def find_crossings(
 
 
 def crossing_contacts_to_drop(graph: GrainGraph, pairs: Integers) -> Integers:
-    """Contacts (K,) whose removal leaves none of the pairs (M, 2) from `find_crossings`.
+    """Contacts whose removal leaves none of the given pairs of crossing branches.
 
     Of two that cross, the one with more crossings goes; of equal ones the one with the smaller
     normal force, then the longer branch, then the larger number.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state.
+    pairs : (M, 2) array of int
+        From `find_crossings`.
+
+    Returns
+    -------
+    (K,) array of int
+        Contacts to leave out, ascending.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, crossing_contacts_to_drop, find_crossings
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]],
+    ...                     normal_force=[1, 1, 1, 1, 0.2, 0.3])
+    >>> crossing_contacts_to_drop(square, find_crossings(square)).tolist()
+    [4]
     """
     named, pair = np.unique(pairs, return_inverse=True)
     pair = pair.reshape(-1, 2)

@@ -25,8 +25,23 @@ class TensorMean(NamedTuple):
 
 
 def mean_tensor(tensors: ArrayLike, weights: ArrayLike | None = None) -> TensorMean:
-    """Weighted mean and standard deviation of tensors (L, 2, 2) by component; NaN of none.
+    """Weighted mean and standard deviation of symmetric tensors, component by component.
 
+    Parameters
+    ----------
+    tensors : (L, 2, 2) array
+        Tensors.
+    weights : (L,) array, optional
+        Weights, not negative; all alike if left out.
+
+    Returns
+    -------
+    TensorMean
+        Not a number where there is nothing to average.
+
+    Examples
+    --------
+    >>> from loops.fabric import mean_tensor
     >>> mean, std, number = mean_tensor([[[1, 0], [0, 0]], [[0, 0], [0, 1]]])
     >>> mean.tolist(), std.tolist(), number
     ([[0.5, 0.0], [0.0, 0.5]], [[0.5, 0.0], [0.0, 0.5]], 2)
@@ -51,8 +66,21 @@ def _blocks(count: int) -> Iterator[slice]:
 
 
 def direction_tensors(vectors: ArrayLike) -> Floats:
-    """Tensors `v (x) v / |v|^2` (..., 2, 2) of vectors; of branches their mean is Satake's fabric.
+    """Tensors of directions, `v (x) v / |v|^2`; of branches their mean is Satake's fabric tensor.
 
+    Parameters
+    ----------
+    vectors : (..., 2) array
+        Vectors, none of them zero.
+
+    Returns
+    -------
+    (..., 2, 2) array
+        Symmetric tensors of trace 1.
+
+    Examples
+    --------
+    >>> from loops.fabric import direction_tensors
     >>> direction_tensors([3.0, 0.0]).tolist()
     [[1.0, 0.0], [0.0, 0.0]]
     """
@@ -68,11 +96,27 @@ def direction_tensors(vectors: ArrayLike) -> Floats:
 
 
 def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
-    """Shape of each loop (L, 2, 2) by the branches e around it: `sum e (x) e / sum |e|^2`.
+    """Shape of each loop by its edges: `sum e (x) e / sum |e|^2` over the branches around it.
 
-    Half the unit tensor for every regular polygon: only the shape counts, neither size nor order.
+    Half the unit tensor for every regular polygon, so only the shape counts, neither the size nor
+    the order of a loop.
 
+    Parameters
+    ----------
+    branches : (C, 2) array
+        Branch vectors of the packing (length), from `branch_vectors`.
+    faces : Faces
+        Its faces, from `find_faces`.
+
+    Returns
+    -------
+    (L, 2, 2) array
+        Symmetric tensors of trace 1, in the order of `faces.loops`.
+
+    Examples
+    --------
     >>> from loops import GrainGraph, branch_vectors, find_faces
+    >>> from loops.fabric import edge_tensors
     >>> oblong = GrainGraph(x=[[0, 0], [3, 0], [3, 1], [0, 1]], radii=[1.6] * 4,
     ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
     >>> edge_tensors(branch_vectors(oblong), find_faces(oblong)).round(12).tolist()
@@ -95,11 +139,30 @@ def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
 
 
 def principal(tensor: ArrayLike) -> tuple[Floats, Floats]:
-    """Anisotropy (...) of tensors' symmetric parts, and direction of their larger principal value.
+    """Anisotropy of symmetric tensors and the direction of their larger principal value.
 
-    The difference of the principal values: of a fabric tensor half the amplitude `a` of the density
-    `(1 + a cos 2(theta - direction))/(2 pi)`. Directions are radians in (-pi/2, pi/2], 0 for none.
+    Parameters
+    ----------
+    tensor : (..., 2, 2) array
+        Tensors; their symmetric part is taken.
 
+    Returns
+    -------
+    anisotropy : (...) array
+        Difference of the principal values; of a fabric tensor from 0 to 1, and half the amplitude
+        `a` of the density of directions `(1 + a cos 2(theta - direction))/(2 pi)`, which is the
+        Fourier series of second order.
+    direction : (...) array
+        Angle to axis 1, radians in (-pi/2, pi/2]; 0 where the tensor is isotropic.
+
+    Raises
+    ------
+    InputError
+        If the tensors are not 2 by 2.
+
+    Examples
+    --------
+    >>> from loops.fabric import principal
     >>> [float(value) for value in principal([[0.25, 0.0], [0.0, 0.75]])]
     [0.5, 1.5707963267948966]
     """
@@ -112,10 +175,26 @@ def principal(tensor: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def axial_mean(angles: ArrayLike, weights: ArrayLike | None = None) -> tuple[float, float]:
-    """Mean axis of angles (L,) in (-pi/2, pi/2], NaN of none, and how alike they are, 0 to 1.
+    """Mean of axes, which are the same turned by 180 degrees: by doubled angles.
 
-    Axes are the same turned by 180 degrees: by doubled angles.
+    Parameters
+    ----------
+    angles : (L,) array
+        Angles of the axes (radians).
+    weights : (L,) array, optional
+        Weights; all alike if left out.
 
+    Returns
+    -------
+    direction : float
+        Mean axis, radians in (-pi/2, pi/2]; not a number without angles.
+    resultant : float
+        From 0, no axis preferred, to 1, all alike.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops.fabric import axial_mean
     >>> direction, resultant = axial_mean(np.radians([80.0, -80.0]))
     >>> round(float(np.degrees(abs(direction))), 9), round(resultant, 9)
     (90.0, 0.939692621)

@@ -180,11 +180,24 @@ class LoopGroup(NamedTuple):
 
 
 def faces_by_order(faces: Faces, loops: Integers | None = None) -> dict[int, LoopGroup]:
-    """The loops (or some, by their faces) by number of sides, ascending, each group one batch.
+    """Sort the loops by their number of sides, each group one batch.
 
-    Contact k of a loop joins its grains k and k + 1, from i to j where `forward`.
+    Parameters
+    ----------
+    faces : Faces
+        Faces of a contact graph.
+    loops : (L,) array of int, optional
+        Some of its loops; all of them if left out.
 
-    >>> from loops import GrainGraph
+    Returns
+    -------
+    dict of int to LoopGroup
+        Order n, ascending, to the loops of that order. Contact k of a loop joins its grains k and
+        k + 1, from i to j where `forward`.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces, faces_by_order
     >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
     ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
     >>> {n: group.grains.tolist() for n, group in faces_by_order(find_faces(square)).items()}
@@ -220,11 +233,27 @@ def euler_check(graph: GrainGraph, faces: Faces, *, compiled: bool | None = None
     """Check the faces by Euler's formula, component by component.
 
     `V - E + F = 2` in the plane, outer cycle included, and for a strip around a periodic cell,
-    whose two borders both count; 0 for a component that winds both ways. How a component winds is
-    read from a spanning forest, not from its faces. Some crossings show here, others do not:
-    `find_crossings`.
+    whose two borders both count; 0 for a component that winds both ways.
+    How a component winds is read from a spanning forest, not from its faces. Some crossings show
+    here, others do not: see `find_crossings`.
 
-    >>> from loops import GrainGraph
+    Parameters
+    ----------
+    graph : GrainGraph
+        The contact graph.
+    faces : Faces
+        Its faces.
+    compiled : bool, optional
+        Whether to take the compiled kernel; by the size of the graph if left out.
+
+    Returns
+    -------
+    EulerCheck
+        Totals, characteristics and the verdict `ok`.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, euler_check, find_faces
     >>> triangle = GrainGraph(x=[[0, 0], [1, 0], [0, 1]], radii=[0.5] * 3,
     ...                       contacts=[[0, 1], [1, 2], [2, 0]])
     >>> check = euler_check(triangle, find_faces(triangle))
@@ -247,7 +276,30 @@ def euler_check(graph: GrainGraph, faces: Faces, *, compiled: bool | None = None
 
 
 def outline_area(graph: GrainGraph, faces: Faces) -> float:
-    """Area of the sample: of the cell, else of the polygons around its outer clusters, if any."""
+    """Area of the sample: of the periodic cell, else of the polygons around its clusters.
+
+    A cluster that lies inside another one adds nothing.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        The packing, one state.
+    faces : Faces
+        Its faces, from `find_faces`.
+
+    Returns
+    -------
+    float
+        Area (length squared); 0 for a packing without loops that is not periodic.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces, outline_area
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
+    >>> outline_area(square, find_faces(square))
+    1.0
+    """
     if graph.cell is not None:
         return float(np.abs(np.linalg.det(graph.cell)))
     outer = np.flatnonzero(faces.kind == FaceKind.OUTER)

@@ -11,8 +11,22 @@ from loops.graph import GrainGraph
 
 
 def polygon_area(x: Floats) -> Floats:
-    """Signed areas (...) of polygons (..., n, 2), positive if counter-clockwise.
+    """Signed area of polygons, positive if counter-clockwise.
 
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order (length).
+
+    Returns
+    -------
+    (...) array
+        Area (length squared).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import polygon_area
     >>> float(polygon_area(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])))
     1.0
     """
@@ -37,14 +51,46 @@ def from_centroid(x: Floats) -> Floats:
 
 
 def polygon_perimeter(x: Floats) -> Floats:
-    """Perimeters (...) of polygons (..., n, 2)."""
+    """Perimeter of polygons.
+
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order (length).
+
+    Returns
+    -------
+    (...) array
+        Perimeter (length).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import polygon_perimeter
+    >>> float(polygon_perimeter(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])))
+    4.0
+    """
     edges = np.roll(x, -1, axis=-2) - x
     return np.hypot(edges[..., 0], edges[..., 1]).sum(axis=-1)
 
 
 def polygon_centroid(x: Floats) -> Floats:
-    """Centroids (..., 2) of the areas of polygons (..., n, 2); not finite where the area is zero.
+    """Centroid of the area of polygons.
 
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order (length).
+
+    Returns
+    -------
+    (..., 2) array
+        Centroid (length); not finite if the area is zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import polygon_centroid
     >>> polygon_centroid(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])).tolist()
     [0.5, 0.5]
     """
@@ -58,11 +104,24 @@ def polygon_centroid(x: Floats) -> Floats:
 
 
 def polygon_shape(x: Floats) -> tuple[Floats, Floats]:
-    """Elongation and orientation (...) of polygons (..., n, 2), from second moments of area.
+    """Elongation and orientation of polygons, from the second moment of their area.
 
-    Ratio of the principal axes of the equivalent ellipse, at least 1, and the angle of the long one
-    to axis 1, radians in (-pi/2, pi/2].
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order (length).
 
+    Returns
+    -------
+    elongation : (...) array
+        Ratio of the long to the short principal axis of the equivalent ellipse, at least 1.
+    orientation : (...) array
+        Angle of the long axis to axis 1, in radians in (-pi/2, pi/2].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import polygon_shape
     >>> elongation, orientation = polygon_shape(np.array([[0.0, 0], [3, 0], [3, 1], [0, 1]]))
     >>> round(float(elongation), 12), float(orientation)
     (3.0, 0.0)
@@ -88,12 +147,26 @@ def polygon_shape(x: Floats) -> tuple[Floats, Floats]:
 
 
 def boundary_vectors(x: Floats) -> Floats:
-    """Boundary vectors (..., n, 2), `B_i = R (x_{i+1} - x_{i-1})/2`, R turning an edge outward.
+    """Boundary vectors `B_i`: half the sum of the outward edge vectors that meet at corner i.
 
-    A uniform stress `P` (compression positive) loads corner i by `-P B_i`, and the displacement
-    gradient of the polygon is `-(1/V0) sum u_i (x) B_i`. They sum to zero.
-    Theory, equation (4.5).
+    `B_i = R (x_{i+1} - x_{i-1})/2`, where R turns an edge into its outward normal. A uniform
+    stress `P` (compression positive) loads corner i by `-P B_i`, and the displacement gradient of
+    the polygon is `-(1/V0) sum u_i (x) B_i`. Theory, equation (4.5).
 
+    Parameters
+    ----------
+    x : (..., n, 2) array
+        Corners in order, either way round (length).
+
+    Returns
+    -------
+    (..., n, 2) array
+        Boundary vectors (length); they sum to zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import boundary_vectors
     >>> boundary_vectors(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])).tolist()
     [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]
     """
@@ -107,7 +180,23 @@ def outward(x: Floats, edges: Floats) -> Floats:
 
 
 def reference_volume(graph: GrainGraph) -> Floats:
-    """Reference area `V0` (...) of the cell, else of the loop's polygon, else `InputError`."""
+    """Reference volume `V0` (an area): of the cell if periodic, else of the loop's polygon.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        A loop, or a periodic packing; batch axes `...` allowed.
+
+    Returns
+    -------
+    (...) array
+        Area in the reference configuration (length squared).
+
+    Raises
+    ------
+    InputError
+        If the graph is neither, or its area is zero.
+    """
     if graph.cell0 is not None:
         volume = np.abs(np.linalg.det(graph.cell0))
     else:

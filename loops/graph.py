@@ -186,10 +186,24 @@ def _integers(name: str, values: ArrayLike, columns: int) -> Integers:
 
 
 def branch_vectors(graph: GrainGraph) -> Floats:
-    """Branch vectors (..., C, 2) of the contacts, `d = x_j + cell @ image - x_i` (length).
+    """Branch vectors of the contacts, `d = x_j + cell @ image - x_i`.
 
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grain graph, batch axes `...` allowed.
+
+    Returns
+    -------
+    (..., C, 2) array
+        From the centre of grain i to (the image of) the centre of grain j (length).
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, branch_vectors
+    >>> cell = [[2.0, 0.0], [0.0, 2.0]]
     >>> row = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5, 0.5], contacts=[[0, 1], [1, 0]],
-    ...                  images=[[0, 0], [1, 0]], cell=[[2.0, 0.0], [0.0, 2.0]])
+    ...                  images=[[0, 0], [1, 0]], cell=cell)
     >>> branch_vectors(row).tolist()
     [[1.0, 0.0], [1.0, 0.0]]
     """
@@ -197,7 +211,18 @@ def branch_vectors(graph: GrainGraph) -> Floats:
 
 
 def reference_branch_vectors(graph: GrainGraph) -> Floats:
-    """Branch vectors `d0` (..., C, 2) in the reference configuration (length)."""
+    """Branch vectors of the contacts in the reference configuration.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grain graph, batch axes `...` allowed.
+
+    Returns
+    -------
+    (..., C, 2) array
+        Reference branch vectors `d0` (length).
+    """
     return branches_between(graph.x0, graph.contacts, graph.images, graph.cell0)
 
 
@@ -223,10 +248,25 @@ def branches_between(
 
 
 def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
-    """Length `l` (..., C), unit normal `n` from i to j and tangent `t` (..., C, 2) of every branch.
+    """Length, normal and tangent of every branch.
 
-    `t` is `n` turned by 90 degrees counter-clockwise.
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grain graph, batch axes `...` allowed.
 
+    Returns
+    -------
+    l : (..., C) array
+        Branch length.
+    n : (..., C, 2) array
+        Unit normal from grain i to grain j.
+    t : (..., C, 2) array
+        Unit tangent, `n` turned by 90 degrees counter-clockwise.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, contact_frame
     >>> pair = GrainGraph(x=[[0, 0], [0.9, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
     >>> [value.tolist() for value in contact_frame(pair)]
     [[0.9], [[1.0, 0.0]], [[-0.0, 1.0]]]

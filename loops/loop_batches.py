@@ -40,12 +40,30 @@ class LoopBatch(NamedTuple):
 def loop_batches(
     graph: GrainGraph, faces: Faces, size: int = 2**16, loops: Integers | None = None
 ) -> Iterator[LoopBatch]:
-    """Cut loops (some, by their faces) out of a packing, order by order, `size` at most at once.
+    """Cut the loops out of a packing, order by order.
 
-    Forces keep their values: `N` and `T` of a contact do not depend on its direction. The reference
-    is the current configuration.
+    Forces keep their values: `N` and `T` of a contact do not depend on its direction. The
+    reference is the current configuration.
 
-    >>> from loops import GrainGraph, find_faces
+    Parameters
+    ----------
+    graph : GrainGraph
+        The packing, one state.
+    faces : Faces
+        Its faces, from `find_faces`.
+    size : int
+        At most so many loops in a batch, to bound the memory of what is computed on it.
+    loops : (L,) array of int, optional
+        The loops to cut out, as faces; all of them if left out.
+
+    Yields
+    ------
+    LoopBatch
+        Loops of one order, in ascending order n.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces, loop_batches
     >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
     ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
     >>> [batch.grains.tolist() for batch in loop_batches(square, find_faces(square))]

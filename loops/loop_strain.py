@@ -11,13 +11,34 @@ from loops.geometry import boundary_vectors, polygon_area
 
 
 def loop_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
-    """Displacement gradient (..., 2, 2) of loops whose corners (..., n, 2) moved from `x0` to `x`.
+    """Displacement gradient of loops by the boundary formula, `H = -(1/V0) sum u_i (x) B_i`.
 
-    By the boundary formula (Theory, equation (4.6)), `H = -(1/V0) sum u_i (x) B_i` with the
-    boundary vectors of the reference: the mean over the polygon of a displacement that is linear
-    along every side; exact for an affine motion `x = F x0 + c`, where `H = 1 - F`. `InputError` for
-    a polygon without area.
+    `B_i` are the boundary vectors of the reference polygon. The mean of
+    the gradient over the polygon of a displacement that is linear along every side; exact for an
+    affine motion `x = F x0 + c`, where `H = 1 - F`. A translation of either polygon adds nothing.
+    Theory, equation (4.6).
 
+    Parameters
+    ----------
+    x0 : (..., n, 2) array
+        Reference corners in order, either way round (length).
+    x : (..., n, 2) array
+        The same corners moved (length).
+
+    Returns
+    -------
+    (..., 2, 2) array
+        `H`, positive in compression; row = displacement, column = reference direction.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ or a reference polygon has no area.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops.loop_strain import loop_strain
     >>> square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     >>> loop_strain(square, square * [0.75, 1.0]).tolist()
     [[0.25, 0.0], [0.0, 0.0]]
@@ -36,10 +57,35 @@ def loop_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
 
 
 def best_fit_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
-    """Displacement gradient (..., 2, 2) that fits the motion of grains (..., G, 2) best.
+    """Homogeneous displacement gradient that fits the motion of grains best.
 
     Minimises `sum |x - c - (1 - H) x0|^2` over `H` and `c`: for a sample without a cell, whose
-    walls are not known. `InputError` for centres on a line.
+    walls are not known. Exact for an affine motion.
+
+    Parameters
+    ----------
+    x0 : (..., G, 2) array
+        Reference centres (length).
+    x : (..., G, 2) array
+        Centres of the same grains later (length).
+
+    Returns
+    -------
+    (..., 2, 2) array
+        `H`, positive in compression; row = displacement, column = reference direction.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ or the reference centres lie on a line.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops.loop_strain import best_fit_strain
+    >>> x0 = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    >>> best_fit_strain(x0, x0 @ [[0.75, 0.5], [0.25, 1.25]] + 3.0).round(12).tolist()
+    [[0.25, -0.25], [-0.5, -0.25]]
     """
     start, end = np.asarray(x0, dtype=float), np.asarray(x, dtype=float)
     if start.shape != end.shape or start.ndim < 2 or start.shape[-1] != 2:
@@ -62,11 +108,24 @@ def best_fit_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
 
 
 def rotation_and_stretch(H: ArrayLike) -> tuple[Floats, Floats]:
-    """Split `F = 1 - H` into rotation and stretch, `F = R U`: the angle of `R` (...), and `1 - U`.
+    """Split `F = 1 - H` into a rotation and a stretch, `F = R U` (polar decomposition).
 
-    Radians in (-pi, pi], counter-clockwise positive; `1 - U` (..., 2, 2), compression positive, is
-    what `H` becomes without the rotation.
+    Parameters
+    ----------
+    H : (..., 2, 2) array
+        Displacement gradient, positive in compression, `det F > 0`.
 
+    Returns
+    -------
+    angle : (...) array
+        Angle of `R`, radians in (-pi, pi], counter-clockwise positive.
+    strain : (..., 2, 2) array
+        `1 - U`, symmetric, positive in compression; what `H` becomes without the rotation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops.loop_strain import rotation_and_stretch
     >>> turned = np.array([[0.0, -1.0], [1.0, 0.0]]) @ np.diag([0.5, 1.0])
     >>> angle, strain = rotation_and_stretch(np.eye(2) - turned)
     >>> round(float(np.degrees(angle)), 12), strain.round(12).tolist()

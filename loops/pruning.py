@@ -11,12 +11,26 @@ from loops.graph import GrainGraph
 
 
 def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:
-    """Grains (G,) and contacts (C,) kept once those of fewer than two contacts went, repeatedly.
+    """Remove grains with fewer than two contacts, again and again until none is left.
 
-    That is the 2-core of the contact graph, the only part that loops can pass through. A contact of
-    a grain with its own periodic image counts twice.
+    What remains is the 2-core of the contact graph: the only part that loops can pass through.
+    A contact of a grain with its own periodic image counts twice.
 
-    >>> from loops import GrainGraph
+    Parameters
+    ----------
+    graph : GrainGraph
+        The contact graph; only its topology is read.
+
+    Returns
+    -------
+    kept_grains : (G,) array of bool
+        False for dangling grains and for grains without any contact.
+    kept_contacts : (C,) array of bool
+        True where both grains are kept.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, prune_dangling
     >>> graph = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [2, 0]], radii=[0.5] * 4,
     ...                    contacts=[[0, 1], [1, 2], [2, 0], [1, 3]])
     >>> [kept.tolist() for kept in prune_dangling(graph)]

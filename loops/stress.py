@@ -77,10 +77,27 @@ def love_weber_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Flo
 
 
 def nominal_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats:
-    """Nominal stress `P = (1/V0) sum f (x) d0` (..., 2, 2), conjugate to `H`.
+    """Nominal stress `P = (1/V0) sum f (x) d0`, conjugate to the displacement gradient `H`.
 
-    As `love_weber_stress`, over the reference; equal to it where that is the current configuration.
     Theory, equation (4.2).
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        Grain graph, batch axes `...` allowed.
+    volume : (...) array, optional
+        Reference area V0 (length squared). The cell's if periodic, else the loop's polygon.
+
+    Returns
+    -------
+    (..., 2, 2) array
+        Stress (force per length), positive in compression; row = force, column = reference
+        branch. `P = sigma` where the reference is the current configuration.
+
+    Raises
+    ------
+    InputError
+        If the volume is left out and the graph is neither periodic nor a loop.
     """
     if volume is None:
         volume = reference_volume(graph)

@@ -156,11 +156,33 @@ class ExchangeCounts(NamedTuple):
 
 
 def exchange_counts(fates: LoopFates) -> ExchangeCounts:
-    """Count the loops by order and by the order of their successor: pairs that occur, ascending.
+    """Count the loops by order and by the order of their successor.
 
-    Every earlier loop counts once: one that split with the successor that shares most of its
-    half-edges, those that merged one by one. Rows add up to the earlier loops, columns do not add
-    up to the later ones.
+    Every earlier loop counts once. A loop that split counts with the successor that shares most
+    of its half-edges, and loops that merged count one by one: rows add up to the earlier loops,
+    columns do not add up to the later ones.
+
+    Parameters
+    ----------
+    fates : LoopFates
+        From `loop_fates`.
+
+    Returns
+    -------
+    ExchangeCounts
+        Pairs of orders that occur, ascending.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, find_faces
+    >>> from loops.contact_matching import match_contacts
+    >>> from loops.tracking import exchange_counts, loop_fates
+    >>> square = GrainGraph(x=[[0, 0], [1, 0], [1, 1], [0, 1]], radii=[0.5] * 4,
+    ...                     contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> faces = find_faces(square)
+    >>> fates = loop_fates(match_contacts(square, range(4), square, range(4)), faces, faces)
+    >>> [part.tolist() for part in exchange_counts(fates)]
+    [[4], [4], [1]]
     """
     followed = fates.successor >= 0
     next_order = np.zeros_like(fates.order_before)
@@ -174,10 +196,24 @@ def exchange_counts(fates: LoopFates) -> ExchangeCounts:
 
 
 def exchange_matrix(counts: ExchangeCounts, last: int | None = None) -> Integers:
-    """Exchange between orders, `M[order before, order after]`; row 0 were born, column 0 died.
+    """Exchange matrix between orders, `M[order before, order after]`.
 
-    Counts of several intervals may be joined; orders beyond `last` count as this one.
+    Parameters
+    ----------
+    counts : ExchangeCounts
+        From `exchange_counts`; of several intervals at once if their arrays are joined.
+    last : int, optional
+        Orders beyond it count as this one. The largest order if left out.
 
+    Returns
+    -------
+    (last + 1, last + 1) array of int
+        Indexed by the orders themselves; row 0 holds loops born, column 0 loops that died.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops.tracking import ExchangeCounts, exchange_matrix
     >>> counts = ExchangeCounts(np.array([3, 9]), np.array([4, 0]), np.array([2, 1]))
     >>> exchange_matrix(counts, last=4)[3:].tolist()
     [[0, 0, 0, 0, 2], [1, 0, 0, 0, 0]]

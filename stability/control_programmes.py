@@ -12,12 +12,30 @@ from stability.subspaces import subspace_basis
 
 
 def strain_driven(control: LinearControl, subspace: str, rate: float = 1.0) -> Programme:
-    """The control as a loading programme driven by `direction . e' = rate`, of either sign.
+    """The control as a loading programme driven by `direction . e' = rate`.
 
     Its response at the state is `rate * direction`; the strength `direction . s` has the slope
-    `rate * work`. Strains outside the subspace are held. `InputError` if there is no control, or
-    its dimension is not the subspace's.
+    `rate * work`. Strains outside the subspace are held.
 
+    Parameters
+    ----------
+    control : LinearControl
+        Found on that subspace.
+    subspace : {'diagonal', 'symmetric', 'full'}
+    rate : float
+        Strain rate, not zero; its sign is the sense in which the path sets out.
+
+    Returns
+    -------
+    Programme
+
+    Raises
+    ------
+    InputError
+        If there is no control, or its dimension is not the subspace's.
+
+    Examples
+    --------
     >>> from stability.destabilising import destabilising_control
     >>> control = destabilising_control([[2.0, 0.0], [0.0, -0.5]])
     >>> (strain_driven(control, "diagonal").strain[:2, [0, 3]] * 5**0.5).round(12).tolist()
@@ -30,9 +48,33 @@ def strain_driven(control: LinearControl, subspace: str, rate: float = 1.0) -> P
 
 
 def stress_driven(control: LinearControl, subspace: str, rate: float = 1.0) -> Programme:
-    """The control as a loading programme driven by `direction . s' = rate`, see `strain_driven`.
+    """The control as a loading programme driven by `direction . s' = rate`.
 
     Where the control loses its strength no such load can be added: `control_matrix` is singular.
+
+    Parameters
+    ----------
+    control : LinearControl
+        Found on that subspace.
+    subspace : {'diagonal', 'symmetric', 'full'}
+    rate : float
+        Stress rate, not zero.
+
+    Returns
+    -------
+    Programme
+
+    Raises
+    ------
+    InputError
+        As `strain_driven`.
+
+    Examples
+    --------
+    >>> from stability.destabilising import destabilising_control
+    >>> control = destabilising_control([[2.0, 0.0], [0.0, -0.5]])
+    >>> (stress_driven(control, "diagonal").stress[0, [0, 3]] * 5**0.5).round(12).tolist()
+    [1.0, 2.0]
     """
     held, free, drive = _rows(control, subspace)
     strain = np.vstack([np.zeros_like(drive), held, np.zeros_like(free)])

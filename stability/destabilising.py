@@ -113,12 +113,32 @@ def destabilising_control(K: ArrayLike, rtol: float = RTOL) -> LinearControl:
 def softening_control(
     K: ArrayLike, direction: ArrayLike | None = None, rtol: float = RTOL
 ) -> LinearControl:
-    """The linear control under which the response to it is a given direction of negative W2.
+    """The linear control under which the response is a given direction of negative W2.
 
     Driven along it, the conjugate stress falls at once with the slope `W2 < 0`, while the control
-    of `destabilising_control` only has a peak in the state itself. The direction of the smallest W2
-    if none is given; `InputError` for one that is not inside the cone, and for a batch.
+    of `destabilising_control` only has a peak in the state itself.
 
+    Parameters
+    ----------
+    K : array_like, shape (m, m)
+        Tangent on a subspace.
+    direction : array_like, shape (m,), optional
+        Strain rate y inside the cone; the direction of the smallest W2 if left out.
+    rtol : float
+        Uncertainty of the entries relative to the Frobenius norm.
+
+    Returns
+    -------
+    LinearControl
+        'definite' where Ks is positive definite, 'undetermined' within the tolerance.
+
+    Raises
+    ------
+    InputError
+        If K is a batch, or the direction is not inside the cone.
+
+    Examples
+    --------
     >>> control = softening_control([[1.0, 0.0], [0.5, 0.0]], [-1.0, 3.0])
     >>> control.status, round(control.work, 12)
     ('found', -0.05)

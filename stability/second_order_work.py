@@ -94,13 +94,33 @@ def normalised_second_order_work(K: ArrayLike, direction: ArrayLike) -> Floats:
 
 
 def polar_diagram(K: ArrayLike, r: float = 2.0, directions: int = 360) -> PolarDiagram:
-    """Data of the polar diagram of w2 of operators (..., 2, 2) (Nicot et al. 2016, Fig. 11).
+    """Data of the polar diagram of w2 (Nicot et al. 2016, Fig. 11).
 
     The paper plots the points (r + w2) (cos alphaE, sin alphaE) with tan alphaE = E1'/E2', r = 2.
     Taken as printed, alphaE starts at the axis of E2 and the figure has E2' across and E1' upwards,
-    as in the Rendulic plane of the authors' earlier diagrams. Points inside the circle r, which
-    must be above 1, are unstable directions; `alpha_e` turns an angle of a cone into alphaE.
+    as in the Rendulic plane of the authors' earlier diagrams. Points inside the circle r are
+    unstable directions. `alpha_e` turns an angle of a cone into alphaE.
 
+    Parameters
+    ----------
+    K : array_like, shape (..., 2, 2)
+        Operator in (11, 22).
+    r : float
+        Radius of the circle w2 = 0; above 1, so that no point crosses the centre.
+    directions : int
+        Number of equally spaced angles from 0, 2 pi left out.
+
+    Returns
+    -------
+    PolarDiagram
+
+    Raises
+    ------
+    InputError
+        If K is not (..., 2, 2), r is not above 1, or there are no directions.
+
+    Examples
+    --------
     >>> diagram = polar_diagram([[2.0, 0.0], [0.0, -1.0]], directions=4)
     >>> diagram.work.round(12).tolist()
     [-1.0, 1.0, -1.0, 1.0]
@@ -119,7 +139,23 @@ def polar_diagram(K: ArrayLike, r: float = 2.0, directions: int = 360) -> PolarD
 
 
 def alpha_e(theta: ArrayLike) -> Floats:
-    """The paper's angle `alphaE = pi/2 - theta`, not wrapped, of `tan theta = E2'/E1'`."""
+    """The paper's angle alphaE of a direction given by theta, tan theta = E2'/E1'.
+
+    Parameters
+    ----------
+    theta : array_like
+        Angle from the axis of E1 towards that of E2, in radians, as the cones use it.
+
+    Returns
+    -------
+    ndarray
+        pi/2 - theta, not wrapped: tan alphaE = E1'/E2'.
+
+    Examples
+    --------
+    >>> float(alpha_e(0.0)) == np.pi / 2
+    True
+    """
     return np.asarray(0.5 * np.pi - np.asarray(theta, dtype=np.float64))
 
 

@@ -17,7 +17,21 @@ The weakest effect worth telling, the geometric stiffness of stiff grains, is ab
 
 
 def operator_norm(K: ArrayLike) -> Floats:
-    """Frobenius norm (...) of operators (..., m, m), the yardstick of every tolerance."""
+    """Frobenius norm, the yardstick of every tolerance.
+
+    Parameters
+    ----------
+    K : array_like, shape (..., m, m)
+
+    Returns
+    -------
+    ndarray, shape (...)
+
+    Examples
+    --------
+    >>> float(operator_norm([[3.0, 0.0], [4.0, 0.0]]))
+    5.0
+    """
     operator = as_operator(K)
     largest = np.abs(operator).max(axis=(-2, -1))
     # Scaled by the largest entry, so that no unit makes the squares overflow or vanish.
@@ -26,8 +40,18 @@ def operator_norm(K: ArrayLike) -> Floats:
 
 
 def symmetric_part(K: ArrayLike) -> Floats:
-    """Symmetric part `Ks = (K + K^T)/2` (..., m, m), which alone carries second-order work.
+    """Symmetric part Ks = (K + K^T)/2, which alone carries second-order work.
 
+    Parameters
+    ----------
+    K : array_like, shape (..., m, m)
+
+    Returns
+    -------
+    ndarray, shape (..., m, m)
+
+    Examples
+    --------
     >>> symmetric_part([[1.0, 0.0], [0.5, 0.0]]).tolist()
     [[1.0, 0.25], [0.25, 0.0]]
     """
@@ -80,10 +104,22 @@ def symmetric_spectrum(K: ArrayLike) -> Floats:
 
 
 def symmetric_modes(K: ArrayLike) -> tuple[Floats, Floats]:
-    """Eigenvalues (..., m) of Ks, ascending, NaN where not finite, and unit directions in columns.
+    """Eigenvalues of the symmetric part Ks with their unit directions.
 
-    A direction's first component of at least half the largest magnitude is positive.
+    Parameters
+    ----------
+    K : array_like, shape (..., m, m)
 
+    Returns
+    -------
+    values : ndarray, shape (..., m)
+        Ascending. NaN for an operator that is not finite.
+    vectors : ndarray, shape (..., m, m)
+        Column k is the direction of value k; its first component of at least half the largest
+        magnitude is positive.
+
+    Examples
+    --------
     >>> values, vectors = symmetric_modes([[1.0, 4.0], [0.0, 1.0]])
     >>> values.round(12).tolist(), vectors[:, 1].round(6).tolist()
     ([-1.0, 3.0], [0.707107, 0.707107])
@@ -98,12 +134,23 @@ def symmetric_modes(K: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def bromwich_margin(K: ArrayLike) -> Floats:
-    """Bromwich's gap (...), `min Re eig(K) - lambda_min(Ks)`, never negative.
+    """Bromwich's gap: min Re eig(K) - lambda_min(Ks), never negative.
 
     Hence det Ks vanishes no later than det K on a path (Theory, equation (6.3)).
     Computed eigenvalues are those of an operator within about `eps |K|`, so the computed gap may
     fall below zero by that much and no more, defective operators included.
 
+    Parameters
+    ----------
+    K : array_like, shape (..., m, m)
+
+    Returns
+    -------
+    ndarray, shape (...)
+        In the unit of K; NaN for an operator that is not finite.
+
+    Examples
+    --------
     >>> round(float(bromwich_margin([[1.0, 4.0], [0.0, 1.0]])), 12)
     2.0
     """
@@ -111,15 +158,30 @@ def bromwich_margin(K: ArrayLike) -> Floats:
 
 
 def flutter_pairs(K: ArrayLike, rtol: float = RTOL) -> Flags:
-    """Eigenvalues (..., m) of K that are complex beyond what a change of `rtol |K|` can explain.
+    """Which eigenvalues of K are complex beyond what a perturbation of `rtol |K|` can explain.
 
     A defective double root splits by sqrt(eps): perturbing the 0 of [[1, 1], [0, 1]] by -eps makes
-    a pair 1 +- i sqrt(eps). In the real Schur form a pair is a block [[a, b], [c, a]] with Im^2 =
-    -b c, and clearing the smaller of b, c makes it real: a change of `Im^2/max(|b|, |c|)`, and
-    `max(|b|, |c|)` is at most `|dev K|`, dev K = K - (tr K/m) I. So a pair counts only if `Im^2 >
-    rtol |K| |dev K|`: no change of that kind below `rtol |K|` undoes it. Roots of multiplicity m
-    split by eps^(1/m): raise rtol for m > 2.
+    a pair 1 +- i sqrt(eps). In the real Schur form a pair is a block [[a, b], [c, a]] with
+    Im^2 = -b c, and clearing the smaller of b, c makes it real: a change of
+    `Im^2/max(|b|, |c|)`, and `max(|b|, |c|)` is at most `|dev K|`, dev K = K - (tr K/m) I. So a
+    pair counts only if `Im^2 > rtol |K| |dev K|`, which guarantees that no change of that kind
+    below `rtol |K|` undoes it. The least `|Im|` seen is then about `sqrt(rtol) |K|` at a defective
+    root and `rtol |K|` at a plain one (K near a multiple of I). Roots of multiplicity m split by
+    eps^(1/m): raise rtol for m > 2.
 
+    Parameters
+    ----------
+    K : array_like, shape (..., m, m)
+    rtol : float
+        Relative uncertainty of the entries of K.
+
+    Returns
+    -------
+    ndarray of bool, shape (..., m)
+        In the order of `spectrum`; False for an operator that is not finite.
+
+    Examples
+    --------
     >>> flutter_pairs([[1.0, 1e-6], [-1e-6, 1.0]]).tolist()
     [True, True]
     >>> flutter_pairs([[1.0, 1.0], [-1e-15, 1.0]]).tolist()

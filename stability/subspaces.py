@@ -31,12 +31,28 @@ def as_operator(K: ArrayLike, size: int | None = None) -> Floats:
 
 
 def subspace_basis(subspace: str) -> Floats:
-    """Orthonormal basis (m, 4) of a subspace of displacement gradients, a direction a row.
+    """Orthonormal basis of a subspace of displacement gradients.
 
     `diagonal` holds (11, 22), the plane of Nicot et al. 2016. `symmetric` holds (11, 22,
     (12 + 21)/sqrt 2): no rotation, the right one for loops inside a packing. `full` holds all four;
     under compressive dead stress it contains an unstable rotation once spins turn with the loop.
 
+    Parameters
+    ----------
+    subspace : {'diagonal', 'symmetric', 'full'}
+
+    Returns
+    -------
+    ndarray, shape (m, 4)
+        One direction a row, in the component order (11, 12, 21, 22); m = 2, 3 or 4.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown.
+
+    Examples
+    --------
     >>> subspace_basis("diagonal").tolist()
     [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
     """

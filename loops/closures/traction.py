@@ -137,9 +137,36 @@ def macroscopic_tangent(
     regime: ArrayLike | None = None,
     volume: ArrayLike | None = None,
 ) -> MacroTangent:
-    """Macroscopic tangent under the closure of that name: `affine_tangent` or `traction_tangent`.
+    """Macroscopic tangent under the closure of that name, see `affine_tangent`, `traction_tangent`.
 
-    >>> from loops import GrainGraph, LinearFrictional
+    Parameters
+    ----------
+    graph : GrainGraph
+        A loop, or a packing for the affine closure; batch axes `...` allowed.
+    law : ContactLaw
+        Contact law.
+    closure : {'affine', 'traction'}
+        How the surrounding medium drives the grains.
+    spins : {'blocked', 'affine', 'free'}
+        Spins held; turning with the loop; relaxed.
+    regime : (..., C) array of Regime, optional
+        Regime of each contact; the graph's, or read from the state by the law, if left out.
+    volume : (...) array, optional
+        Reference area V0 (length squared).
+
+    Returns
+    -------
+    MacroTangent
+        The operator, (..., 4, 4), in the order (11, 12, 21, 22).
+
+    Raises
+    ------
+    InputError
+        For an unknown closure, and as the closures do.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, LinearFrictional, macroscopic_tangent
     >>> x = [[0, 0], [1, 0], [1, 1], [0, 1]]
     >>> square = GrainGraph(x=x, radii=[0.5] * 4, contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
     >>> str(macroscopic_tangent(square, LinearFrictional(kn=1.0, kt=0.5), "affine"))

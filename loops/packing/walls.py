@@ -40,10 +40,27 @@ class PlaneContacts:
 def plane_contacts(
     graph: GrainGraph, grain: ArrayLike, force: ArrayLike, foot_to_centre: ArrayLike
 ) -> PlaneContacts:
-    """Contacts (W,) with frictionless planes, `kn` from what each carries over its overlap.
+    """Contacts with frictionless planes, `kn` from what each carries over its overlap.
 
-    `force` (W, 2) of the wall on the grain, `foot_to_centre` (W, 2) from the wall to the grain's
-    centre; `InputError` for a contact that pulls, or carries a force without an overlap.
+    Parameters
+    ----------
+    graph : GrainGraph
+        The packing.
+    grain : (W,) array of int
+        Grain of each contact.
+    force : (W, 2) array
+        Force of the wall on the grain (force).
+    foot_to_centre : (W, 2) array
+        From the foot on the wall to the centre of the grain (length).
+
+    Returns
+    -------
+    PlaneContacts
+
+    Raises
+    ------
+    InputError
+        If a contact pulls, or carries a force without an overlap.
     """
     who, away = np.asarray(grain, dtype=np.int64), np.asarray(foot_to_centre, dtype=float)
     distance = np.linalg.norm(away, axis=1)

@@ -45,9 +45,21 @@ def compressed_ring(
 
 
 def opposite_gap(graph: GrainGraph) -> Floats:
-    """Smallest gap (...) between two grains of a loop that share no contact, inf for a triangle.
+    """Smallest gap between two grains that share no contact.
 
-    >>> from patterns import regular_polygon
+    Parameters
+    ----------
+    graph : GrainGraph
+        A loop that is not periodic, batch axes `...` allowed.
+
+    Returns
+    -------
+    (...) array
+        Gap (length), negative where such grains overlap; inf for a triangle.
+
+    Examples
+    --------
+    >>> from patterns import opposite_gap, regular_polygon
     >>> opposite_gap(regular_polygon(4, strain=[0.0, 0.3])).round(6).tolist()
     [0.414214, -0.010051]
     """

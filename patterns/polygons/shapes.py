@@ -85,15 +85,41 @@ def regular_polygon(
 def equilateral_polygon(
     angles: ArrayLike, *, strain: ArrayLike = 0.0, radius: float = 0.5, kn: ArrayLike = 1.0
 ) -> GrainGraph:
-    """Equilateral loop of equal grains with given branch directions; else as `regular_polygon`.
+    """Equilateral loop of equal grains with given branch directions.
 
-    Of the n branch directions n - 2 are free, `angles` (..., n - 2) to axis 1, radians (from
-    turning angles: their cumulative sum). Contacts n - 2 and n - 1 follow: they bridge the gap that
-    the others leave, turned by the same angle to either side of it, and meet in a corner that turns
-    left (number the grains so that grain n - 1 sits in one). `InputError` if they are too short for
-    the gap or their direction is open, and for an outline that crosses or touches itself, or runs
-    clockwise.
+    Of the n branch directions n - 2 are free, those of contacts 0 to n - 3. Contacts n - 2 and
+    n - 1 follow: they bridge the gap that the others leave, turned by the same angle to either
+    side of it, and meet in a corner that turns left (every polygon has such corners: number the
+    grains so that grain n - 1 sits in one). The reference barely touches; nothing is said of
+    opposite grains, see `opposite_gap`.
 
+    Parameters
+    ----------
+    angles : (..., n - 2) array
+        Directions of the first branches, from grain c to grain c + 1, to axis 1 (radians,
+        counter-clockwise positive). From turning angles: their cumulative sum.
+    strain : (...) array
+        Isotropic strain `E1 = E2`, compression positive, below 1.
+    radius : float
+        Radius of the grains (length); the branches are `2 r` long.
+    kn : (...) array
+        Normal stiffness (force per length).
+
+    Returns
+    -------
+    GrainGraph
+        Grains counter-clockwise, contacts (c, c+1), centroid at the origin, `T = 0`.
+
+    Raises
+    ------
+    InputError
+        If the closing two branches are too short for the gap, or there is no gap and their
+        direction is open; if the polygon crosses or touches itself, or runs clockwise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from patterns import equilateral_polygon
     >>> house = equilateral_polygon(np.radians([0, 90, 150]))
     >>> np.degrees(np.arctan2(*np.diff(house.x, axis=0).T[::-1])).round(9).tolist()
     [0.0, 90.0, 150.0, -136.254244388]

@@ -165,7 +165,23 @@ def count_frames(
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
 ) -> int:
-    """Number of snapshots in a file, none of them read: a damaged one counts."""
+    """Number of snapshots in a file.
+
+    Parameters
+    ----------
+    path, contacts, format, columns
+        See `read_snapshot`.
+
+    Returns
+    -------
+    int
+        1 for tables, which hold one each. The snapshots are not read: a damaged one counts.
+
+    Raises
+    ------
+    InputError
+        For a missing or empty file, and for one with no snapshot that has contacts.
+    """
     return len(_frames(path, contacts, format, columns))
 
 

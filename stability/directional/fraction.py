@@ -71,15 +71,34 @@ def branch_fraction(
 ) -> BranchFraction:
     """Unstable fraction of directions, each in the regimes that it activates.
 
-    Arguments as in `directional_work`. Opposite directions activate different regimes: of the two
-    nappes of a cone often one is left. In the plane the bounds of the regimes and the zeros of W2
-    between them are located, and the fractions are exact. In three and four dimensions
-    `scramblings` Sobol sequences of 1024 directions each give the difference from the elastic form,
-    whose own fraction is known exactly; their scatter is the error, which falls as the square root
-    of their number.
+    Opposite directions activate different regimes: of the two nappes of a cone often one is left.
+    In the plane the bounds of the regimes and the zeros of W2 between them are located, and the
+    fractions are exact. In three and four dimensions scrambled Sobol sequences of 1024 directions
+    each give the difference from the elastic form, whose own fraction is known exactly; their
+    scatter is the error, and without contacts at the edge there is none.
 
-    A contact at yield has, sliding both ways, a double cone of opening atan(mu). One nappe of it is
-    real: in the other the contact would be pressed, and sticks.
+    Parameters
+    ----------
+    graph, law, closure, spins, subspace, regime, volume
+        As in `directional_work`.
+    scramblings : int
+        Independent sequences, 2 or more; the error falls as its square root.
+    seed : int
+        Of the sequences.
+
+    Returns
+    -------
+    BranchFraction
+
+    Raises
+    ------
+    InputError
+        As `directional_work`.
+
+    Examples
+    --------
+    A contact at yield has, sliding both ways, a double cone of opening atan(mu). One nappe of it
+    is real: in the other the contact would be pressed, and sticks.
 
     >>> from loops import LinearFrictional
     >>> pair = GrainGraph(x=[[0, 0], [1, 1]], radii=[0.8, 0.8], contacts=[[0, 1]],
