@@ -159,6 +159,8 @@ class GrainGraph(Shown):
         Regimes belong to the forces that they were read with: with other forces or contacts they
         are dropped unless given again.
 
+        Examples
+        --------
         >>> from loops import GrainGraph
         >>> pair = GrainGraph(x=[[0, 0], [0.9, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
         >>> pair.replace(normal_force=[0.1]).normal_force.tolist()

@@ -145,6 +145,8 @@ class Stage:
 def isotropic_strain(rate: float = 1.0) -> Programme:
     """`H11' = H22' = rate`, no shear.
 
+    Examples
+    --------
     >>> isotropic_strain().name
     'isotropic strain'
     """
@@ -159,6 +161,8 @@ def isotropic_stress(rate: float = 1.0) -> Programme:
 def proportional_strain(H11: float, H22: float) -> Programme:
     """`H11'` and `H22'` in a fixed ratio, no shear.
 
+    Examples
+    --------
     >>> proportional_strain(1.0, -0.5).rate.tolist()
     [1.0, 0.0, 0.0, -0.5]
     """
@@ -168,6 +172,8 @@ def proportional_strain(H11: float, H22: float) -> Programme:
 def proportional_stress(P11: float, P22: float) -> Programme:
     """`P11'` and `P22'` in a fixed ratio, `H12' = H21' = 0`; `(1, 0)` is force control.
 
+    Examples
+    --------
     >>> proportional_stress(1.0, 0.0).stress.diagonal().tolist()
     [1.0, 0.0, 0.0, 1.0]
     """
@@ -177,6 +183,8 @@ def proportional_stress(P11: float, P22: float) -> Programme:
 def drained_biaxial(axis: Axis = 1, rate: float = 1.0) -> Programme:
     """Strain rate along `axis`, constant nominal stress across it, `H12' = H21' = 0` (32).
 
+    Examples
+    --------
     >>> drained_biaxial(axis=2).stress.diagonal().tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
@@ -196,6 +204,8 @@ def undrained(axis: Axis = 1, rate: float = 1.0) -> Programme:
     The area is held exactly: `tr(F^-1 F') = 0` with `F = I - H`, hence `det F` stays what it was
     at the start of the stage; to first order this is `H11' + H22' = 0`.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> undrained().equations(np.array([0.5, 0.0, 0.0, 0.2]))[1][3].tolist()
     [0.8, 0.0, 0.0, 0.5]
@@ -209,8 +219,28 @@ def undrained(axis: Axis = 1, rate: float = 1.0) -> Programme:
 def combination(
     stress: ArrayLike, strain: ArrayLike, rate: ArrayLike, name: str = "combination"
 ) -> Programme:
-    """Any four equations `stress @ P' + strain @ H' = rate`, see `Programme`.
+    """Any four equations `stress @ P' + strain @ H' = rate`.
 
+    Parameters
+    ----------
+    stress, strain : (4, 4) array
+        Coefficients of `P'` and `H'` in the components (11, 12, 21, 22), one equation a row.
+    rate : (4,) array
+        Right-hand side per unit of the loading parameter.
+    name : str
+        What to call it.
+
+    Returns
+    -------
+    Programme
+
+    Raises
+    ------
+    InputError
+        See `Programme`.
+
+    Examples
+    --------
     Constant mean stress, driven by the difference of the strains:
 
     >>> import numpy as np

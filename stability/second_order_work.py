@@ -16,10 +16,16 @@ from stability.subspaces import as_operator
 class PolarDiagram(NamedTuple):
     """Normalised second-order work in every direction of the plane (11, 22).
 
-    `angle` (n,): alphaE in radians, tan alphaE = E1'/E2', from the axis of E2 towards that of E1;
-    `direction` (n, 2): (E1', E2') = (sin alphaE, cos alphaE); `work` (..., n): w2 of (45), in [-1,
-    1]; `points` (..., n, 2): (r + w2) (cos alphaE, sin alphaE), abscissa with E2', ordinate with
-    E1'.
+    Attributes
+    ----------
+    angle : ndarray, shape (n,)
+        alphaE in radians, tan alphaE = E1'/E2': counted from the axis of E2 towards that of E1.
+    direction : ndarray, shape (n, 2)
+        (E1', E2') = (sin alphaE, cos alphaE).
+    work : ndarray, shape (..., n)
+        w2 of (45), in [-1, 1].
+    points : ndarray, shape (..., n, 2)
+        (r + w2) (cos alphaE, sin alphaE): the abscissa goes with E2', the ordinate with E1'.
     """
 
     angle: Floats

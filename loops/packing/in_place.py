@@ -94,10 +94,32 @@ def loops_in_place(
 ) -> LoopsInPlace:
     """Operators of all loops of a snapshot in their packing: Theory, equation (11.5).
 
-    The whole packing is inverted (exact), or square blocks of side `block` with a `buffer` around
-    them, by size; or `patches` of `radius` a loop, also `extrapolated` from half of it: slower than
-    blocks of the same error. Lengths are in mean diameters; `planes`, `held` as in
-    `packing_response`. `InputError` if the packing floats, or for an unknown method.
+    Parameters
+    ----------
+    graph : GrainGraph
+        The packing, one state.
+    law : ContactLaw
+        Contact law.
+    faces : Faces
+        Its faces.
+    regime : (C,) array of Regime, optional
+        Regime of each contact; the graph's own, else read from the state by the law if left out.
+    method : {'auto', 'whole', 'blocks', 'patches', 'extrapolated'}
+        Invert the whole packing (exact), or square blocks with a buffer around them; by size. Or
+        a patch a loop, also extrapolated from half of it: slower than blocks of the same error.
+    block, buffer, radius : float
+        Side of a block, width of its buffer and of a patch around its loop, in mean diameters.
+    planes, held
+        As in `packing_response`.
+
+    Returns
+    -------
+    LoopsInPlace
+
+    Raises
+    ------
+    InputError
+        If the packing floats, or the method is unknown.
     """
     if method not in METHODS:
         raise InputError("method", repr(method), "'" + "', '".join(METHODS) + "'", "Pick one.")
