@@ -90,6 +90,14 @@ def test_survival_counts_every_loop_once(ran):
             n for v in ("stable", "unstable", "undetermined")
             if (n := int((own[f"{judge}_verdict"] == v).sum()))
         ]  # fmt: skip
+    # Row by row against the loops themselves.
+    loops = pd.read_parquet(out / "fates.parquet")
+    for row in table[table.judge == "traction_free"].itertuples():
+        own = loops[(loops.snapshot_after == row.snapshot_after) & (loops.loop_before >= 0)]
+        own = own[own.traction_free_verdict == row.verdict]
+        pooled_order = own.order_before.clip(upper=8)
+        own = own[(pooled_order == row.order) | (row.order == 0)]
+        assert [getattr(row, name) for name in ENDS] == [(own.fate == n).sum() for n in ENDS]
     found = summary["survival"]["traction_free"]["unstable"]
     rows = table[(table.judge == "traction_free") & (table.verdict == "unstable")]
     rows = rows[rows.order == 0]
