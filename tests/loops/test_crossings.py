@@ -160,7 +160,7 @@ def drawn(rng, grains, contacts, size):
 @pytest.mark.parametrize("size", [4, 8, 1000])
 def test_random_graphs_in_the_plane(size):
     """Few grid points make touching, folding and overlapping frequent."""
-    for seed in range(30):
+    for seed in range(15):
         graph = network(*drawn(np.random.default_rng(seed), 12, 16, size))
         exact = exact_crossings(graph)
         for compiled in (False, True):

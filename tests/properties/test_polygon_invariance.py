@@ -75,7 +75,7 @@ def test_operators(loop, frame, closure, spins):
         assert np.abs(found - wanted).max() < 1e-12 * size * max(condition, 10.0)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(unloaded, frames, st.sampled_from(CLOSURES))
 def test_short_paths(loop, frame, closure):
     image, turn = moved(loop, frame)

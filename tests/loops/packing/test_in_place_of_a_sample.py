@@ -122,7 +122,7 @@ SETTINGS = [
 
 
 @pytest.mark.parametrize("how", SETTINGS, ids=lambda how: how["method"])
-@pytest.mark.parametrize("name", ["elastic", "flagged"])
+@pytest.mark.parametrize("name", [pytest.param("elastic", marks=pytest.mark.slow), "flagged"])
 def test_the_stated_error_holds(request, name, how):
     state = request.getfixturevalue(name)
     found = state.by(**how)
