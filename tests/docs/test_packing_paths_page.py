@@ -91,6 +91,13 @@ def test_settings():
     assert path.JUMP == 0.5 and f"leaps by {path.LEAP} diameters" in PAGE
 
 
+def test_sums_of_the_events():
+    events, contacts = (
+        sum(int(row[name]) for row in TABLE) for name in ("events", "unstable contacts")
+    )
+    assert f"Of the {events:,} events" in PAGE and f"at {contacts} contacts" in PAGE
+
+
 def test_sums_of_the_slow_replays():
     (rows,) = TABLES["What is quasi-static about Yade"]
     told = [[row[title].split(" of ") for row in rows] for title in list(rows[0])[4:]]
