@@ -5,6 +5,7 @@ A result is kept in `docs/gallery` as long as no source file changes.
 
 import ast
 import hashlib
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -70,7 +71,9 @@ def run(name, stamp):
     if folder.is_dir() and kept.is_file() and kept.read_text() == stamp:
         return
     command = [sys.executable, "-m", f"studies.examples.{name}", str(folder)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    # One thread of BLAS: the matrices are small.
+    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=alone, capture_output=True, text=True)
     if done.returncode:
         raise ExtensionError(f"example {name}: {done.stderr}")
     (folder / "printed.txt").write_text(done.stdout)
