@@ -10,6 +10,7 @@ import scipy.sparse.csgraph
 
 from loops.arrays import Floats, Integers
 from loops.contact_state import contact_state
+from loops.fabric import principal
 from loops.faces import Faces
 from loops.graph import GrainGraph, require_one_state
 from loops.shown import Shown
@@ -99,10 +100,14 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     i, j = graph.contacts.T
     stress = np.zeros((graph.grain_count, 2, 2))
     for grain, arm in ((i, state.arm_i), (j, state.arm_j)):
-        np.add.at(stress, grain, force[:, :, None] * (arm[:, None] * state.n)[:, None, :])
+        for a, b in np.ndindex(2, 2):
+            stress[:, a, b] += np.bincount(
+                grain, force[:, a] * arm * state.n[:, b], graph.grain_count
+            )
     stress /= (np.pi * graph.radii**2)[:, None, None]
-    values, vectors = np.linalg.eigh(0.5 * (stress + stress.transpose(0, 2, 1)))
-    major, along = values[:, 1], vectors[:, :, 1]
+    difference, axis = principal(stress)
+    major = 0.5 * (stress[:, 0, 0] + stress[:, 1, 1] + difference)
+    along = np.column_stack([np.cos(axis), np.sin(axis)])
     touched = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count) > 0
     strong = touched & (major > major[touched].mean() if touched.any() else touched)
     cosines = np.stack([np.einsum("ck,ck->c", along[g], state.n) for g in (i, j)], axis=1)
@@ -122,7 +127,7 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     return ForceChains(
         stress=stress,
         major=major,
-        axis=_axis(along),
+        axis=axis,
         chain=chain,
         links=np.sort(links[chain[i[links]] >= 0]),
     )
@@ -135,9 +140,3 @@ def _components(graph: GrainGraph, links: Integers) -> Integers:
     joined = scipy.sparse.coo_array((np.ones(len(links)), tuple(pairs)), shape=(count, count))
     label: Integers = scipy.sparse.csgraph.connected_components(joined, directed=False)[1]
     return label.astype(np.int64)
-
-
-def _axis(along: Floats) -> Floats:
-    """Directions in (-pi/2, pi/2]."""
-    along = np.where(along[:, :1] < 0.0, -along, along)
-    return np.where(along[:, 0] == 0.0, np.pi / 2, np.arctan2(along[:, 1], along[:, 0]))

@@ -284,8 +284,10 @@ def described_table(
 
 def as_arrow(values: Any) -> Any:
     """Column of a table; numbers, flags and words as they lie in memory: no pandas is loaded."""
-    if isinstance(values, list) and {type(value) for value in values} in ({int}, {float}):
-        values = np.array(values)
+    if isinstance(values, list) and values:
+        kinds = {type(value) for value in values}
+        if kinds in ({int}, {str}) or kinds <= {float, np.float64}:
+            values = np.array(values)
     if not isinstance(values, np.ndarray) or values.ndim != 1 or values.dtype.kind not in "fibU":
         return pa.array(values)
     parts = [np.ascontiguousarray(values)]

@@ -6,20 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from loops import Faces, ForceChains, branch_vectors, force_chains
+from loops import ForceChains, branch_vectors
 from loops.arrays import Floats
 from patterns import Snapshot
 from studies.snapshot.mechanics import judges, unstable_loops
 from studies.snapshot.statistics import GROUPS, group_rows, share
 
 PLACES = ("beside", "elsewhere")
-
-
-def add_chains(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> ForceChains:
-    """The chains of a snapshot with forces; their links on each loop become a column."""
-    chains = force_chains(snapshot.graph)
-    table["chain_contacts"] = chains.on_loops(faces)
-    return chains
 
 
 def chains_summary(chains: ForceChains, table: dict[str, Any]) -> dict[str, Any]:

@@ -6,10 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from loops import Faces, ForceChains
+from loops import Faces, ForceChains, force_chains
 from patterns import Snapshot
 from studies.output import provenance, readable, result_folder, write_summary, write_table
-from studies.snapshot.chains import add_chains, chain_segments, chains_summary, chains_table
+from studies.snapshot.chains import chain_segments, chains_summary, chains_table
 from studies.snapshot.in_packing import add_in_packing, place_options, share_by_order
 from studies.snapshot.source import read_planar, reading
 from studies.snapshot.summary import snapshot_summary
@@ -41,11 +41,16 @@ def run_snapshot(
     for name in asked.values():
         place_options(name)
     with result_folder(out, force=force) as folder:
-        snapshot, faces, table = analyse(path, **how)
+        snapshot, faces = read_planar(path, **how)
+        with ThreadPoolExecutor(1) as other:
+            told = other.submit(force_chains, snapshot.graph) if snapshot.mechanical else None
+            table = loop_table(snapshot, faces)
+        chains = None if told is None else told.result()
         place = None
         if in_packing is not None:
             snapshot, place = add_in_packing(snapshot, faces, table, in_packing)
-        chains = add_chains(snapshot, faces, table) if snapshot.mechanical else None
+        if chains is not None:
+            table["chain_contacts"] = chains.on_loops(faces)
         made = provenance("snapshot", {"path": path, **reading(**how), **asked}, UNITS)
         # Of a million grains, writing takes a third as long as summing up, on another core.
         with ThreadPoolExecutor(1) as other:

@@ -229,3 +229,14 @@ def test_what_the_system_refuses_is_one_line(monkeypatch, capsys):
     monkeypatch.setattr("studies.cli.app", refuse)
     assert in_process(monkeypatch, "domain") == 1
     assert capsys.readouterr().err == "grainloops: out of memory\n"
+
+
+def test_a_small_snapshot_loads_no_pandas(tmp_path):
+    """A third of a second that only tables as CSV need."""
+    script = (
+        "import sys\nfrom pathlib import Path\nfrom patterns import sample_path\n"
+        "from studies.snapshot.run import run_snapshot\n"
+        "run_snapshot(sample_path('grains_biaxial.csv.gz'), Path(sys.argv[1]), figures=False)\n"
+        "assert 'pandas' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", script, str(tmp_path / "out")], check=True)

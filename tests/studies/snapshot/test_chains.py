@@ -6,7 +6,7 @@ import pytest
 
 from loops import GrainGraph, find_faces, force_chains
 from patterns import read_snapshot, sample_cell, sample_path
-from studies.snapshot.chains import add_chains, chain_segments, chains_summary, chains_table
+from studies.snapshot.chains import chain_segments, chains_summary, chains_table
 from studies.snapshot.table import loop_table
 
 
@@ -14,7 +14,9 @@ from studies.snapshot.table import loop_table
 def analysed():
     snapshot = read_snapshot(sample_path())
     table = loop_table(snapshot, snapshot.faces)
-    return snapshot, table, add_chains(snapshot, snapshot.faces, table)
+    chains = force_chains(snapshot.graph)
+    table["chain_contacts"] = chains.on_loops(snapshot.faces)
+    return snapshot, table, chains
 
 
 def test_links_on_loops_counted_one_by_one(analysed):
