@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -17,10 +16,9 @@ from loops.arrays import Floats
 from patterns import Snapshot
 from stability.packing import Probe
 from studies.snapshot.figures import Drawing
-from studies.snapshot.loop_map import around_zero, loop_drawer
+from studies.snapshot.loop_map import draw_values, loop_drawer
 from studies.style import (
     BLUE,
-    DIVERGING,
     GREY,
     LIGHT_GREY,
     ONE_COLUMN,
@@ -187,10 +185,6 @@ def order_bars(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> A
 def work_map(snapshot: Snapshot, faces: Faces, work: Floats) -> Figure:
     """Loops coloured by their additive second-order work."""
     figure = new_figure(4.4, 4.0)
-    ax = figure.add_subplot()
-    draw = loop_drawer(snapshot, faces)
-    colours = draw(ax, work, mpl.colormaps[DIVERGING], around_zero(work))
-    bar = figure.colorbar(colours, ax=ax, extend="both", shrink=0.75)
-    bar.ax.set_yscale("linear")
-    bar.set_label(r"additive $w = -\sum f' \cdot d' / (2 V_l)$ / mean $k_n$")
+    label = r"additive $w = -\sum f' \cdot d' / (2 V_l)$ / mean $k_n$"
+    draw_values(loop_drawer(snapshot, faces), figure.add_subplot(), work, label, signed=True)
     return figure
