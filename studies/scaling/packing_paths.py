@@ -246,6 +246,7 @@ def grown(times: int) -> dict[str, Any]:
     # Loads what is compiled.
     small = replicated(1, sliding=False)
     replay(*small, 1e-3 * H, duration=10.0, time_step=1.0, mass=small[1].kn[0] * np.ones(2000))
+    followed(*small, strained(1e-2 * H))
     row: dict[str, Any] = {"grains": graph.grain_count, "contacts": graph.contact_count}
     mass = np.full(graph.grain_count, float(law.kn[0]))
     for name, steps in (("replay", 200), ("longer replay", 1200)):
@@ -285,6 +286,8 @@ def growth_figure(rows: Rows) -> Figure:
     times.set(xlabel="number of grains", ylabel="processor time (ms)")
     memory.set(xlabel="number of grains", ylabel="memory (MB)")
     for ax in (times, memory):
+        ax.set_xticks(table.grains, [f"{count:,}" for count in table.grains])
+        ax.xaxis.set_minor_locator(NullLocator())
         ax.legend()
     return figure
 

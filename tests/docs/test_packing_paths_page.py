@@ -57,6 +57,19 @@ def test_rates():
         agrees(told, row, columns)
 
 
+def test_growth():
+    rows, (table,) = measured("growth"), TABLES["What it costs, and where it ends"]
+    columns = {
+        "grains": "grains", "contacts": "contacts", "events": "events",
+        "seconds of the path": "path_seconds", "ms an event": "event_ms",
+        "MB of the path": "path_mb", "ms a step of the replay": "step_ms",
+        "MB of the replay": "replay_mb",
+    }  # fmt: skip
+    assert (rows.status == "finished").all()
+    for told, (_, row) in zip(table, rows.iterrows(), strict=True):
+        agrees(told, row, columns)
+
+
 def test_probes():
     rows = measured("probes")
     (table,) = TABLES["Probes over their amplitude"]
