@@ -29,7 +29,7 @@ def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:
     if not known.all():
         index = _first(~known)
         where, expected = f"regime of contact {index[-1]}", "0 (open), 1 (elastic) or 2 (sliding)"
-        raise InputError(where, str(array[index]), expected, "Use loops.Regime.")
+        raise InputError(where, str(array[index]), expected, "Use gl.Regime.")
     return array.astype(np.int8)
 
 

@@ -96,5 +96,5 @@ def require_law(law: object) -> None:
     missing = [name for name in names if not hasattr(law, name)]
     if missing:
         received = f"{type(law).__name__} without {', '.join(missing)}"
-        expected = "a law with its tangent and its edge, see loops.ContactLaw"
-        raise InputError("contact law", received, expected, "Derive it from loops.FrictionalLaw.")
+        expected = "a law with its tangent and its edge"
+        raise InputError("contact law", received, expected, "Derive it from gl.FrictionalLaw.")

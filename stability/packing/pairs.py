@@ -40,7 +40,7 @@ def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
             "law",
             type(law).__name__,
             "LinearFrictional: springs and a cone that are piecewise linear",
-            "Ask packing_response for the rates under another law.",
+            "Give gl.LinearFrictional.",
         )
     if graph.cell is None:
         raise InputError(
