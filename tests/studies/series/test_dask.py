@@ -114,7 +114,7 @@ def test_paths_are_the_same_on_a_cluster(tmp_path, scheduler, workers):
     paths = sorted(cells.parent.glob("grains_*.parquet"))[:2]
     how = {"cells": cells, "shear_increment": "radii", "in_packing": "events"}
     run(paths, tmp_path / "alone", workers=1, **how)
-    run(paths, tmp_path / "out", scheduler=scheduler[1], **how)
+    run(paths, tmp_path / "out", scheduler=scheduler[1], workers=None, **how)
     assert contents(tmp_path / "out") == contents(tmp_path / "alone")
     cell = (0.914723458490276, 0.0, 0.0, 0.897826511170329)
     how = {"cell": cell, "shear_increment": "radii", "directions": 4, "amplitude": 5e-6}
