@@ -14,7 +14,6 @@ from loops.fabric import principal
 from loops.faces import Faces
 from loops.graph import GrainGraph, require_one_state
 from loops.shown import Shown
-from loops.stress import contact_forces
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,26 +95,29 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     [0, 0, 0, -1, -1, -1]
     """
     require_one_state(graph)
-    state, force = contact_state(graph), contact_forces(graph)
+    state = contact_state(graph)
     i, j = graph.contacts.T
     stress = np.zeros((graph.grain_count, 2, 2))
     for grain, arm in ((i, state.arm_i), (j, state.arm_j)):
         for a, b in np.ndindex(2, 2):
-            stress[:, a, b] += np.bincount(
-                grain, force[:, a] * arm * state.n[:, b], graph.grain_count
-            )
+            force = state.normal_force * state.n[:, a] + state.shear_force * state.t[:, a]
+            force *= arm * state.n[:, b]
+            stress[:, a, b] += np.bincount(grain, force, graph.grain_count)
     stress /= (np.pi * graph.radii**2)[:, None, None]
     difference, axis = principal(stress)
     major = 0.5 * (stress[:, 0, 0] + stress[:, 1, 1] + difference)
     along = np.column_stack([np.cos(axis), np.sin(axis)])
     touched = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count) > 0
     strong = touched & (major > major[touched].mean() if touched.any() else touched)
-    cosines = np.stack([np.einsum("ck,ck->c", along[g], state.n) for g in (i, j)], axis=1)
+    near = np.flatnonzero(strong[i] & strong[j])
+    n = state.n[near]
+    cosines = np.stack([np.einsum("ck,ck->c", along[g[near]], n) for g in (i, j)], axis=1)
     deviation = np.arccos(np.clip(np.abs(cosines), 0.0, 1.0)).max(axis=1)
-    good = np.flatnonzero(strong[i] & strong[j] & (deviation <= angle))
     # Contacts by deviation: the first at a grain's side is its choice.
-    good = good[np.argsort(deviation[good], kind="stable")]
-    sides = 2 * graph.contacts[good] + (cosines[good] * [1.0, -1.0] > 0)
+    order = np.argsort(deviation, kind="stable")
+    order = order[deviation[order] <= angle]
+    good = near[order]
+    sides = 2 * graph.contacts[good] + (cosines[order] * [1.0, -1.0] > 0)
     _, first = np.unique(sides, return_index=True)
     chosen = np.bincount(first // 2, minlength=len(good)) == 2
     links = good[chosen]
