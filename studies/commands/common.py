@@ -72,6 +72,7 @@ READING: dict[str, Any] = {
 DEFAULTS: dict[str, Any] = {"format": "auto", "drop_crossings": False}
 # What no name of a result folder keeps of its input's.
 ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
+M_ARENA_MAX = -8  # of malloc.h
 # Whether summaries are left out: `grainloops --quiet`.
 quiet = False
 # What an interruption leaves.
@@ -187,3 +188,11 @@ def forget_output() -> None:
     """What could not be printed is not tried again when the process ends."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def share_memory() -> None:
+    """Let threads take memory from one place (glibc); each would keep what it freed."""
+    import ctypes
+
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)

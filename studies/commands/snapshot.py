@@ -7,7 +7,18 @@ from typing import Annotated, Any
 
 import typer
 
-from studies.commands.common import Csv, Force, Json, NoFigures, Out, out_or, reads, report, shown
+from studies.commands.common import (
+    Csv,
+    Force,
+    Json,
+    NoFigures,
+    Out,
+    out_or,
+    reads,
+    report,
+    share_memory,
+    shown,
+)
 
 JUDGES = {
     "affine": "affine closure, spins blocked",
@@ -40,6 +51,7 @@ def snapshot(
     from studies.snapshot import run_snapshot
 
     out = out_or(out, "snapshot", path)
+    share_memory()
     summary = run_snapshot(
         path,
         out,
