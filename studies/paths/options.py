@@ -188,7 +188,8 @@ class PolygonOptions:
         whole = np.isfinite(self.order) and int(self.order) == self.order
         if not (whole and 3 <= self.order <= LARGEST_ORDER):
             expected = f"a whole number from 3 to {LARGEST_ORDER}"
-            raise InputError("--order", str(self.order), expected, "Correct it.")
+            where = "--order" if self.radii is None else "number of --radii"
+            raise InputError(where, str(self.order), expected, "Correct it.")
         one_of("--orientation", self.orientation, get_args(Orientation))
         one_of("--spins", self.spins, get_args(Spins))
         one_of("--programme", self.programme, get_args(ProgrammeName))
