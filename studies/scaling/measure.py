@@ -17,6 +17,7 @@ from loops.arrays import Floats
 from loops.compiled.kernel import kernel
 from studies.scaling.methods import (
     COMMANDS,
+    KEPT,
     METHODS,
     bytes_moved,
     command,
@@ -43,6 +44,9 @@ def measure(what: str, how: str, grains: int, repeats: int) -> dict[str, Any]:
     taken = max(_peak() - before, 0.0)
     if what == "command":
         taken = 1024.0 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    # The pool ends its process too roughly for folders to go by themselves.
+    while KEPT:
+        KEPT.pop().cleanup()
     return {
         "what": what,
         "how": how,
