@@ -23,6 +23,8 @@ FATES = ("kept", "once", "grain", "several")
 LEVEL = 0.95
 # Times of the slowest event after which a distribution is steady.
 LONG = 1e4
+# Orders below this share of the loops are empty; those that rates empty may have held so many.
+EMPTY, DRAINED = 1e-3, 0.05
 
 
 class OrderEvents(NamedTuple):
@@ -257,7 +259,8 @@ class OrderKinetics(Shown):
         """Distribution of orders that the rates lead to from the mean one, in a large system.
 
         Errors are those of Poisson's counts, to first order. An order that no event touches keeps
-        its number.
+        its number. An order that the rates empty is NaN, as events that lead back there were too
+        rare to be seen; all are where such orders held more than a twentieth of the loops.
         """
         from scipy.integrate import solve_ivp
 
@@ -270,6 +273,9 @@ class OrderKinetics(Shown):
             method="BDF", rtol=1e-9, atol=1e-13, jac=lambda _, x: S @ self._slopes(x),
         ).y[:, -1]  # fmt: skip
         x = np.maximum(x, 0.0)
+        emptied = (self.loops > 0) & (x < EMPTY * x.sum())
+        if self.loops[emptied].sum() > DRAINED * self.loops.sum():
+            return SteadyOrders(np.full(len(x), np.nan), np.full(len(x), np.nan))
         merged, split = self._events(x)
         variance = merged**2 / np.maximum(self.opened.sum(axis=0), 1)
         variance += split**2 / np.maximum(self.closed.sum(axis=0), 1)
@@ -279,7 +285,8 @@ class OrderKinetics(Shown):
         shift = -np.linalg.pinv(np.vstack([J, grains]), rcond=1e-9)[:, : len(x)] @ S
         share = x / x.sum()
         turned = (shift - np.outer(share, shift.sum(axis=0))) / x.sum()
-        return SteadyOrders(share, np.sqrt(turned**2 @ variance))
+        error = np.sqrt(turned**2 @ variance)
+        return SteadyOrders(np.where(emptied, np.nan, share), np.where(emptied, np.nan, error))
 
     def _events(self, x: Floats) -> tuple[Floats, Floats]:
         """Mergers and splits per time and grain, of `x (K,)` loops per grain of a large system."""

@@ -172,7 +172,7 @@ COLUMNS: dict[str, dict[str, tuple[str, str]]] = {
         "balance_z": ("1", "(openings - closings)/sqrt(openings + closings)"),
         "balance_p": ("1", "exact two-sided level of the pair under detailed balance"),
         "observed_share": ("1", "share of the loops, mean over the time of the series"),
-        "steady_share": ("1", "share in the steady state of the rates"),
+        "steady_share": ("1", "share in the steady state of the rates; NaN: too few events"),
         "steady_error": ("1", "its standard error by Poisson's counts"),
         "predictor": ("", "what foretells, see docs/series.md"),
         "target": ("", "what is foretold, see docs/series.md"),

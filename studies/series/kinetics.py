@@ -47,7 +47,7 @@ def _as_arrays(kept: Mapping[str, Any]) -> OrderEvents:
 def kinetics_tables(kinetics: OrderKinetics) -> dict[str, dict[str, Any]]:
     """`kinetics`, one row a pair of orders, and `kinetics_orders`, one row an order."""
     steady = kinetics.steady()
-    order = np.flatnonzero((kinetics.loops > 0) | (steady.share > 0))
+    order = np.flatnonzero((kinetics.loops > 0) | kinetics.stoichiometry.any(axis=1))
     # The rates say nothing of orders that no event touched.
     touched = kinetics.stoichiometry.any(axis=1)
     orders = {

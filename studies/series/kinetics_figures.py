@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from studies.style import (
     BLACK,
@@ -37,9 +38,11 @@ def kinetics_figure(tables: Mapping[str, Mapping[str, Any]]) -> Figure:
     shown = orders["order"] <= LAST_DRAWN
     order, share = orders["order"][shown], orders["steady_share"][shown]
     right.plot(order, orders["observed_share"][shown], "o", color=BLUE, label="observed, mean")
+    known = bool(np.isfinite(share).any())
     right.errorbar(
         order + 0.15, share, orders["steady_error"][shown], fmt="s", color=VERMILION,
-        markersize=3.5, elinewidth=0.8, capsize=2.0, label="steady state of the rates",
+        markersize=3.5, elinewidth=0.8, capsize=2.0,
+        label="steady state of the rates" if known else "steady state: too few events",
     )  # fmt: skip
     right.set(yscale="log", xlabel="loop order (number of grains)", ylabel="share of the loops")
     least = orders["observed_share"][shown]
@@ -68,5 +71,10 @@ def _balance(ax: Axes, table: Mapping[str, Any]) -> None:
             ax.annotate(f"{m}+{n}", (x, y), (3, 3), textcoords="offset points", color=BLACK,
                         fontsize=6)  # fmt: skip
     ax.set(xscale="symlog", yscale="symlog", xlim=(0, top), ylim=(0, top), aspect="equal")
+    ticks = [0] + [k for k in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10000) if k <= top]
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_ticks(ticks if len(ticks) < 9 else [0, *(10**k for k in range(5) if 10**k <= top)])
+        axis.set_major_formatter("{x:.0f}")
+        axis.set_minor_locator(NullLocator())
     ax.set(xlabel="contacts that closed (splits)", ylabel="contacts that opened (mergers)")
     ax.legend(title="merged loop", loc="upper left", bbox_to_anchor=(1.0, 1.0))

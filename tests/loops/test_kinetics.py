@@ -176,3 +176,16 @@ def test_stated_error_is_the_difference_of_the_rates():
             found.__dict__[kind] = base
             wanted += ((shares[1] - shares[0]) / 2e-4) ** 2 / counts[k]
     assert found.steady().error == pytest.approx(np.sqrt(wanted), rel=1e-3, abs=1e-9)
+
+
+def test_a_steady_state_that_too_few_events_tell_is_withheld():
+    """Squares from pairs of triangles, and no way back: order 3, half the loops, empties."""
+    one = OrderEvents(
+        np.array([0, 0, 0, 10, 10]), np.array([0, 0, 0, 6, 12]), np.array([[3, 3]]), np.array([2]),
+        np.array([0]), 16, 4, 0, 0,
+    )  # fmt: skip
+    steady = order_kinetics([one]).steady()
+    assert np.isnan(steady.share).all() and np.isnan(steady.error).all()
+    back = one._replace(closed=np.array([1]))
+    share = order_kinetics([back]).steady().share
+    assert np.isfinite(share).all() and share[3] > 0.01 and share[4] > 0.01
