@@ -198,6 +198,8 @@ class PolygonOptions:
         inside("--end", self.end, lambda e: self.confine < e < 1.0, expected)
         self._check_law()
         if self.radii is not None:
+            for radius in self.radii:
+                inside("--radii", radius, lambda r: r > 0.0, "positive numbers")
             if self.orientation != "vertex":
                 received, remedy = "edge with --radii", "Leave --orientation out."
                 raise InputError("--orientation", received, "grain 0 on axis 1", remedy)

@@ -61,6 +61,7 @@ def test_compare(monkeypatch, capsys, tmp_path, undrawn):
         (["--order", "5", "--law", "hertz", "--kappa", "0.3"], "spheres"),
         (["--order", "5", "--rolling", "0.3"], "--spins free"),
         (["--radii", "1,2,x"], "--radii"),
+        (["--radii", "1,1,-1"], "--radii: got -1, expected positive numbers"),
         (["--snapshot", str(sample_path())], "--loop"),
         (["--snapshot", str(sample_path()), "--loop", "1", "--kappa", "1"], "--kappa"),
         (["--compare", "12-3"], "--compare"),
