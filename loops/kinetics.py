@@ -310,9 +310,10 @@ def order_kinetics(
     """Rates at which loops of a series merge and split, by orders.
 
     Only events of one contact in an interval are counted: contacts that open and close again
-    between two snapshots are missed, and so is what happens twice to one loop. Both biases fall in
-    proportion to the interval; `once` against `several` tells how large they are. Mergers and
-    splits that free or catch a grain aren't of this kind: `grain` counts them.
+    between two snapshots are missed, and so is what happens twice to one loop. Both biases fall
+    with the interval, in proportion to it only where contacts don't flicker; `once` against
+    `several` tells of the second. Mergers and splits that free or catch a grain aren't of this
+    kind: `grain` counts them.
 
     Parameters
     ----------

@@ -43,8 +43,8 @@ CAPTIONS = {
     "survival": (
         "Survival",
         "Share of the loops that survive an interval, by what was judged of them before. Bars hold "
-        "95 % (Wilson): what so few loops can tell. Larger loops survive less, whatever their "
-        "verdict: compare within an order.",
+        "95 % (Wilson): what so few loops can tell. Larger loops have more contacts to lose, "
+        "whatever their verdict: compare within an order.",
     ),
     "exchange": ("Exchange of orders", "Loops by order before and after, all intervals together."),
     "kinetics": (

@@ -11,8 +11,9 @@ from scipy.stats import binomtest
 
 from loops.tracking import Fate
 from patterns import sample_path
+from stability import RTOL
 from studies.series import run_series
-from studies.series.fates import ENDS, pooled, survival
+from studies.series.fates import ENDS, _verdicts, pooled, survival
 from studies.series.increments import TrackedState, track_loops
 from studies.series.plan import plan_series, with_fingerprints
 from studies.series.report import _maps
@@ -161,3 +162,12 @@ def test_without_forces_there_are_fates_and_no_verdicts(tmp_path):
     frame = pd.read_parquet(tmp_path / "out" / "fates.parquet")
     assert (frame.loop_before >= 0).sum() == summary["first"]["loops"]
     assert not [name for name in frame if name.endswith("_verdict")]
+
+
+def test_verdicts_on_either_side_of_the_tolerance(tmp_path):
+    """Unstable beyond the tolerance alone; what was withheld is undetermined, born loops last."""
+    smallest = [-2.0 * RTOL, -0.5 * RTOL, 0.5 * RTOL, 2.0 * RTOL, np.nan]
+    file = tmp_path / "loops.parquet"
+    pyarrow.parquet.write_table(pyarrow.table({"traction_lambda_min": smallest}), file)
+    ((judge, codes),) = _verdicts(file, np.array([0, 1, 2, 3, 4, -1]))
+    assert judge == "traction" and codes.tolist() == [1, 0, 0, 0, 2, 3]
