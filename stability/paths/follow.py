@@ -43,6 +43,8 @@ OF_LOOPS: dict[str, Any] = {
     "max_step": 0.05,
     "model": "auto",
 }
+# Options of packings.
+OF_PACKINGS: dict[str, Any] = {"interval": 5e-6, "instabilities": 20}
 
 
 @overload
@@ -193,7 +195,9 @@ def follow(
     stages = [stages] if isinstance(stages, Stage) else list(stages)
     if closure == "packing":
         given = (spins, subspace, volume, contact_on_touch, rtol, atol, max_step, model)
-        _check_packing(stages, dict(zip(OF_LOOPS, given, strict=True)))
+        _check_stages(stages)
+        remedy = "Leave it out: a packing's spins are free, its events those of contacts."
+        _refuse(given, OF_LOOPS, "the packing closure", remedy)
         number("interval", interval, 0.0, open_low=True)
         for name, value, least in (
             ("instabilities", instabilities, 1),
@@ -213,6 +217,8 @@ def follow(
             max_steps=max_steps,
         )
     _check(law, stages, closure, spins, contact_on_touch)
+    remedy = "Leave it out: it is of packings, closure='packing'."
+    _refuse((interval, instabilities), OF_PACKINGS, f"the {closure} closure", remedy)
     number("rtol", rtol, 0.0)
     number("atol", atol, 0.0)
     number("max_step", max_step, 0.0, open_low=True)
@@ -297,16 +303,12 @@ def _check(law: object, stages: Sequence[Stage], closure: str, spins: str, on_to
     _check_stages(stages)
 
 
-def _check_packing(stages: Sequence[Stage], given: dict[str, Any]) -> None:
-    _check_stages(stages)
-    for name, value in given.items():
-        if value is not OF_LOOPS[name] and value != OF_LOOPS[name]:
-            raise InputError(
-                name,
-                f"{value!r} with the packing closure",
-                "interval, instabilities, max_steps and rows: the others are of loops",
-                "Leave it out: a packing's spins are free, its events those of contacts.",
-            )
+def _refuse(given: Sequence[Any], others: dict[str, Any], closure: str, remedy: str) -> None:
+    """Options of other closures, unless they stand as if left out."""
+    for value, (name, default) in zip(given, others.items(), strict=True):
+        if not np.array_equal(value, default):
+            expected = f"nothing but {default!r}"
+            raise InputError(name, f"{value!r} with {closure}", expected, remedy)
 
 
 def _check_stages(stages: Sequence[Stage]) -> None:

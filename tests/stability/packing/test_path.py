@@ -281,8 +281,8 @@ def test_a_state_out_of_balance_keeps_its_load():
         ({"interval": 0.0}, "interval"),
         ({"instabilities": 0}, "instabilities"),
         ({"max_steps": 0}, "max_steps"),
-        ({"spins": "free"}, "of loops"),
-        ({"volume": 1.0}, "of loops"),
+        ({"spins": "free"}, "spins: got 'free' with the packing closure"),
+        ({"volume": np.ones(2)}, "volume: got array"),
         ({"graph": GrainGraph([[0, 0], [1, 0]], [0.5, 0.5], [[0, 1]])}, "walls"),
     ],
 )
@@ -290,6 +290,12 @@ def test_bad_input(change, message):
     given = {"graph": lattice(), "law": LAW, "stages": strained(H)} | change
     with pytest.raises(InputError, match=message):
         followed(given.pop("graph"), given.pop("law"), given.pop("stages"), **given)
+
+
+@pytest.mark.parametrize("change", [{"interval": 1e-6}, {"instabilities": 3}])
+def test_options_of_packings_are_refused_by_a_loops_closure(change):
+    with pytest.raises(InputError, match=f"{next(iter(change))}: got .* with the affine closure"):
+        follow(lattice(), LAW, strained(H), closure="affine", **change)
 
 
 in_collection = pytest.mark.skipif(
