@@ -14,6 +14,7 @@ from loops.laws import ContactLaw
 from loops.laws.protocol import Regime
 from stability.packing.interval import ControlLimitError, Goal, Interval, end_state
 from stability.packing.linear_pieces import AT_YIELD, Pieces
+from stability.packing.packing_path import PackingPath
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength, with_near
 from stability.packing.pivots import Control
 from stability.packing.state import PackingState, start_state
@@ -28,64 +29,6 @@ JUMP, LEAP = 0.5, 0.02
 # Strain asked for by the control, over the least of the stage.
 LIMIT = 1e3
 FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target")
-
-
-@dataclass(frozen=True, eq=False)
-class PackingPath:
-    """What following a packing returns: a row at the start and wherever `rows` asks.
-
-    Attributes
-    ----------
-    status : str
-        'finished'; 'instabilities': stopped at the stated number of them; 'control_limit': the
-        control asks for ever more strain; 'no_solution': it moves nothing; 'lost': forces or
-        centres jumped, or the system was singular; 'no_load': it has come apart. The last row is
-        the state before.
-    message : str
-        The status in words.
-    events : tuple of Event
-        'yield', 'unloading', 'opening', 'closing', and 'instability': no regimes of the contact
-        agree; `detail` has the mode, how it was passed and the energy that its grains released
-        until the interval ended. `index` is the row before.
-        Contacts are numbered as in the states: those of the graph first.
-    parameter, stage : (R,) array
-        Loading parameter since the start, and stage.
-    H, P : (R, 4) array
-        Displacement gradient and nominal stress, over the reference cell; 11, 12, 21, 22.
-    states : tuple of PackingState
-        The packing at every row.
-    work : (R, 4) array
-        External work `Int V0 P:H'`, of what was out of balance at the start as well; slip; what the
-        law's shear increment leaves of `T` times the motion at the contact (`branch`: nothing); and
-        what was released where balance was lost, at instabilities and by rattlers. The first is
-        the change of `energy` and the other three, to the interval squared.
-    energy : (R,) array
-        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`.
-    imbalance : (R,) array
-        Largest drift of a grain's resultant over the mean contact force.
-    intervals : int
-        Intervals walked.
-    """
-
-    status: PathStatus
-    message: str
-    events: tuple[Event, ...]
-    parameter: Floats
-    stage: Integers
-    H: Floats
-    P: Floats
-    states: tuple[PackingState, ...]
-    work: Floats
-    energy: Floats
-    imbalance: Floats
-    intervals: int
-
-    def __len__(self) -> int:
-        return len(self.parameter)
-
-    def of_kind(self, kind: str) -> tuple[Event, ...]:
-        """Events of one kind."""
-        return tuple(event for event in self.events if event.kind == kind)
 
 
 def follow_packing(
@@ -114,6 +57,19 @@ def follow_packing(
         if stop[0] in ("instabilities", "lost"):
             break
     return walk.path(*stop)
+
+
+def jumped(before: PackingState, after: PackingState, stress: float) -> str:
+    """What is out of measure after a short strain, if anything; `stress` is that of the start."""
+    # Near zero a stress is no measure of its change; that of the start is.
+    size = max(float(np.linalg.norm(before.stress)), stress)
+    change = np.linalg.norm(after.stress - before.stress) / size
+    if not change < JUMP:
+        return f"the stress jumped by {change:.2g} of what it was"
+    beyond = after.x - before.x @ (after.cell @ np.linalg.inv(before.cell)).T
+    carries = np.bincount(after.contacts[after.closed].ravel(), minlength=len(beyond)) > 1
+    leap = np.abs(beyond[carries]).max(initial=0.0) / (2.0 * float(after.radii.mean()))
+    return f"a grain leapt by {leap:.2g} diameters" if leap > LEAP else ""
 
 
 def _walk_stage(
@@ -158,7 +114,7 @@ class _Walk:
         self.regime: Regimes = np.zeros(0, dtype=np.int8)
         self.side = np.zeros(0)
         self._start()
-        self.balance = self._resultants()
+        self.balance = self.state.resultants
         self.drift = 0.0 * self.balance
         self.enter()
 
@@ -272,7 +228,7 @@ class _Walk:
         self.side, self.pieces = pieces.side, pieces
         if not state.closed.any():
             return "no_load", "the packing has come apart and carries no force"
-        jump = self._jump(state)
+        jump = jumped(self.state, state, self.stress)
         if jump:
             return "lost", jump
         u = walk.u.reshape(-1, 3) / [1.0, 1.0, pieces.length]
@@ -281,7 +237,7 @@ class _Walk:
         self.state = state
         self.parameter += walk.time
         self.intervals += 1
-        self.drift = self._resultants() - self.balance
+        self.drift = self.state.resultants - self.balance
         released = 0.5 * np.sum((load + self.drift) * u, axis=1)
         external = 0.5 * self.volume * float((P + self.P) @ (F - self.F).ravel())
         external -= float(np.sum(self.balance * u))
@@ -338,18 +294,6 @@ class _Walk:
         touching = self.state.radii[i] + self.state.radii[j]
         return np.linalg.norm(self.state.branches, axis=1) - touching
 
-    def _resultants(self) -> Floats:
-        """(G, 3) contact forces and moments on the grains."""
-        state, out = self.state, np.zeros((len(self.state.x), 3))
-        i, j = state.contacts.T
-        length = np.linalg.norm(state.branches, axis=1)
-        arm_i = 0.5 * (length + state.radii[i] - state.radii[j])
-        np.add.at(out[:, :2], j, state.forces)
-        np.add.at(out[:, :2], i, -state.forces)
-        np.add.at(out[:, 2], i, -arm_i * state.shear_force)
-        np.add.at(out[:, 2], j, -(length - arm_i) * state.shear_force)
-        return out
-
     def _renew(self, moved: float) -> None:
         """List the pairs anew where grains may have come out of nowhere."""
         gap = NEAR * 2.0 * float(self.state.radii.mean())
@@ -373,22 +317,6 @@ class _Walk:
         closed = np.where(N > 0, Regime.ELASTIC, Regime.OPEN)
         self.regime = np.append(self.regime, closed[len(self.regime) :]).astype(np.int8)
         self.side = np.append(self.side, np.zeros(new + len(N) - new - len(self.side)))
-
-    def _jump(self, state: PackingState) -> str:
-        """What is out of measure after an interval, if anything."""
-        # Near zero a stress is no measure of its change; that of the start is.
-        size = max(float(np.linalg.norm(self.state.stress)), self.stress)
-        stress = np.linalg.norm(state.stress - self.state.stress) / size
-        if not stress < JUMP:
-            return f"the stress jumped by {stress:.2g} of what it was"
-        beyond = (
-            state.x
-            - self.state.x
-            - self.state.x @ (state.cell @ np.linalg.inv(self.state.cell) - np.eye(2)).T
-        )
-        carries = np.bincount(state.contacts[state.closed].ravel(), minlength=len(beyond)) > 1
-        leap = np.abs(beyond[carries]).max(initial=0.0) / (2.0 * float(state.radii.mean()))
-        return f"a grain leapt by {leap:.2g} diameters" if leap > LEAP else ""
 
     def record(self) -> None:
         """A row."""

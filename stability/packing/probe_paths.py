@@ -15,8 +15,8 @@ from stability.arguments import number
 from stability.destabilising import no_control
 from stability.packing.linear_pieces import AT_YIELD
 from stability.packing.loop_rates import loop_changes
+from stability.packing.packing_path import PackingPath
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength
-from stability.packing.path import PackingPath
 from stability.packing.pieces import NEUTRAL
 from stability.packing.probe import Probe
 from stability.packing.state import PackingState

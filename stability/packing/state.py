@@ -59,15 +59,25 @@ class PackingState:
         """(2, 2) stress, compression positive, over the current cell."""
         return self.forces.T @ self.branches / abs(np.linalg.det(self.cell))
 
+    @cached_property
+    def resultants(self) -> Floats:
+        """(G, 3) contact forces and moments on the grains."""
+        i, j = self.contacts.T
+        out = np.zeros((len(self.x), 3))
+        length = np.linalg.norm(self.branches, axis=1)
+        arm_i = 0.5 * (length + self.radii[i] - self.radii[j])
+        np.add.at(out[:, :2], j, self.forces)
+        np.add.at(out[:, :2], i, -self.forces)
+        np.add.at(out[:, 2], i, -arm_i * self.shear_force)
+        np.add.at(out[:, 2], j, -(length - arm_i) * self.shear_force)
+        return out
+
     @property
     def unbalanced(self) -> float:
         """Mean resultant on a grain over the mean contact force, as Yade; nan without forces."""
-        force, out = self.forces, np.zeros(self.x.shape)
-        np.add.at(out, self.contacts[:, 1], force)
-        np.add.at(out, self.contacts[:, 0], -force)
-        carried = np.linalg.norm(force[self.closed], axis=1)
+        carried = np.linalg.norm(self.forces[self.closed], axis=1)
         mean = carried.mean() if carried.any() else np.nan
-        return float(np.linalg.norm(out, axis=1).mean() / mean)
+        return float(np.linalg.norm(self.resultants[:, :2], axis=1).mean() / mean)
 
     def graph(self) -> GrainGraph:
         """The closed contacts as a graph of their own."""
