@@ -17,6 +17,7 @@ from patterns.diamond import (
 )
 from patterns.diamond.strain_lines import LineStates, line_states
 from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
+from studies.columns import definitions
 from studies.domain.losses import Losses, first_losses
 from studies.domain.parameters import Case, DomainParameters, rows_of
 from studies.output import provenance, result_folder, write_summary, write_table
@@ -105,12 +106,7 @@ def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> dict[st
             }
             for case in parameters.cases()
         ],
-        "definitions": {
-            "programmes": "straight lines in (E1, E2) from the virgin loop, each at the angle "
-            "programme_deg; all that compress it",
-            "sticking": "contacts never slide",
-            "frictional": "contacts slide at |T| = mu N; both determinants are then negative",
-        },
+        "definitions": definitions("domain"),
     }
 
 

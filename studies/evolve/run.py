@@ -17,6 +17,7 @@ from stability import COMPONENTS, Stage, follow
 from stability.packing import LoopRates, PackingPath, loop_changes
 from stability.packing.state import start_state
 from stability.paths.path import Event
+from studies.columns import definitions
 from studies.output import provenance, readable, result_folder, write_summary, write_table
 from studies.paths.options import PROGRAMMES
 from studies.series.evolution import cell_strain
@@ -30,22 +31,6 @@ UNITS = (
     "as the input's: stress = force/length (two dimensions), work = force times length; H and P "
     "over the cell of the first snapshot"
 )
-DEFINITIONS = {
-    "dem": "the later snapshots: strain of their cells since the first, and their stress",
-    "driven": "what the programme drives, zero at the first snapshot",
-    "energy": "of the springs",
-    "events": "changes of regime; instability: no regimes of the contact agree",
-    "imbalance": "largest drift of a grain's resultant over the mean contact force",
-    "negative_loops": "share of loops whose second-order work from the start to the end is "
-    "negative, by number",
-    "negative_row": "first row at which the loop's W2 since the start is negative, -1 for none",
-    "passed": "how instabilities were passed: the grains of the mode dragged, or the contact held",
-    "reached": "value of what is driven where the path ends",
-    "released": "work of what was out of balance: kinetic and viscous loss at instabilities",
-    "shear_work": "what the law's shear increment leaves of T times the motion at the contacts",
-    "W2": "of a loop from the start to the end of the path, in the frame that turns with the loop",
-    "work": "external work since the start",
-}
 
 
 def run_evolve(
@@ -238,7 +223,7 @@ def path_summary(
     known = np.isfinite(loops["W2"])
     held = Counter(_passed(event) for event in path.of_kind("instability"))
     return {
-        "definitions": DEFINITIONS,
+        "definitions": definitions("evolve"),
         "dem": len(tables["dem"]["snapshot"]) if "dem" in tables else 0,
         "driven": driven,
         "end": {name: tables["path"][name][-1] for name in ("H11", "H22", "P11", "P22")},

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from studies.columns import definitions
 from studies.paths.diamond import REACHED
 from studies.paths.followed import SUBSPACES, Followed
 from studies.paths.options import ComparisonOptions
-from studies.paths.polygon import DEFINITIONS, axial_peak, described, follow_polygon, thresholds
+from studies.paths.polygon import axial_peak, described, follow_polygon, thresholds
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +30,7 @@ class Compared:
             "parameters": self.options.described(),
             "loops": list(self.loops),
             "notes": notes,
-            "definitions": DEFINITIONS
-            | {
-                "first_yield": "first event at which contacts reach |T| = mu N; of kind "
-                "control_limit where the path has no way on with them sliding"
-            },
+            "definitions": definitions("polygon", "compare"),
         }
 
     def tables(self) -> dict[str, dict[str, Any]]:

@@ -27,6 +27,7 @@ from stability import (
     restrict,
     symmetric_part,
 )
+from studies.columns import definitions
 from studies.paths.added_contact import added_summary
 from studies.paths.diamond import (
     PAIRS,
@@ -43,29 +44,6 @@ from studies.paths.tables import state_columns
 STATES = ("I", "A", "B")
 EVENT_VALUES = ("E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks")
 STATE_VALUES = ("E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2", "det_K", "det_Ks")
-DEFINITIONS = {
-    "I": "first state of the confinement where det K = 0",
-    "A": "end of the confinement, where the drained biaxial test starts",
-    "B": "all four contacts reach |T| = mu N; the operators are those of the elastic path that "
-    "arrives, 'beyond' holds those of sliding contacts",
-    "E1, E2": "strains of the diagonals, 1 - L/L0",
-    "s1, s2": "stresses F1/(kn L20), F2/(kn L10)",
-    "N, T": "contact forces over kn l0; T positive when alpha grows",
-    "l": "branch length over l0",
-    "K": "tangent of s' = K E' (26); Kmat (27) from the contact law, Kgeo (28) from the stresses",
-    "Ks": "symmetric part of K, which carries the second-order work",
-    "cone": "strain rates of negative second-order work; angles from E1 towards E2, so that the "
-    "paper's alphaE is 90 degrees less the angle; edges null where there is no cone",
-    "generic": "tangent of any loop applied to the diamond, components 11, 12, 21, 22, spins "
-    "blocked, over the bounding box; its verdict is on (11, 22, (12 + 21)/sqrt 2)",
-    "gaps": "between opposite grains along axes 1 and 2, over l0; negative where they overlap",
-    "work, stored, dissipated": "work from outside since the start, elastic energy of the "
-    "contacts and heat of sliding, over kn and the reference volume L10 L20",
-    "sliding_rules": "Coulomb's law, T' = s mu N' with s = sign(T), against (8c) as printed; "
-    "shear_ratio is |T|/(mu N)",
-    "added_contact": "intervals of isotropic strain over which Ks is positive definite, with "
-    "opposite grains ignored and with a contact added where they meet",
-}
 
 
 def diamond_summary(found: FollowedDiamond) -> dict[str, Any]:
@@ -92,7 +70,7 @@ def diamond_summary(found: FollowedDiamond) -> dict[str, Any]:
         "added_contact": added_summary(found.loop) if added else None,
         "figures": _figure_files(found),
         "notes": _notes(found),
-        "definitions": DEFINITIONS,
+        "definitions": definitions("diamond"),
     }
 
 

@@ -13,6 +13,7 @@ from loops import ContactLaw, GrainGraph, contact_state, macroscopic_tangent
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from stability import Event, Path, judge, operator_norm, restrict, symmetric_spectrum
+from studies.columns import definitions
 from studies.paths.followed import SUBSPACES, Followed, follow_options, values_at
 from studies.paths.options import PolygonOptions
 from studies.paths.tables import table_rows
@@ -25,18 +26,6 @@ FIRST, LAST, COUNT, CHUNKS = 1e-6, 0.99, 100, 9
 VALUES, MOST_LINES = ("E1", "E2", "s1", "s2"), 40
 # A smallest eigenvalue at the first load that is not above this share of the norm is a loss.
 LOST = 1e-12
-DEFINITIONS = {
-    "critical_strain": "isotropic strain at which Ks first loses definiteness in the subspace: 0 "
-    f"where from the first load on, null where not below {LAST:g}",
-    "diagonal, symmetric, full": "components (11, 22); (11, 22, (12 + 21)/sqrt 2); all four",
-    "E1, E2": "H11 and H22, displacement gradient on the barely touching loop",
-    "s1, s2": "nominal stress P11/kn and P22/kn over the area of the barely touching polygon",
-    "A": "end of the isotropic strain, where the programme starts",
-    "peak": "largest s1 on the stage after A, null if s1 only falls or still rises at its end",
-    "K": "tangent of the regimes that the path arrives with",
-    "model": "what was modelled, and how much of it the loop's symmetry left out: part of whole",
-    "status": "of the path: finished, or why and where it ends before its target",
-}
 
 
 def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPACES) -> Followed:
@@ -199,7 +188,7 @@ def polygon_summary(found: Followed) -> dict[str, Any]:
         "model": asdict(path.model),
         "verification": _verification(found, critical),
         "notes": _notes(found, critical, peak),
-        "definitions": DEFINITIONS,
+        "definitions": definitions("polygon"),
     }
 
 

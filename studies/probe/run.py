@@ -20,6 +20,7 @@ from stability.packing import PackingPath, Probe
 from stability.packing.pieces import Driven, Subspace
 from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
+from studies.columns import definitions
 from studies.output import provenance, readable, result_folder, write_summary, write_table
 from studies.series.tasks import one_blas_thread
 from studies.series.workers import open_runner
@@ -32,36 +33,6 @@ UNITS = (
     "as the input's: stress = force/length (two dimensions); P', H' and W2 are rates per unit of "
     "the direction; angles in degrees"
 )
-DEFINITIONS = {
-    "amplitude": "strain (stress under stress control) to which each direction is followed by "
-    "events: P' and H' are increments over it, sliding and disagreeing count contacts at its end "
-    "and unstable ones; null: rates",
-    "area_share": "area of the loops of an order over the area of all loops",
-    "boundary": "what drives the sample from outside",
-    "candidates": "contacts within the yield band that may slide",
-    "cones": "angles between which second-order work is negative (diagonal subspace); refined: "
-    "whether it vanishes there, else it jumps, or the next directions are undetermined",
-    "destabilising": "the linear control of which the sample loses its strength: `held` is the "
-    "combination of strains that is held, `direction` the strain that the control admits, `work` "
-    "the slope of the conjugate stress, `reaction` the stress rate along `held`; definite: none "
-    "does",
-    "elastic_tangent": "P' = A H' with all contacts at yield sticking, order 11, 12, 21, 22",
-    "mean_kn": "mean normal stiffness of the contacts",
-    "orders": "of the softest direction, by the number of grains of the loops: their share of the "
-    "sample's W2, additive, and of its negative part, the sum over loops that do negative work",
-    "pieces": "sets of regimes met, on each of which the response is linear",
-    "pieces_cover": "share of all directions whose piece was met (diagonal subspace)",
-    "settled": "contacts at yield of a grain with two contacts, whose T/N is geometry: they stick",
-    "smallest_w2": "smallest normalised second-order work P':H'/(|P'||H'|) in the subspace",
-    "softest_theta_deg": "its direction, of H' or of P' by `control`, tan theta = 22/11",
-    "statuses": "directions whose rate problem has a unique solution, several found, none, or "
-    "where none was found (not converged); in the last two W2 is undetermined",
-    "undetermined": "directions without a solution that could be found",
-    "unstable_fraction": "share of directions with negative W2: the width of the cones, a "
-    "lower bound where others are undetermined; in the symmetric subspace of those determined",
-    "yield_band": "contacts from this share of their strength on may slide; it stands for the "
-    "amplitude of a probe",
-}
 OUTLINE = (
     "no walls and no cell are known: the outline's grains follow the strain, which stiffens the "
     "sample"
@@ -250,7 +221,7 @@ def probe_summary(snapshot: Snapshot, found: Probe) -> dict[str, Any]:
             {"begin_deg": begin, "end_deg": end, "refined": sure.tolist()}
             for (begin, end), sure in zip(np.degrees(found.cones), found.refined, strict=True)
         ],
-        "definitions": DEFINITIONS,
+        "definitions": definitions("probe"),
         "destabilising": {
             "status": control.status,
             "direction": control.direction,

@@ -10,19 +10,6 @@ import numpy as np
 from loops import OrderKinetics, order_kinetics
 from loops.kinetics import FATES, OrderEvents
 
-DEFINITION = (
-    "contacts that open merge loops of orders m, n into one of m + n - 2, contacts that close do "
-    "the reverse; events of one contact in an interval alone. per: what time is, the accumulated "
-    "shear strain where it is known and grows. share_kept, share_once, share_grain, share_several: "
-    "of the earlier loops, those that survived, took part in one event, were merged or split by a "
-    "grain that came loose or was caught, took part in more; "
-    "share_of_opened, share_of_closed: of the contacts that opened or closed, those counted; "
-    "chi2, p over the pairs of orders of ten events and more, pairs: net events of a system in "
-    "detailed balance, by Poisson's counts; cycles_chi2, p_cycles, cycles: whether the rates can "
-    "be balanced (Kolmogorov's criterion); dispersion: variance of the net events between "
-    "intervals over Poisson's"
-)
-
 
 def kinetics_of(
     events: Sequence[Mapping[str, Any]], strain: Sequence[float | None]

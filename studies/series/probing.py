@@ -13,13 +13,6 @@ from studies.snapshot.edge import sample_edge
 
 CONE = ("probe_cone_begin_deg", "probe_cone_end_deg")
 NAMES = ("probe_w2", "probe_theta_deg", "probe_unstable_fraction", *CONE, "probe_undetermined")
-DEFINITION = (
-    "probe_w2 of the evolution: smallest normalised second-order work of the sample over strain "
-    "directions of the (11, 22) plane, probe_theta_deg its direction; probe_cone_begin_deg, "
-    "_end_deg: the widest cone of negative work, none where that is nowhere negative; "
-    "probe_unstable_fraction: the share of all cones; probe_undetermined: directions without a "
-    "solution that could be found"
-)
 
 
 def probe_row(

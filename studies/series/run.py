@@ -17,6 +17,7 @@ from loops.arrays import Integers
 from loops.tracking import ExchangeCounts, Fate
 from stability.arguments import whole_number
 from stability.packing.edge import checked_band
+from studies.columns import definitions
 from studies.output import (
     SERIES,
     errors_of,
@@ -39,11 +40,9 @@ from studies.series.dataset import (
 )
 from studies.series.evolution import evolution_table
 from studies.series.fates import survival_summary, write_fates
-from studies.series.kinetics import DEFINITION as KINETICS
 from studies.series.kinetics import kinetics_of, kinetics_summary, kinetics_tables
 from studies.series.packing import SOLVED
 from studies.series.plan import PlannedSnapshot, plan_series
-from studies.series.probing import DEFINITION
 from studies.series.skill import skill_tables, summarised
 from studies.series.tasks import Failure, pairs, singles
 from studies.series.workers import Runner, do_tasks, open_runner
@@ -55,37 +54,6 @@ UNITS = (
 )
 # What the parts of each dataset keep beside their rows.
 About = dict[str, list[dict[str, Any]]]
-DEFINITIONS = {
-    "files": "tables and figures of the whole series; its parts are in loops, increments, fates",
-    "fates": "loops by what became of them in all intervals; born counts later loops, the others "
-    "earlier ones",
-    "survival": "by judge and verdict on the earlier loop: loops of all intervals by fate, share "
-    "that survived with its 95 % interval by Wilson's score, and the spread of the share over the "
-    "intervals",
-    "intervals": "pairs of successive snapshots",
-    "loops": "of all snapshots together",
-    "work_map": "snapshots of the interval mapped: the one with most loops of negative W2",
-    "skill": "how well each predictor foresees the survived loops of negative corotated work W2, "
-    "means over the intervals weighted by loops. base: share of such loops among those that moved; "
-    "coverage: share of these that have a prediction; agreement, precision, recall: of its sign; "
-    "auc: chance that of two loops the one of negative work is ranked first, 0.5 by chance; "
-    "rank_correlation: Spearman's. affine, traction (blocked spins), affine_free, traction_free "
-    "foretell from the strain that the loop really took; *_lambda_min, order and sliding "
-    "(contacts) from the earlier snapshot alone; persistence from the loop's own "
-    "work in the interval before",
-    "packing": "the rate problem of the whole packing under the strain of each interval: how many "
-    "are solved (unique, several found), the largest residual and number of disagreeing contacts, "
-    "where the sample ends; what is not solved foretells nothing",
-    "skill_of_targets": "as skill: nonaffine, the tenth of the survived loops whose strain is "
-    "farthest from the sample's; contact_lost and topology (any fate but survived) of all earlier "
-    "loops; own_motion puts the motion that the grains really had through the same tangents, an "
-    "upper bound; smallest_N is the smallest normal force of a loop's contacts",
-    "skill_by_order": "AUC of negative work among the loops of one order, means over the intervals "
-    "weighted by loops; the last order stands for all beyond",
-    "kinetics": KINETICS,
-    "probe": DEFINITION,
-    "skipped": "snapshots that could not be read; the interval goes over them",
-}
 
 
 def run_series(
@@ -332,5 +300,5 @@ def _summary(
                 note for one in about.values() for kept in one for note in kept.get("notes", ())
             )
         ),
-        "definitions": DEFINITIONS,
+        "definitions": definitions("series"),
     }

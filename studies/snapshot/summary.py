@@ -12,7 +12,7 @@ from loops import Faces, branch_vectors, euler_check, outline_area
 from loops.arrays import Floats, Integers
 from loops.fabric import direction_tensors, edge_tensors, mean_tensor
 from patterns import Snapshot
-from studies.snapshot.definitions import GEOMETRY, MECHANICS, PACKING
+from studies.columns import definitions
 from studies.snapshot.in_packing import packing_summary
 from studies.snapshot.mechanics import mechanics_summary
 from studies.snapshot.statistics import (
@@ -46,16 +46,16 @@ def snapshot_summary(
         counted = pool.submit(_network, snapshot, faces)
         summary = _orders(table, groups) | counted.result() | fabric.result()
         summary |= {} if forces is None else forces.result()
-    told = GEOMETRY | MECHANICS if snapshot.mechanical else GEOMETRY
+    parts = ["snapshot", *(["snapshot_forces"] if snapshot.mechanical else [])]
     if in_packing is not None:
         summary |= packing_summary(table, groups, in_packing)
-        told = told | PACKING
+        parts.append("snapshot_in_packing")
     return {
         **summary,
         "area": area,
         "area_sum": float(table["area"].sum()),
         "notes": list(snapshot.notes),
-        "definitions": told,
+        "definitions": definitions(*parts),
     }
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from studies.columns import definitions, words
 
-from studies.columns import COLUMNS
-from studies.evolve.run import DEFINITIONS as EVOLVE
-from studies.paths.diamond_summary import DEFINITIONS as DIAMOND
-from studies.paths.polygon import DEFINITIONS as POLYGON
-from studies.probe.run import DEFINITIONS as PROBE
-from studies.series.run import DEFINITIONS as SERIES
-from studies.snapshot.definitions import GEOMETRY, MECHANICS, PACKING
+# Keys of the summary of a command, by their parts.
+KEYS = {
+    "snapshot": ("snapshot", "snapshot_forces", "snapshot_in_packing"),
+    **{name: (name,) for name in ("series", "probe", "evolve", "diamond", "polygon")},
+}
 
 
 def page() -> str:
@@ -28,19 +26,11 @@ def page() -> str:
         "`l0` say by what a number was divided.",
         "Other tables (`bench`, `check`, the examples) explain themselves on their pages.",
     ]
-    for title, columns in COLUMNS.items():
+    for title, columns in words("columns").items():
         rows = [(f"`{name}`", unit, said) for name, (unit, said) in columns.items()]
         lines += _table(title, ("column", "unit", "meaning"), rows)
-    parts: dict[str, Mapping[str, str]] = {
-        "snapshot": GEOMETRY | MECHANICS | PACKING,
-        "series": SERIES,
-        "probe": PROBE,
-        "evolve": EVOLVE,
-        "diamond": DIAMOND,
-        "polygon": POLYGON,
-    }
-    for command, keys in parts.items():
-        rows = [(f"`{key}`", said) for key, said in keys.items()]
+    for command, parts in KEYS.items():
+        rows = [(f"`{key}`", said) for key, said in definitions(*parts).items()]
         lines += _table(f"Keys of `summary.json`: {command}", ("key", "meaning"), rows)
     return "\n".join(lines) + "\n"
 

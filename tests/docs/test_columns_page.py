@@ -20,7 +20,7 @@ SLOW = sorted(sample_path("slow/cells.csv").parent.glob("grains_*.parquet"))
 
 def test_the_page_is_up_to_date():
     assert (DOCS / "columns.md").read_text() == page(), (
-        "python -m studies.columns > docs/columns.md"
+        "python -m tests.docs.columns_page > docs/columns.md"
     )
 
 

@@ -14,8 +14,9 @@ from loops import GrainGraph, InputError, LinearFrictional, Regime, find_faces
 from loops.packing import loops_in_place, outline_grains
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
+from studies.columns import definitions
 from studies.snapshot import figures
-from studies.snapshot.definitions import GEOMETRY, MECHANICS, PACKING
+from studies.snapshot.definitions import BLOCKED, FREED
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_table
@@ -122,8 +123,10 @@ def test_without_it_a_snapshot_is_what_it_was(monkeypatch, tmp_path):
     asked = ("--out", tmp_path / "r", "--no-figures")
     assert run(monkeypatch, "snapshot", sample_path(), *asked) == 0
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
-    assert not set(PACKING) & set(summary)
-    assert summary["definitions"] == GEOMETRY | MECHANICS
+    assert not set(definitions("snapshot_in_packing")) & set(summary)
+    assert summary["definitions"] == definitions("snapshot", "snapshot_forces")
+    said = summary["definitions"]["unstable_loops"]
+    assert BLOCKED in said and FREED in said
     assert "in_packing" not in summary["provenance"]["configuration"]
     assert list(summary["unstable_loops"]) == ["affine", "traction", "traction_free"]
 
@@ -156,7 +159,8 @@ def judged(snapshot, asked="whole"):
 
 def test_every_key_is_defined():
     _, _, summary = judged(snapshot_of(packing(30, seed=2)))
-    assert set(PACKING) < set(summary) and set(PACKING) < set(summary["definitions"])
+    own = set(definitions("snapshot_in_packing"))
+    assert own < set(summary) and own < set(summary["definitions"])
 
 
 def square(**more):

@@ -18,7 +18,7 @@ from patterns import (
     sample_path,
     synthetic_network,
 )
-from studies.snapshot.definitions import GEOMETRY, MECHANICS
+from studies.columns import definitions
 from studies.snapshot.statistics import (
     GROUPS,
     axes_block,
@@ -247,15 +247,15 @@ def test_without_forces_the_mechanical_keys_are_absent(sample):
     assert set(MECHANICAL) <= set(full)
     for key in s.keys() - {"definitions"}:
         np.testing.assert_equal(s[key], full[key])
-    assert s["definitions"] == GEOMETRY
-    assert full["definitions"] == GEOMETRY | MECHANICS
+    assert s["definitions"] == definitions("snapshot")
+    assert full["definitions"] == definitions("snapshot", "snapshot_forces")
 
 
 def test_every_key_is_defined(sample):
     walled, _ = of(box())
     # The run adds the force chains, which it finds beside the tables.
     elsewhere = {"spread", "force_chains"}
-    assert set(walled) - {"definitions", "notes"} == set(GEOMETRY | MECHANICS) - elsewhere
+    assert set(walled) - {"definitions", "notes"} == set(walled["definitions"]) - elsewhere
     assert set(walled) - set(sample[1]) == {*WALLED, "boundary_area_is"}
 
 
