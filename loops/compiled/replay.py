@@ -31,6 +31,10 @@ class Motion(NamedTuple):
     speed: Floats  # (G, 2) `L x + c` in the last step
     gradient: Floats  # (2, 2) `L`
     load: Floats  # (G, 3) what pulls and turns grains besides, constant
+    # Under a servo, else zero:
+    moment: Floats  # (4,) forces times branches, 11, 12, 21, 22: stress times area
+    work: Floats  # (3,) by the strain of the cell, lost in slip, by shear beyond the law's motion
+    closer: Floats  # (1,) how much closer grains may have come since the pairs were listed
 
 
 class Discs(NamedTuple):
@@ -66,6 +70,7 @@ class Servo(NamedTuple):
     start: Floats  # (4,) nominal
     z: Floats  # (4,) changed in place
     ask: Floats  # (4,) changed in place
+    whole: float  # when the rate ends and is held
     clock: Floats  # (1,) changed in place
 
 
@@ -86,18 +91,22 @@ def run(
     `cundall` damps every resultant against the motion by that share, `viscous` pulls with `viscous
     m c`.
     """
-    closer = 0.0
     widest = 2.0 * discs.radii.max()
     for step in range(steps):
         fastest = _move(motion, discs, dt, cundall, viscous)
-        moment = contact_forces(motion, discs, dt, by_radii, servo.on)
-        stretch = 0.0
-        for part in motion.gradient.flat:
+        stretch = work = 0.0
+        for k in range(4):
+            part = motion.gradient[k // 2, k % 2]
             stretch += abs(part)
+            work -= part * motion.moment[k]
+        contact_forces(motion, discs, dt, by_radii, servo.on)
+        for k in range(4):
+            work -= motion.gradient[k // 2, k % 2] * motion.moment[k]
+        motion.work[0] += 0.5 * dt * work
         if servo.on:
-            _steer(motion, servo, moment, dt)
-        closer += dt * (2.0 * fastest + stretch * widest)
-        if closer > reach:
+            _steer(motion, servo, dt)
+        motion.closer[0] += dt * (2.0 * fastest + stretch * widest)
+        if motion.closer[0] > reach:
             return step + 1
     return steps
 
@@ -137,12 +146,10 @@ def _move(motion: Motion, discs: Discs, dt: float, cundall: float, viscous: floa
 
 
 @kernel
-def contact_forces(
-    motion: Motion, discs: Discs, dt: float, by_radii: bool, summed: bool
-) -> tuple[float, float, float, float]:
-    """Shear forces after a step of `dt` (none if zero) and resultants on all grains.
+def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summed: bool) -> None:
+    """Shear forces after a step of `dt` (none if zero), resultants on all grains.
 
-    Returns the sum of forces times branches, 11, 12, 21, 22: stress times area; 0 unless `summed`.
+    Moments and works if `summed`, the latter mean forces times increments: closed to `dt` squared.
     """
     x, v, w, resultant = motion.x, motion.speed, motion.spin, motion.resultant
     L00, L01, L10, L11 = motion.gradient.flat
@@ -151,6 +158,7 @@ def contact_forces(
     g00, g01 = L00 * h00 + L01 * h10, L00 * h01 + L01 * h11
     g10, g11 = L10 * h00 + L11 * h10, L10 * h01 + L11 * h11
     s00 = s01 = s10 = s11 = 0.0
+    slipped = beyond = 0.0
     resultant[:] = motion.load
     for p in range(len(discs.pairs)):
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
@@ -164,6 +172,8 @@ def contact_forces(
         touching = radius_i + radius_j
         square = d0 * d0 + d1 * d1
         if square >= touching * touching:
+            if summed and motion.shear[p] != 0.0 and discs.kt[p] > 0.0:
+                slipped += 0.5 * motion.shear[p] ** 2 / discs.kt[p]
             motion.shear[p] = 0.0
             continue
         length = math.sqrt(square)
@@ -178,7 +188,9 @@ def contact_forces(
         else:
             slip = across - arm_i * w[i] - arm_j * w[j]
         most = discs.mu[p] * normal
-        shear = min(max(motion.shear[p] - discs.kt[p] * slip * dt, -most), most)
+        before = motion.shear[p]
+        stuck = before - discs.kt[p] * slip * dt
+        shear = min(max(stuck, -most), most)
         motion.shear[p] = shear
         f0, f1 = normal * n0 - shear * n1, normal * n1 + shear * n0
         resultant[j, 0] += f0
@@ -192,13 +204,18 @@ def contact_forces(
             s01 += f0 * d1
             s10 += f1 * d0
             s11 += f1 * d1
-    return s00, s01, s10, s11
+            mean = 0.5 * (before + shear)
+            if shear != stuck and discs.kt[p] > 0.0:
+                slipped += mean * (stuck - shear) / discs.kt[p]
+            if by_radii:
+                beyond += mean * (slip - across + arm_i * w[i] + arm_j * w[j]) * dt
+    motion.moment[0], motion.moment[1], motion.moment[2], motion.moment[3] = s00, s01, s10, s11
+    motion.work[1] += slipped
+    motion.work[2] += beyond
 
 
 @kernel
-def _steer(
-    motion: Motion, servo: Servo, moment: tuple[float, float, float, float], dt: float
-) -> None:
+def _steer(motion: Motion, servo: Servo, dt: float) -> None:
     """The velocity gradient of the next step."""
     h00, h01, h10, h11 = motion.cell.flat
     b00, b01, b10, b11 = servo.back.flat
@@ -206,14 +223,16 @@ def _steer(
     det = F[0] * F[3] - F[1] * F[2]
     share = abs(b00 * b11 - b01 * b10) / det
     H = (1.0 - F[0], -F[1], -F[2], 1.0 - F[3])
-    m00, m01, m10, m11 = moment
+    m00, m01, m10, m11 = motion.moment.flat
     P = (
         share * (m00 * F[3] - m01 * F[1]),
         share * (m01 * F[0] - m00 * F[2]),
         share * (m10 * F[3] - m11 * F[1]),
         share * (m11 * F[0] - m10 * F[2]),
     )
-    servo.clock[0] += dt
+    # Half a step off: a sum of steps is rounded.
+    pace = 1.0 if servo.clock[0] < servo.whole - 0.5 * dt else 0.0
+    servo.clock[0] += pace * dt
     for row in range(4):
         left = -servo.rate[row] * servo.clock[0]
         for k in range(4):
@@ -221,7 +240,7 @@ def _steer(
         if row == servo.isochoric:
             left = 1.0 - det
         servo.z[row] += left * dt / (4.0 * servo.lag * servo.lag)
-        servo.ask[row] = servo.rate[row] - left / servo.lag - servo.z[row]
+        servo.ask[row] = pace * servo.rate[row] - left / servo.lag - servo.z[row]
     L = motion.gradient
     for a in range(2):
         one = two = 0.0
