@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
-import scipy.sparse.csgraph
 
 from loops.arrays import Floats, Integers
 from loops.contact_state import contact_state
@@ -98,11 +96,16 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     state = contact_state(graph)
     i, j = graph.contacts.T
     stress = np.zeros((graph.grain_count, 2, 2))
+    n0, n1 = state.n.T.copy()
+    # Each component of the forces once, its tangent by that of the normal.
+    force = (
+        state.normal_force * n0 - state.shear_force * n1,
+        state.normal_force * n1 + state.shear_force * n0,
+    )
     for grain, arm in ((i, state.arm_i), (j, state.arm_j)):
+        arms = (arm * n0, arm * n1)
         for a, b in np.ndindex(2, 2):
-            force = state.normal_force * state.n[:, a] + state.shear_force * state.t[:, a]
-            force *= arm * state.n[:, b]
-            stress[:, a, b] += np.bincount(grain, force, graph.grain_count)
+            stress[:, a, b] += np.bincount(grain, force[a] * arms[b], graph.grain_count)
     stress /= (np.pi * graph.radii**2)[:, None, None]
     difference, axis = principal(stress)
     major = 0.5 * (stress[:, 0, 0] + stress[:, 1, 1] + difference)
@@ -113,19 +116,17 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     n = state.n[near]
     cosines = np.stack([np.einsum("ck,ck->c", along[g[near]], n) for g in (i, j)], axis=1)
     deviation = np.arccos(np.clip(np.abs(cosines), 0.0, 1.0)).max(axis=1)
-    # Contacts by deviation: the first at a grain's side is its choice.
-    order = np.argsort(deviation, kind="stable")
-    order = order[deviation[order] <= angle]
+    along_axis = np.flatnonzero(deviation <= angle)
+    # Contacts by deviation, the largest first: the last at a grain's side is its choice.
+    order = along_axis[np.argsort(deviation[along_axis], kind="stable")[::-1]]
     good = near[order]
     sides = 2 * graph.contacts[good] + (cosines[order] * [1.0, -1.0] > 0)
-    _, first = np.unique(sides, return_index=True)
-    chosen = np.bincount(first // 2, minlength=len(good)) == 2
-    links = good[chosen]
-    label = _components(graph, links)
-    size = np.bincount(label)
-    label = np.where(size[label] >= least, label, -1)
-    _, chain = np.unique(label, return_inverse=True)
-    chain -= int((label < 0).any())
+    choice = np.full(2 * graph.grain_count, -1)
+    choice[sides.ravel()] = np.repeat(good, 2)
+    links = good[(choice[sides] == good[:, None]).all(axis=1)]
+    smallest = _smallest_linked(graph, links)
+    long = np.bincount(smallest, minlength=graph.grain_count) >= max(least, 1)
+    chain = np.where(long, np.cumsum(long) - 1, -1)[smallest]
     return ForceChains(
         stress=stress,
         major=major,
@@ -135,10 +136,14 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     )
 
 
-def _components(graph: GrainGraph, links: Integers) -> Integers:
-    """Label of every grain, by the smallest grain that it is linked with."""
-    count = graph.grain_count
-    pairs = graph.contacts[links].T
-    joined = scipy.sparse.coo_array((np.ones(len(links)), tuple(pairs)), shape=(count, count))
-    label: Integers = scipy.sparse.csgraph.connected_components(joined, directed=False)[1]
-    return label.astype(np.int64)
+def _smallest_linked(graph: GrainGraph, links: Integers) -> Integers:
+    """(G,) smallest grain that each one is linked with, over any number of links."""
+    smallest = np.arange(graph.grain_count)
+    one, two = graph.contacts[links].T
+    while True:
+        a, b = smallest[one], smallest[two]
+        if (a == b).all():
+            return smallest
+        np.minimum.at(smallest, np.maximum(a, b), np.minimum(a, b))
+        while (smallest[smallest] != smallest).any():
+            smallest = smallest[smallest]

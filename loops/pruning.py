@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from loops.arrays import Flags, Integers
 from loops.graph import GrainGraph
@@ -56,6 +54,10 @@ def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:
 
 def component_labels(grains: int, contacts: Integers, kept: Flags) -> tuple[int, Integers]:
     """Number the connected components of the kept grains by their smallest grain."""
+    # Loaded where they are used: the kernels do without.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
     links = csr_array((np.ones(len(contacts)), contacts.T), shape=(grains, grains))
     _, label = connected_components(links, directed=False)
     _, first, inverse = np.unique(label[kept], return_index=True, return_inverse=True)
@@ -99,6 +101,9 @@ def winding_ranks(contacts: Integers, images: Integers, label: Integers, count: 
 
 def _forest_offsets(contacts: Integers, images: Integers, label: Integers, count: int) -> Integers:
     """Periodic image of each grain when reached from its component's first grain."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import breadth_first_order
+
     grains = len(label)
     tree, first = np.unique(label, return_index=True)
     roots = first[tree >= 0]

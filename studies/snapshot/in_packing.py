@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from loops import Faces, InputError
 from loops.arrays import Flags, Floats
-from loops.packing import (
-    LoopsInPlace,
-    PlaneContacts,
-    loops_in_place,
-    outline_grains,
-    plane_contacts,
-)
 from patterns import Snapshot
 from stability.loop_stability import loop_spectra, loop_stability
 from studies.snapshot.statistics import Groups, share_by_group, spread, spread_by_group
 from studies.snapshot.table import EIGENVALUES, FREE
+
+if TYPE_CHECKING:
+    from loops.packing import LoopsInPlace, PlaneContacts
 
 Table = dict[str, Any]
 PLACE = "packing"
@@ -47,6 +43,9 @@ def add_in_packing(
     snapshot: Snapshot, faces: Faces, table: Table, asked: str
 ) -> tuple[Snapshot, dict[str, Any]]:
     """Add the columns of the loops in place; what was assumed, as notes and for the summary."""
+    # Loaded only when loops are to be judged in place.
+    from loops.packing import loops_in_place
+
     how = place_options(asked)
     law, _ = snapshot.mechanics()
     planes, held, notes = sample_boundary(snapshot, faces)
@@ -83,6 +82,8 @@ def sample_boundary(
     snapshot: Snapshot, faces: Faces
 ) -> tuple[PlaneContacts | None, Flags | None, list[str]]:
     """Walls as planes; where a sample without a cell has none, its outline's grains held."""
+    from loops.packing import PlaneContacts, outline_grains, plane_contacts
+
     walls = snapshot.walls
     if walls is not None and walls.kn is not None and walls.kt is not None:
         return PlaneContacts(walls.grain, -walls.branch, walls.kn, walls.kt), None, []

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from loops.arrays import Flags, Floats, Integers
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 # Grains this near the bounding box, in mean radii, may touch a wall whose force is not known.
 RIM = 0.05
@@ -36,8 +37,10 @@ def shear_signs(
     From the least-squares solution, then each is turned that betters the balance. Grains on the
     rim, where walls may push, take part with their moments alone: frictionless walls have none.
     """
+    from scipy.sparse.linalg import lsqr
+
     matrix, load = _balances(x, radii, pairs, normal)
-    least = spla.lsqr(matrix, -load, atol=1e-10, btol=1e-10, iter_lim=2000)[0]
+    least = lsqr(matrix, -load, atol=1e-10, btol=1e-10, iter_lim=2000)[0]
     sign = np.where(least >= 0, 1.0, -1.0)
     weight = np.asarray(matrix.multiply(matrix).sum(axis=0)).ravel()
     for _ in range(ROUNDS):
@@ -61,6 +64,8 @@ def _balances(
     A shear force `T t` on grain 2 and `-T t` on grain 1 turn both the same way: the moment over
     the radius is `-T` for either.
     """
+    import scipy.sparse as sp
+
     grains, contacts = len(x), np.arange(len(pairs))
     d = x[pairs[:, 1]] - x[pairs[:, 0]]
     n = d / np.hypot(*d.T)[:, None]
