@@ -123,7 +123,7 @@ class Interval:
 
         pieces = self.pieces
         how = (*pieces.frame, pieces.regime, pieces.side, self.held, self.N, self.T, self.gap)
-        time, c, kind = earliest(*how, v, h, TINY, self.rates, self.stress)
+        time, c, kind = earliest(*how, v, h, TINY, self.rates, self.stress, pieces.due)
         if kind in (-1, 1):
             pieces.side[c] = kind
             return time, c, "yield"
@@ -176,7 +176,7 @@ class Interval:
         for side in (0.0, 1.0, -1.0):
             pieces.set_regime(c, SLIDING if side else ELASTIC, side)
             rates, _ = pieces.solve(*self.control)
-            un, ut = pieces.relative((rates,), np.array([c])).ravel()
+            un, ut = pieces.relative(rates, c)
             shear, strength = frame.rows[c, KT] * ut, -frame.rows[c, MU] * frame.rows[c, KN] * un
             agrees = -side * shear >= strength if side else abs(shear) <= strength
             if un < 0 and (agrees or not frame.rows[c, SLIDES]):

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 GEARS, PAIRED, RATTLERS = 1e-7, 1e-4, 1e-3
 # Columns from which on the system is factorised anew, and how many there is room for.
 RANK, ROOM = 96, 192
+# So many are solved for at once: that of an event, and those of the next that are foreseen.
+BATCH = 8
 # At yield is who has all of its strength but a millionth.
 AT_YIELD = 1.0 - 1e-6
 # An order of elimination serves until the factors have grown by this.
@@ -94,12 +96,17 @@ class Pieces:
     ) -> None:
         # Of the interval before: its order of elimination and its room for columns.
         self.order: Order | None = before.order if before else None
-        self.U: Floats = before.U if before else np.empty((3 * len(state.x), ROOM))
+        self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
         self.frame = frame_of(state, pairs, by_radii)
         self.regime, self.side = regime, side
         self.count, self.length = len(state.x), float(state.radii.mean())
         self.volume = abs(float(np.linalg.det(state.cell)))
         self.load, self.drag = load, np.zeros(self.count)
+        # Time to the next event of every pair, as far as it is known.
+        self.due = np.full(len(pairs), np.inf)
+        # Of pairs at yield: rates of the edge under each motion, of how many, on which side.
+        self.edges = np.empty((len(pairs), 5 + ROOM))
+        self.known, self.sided = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
         self.factorise()
 
     def tangent(self, c: int) -> tuple[float, float, float]:
@@ -146,9 +153,11 @@ class Pieces:
         for column, strain in zip(right, UNITS, strict=False):
             kernels.resultants(*frame, *self.reference, np.zeros(size), strain, column)
         right[4] = self.load
-        self.V = self._solved(right.T)
+        self.V = self._solved(right)
+        self.known[:] = 0
         self.rows = np.empty(ROOM, dtype=np.int64)
         self.at: dict[int, int] = {}
+        self.ready: dict[int, Floats] = {}
         # Rates of the pairs of the rows: under unit strains and the load, and under the columns.
         self.base = np.empty((2, ROOM, 5))
         self.mutual = np.empty((2, ROOM, ROOM))
@@ -159,31 +168,55 @@ class Pieces:
     def set_load(self, load: Floats) -> None:
         """Another load for the reference as it stands, without columns yet."""
         self.load = load
-        self.V[:, 4] = self._solved(load)
+        self.V[4] = self._solved(load[None])[0]
 
     def _solved(self, right: Floats) -> Floats:
-        placed = np.empty_like(right)
-        placed[self.place] = right
-        return np.ascontiguousarray(self.lu.solve(placed)[self.place])
+        """Motions (k, 3G) under up to eight loads."""
+        x = np.zeros((right.shape[1], BATCH))
+        x[self.into, : len(right)] = right.T
+        return self._eight(x, 0)[: len(right)]
+
+    def _eight(self, x: Floats, first: int) -> Floats:
+        from stability.compiled.packing_columns import solve_eight
+
+        solve_eight(*self.factors, x, first)
+        return np.ascontiguousarray(x[self.out_of].T)
 
     def column(self, row: int) -> int:
         """Number of the column of a row, solved for if need be."""
-        from stability.compiled import packing_rates as kernels
+        from stability.compiled import packing_columns as kernels
 
         if row not in self.at:
             k = len(self.at)
             if k == ROOM:
                 raise ArithmeticError("more changes of regime at once than there is room for")
+            if row not in self.ready:
+                self._make_ready(row)
             self.rows[k] = row
             self.at[row] = k
-            x = np.zeros(len(self.U))
-            first = kernels.unit_force(*self.frame, row, self.into, x)
-            kernels.solve_triangular(*self.factors, x, first)
-            self.U[:, k] = x[self.out_of]
+            self.U[k] = self.ready.pop(row)
             pairs = self.rows[: k + 1] % len(self.frame.rows)
             kernels.mutual_rates(*self.frame, pairs, self.V, self.U, self.base, self.mutual)
             self.coefficients[:, k] = 0.0
         return self.at[row]
+
+    def _make_ready(self, row: int) -> None:
+        """Solve for the column of a row, and for those of the events that come next."""
+        from stability.compiled.packing_columns import unit_force
+
+        pairs = len(self.due)
+        soon = np.argpartition(self.due, min(4 * BATCH, pairs - 1))[: 4 * BATCH]
+        wanted = [row]
+        for c in soon[np.argsort(self.due[soon])].tolist():
+            # To slide is a change of the shear row, to open and to close of both.
+            rows = (pairs + c,) if self.regime[c] == ELASTIC else (c, pairs + c)
+            if np.isfinite(self.due[c]):
+                wanted += [r for r in rows if r not in self.at and r not in self.ready and r != row]
+        x = np.zeros((self.U.shape[1], BATCH))
+        first = [
+            unit_force(*self.frame, r, self.into, x[:, k]) for k, r in enumerate(wanted[:BATCH])
+        ]
+        self.ready.update(zip(wanted, self._eight(x, min(first)), strict=False))
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
         """Change one pair."""
@@ -199,7 +232,7 @@ class Pieces:
         self, stress: Floats, strain: Floats, rate: Floats, driven: int = -1
     ) -> tuple[Rates, Rates]:
         """Rates under `stress @ P' + strain @ H' = rate`; of a unit force on a column."""
-        from stability.compiled.packing_rates import small_system
+        from stability.compiled.packing_columns import small_system
 
         m = len(self.at)
         solved, sign = small_system(self.coefficients, self.base, self.mutual, m, driven)
@@ -219,7 +252,7 @@ class Pieces:
 
     def sign(self, stress: Floats, strain: Floats) -> float:
         """Sign of the determinant, over that of the reference."""
-        from stability.compiled.packing_rates import small_system
+        from stability.compiled.packing_columns import small_system
 
         m = len(self.at)
         solved, sign = small_system(self.coefficients, self.base, self.mutual, m, -1)
@@ -247,35 +280,36 @@ class Pieces:
         if not self.stressed:
             for k in range(5):
                 h = UNITS[k] if k < 4 else STILL
-                kernels.stress_rate(*frame, *self.reference, self.V[:, k].copy(), h, out)
+                kernels.stress_rate(*frame, *self.reference, self.V[k], h, out)
                 self.stress0[:, k] = out / self.volume
         for k in range(max(self.stressed - 1, 0), m):
-            kernels.stress_rate(*frame, *self.reference, self.U[:, k].copy(), STILL, out)
+            kernels.stress_rate(*frame, *self.reference, self.U[k], STILL, out)
             c, shear = self.rows[k] % len(frame.rows), self.rows[k] >= len(frame.rows)
             d, n, t = frame.rows[c, :6].reshape(3, 2)
             own = np.outer(t if shear else n, d).ravel()
             self.column_stress[:, k] = (out + own) / self.volume
         self.stressed = m + 1
 
-    def relative(self, rates: tuple[Rates, ...], c: Integers) -> Floats:
-        """`n . d'` and shear rates (2, k, r) of pairs."""
-        from stability.compiled.packing_rates import pair_rates
+    def relative(self, rates: Rates, c: int) -> tuple[float, float]:
+        """`n . d'` and shear rate of a pair."""
+        from stability.compiled.packing_columns import rates_of
 
-        h, w = (np.array(parts).T for parts in zip(*rates, strict=True))
-        out = np.empty((2, len(c), len(rates)))
-        pair_rates(*self.frame, c, h, w, self.V, self.U, out)
-        return out
+        un, ut = rates_of(*self.frame, c, self.V, self.U, *rates)
+        return un, ut
 
     def edge(self, rates: tuple[Rates, ...], c: Integers) -> Floats:
         """`w - z` (k, r) of pairs: how fast a stuck one leaves its cone, minus the slip."""
-        un, ut = self.relative(rates, c)
-        rows = self.frame.rows[c]
-        shear, strength = self.side[c] * rows[:, KT], rows[:, MU] * rows[:, KN]
-        return np.asarray(shear[:, None] * ut - strength[:, None] * un)
+        from stability.compiled.packing_columns import edge_rates
+
+        h, w = (np.array(parts) for parts in zip(*rates, strict=True))
+        out = np.empty((len(c), len(rates)))
+        kept = self.edges, self.known, self.sided
+        edge_rates(*self.frame, self.side, c, self.V, self.U, *kept, h, w, out)
+        return out
 
     def motion(self, rates: Rates) -> Floats:
         """(3G,) freedoms."""
-        return np.asarray(self.V @ rates.h + self.U[:, : len(rates.w)] @ rates.w)
+        return np.asarray(rates.h @ self.V + rates.w @ self.U[: len(rates.w)])
 
     def at_yield(self, N: Floats, T: Floats, held: Flags) -> Integers:
         """Pairs that slide, or that stand on their cone."""
