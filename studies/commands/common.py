@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import wraps
+from importlib import import_module
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any
@@ -69,7 +70,12 @@ READING: dict[str, Any] = {
         bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
     ],
 }
-DEFAULTS: dict[str, Any] = {"format": "auto", "drop_crossings": False}
+DEFAULTS: dict[str, Any] = {
+    **{"format": "auto", "drop_crossings": False},
+    **{"force": False, "csv": False, "json": False},
+}
+# What commands ask of their results; where they go comes behind the input.
+WRITING: dict[str, Any] = {"force": Force, "csv": Csv, "json": Json}
 # What no name of a result folder keeps of its input's.
 ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
 M_ARENA_MAX = -8  # of malloc.h
@@ -98,20 +104,63 @@ def reads(*left_out: str) -> Callable[[Callable[..., None]], Callable[..., None]
     def with_reading(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)
         def run(**given: Any) -> None:
-            for name, value_of in (("cell", cell_of), ("columns", columns_of)):
-                given[name] = value_of(given[name])
-            command(**given)
+            command(**_read(given))
 
         *own, _ = signature(command, eval_str=True).parameters.values()
-        more = [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=DEFAULTS.get(name), annotation=kind)
-            for name, kind in READING.items()
-            if name not in left_out
-        ]
-        run.__signature__ = Signature([*own, *more])  # type: ignore[attr-defined]
+        _declare(run, own, {name: READING[name] for name in READING if name not in left_out})
         return run
 
     return with_reading
+
+
+def runs(
+    study: str, lines: Callable[[dict[str, Any]], list[str]], *left_out: str
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Hand the options that a command declares to a study, given as `package.function`.
+
+    The first is the input, which the results are named after. The options of reading but those
+    left out, and those of the results, come besides. What the command itself does is done first.
+    """
+
+    def with_study(command: Callable[..., None]) -> Callable[..., None]:
+        first, *own = signature(command, eval_str=True).parameters.values()
+
+        @wraps(command)
+        def run(out: Path | None, json: bool, **given: Any) -> None:
+            command(**{one.name: given[one.name] for one in (first, *own)})
+            path = given.pop(first.name)
+            if "no_figures" in given:
+                given["figures"] = not given.pop("no_figures")
+            named = path[0] if isinstance(path, list) else path
+            out = out_or(out, command.__name__, named)
+            package, _, function = study.rpartition(".")
+            summary = getattr(import_module(package), function)(path, out, **_read(given))
+            report(summary, out, json, lines)
+
+        more = {name: kind for name, kind in READING.items() if name not in left_out}
+        place = Parameter("out", Parameter.KEYWORD_ONLY, default=None, annotation=Out)
+        _declare(run, [first, place, *own], WRITING | more)
+        return run
+
+    return with_study
+
+
+def _declare(run: Callable[..., None], own: list[Parameter], more: dict[str, Any]) -> None:
+    """Options of a command: its own, and those it shares but has none of its own for."""
+    known = {one.name for one in own}
+    shared = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=DEFAULTS.get(name), annotation=kind)
+        for name, kind in more.items()
+        if name not in known
+    ]
+    every = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in (*own, *shared)]
+    run.__signature__ = Signature(every)  # type: ignore[attr-defined]
+
+
+def _read(given: dict[str, Any]) -> dict[str, Any]:
+    """The options with cell and columns as what they mean."""
+    meant = {"cell": cell_of(given["cell"]), "columns": columns_of(given["columns"])}
+    return given | meant
 
 
 def numbers(name: str, text: str | None) -> tuple[float, ...] | None:

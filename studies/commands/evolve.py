@@ -7,10 +7,29 @@ from typing import Annotated, Any
 
 import typer
 
-from studies.commands.common import Csv, Force, Json, NoFigures, Out, out_or, reads, report
+from studies.commands.common import NoFigures, runs
 
 
-@reads("contacts", "frame")
+def _evolve_lines(summary: dict[str, Any]) -> list[str]:
+    counts = ", ".join(f"{count} {kind}" for kind, count in summary["events"].items())
+    lines = [
+        f"{summary['status']} at {summary['driven']} = {summary['reached']:.4g} of "
+        f"{summary['to']:g}: {summary['message']}",
+        f"{summary['intervals']} intervals, events: {counts or 'none'}",
+    ]
+    if summary["unstable_contacts"]:
+        passed = ", ".join(f"{count} {name}" for name, count in summary["passed"].items())
+        lines.append(f"{summary['unstable_contacts']} unstable contacts, passed: {passed}")
+    end = "  ".join(f"{name} = {value:.6g}" for name, value in summary["end"].items())
+    lines.append(f"end: {end}")
+    if summary["negative_loops"] is not None:
+        lines.append(
+            f"W2 < 0 in {100 * summary['negative_loops']:.1f} % of {summary['loops']} loops"
+        )
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+@runs("studies.evolve.run_evolve", _evolve_lines, "contacts", "frame")
 def evolve(
     paths: Annotated[
         list[Path],
@@ -19,7 +38,6 @@ def evolve(
     to: Annotated[
         float, typer.Option(help="Change of what is driven, negative in extension; 1e-4, say.")
     ],
-    out: Out = None,
     programme: Annotated[
         str,
         typer.Option(metavar="drained|isotropic|isotropic-stress|oedometric|undrained"),
@@ -40,48 +58,5 @@ def evolve(
     animation: Annotated[
         bool, typer.Option("--animation", help="Draw the loops' work row by row, as a GIF.")
     ] = False,
-    force: Force = False,
-    csv: Csv = False,
-    json: Json = False,
-    **how: Any,
 ) -> None:
     """Follow a periodic DEM snapshot from event to event: stresses, events, what loops do."""
-    from studies.evolve import run_evolve
-
-    out = out_or(out, "evolve", paths[0])
-    summary = run_evolve(
-        paths,
-        out,
-        to=to,
-        programme=programme,
-        axis=axis,
-        rows=rows,
-        interval=interval,
-        instabilities=instabilities,
-        cells=cells,
-        force=force,
-        csv=csv,
-        figures=not no_figures,
-        animation=animation,
-        **how,
-    )
-    report(summary, out, json, _evolve_lines)
-
-
-def _evolve_lines(summary: dict[str, Any]) -> list[str]:
-    counts = ", ".join(f"{count} {kind}" for kind, count in summary["events"].items())
-    lines = [
-        f"{summary['status']} at {summary['driven']} = {summary['reached']:.4g} of "
-        f"{summary['to']:g}: {summary['message']}",
-        f"{summary['intervals']} intervals, events: {counts or 'none'}",
-    ]
-    if summary["unstable_contacts"]:
-        passed = ", ".join(f"{count} {name}" for name, count in summary["passed"].items())
-        lines.append(f"{summary['unstable_contacts']} unstable contacts, passed: {passed}")
-    end = "  ".join(f"{name} = {value:.6g}" for name, value in summary["end"].items())
-    lines.append(f"end: {end}")
-    if summary["negative_loops"] is not None:
-        lines.append(
-            f"W2 < 0 in {100 * summary['negative_loops']:.1f} % of {summary['loops']} loops"
-        )
-    return lines + [f"note: {note}" for note in summary["notes"]]

@@ -8,68 +8,13 @@ from typing import Annotated, Any
 import typer
 
 from studies.commands.common import (
-    Csv,
-    Force,
-    Json,
     NoFigures,
-    Out,
     Scheduler,
     Workers,
     YieldBand,
-    out_or,
-    reads,
-    report,
+    runs,
     shown,
 )
-
-
-@reads()
-def probe(
-    path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
-    out: Out = None,
-    directions: Annotated[int, typer.Option(help="Number of directions.")] = 72,
-    control: Annotated[
-        str, typer.Option(metavar="strain|stress", help="What runs over the unit circle.")
-    ] = "strain",
-    subspace: Annotated[
-        str,
-        typer.Option(
-            metavar="diagonal|symmetric", help="(11, 22) on a circle, or with shear on a sphere."
-        ),
-    ] = "diagonal",
-    yield_band: YieldBand = 0.99,
-    amplitude: Annotated[
-        float | None,
-        typer.Option(help="Follow each direction by events to this strain; else rates alone."),
-    ] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    no_figures: NoFigures = False,
-    force: Force = False,
-    csv: Csv = False,
-    json: Json = False,
-    **how: Any,
-) -> None:
-    """Probe a DEM snapshot along many directions: response envelope, cones, who is unstable."""
-    from studies.probe import run_probe
-
-    out = out_or(out, "probe", path)
-    summary = run_probe(
-        path,
-        out,
-        directions=directions,
-        control=control,  # type: ignore[arg-type]
-        subspace=subspace,  # type: ignore[arg-type]
-        yield_band=yield_band,
-        amplitude=amplitude,
-        workers=workers,
-        scheduler=scheduler,
-        force=force,
-        csv=csv,
-        figures=not no_figures,
-        **how,
-    )
-    report(summary, out, json, _probe_lines)
 
 
 def _probe_lines(summary: dict[str, Any]) -> list[str]:
@@ -109,3 +54,28 @@ def _probe_lines(summary: dict[str, Any]) -> list[str]:
             if row["loops"]
         ]
     return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+@runs("studies.probe.run_probe", _probe_lines)
+def probe(
+    path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
+    directions: Annotated[int, typer.Option(help="Number of directions.")] = 72,
+    control: Annotated[
+        str, typer.Option(metavar="strain|stress", help="What runs over the unit circle.")
+    ] = "strain",
+    subspace: Annotated[
+        str,
+        typer.Option(
+            metavar="diagonal|symmetric", help="(11, 22) on a circle, or with shear on a sphere."
+        ),
+    ] = "diagonal",
+    yield_band: YieldBand = 0.99,
+    amplitude: Annotated[
+        float | None,
+        typer.Option(help="Follow each direction by events to this strain; else rates alone."),
+    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    no_figures: NoFigures = False,
+) -> None:
+    """Probe a DEM snapshot along many directions: response envelope, cones, who is unstable."""

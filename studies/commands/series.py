@@ -9,15 +9,10 @@ import typer
 
 from studies.commands import common
 from studies.commands.common import (
-    Csv,
-    Json,
-    Out,
     Scheduler,
     Workers,
     YieldBand,
-    out_or,
-    reads,
-    report,
+    runs,
     shown,
 )
 
@@ -46,68 +41,6 @@ TARGETS = {
     "contact_lost": "contact lost",
     "topology": "topology changed",
 }
-
-
-@reads("contacts", "frame")
-def series(
-    paths: Annotated[
-        list[Path],
-        typer.Argument(help="Files of the snapshots, in order; all of a file with several."),
-    ],
-    out: Out = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    cells: Annotated[
-        Path | None,
-        typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
-    ] = None,
-    in_packing: Annotated[
-        str,
-        typer.Option(
-            metavar="[rates|events]",
-            help="Foretell each interval by the packing's rate problem; events: also by its path "
-            "from event to event, and its replay.",
-        ),
-    ] = "",
-    yield_band: YieldBand = 0.99,
-    probe: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Probe each snapshot along so many directions of strain."),
-    ] = None,
-    skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Leave out snapshots that can't be read.")
-    ] = False,
-    figures: Annotated[bool, typer.Option(help="Draw the figures.")] = True,
-    animation: Annotated[bool, typer.Option("--animation", help="Draw an animation.")] = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace the results of another series.")
-    ] = False,
-    csv: Csv = False,
-    json: Json = False,
-    **how: Any,
-) -> None:
-    """Follow the loops through a series of snapshots; the same command goes on after a stop."""
-    from studies.series import run_series
-
-    out = out_or(out, "series", paths[0])
-    common.interrupted = "what is finished is kept, the same command goes on"
-    summary = run_series(
-        paths,
-        out,
-        cells=cells,
-        workers=workers,
-        scheduler=scheduler,
-        in_packing=in_packing or False,
-        yield_band=yield_band,
-        probe=probe,
-        skip_bad=skip_bad,
-        force=force,
-        csv=csv,
-        figures=figures,
-        animation=animation,
-        **how,
-    )
-    report(summary, out, json, _series_lines)
 
 
 def _series_lines(summary: dict[str, Any]) -> list[str]:
@@ -180,3 +113,41 @@ def _target_lines(targets: dict[str, Any]) -> list[str]:
         columns = "  ".join(f"{shown(value):>{width}}" for value, width in widths)
         lines.append(f"  {TARGETS[target]:<18} {columns}")
     return lines
+
+
+@runs("studies.series.run_series", _series_lines, "contacts", "frame")
+def series(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(help="Files of the snapshots, in order; all of a file with several."),
+    ],
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    cells: Annotated[
+        Path | None,
+        typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
+    ] = None,
+    in_packing: Annotated[
+        str,
+        typer.Option(
+            metavar="[rates|events]",
+            help="Foretell each interval by the packing's rate problem; events: also by its path "
+            "from event to event, and its replay.",
+        ),
+    ] = "",
+    yield_band: YieldBand = 0.99,
+    probe: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Probe each snapshot along so many directions of strain."),
+    ] = None,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="Leave out snapshots that can't be read.")
+    ] = False,
+    figures: Annotated[bool, typer.Option(help="Draw the figures.")] = True,
+    animation: Annotated[bool, typer.Option("--animation", help="Draw an animation.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the results of another series.")
+    ] = False,
+) -> None:
+    """Follow the loops through a series of snapshots; the same command goes on after a stop."""
+    common.interrupted = "what is finished is kept, the same command goes on"

@@ -8,14 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from studies.commands.common import (
-    Csv,
-    Force,
-    Json,
     NoFigures,
-    Out,
-    out_or,
-    reads,
-    report,
+    runs,
     share_memory,
     shown,
 )
@@ -26,43 +20,6 @@ JUDGES = {
     "traction_free": "traction closure, spins free",
     "packing": "in its packing, spins free",
 }
-
-
-@reads()
-def snapshot(
-    path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
-    out: Out = None,
-    in_packing: Annotated[
-        str | None,
-        typer.Option(
-            metavar="auto|whole|blocks|R",
-            help="Judge loops in their packing too: all of it, in blocks, in patches of R mean "
-            "diameters, or as its size suggests.",
-        ),
-    ] = None,
-    no_figures: NoFigures = False,
-    vtk: Annotated[bool, typer.Option("--vtk", help="Write loops.vtp for ParaView.")] = False,
-    force: Force = False,
-    csv: Csv = False,
-    json: Json = False,
-    **how: Any,
-) -> None:
-    """Find the loops of a DEM snapshot and judge the stability of each."""
-    from studies.snapshot import run_snapshot
-
-    out = out_or(out, "snapshot", path)
-    share_memory()
-    summary = run_snapshot(
-        path,
-        out,
-        force=force,
-        csv=csv,
-        figures=not no_figures,
-        paraview=vtk,
-        in_packing=in_packing,
-        **how,
-    )
-    report(summary, out, json, _snapshot_lines)
 
 
 def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
@@ -133,3 +90,21 @@ def _grouped(orders: dict[str, int]) -> dict[str, int]:
         group = n if int(n) < LAST_ORDER else f"{LAST_ORDER}+"
         counts[group] = counts.get(group, 0) + count
     return counts
+
+
+@runs("studies.snapshot.run_snapshot", _snapshot_lines)
+def snapshot(
+    path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
+    in_packing: Annotated[
+        str | None,
+        typer.Option(
+            metavar="auto|whole|blocks|R",
+            help="Judge loops in their packing too: all of it, in blocks, in patches of R mean "
+            "diameters, or as its size suggests.",
+        ),
+    ] = None,
+    no_figures: NoFigures = False,
+    paraview: Annotated[bool, typer.Option("--vtk", help="Write loops.vtp for ParaView.")] = False,
+) -> None:
+    """Find the loops of a DEM snapshot and judge the stability of each."""
+    share_memory()

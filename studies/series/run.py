@@ -85,7 +85,7 @@ def run_series(
     how = reading(**how)
     planned = plan_series(paths, cells, how)
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
-    one_of("--in-packing", in_packing, (False, True, "rates", "events"))
+    one_of("--in-packing", in_packing or False, (False, True, "rates", "events"))
     band, by_events = checked_band(yield_band) if in_packing else None, in_packing == "events"
     read["in_packing"] = [band, "events"] if by_events else band
     probing: tuple[float | None, int | None] = (None, None)

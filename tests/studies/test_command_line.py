@@ -64,7 +64,7 @@ def test_quiet_prints_nothing_but_errors(said):
         (["a.csv", "b.csv", "--in-packing"], "rates"),
         (["--in-packing", "events", "a.csv", "b.csv"], "events"),
         (["--in-packing=events", "a.csv", "b.csv"], "events"),
-        (["a.csv", "b.csv"], False),
+        (["a.csv", "b.csv"], ""),
         (["--in-packing=odd", "a.csv", "b.csv"], "odd"),
     ],
 )
@@ -74,7 +74,7 @@ def test_in_packing_may_stand_alone(given, asked, monkeypatch):
     monkeypatch.setattr(
         "studies.series.run_series", lambda paths, out, **how: seen.update(how, paths=paths)
     )
-    monkeypatch.setattr("studies.commands.series.report", lambda *_: None)
+    monkeypatch.setattr("studies.commands.common.report", lambda *_: None)
     monkeypatch.setattr("sys.argv", ["grainloops", "series", *given])
     with pytest.raises(SystemExit) as end:
         main()
