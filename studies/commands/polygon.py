@@ -122,10 +122,11 @@ def _of_snapshot(
     if own:
         expected = "none of these: a loop of a snapshot has its own law and state"
         raise InputError(", ".join(own), "given with --snapshot", expected, "Leave them out.")
-    snapshot, faces = read_planar(path, **how)
+    snapshot = read_planar(path, **how)
     if loop is None:
         remedy = "loops.parquet of grainloops snapshot has them in its column loop."
-        raise InputError("--loop", "none", f"a number from 0 to {len(faces.loops) - 1}", remedy)
+        last = len(snapshot.faces.loops) - 1
+        raise InputError("--loop", "none", f"a number from 0 to {last}", remedy)
     closure, spins, programme, end, model = words
     order = loop_of_snapshot(snapshot, loop).graph.grain_count
     return LoopOptions(

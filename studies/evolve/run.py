@@ -65,7 +65,7 @@ def run_evolve(
     stage = stage_of(programme, axis, to)
     with result_folder(out, force=force) as folder:
         first, *later = plan_series(paths, cells, reading(**how))
-        snapshot, faces = read_planar(first.path, **first.how)
+        snapshot = read_planar(first.path, **first.how)
         law, _ = snapshot.mechanics()
         notes = balance_notes(snapshot)
         path = follow(
@@ -77,6 +77,7 @@ def run_evolve(
             interval=interval,
             instabilities=instabilities,
         )
+        faces = snapshot.faces
         changes = [loop_changes(snapshot.graph, state, faces) for state in path.states[1:]]
         driven = np.sign(to) * path.parameter
         tables = {
@@ -101,7 +102,7 @@ def run_evolve(
             works = [0.0 * tables["loops"]["area"], *(one.normalised_work for one in changes)]
             animate_path(snapshot, faces, np.array(works), tables["path"], summary, folder)
         if figures:
-            _draw(snapshot, faces, tables, summary, folder, first.name)
+            _draw(snapshot, tables, summary, folder, first.name)
     return summary
 
 
@@ -199,7 +200,7 @@ def dem_table(snapshot: Snapshot, later: Sequence[PlannedSnapshot]) -> Columns:
     assert start is not None
     strains, stresses = [], []
     for one in later:
-        after = read_planar(one.path, **one.how)[0]
+        after = read_planar(one.path, **one.how)
         after.mechanics()
         if after.graph.cell is None:
             raise InputError(one.name, "no cell", "the cell of a later state", "Give --cells.")
@@ -243,7 +244,6 @@ def path_summary(
 
 def _draw(
     snapshot: Snapshot,
-    faces: Faces,
     tables: dict[str, Columns],
     summary: dict[str, Any],
     folder: Path,
@@ -253,7 +253,7 @@ def _draw(
     from studies.evolve.figures import draw_figures
     from studies.snapshot.report import loops_for_map, write_report
 
-    drawn = draw_figures(snapshot, faces, tables, summary, folder)
-    shown = loops_for_map(snapshot, faces, tables["loops"])
+    drawn = draw_figures(snapshot, snapshot.faces, tables, summary, folder)
+    shown = loops_for_map(snapshot, snapshot.faces, tables["loops"])
     title = f"Path of {readable(name)}"
     write_report(folder, title, summary, drawn, shown, summary["provenance"])

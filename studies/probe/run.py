@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import Faces, GrainGraph, InputError
+from loops import GrainGraph, InputError
 from loops.laws import ContactLaw
 from patterns import Snapshot
 from stability import COMPONENTS, Stage, follow
@@ -73,14 +73,14 @@ def run_probe(
         "amplitude": amplitude,
     }
     with result_folder(out, force=force) as folder:
-        snapshot, faces = read_planar(path, **how)
+        snapshot = read_planar(path, **how)
         notes: list[str] = []
-        edge = sample_edge(snapshot, faces, yield_band)
-        found = probe_edge(edge, directions, control, subspace, faces)
+        edge = sample_edge(snapshot, snapshot.faces, yield_band)
+        found = probe_edge(edge, directions, control, subspace, snapshot.faces)
         if amplitude is not None:
             shared = partial(_followed, snapshot, workers, scheduler)
             law, notes = snapshot.mechanics()[0], balance_notes(snapshot)
-            found = probe_to(found, snapshot.graph, law, faces, amplitude, shared)
+            found = probe_to(found, snapshot.graph, law, snapshot.faces, amplitude, shared)
         made = provenance("probe", {"path": path, **reading(**how), **asked}, UNITS)
         summary = probe_summary(snapshot, found) | asked | {"provenance": made}
         summary["notes"] += notes
@@ -94,7 +94,7 @@ def run_probe(
             write_table(folder, name, columns, made, csv=csv)
         write_summary(folder, summary)
         if figures:
-            _draw(snapshot, faces, found, tables["loops"], summary, folder)
+            _draw(snapshot, found, tables["loops"], summary, folder)
     return summary
 
 
@@ -264,7 +264,6 @@ def _cover(found: Probe) -> float | None:
 
 def _draw(
     snapshot: Snapshot,
-    faces: Faces,
     found: Probe,
     loops: Columns,
     summary: dict[str, Any],
@@ -275,6 +274,7 @@ def _draw(
     from studies.snapshot.report import loops_for_map, write_report
 
     made = summary["provenance"]
-    drawn = draw_figures(snapshot, faces, found, loops, summary, folder)
+    drawn = draw_figures(snapshot, snapshot.faces, found, loops, summary, folder)
     title = f"Probes of {readable(made['configuration']['path'].name)}"
-    write_report(folder, title, summary, drawn, loops_for_map(snapshot, faces, loops), made)
+    shown = loops_for_map(snapshot, snapshot.faces, loops)
+    write_report(folder, title, summary, drawn, shown, made)

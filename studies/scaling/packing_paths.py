@@ -36,7 +36,7 @@ from studies.output import provenance, result_folder, write_table
 from studies.scaling.in_place import replicated
 from studies.scaling.measure import MB, _peak, _reset_peak, _timed
 from studies.series import run_series
-from studies.series.increments import TrackedState, increments, track_loops
+from studies.series.increments import increments, track_loops
 from studies.series.plan import cells_by_number
 from studies.series.skill import skill
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
@@ -310,8 +310,7 @@ def _strain(one: Snapshot, two: Snapshot) -> Floats:
 def _auc(one: Snapshot, two: Snapshot | None, work: Floats) -> float:
     if two is None:
         return float("nan")
-    before, after = (TrackedState(s, find_faces(s.graph)) for s in (one, two))
-    table = increments(before, after, track_loops(before, after))
+    table = increments(one, two, track_loops(one, two))
     actual = np.full(len(work), np.nan)
     actual[table["loop_before"]] = table["w2"]
     return float(skill(-work, actual, signed=True)["auc"])

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from loops.arrays import Floats
+from patterns import Snapshot
 from studies.output import as_json
-from studies.series.increments import TrackedState
 from studies.snapshot.loop_map import ORDER_SCALE, loop_drawer, order_bar
 from studies.snapshot.statistics import LAST_ORDER
 from studies.style import DIVERGING, ORDER_COLOURS, figure_of, new_figure, styled
@@ -35,7 +35,7 @@ FRAMES_PER_SECOND = 4
 class Picture(NamedTuple):
     """One picture of an animation."""
 
-    state: TrackedState
+    state: Snapshot
     title: str
     smallest: Floats | None = None
 
@@ -131,7 +131,7 @@ class _Scene:
 
     def __init__(self, frame: Picture) -> None:
         panels = 1 if frame.smallest is None else 2
-        extent = np.ptp(frame.state.snapshot.graph.x, axis=0)
+        extent = np.ptp(frame.state.graph.x, axis=0)
         # A panel less its colour bar, with room for the title.
         height = float(np.clip((PANEL - 1.2) * extent[1] / extent[0] + 0.9, 2.0, 1.5 * PANEL))
         self.figure: Figure = new_figure(PANEL * panels, height)
@@ -150,7 +150,7 @@ class _Scene:
         for artist in self._drawn:
             artist.remove()
         state = frame.state
-        draw = loop_drawer(state.snapshot, state.faces)
+        draw = loop_drawer(state, state.faces)
         values: list[NDArray[Any]] = [np.minimum(state.faces.order[state.faces.loops], LAST_ORDER)]
         if frame.smallest is not None:
             values.append(frame.smallest)

@@ -1,10 +1,10 @@
 """The numbers of a series: one row a snapshot, one row an interval, and the two put together.
 
-How the pieces of a series chain: `TrackedState` is a snapshot with its faces; `evolution_row` sums
-it up. For two neighbours `track_loops` says what became of every loop, `increments` what the
-survived ones went through, `interval_row` sums both up and `exchange_counts` counts orders.
-Snapshots and intervals are independent tasks; `evolution_table` joins their rows, adding up the
-strain, and `draw_series` and `animate_series` draw the result.
+How the pieces of a series chain: `evolution_row` sums a snapshot up. For two neighbours
+`track_loops` says what became of every loop, `increments` what the survived ones went through,
+`interval_row` sums both up and `exchange_counts` counts orders. Snapshots and intervals are
+independent tasks; `evolution_table` joins their rows, adding up the strain, and `draw_series` and
+`animate_series` draw the result.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from loops import Regime, euler_check, love_weber_stress, outline_area
 from loops.arrays import Floats, Integers
 from loops.loop_strain import best_fit_strain, rotation_and_stretch
 from loops.tracking import Fate, LoopFates
+from patterns import Snapshot
 from stability import COMPONENTS, RTOL
-from studies.series.increments import PREDICTIONS, TrackedState
+from studies.series.increments import PREDICTIONS
 from studies.snapshot.mechanics import judges
 from studies.snapshot.statistics import LAST_ORDER
 
 
-def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, Any]:
+def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> dict[str, Any]:
     """Sum up one snapshot of a series; None where there is no such number.
 
     Orders from 8 on count as 8. With forces also the Love-Weber stress `S11..S22` over the area,
     and the shares of loops with a negative eigenvalue of Ks, by each judge of the table.
     """
-    snapshot, graph = state.snapshot, state.snapshot.graph
+    graph = state.graph
     euler, area = euler_check(graph, state.faces), outline_area(graph, state.faces)
     row: dict[str, Any] = {
-        "step": snapshot.step,
+        "step": state.step,
         "grains": graph.grain_count,
         "contacts": graph.contact_count,
         "loops": len(state.faces.loops),
@@ -42,11 +43,11 @@ def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, An
         "mean_order": _ratio(float(np.sum(table["order"])), len(table["order"])),
         **_shares(np.asarray(table["order"]), np.asarray(table["area"])),
     }
-    if snapshot.regime is None:
+    if state.regime is None:
         return row
     stress = love_weber_stress(graph, area).ravel().tolist() if area > 0 else [None] * 4
     row |= {f"S{ij}": value for ij, value in zip(COMPONENTS, stress, strict=True)}
-    sliding = int(np.count_nonzero(snapshot.regime == Regime.SLIDING))
+    sliding = int(np.count_nonzero(state.regime == Regime.SLIDING))
     row["sliding_fraction"] = _ratio(sliding, graph.contact_count)
     for judge in judges(table):
         smallest = np.asarray(table[f"{judge}_lambda_min"])
@@ -57,7 +58,7 @@ def evolution_row(state: TrackedState, table: Mapping[str, Any]) -> dict[str, An
 
 
 def interval_row(
-    before: TrackedState, after: TrackedState, fates: LoopFates, table: Mapping[str, Any]
+    before: Snapshot, after: Snapshot, fates: LoopFates, table: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Sum up what happened between two snapshots: strain, contacts, loops by fate.
 
@@ -80,19 +81,19 @@ def interval_row(
 
 
 def sample_strain(
-    before: TrackedState, after: TrackedState
+    before: Snapshot, after: Snapshot
 ) -> tuple[Floats, Literal["cell", "grains", "unknown"]]:
     """Displacement gradient of the sample between two snapshots, and where it is known from.
 
     From the periodic cell, else the best fit to the motion of the grains that both have.
     """
-    one, two = before.snapshot, after.snapshot
-    if one.graph.cell is not None and two.graph.cell is not None:
-        return cell_strain(one.graph.cell, two.graph.cell), "cell"
-    _, here, there = np.intersect1d(one.ids, two.ids, assume_unique=True, return_indices=True)
+    one, two = before.graph, after.graph
+    if one.cell is not None and two.cell is not None:
+        return cell_strain(one.cell, two.cell), "cell"
+    _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
     if len(here) < 3:
         return np.full((2, 2), np.nan), "unknown"
-    return best_fit_strain(one.graph.x[here], two.graph.x[there]), "grains"
+    return best_fit_strain(one.x[here], two.x[there]), "grains"
 
 
 def cell_strain(before: Floats, after: Floats) -> Floats:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
-from studies.series.increments import TrackedState
+from patterns import Snapshot
 from studies.snapshot.loop_map import loop_drawer
 from studies.snapshot.statistics import GROUPS, LAST_ORDER
 from studies.style import (
@@ -60,7 +60,7 @@ TITLES = {
 class MappedInterval(NamedTuple):
     """An interval to draw a map of; what the packing foretells is of all earlier loops."""
 
-    before: TrackedState
+    before: Snapshot
     fates: LoopFates
     increments: Mapping[str, NDArray[Any]]
     foretold: Mapping[str, NDArray[Any]] = MappingProxyType({})
@@ -229,7 +229,7 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
     work = np.full(len(fates.before), np.nan)
     work[increments["loop_before"]] = increments["w2"]
     palette = mpl.colormaps[DIVERGING].with_extremes(bad=LIGHT_GREY)
-    draw = loop_drawer(before.snapshot, before.faces)
+    draw = loop_drawer(before, before.faces)
     colours = draw(ax, work, palette, Normalize(-1.0, 1.0))
     bar = figure_of(ax).colorbar(colours, ax=ax, shrink=0.8)
     bar.set_label(r"actual $w_2 = dP:dH/(|dP||dH|)$, corotated")

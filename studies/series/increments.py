@@ -32,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import (
-    Faces,
     GrainGraph,
     LoopBatch,
     Regime,
@@ -42,7 +41,7 @@ from loops import (
     macroscopic_tangent,
     polygon_area,
 )
-from loops.arrays import Flags, Floats
+from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from loops.contact_matching import match_contacts
 from loops.loop_strain import loop_strain, rotation_and_stretch, rotation_minus_one
@@ -65,21 +64,13 @@ WORK = (
 )
 
 
-class TrackedState(NamedTuple):
-    """One snapshot of a series and its faces."""
-
-    snapshot: Snapshot
-    faces: Faces
-
-
-def track_loops(before: TrackedState, after: TrackedState) -> LoopFates:
+def track_loops(before: Snapshot, after: Snapshot) -> LoopFates:
     """Say what became of every loop between two snapshots, by the contacts that they share."""
-    one, two = before.snapshot, after.snapshot
-    contacts = match_contacts(one.graph, one.ids, two.graph, two.ids)
+    contacts = match_contacts(before.graph, before.ids, after.graph, after.ids)
     return loop_fates(contacts, before.faces, after.faces)
 
 
-def increments(before: TrackedState, after: TrackedState, fates: LoopFates) -> dict[str, Any]:
+def increments(before: Snapshot, after: Snapshot, fates: LoopFates) -> dict[str, Any]:
     """Table of the loops that survived from one snapshot to the next, by their earlier number.
 
     `loop_before`, `loop_after` as the tables of the snapshots number them, `order`, `area` of the
@@ -88,7 +79,7 @@ def increments(before: TrackedState, after: TrackedState, fates: LoopFates) -> d
     predictions (not a number where the tangent is not trusted), earlier `sliding_contacts`.
     """
     survived = np.flatnonzero(fates.before == Fate.SURVIVED)
-    mechanical = before.snapshot.mechanical and after.snapshot.mechanical
+    mechanical = before.mechanical and after.mechanical
     names = ("area", *STRAIN, *(WORK if mechanical else ()))
     table: dict[str, Any] = {
         "loop_before": survived,
@@ -97,16 +88,14 @@ def increments(before: TrackedState, after: TrackedState, fates: LoopFates) -> d
         **{name: np.empty(len(survived)) for name in names},
         **({"sliding_contacts": np.empty(len(survived), dtype=np.int64)} if mechanical else {}),
     }
+    chosen = before.faces.loops[survived]
     row = np.full(len(before.faces.kind), -1)
-    row[before.faces.loops[survived]] = np.arange(len(survived))
-    contacts = _both_times(before.snapshot.graph, after.snapshot.graph, fates)
-    for batch in loop_batches(before.snapshot.graph, before.faces):
-        loops = _those(batch, row[batch.face] >= 0)
-        if len(loops.face) == 0:
-            continue
+    row[chosen] = np.arange(len(survived))
+    contacts = _both_times(before.graph, after.graph, fates)
+    for loops in loop_batches(before.graph, before.faces, loops=chosen):
         columns, H = _strain(loops, contacts)
         if mechanical:
-            columns |= _work(before.snapshot, loops, H, contacts)
+            columns |= _work(before, loops, H, contacts)
         for name, values in columns.items():
             table[name][row[loops.face]] = values
     return table
@@ -129,22 +118,6 @@ def _both_times(before: GrainGraph, after: GrainGraph, fates: LoopFates) -> _Con
     later_branches[c] = sign * branch_vectors(after)[match.after[c]]
     later_forces[c] = sign * contact_forces(after)[match.after[c]]
     return _Contacts(branch_vectors(before), later_branches, contact_forces(before), later_forces)
-
-
-def _those(batch: LoopBatch, picked: Flags) -> LoopBatch:
-    if picked.all():
-        return batch
-    graph, x = batch.graph, batch.graph.x[picked]
-    loops = graph.replace(
-        x=x,
-        x0=x,
-        radii=graph.radii[picked],
-        normal_force=graph.normal_force[picked],
-        shear_force=graph.shear_force[picked],
-        regime=None if graph.regime is None else graph.regime[picked],
-    )
-    own = batch.grains[picked], batch.contacts[picked], batch.face[picked], batch.origin[picked]
-    return LoopBatch(loops, *own)
 
 
 def _along(loops: LoopBatch, contacts: _Contacts) -> Floats:

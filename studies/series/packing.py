@@ -23,6 +23,7 @@ from loops.graph import branch_vectors
 from loops.loop_strain import rotation_and_stretch
 from loops.packing import loops_in_place
 from loops.tracking import Fate, LoopFates
+from patterns import Snapshot
 from stability import COMPONENTS, Programme, Stage, follow
 from stability.loop_stability import loop_spectra
 from stability.packing import (
@@ -35,7 +36,6 @@ from stability.packing import (
 )
 from stability.packing.edge import YieldEdge, forces_of_motion
 from studies.series.evolution import sample_strain
-from studies.series.increments import TrackedState
 from studies.snapshot.edge import balance_notes, sample_edge
 from studies.snapshot.in_packing import sample_boundary
 
@@ -64,8 +64,8 @@ SOLVED = ("unique", "several found")
 
 
 def foretold(
-    before: TrackedState,
-    after: TrackedState,
+    before: Snapshot,
+    after: Snapshot,
     fates: LoopFates,
     yield_band: float,
     by_events: bool = False,
@@ -76,7 +76,7 @@ def foretold(
     without forces there is nothing to foretell at all (`InputError`). With `by_events` its path and
     its replay foretell as well.
     """
-    graph, (law, _) = before.snapshot.graph, before.snapshot.mechanics()
+    graph, (law, _) = before.graph, before.mechanics()
     H, source = sample_strain(before, after)
     columns = _facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
@@ -85,7 +85,7 @@ def foretold(
     try:
         if source == "unknown":
             raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
-        edge = sample_edge(before.snapshot, before.faces, yield_band)
+        edge = sample_edge(before, before.faces, yield_band)
     except InputError as error:
         return columns, {"packing_status": "refused"}, [f"no packing response: {error}"]
     response = PackingRates(edge).response(H)
@@ -94,7 +94,7 @@ def foretold(
     own = _own_motion(before, after, edge, response)
     if own is not None:
         columns |= _picked(loop_rates(own, before.faces), OWN)
-    planes, held, notes = sample_boundary(before.snapshot, before.faces)
+    planes, held, notes = sample_boundary(before, before.faces)
     if by_events:
         found, why = _by_events(before, H)
         columns, notes = columns | found, [*notes, *why]
@@ -112,13 +112,13 @@ def foretold(
     return columns, row, notes
 
 
-def _by_events(before: TrackedState, H: Floats) -> tuple[Columns, list[str]]:
+def _by_events(before: Snapshot, H: Floats) -> tuple[Columns, list[str]]:
     """What the packing's path and its replay from rest make of the loops; why one did not."""
-    graph, (law, _) = before.snapshot.graph, before.snapshot.mechanics()
+    graph, (law, _) = before.graph, before.mechanics()
     strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
     ends, notes = {}, list[str]()
     try:
-        notes += balance_notes(before.snapshot)
+        notes += balance_notes(before)
         stage = Stage(strain, "parameter", 1.0)
         path = follow(graph, law, stage, closure="packing", instabilities=PASSED)
         if path.status == "finished":
@@ -139,9 +139,9 @@ def _picked(rates: LoopRates, names: dict[str, str]) -> Columns:
     return {name: getattr(rates, field) for name, field in names.items()}
 
 
-def _facts(before: TrackedState, fates: LoopFates) -> Columns:
+def _facts(before: Snapshot, fates: LoopFates) -> Columns:
     """What every earlier loop was and what became of it."""
-    graph, faces = before.snapshot.graph, before.faces
+    graph, faces = before.graph, before.faces
     lost = np.ones(graph.contact_count, dtype=bool)
     lost[fates.contacts.shared] = False
     row = np.full(len(faces.kind), -1)
@@ -162,24 +162,23 @@ def _facts(before: TrackedState, fates: LoopFates) -> Columns:
 
 
 def _own_motion(
-    before: TrackedState, after: TrackedState, edge: YieldEdge, response: PackingResponse
+    before: Snapshot, after: Snapshot, edge: YieldEdge, response: PackingResponse
 ) -> PackingResponse | None:
     """The packing with the motion that the grains really had; None where no rotations are known."""
-    one, two = before.snapshot, after.snapshot
-    if one.rotation is None or two.rotation is None:
+    if before.rotation is None or after.rotation is None:
         return None
-    graph = one.graph
-    _, here, there = np.intersect1d(one.ids, two.ids, assume_unique=True, return_indices=True)
+    graph = before.graph
+    _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
     x, spin = np.full((graph.grain_count, 2), np.nan), np.full(graph.grain_count, np.nan)
-    x[here] = two.graph.x[there]
+    x[here] = after.graph.x[there]
     # Codes tell angles up to a turn, and no grain makes half of one in an interval.
-    turned = two.rotation[there] - one.rotation[here]
+    turned = after.rotation[there] - before.rotation[here]
     spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
     i, j = graph.contacts.T
     d = branch_vectors(graph)
     affine = d - d @ response.strain_rate.T
     beyond = x[j] - x[i] - affine
-    cell = two.graph.cell
+    cell = after.graph.cell
     if cell is not None:
         away = np.linalg.solve(cell, beyond.T)
         beyond = beyond - (cell @ np.round(away)).T

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from loops import InputError
+from patterns import Snapshot
 from stability.packing.probe import probe_edge
-from studies.series.increments import TrackedState
 from studies.snapshot.edge import sample_edge
 
 CONE = ("probe_cone_begin_deg", "probe_cone_end_deg")
@@ -16,12 +16,12 @@ NAMES = ("probe_w2", "probe_theta_deg", "probe_unstable_fraction", *CONE, "probe
 
 
 def probe_row(
-    state: TrackedState, directions: int, yield_band: float
+    state: Snapshot, directions: int, yield_band: float
 ) -> tuple[dict[str, Any], list[str]]:
     """Columns of one snapshot and notes; None where there is no such number."""
     row: dict[str, Any] = dict.fromkeys(NAMES)
     try:
-        edge = sample_edge(state.snapshot, state.faces, yield_band)
+        edge = sample_edge(state, state.faces, yield_band)
     except InputError as error:
         return row, [f"not probed: {error}"]
     found = probe_edge(edge, directions, faces=state.faces)

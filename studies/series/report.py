@@ -189,7 +189,7 @@ def _maps(
         table = _rows(singles(planned, out)[k].part, intervals[k] if k < len(intervals) else None)
         name = f"{planned[k].number} ({planned[k].name})"
         of_series = {"name": name, "number": planned[k].number, "first": k == first}
-        loops = loops_for_map(state.snapshot, state.faces, table, **of_series, about=about)
+        loops = loops_for_map(state, state.faces, table, **of_series, about=about)
         found += [] if loops is None else [loops]
     return found
 

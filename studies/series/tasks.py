@@ -16,11 +16,12 @@ from scipy.linalg import _fblas as fblas
 from loops import InputError
 from loops.kinetics import order_events
 from loops.tracking import LoopFates, exchange_counts
+from patterns import Snapshot
 from studies.output import DATASETS
 from studies.series.dataset import is_finished, write_part
 from studies.series.evolution import evolution_row, interval_row
 from studies.series.fates import fate_columns
-from studies.series.increments import TrackedState, increments, track_loops
+from studies.series.increments import increments, track_loops
 from studies.series.packing import foretold, gained
 from studies.series.plan import PlannedSnapshot
 from studies.series.probing import probe_row
@@ -152,12 +153,12 @@ def _write_snapshot(task: PartTask) -> None:
     (planned,) = task.snapshots
     state = state_of(planned)
     # Tasks run side by side, each on one core.
-    table = loop_table(state.snapshot, state.faces, threads=1)
-    row, notes = evolution_row(state, table), list(state.snapshot.notes)
+    table = loop_table(state, state.faces, threads=1)
+    row, notes = evolution_row(state, table), list(state.notes)
     if task.directions is not None and task.yield_band is not None:
         probed, why = probe_row(state, task.directions, task.yield_band)
         row, notes = row | probed, notes + why
-    rows, step = len(table["loop"]), state.snapshot.step
+    rows, step = len(table["loop"]), state.step
     place = {
         "snapshot": np.full(rows, planned.number),
         "step": np.full(rows, np.nan if step is None else float(step)),
@@ -196,15 +197,15 @@ def _numbers(task: PartTask, rows: int) -> dict[str, Any]:
     return {name: np.full(rows, one.number) for name, one in pairs}
 
 
-def tracked(task: PartTask) -> tuple[TrackedState, TrackedState, LoopFates]:
+def tracked(task: PartTask) -> tuple[Snapshot, Snapshot, LoopFates]:
     """Two successive snapshots, and what became of the loops between them."""
     before, after = map(state_of, task.snapshots)
     return before, after, track_loops(before, after)
 
 
-def state_of(planned: PlannedSnapshot) -> TrackedState:
+def state_of(planned: PlannedSnapshot) -> Snapshot:
     """A snapshot and its faces; `InputError` as `read_planar`."""
-    return TrackedState(*read_planar(planned.path, **planned.how))
+    return read_planar(planned.path, **planned.how)
 
 
 @contextmanager

@@ -41,7 +41,8 @@ def run_snapshot(
     for name in asked.values():
         place_options(name)
     with result_folder(out, force=force) as folder:
-        snapshot, faces = read_planar(path, **how)
+        snapshot = read_planar(path, **how)
+        faces = snapshot.faces
         with ThreadPoolExecutor(1) as other:
             told = other.submit(force_chains, snapshot.graph) if snapshot.mechanical else None
             table = loop_table(snapshot, faces)
@@ -74,8 +75,8 @@ def run_snapshot(
 
 def analyse(path: Path, **how: Any) -> tuple[Snapshot, Faces, dict[str, Any]]:
     """A snapshot as `read_planar` reads it, its faces and the table of its loops."""
-    snapshot, faces = read_planar(path, **how)
-    return snapshot, faces, loop_table(snapshot, faces)
+    snapshot = read_planar(path, **how)
+    return snapshot, snapshot.faces, loop_table(snapshot, snapshot.faces)
 
 
 def _draw(

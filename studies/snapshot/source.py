@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow
 
-from loops import Faces, InputError, crossing_contacts_to_drop, find_crossings, find_faces
+from loops import InputError, crossing_contacts_to_drop, find_crossings
 from loops.arrays import Integers
 from patterns import Snapshot, read_snapshot
 
@@ -27,8 +27,8 @@ def reading(**how: Any) -> dict[str, Any]:
     return {**defaults, "drop_crossings": False, **how}
 
 
-def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> tuple[Snapshot, Faces]:
-    """As `read_snapshot`, and faces; `InputError` if branches cross, unless some may go."""
+def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snapshot:
+    """As `read_snapshot`, its faces found; `InputError` if branches cross, unless some may go."""
     if how.get("cell") is not None:
         how["cell"] = np.reshape(how["cell"], (2, 2))
     snapshot = read_snapshot(path, **how)
@@ -37,9 +37,11 @@ def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> tupl
     # Crossings are looked for on another core. Where there are any, faces mean nothing, not even
     # why they cannot be found.
     with ThreadPoolExecutor(1) as other:
-        found = other.submit(find_faces, snapshot.graph)
+        found = other.submit(getattr, snapshot, "faces")
         plane = planar(snapshot, str(path), drop=drop_crossings)
-    return plane, found.result() if plane is snapshot else find_faces(plane.graph)
+    if plane is snapshot:
+        found.result()
+    return plane
 
 
 def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = False) -> Snapshot:

@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, find_faces
+from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional
 from patterns import read_snapshot, sample_path
 from stability import Stage, follow
 from stability.packing import loop_changes, replay
 from stability.packing.pairs import near_pairs
 from stability.programmes import combination, drained_biaxial, isotropic_stress, undrained
-from studies.series.increments import TrackedState, increments, track_loops
+from studies.series.increments import increments, track_loops
 from studies.series.plan import cells_by_number
 from studies.series.skill import skill
 from tests.packings import LAW, jammed, packing
@@ -176,7 +176,7 @@ def test_bad_input(change, message):
 
 def foreseen(before, after, changes):
     """AUC of the changes for what the loops did between two snapshots."""
-    one, two = (TrackedState(s, find_faces(s.graph)) for s in (before, after))
+    one, two = before, after
     table = increments(one, two, track_loops(one, two))
     actual = np.full(len(one.faces.loops), np.nan)
     actual[table["loop_before"]] = table["w2"]

@@ -12,7 +12,6 @@ from loops import (
     branch_vectors,
     contact_forces,
     contact_state,
-    find_faces,
     love_weber_stress,
     macroscopic_tangent,
     traction_tangent,
@@ -26,7 +25,7 @@ from studies.series.evolution import (
     interval_row,
     sample_strain,
 )
-from studies.series.increments import PREDICTIONS, TrackedState, increments, track_loops
+from studies.series.increments import PREDICTIONS, increments, track_loops
 
 LAW = LinearFrictional(kn=1.0, kt=0.4, mu=0.5)
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -47,7 +46,7 @@ def state(graph, ids=None, *, law=LAW, regime=None):
         wall_contacts=0,
         notes=(),
     )
-    return TrackedState(snapshot, find_faces(graph))
+    return snapshot
 
 
 def moved(before, u, cell=None):
@@ -55,7 +54,7 @@ def moved(before, u, cell=None):
 
     Along straight paths of the centres `T' = -kt t . d'` is integrated by Gauss's rule.
     """
-    graph, regime = before.snapshot.graph, before.snapshot.regime
+    graph, regime = before.graph, before.regime
     after = graph.replace(x=graph.x + u, x0=graph.x + u, cell=cell, cell0=cell)
     d0, d1 = branch_vectors(graph), branch_vectors(after)
     l0, l1 = np.hypot(*d0.T), np.hypot(*d1.T)
@@ -72,13 +71,13 @@ def moved(before, u, cell=None):
 
 
 def affinely(before, H):
-    graph = before.snapshot.graph
+    graph = before.graph
     cell = None if graph.cell is None else graph.cell - H @ graph.cell
     return moved(before, -graph.x @ H.T, cell)
 
 
 def table_between(before, after_graph, ids=None):
-    after = state(after_graph, ids, regime=before.snapshot.regime)
+    after = state(after_graph, ids, regime=before.regime)
     return increments(before, after, track_loops(before, after))
 
 
@@ -105,7 +104,7 @@ STRAINS = [
 @pytest.mark.parametrize("H", STRAINS)
 def test_actual_work_tends_to_the_affine_prediction(packing, H):
     """First order in the increment, in elastic and sliding loops alike."""
-    assert np.count_nonzero(packing.snapshot.regime == Regime.SLIDING) > 20
+    assert np.count_nonzero(packing.regime == Regime.SLIDING) > 20
     errors = []
     for h in (4e-4, 2e-4, 1e-4, 5e-5):
         table = table_between(packing, affinely(packing, h * H))
@@ -127,7 +126,7 @@ def test_actual_work_tends_to_the_traction_prediction():
     """A hexagon that relaxes under uniform nominal stress: `K u = -dP B`, forces by the law."""
     loop = random_loop(6, 3)
     before = state(loop.replace(normal_force=0.02 * np.arange(1, 7), shear_force=[0.002] * 6))
-    graph = before.snapshot.graph
+    graph = before.graph
     e = np.array([[1.0, 0.4], [0.4, -0.2]])
     A = traction_tangent(graph, LAW).matrix
     dP = (A @ e.ravel()).reshape(2, 2)
@@ -147,13 +146,13 @@ def test_actual_work_tends_to_the_traction_prediction():
 def test_predictions_are_those_of_the_single_loop(packing):
     """In the regimes that the file flags, whatever the forces say."""
     rng = np.random.default_rng(0)
-    regime = packing.snapshot.regime.copy()
+    regime = packing.regime.copy()
     regime[rng.random(len(regime)) < 0.3] = Regime.SLIDING
-    before = state(packing.snapshot.graph, regime=regime)
+    before = state(packing.graph, regime=regime)
     H = STRAINS[2] * 1e-3
     table = table_between(before, affinely(before, H))
     for row in rng.choice(len(table["order"]), 12, replace=False):
-        loop = loop_of_snapshot(before.snapshot, table["loop_before"][row])
+        loop = loop_of_snapshot(before, table["loop_before"][row])
         assert table["sliding_contacts"][row] == np.count_nonzero(loop.regime == Regime.SLIDING)
         for name, (closure, spins) in PREDICTIONS.items():
             A = macroscopic_tangent(
@@ -174,11 +173,11 @@ def turn(graph, angle):
 def test_a_rigid_rotation_does_no_corotated_work(angle):
     """Alone it leaves `-2 (1 - cos) tr P0` of Hill's work; after a strain it changes no W2."""
     before = state(synthetic_network(100, seed=5))
-    graph = before.snapshot.graph
+    graph = before.graph
     turned = table_between(before, turn(graph, angle))
     np.testing.assert_allclose(turned["rotation"], np.degrees(angle), rtol=1e-10)
     P0 = [
-        0.5 * np.trace(love_weber_stress(loop_of_snapshot(before.snapshot, k).graph))
+        0.5 * np.trace(love_weber_stress(loop_of_snapshot(before, k).graph))
         for k in turned["loop_before"].tolist()
     ]
     expected = -2 * (1 - np.cos(angle)) * np.array(P0)
@@ -235,7 +234,7 @@ def test_stress_increments_add_up_to_the_samples(packing):
     """Half-shared increments weighted by area, against the sum over all contacts in loops."""
     after = affinely(packing, 1e-2 * STRAINS[2])
     table = table_between(packing, after)
-    graph = packing.snapshot.graph
+    graph = packing.graph
     inside = np.isin(np.repeat(packing.faces.kind, packing.faces.order), [0])
     share = np.bincount(packing.faces.contacts[inside], minlength=graph.contact_count) / 2
     change = (contact_forces(after) - contact_forces(graph)) * share[:, None]
@@ -255,8 +254,8 @@ def without(graph, lost):
 
 
 def test_only_survivors_have_a_row(packing):
-    lost = np.arange(0, packing.snapshot.graph.contact_count, 15)
-    after = state(without(packing.snapshot.graph, lost))
+    lost = np.arange(0, packing.graph.contact_count, 15)
+    after = state(without(packing.graph, lost))
     fates = track_loops(packing, after)
     table = increments(packing, after, fates)
     survived = np.flatnonzero(fates.before == Fate.SURVIVED)
@@ -270,7 +269,7 @@ def test_only_survivors_have_a_row(packing):
 
 
 def test_without_forces_there_is_strain_and_nothing_else(packing):
-    graph = packing.snapshot.graph
+    graph = packing.graph
     bare = state(graph, law=None)
     later = affinely(packing, 1e-2 * STRAINS[0])
     after = state(later, law=None)
@@ -299,7 +298,7 @@ def plain_table(tracked):
 
 def test_evolution_row(packing):
     row = evolution_row(packing, plain_table(packing))
-    graph, order = packing.snapshot.graph, plain_table(packing)["order"]
+    graph, order = packing.graph, plain_table(packing)["order"]
     stress = np.reshape([row["S11"], row["S12"], row["S21"], row["S22"]], (2, 2))
     np.testing.assert_allclose(stress, love_weber_stress(graph), rtol=1e-13)
     assert row["area"] == pytest.approx(np.linalg.det(graph.cell))
@@ -311,7 +310,7 @@ def test_evolution_row(packing):
     assert sum(row[f"share_{n}"] for n in range(3, 9)) == pytest.approx(1)
     assert sum(row[f"area_share_{n}"] for n in range(3, 9)) == pytest.approx(1)
     assert row["share_8"] == np.mean(order >= 8)
-    slides = np.count_nonzero(packing.snapshot.regime == Regime.SLIDING)
+    slides = np.count_nonzero(packing.regime == Regime.SLIDING)
     assert row["sliding_fraction"] == slides / graph.contact_count
     smallest = plain_table(packing)["traction_lambda_min"][:-1]
     assert (row["affine_unstable"], row["traction_unstable"]) == (0, np.mean(smallest < 0))
@@ -328,7 +327,7 @@ def test_a_snapshot_without_loops_has_no_shares():
 
 
 def test_interval_row(packing):
-    lost = np.arange(0, packing.snapshot.graph.contact_count, 15)
+    lost = np.arange(0, packing.graph.contact_count, 15)
     H = 1e-3 * STRAINS[1]
     after = state(without(affinely(packing, H), lost))
     fates = track_loops(packing, after)

@@ -14,7 +14,7 @@ from patterns import sample_path
 from stability import RTOL
 from studies.series import run_series
 from studies.series.fates import ENDS, _verdicts, pooled, survival
-from studies.series.increments import TrackedState, track_loops
+from studies.series.increments import track_loops
 from studies.series.plan import plan_series, with_fingerprints
 from studies.series.report import _maps
 from studies.snapshot.mechanics import JUDGES
@@ -31,7 +31,7 @@ def ran(tmp_path_factory):
     for name in ("grains", "contacts"):
         shutil.copy(folder / "run" / f"{name}_01.csv", folder / "run" / f"{name}_03.csv")
     summary = run_series(paths, folder / "out", workers=1, figures=False)
-    states = [TrackedState(*read_planar(path)) for path in paths]
+    states = list(map(read_planar, paths))
     return folder / "out", summary, [track_loops(*pair) for pair in pairwise(states)]
 
 

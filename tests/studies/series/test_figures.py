@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from loops import LinearFrictional, Regime, find_faces, polygon_area
+from loops import LinearFrictional, Regime, polygon_area
 from loops.tracking import ExchangeCounts, Fate, exchange_counts
 from patterns import Snapshot, synthetic_network
 from studies.output import provenance
@@ -24,7 +24,7 @@ from studies.series.figures import (
     work_map,
     work_signs,
 )
-from studies.series.increments import PREDICTIONS, TrackedState, increments, track_loops
+from studies.series.increments import PREDICTIONS, increments, track_loops
 from studies.series.report import series_report
 from studies.snapshot.statistics import GROUPS
 
@@ -43,7 +43,7 @@ def state(graph, *, mechanical=True):
         wall_contacts=0,
         notes=(),
     )
-    return TrackedState(snapshot, find_faces(graph))
+    return snapshot
 
 
 def plain_table(tracked):

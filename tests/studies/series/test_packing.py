@@ -16,7 +16,7 @@ from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import loop_changes, loop_rates, packing_response, replay
 from studies.series import packing as series_packing
 from studies.series.figures import MappedInterval
-from studies.series.increments import TrackedState, increments, track_loops
+from studies.series.increments import increments, track_loops
 from studies.series.packing import FORETOLD, foretold
 from studies.series.plan import cells_by_number
 from studies.series.skill_figures import nonaffinity_map, skill_by_interval, skill_by_predictor
@@ -220,7 +220,7 @@ def tracked(graph, rotation=None):
     regime = np.full(count, Regime.ELASTIC, dtype=np.int8)
     ids = np.arange(graph.grain_count)
     snapshot = Snapshot(graph, law, regime, ids, 0, (), rotation=rotation)
-    return TrackedState(snapshot, find_faces(graph))
+    return snapshot
 
 
 def moved(graph, response, step):
@@ -341,12 +341,12 @@ def test_samples_between_walls_and_without_forces(tmp_path):
 def test_a_sample_ends_at_its_walls():
     """A sheared sample, unloaded and loaded on: nothing holds what the second asks for."""
     snapshot = read_snapshot(sample_path())
-    before = TrackedState(snapshot, find_faces(snapshot.graph))
+    before = snapshot
     found = []
     for step in (-2e-6, 2e-6):
         x = snapshot.graph.x @ np.diag([1 + step, 1 - step])
         moved = replace(snapshot, graph=snapshot.graph.replace(x=x, x0=x))
-        after = TrackedState(moved, before.faces)
+        after = moved
         found.append(foretold(before, after, track_loops(before, after), 0.99)[:2])
     (back, unloaded), (on, loaded) = found
     assert unloaded["packing_boundary"] == f"{len(snapshot.walls.grain)} wall contacts"
@@ -397,7 +397,7 @@ def test_every_dot_is_an_interval_with_a_score(result):
 
 def test_the_map_shows_what_is_foretold_beside_what_came(result):
     """In the order that the drawer has, values of all loops, and none for those that are lost."""
-    before, after = (TrackedState(one, find_faces(one.graph)) for one in (read(0), read(1)))
+    before, after = read(0), read(1)
     fates = track_loops(before, after)
     every, own = by_interval(result, "packing", 0), by_interval(result, "increments", 0)
     mapped = MappedInterval(before, fates, dict(own.items()), dict(every.items()))
