@@ -31,17 +31,15 @@ class Frame(NamedTuple):
 @kernel
 def _relative(
     grains: Integers, rows: Floats, p: int, v: Floats, h: Floats
-) -> tuple[float, float, float, float]:
-    """`n . d'`, the shear rate, `t . d'`, and the shear rate by the arms of the force."""
+) -> tuple[float, float, float]:
+    """`n . d'`, the shear rate, and `t . d'`."""
     i, j = 3 * grains[p, 0], 3 * grains[p, 1]
     d0, d1 = rows[p, 0], rows[p, 1]
     r0 = v[j] - v[i] - (h[0] * d0 + h[1] * d1)
     r1 = v[j + 1] - v[i + 1] - (h[2] * d0 + h[3] * d1)
     across = rows[p, 4] * r0 + rows[p, 5] * r1
-    w_i, w_j = v[i + 2], v[j + 2]
-    shear = rows[p, 6] * across - rows[p, 7] * w_i - rows[p, 8] * w_j
-    by_arms = across - rows[p, 9] * w_i - rows[p, 10] * w_j
-    return rows[p, 2] * r0 + rows[p, 3] * r1, shear, across, by_arms
+    shear = rows[p, 6] * across - rows[p, 7] * v[i + 2] - rows[p, 8] * v[j + 2]
+    return rows[p, 2] * r0 + rows[p, 3] * r1, shear, across
 
 
 @kernel
@@ -85,7 +83,7 @@ def resultants(
     """Add the resultants of the force rates under a motion."""
     for p in range(len(rows)):
         if regime[p] != 0:
-            un, ut, across, _ = _relative(grains, rows, p, v, h)
+            un, ut, across = _relative(grains, rows, p, v, h)
             dn, dt = _force_rates(grains, rows, regime, side, p, un, ut)
             _add_forces(grains, rows, p, dn, dt, un, across, out)
 
@@ -153,7 +151,7 @@ def stress_rate(
     out[:] = 0.0
     for p in range(len(rows)):
         if regime[p] != 0:
-            un, ut, across, _ = _relative(grains, rows, p, v, h)
+            un, ut, across = _relative(grains, rows, p, v, h)
             dn, dt = _force_rates(grains, rows, regime, side, p, un, ut)
             _add_stress(grains, rows, p, dn, dt, across, out)
 
@@ -187,16 +185,15 @@ def earliest(
 ) -> tuple[float, int, int]:
     """The next event: time from now, pair, and 0 for opening, 1 and -1 for yield, 2 for closing.
 
-    `rates` (P, 5): `n . d'`, `N'`, `T'`, shear, and what shear by the arms has more; `stress` is
-    `V P'`; `due` the time of every pair's next. Beneath `tiny` of the largest a rate has no sign.
+    `rates` (P, 4): `n . d'`, `N'`, `T'` and shear; `stress` is `V P'`; `due` the time of every
+    pair's next. Beneath `tiny` of the largest a rate has no sign.
     """
     fastest, largest = 0.0, 0.0
     stress[:] = 0.0
     for p in range(len(rows)):
-        un, ut, across, by_arms = _relative(grains, rows, p, v, h)
+        un, ut, across = _relative(grains, rows, p, v, h)
         dn, dt = _force_rates(grains, rows, regime, side, p, un, ut)
-        rates[p, 0], rates[p, 1], rates[p, 2] = un, dn, dt
-        rates[p, 3], rates[p, 4] = ut, by_arms - ut
+        rates[p, 0], rates[p, 1], rates[p, 2], rates[p, 3] = un, dn, dt, ut
         fastest, largest = max(fastest, abs(un)), max(largest, abs(dn))
         if regime[p] != 0:
             _add_stress(grains, rows, p, dn, dt, across, stress)
@@ -235,15 +232,15 @@ def advance(
     gap: Floats,
     work: Floats,
 ) -> None:
-    """Go on by a time; `work` gains what slip takes and what shear by the arms does beyond it."""
+    """Go on by a time; `work` gains what slip takes."""
     for p in range(len(rows)):
         if regime[p] == 0:
             gap[p] += step * rates[p, 0]
             continue
         mean = T[p] + 0.5 * step * rates[p, 2]
-        if regime[p] == 2:
+        # Without a shear stiffness all shear is slip.
+        if regime[p] == 2 or rows[p, 15] == 0:
             slip = -rates[p, 3] - (rates[p, 2] / rows[p, 15] if rows[p, 15] > 0 else 0.0)
-            work[0] += step * mean * slip
-        work[1] -= step * mean * rates[p, 4]
+            work[1] += step * mean * slip
         N[p] += step * rates[p, 1]
         T[p] += step * rates[p, 2]

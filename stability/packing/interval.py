@@ -30,6 +30,8 @@ from stability.paths.path import EventKind
 CHATTER, IDLE = 12, 60
 # Springs on the grains of a mode that nothing holds, over kn, one after the other; then it is held.
 DRAGS = (1e-3, 1e-2, 1e-1, 0.0)
+# Columns of `PackingPath.work`.
+SLIP, RELEASED = 1, 3
 # Over the largest rate: wrong signs within it are rounding.
 TINY = 1e-9
 
@@ -69,13 +71,18 @@ class Goal:
 
 @dataclass(eq=False)
 class Interval:
-    """Walks through one interval; `time` runs from 0 to `end`, or to the goal."""
+    """Walks through one interval; `time` runs from 0 to `end`, or to the goal.
+
+    `touching` are sums of the radii, `load` the resultants that the grains had at the start.
+    """
 
     pieces: Pieces
     control: Control
     N: Floats
     T: Floats
     gap: Floats
+    touching: Floats
+    load: Floats
     end: float
     goal: Goal
     told: Told
@@ -90,9 +97,10 @@ class Interval:
         self.held = np.zeros(count, dtype=bool)
         self.u = np.zeros(3 * self.pieces.count)
         self.strain = np.zeros(4)
-        # What slip took, and what shear by the arms of the forces did beyond the law's.
-        self.work = np.zeros(2)
-        self.rates = np.empty((count, 5))
+        # As in `PackingPath.work`; what was released grain by grain but for held contacts.
+        self.work = np.zeros(4)
+        self.released = np.zeros(self.pieces.count)
+        self.rates = np.empty((count, 4))
         self.stress = np.empty(4)
         self.idle = 0
 
@@ -131,10 +139,13 @@ class Interval:
 
     def _advance(self, h: Floats, v: Floats, step: float) -> None:
         from stability.compiled.packing_rates import advance
+        from stability.compiled.packing_work import add_work
 
         pieces = self.pieces
-        how = (*pieces.frame, pieces.regime, step, self.rates)
-        advance(*how, self.N, self.T, self.gap, self.work)
+        how = (*pieces.frame, pieces.regime)
+        where = (self.touching, self.load, pieces.length, self.strain, self.u)
+        add_work(*how, *where, h, v, step, self.T, self.rates, self.work, self.released)
+        advance(*how, step, self.rates, self.N, self.T, self.gap, self.work)
         self.strain += step * h[:4]
         self.u += step * v
         self.time += step
@@ -149,7 +160,8 @@ class Interval:
         elif kind == "yield":
             self._pivot(c, rates)
         else:
-            self.N[c] = self.T[c] = self.gap[c] = 0.0
+            self._part(c, SLIP)
+            self.gap[c] = 0.0
             self._close(c) if kind == "closing" else pieces.set_regime(c, OPEN)
             self.told(kind, self.time, c)
         return self._settled()
@@ -242,11 +254,17 @@ class Interval:
         pieces = self.pieces
         if kind in ("opening", "closing"):
             pieces.set_regime(c, OPEN)
-            self.N[c] = self.T[c] = 0.0
+            self._part(c, RELEASED)
         elif pieces.regime[c] == SLIDING:
             flip(pieces, c)
         self.held[c] = True
         self.told("instability", self.time, c, why, pieces.frame.grains[c])
+
+    def _part(self, c: int, spent: int) -> None:
+        """A contact's forces vanish; what its shear spring has left goes to one of the works."""
+        kt = float(self.pieces.frame.rows[c, KT])
+        self.work[spent] += self.T[c] ** 2 / (2 * kt) if kt > 0 else 0.0
+        self.N[c] = self.T[c] = 0.0
 
     def _mode(self, stop: UnsolvedError) -> str:
         u = stop.motion.reshape(-1, 3)[:, :2]
@@ -259,10 +277,7 @@ class Interval:
 def end_state(
     interval: Interval, state: PackingState, pairs: Pairs
 ) -> tuple[PackingState, Regimes, Floats]:
-    """Geometry, exact normal forces, shear forces within the cone; regimes; and work.
-
-    The last: slip, shear by the arms beyond the law's, and what held contacts had to give up.
-    """
+    """Geometry, exact normal forces, shear forces within the cone; regimes; and the work."""
     pieces = interval.pieces
     v = interval.u.reshape(-1, 3)
     E = interval.strain.reshape(2, 2)
@@ -272,8 +287,7 @@ def end_state(
         angle=state.angle + v[:, 2] / pieces.length,
         cell=state.cell - E @ state.cell,
     )
-    i, j = pairs.grains.T
-    overlap = state.radii[i] + state.radii[j] - np.linalg.norm(moved.branches, axis=1)
+    overlap = interval.touching - np.linalg.norm(moved.branches, axis=1)
     N = np.maximum(pairs.kn * overlap, 0.0)
     regime = np.where(N > 0, pieces.regime, OPEN).astype(np.int8)
     regime = np.where((N > 0) & (regime == OPEN), ELASTIC, regime).astype(np.int8)
@@ -284,10 +298,11 @@ def end_state(
     cut = np.clip(T, -most, most)
     # Shear springs relax: by slip, or where a contact was held by what held it.
     relaxed = np.divide(interval.T**2 - cut**2, 2 * pairs.kt, out=0 * cut, where=pairs.kt > 0)
-    work = interval.work + np.array([relaxed[~interval.held].sum(), 0.0])
+    work = interval.work.copy()
+    work[SLIP] += relaxed[~interval.held].sum()
+    work[RELEASED] += relaxed[interval.held].sum() + interval.released.sum()
     # Whoever was held stands at its cone again.
     at_cone = interval.held & (np.abs(cut) >= (1 - 1e-6) * most) & (N > 0) & (most > 0)
     pieces.side[at_cone] = np.sign(cut[at_cone])
     regime[at_cone] = SLIDING
-    released = float(relaxed[interval.held].sum())
-    return replace(moved, normal_force=N, shear_force=cut), regime, np.append(work, released)
+    return replace(moved, normal_force=N, shear_force=cut), regime, work

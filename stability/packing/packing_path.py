@@ -35,9 +35,10 @@ class PackingPath:
         The packing at every row.
     work : (R, 4) array
         External work `Int V0 P:H'`, of what was out of balance at the start as well; slip; what the
-        law's shear increment leaves of `T` times the motion at the contact (`branch`: nothing); and
-        what was released where balance was lost, at instabilities and by rattlers. The first is
-        the change of `energy` and the other three, to the interval squared.
+        law's shear increment leaves of `T` times the motion at the contact (`branch`: next to
+        nothing); and the work of what is out of balance, at instabilities and by rattlers. The
+        first is the change of `energy` and the other three, to rounding (Theory, equations
+        (11.12) and (11.13)).
     energy : (R,) array
         Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`.
     imbalance : (R,) array

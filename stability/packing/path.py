@@ -217,33 +217,28 @@ class _Walk:
             N=self.state.normal_force,
             T=self.state.shear_force,
             gap=np.maximum(self._gaps(), 0.0),
+            touching=self._touching(),
+            load=self.balance.ravel() * scale,
             end=end,
             goal=self._goal(stage, target),
             told=self._told,
             fastest=LIMIT * self.slowest,
         )
-        P = self.P
         walk.walk()
-        state, self.regime, inner = end_state(walk, self.state, self.pairs)
+        state, self.regime, work = end_state(walk, self.state, self.pairs)
         self.side, self.pieces = pieces.side, pieces
         if not state.closed.any():
             return "no_load", "the packing has come apart and carries no force"
         jump = jumped(self.state, state, self.stress)
         if jump:
             return "lost", jump
-        u = walk.u.reshape(-1, 3) / [1.0, 1.0, pieces.length]
-        F = self.F
-        self.F = F - walk.strain.reshape(2, 2) @ F
+        self.F = self.F - walk.strain.reshape(2, 2) @ self.F
         self.state = state
         self.parameter += walk.time
         self.intervals += 1
+        self.work += work
         self.drift = self.state.resultants - self.balance
-        released = 0.5 * np.sum((load + self.drift) * u, axis=1)
-        external = 0.5 * self.volume * float((P + self.P) @ (F - self.F).ravel())
-        external -= float(np.sum(self.balance * u))
-        self.work += [external, *inner]
-        self.work[3] += released.sum()
-        self._tell_energy(released)
+        self._tell_energy(walk.released)
         self._renew(float(np.abs(walk.u).max()))
         return None
 
@@ -289,10 +284,11 @@ class _Walk:
             released[grains] = 0.0
         self.unstable = []
 
+    def _touching(self) -> Floats:
+        return self.state.radii[self.pairs.grains].sum(axis=1)
+
     def _gaps(self) -> Floats:
-        i, j = self.pairs.grains.T
-        touching = self.state.radii[i] + self.state.radii[j]
-        return np.linalg.norm(self.state.branches, axis=1) - touching
+        return np.linalg.norm(self.state.branches, axis=1) - self._touching()
 
     def _renew(self, moved: float) -> None:
         """List the pairs anew where grains may have come out of nowhere."""
