@@ -21,7 +21,7 @@ from patterns import Snapshot
 from studies.snapshot.chains import chain_segments
 from studies.snapshot.definitions import BLOCKED, FREED, IN_PLACE
 from studies.snapshot.in_packing import PLACE, surroundings_share
-from studies.snapshot.loop_map import VECTOR_LIMIT, draw_orders, loop_drawer, loop_map
+from studies.snapshot.loop_map import VECTOR_LIMIT, Drawer, draw_orders, loop_drawer, loop_map
 from studies.snapshot.mechanics import CLOSURES, judges, unstable_loops
 from studies.snapshot.statistics import GROUPS, Groups, axes_density, group_rows, share
 from studies.snapshot.table import EIGENVALUES, FREE
@@ -61,6 +61,8 @@ NEGATIVE = 0.15
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION}
 # Widths of the bins of many and of few axes, degrees; a half turn holds a whole number of each.
 FINE, COARSE, FEW = 10.0, 20.0, 200
+# Segments in a line with gaps.
+JOINED = 200
 
 
 class Drawing(NamedTuple):
@@ -97,12 +99,13 @@ def _drawings(
     summary: dict[str, Any],
 ) -> Iterator[Drawing]:
     """One figure after the other: only one is held at a time."""
-    yield Drawing("map", "Loops", _MAP, loop_map(snapshot, faces, table))
+    draw = loop_drawer(snapshot, faces)
+    yield Drawing("map", "Loops", _MAP, loop_map(snapshot, faces, table, draw))
     orders = figure_of(order_bars(summary, table))
     yield Drawing("orders", "Orders", "Share of the loops by their number of grains.", orders)
     yield Drawing("fabric", "Fabric", _FABRIC, fabric_rose(snapshot.graph, summary))
     if chains is not None and summary["loops"]:
-        beside = chains_figure(snapshot, faces, table, chains)
+        beside = chains_figure(table, draw, chain_segments(snapshot, chains))
         yield Drawing("chains", "Force chains", _CHAINS, beside)
     if snapshot.mechanical and summary["loops"]:
         yield Drawing("eigenvalues", "Eigenvalues", _EIGENVALUES, eigenvalue_distribution(table))
@@ -228,20 +231,18 @@ def _legend(ax: Axes, table: dict[str, Any], closure: str, groups: Groups) -> No
 
 
 @styled()
-def chains_figure(
-    snapshot: Snapshot, faces: Faces, table: dict[str, Any], chains: ForceChains
-) -> Figure:
+def chains_figure(table: dict[str, Any], draw: Drawer, links: Floats) -> Figure:
     """Force chains over the loops by order; unstable loops beside chains and elsewhere."""
     figure, (axes,) = new_panels(1, 2, 3.3, width_ratios=(1.25, 1))
     left, right = axes
-    draw_orders(loop_drawer(snapshot, faces), left, table["order"])
-    ends, many = chain_segments(snapshot, chains), len(chains.links) > VECTOR_LIMIT
-    width = float(np.clip(60.0 / max(len(faces.loops), 1) ** 0.5, 0.3, 2.0))
+    draw_orders(draw, left, table["order"])
+    many = len(links) > VECTOR_LIMIT
+    lines = _joined(links) if many else list(links)
+    width = float(np.clip(60.0 / max(len(table["order"]), 1) ** 0.5, 0.3, 2.0))
+    look: Any = {"capstyle": "round", "rasterized": many}
     for colour, wide in (("white", 2.2), (BLACK, 1.2)):
-        lines = LineCollection(
-            list(ends), colors=colour, linewidths=wide * width, capstyle="round", rasterized=many
-        )
-        left.add_collection(lines, autolim=False)
+        drawn = LineCollection(lines, colors=colour, linewidths=wide * width, **look)
+        left.add_collection(drawn, autolim=False)
     left.set_title("force chains")
     near, smallest = table["chain_contacts"] > 0, table["traction_lambda_min"]
     groups, place = group_rows(table["order"]), np.arange(len(GROUPS))
@@ -263,6 +264,16 @@ def chains_figure(
     right.set_ylabel(r"smallest eigenvalue of $K_s$ / mean $k_n$")
     right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
+
+
+def _joined(segments: Floats) -> list[Floats]:
+    """(n, 2, 2) segments as fewer lines with gaps: a line each takes longer than its drawing.
+
+    Neighbours come into different lines: within one, what overlaps would not cover one another.
+    """
+    gaps = np.full((len(segments), 1, 2), np.nan)
+    ended, lines = np.concatenate([segments, gaps], axis=1), len(segments) // JOINED
+    return [ended[first::lines].reshape(-1, 2) for first in range(lines)]
 
 
 @styled()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
@@ -33,6 +32,8 @@ from studies.style import (
     styled,
 )
 
+# Draws values of the loops into axes, by a map of colours and a scale.
+Drawer = Callable[..., ScalarMappable]
 # Beyond so many loops the polygons are drawn as pixels in the SVG too.
 VECTOR_LIMIT = 20_000
 # Beyond so many loops they are painted into one picture instead of drawn one by one.
@@ -44,7 +45,7 @@ ORDER_SCALE = BoundaryNorm(np.arange(2.5, LAST_ORDER + 1), len(ORDER_COLOURS))
 
 
 @styled()
-def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
+def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any], draw: Drawer) -> Figure:
     """Loops coloured by order, and by the smallest eigenvalue of Ks if there are forces.
 
     Small packings are drawn loop by loop. Large ones are painted into a picture, each pixel in the
@@ -56,7 +57,6 @@ def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
     height = float(np.clip((panel_width(2) - 0.95) * ratio + 0.5, 2.0, 9.0))
     panels = 2 if snapshot.mechanical else 1
     figure, (axes,) = new_panels(1, panels, height, TWO_COLUMNS * panels / 2)
-    draw = loop_drawer(snapshot, faces)
     draw_orders(draw, axes[0], table["order"])
     if snapshot.mechanical:
         smallest = table["traction_lambda_min"]
@@ -67,7 +67,7 @@ def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any]) -> Figure:
     return figure
 
 
-def draw_orders(draw: Any, ax: Axes, order: Integers) -> None:
+def draw_orders(draw: Drawer, ax: Axes, order: Integers) -> None:
     """Loops coloured by order."""
     order_bar(
         draw(ax, np.minimum(order, LAST_ORDER), ListedColormap(ORDER_COLOURS), ORDER_SCALE), ax
@@ -81,7 +81,9 @@ def order_bar(colours: ScalarMappable, ax: Axes) -> None:
     bar.set_label("loop order (grains)")
 
 
-def draw_values(draw: Any, ax: Axes, values: Floats, label: str, *, signed: bool = False) -> None:
+def draw_values(
+    draw: Drawer, ax: Axes, values: Floats, label: str, *, signed: bool = False
+) -> None:
     """Loops coloured by a value of each: around zero if `signed` or if there are negative ones."""
     known = values[np.isfinite(values)]
     signed = signed or bool((known < 0).any()) or len(known) == 0
@@ -108,13 +110,13 @@ def around_zero(values: Floats) -> Normalize:
     return TwoSlopeNorm(0.0, vmin=-max(low, smallest), vmax=max(high, smallest))
 
 
-def loop_drawer(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMappable]:
+def loop_drawer(snapshot: Snapshot, faces: Faces) -> Drawer:
     """Prepare the loops of a snapshot for drawing, once for all panels."""
     many = len(faces.loops) > PAINT_LIMIT
     return _painter(snapshot, faces) if many else _polygon_drawer(snapshot, faces)
 
 
-def _polygon_drawer(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMappable]:
+def _polygon_drawer(snapshot: Snapshot, faces: Faces) -> Drawer:
     """A function that draws every loop as a polygon."""
     polygons = _polygons(snapshot, faces)
 
@@ -137,7 +139,7 @@ def _polygon_drawer(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMap
     return draw
 
 
-def _painter(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMappable]:
+def _painter(snapshot: Snapshot, faces: Faces) -> Drawer:
     """A function that shows the loops as pixels, painted once for all panels."""
     from studies.snapshot.paint import paint_loops
 
@@ -152,6 +154,7 @@ def _painter(snapshot: Snapshot, faces: Faces) -> Callable[..., ScalarMappable]:
             cmap=colours,
             norm=scale,
             interpolation="none",
+            rasterized=True,
         )
         _label(ax)
         return image
@@ -168,10 +171,9 @@ def _outline(snapshot: Snapshot, faces: Faces, ax: Axes, unstable: Flags) -> Non
     picked = np.flatnonzero(unstable)
     if len(picked) > VECTOR_LIMIT:
         return
-    polygons = _polygons(snapshot, faces)
     ax.add_collection(
         PolyCollection(
-            [polygons[k] for k in picked],
+            _polygons(snapshot, faces, picked),
             facecolors="none",
             edgecolors=VERMILION,
             linewidths=0.8 * _line_width(len(faces.loops)),
@@ -187,8 +189,11 @@ def _line_width(loops: int) -> float:
     return float(np.clip(60.0 / max(loops, 1) ** 0.5, 0.25, 1.0))
 
 
-def _polygons(snapshot: Snapshot, faces: Faces) -> list[Floats]:
-    """Corners of each loop."""
+def _polygons(
+    snapshot: Snapshot, faces: Faces, picked: Integers | slice = slice(None)
+) -> list[Floats]:
+    """Corners of each loop, or of those picked."""
     offsets, at = half_edges_of_loops(faces)
     corners = loop_corners(snapshot.graph, faces, offsets, at)
-    return [corners[a:b] for a, b in pairwise(offsets.tolist())]
+    ends = zip(offsets[:-1][picked].tolist(), offsets[1:][picked].tolist(), strict=True)
+    return [corners[a:b] for a, b in ends]

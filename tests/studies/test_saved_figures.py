@@ -1,33 +1,41 @@
-"""Figures saved by two processes are those that one saves, and what goes wrong is said."""
+"""Figures saved with one layout are those that matplotlib saves, one by one."""
 
+from io import BytesIO
+
+import numpy as np
 import pytest
+from PIL import Image
 
 from studies import style
 
 
-@pytest.fixture
-def figures():
-    drawn = {name: style.new_figure(2.0, 1.5) for name in "abc"}
-    for k, figure in enumerate(drawn.values()):
-        for ax in figure.subplots(1, k + 1, squeeze=False)[0]:
-            ax.plot([0, k])
-    return drawn
+def drawn(panels):
+    figure = style.new_figure(2.0, 1.5)
+    with style.styled():
+        for k, ax in enumerate(figure.subplots(1, panels, squeeze=False)[0]):
+            ax.plot([0, 10.0**k], label="$K_s$")
+            ax.set(title="title", xlabel="strain $E_1$ (–)")
+            ax.legend()
+    return figure
 
 
-@pytest.mark.parametrize("cores", [1, 2])
-def test_all_are_saved_as_one_by_one(figures, cores, tmp_path, monkeypatch):
-    monkeypatch.setattr(style, "available_cores", lambda: cores)
-    (tmp_path / "one").mkdir()
-    style.save_figures(figures, tmp_path, {})
-    for name, figure in figures.items():
-        style.save_figure(figure, tmp_path / "one", name, {})
-        for file in (f"{name}.png", f"{name}.svg"):
-            assert (tmp_path / file).read_bytes() == (tmp_path / "one" / file).read_bytes(), file
+@pytest.mark.parametrize("panels", [1, 2])
+def test_pictures_are_matplotlib_s_own(tmp_path, panels):
+    style.save_figures({"a": drawn(panels)}, tmp_path, {})
+    saved, own = Image.open(tmp_path / "a.png"), BytesIO()
+    with style.styled():
+        drawn(panels).savefig(own, format="png")
+    assert np.array_equal(np.asarray(saved), np.asarray(Image.open(own)))
+    assert saved.info["dpi"] == pytest.approx((300, 300), abs=0.1)
+    assert saved.text["Title"] == "a"
 
 
-def test_what_the_copy_could_not_save_is_told(figures, tmp_path, monkeypatch):
-    monkeypatch.setattr(style, "available_cores", lambda: 2)
-    (tmp_path / "b.png").mkdir()  # of three panels, two and one: the second
-    with pytest.raises(IsADirectoryError):
-        style.save_figures(figures, tmp_path, {})
-    assert (tmp_path / "c.png").is_file() and (tmp_path / "a.png").is_file()
+def test_the_same_numbers_give_the_same_files(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        style.save_figures({"a": drawn(2), "b": drawn(1)}, tmp_path / name, {"command": "here"})
+    files = sorted(file.name for file in (tmp_path / "one").iterdir())
+    assert files == ["a.png", "a.svg", "b.png", "b.svg"]
+    for file in files:
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+    assert "<dc:title>a</dc:title>" in (tmp_path / "one" / "a.svg").read_text()
