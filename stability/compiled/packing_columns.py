@@ -156,48 +156,49 @@ def edge_rates(
 
 
 @kernel
-def small_system(
-    coefficients: Floats, base: Floats, mutual: Floats, m: int, driven: int
-) -> tuple[Floats, float]:
-    """`(1 + C) X = [C0, C e]` by elimination, and the sign of the determinant."""
-    a, x = np.empty((m, m)), np.zeros((m, 6))
-    for i in range(m):
-        p, q = coefficients[0, i], coefficients[1, i]
-        for k in range(m):
-            a[i, k] = p * mutual[0, i, k] + q * mutual[1, i, k]
-        for k in range(5):
-            x[i, k] = p * base[0, i, k] + q * base[1, i, k]
-        if driven >= 0:
-            x[i, 5] = a[i, driven]
-        a[i, i] += 1.0
-    sign = 1.0
+def eliminate(a: Floats, order: Integers) -> float:
+    """`L U` of `1 + a` in place of `a`, rows in the `order` of the pivots; sign of its det."""
+    m, sign = len(a), 1.0
+    for k in range(m):
+        a[k, k] += 1.0
     for k in range(m):
         best = k
         for i in range(k + 1, m):
             if abs(a[i, k]) > abs(a[best, k]):
                 best = i
         if a[best, k] == 0.0:
-            return x, 0.0
+            return 0.0
         if best != k:
             sign = -sign
-            for c in range(k, m):
+            order[k], order[best] = order[best], order[k]
+            for c in range(m):
                 a[k, c], a[best, c] = a[best, c], a[k, c]
-            for c in range(6):
-                x[k, c], x[best, c] = x[best, c], x[k, c]
         if a[k, k] < 0:
             sign = -sign
         for i in range(k + 1, m):
             if a[i, k] != 0.0:
-                f = a[i, k] / a[k, k]
+                factor = a[i, k] / a[k, k]
+                a[i, k] = factor
                 for c in range(k + 1, m):
-                    a[i, c] -= f * a[k, c]
-                for c in range(6):
-                    x[i, c] -= f * x[k, c]
-    for k in range(m - 1, -1, -1):
-        for c in range(6):
-            x[k, c] /= a[k, k]
+                    a[i, c] -= factor * a[k, c]
+    return sign
+
+
+@kernel
+def substitute(factors: Floats, x: Floats) -> None:
+    """The solution in place of right-hand sides `x` (m, r), rows in the order of the factors."""
+    m, count = x.shape
+    for k in range(m):
         for i in range(k):
-            if a[i, k] != 0.0:
-                for c in range(6):
-                    x[i, c] -= a[i, k] * x[k, c]
-    return x, sign
+            factor = factors[k, i]
+            if factor != 0.0:
+                for c in range(count):
+                    x[k, c] -= factor * x[i, c]
+    for k in range(m - 1, -1, -1):
+        for i in range(k + 1, m):
+            factor = factors[k, i]
+            if factor != 0.0:
+                for c in range(count):
+                    x[k, c] -= factor * x[i, c]
+        for c in range(count):
+            x[k, c] /= factors[k, k]

@@ -179,24 +179,21 @@ def earliest(
     v: Floats,
     h: Floats,
     tiny: float,
+    left: float,
     rates: Floats,
-    stress: Floats,
     due: Floats,
 ) -> tuple[float, int, int]:
     """The next event: time from now, pair, and 0 for opening, 1 and -1 for yield, 2 for closing.
 
-    `rates` (P, 4): `n . d'`, `N'`, `T'` and shear; `stress` is `V P'`; `due` the time of every
-    pair's next. Beneath `tiny` of the largest a rate has no sign.
+    `rates` (P, 4): `n . d'`, `N'`, `T'` and shear; `due` the time of every pair's next, infinite
+    beyond what is `left`. Beneath `tiny` of the largest a rate has no sign.
     """
     fastest, largest = 0.0, 0.0
-    stress[:] = 0.0
     for p in range(len(rows)):
-        un, ut, across = _relative(grains, rows, p, v, h)
+        un, ut, _ = _relative(grains, rows, p, v, h)
         dn, dt = _force_rates(grains, rows, regime, side, p, un, ut)
         rates[p, 0], rates[p, 1], rates[p, 2], rates[p, 3] = un, dn, dt, ut
         fastest, largest = max(fastest, abs(un)), max(largest, abs(dn))
-        if regime[p] != 0:
-            _add_stress(grains, rows, p, dn, dt, across, stress)
     time, which, kind = math.inf, -1, 0
     for p in range(len(rows)):
         due[p] = math.inf
@@ -204,16 +201,21 @@ def earliest(
             continue
         un, dn, dt = rates[p, 0], rates[p, 1], rates[p, 2]
         own = 0
+        # Whether it comes in time is asked first: of nearly all pairs the answer is no.
         if regime[p] == 0:
-            if un < -tiny * fastest:
-                due[p], own = max(gap[p], 0.0) / -un, 2
-        elif dn < -tiny * largest:
-            due[p] = max(N[p], 0.0) / -dn
+            away = max(gap[p], 0.0)
+            if away < -left * un and un < -tiny * fastest:
+                due[p], own = away / -un, 2
+        else:
+            away = max(N[p], 0.0)
+            if away < -left * dn and dn < -tiny * largest:
+                due[p] = away / -dn
         if regime[p] == 1 and rows[p, 17]:
-            for s in (1, -1):
+            for k in range(2):
+                s = 1 - 2 * k
                 rate = s * dt - rows[p, 16] * dn
                 away = max(rows[p, 16] * N[p] - s * T[p], 0.0)
-                if rate > tiny * largest and away / rate < due[p]:
+                if away < left * rate and rate > tiny * largest and away < due[p] * rate:
                     due[p], own = away / rate, s
         if due[p] < time:
             time, which, kind = due[p], p, own

@@ -101,7 +101,6 @@ class Interval:
         self.work = np.zeros(4)
         self.released = np.zeros(self.pieces.count)
         self.rates = np.empty((count, 4))
-        self.stress = np.empty(4)
         self.idle = 0
 
     def walk(self) -> None:
@@ -112,7 +111,7 @@ class Interval:
                 raise ControlLimitError
             v = self.pieces.motion(rates)
             step, c, kind = self._next(rates.h, v)
-            speed = self.goal.speed(rates.h[:4], self.stress / self.pieces.volume)
+            speed = self._speed(rates.h, v)
             left = self.end - self.time
             if speed * self.goal.left > 0:
                 left = min(left, self.goal.left / speed)
@@ -131,11 +130,21 @@ class Interval:
 
         pieces = self.pieces
         how = (*pieces.frame, pieces.regime, pieces.side, self.held, self.N, self.T, self.gap)
-        time, c, kind = earliest(*how, v, h, TINY, self.rates, self.stress, pieces.due)
+        left = self.end - self.time
+        time, c, kind = earliest(*how, v, h, TINY, left, self.rates, pieces.due)
         if kind in (-1, 1):
             pieces.side[c] = kind
             return time, c, "yield"
         return time, c, "closing" if kind else "opening"
+
+    def _speed(self, h: Floats, v: Floats) -> float:
+        """Rate of the goal's quantity."""
+        from stability.compiled.packing_rates import stress_rate
+
+        pieces, stress = self.pieces, np.zeros(4)
+        if self.goal.stress.any():
+            stress_rate(*pieces.frame, pieces.regime, pieces.side, v, h, stress)
+        return self.goal.speed(h[:4], stress / pieces.volume)
 
     def _advance(self, h: Floats, v: Floats, step: float) -> None:
         from stability.compiled.packing_rates import advance
@@ -224,7 +233,7 @@ class Interval:
 
     def _scale(self, rates: Rates) -> float:
         size = float(np.abs(rates.h[:4]).max())
-        return size * float(self.pieces.frame.rows[:, KN].max()) * 2.0 * self.pieces.length
+        return size * self.pieces.stiffest * 2.0 * self.pieces.length
 
     def _settled(self) -> Rates:
         """Rates with which every contact at yield agrees; factorised anew where ranks are many."""

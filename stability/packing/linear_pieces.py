@@ -74,6 +74,23 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> Frame:
     return Frame(np.ascontiguousarray(pairs.grains), np.hstack(rows))
 
 
+class Small(NamedTuple):
+    """`1 + C` of the columns as eliminated, the order of its rows, sign of det, `Y` under `h`."""
+
+    factors: Floats
+    order: Integers
+    sign: float
+    Y: Floats
+
+    def solved(self, right: Floats) -> Floats:
+        """Under right-hand sides (m, r)."""
+        from stability.compiled.packing_columns import substitute
+
+        x = right[self.order]
+        substitute(self.factors, x)
+        return x
+
+
 class Order(NamedTuple):
     """Places of the freedoms in the elimination, and the entries that its factors had."""
 
@@ -99,6 +116,7 @@ class Pieces:
         self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
         self.frame = frame_of(state, pairs, by_radii)
         self.regime, self.side = regime, side
+        self.stiffest = float(self.frame.rows[:, KN].max())
         self.count, self.length = len(state.x), float(state.radii.mean())
         self.volume = abs(float(np.linalg.det(state.cell)))
         self.load, self.drag = load, np.zeros(self.count)
@@ -155,6 +173,7 @@ class Pieces:
         right[4] = self.load
         self.V = self._solved(right)
         self.known[:] = 0
+        self.small: Small | None = None
         self.rows = np.empty(ROOM, dtype=np.int64)
         self.at: dict[int, int] = {}
         self.ready: dict[int, Floats] = {}
@@ -227,19 +246,21 @@ class Pieces:
         for row, change in ((c, (nn, 0.0)), (len(self.frame.rows) + c, (sn, ss))):
             if row in self.at or change != (0.0, 0.0):
                 self.coefficients[:, self.column(row)] = change
+                self.small = None
 
     def solve(
         self, stress: Floats, strain: Floats, rate: Floats, driven: int = -1
     ) -> tuple[Rates, Rates]:
         """Rates under `stress @ P' + strain @ H' = rate`; of a unit force on a column."""
-        from stability.compiled.packing_columns import small_system
-
-        m = len(self.at)
-        solved, sign = small_system(self.coefficients, self.base, self.mutual, m, driven)
-        if sign == 0.0:
+        small, m = self._small(), len(self.at)
+        if small.sign == 0.0:
             raise ArithmeticError("it is singular in these regimes")
-        Y, x = solved[:, :5], -solved[:, 5]
+        # Columns that came since have had no part in the system yet.
+        Y, x = np.zeros((m, 5)), np.zeros(m)
+        Y[: len(small.Y)] = small.Y
         if driven >= 0:
+            column = self._changes(self.mutual[:, :, driven : driven + 1], len(small.Y))
+            x[: len(small.Y)] = -small.solved(column)[:, 0]
             x[driven] += 1.0
         h, other = np.ones(5), np.zeros(5)
         if stress.any():
@@ -250,16 +271,33 @@ class Pieces:
             h[:4] = np.linalg.solve(strain, rate)
         return Rates(h, -Y @ h), Rates(other, x - Y @ other)
 
+    def _small(self) -> Small:
+        """The system in the columns, eliminated once for regimes as they are."""
+        from stability.compiled.packing_columns import eliminate
+
+        if self.small is None:
+            m = len(self.at)
+            a, order = self._changes(self.mutual[:, :, :m], m), np.arange(m)
+            sign = eliminate(a, order)
+            self.small = Small(a, order, sign, np.zeros((m, 5)))
+            if sign != 0.0:
+                self.small.Y[:] = self.small.solved(self._changes(self.base, m))
+        return self.small
+
+    def _changes(self, rates: Floats, m: int) -> Floats:
+        """Changes of the forces on the first rows by rates (2, m, r) of their pairs."""
+        p, q = self.coefficients[:, :m, None]
+        return np.asarray(p * rates[0, :m] + q * rates[1, :m])
+
     def sign(self, stress: Floats, strain: Floats) -> float:
         """Sign of the determinant, over that of the reference."""
-        from stability.compiled.packing_columns import small_system
-
-        m = len(self.at)
-        solved, sign = small_system(self.coefficients, self.base, self.mutual, m, -1)
+        small = self._small()
         if not stress.any():
-            return sign
-        A, _, _ = self._controlled(stress, strain, solved[:, :5])
-        return float(sign * np.sign(np.linalg.det(A)))
+            return small.sign
+        Y = np.zeros((len(self.at), 5))
+        Y[: len(small.Y)] = small.Y
+        A, _, _ = self._controlled(stress, strain, Y)
+        return float(small.sign * np.sign(np.linalg.det(A)))
 
     def _controlled(
         self, stress: Floats, strain: Floats, Y: Floats
