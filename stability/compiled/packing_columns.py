@@ -7,8 +7,6 @@ strains and the load, `U` (m, 3G) under unit forces on rows of pairs; rates unde
 
 from __future__ import annotations
 
-import numpy as np
-
 from loops.arrays import Floats, Integers
 from loops.compiled.kernel import kernel
 

@@ -215,7 +215,8 @@ def earliest(
                 s = 1 - 2 * k
                 rate = s * dt - rows[p, 16] * dn
                 away = max(rows[p, 16] * N[p] - s * T[p], 0.0)
-                if away < left * rate and rate > tiny * largest and away < due[p] * rate:
+                in_time = away < left * rate and rate > tiny * largest
+                if in_time and away / rate < due[p]:
                     due[p], own = away / rate, s
         if due[p] < time:
             time, which, kind = due[p], p, own
