@@ -296,6 +296,18 @@ def test_a_packing_that_floats_is_refused():
 
 
 @pytest.mark.slow
+def test_paths_and_replays_in_processes_give_the_same_bytes(tmp_path):
+    """Both turn on rounding; an interval for each of two processes."""
+    for workers in (1, 2):
+        foretell(tmp_path / str(workers), workers=workers, in_packing="events")
+    alone, shared = (contents(tmp_path / str(workers)) for workers in (1, 2))
+    assert shared == alone
+    assert sum(name.startswith("packing/part-") for name in alone) == len(PATHS) - 1
+    told = pd.read_parquet(tmp_path / "2" / "skill.parquet")
+    assert {"packing_path", "replay"} < set(told.predictor)
+
+
+@pytest.mark.slow
 def test_processes_and_restarts_give_the_same_bytes(tmp_path):
     """Either of the two parts of an interval that is lost is made again, and the rest is kept."""
     alone, out = tmp_path / "alone", tmp_path / "out"
