@@ -239,7 +239,9 @@ class _Walk:
         self.work += work
         self.drift = self.state.resultants - self.balance
         self._tell_energy(walk.released)
-        self._renew(float(np.abs(walk.u).max()))
+        # Neighbours come nearer with the cell as well, by twice this.
+        affine = float(np.linalg.norm(walk.strain) * state.radii.max())
+        self._renew(float(np.abs(walk.u).max()) + affine)
         return None
 
     def _control(self, stage: Stage, drift: float) -> Control:

@@ -2,7 +2,7 @@
 
 import functools
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -248,6 +248,64 @@ def test_energy_of_instabilities_is_accounted_for():
     # Each instability its own grains', each grain once: what is left is of rattlers.
     assert 0.5 * spent[2] < sum(told) < 1.01 * spent[2]
     assert unaccounted(path) < 1e-9
+
+
+def test_grains_that_come_nearer_with_the_cell_touch():
+    """Opposite grains of the diamonds, from a gap of 0.136 on; none moves against the cell."""
+    strain, law = 0.125 * np.eye(2), LinearFrictional(1.0, 0.5, 0.5)
+    path = followed(lattice(), law, strained(strain), interval=1e-3)
+    touch = 1 - 1 / (2 * 0.99 * np.sin(np.radians(35)))
+    assert len(path.of_kind("closing")) == 4
+    for event in path.of_kind("closing"):
+        assert event.parameter * 0.125 == pytest.approx(touch, rel=1e-6)
+    assert np.count_nonzero(path.states[-1].closed) == 12
+
+
+def with_a_row_of_rattlers(graph, count, gap=1e-4):
+    """Equal discs in the packing's largest void, side by side along axis 1, without forces."""
+    shifts = np.array(list(product((-1, 0, 1), repeat=2))) @ graph.cell.T
+    x = (graph.x + shifts[:, None]).reshape(-1, 2)
+    places = np.array(list(product(np.linspace(0, 1, 80, endpoint=False), repeat=2))) @ graph.cell.T
+    room = np.min(np.linalg.norm(places[:, None] - x, axis=2) - np.tile(graph.radii, 9), axis=1)
+    radius = 0.9 * room.max() / count
+    along = (2 * radius + gap) * (np.arange(count) - 0.5 * (count - 1))
+    row = places[room.argmax()] + np.column_stack([along, 0 * along])
+    return graph.replace(
+        x=np.vstack([graph.x, row]), x0=None, radii=np.append(graph.radii, [radius] * count)
+    )
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_rattlers_that_touch(count):
+    """Gaps close on the way: no force to speak of, and the grains lie as in a slow replay."""
+    graph, first = packed(16, 2, LAW), 16
+    loose = with_a_row_of_rattlers(graph, count)
+    paths = [followed(g, LAW, strained(H), interval=2e-5) for g in (graph, loose)]
+    alone, end = (path.states[-1] for path in paths)
+    other = replay(loose, LAW, H, duration=2e4, viscous=0.02).state
+    touching = [
+        event for event in paths[1].events if (end.contacts[event.contacts[0]] >= first).all()
+    ]
+    assert [event.kind for event in touching] == ["closing"] * (count - 1)
+    # Loose grains move with the cell.
+    apart = 2 * loose.radii[-1] + 1e-4
+    for event in touching:
+        assert event.parameter == pytest.approx(1e-4 / apart / H[0, 0], rel=1e-4)
+    for state in (end, other):
+        pairs = (state.contacts >= first).all(axis=1)
+        assert np.count_nonzero(pairs) == count - 1 and state.closed[pairs].all()
+        assert state.normal_force[pairs].max() < 3e-9
+    np.testing.assert_allclose(end.x[first:], other.x[first:], rtol=0, atol=1e-8)
+    # The others don't hear of it.
+    told = [
+        [(e.kind, pytest.approx(e.parameter, rel=1e-6)) for e in path.events if e not in touching]
+        for path in paths
+    ]
+    assert told[0] == told[1]
+    forces = (state.forces[: graph.contact_count] for state in (alone, end, other))
+    wanted, found, slowly = forces
+    assert np.linalg.norm(found - wanted) < 1e-9 * np.linalg.norm(wanted)
+    assert np.linalg.norm(found - slowly) < 1e-5 * np.linalg.norm(wanted)
 
 
 def test_a_cell_sheared_past_its_neighbours():
