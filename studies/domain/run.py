@@ -85,9 +85,9 @@ def run_domain(
         write_summary(folder, summary)
         # Drawing is loaded only when there is something to draw.
         from studies.domain.figures import domain_figure
-        from studies.style import save_figure
+        from studies.style import save_figures
 
-        save_figure(domain_figure(table, parameters.cases()), folder, "domain", made)
+        save_figures({"domain": domain_figure(table, parameters.cases())}, folder, made)
     return summary
 
 

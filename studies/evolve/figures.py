@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,8 @@ from loops import Faces
 from loops.arrays import Floats
 from patterns import Snapshot
 from studies.series.animation import write_animation
-from studies.snapshot.figures import Drawing
 from studies.snapshot.loop_map import draw_values, loop_drawer
-from studies.style import BLUE, DIVERGING, GREY, VERMILION, new_panels, save_figure, styled
+from studies.style import BLUE, DIVERGING, GREY, VERMILION, Drawing, new_panels, styled
 
 _STRESS = (
     "Changes of nominal stress and volume over {driven}, along the path; rings: the DEM's own next "
@@ -29,32 +29,15 @@ _MAP = (
 )
 
 
-def draw_figures(
-    snapshot: Snapshot,
-    faces: Faces,
-    tables: dict[str, Any],
-    summary: dict[str, Any],
-    folder: Path,
-) -> list[tuple[str, str, Path]]:
-    """Draw every figure of a path as PNG and SVG."""
+def path_drawings(
+    snapshot: Snapshot, tables: dict[str, Any], summary: dict[str, Any]
+) -> Iterator[Drawing]:
+    """Every figure of a path."""
     driven, said = summary["driven"], f"{summary['status']}: {summary['message']}."
-    drawings = (
-        Drawing(
-            "stress_strain",
-            "Stress and strain",
-            _STRESS.format(driven=driven, said=said),
-            stress_strain(tables, driven),
-        ),
-        Drawing(
-            "map",
-            "Loops",
-            _MAP.format(driven=driven),
-            work_map(snapshot, faces, tables["loops"], summary),
-        ),
-    )
-    for one in drawings:
-        save_figure(one.figure, folder, one.name, summary["provenance"])
-    return [(one.title, one.caption, folder / f"{one.name}.png") for one in drawings]
+    caption, drawn = _STRESS.format(driven=driven, said=said), stress_strain(tables, driven)
+    yield Drawing("stress_strain", "Stress and strain", caption, drawn)
+    drawn = work_map(snapshot, snapshot.faces, tables["loops"], summary)
+    yield Drawing("map", "Loops", _MAP.format(driven=driven), drawn)
 
 
 def _told(name: str, start: float) -> str:

@@ -250,10 +250,12 @@ def _draw(
     name: str,
 ) -> None:
     # Drawing is loaded only when there is something to draw.
-    from studies.evolve.figures import draw_figures
+    from studies.evolve.figures import path_drawings
     from studies.snapshot.report import loops_for_map, write_report
+    from studies.style import save_drawings
 
-    drawn = draw_figures(snapshot, snapshot.faces, tables, summary, folder)
     shown = loops_for_map(snapshot, snapshot.faces, tables["loops"])
     title = f"Path of {readable(name)}"
-    write_report(folder, title, summary, drawn, shown, summary["provenance"])
+    made = summary["provenance"]
+    drawn = save_drawings(path_drawings(snapshot, tables, summary), folder, made)
+    write_report(folder, title, summary, drawn, shown, made)

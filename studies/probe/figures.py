@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from loops import Faces
 from loops.arrays import Floats
 from patterns import Snapshot
 from stability.packing import Probe
-from studies.snapshot.figures import Drawing
 from studies.snapshot.loop_map import draw_values, loop_drawer
 from studies.style import (
     BLUE,
@@ -26,10 +24,10 @@ from studies.style import (
     SEQUENTIAL,
     SKY,
     VERMILION,
+    Drawing,
     axes_or_new,
     figure_of,
     new_figure,
-    save_figure,
     styled,
 )
 
@@ -55,29 +53,10 @@ _MAP = (
 )
 
 
-def draw_figures(
-    snapshot: Snapshot,
-    faces: Faces,
-    found: Probe,
-    loops: dict[str, Any],
-    summary: dict[str, Any],
-    folder: Path,
-) -> list[tuple[str, str, Path]]:
-    """Draw every figure of a probe as PNG and SVG."""
-    shown = []
-    for one in _drawings(snapshot, faces, found, loops, summary):
-        save_figure(one.figure, folder, one.name, summary["provenance"])
-        shown.append((one.title, one.caption, folder / f"{one.name}.png"))
-    return shown
-
-
-def _drawings(
-    snapshot: Snapshot,
-    faces: Faces,
-    found: Probe,
-    loops: dict[str, Any],
-    summary: dict[str, Any],
+def probe_drawings(
+    snapshot: Snapshot, found: Probe, loops: dict[str, Any], summary: dict[str, Any]
 ) -> Iterator[Drawing]:
+    """Every figure of a probe."""
     given, answer = ("H'", "P'") if found.control == "strain" else ("P'", "H'")
     where = "" if found.subspace == "diagonal" else " in the three symmetric components"
     caption = _ENVELOPE.format(given=given, answer=answer, where=where)
@@ -88,7 +67,7 @@ def _drawings(
     if theta is not None:
         bars = figure_of(order_bars(summary["orders"]))
         yield Drawing("orders", "Orders", _ORDERS.format(theta=theta), bars)
-        drawn = work_map(snapshot, faces, loops["additive_w"] / summary["mean_kn"])
+        drawn = work_map(snapshot, snapshot.faces, loops["additive_w"] / summary["mean_kn"])
         yield Drawing("map", "Loops", _MAP.format(theta=theta), drawn)
 
 

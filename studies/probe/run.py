@@ -270,11 +270,12 @@ def _draw(
     folder: Path,
 ) -> None:
     # Drawing is loaded only when there is something to draw.
-    from studies.probe.figures import draw_figures
+    from studies.probe.figures import probe_drawings
     from studies.snapshot.report import loops_for_map, write_report
+    from studies.style import save_drawings
 
     made = summary["provenance"]
-    drawn = draw_figures(snapshot, snapshot.faces, found, loops, summary, folder)
+    drawings = probe_drawings(snapshot, found, loops, summary)
     title = f"Probes of {readable(made['configuration']['path'].name)}"
     shown = loops_for_map(snapshot, snapshot.faces, loops)
-    write_report(folder, title, summary, drawn, shown, made)
+    write_report(folder, title, summary, save_drawings(drawings, folder, made), shown, made)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,11 +34,11 @@ from studies.style import (
     ORDER_COLOURS,
     SKY,
     VERMILION,
+    Drawing,
     axes_or_new,
     figure_of,
     new_figure,
     new_panels,
-    save_figure,
     say_empty,
     styled,
 )
@@ -65,40 +64,14 @@ FINE, COARSE, FEW = 10.0, 20.0, 200
 JOINED = 200
 
 
-class Drawing(NamedTuple):
-    """A figure on its way to a file."""
-
-    name: str
-    title: str
-    caption: str
-    figure: Figure
-
-
-def draw_figures(
-    snapshot: Snapshot,
-    faces: Faces,
-    table: dict[str, Any],
-    chains: ForceChains | None,
-    summary: dict[str, Any],
-    folder: Path,
-    source: dict[str, Any],
-) -> list[tuple[str, str, Path]]:
-    """Draw every figure of a snapshot as PNG and SVG."""
-    shown = []
-    for drawing in _drawings(snapshot, faces, table, chains, summary):
-        save_figure(drawing.figure, folder, drawing.name, source)
-        shown.append((drawing.title, drawing.caption, folder / f"{drawing.name}.png"))
-    return shown
-
-
-def _drawings(
+def snapshot_drawings(
     snapshot: Snapshot,
     faces: Faces,
     table: dict[str, Any],
     chains: ForceChains | None,
     summary: dict[str, Any],
 ) -> Iterator[Drawing]:
-    """One figure after the other: only one is held at a time."""
+    """Every figure of a snapshot."""
     draw = loop_drawer(snapshot, faces)
     yield Drawing("map", "Loops", _MAP, loop_map(snapshot, faces, table, draw))
     orders = figure_of(order_bars(summary, table))

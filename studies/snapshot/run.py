@@ -91,16 +91,17 @@ def _draw(
 ) -> None:
     """Figures, the numbers behind the rose of contacts, and the report."""
     # Drawing is loaded only when there is something to draw.
-    from studies.snapshot.figures import draw_figures, fabric_table
+    from studies.snapshot.figures import fabric_table, snapshot_drawings
     from studies.snapshot.report import loops_for_map, write_report
+    from studies.style import save_drawings
 
     made = summary["provenance"]
     write_table(folder, "fabric", fabric_table(snapshot.graph, summary), made, csv=csv)
-    drawn = draw_figures(snapshot, faces, table, chains, summary, folder, made)
+    drawings = snapshot_drawings(snapshot, faces, table, chains, summary)
     title = f"Loops of {readable(made['configuration']['path'].name)}"
     links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
     shown = loops_for_map(snapshot, faces, table, **links)
-    write_report(folder, title, summary, drawn, shown, made)
+    write_report(folder, title, summary, save_drawings(drawings, folder, made), shown, made)
 
 
 def _orders(summary: dict[str, Any], table: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib.figure
 import numpy as np
 import pandas as pd
 import pytest
@@ -37,8 +36,7 @@ def run(folder: Path, *arguments: object) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["grainloops", *map(str, arguments), "--out", str(out)])
         # Drawing is left out, the names of the figures stay.
-        patch.setattr(matplotlib.figure.Figure, "savefig", lambda _, path, **how: touch(path))
-        patch.setattr("studies.style._lay_out", lambda fig: None)
+        patch.setattr("studies.style.save_figure", touch)
         with pytest.raises(SystemExit) as stop:
             main()
     if stop.value.code != 0:
@@ -51,8 +49,10 @@ def command(folder: Path, *arguments: object) -> dict[str, Any]:
     return answer(run(folder, *arguments))
 
 
-def touch(path: Any) -> None:
-    Path(path).touch()
+def touch(_figure: Any, folder: Path, name: str, _source: Any) -> None:
+    """Instead of a figure's files."""
+    for ending in ("png", "svg"):
+        (folder / f"{name}.{ending}").touch()
 
 
 def answer(out: Path) -> dict[str, Any]:
