@@ -2,6 +2,7 @@
 
 import os
 
+import pytest
 from hypothesis import settings
 
 # Figures are drawn to files, with or without a screen.
@@ -9,3 +10,17 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 settings.register_profile("grainloops", derandomize=True, deadline=None)
 settings.load_profile("grainloops")
+
+
+@pytest.fixture
+def unsaved(monkeypatch):
+    """Figures are drawn, their files stay empty: for tests of names."""
+    from tests.unsaved import leave_files_empty
+
+    leave_files_empty(monkeypatch)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Studies of paths without figures, where a test is about the rest."""
+    monkeypatch.setattr("studies.paths.run.draw", lambda *_: None)

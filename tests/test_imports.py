@@ -1,6 +1,7 @@
 """The rooms stand one above the other: imports run downwards, and never in a circle."""
 
 import ast
+import functools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,6 +26,11 @@ def room_modules(root: Path) -> dict[str, Path]:
         for room in BELOW
         for path in sorted((root / room).rglob("*.py"))
     }
+
+
+@functools.cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def executed_nodes(tree: ast.AST) -> Iterator[ast.AST]:
@@ -60,7 +66,7 @@ def room_violations(root: Path) -> list[str]:
         forbidden = set(BELOW) - BELOW[room] - {room}
         if room not in ("studies", "grainloops"):
             forbidden |= ONLY_IN_STUDIES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             targets = import_targets(node, module, path.stem == "__init__")
             found += [
                 f"{module} imports {name}" for name in targets if name.split(".")[0] in forbidden
@@ -73,7 +79,7 @@ def import_graph(root: Path) -> "nx.DiGraph[str]":
     modules = room_modules(root)
     graph = nx.DiGraph()
     for module, path in modules.items():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = tree_of(path)
         # What a face shows it imports sooner or later.
         for node in ast.walk(tree) if path.stem == "__init__" else executed_nodes(tree):
             for name in import_targets(node, module, path.stem == "__init__"):

@@ -8,6 +8,7 @@ import pytest
 
 from studies.examples import probing
 from tests.docs.pages import page, says, section, tables
+from tests.unsaved import leave_files_empty
 
 TEXT = section(page("probing"), "## Held to Yade")
 *ERRORS, ON_THE_WAY = tables(TEXT)
@@ -17,7 +18,9 @@ WORDS = " ".join(TEXT.split())
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     out = tmp_path_factory.mktemp("probing") / "out"
-    numbers = probing.main(out)
+    with pytest.MonkeyPatch.context() as patch:
+        leave_files_empty(patch)
+        numbers = probing.main(out)
     assert len(json.loads((out / "summary.json").read_text())["errors"]) == 54
     return numbers, pd.read_parquet(out / "probing.parquet")
 

@@ -15,6 +15,7 @@ import pytest
 
 from patterns import sample_cell, sample_path
 from studies.cli import main
+from tests.unsaved import leave_files_empty
 
 # Rows kept of a long table: evenly spread, with the first and the last.
 ROWS = 9
@@ -35,8 +36,7 @@ def run(folder: Path, *arguments: object) -> Path:
     out = folder / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["grainloops", *map(str, arguments), "--out", str(out)])
-        # Drawing is left out, the names of the figures stay.
-        patch.setattr("studies.style.save_figure", touch)
+        leave_files_empty(patch)
         with pytest.raises(SystemExit) as stop:
             main()
     if stop.value.code != 0:
@@ -47,12 +47,6 @@ def run(folder: Path, *arguments: object) -> Path:
 def command(folder: Path, *arguments: object) -> dict[str, Any]:
     """Answer of a command: its summary, its tables and the names of its files."""
     return answer(run(folder, *arguments))
-
-
-def touch(_figure: Any, folder: Path, name: str, _source: Any) -> None:
-    """Instead of a figure's files."""
-    for ending in ("png", "svg"):
-        (folder / f"{name}.{ending}").touch()
 
 
 def answer(out: Path) -> dict[str, Any]:

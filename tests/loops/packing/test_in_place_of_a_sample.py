@@ -116,7 +116,7 @@ def test_extrapolated_patches_gain_half_a_radius(elastic):
 SETTINGS = [
     {"method": "blocks", "block": 25.0, "buffer": 4.0},
     {"method": "blocks", "block": 12.0, "buffer": 8.0},
-    {"method": "patches", "radius": 6.0},
+    {"method": "patches", "radius": 4.0},
     {"method": "extrapolated", "radius": 4.0},
 ]
 

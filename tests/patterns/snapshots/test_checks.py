@@ -4,6 +4,8 @@ A fault counts as noticed where reading refuses it or a check that speaks of it 
 that tells columns by what they hold may also heal it: then the snapshot is the healthy one's.
 """
 
+import functools
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -78,14 +80,19 @@ def suspicious(snapshot):
     return {found.check for found in snapshot.findings if found.severity != "ok"}
 
 
-def noticed(deck, fault, folder):
+@functools.cache
+def healthy_of(name):
+    with tempfile.TemporaryDirectory() as folder:
+        deck = DECKS[name]()
+        return read_snapshot(deck.write(Path(folder)), **deck.options)
+
+
+def noticed(name, fault, folder):
     """Whether reading refuses the spoilt snapshot, a check tells it, or it was healed."""
-    (folder / "healthy").mkdir()
-    (folder / "spoilt").mkdir()
-    healthy = read_snapshot(deck.write(folder / "healthy"), **deck.options)
+    healthy, deck = healthy_of(name), DECKS[name]()
     assert healthy.mechanical and not suspicious(healthy), healthy.notes
     fault(deck)
-    path = deck.write(folder / "spoilt")
+    path = deck.write(folder)
     try:
         spoilt = read_snapshot(path, strict=False, **deck.options)
     except InputError:
@@ -106,7 +113,7 @@ def test_fault_is_noticed(name, fault, tmp_path):
         pytest.importorskip("h5py")
     if name == "yade-recorder":
         pytest.importorskip("vtkmodules")
-    assert noticed(DECKS[name](), fault, tmp_path)
+    assert noticed(name, fault, tmp_path)
 
 
 @pytest.mark.parametrize("name", ["directions", "balance", "distances"])

@@ -207,8 +207,9 @@ def sliding(closure):
     return at_45([isotropic(0.3), drained(0.45)], closure=closure)
 
 
-@pytest.mark.parametrize("closure", CLOSURES)
-@pytest.mark.parametrize("size", [1e-15, 1e-12, 1e-9])
+@pytest.mark.parametrize(
+    ("size", "closure"), [(1e-15, "traction"), (1e-12, "affine"), (1e-9, "traction")]
+)
 def test_perturbed_symmetry_yields_at_the_same_point(closure, size):
     confined = diamond(np.pi / 4, E1=0.3, E2=0.3)
     disturbed = confined.replace(shear_force=size * np.array([1.0, 0.0, -2.0, 0.3]))

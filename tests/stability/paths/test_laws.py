@@ -53,7 +53,7 @@ def lost_at(path):
     return float(path.H[event.index, 0])
 
 
-@pytest.mark.parametrize(("order", "poisson"), [(4, 0.0), (5, 0.3), (8, 0.3)])
+@pytest.mark.parametrize(("order", "poisson"), [(4, 0.0), (5, 0.3)])
 def test_spheres_lose_stability_at_their_threshold(order, poisson):
     law = HertzMindlin(young=1.0, poisson=poisson)
     kappa = 2 * (1 - poisson) / (2 - poisson)
@@ -63,7 +63,7 @@ def test_spheres_lose_stability_at_their_threshold(order, poisson):
     assert lost_at(path) == pytest.approx(kappa / (kappa + 2 / 3), abs=1e-11)
 
 
-@pytest.mark.parametrize(("order", "k_r"), [(5, 0.03), (6, 0.3), (8, 0.03)])
+@pytest.mark.parametrize(("order", "k_r"), [(5, 0.03), (6, 0.3)])
 def test_rolling_resistance_gives_free_spins_their_threshold_back(order, k_r):
     law = RollingResistance(LinearFrictional(kn=1.0, kt=KAPPA), k_r=k_r)
     path = follow(regular_polygon(order), law, isotropic(0.3), closure="traction", spins="free")
@@ -160,8 +160,14 @@ def test_hertz_mindlin_shear_against_its_own_quadrature():
     assert np.abs(path.energy_error).max() < 1e-11
 
 
-@pytest.mark.parametrize("closure", ["affine", "traction"])
-@pytest.mark.parametrize("spins", ["blocked", "affine", "free"])
+@pytest.mark.parametrize(
+    ("closure", "spins"),
+    [
+        *(("affine", "blocked"), ("traction", "affine"), ("traction", "free")),
+        *(pytest.param("affine", one, marks=pytest.mark.slow) for one in ("affine", "free")),
+        pytest.param("traction", "blocked", marks=pytest.mark.slow),
+    ],
+)
 def test_a_wrapped_law_goes_everywhere_the_plain_one_does(closure, spins):
     """Rolling resistance of no stiffness, and a cohesive law of no adhesion, change nothing."""
     plain = LinearFrictional(kn=1.0, kt=KAPPA, mu=MU)
@@ -246,7 +252,7 @@ def sphere_contacts(graph, law, E, poisson=0.3):
     return N, run.y[:, -1]
 
 
-@pytest.mark.parametrize("order", [3, 5])
+@pytest.mark.parametrize("order", [pytest.param(3, marks=pytest.mark.slow), 5])
 def test_spheres_are_followed_from_their_first_touch(order, monkeypatch):
     """Against the path from rest; what the first strain changes is in proportion to it."""
     law, graph, off = HertzMindlin(young=1.0, poisson=0.3), regular_polygon(order), []

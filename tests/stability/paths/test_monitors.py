@@ -44,19 +44,18 @@ def test_symmetric_part_vanishes_where_contacts_carry_shear(
     graph = diamond(np.radians(alpha0))
     quantity = "H12" if programme is SHEAR else "H11"
 
-    def to(end):
-        stages = [isotropic(0.1), Stage(programme, quantity, end)]
+    def through(*ends):
+        stages = [isotropic(0.1), *(Stage(programme, quantity, end) for end in ends)]
         return follow(graph, ELASTIC, stages, closure=closure, subspace=subspace)
 
-    def smallest(end):
-        path = to(end)
+    def smallest(path, row):
         state = graph.replace(
-            x=path.x[-1], normal_force=path.normal_force[-1], shear_force=path.shear_force[-1]
+            x=path.x[row], normal_force=path.normal_force[row], shear_force=path.shear_force[row]
         )
-        A = macroscopic_tangent(state, ELASTIC, closure, regime=path.regime[-1]).matrix
+        A = macroscopic_tangent(state, ELASTIC, closure, regime=path.regime[row]).matrix
         return float(symmetric_spectrum(restrict(A, subspace))[0])
 
-    path = to(last)
+    path = through(last)
     (event,) = path.of_kind("det_Ks_zero")
     K = restrict(path.A[event.index], subspace)
     norm = np.linalg.norm(K)
@@ -64,9 +63,10 @@ def test_symmetric_part_vanishes_where_contacts_carry_shear(
     # T makes K nonsymmetric: neither its triangle nor its determinant tells.
     assert np.abs(K - K.T).max() > 1e-3 * norm
     assert abs(closest_to_zero(np.linalg.eigvalsh(0.5 * (K + K.T)))) < 1e-12 * norm
-    # Paths that end just before and behind have one sign each.
+    # Stages that end just before and behind have one sign each.
     met = path.H[event.index, ("H11", "H12").index(quantity)]
-    assert smallest(met - 1e-10) > 0 > smallest(met + 1e-10)
+    path = through(met - 1e-10, met + 1e-10)
+    assert smallest(path, np.flatnonzero(path.stage == 1)[-1]) > 0 > smallest(path, -1)
 
 
 def test_area_ratio_is_the_determinant_of_a_sheared_loop():
@@ -96,12 +96,21 @@ CASES = {
 }  # fmt: skip
 
 
+SMALL, LARGE = ("affine", 1e-3, 1e6), ("traction", 1e3, 1e-3)
+
+
 @pytest.mark.parametrize(
-    ("closure", "length", "kn"), [("affine", 1e-3, 1e6), ("traction", 1e3, 1e-3)]
+    ("case", "units"),
+    [
+        *(("opening", SMALL), ("yield", LARGE), ("added", LARGE)),
+        *(("added at once", SMALL), ("free spins", LARGE)),
+        *(pytest.param(one, SMALL, marks=pytest.mark.slow) for one in ("yield", "added")),
+        *(pytest.param(one, LARGE, marks=pytest.mark.slow) for one in ("opening", "added at once")),
+        pytest.param("free spins", SMALL, marks=pytest.mark.slow),
+    ],
 )
-@pytest.mark.parametrize("case", CASES)
-def test_events_are_the_same_in_other_units(case, length, kn, closure):
-    graph, stages, options = CASES[case]
+def test_events_are_the_same_in_other_units(case, units):
+    (closure, length, kn), (graph, stages, options) = units, CASES[case]
     mu = np.tan(np.radians(6.0 if case == "yield" else 30.0))
     plain = follow(
         graph, LinearFrictional(kn=1.0, kt=0.2, mu=mu), stages, closure=closure, **options

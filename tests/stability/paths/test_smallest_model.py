@@ -56,8 +56,10 @@ def largest_difference(small, full):
     return found
 
 
-@pytest.mark.parametrize("spins", SPINS)
-@pytest.mark.parametrize("closure", CLOSURES)
+# The rest of closures and spins with the longer polygons.
+@pytest.mark.parametrize(
+    ("closure", "spins"), [("affine", "free"), ("traction", "blocked"), ("traction", "affine")]
+)
 def test_short_polygons_to_rounding(closure, spins):
     small, full = both(regular_polygon(4), closure=closure, spins=spins)
     assert largest_difference(small, full) < 2e-14
@@ -77,11 +79,9 @@ def test_longer_polygons_to_rounding(order, orientation, closure, spins):
     assert largest_difference(small, full) < 1e-13
 
 
-@pytest.mark.parametrize("closure", CLOSURES)
-@pytest.mark.parametrize("alpha0", [35.0])
-def test_diamonds_to_rounding(alpha0, closure):
+def test_diamonds_to_rounding():
     law = LinearFrictional(kn=1.0, kt=0.3, mu=np.tan(np.radians(6)))
-    small, full = both(diamond(np.radians(alpha0)), law, closure=closure)
+    small, full = both(diamond(np.radians(35)), law, closure="traction")
     assert largest_difference(small, full) < 2e-14
     assert (small.model.freedoms, full.model.freedoms) == ("2 of 8", "8 of 8")
     assert (small.model.contact_orbits, full.model.contact_orbits) == ("1 of 4", "4 of 4")
@@ -99,7 +99,7 @@ def test_contacts_added_in_pairs_keep_the_symmetry(closure):
     assert small.model.kept == "to the end"
 
 
-@pytest.mark.parametrize(("seed", "closure"), [(0, "affine"), (1, "traction"), (2, "traction")])
+@pytest.mark.parametrize(("seed", "closure"), [(0, "affine"), (1, "traction")])
 def test_loops_without_symmetry_are_the_full_model(seed, closure):
     loop = random_loop(5, seed, strain=0.02, mu=0.2)
     small, full = both(
@@ -116,10 +116,10 @@ def test_a_perturbation_of_1e_12_is_modelled():
     square = regular_polygon(4)
     x = np.array(square.x)
     x[0, 0] += 1e-12
-    path = follow(square.replace(x=x, x0=x), LAW, stages(), closure="traction")
+    path = follow(square.replace(x=x, x0=x), LAW, stages(0.02, 0.03), closure="traction")
     assert path.model.symmetry == "D1 (order 2)"
     x[1, 0] += 2e-12
-    path = follow(square.replace(x=x, x0=x), LAW, stages(), closure="traction")
+    path = follow(square.replace(x=x, x0=x), LAW, stages(0.02, 0.03), closure="traction")
     assert path.model.symmetry == "none"
 
 
@@ -143,7 +143,9 @@ def test_a_stage_keeps_the_symmetry_that_is_its_own():
 
 
 def test_spins_of_a_diamond_vanish_by_symmetry():
-    path = follow(diamond(np.radians(40)), LAW, stages(), closure="traction", spins="free")
+    path = follow(
+        diamond(np.radians(40)), LAW, stages(0.02, 0.03), closure="traction", spins="free"
+    )
     assert path.model.spins == "0 of 4"
 
 

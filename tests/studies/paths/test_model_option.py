@@ -12,7 +12,9 @@ from studies.paths.diamond_summary import model_summary
 from tests.studies.paths.followed import followed
 
 
-@pytest.mark.parametrize(("table", "closure"), [(1, "affine"), (2, "traction")])
+@pytest.mark.parametrize(
+    ("table", "closure"), [pytest.param(1, "affine", marks=pytest.mark.slow), (2, "traction")]
+)
 def test_all_freedoms_of_the_diamond_against_its_closed_forms(table, closure):
     path = followed(table=table, closure=closure, model="full")
     found = model_summary(path)
@@ -36,8 +38,7 @@ def test_what_the_full_model_cannot_do_is_refused():
         PolygonOptions(5, model="small")
 
 
-def test_the_command_takes_and_says_the_model(tmp_path, monkeypatch):
-    monkeypatch.setattr("studies.paths.run.draw", lambda *_: None)
+def test_the_command_takes_and_says_the_model(tmp_path, undrawn):
     runs = {}
     for model in ("auto", "full"):
         out = tmp_path / model

@@ -62,12 +62,6 @@ def written(tmp_path_factory):
     return found
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """No figures, where a test is about the rest."""
-    monkeypatch.setattr("studies.paths.run.draw", lambda *_: None)
-
-
 @pytest.mark.parametrize("table", [1, 2])
 def test_files(written, table):
     folder, summary = written[table]
@@ -152,7 +146,7 @@ def test_results_are_not_overwritten_without_force(tmp_path, undrawn):
     }  # fmt: skip
 
 
-def test_a_path_without_named_states_is_written(tmp_path):
+def test_a_path_without_named_states_is_written(tmp_path, unsaved):
     run_diamond(DiamondOptions(table=2, contact_on_touch="stop"), tmp_path / "out")
     names = {file.stem for file in (tmp_path / "out").iterdir()}
     assert names == {

@@ -17,11 +17,6 @@ def run(monkeypatch, *arguments):
     return stop.value.code
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    monkeypatch.setattr("studies.paths.run.draw", lambda *_: None)
-
-
 def test_json(monkeypatch, capsys, tmp_path, undrawn):
     code = run(
         monkeypatch, "--order", "5", "--kappa", "0.25", "--closure", "traction", "--confine",

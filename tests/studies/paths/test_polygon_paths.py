@@ -23,6 +23,7 @@ from studies.paths.polygon import (
 )
 from studies.paths.snapshot_loop import LoopOptions, ring_of_lengths
 from studies.paths.tables import polygon_table
+from tests.unsaved import leave_files_empty
 
 SUMMARY_KEYS = {
     "critical_strain", "definitions", "events", "message", "model", "notes", "parameters", "peak",
@@ -58,18 +59,20 @@ BAD = [
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """A hexagon past its threshold, under the traction closure, with figures."""
+    """A hexagon past its threshold, under the traction closure; its figures are not saved."""
     folder = tmp_path_factory.mktemp("polygon") / "6"
     parameters = PolygonOptions(6, kappa=0.2, phi_deg=5.0, closure="traction", confine=0.2)
-    return folder, run_polygon(parameters, folder, csv=True)
+    with pytest.MonkeyPatch.context() as patch:
+        leave_files_empty(patch)
+        return folder, run_polygon(parameters, folder, csv=True)
 
 
 def test_files(written):
     folder, _ = written
-    expected = {"summary.json", "path.parquet", "path.csv"}
-    expected |= {f"{name}.{end}" for name in FIGURES for end in ("png", "svg")}
-    assert {file.name for file in folder.iterdir()} == expected
-    assert all(file.stat().st_size > 500 for file in folder.iterdir())
+    written = {"summary.json", "path.parquet", "path.csv"}
+    drawn = {f"{name}.{end}" for name in FIGURES for end in ("png", "svg")}
+    assert {file.name for file in folder.iterdir()} == written | drawn
+    assert all((folder / name).stat().st_size > 500 for name in written)
 
 
 def test_summary(written):
@@ -237,7 +240,7 @@ def test_orders():
         ComparisonOptions((2, 3), PolygonOptions(3))
 
 
-def test_comparison(tmp_path):
+def test_comparison(tmp_path, unsaved):
     shared = PolygonOptions(3, closure="traction", kappa=0.25, confine=0.05, end=0.2)
     summary = run_comparison(ComparisonOptions((3, 4, 8), shared), tmp_path / "c")
     table = pd.read_parquet(tmp_path / "c" / "compare.parquet").set_index("order")
@@ -265,7 +268,7 @@ def test_edges_of_a_regular_loop_against_the_operator():
     assert polygon_table(found)["lambda_min_full"][row] == pytest.approx(smallest, abs=1e-12)
 
 
-@pytest.mark.parametrize("order", [4, 5, 8, 9])
+@pytest.mark.parametrize("order", [5, 8])
 def test_relaxed_loops_are_stable_until_they_yield(order):
     """As the page on larger loops says of drained paths confined below the threshold."""
     given = PolygonOptions(order, kappa=0.3, phi_deg=20.0, closure="traction", end=0.3)

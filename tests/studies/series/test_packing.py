@@ -21,6 +21,7 @@ from studies.series.packing import FORETOLD, foretold
 from studies.series.plan import cells_by_number
 from studies.series.skill_figures import nonaffinity_map, skill_by_interval, skill_by_predictor
 from studies.snapshot.in_packing import add_in_packing
+from tests.docs.test_packing_page import quotes_the_sample
 from tests.packings import LAW, packing
 from tests.studies.series.test_run import contents, run, times, write_series
 
@@ -82,7 +83,7 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
     np.testing.assert_allclose(own.nonaffinity, away, rtol=1e-9)
 
 
-def test_the_path_and_the_replay_foretell_beside(tmp_path):
+def test_the_path_and_the_replay_foretell_beside(tmp_path, unsaved):
     """One step of 2e-5, whose AUC of the path is .99 and more, of the replay .995 and more."""
     out = tmp_path / "series"
     summary = foretell(out, PATHS[:2], in_packing="events", figures=True)
@@ -202,6 +203,7 @@ def test_skill_on_the_sample_series(result):
     assert (summary["packing"]["solved"], summary["packing"]["intervals"]) == (3, 3)
     assert summary["packing"]["worst residual"] < 1e-12
     skill, others = summary["skill"], summary["skill_of_targets"]
+    assert quotes_the_sample(skill)
     assert skill["packing"]["auc"] > 0.965 and skill["packing"]["rank_correlation"] > 0.92
     assert skill["packing"]["auc_min"] > 0.95
     assert skill["packing"]["auc"] > skill["persistence"]["auc"] + 0.02
@@ -325,12 +327,12 @@ def test_processes_and_restarts_give_the_same_bytes(tmp_path):
     assert times(alone) == before
 
 
-def test_another_yield_band_is_another_series(tmp_path):
+def test_another_yield_band_is_another_series(result, tmp_path):
     out = tmp_path / "out"
-    foretell(out, PATHS[:2])
+    shutil.copytree(result, out)
     for how in ({"yield_band": 0.9}, {"in_packing": False}):
         with pytest.raises(InputError, match=r"another series \(--in-packing\)"):
-            foretell(out, PATHS[:2], **how)
+            foretell(out, **how)
     foretell(out, PATHS[:2], force=True, in_packing=False)
     assert not (out / "packing").exists()
     for band in (0.0, 1.5, float("nan")):
@@ -417,9 +419,3 @@ def test_the_map_shows_what_is_foretold_beside_what_came(result):
     sums = every.packing_nonaffinity.sum(), own.nonaffinity.sum()
     assert [np.ma.masked_invalid(one).sum() for one in drawn] == pytest.approx(sums)
     assert [np.ma.masked_invalid(one).count() for one in drawn] == [len(every), len(own)]
-
-
-def test_a_series_is_not_taken_up_with_fewer_options(tmp_path):
-    foretell(tmp_path / "out", PATHS[:2], in_packing=False, probe=3)
-    with pytest.raises(InputError, match="--probe"):
-        foretell(tmp_path / "out", PATHS[:2], in_packing=False)

@@ -13,7 +13,7 @@ from tests.studies.series.test_packing import CELLS, PATHS, foretell
 from tests.studies.series.test_run import run, write_series
 
 
-def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path):
+def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path, unsaved):
     out = tmp_path / "out"
     foretell(out, PATHS[:2], in_packing=False, probe=12, figures=True)
     table = pd.read_parquet(out / "evolution.parquet")
@@ -35,6 +35,8 @@ def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path):
     foretell(out, PATHS[:2], in_packing=False, probe=12)
     with pytest.raises(InputError, match="--force"):
         foretell(out, PATHS[:2], in_packing=False, probe=13)
+    with pytest.raises(InputError, match="--probe"):
+        foretell(out, PATHS[:2], in_packing=False)
 
 
 def test_without_probes_nothing_is_added(tmp_path):
