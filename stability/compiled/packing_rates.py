@@ -47,10 +47,11 @@ def _force_rates(
     grains: Integers, rows: Floats, regime: Regimes, side: Floats, p: int, un: float, ut: float
 ) -> tuple[float, float]:
     """`N'` and `T'`."""
-    if regime[p] == 0:
-        return 0.0, 0.0
+    # Without a branch: regimes of pairs come in no order that could be foreseen.
     dn = -rows[p, 14] * un
-    return dn, (-rows[p, 15] * ut if regime[p] == 1 else side[p] * rows[p, 16] * dn)
+    stuck, slides = -rows[p, 15] * ut, side[p] * rows[p, 16] * dn
+    closed = regime[p] != 0
+    return (dn if closed else 0.0), ((stuck if regime[p] == 1 else slides) if closed else 0.0)
 
 
 @kernel

@@ -196,7 +196,7 @@ class Interval:
         frame = pieces.frame
         for side in (0.0, 1.0, -1.0):
             pieces.set_regime(c, SLIDING if side else ELASTIC, side)
-            rates, _ = pieces.solve(*self.control)
+            rates = pieces.solve(*self.control)
             un, ut = pieces.relative(rates, c)
             shear, strength = frame.rows[c, KT] * ut, -frame.rows[c, MU] * frame.rows[c, KN] * un
             agrees = -side * shear >= strength if side else abs(shear) <= strength
@@ -242,7 +242,7 @@ class Interval:
             pieces.factorise()
         tried: Counter[int] = Counter()
         while True:
-            rates, _ = pieces.solve(*self.control)
+            rates = pieces.solve(*self.control)
             critical = pieces.at_yield(self.N, self.T, self.held)
             # Those that stick have just been passed by, or have their event to come.
             sliders = critical[pieces.regime[critical] == SLIDING]

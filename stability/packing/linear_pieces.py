@@ -248,28 +248,33 @@ class Pieces:
                 self.coefficients[:, self.column(row)] = change
                 self.small = None
 
-    def solve(
-        self, stress: Floats, strain: Floats, rate: Floats, driven: int = -1
-    ) -> tuple[Rates, Rates]:
-        """Rates under `stress @ P' + strain @ H' = rate`; of a unit force on a column."""
-        small, m = self._small(), len(self.at)
+    def solve(self, stress: Floats, strain: Floats, rate: Floats) -> Rates:
+        """Rates under `stress @ P' + strain @ H' = rate`."""
+        small, h = self._small(), np.ones(5)
         if small.sign == 0.0:
             raise ArithmeticError("it is singular in these regimes")
-        # Columns that came since have had no part in the system yet.
-        Y, x = np.zeros((m, 5)), np.zeros(m)
-        Y[: len(small.Y)] = small.Y
-        if driven >= 0:
-            column = self._changes(self.mutual[:, :, driven : driven + 1], len(small.Y))
-            x[: len(small.Y)] = -small.solved(column)[:, 0]
-            x[driven] += 1.0
-        h, other = np.ones(5), np.zeros(5)
         if stress.any():
-            A, whole, columns = self._controlled(stress, strain, Y)
-            right = [rate - stress @ whole[:, 4], -stress @ (columns @ x)]
-            h[:4], other[:4] = np.linalg.solve(A, np.array(right).T).T
+            A, whole, _ = self._controlled(stress, strain, small.Y)
+            h[:4] = np.linalg.solve(A, rate - stress @ whole[:, 4])
         else:
             h[:4] = np.linalg.solve(strain, rate)
-        return Rates(h, -Y @ h), Rates(other, x - Y @ other)
+        return Rates(h, self._padded(-small.Y @ h))
+
+    def driven(self, stress: Floats, strain: Floats, k: int) -> Rates:
+        """Rates of a unit force on a column, under a control that stands still."""
+        small, h = self._small(), np.zeros(5)
+        m = len(small.Y)
+        x = self._padded(-small.solved(self._changes(self.mutual[:, :, k : k + 1], m))[:, 0])
+        x[k] += 1.0
+        if stress.any():
+            A, _, columns = self._controlled(stress, strain, small.Y)
+            h[:4] = np.linalg.solve(A, -stress @ (columns @ x))
+            x[:m] -= small.Y @ h
+        return Rates(h, x)
+
+    def _padded(self, w: Floats) -> Floats:
+        """Columns that came since have had no part in the system yet."""
+        return np.concatenate([w, np.zeros(len(self.at) - len(w))])
 
     def _small(self) -> Small:
         """The system in the columns, eliminated once for regimes as they are."""
@@ -292,11 +297,9 @@ class Pieces:
     def sign(self, stress: Floats, strain: Floats) -> float:
         """Sign of the determinant, over that of the reference."""
         small = self._small()
-        if not stress.any():
+        if not stress.any() or small.sign == 0.0:
             return small.sign
-        Y = np.zeros((len(self.at), 5))
-        Y[: len(small.Y)] = small.Y
-        A, _, _ = self._controlled(stress, strain, Y)
+        A, _, _ = self._controlled(stress, strain, small.Y)
         return float(small.sign * np.sign(np.linalg.det(A)))
 
     def _controlled(
@@ -306,7 +309,7 @@ class Pieces:
         m = len(self.at)
         self._stress_rates(m)
         columns = self.column_stress[:, :m]
-        whole = self.stress0 - columns @ Y
+        whole = self.stress0 - columns[:, : len(Y)] @ Y
         return stress @ whole[:, :4] + strain, whole, columns
 
     def _stress_rates(self, m: int) -> None:

@@ -201,7 +201,7 @@ class _Walk:
             0.0 * load.ravel(),
             self.pieces,
         )
-        trial, _ = pieces.solve(*self._control(stage, 0.0))
+        trial = pieces.solve(*self._control(stage, 0.0))
         speed = float(np.linalg.norm(trial.h[:4]))
         if not (np.isfinite(speed) and speed > 0):
             return "no_solution", "the control moves nothing"

@@ -47,9 +47,9 @@ def pivot(pieces: Pieces, control: Control, c: int, critical: Integers, tiny: fl
     every = np.append(others, c)
     changed: list[int] = []
     column = pieces.column(len(pieces.frame.rows) + c)
-    raised = 0.0
+    raised, base = 0.0, pieces.solve(*control)
     for _ in range(STEPS):
-        base, unit = pieces.solve(*control, driven=column)
+        unit = pieces.driven(control.stress, control.strain, column)
         # A force -s on the shear row is one unit of slip, or of the way off the cone.
         push = -pieces.side[c]
         value, along = pieces.edge((base, unit), every).T
@@ -70,6 +70,7 @@ def pivot(pieces: Pieces, control: Control, c: int, critical: Integers, tiny: fl
         if k >= 0 and reach[k] < own:
             raised = float(reach[k])
             flip(pieces, int(others[k]))
+            base = pieces.solve(*control)
             changed.append(int(others[k]))
         elif np.isfinite(own):
             flip(pieces, c)

@@ -45,7 +45,7 @@ def test_columns_are_a_factorisation_of_the_changed_system(control):
     changed, anew = pieces_of(graph), pieces_of(graph, CHANGES)
     for change in CHANGES:
         changed.set_regime(*change)
-    found, wanted = (pieces.solve(*control)[0] for pieces in (changed, anew))
+    found, wanted = (pieces.solve(*control) for pieces in (changed, anew))
     np.testing.assert_allclose(found.h, wanted.h, rtol=0, atol=1e-11)
     motions = changed.motion(found), anew.motion(wanted)
     np.testing.assert_allclose(*motions, rtol=0, atol=1e-10 * np.abs(motions[1]).max())
@@ -75,7 +75,7 @@ def test_edges_are_kept_by_motion():
     for change in (None, *CHANGES):
         if change:
             pieces.set_regime(*change)
-        rates, _ = pieces.solve(*CONTROLS[0])
+        rates = pieces.solve(*CONTROLS[0])
         u = pieces.motion(rates).reshape(-1, 3)
         rows = pieces.frame.rows[some]
         d, n, t = rows[:, :6].reshape(-1, 3, 2).swapaxes(0, 1)
