@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from math import prod
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
 from loops.arrays import Floats, Integers
 from loops.contact_state import contact_state
-from loops.contact_tangent import ContactTangent, contact_regime, contact_tangent
+from loops.contact_tangent import contact_regime, contact_tangent
 from loops.graph import GrainGraph, require_one_state
 from loops.laws.protocol import ContactLaw
+
+# Motion `r = (d', w_i, w_j)` of a contact from that of its grains, `x_i, y_i, x_j, y_j, w_i, w_j`.
+RELATIVE = np.eye(4, 6, 2) - np.eye(4, 6) * [[1.0], [1.0], [0.0], [0.0]]
 
 
 def assemble_tangent(
@@ -50,8 +56,7 @@ def assemble_tangent(
     >>> assemble_tangent(pair, LinearFrictional(kn=1.0, kt=0.5)).tolist()[0]
     [1.0, 0.0, -1.0, 0.0]
     """
-    element = _elements(graph, law, spins, regime)
-    return assemble_elements(element, graph.contacts, graph.grain_count)
+    return assembled(*_contacts(graph, law, spins, regime))
 
 
 def assemble_sparse_tangent(
@@ -88,68 +93,84 @@ def assemble_sparse_tangent(
     (4, 4)
     """
     require_one_state(graph)
-    element = _elements(graph, law, spins, regime)
-    freedoms = _freedoms(graph.contacts, graph.grain_count, spins)
-    rows, columns = _places(freedoms)
-    values = element.ravel()
-    size = (3 if spins else 2) * graph.grain_count
-    return sparse.coo_array((values, (rows, columns)), shape=(size, size)).tocsr()
+    return assembled_sparse(*_contacts(graph, law, spins, regime)).tocsr()
 
 
-def assemble_elements(element: Floats, contacts: Integers, grains: int) -> Floats:
-    """Dense tangent (..., 2 G, 2 G) or (..., 3 G, 3 G) from the contacts' element matrices."""
-    spins = element.shape[-1] == 6
-    size = (3 if spins else 2) * grains
-    rows, columns = _places(_freedoms(contacts, grains, spins))
-    batch = element.shape[:-3]
-    entries = np.arange(len(rows))
-    # Summed by place: contacts share grains, and one may join a grain with its own image.
-    gather = sparse.csr_array(
-        (np.ones(len(rows)), (rows * size + columns, entries)), shape=(size * size, len(rows))
-    )
-    tangent = gather @ element.reshape(-1, len(rows)).T
-    return np.ascontiguousarray(tangent.T).reshape(*batch, size, size)
+def grain_ends(contacts: Integers, grains: int, spins: bool = True) -> tuple[Integers, int]:
+    """(C, 6) freedoms of each contact's grains, `x_i, y_i, x_j, y_j, w_i, w_j`, and their number.
 
-
-def translational_elements(k: Floats) -> Floats:
-    """(..., C, 4, 4): external force `-f` on grain j, `f` on i, `f' = -k d'`."""
-    return np.concatenate(
-        [np.concatenate([k, -k], axis=-1), np.concatenate([-k, k], axis=-1)], axis=-2
-    )
-
-
-def _elements(graph: GrainGraph, law: ContactLaw, spins: bool, regime: ArrayLike | None) -> Floats:
-    state = contact_state(graph)
-    return element_matrices(contact_tangent(state, law, contact_regime(state, law, regime)), spins)
-
-
-def _freedoms(contacts: Integers, grains: int, spins: bool) -> Integers:
-    """(C, 4) or (C, 6) freedoms of each contact's two grains."""
+    -1 stands for none.
+    """
     i, j = contacts.T
-    freedoms = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1], axis=1)
-    if spins:
-        return np.column_stack([freedoms, 2 * grains + i, 2 * grains + j])
-    return freedoms
+    w_i, w_j = (2 * grains + i, 2 * grains + j) if spins else (np.full_like(i, -1),) * 2
+    ends = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1, w_i, w_j], axis=1)
+    return ends, (3 if spins else 2) * grains
 
 
-def _places(freedoms: Integers) -> tuple[Integers, Integers]:
-    """Rows and columns of the element matrices' entries, flattened."""
-    size = freedoms.shape[1]
-    rows = np.repeat(freedoms, size, axis=1).ravel()
-    columns = np.tile(freedoms, (1, size)).ravel()
-    return rows, columns
+def assembled(S: Floats, ends: Integers, size: int, signed: bool = True) -> Floats:
+    """`K = D^T S D`, (..., size, size), from contact tangents (..., C, 4, 4), `r = D v`.
+
+    Not `signed`: with `|D|`, for sizes of terms.
+    """
+    _, gather = _maps(ends.tobytes(), size, signed)
+    return _mapped(gather, S.reshape(*S.shape[:-3], -1)).reshape(*S.shape[:-3], size, size)
 
 
-def element_matrices(tangent: ContactTangent, spins: bool) -> Floats:
-    """(..., C, 4, 4) in the order x_i, y_i, x_j, y_j, or (..., C, 6, 6) with w_i, w_j after."""
-    if not spins:
-        return translational_elements(tangent.k)
-    force = np.stack([tangent.q_i, tangent.q_j], axis=-1)
-    moment = np.stack([tangent.p_i, tangent.p_j], axis=-2)
-    shape = np.broadcast_shapes(tangent.k.shape[:-2], tangent.c.shape[:-2])
-    element = np.zeros((*shape, 6, 6))
-    element[..., :4, :4] = translational_elements(tangent.k)
-    element[..., :4, 4:] = np.concatenate([force, -force], axis=-2)
-    element[..., 4:, :4] = np.concatenate([-moment, moment], axis=-1)
-    element[..., 4:, 4:] = tangent.c
-    return element
+def assembled_sparse(S: Floats, ends: Integers, size: int) -> sparse.csc_array:
+    """The same of one state as a sparse matrix."""
+    elements = RELATIVE.T @ S @ RELATIVE
+    rows, columns = np.repeat(ends, 6, axis=1), np.tile(ends, (1, 6))
+    inside = (rows >= 0) & (columns >= 0)
+    values = elements.reshape(len(elements), 36)[inside]
+    places = (rows[inside], columns[inside])
+    return sparse.coo_array((values, places), shape=(size, size)).tocsc()
+
+
+def motions(v: Floats, ends: Integers) -> Floats:
+    """`r = D v`, (..., C, 4, k), from k motions of the freedoms, (..., size, k)."""
+    spread, _ = _maps(ends.tobytes(), v.shape[-2], True)
+    r = _mapped(spread.T, np.swapaxes(v, -1, -2))
+    return np.swapaxes(r, -1, -2).reshape(*v.shape[:-2], len(ends), 4, v.shape[-1])
+
+
+def balancing(s: Floats, ends: Integers, size: int, signed: bool = True) -> Floats:
+    """`D^T s`, (..., size, k): external forces that k sets `-s` (..., C, 4, k) ask for."""
+    spread, _ = _maps(ends.tobytes(), size, signed)
+    flat = s.reshape(*s.shape[:-3], 4 * len(ends), s.shape[-1])
+    return np.swapaxes(_mapped(spread, np.swapaxes(flat, -1, -2)), -1, -2)
+
+
+def _mapped(linear: sparse.csr_array, a: Floats) -> Floats:
+    """A linear map of the last axis."""
+    flat = np.ascontiguousarray(a.reshape(prod(a.shape[:-1]), a.shape[-1]).T)
+    return np.ascontiguousarray((linear @ flat).T).reshape(*a.shape[:-1], linear.shape[0])
+
+
+@lru_cache(maxsize=64)
+def _maps(ends: bytes, size: int, signed: bool) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """`D^T` as a matrix (size, 4 C), and the map from the entries of all `S` to those of `K`."""
+    at = np.frombuffer(ends, dtype=np.int64).reshape(-1, 6)
+    relative = RELATIVE.T if signed else np.abs(RELATIVE.T)
+    row, column = np.nonzero(relative)
+    sign, freedom = relative[row, column], at[:, row]
+    inside = freedom >= 0
+    place = 4 * np.arange(len(at))[:, None] + column
+    values = np.broadcast_to(sign, freedom.shape)[inside]
+    spread = (values, (freedom[inside], place[inside]))
+    both = inside[:, :, None] & inside[:, None, :]
+    entry = size * freedom[:, :, None] + freedom[:, None, :]
+    source = 4 * place[:, :, None] + column
+    values = np.broadcast_to(np.multiply.outer(sign, sign), both.shape)[both]
+    gather = (values, (entry[both], source[both]))
+    return (
+        sparse.coo_array(spread, shape=(size, 4 * len(at))).tocsr(),
+        sparse.coo_array(gather, shape=(size * size, 16 * len(at))).tocsr(),
+    )
+
+
+def _contacts(
+    graph: GrainGraph, law: ContactLaw, spins: bool, regime: ArrayLike | None
+) -> tuple[Floats, Integers, int]:
+    state = contact_state(graph)
+    S = contact_tangent(state, law, contact_regime(state, law, regime))
+    return S, *grain_ends(graph.contacts, graph.grain_count, spins)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,36 +11,8 @@ from loops.errors import InputError
 from loops.laws.protocol import ContactLaw
 from loops.validation import checked_regimes
 
-
-@dataclass(frozen=True, eq=False)
-class ContactTangent:
-    """Rates of force and moment of every contact, batch axes `...` first.
-
-    With `d'` the branch rate and `w` the spins (counter-clockwise positive), the force of grain
-    i on grain j and the moments that the contact exerts on its grains have the rates
-
-        f'   = -k d' + q_i w_i + q_j w_j
-        m_i' = -(p_i . d' + c_ii w_i + c_ij w_j)
-        m_j' = -(p_j . d' + c_ji w_i + c_jj w_j)
-
-    Attributes
-    ----------
-    k : (..., C, 2, 2) array
-        Translational block (force per length).
-    q_i, q_j : (..., C, 2) array
-        Force per spin of either grain (force).
-    p_i, p_j : (..., C, 2) array
-        Moment per branch rate (force).
-    c : (..., C, 2, 2) array
-        Moment per spin, rows and columns (i, j) (force times length).
-    """
-
-    k: Floats
-    q_i: Floats
-    q_j: Floats
-    p_i: Floats
-    p_j: Floats
-    c: Floats
+# Moments of a rolling spring on both grains per spin of either, over its stiffness.
+ROLL = np.array([[1.0, -1.0], [-1.0, 1.0]])
 
 
 def contact_regime(
@@ -112,6 +82,12 @@ def translational_blocks(state: ContactState, law: ContactLaw, regime: Regimes) 
     return _to_global(state, local_blocks(state, law, regime))
 
 
+def translational_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
+    """Sizes of the terms of `translational_blocks`."""
+    frame = np.abs(np.stack([state.n, state.t], axis=-1))
+    return frame @ local_sizes(state, law, regime) @ np.swapaxes(frame, -1, -2)
+
+
 def translational_compliances(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
     """Inverse blocks `k^-1` (..., C, 2, 2), not finite where `k` is singular.
 
@@ -142,11 +118,13 @@ def compliance_growth(state: ContactState, law: ContactLaw, regime: Regimes) -> 
 
 def contact_tangent(
     state: ContactState, law: ContactLaw, regime: Regimes, arms: tuple[Floats, Floats] | None = None
-) -> ContactTangent:
-    """Tangent of the contacts with translations and spins.
+) -> Floats:
+    """Tangent of the contacts with translations and spins, `s' = -S r`.
 
-    The contact force acts at the lever arms `a_i`, `a_j`; each grain receives the moment `-a T`
-    and `a` moves with `l`.
+    `r = (d', w_i, w_j)` is the motion at a contact: the branch rate and the spins of its grains
+    (counter-clockwise positive). `s' = (f', m_i', m_j')` are the rates of the force of grain i on
+    grain j and of the moments that the contact exerts on its grains. The force acts at the lever
+    arms `a_i`, `a_j`; each grain receives the moment `-a T` and `a` moves with `l`.
 
     Parameters
     ----------
@@ -161,34 +139,27 @@ def contact_tangent(
 
     Returns
     -------
-    ContactTangent
-        Blocks of force and moment rates.
+    (..., C, 4, 4) array
+        `S`: the translational block (force per length), force per spin and moment per branch rate
+        (force), moment per spin (force times length).
     """
     stiffness = _stiffness(state, law, regime)
-    g, b_i, b_j = law.shear_kinematics(state)
-    b_i, b_j = (b_i, b_j) if arms is None else arms
+    g, *own = law.shear_kinematics(state)
+    a, b = _pair(state.arm_i, state.arm_j), _pair(*(own if arms is None else arms))
     # Rates per unit of shear displacement: force along n and t, and T' alone.
     shear = stiffness[..., 0, 1, None] * state.n + stiffness[..., 1, 1, None] * state.t
     t_rate = stiffness[..., 1, 0, None] * state.n + (g * stiffness[..., 1, 1])[..., None] * state.t
     arm_growth = 0.5 * state.shear_force[..., None] * state.n
-    a_i, a_j = state.arm_i, state.arm_j
-    kt, rolling = stiffness[..., 1, 1], law.rolling_stiffness(state, regime)
-    return ContactTangent(
-        k=translational_blocks(state, law, regime),
-        q_i=b_i[..., None] * shear,
-        q_j=b_j[..., None] * shear,
-        p_i=arm_growth - a_i[..., None] * t_rate,
-        p_j=arm_growth - a_j[..., None] * t_rate,
-        c=_square(
-            a_i * kt * b_i + rolling,
-            a_i * kt * b_j - rolling,
-            a_j * kt * b_i - rolling,
-            a_j * kt * b_j + rolling,
-        ),
+    kt = stiffness[..., 1, 1, None, None]
+    return _joined(
+        translational_blocks(state, law, regime),
+        -shear[..., :, None] * b[..., None, :],
+        arm_growth[..., None, :] - a[..., :, None] * t_rate[..., None, :],
+        a[..., :, None] * kt * b[..., None, :] + _rolling(state, law, regime) * ROLL,
     )
 
 
-def contact_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> ContactTangent:
+def contact_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
     """Sizes of the terms of `contact_tangent`: its entries err by these times the rounding."""
     stiffness = np.abs(law.local_stiffness(state, regime))
     g, b_i, b_j = law.shear_kinematics(state)
@@ -197,22 +168,26 @@ def contact_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Cont
     t_rate = stiffness[..., 1, 0, None] * n + (g * stiffness[..., 1, 1])[..., None] * t
     growth = 0.5 * np.abs(state.shear_force)[..., None] * n
     # The arms are differences of lengths as large as the larger grain.
-    a_i, a_j, a_size = np.abs(state.arm_i), np.abs(state.arm_j), 0.5 * l_size
-    kt, rolling = stiffness[..., 1, 1], np.abs(law.rolling_stiffness(state, regime))
-    b_i, b_j, b_size = np.abs(b_i), np.abs(b_j), a_size
-
-    def moment(a: Floats, b: Floats) -> Floats:
-        return kt * (a * b_size + a_size * b) + rolling
-
-    frame = np.stack([n, t], axis=-1)
-    return ContactTangent(
-        k=frame @ local_sizes(state, law, regime) @ np.swapaxes(frame, -1, -2),
-        q_i=b_size[..., None] * shear,
-        q_j=b_size[..., None] * shear,
-        p_i=growth + a_size[..., None] * t_rate,
-        p_j=growth + a_size[..., None] * t_rate,
-        c=_square(moment(a_i, b_i), moment(a_i, b_j), moment(a_j, b_i), moment(a_j, b_j)),
+    a, b = _pair(np.abs(state.arm_i), np.abs(state.arm_j)), _pair(np.abs(b_i), np.abs(b_j))
+    size = 0.5 * l_size[..., None]
+    kt = stiffness[..., 1, 1, None, None]
+    moment = a[..., :, None] * size[..., None, :] + size[..., :, None] * b[..., None, :]
+    return _joined(
+        translational_sizes(state, law, regime),
+        shear[..., :, None] * size[..., None, :],
+        growth[..., None, :] + size[..., :, None] * t_rate[..., None, :],
+        kt * moment + np.abs(_rolling(state, law, regime)),
     )
+
+
+def contact_kinematics(state: ContactState, law: ContactLaw) -> Floats:
+    """(..., C, 2, 4) relative displacement rates `(un', ut')` per motion `r` of a contact."""
+    g, b_i, b_j = law.shear_kinematics(state)
+    rows = np.zeros((*np.broadcast_shapes(state.length.shape, b_i.shape), 2, 4))
+    rows[..., 0, :2] = state.n
+    rows[..., 1, :2] = g[..., None] * state.t
+    rows[..., 1, 2], rows[..., 1, 3] = -b_i, -b_j
+    return rows
 
 
 def local_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
@@ -239,9 +214,24 @@ def local_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats
     return np.abs(local)
 
 
-def _square(ii: Floats, ij: Floats, ji: Floats, jj: Floats) -> Floats:
-    rows = [np.stack(np.broadcast_arrays(*row), axis=-1) for row in ((ii, ij), (ji, jj))]
-    return np.stack(np.broadcast_arrays(*rows), axis=-2)
+def _pair(i: Floats, j: Floats) -> Floats:
+    """(..., C, 2) what belongs to grain i and to grain j."""
+    return np.stack(np.broadcast_arrays(i, j), axis=-1)
+
+
+def _rolling(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
+    """(..., C, 1, 1) rolling stiffness, or that of all contacts."""
+    rolling = law.rolling_stiffness(state, regime)
+    return np.asarray(rolling[..., None, None])
+
+
+def _joined(k: Floats, q: Floats, p: Floats, c: Floats) -> Floats:
+    """(..., C, 4, 4) from its four (..., C, 2, 2) blocks."""
+    shape = np.broadcast_shapes(*(block.shape[:-2] for block in (k, q, p, c)))
+    joined = np.empty((*shape, 4, 4))
+    joined[..., :2, :2], joined[..., :2, 2:] = k, q
+    joined[..., 2:, :2], joined[..., 2:, 2:] = p, c
+    return joined
 
 
 def _to_global(state: ContactState, local: Floats) -> Floats:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import get_args
 
 import numpy as np
@@ -10,16 +9,9 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, frobenius
 from loops.closures.macro_tangent import MacroTangent, Spins, amplification, check_choice, solved
-from loops.closures.spins import affine_spin
-from loops.closures.system import contact_terms, relax_spins, sensitivity, stress_sum
+from loops.closures.system import of_relaxed, relaxed_loop
 from loops.contact_state import contact_state
-from loops.contact_tangent import (
-    contact_regime,
-    contact_sizes,
-    contact_tangent,
-    local_sizes,
-    translational_blocks,
-)
+from loops.contact_tangent import contact_regime, local_sizes, translational_blocks
 from loops.geometry import checked_volume, reference_volume, volume_growth
 from loops.graph import GrainGraph, reference_branch_vectors
 from loops.laws.protocol import ContactLaw
@@ -76,30 +68,16 @@ def affine_tangent(
     v0 = reference_volume(graph) if volume is None else checked_volume(volume)
     state = contact_state(graph)
     regimes = contact_regime(state, law, regime)
+    growth = volume_growth(graph) if volume is None else 0.0
+    if spins != "blocked":
+        relaxed, turned = relaxed_loop(graph, law, "affine", spins, state, regimes, v0)
+        return of_relaxed(relaxed, "affine", spins, v0, growth, turned)
     d0 = reference_branch_vectors(graph)
     matrix = _sum(translational_blocks(state, law, regimes), d0)
     sizes = frobenius(local_sizes(state, law, regimes))
     bound = ROUNDING * (sizes * (d0 * d0).sum(axis=-1)).sum(axis=-1)
-    residual = ambiguity = change = np.zeros(bound.shape)
-    if spins == "affine":
-        spin = affine_spin(graph)
-        held, held_sizes = contact_tangent(state, law, regimes), contact_sizes(state, law, regimes)
-        turned = stress_sum(held.q_i + held.q_j, d0)
-        matrix = matrix + turned[..., :, None] * spin.row[..., None, :]
-        doubt = stress_sum(held_sizes.q_i + held_sizes.q_j, np.abs(d0))
-        unsure = spin.error + ROUNDING * np.abs(spin.row)
-        bound = bound + frobenius(doubt[..., :, None] * unsure[..., None, :])
-    if spins == "free":
-        relax = partial(relax_spins, d0, graph.grain_count)
-        relaxed = relax(contact_terms(graph, law, spins, state, regimes))
-        change = sensitivity(relax, relaxed, matrix, graph, law, state, regimes) / v0
-        matrix = matrix + relaxed.stress
-        bound = bound + frobenius(relaxed.error)
-        residual, ambiguity = relaxed.found.residual, relaxed.found.ambiguity
     matrix = matrix / v0[..., None, None]
-    growth = volume_growth(graph) if volume is None else 0.0
-    condition = amplification(bound / v0, matrix) + growth
-    return solved(matrix, "affine", spins, v0, condition, residual, ambiguity, change)
+    return solved(matrix, "affine", spins, v0, amplification(bound / v0, matrix) + growth)
 
 
 def _sum(k: Floats, d0: Floats) -> Floats:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from loops.arrays import Floats, all_finite, frobenius
-from loops.geometry import area_growth, from_centroid, outward
+from loops.geometry import area_growth, from_centroid, outward, polygon_area
 
 
-def force_method(
-    compliance: Floats, x0: Floats, volume: Floats, growth: Floats
-) -> tuple[Floats, Floats]:
+def force_method(compliance: Floats, x0: Floats, growth: Floats) -> tuple[Floats, Floats]:
     """Traction tangent (..., 4, 4) of rings with spins blocked, and its condition (...).
 
     Equilibrium leaves one unknown vector per loop, `f_c = f^ - P m_c` with
@@ -27,7 +25,7 @@ def force_method(
     lengths of either axis's own: the flatness of a loop along an axis costs nothing there, only
     what rounding does to V0.
     """
-    centred = from_centroid(x0)
+    centred, volume = from_centroid(x0), np.abs(polygon_area(x0))
     m = outward(x0, 0.5 * (centred + np.roll(centred, -1, axis=-2)))
     scale = np.sqrt((m * m).mean(axis=-2))
     m = m / scale[..., None, :]
@@ -52,6 +50,20 @@ def force_method(
         share = size / (scale.min(axis=-1) ** 2 * frobenius(matrix))
         condition = size * terms.sum(axis=-1) / volume * share + area_growth(x0)
     return matrix, np.where(np.isfinite(condition), condition, np.inf)
+
+
+def ring_equations(compliance: Floats, m: Floats) -> tuple[Floats, Floats]:
+    """The same as equations for `(H', P', f^')`, (6, 10), and the motions of the contacts.
+
+    `d' = -k^-1 (f^' - P' m)`, (n, 4, 10) with the spins, which are blocked; `V0 H' = sum d' (x) m`
+    and `sum d' = 0`. For one ring, `m` (n, 2) over `sqrt(V0)`.
+    """
+    motion = np.zeros((len(m), 4, 10))
+    pressed = compliance[:, :, :, None] * m[:, None, None, :]
+    motion[:, :2, 4:8], motion[:, :2, 8:] = pressed.reshape(-1, 2, 4), -compliance
+    gradient = np.einsum("cir,cj->ijr", motion[:, :2], m).reshape(4, 10)
+    gradient[:, :4] -= np.eye(4)
+    return np.concatenate([gradient, motion[:, :2].sum(axis=0)]), motion
 
 
 def _inverse_2x2(a: Floats) -> Floats:

@@ -1,8 +1,16 @@
 """The one closure system: how centres and spins relax, and what stress that leaves.
 
-Under the traction closure the grains obey `[K, B; B^T, 0] (u, P) = (-K_w w, -V0 H)`: uniform
-nominal stress loads grain i by `F_i = -P B_i`, and the polygon's displacement gradient is
-`H = -(1/V0) sum u_i (x) B_i`. Under the affine closure the centres are given and the spins relax.
+The freedoms `v` of a loop are its centres and spins, as far as the closure leaves them free. They
+move the contacts by `r = A H' + D v`, and the contacts answer with `-S r`. Under the traction
+closure uniform nominal stress loads grain i by `F_i = -P B_i`, and the polygon's displacement
+gradient is `H = -(1/V0) sum u_i (x) B_i`; under the affine closure the branches follow `H`, spins
+alone are free, and the stress is the mean of the contact forces, `(1/V0) sum f (x) d0`:
+
+    traction   [V0  0  B^T; D^T S A   B   D^T S D] (H', P', v) = 0
+    affine     [A^T S A  -V0  A^T S D; D^T S A   0   D^T S D] (H', P', v) = 0
+
+Operators, directional work and the rates of paths solve these equations. They are in units of the
+length `sqrt(V0)` and of a stiffness: `d'/l`, `r w/l`, `P/k`.
 Translations, gear modes and rolling mechanisms are null vectors; they are harmless unless they
 change what is watched. On a gear mode the moments that nothing balances are left standing: the
 limit of spins with a vanishing resistance.
@@ -10,113 +18,105 @@ limit of spins with a vanishing resistance.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from loops.arrays import Floats, Integers, Regimes, frobenius
-from loops.assembly import assemble_elements, element_matrices
-from loops.closures.macro_tangent import Spins
-from loops.closures.spins import LoopSpin, gear_projector, other_arms
+from loops.assembly import assembled, balancing, grain_ends
+from loops.closures.macro_tangent import Closure, MacroTangent, Spins, amplification, solved
+from loops.closures.spins import LoopSpin, affine_spin, gear_projector, other_arms
 from loops.contact_state import ContactState
-from loops.contact_tangent import ContactTangent, contact_sizes, contact_tangent
+from loops.contact_tangent import (
+    contact_sizes,
+    contact_tangent,
+    translational_blocks,
+    translational_sizes,
+)
 from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, reference_branch_vectors
 from loops.laws.protocol import ContactLaw
-from loops.null_space import ROUNDING, LeastSquares, solve_through_null_space
+from loops.null_space import ROUNDING, solve_through_null_space
 
 Arms = tuple[Floats, Floats]
 SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
 
 
-class Terms(NamedTuple):
-    """Contacts of a loop or packing as the system takes them.
+@dataclass(frozen=True, eq=False)
+class ClosureForm:
+    """Geometry of a closure, lengths over `sqrt(V0)`.
 
-    `tangent` and the `sizes` of its terms, with spins or not; `radii` (..., G) and `gear`
-    (..., G, G) where spins are free, see `gear_projector`.
+    `ends` (C, 6) are the freedoms of the contacts' grains and `size` their number; `radii`
+    (..., C, 2) those of the two grains; `branches` (..., C, 2) follow `H` under the affine closure;
+    `boundary` (..., size, 4) is `B` under the traction closure; `spin` is that of all grains where
+    they turn with the loop.
     """
 
-    contacts: Integers
-    tangent: ContactTangent
-    sizes: ContactTangent
+    ends: Integers
+    size: int
     radii: Floats
-    gear: Floats | None
+    branches: Floats | None
+    boundary: Floats | None
+    spin: LoopSpin | None
 
 
 class Relaxed(NamedTuple):
     """What a closure answers to four unit displacement gradients.
 
-    `stress` (..., 4, 4) and its `error` are `V0 P'`, under the affine closure what the spins add
-    to it; `motion` (..., 2 G or 3 G, 4) the rates of centres and spins, `found` the status of the
-    solve.
+    `stress` (..., 4, 4) is `P'` and `error` bounds what it is off; `v` (..., size, 4) are the
+    freedoms; `residual` and `ambiguity` (...) are those of the solve.
     """
 
     stress: Floats
     error: Floats
-    motion: Floats
-    found: LeastSquares
+    v: Floats
+    residual: Floats
+    ambiguity: Floats
 
 
-class _Scaled(NamedTuple):
-    """Tangent of the grains and the sizes of its terms, in unknowns `u/l, r w/l`, of order one.
+def closure_form(
+    spins: Spins, contacts: Integers, radii: Floats, volume: Floats,
+    *, x0: Floats | None = None, d0: Floats | None = None, spin: LoopSpin | None = None,
+) -> ClosureForm:  # fmt: skip
+    """Geometry of a closure whose stress refers to `volume` (...).
 
-    `stiffness` (..., 1, 1) is what they are scaled by, zero where every contact is open.
+    From the centres `x0` (..., n, 2) of a ring, or the branches `d0` (..., C, 2) that follow `H`.
     """
-
-    k: Floats
-    sizes: Floats
-    scale: Floats
-    stiffness: Floats
-
-
-def contact_terms(
-    graph: GrainGraph,
-    law: ContactLaw,
-    spins: Spins,
-    state: ContactState,
-    regime: Regimes,
-    arms: Arms | None = None,
-) -> Terms:
-    """Blocks of the contacts of a graph; `arms` of the spins other than the law's if given."""
-    gear = None
-    if spins == "free":
-        gear = gear_projector(graph, state, law, regime, arms)
-    tangent = contact_tangent(state, law, regime, arms)
-    return Terms(graph.contacts, tangent, contact_sizes(state, law, regime), graph.radii, gear)
+    length, grains = np.sqrt(volume)[..., None, None], radii.shape[-1]
+    ends, size = grain_ends(contacts, grains, spins == "free")
+    branches = boundary = None
+    if x0 is not None:
+        ratio = volume / np.abs(polygon_area(x0))
+        matrix = boundary_matrix(x0) * (ratio[..., None, None] / length)
+        boundary = np.zeros((*matrix.shape[:-2], size, 4))
+        boundary[..., : 2 * grains, :] = matrix
+    if d0 is not None:
+        branches, size = d0 / length, size - 2 * grains
+        ends = np.maximum(ends - 2 * grains, -1)
+    return ClosureForm(ends, size, radii[..., contacts] / length, branches, boundary, spin)
 
 
-def sensitivity(
-    relax: Callable[[Terms], Relaxed],
-    own: Relaxed,
-    given: Floats | float,
-    graph: GrainGraph,
-    law: ContactLaw,
-    state: ContactState,
-    regime: Regimes,
-) -> Floats:
-    """(...) see `MacroTangent.sensitivity`, times V0; `given` is what else adds to the stress."""
-    if graph.contact_count != graph.grain_count or graph.grain_count % 2:
-        return np.zeros(own.stress.shape[:-2])
-    other = relax(contact_terms(graph, law, "free", state, regime, other_arms(state, law)))
-    doubt = frobenius(other.error)
-    return np.maximum(
-        *(
-            _towards_zero(_smallest(given + own.stress, m), _smallest(given + other.stress, m))
-            + doubt
-            for m in (2, 3)
-        )
-    )
+def form_of(graph: GrainGraph, closure: Closure, spins: Spins, volume: Floats) -> ClosureForm:
+    """The form of a graph, in the state that it is in."""
+    spin = affine_spin(graph) if spins == "affine" else None
+    x0, d0 = (graph.x0, None) if closure == "traction" else (None, reference_branch_vectors(graph))
+    return closure_form(spins, graph.contacts, graph.radii, volume, x0=x0, d0=d0, spin=spin)
 
 
-def _smallest(stress: Floats, components: int) -> Floats:
-    """(...) smallest eigenvalue of Ks in (11, 22) or in (11, 22, (12 + 21)/sqrt 2)."""
-    k = SYMMETRIC[:components] @ np.nan_to_num(stress) @ SYMMETRIC[:components].T
-    return np.asarray(np.linalg.eigvalsh(0.5 * (k + np.swapaxes(k, -1, -2)))[..., 0])
-
-
-def _towards_zero(own: Floats, other: Floats) -> Floats:
-    return np.maximum(0.0, np.sign(own) * (own - other))
+def drive(form: ClosureForm) -> Floats:
+    """(..., C, 4, 4) `A`: the motions of the contacts per component of `H'` that are prescribed."""
+    batch = form.radii.shape[:-2]
+    if form.branches is not None:
+        batch = np.broadcast_shapes(batch, form.branches.shape[:-2])
+    if form.spin is not None:
+        batch = np.broadcast_shapes(batch, form.spin.row.shape[:-1])
+    A = np.zeros((*batch, len(form.ends), 4, 4))
+    if form.branches is not None:
+        A[..., 0, :2] = A[..., 1, 2:] = -form.branches
+    if form.spin is not None:
+        A[..., 2:, :] = form.radii[..., None] * form.spin.row[..., None, None, :]
+    return A
 
 
 def boundary_matrix(x0: Floats) -> Floats:
@@ -128,133 +128,165 @@ def boundary_matrix(x0: Floats) -> Floats:
     return matrix
 
 
-def saddle_matrix(tangent: Floats, boundary: Floats) -> Floats:
-    """`[K, B; B^T, 0]`, (..., N + 4, N + 4), `B` filled up with zeros for the spins."""
-    size, centres = tangent.shape[-1], boundary.shape[-2]
-    batch = np.broadcast_shapes(tangent.shape[:-2], boundary.shape[:-2])
-    system = np.zeros((*batch, size + 4, size + 4))
-    system[..., :size, :size] = tangent
-    system[..., :centres, size:] = boundary
-    system[..., size:, :centres] = np.swapaxes(boundary, -1, -2)
-    return system
+def closure_matrix(form: ClosureForm, S: Floats, A: Floats, *, signed: bool = True) -> Floats:
+    """(..., 4 + size, 8 + size) equations of a closure for `(H', P', v)`, see above.
 
-
-def relax_centres(
-    x0: Floats, blocks: Terms, spins: Spins, spin: LoopSpin | None, rows: Floats | None = None
-) -> Relaxed:
-    """Traction closure of a loop with corners `x0` (..., n, 2).
-
-    `spin` is prescribed for spins 'affine'; `rows` (O, 2 G or 3 G) of the motion are watched
-    besides the stress.
+    Not `signed`: the sums of the sizes of the terms behind every entry.
     """
-    moves = 2 * x0.shape[-2]
-    area = np.abs(polygon_area(x0))
-    k, sizes, scale, stiffness = _scaled(blocks, spins, np.sqrt(area), x0.shape[-2])
-    length = scale[..., :1, None]
-    kept = k.shape[-1] if spins == "free" else moves
-    load, doubt = np.zeros((*k.shape[:-2], kept + 4, 4)), None
-    load[..., kept:, :] = -np.eye(4)
-    motion = np.zeros((*k.shape[:-1], 4))
-    if spin is not None:
-        motion[..., moves:, :] = spin.row[..., None, :] / scale[..., moves:, None]
-        load[..., :kept, :] = -k[..., :kept, kept:] @ motion[..., kept:, :]
-        unsure = spin.error + ROUNDING * np.abs(spin.row)
-        doubt = np.zeros(load.shape)
-        doubt[..., :kept, :] = sizes[..., :kept, kept:] @ (
-            unsure[..., None, :] / scale[..., moves:, None]
-        )
-    boundary = boundary_matrix(x0) / length
-    system = saddle_matrix(k[..., :kept, :kept], boundary)
-    size = saddle_matrix(sizes[..., :kept, :kept], np.abs(boundary))
-    watched = np.zeros((*k.shape[:-2], 4 + (0 if rows is None else len(rows)), kept + 4))
-    watched[..., :4, kept:] = np.eye(4)
+    ends, size = form.ends, form.size
+    batch = np.broadcast_shapes(S.shape[:-3], A.shape[:-3])
+    matrix = np.zeros((*batch, 4 + size, 8 + size))
+    stress, balance = matrix[..., :4, :], matrix[..., 4:, :]
+    forces = S @ A
+    if size:
+        balance[..., :4] = balancing(forces, ends, size, signed)
+        balance[..., 8:] = assembled(S, ends, size, signed)
+    if form.boundary is not None:
+        boundary = form.boundary if signed else np.abs(form.boundary)
+        balance[..., 4:8], stress[..., 8:] = boundary, np.swapaxes(boundary, -1, -2)
+        stress[..., :4] = np.eye(4)
+        return matrix
+    # The work of the stress is that on the branches: moments that hold spins have their own.
+    branches = np.swapaxes(A[..., :2, :], -1, -2)
+    stress[..., :4] = (branches @ forces[..., :2, :]).sum(axis=-3)
+    stress[..., 4:8] = -np.eye(4)
+    if size:
+        per_motion = np.swapaxes(branches @ S[..., :2, :], -1, -2)
+        stress[..., 8:] = np.swapaxes(balancing(per_motion, ends, size, signed), -1, -2)
+    return matrix
+
+
+def contact_springs(
+    state: ContactState, law: ContactLaw, regime: Regimes, spins: Spins, arms: Arms | None = None
+) -> Floats:
+    """(..., C, 4, 4) `S` of the contacts in spins times radii; blocked ones need no moments."""
+    if spins == "blocked":
+        return only_branches(translational_blocks(state, law, regime))
+    return in_radii(state, contact_tangent(state, law, regime, arms))
+
+
+def spring_sizes(state: ContactState, law: ContactLaw, regime: Regimes, spins: Spins) -> Floats:
+    """Sizes of the terms of `contact_springs`."""
+    if spins == "blocked":
+        return only_branches(translational_sizes(state, law, regime))
+    return in_radii(state, contact_sizes(state, law, regime))
+
+
+def only_branches(k: Floats) -> Floats:
+    """(..., C, 4, 4) tangents of contacts whose spins do not move."""
+    S = np.zeros((*k.shape[:-2], 4, 4))
+    S[..., :2, :2] = k
+    return S
+
+
+def in_radii(state: ContactState, S: Floats) -> Floats:
+    """Tangents for motions whose spins are multiplied by the radii."""
+    ones = np.ones(np.broadcast_shapes(state.radii_i.shape, state.radii_j.shape))
+    turn = np.stack([ones, ones, 1.0 / state.radii_i, 1.0 / state.radii_j], axis=-1)
+    return np.asarray(S * (turn[..., :, None] * turn[..., None, :]))
+
+
+def relax(
+    form: ClosureForm,
+    S: Floats,
+    sizes: Floats,
+    gear: Floats | None = None,
+    rows: Floats | None = None,
+) -> Relaxed:
+    """Solve a closure for unit displacement gradients.
+
+    `S` and the `sizes` of its terms are those of `contact_springs`, `gear` (..., G, G) that of
+    `gear_projector`. `rows` (O, C, 4) of the motion of the contacts are watched besides the stress.
+    """
+    stiffness = np.abs(S).max(axis=(-3, -2, -1), keepdims=True)
+    unit = np.where(stiffness > 0, stiffness, 1.0)
+    A = drive(form)
+    E = closure_matrix(form, S / unit, A)
+    size = closure_matrix(form, sizes / unit, np.abs(A), signed=False)
+    doubt = ROUNDING * size[..., :4]
+    if form.spin is not None:
+        unsure = np.zeros(A.shape)
+        unsure[..., 2:, :] = form.radii[..., None] * form.spin.error[..., None, None, :]
+        doubt = doubt + closure_matrix(form, sizes / unit, unsure, signed=False)[..., :4]
+    if form.boundary is not None:
+        doubt[..., :4, :] = 0.0
+    elif not form.size:
+        none = np.zeros(E.shape[:-2])
+        return Relaxed(E[..., :4] * unit[..., 0], doubt * unit[..., 0], E[..., 4:, :4], none, none)
+    if gear is not None:
+        grains = gear.shape[-1]
+        E[..., -grains:, -grains:] += gear
+        size[..., -grains:, -grains:] += np.abs(gear)
+    watched = np.zeros((*E.shape[:-2], 4 + (0 if rows is None else len(rows)), E.shape[-1] - 4))
+    watched[..., :4, :4] = np.eye(4)
     if rows is not None:
-        watched[..., 4:, :kept] = (rows * scale[..., None, :] / length)[..., :kept]
-    known = _translations(x0.shape[-2], kept + 4)
-    found = solve_through_null_space(system, load, watched, known, size=size, doubt=doubt)
-    motion[..., :kept, :] = found.x[..., :kept, :]
-    stress = found.x[..., kept:, :] * stiffness
-    error = np.asarray(found.error)[..., :4, :] * stiffness
-    return Relaxed(stress, error, motion * scale[..., None], found)
-
-
-def relax_spins(d0: Floats, grains: int, blocks: Terms, rows: Floats | None = None) -> Relaxed:
-    """Affine closure with free spins: they relax to zero moment, `K_ww w = -K_wx x'`."""
-    moves, (tangent, terms) = 2 * grains, (blocks.tangent, blocks.sizes)
-    length = np.hypot(d0[..., 0], d0[..., 1]).max(axis=-1)
-    k, sizes, scale, stiffness = _scaled(blocks, "free", length, grains)
-    turn = scale[..., moves:, None]
-    ends = blocks.contacts.T[..., None] == np.arange(grains)
-    load, doubt, seen, blur = (
-        np.zeros((*k.shape[:-2], *shape))
-        for shape in ((moves // 2, 4), (moves // 2, 4), (4, moves // 2), (4, moves // 2))
+        seen = balancing(np.moveaxis(rows, 0, -1), form.ends, form.size)
+        watched[..., 4:, 4:] = np.swapaxes(seen, -1, -2)
+    known = None if form.boundary is None else translations(form)
+    found = solve_through_null_space(
+        E[..., 4:], -E[..., :4], watched, known, size=size[..., 4:], doubt=doubt
     )
-    for end, p, q, p_size, q_size in (
-        (ends[0], tangent.p_i, tangent.q_i, terms.p_i, terms.q_i),
-        (ends[1], tangent.p_j, tangent.q_j, terms.p_j, terms.q_j),
-    ):
-        load += end.T.astype(float) @ _outer(p, d0)
-        doubt += end.T.astype(float) @ _outer(p_size, np.abs(d0))
-        seen += np.swapaxes(_outer(q, d0), -1, -2) @ end.astype(float)
-        blur += np.swapaxes(_outer(q_size, np.abs(d0)), -1, -2) @ end.astype(float)
-    load, doubt = (a * turn / np.where(stiffness > 0, stiffness, 1.0) for a in (load, doubt))
-    seen, blur = (a * np.swapaxes(turn, -1, -2) for a in (seen, blur))
-    unit = np.linalg.norm(seen, axis=(-2, -1), keepdims=True)
-    unit = np.where(unit > 0, unit, 1.0)
-    watched = seen / unit
-    if rows is not None:
-        own = rows[:, moves:] * scale[..., None, moves:] / length[..., None, None]
-        watched = np.concatenate(
-            [watched, np.broadcast_to(own, (*k.shape[:-2], *own.shape[-2:]))], axis=-2
-        )
-    block, block_size = k[..., moves:, moves:], sizes[..., moves:, moves:]
-    found = solve_through_null_space(block, load, watched, size=block_size, doubt=ROUNDING * doubt)
-    error = np.asarray(found.error)[..., :4, :] * unit + ROUNDING * blur @ np.abs(found.x)
-    motion = np.zeros((*k.shape[:-1], 4))
-    motion[..., moves:, :] = found.x * turn
-    return Relaxed(seen @ found.x, error, motion, found)
+    stress, v = found.x[..., :4, :] * unit[..., 0], found.x[..., 4:, :]
+    error = np.asarray(found.error)[..., :4, :] * unit[..., 0]
+    return Relaxed(stress, error, v, found.residual, found.ambiguity)
 
 
-def stress_sum(f: Floats, d0: Floats) -> Floats:
-    """(..., 4): sum over contacts of `f_i d0_j`."""
-    total = np.swapaxes(f, -1, -2) @ d0
-    return total.reshape(*total.shape[:-2], 4)
-
-
-def _scaled(blocks: Terms, spins: Spins, length: Floats, grains: int) -> _Scaled:
-    with_spins = spins != "blocked"
-    k, sizes = (
-        assemble_elements(element, blocks.contacts, grains)
-        for element in (
-            element_matrices(blocks.tangent, with_spins),
-            np.abs(element_matrices(blocks.sizes, with_spins)),
-        )
-    )
-    batch = np.broadcast_shapes(k.shape[:-2], length.shape, blocks.radii.shape[:-1])
-    scale = np.broadcast_to(length[..., None], (*batch, k.shape[-1])).copy()
-    if with_spins:
-        scale[..., 2 * grains :] /= blocks.radii
-    product = scale[..., :, None] * scale[..., None, :]
-    k = k * product
-    stiffness = np.abs(k).max(axis=(-2, -1), keepdims=True)
-    k /= (unit := np.where(stiffness > 0, stiffness, 1.0))
-    product /= unit
-    sizes = sizes * product
-    if blocks.gear is not None:
-        k[..., 2 * grains :, 2 * grains :] += blocks.gear
-        sizes[..., 2 * grains :, 2 * grains :] += np.abs(blocks.gear)
-    return _Scaled(k, sizes, scale, stiffness)
-
-
-def _outer(p: Floats, d0: Floats) -> Floats:
-    """(..., C, 4) products per component of H."""
-    return (p[..., :, None] * d0[..., None, :]).reshape(
-        *np.broadcast_shapes(p.shape[:-1], d0.shape[:-1]), 4
-    )
-
-
-def _translations(grains: int, size: int) -> Floats:
-    """(size, 2) orthonormal rigid translations: null vectors of the system and its transpose."""
-    z = np.zeros((size, 2))
-    z[0 : 2 * grains : 2, 0] = z[1 : 2 * grains : 2, 1] = grains**-0.5
+def translations(form: ClosureForm) -> Floats:
+    """(4 + size, 2) rigid translations, orthonormal: null vectors of `(P', v)` and the rows."""
+    centres = 2 * (form.ends[:, :4].max() // 2 + 1)
+    z = np.zeros((4 + form.size, 2))
+    z[4 : 4 + centres : 2, 0] = z[5 : 4 + centres : 2, 1] = (centres // 2) ** -0.5
     return z
+
+
+def relaxed_loop(
+    graph: GrainGraph,
+    law: ContactLaw,
+    closure: Closure,
+    spins: Spins,
+    state: ContactState,
+    regime: Regimes,
+    volume: Floats,
+) -> tuple[Relaxed, Floats]:
+    """What the closure of a loop or packing answers, and see `MacroTangent.sensitivity`, (...)."""
+    form, sizes = form_of(graph, closure, spins, volume), spring_sizes(state, law, regime, spins)
+
+    def by_arms(arms: Arms | None) -> Relaxed:
+        gear = None
+        if spins == "free":
+            gear = gear_projector(graph, state, law, regime, arms)
+        return relax(form, contact_springs(state, law, regime, spins, arms), sizes, gear)
+
+    own = by_arms(None)
+    if spins != "free" or graph.contact_count != graph.grain_count or graph.grain_count % 2:
+        return own, np.zeros(own.stress.shape[:-2])
+    other = by_arms(other_arms(state, law))
+    doubt = frobenius(other.error)
+    towards_zero = (
+        _towards_zero(_smallest(own.stress, m), _smallest(other.stress, m)) + doubt for m in (2, 3)
+    )
+    return own, np.maximum(*towards_zero)
+
+
+def of_relaxed(
+    relaxed: Relaxed,
+    closure: Closure,
+    spins: Spins,
+    volume: Floats,
+    growth: Floats | float,
+    sensitivity: Floats | float = 0.0,
+) -> MacroTangent:
+    """The operator; `growth` is what rounding of the area adds to the condition."""
+    condition = amplification(frobenius(relaxed.error), relaxed.stress) + growth
+    status = relaxed.residual, relaxed.ambiguity, sensitivity
+    return solved(relaxed.stress, closure, spins, volume, condition, *status)
+
+
+def _smallest(stress: Floats, components: int) -> Floats:
+    """(...) smallest eigenvalue of Ks in (11, 22) or in (11, 22, (12 + 21)/sqrt 2)."""
+    k = SYMMETRIC[:components] @ np.nan_to_num(stress) @ SYMMETRIC[:components].T
+    return np.asarray(np.linalg.eigvalsh(0.5 * (k + np.swapaxes(k, -1, -2)))[..., 0])
+
+
+def _towards_zero(own: Floats, other: Floats) -> Floats:
+    return np.maximum(0.0, np.sign(own) * (own - other))

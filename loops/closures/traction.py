@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Regimes, frobenius
 from loops.closures.affine import affine_tangent
 from loops.closures.force_method import force_method
 from loops.closures.macro_tangent import (
@@ -17,13 +15,18 @@ from loops.closures.macro_tangent import (
     Closure,
     MacroTangent,
     Spins,
-    amplification,
     check_choice,
     solved,
 )
-from loops.closures.spins import affine_spin
-from loops.closures.system import Relaxed, contact_terms, relax_centres, sensitivity
-from loops.contact_state import ContactState, contact_state
+from loops.closures.system import (
+    closure_form,
+    contact_springs,
+    of_relaxed,
+    relax,
+    relaxed_loop,
+    spring_sizes,
+)
+from loops.contact_state import contact_state
 from loops.contact_tangent import compliance_growth, contact_regime, translational_compliances
 from loops.errors import InputError
 from loops.geometry import area_growth, checked_volume, polygon_area, require_loop
@@ -35,6 +38,8 @@ Method = Literal["auto", "force", "saddle"]
 FORCE_METHOD_LIMIT = 1e4
 # It must state a hundredth of the error: the force method keeps the directions of soft operators.
 SADDLE_GAIN = 100.0
+# What its answer replaces.
+REPLACED = ("matrix", "condition", "residual", "trusted")
 
 
 def traction_tangent(
@@ -109,23 +114,40 @@ def traction_tangent(
         )
     state = contact_state(graph)
     regimes = contact_regime(state, law, regime)
+    # The area of the polygon stands in the strain, and in V0 once more where that is not its own.
+    growth = area_growth(graph.x0) * (1.0 if volume is None else 2.0)
     if method == "saddle" or not applies:
-        found = _by_saddle(graph, law, spins, state, regimes)
-    else:
-        found = _by_force(graph, law, state, regimes, fall_back=method == "auto")
-    # The boundary formula holds on the polygon; another V0 only rescales the stress.
-    ratio = polygon / v0
-    growth = 0.0 if volume is None else area_growth(graph.x0)
-    return solved(
-        found.matrix * ratio[..., None, None],
-        "traction",
-        spins,
-        v0,
-        found.condition + growth,
-        found.residual,
-        found.ambiguity,
-        found.sensitivity * ratio,
+        relaxed, turned = relaxed_loop(graph, law, "traction", spins, state, regimes, v0)
+        return of_relaxed(relaxed, "traction", spins, v0, growth, turned)
+    compliance = translational_compliances(state, law, regimes)
+    batch = np.broadcast_shapes(compliance.shape[:-3], graph.x0.shape[:-2])
+    compliance = np.broadcast_to(compliance, (*batch, *compliance.shape[-3:]))
+    x0, v0 = np.broadcast_to(graph.x0, (*batch, *graph.x0.shape[-2:])), np.broadcast_to(v0, batch)
+    matrix, condition = force_method(compliance, x0, compliance_growth(state, law, regimes))
+    matrix = matrix * (np.abs(polygon_area(x0)) / v0)[..., None, None]
+    found = solved(matrix, "traction", "blocked", v0, condition + (growth - area_growth(x0)))
+    poor = ~(condition <= FORCE_METHOD_LIMIT)
+    if method == "force" or not poor.any():
+        return found
+    radii = np.broadcast_to(graph.radii, x0.shape[:-1])[poor]
+    form = closure_form("blocked", graph.contacts, radii, v0[poor], x0=x0[poor])
+    S, sizes = (
+        np.broadcast_to(of(state, law, regimes, "blocked"), (*batch, graph.contact_count, 4, 4))
+        for of in (contact_springs, spring_sizes)
     )
+    part = np.broadcast_to(growth, batch)[poor]
+    relaxed = relax(form, S[poor], sizes[poor])
+    other = of_relaxed(relaxed, "traction", "blocked", v0[poor], part)
+    answered = other.residual <= RESIDUAL_LIMIT
+    # Where the force method has no answer at all, what the saddle system says of it stands.
+    better = answered & (SADDLE_GAIN * other.condition < found.condition[poor])
+    better |= ~np.isfinite(found.condition[poor])
+    place = np.zeros(batch, dtype=bool)
+    place[poor] = better
+    fields: dict[str, Any] = {name: np.array(getattr(found, name)) for name in REPLACED}
+    for name, values in fields.items():
+        values[place] = getattr(other, name)[better]
+    return replace(found, **fields)
 
 
 def macroscopic_tangent(
@@ -175,66 +197,3 @@ def macroscopic_tangent(
     check_choice("closure", closure, get_args(Closure))
     tangent = affine_tangent if closure == "affine" else traction_tangent
     return tangent(graph, law, spins=spins, regime=regime, volume=volume)
-
-
-class _Found(NamedTuple):
-    """Operator over the polygon's area, and its status."""
-
-    matrix: Floats
-    condition: Floats
-    residual: Floats
-    ambiguity: Floats
-    sensitivity: Floats
-
-
-def _by_saddle(
-    graph: GrainGraph, law: ContactLaw, spins: Spins, state: ContactState, regime: Regimes
-) -> _Found:
-    spin = affine_spin(graph) if spins == "affine" else None
-    relax = partial(relax_centres, graph.x0, spins=spins, spin=spin)
-    relaxed = relax(contact_terms(graph, law, spins, state, regime))
-    found = _found(relaxed, graph.x0)
-    if spins != "free":
-        return found
-    turned = sensitivity(relax, relaxed, 0.0, graph, law, state, regime)
-    return found._replace(sensitivity=turned / np.abs(polygon_area(graph.x0)))
-
-
-def _found(relaxed: Relaxed, x0: Floats) -> _Found:
-    area = np.abs(polygon_area(x0))
-    matrix = relaxed.stress / area[..., None, None]
-    bound = frobenius(relaxed.error) / area
-    condition = amplification(bound, matrix) + area_growth(x0)
-    residual = relaxed.found.residual
-    return _Found(matrix, condition, residual, relaxed.found.ambiguity, np.zeros(condition.shape))
-
-
-def _by_force(
-    graph: GrainGraph, law: ContactLaw, state: ContactState, regime: Regimes, fall_back: bool
-) -> _Found:
-    compliance = translational_compliances(state, law, regime)
-    growth = compliance_growth(state, law, regime)
-    batch = np.broadcast_shapes(compliance.shape[:-3], graph.x0.shape[:-2])
-    compliance = np.broadcast_to(compliance, (*batch, *compliance.shape[-3:]))
-    x0 = np.broadcast_to(graph.x0, (*batch, *graph.x0.shape[-2:]))
-    matrix, condition = force_method(compliance, x0, np.abs(polygon_area(x0)), growth)
-    found = _Found(matrix, condition, np.zeros(batch), np.zeros(batch), np.zeros(batch))
-    poor = ~(condition <= FORCE_METHOD_LIMIT)
-    if fall_back and poor.any():
-        blocks = contact_terms(graph, law, "blocked", state, regime)
-        k, sizes = (
-            replace(part, k=np.broadcast_to(part.k, compliance.shape)[poor])
-            for part in (blocks.tangent, blocks.sizes)
-        )
-        radii = np.broadcast_to(blocks.radii, x0.shape[:-1])[poor]
-        part = blocks._replace(tangent=k, sizes=sizes, radii=radii)
-        other = _found(relax_centres(x0[poor], part, "blocked", None), x0[poor])
-        answered = other.residual <= RESIDUAL_LIMIT
-        # Where the force method has no answer at all, what the saddle system says of it stands.
-        better = answered & (SADDLE_GAIN * other.condition < condition[poor])
-        better |= ~np.isfinite(condition[poor])
-        place = np.zeros(batch, dtype=bool)
-        place[poor] = better
-        for own, new in zip(found[:4], other[:4], strict=True):
-            own[place] = new[better]
-    return found

@@ -9,7 +9,6 @@ from loops.packing.in_place import loops_in_place as loops_in_place
 from loops.packing.system import PackingSystem as PackingSystem
 from loops.packing.system import assembled as assembled
 from loops.packing.system import balancing_forces as balancing_forces
-from loops.packing.system import contact_stiffness as contact_stiffness
 from loops.packing.system import in_freedoms as in_freedoms
 from loops.packing.system import packing_system as packing_system
 from loops.packing.system import relative_motion as relative_motion

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.contact_state import ContactState, contact_state
+from loops.assembly import assembled_sparse
+from loops.contact_state import contact_state
 from loops.contact_tangent import contact_regime, contact_tangent
 from loops.errors import InputError
 from loops.graph import GrainGraph, branch_vectors, require_one_state
@@ -81,7 +82,7 @@ def packing_system(
     kept = np.flatnonzero(carrying.contacts)
     freedom, size = _freedoms(carrying, fixed)
     length = float(graph.radii[carrying.grains].mean())
-    blocks = contact_stiffness(state, law, regimes)[kept]
+    blocks = contact_tangent(state, law, regimes)[kept]
     branches, pairs = branch_vectors(graph)[kept], graph.contacts[kept]
     ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
     if planes is not None:
@@ -116,17 +117,6 @@ def packing_system(
         planes=planes,
         held=int(np.count_nonzero(fixed & carrying.grains)),
     )
-
-
-def contact_stiffness(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
-    """(C, 4, 4) stiffness `S` of each contact, `(f', m_i', m_j') = -S (d', w_i, w_j)`."""
-    tangent = contact_tangent(state, law, regime)
-    blocks = np.empty((*state.length.shape, 4, 4))
-    blocks[:, :2, :2] = tangent.k
-    blocks[:, :2, 2], blocks[:, :2, 3] = -tangent.q_i, -tangent.q_j
-    blocks[:, 2, :2], blocks[:, 3, :2] = tangent.p_i, tangent.p_j
-    blocks[:, 2:, 2:] = tangent.c
-    return blocks
 
 
 def relative_motion(system: PackingSystem, v: Floats, strain_rate: Floats | None = None) -> Floats:
@@ -166,14 +156,7 @@ def balancing_forces(system: PackingSystem, s: Floats) -> Floats:
 def assembled(system: PackingSystem, stiffness: Floats | None = None) -> sparse.csc_array:
     """`K = G^T S G`, (size, size), nonsymmetric; `stiffness` in place of the system's own."""
     blocks = system.stiffness if stiffness is None else stiffness
-    d = np.array([[-1, 0, 1, 0, 0, 0], [0, -1, 0, 1, 0, 0], [0] * 4 + [1, 0], [0] * 5 + [1.0]])
-    elements = d.T @ blocks @ d
-    rows = np.repeat(system.ends, 6, axis=1)
-    columns = np.tile(system.ends, (1, 6))
-    inside = (rows >= 0) & (columns >= 0)
-    places = (rows[inside], columns[inside])
-    values = elements.reshape(len(elements), 36)[inside]
-    return sparse.coo_array((values, places), shape=(system.size, system.size)).tocsc()
+    return assembled_sparse(blocks, system.ends, system.size)
 
 
 def stress_rate(system: PackingSystem, s: Floats) -> Floats:

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from loops import (
     ContactLaw,
-    ContactState,
     GrainGraph,
     InputError,
     Regime,
@@ -24,10 +23,11 @@ from loops import (
     reference_branch_vectors,
 )
 from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.assembly import motions
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
-from loops.closures.spins import affine_spin
-from loops.closures.system import contact_terms, relax_centres, relax_spins
+from loops.closures.system import contact_springs, drive, form_of, relax, spring_sizes
+from loops.contact_tangent import contact_kinematics
 from loops.graph import require_one_state
 from stability.cones import plane_cone
 from stability.directional.edge import SIGN_TOLERANCE, Answer, EdgeContacts, line_angles, works
@@ -212,46 +212,19 @@ def contact_rates(
     (R, E, 4), positive when the contact opens and along `t`, spins included, and whether the
     equations determine them, (R,).
     """
-    state = contact_state(graph)
-    rows = _rows(graph, state, law, which, spins != "blocked")
-    # Moments that a gear mode leaves standing make a rate problem without a solution.
-    blocks = contact_terms(graph, law, spins, state, regime)._replace(gear=None)
-    given = np.zeros((len(rows), 4))
-    if closure == "affine":
-        d0 = reference_branch_vectors(graph)
-        relaxed = relax_spins(d0, graph.grain_count, blocks, rows)
-        # Centres follow x' = -H' x0: the branches' share of the rates.
-        ends = np.concatenate([d0[which]] * 2)
-        given = -(_vectors(state, law, which)[:, :, None] * ends[:, None, :]).reshape(-1, 4)
-    else:
-        spin = affine_spin(graph) if spins == "affine" else None
-        relaxed = relax_centres(graph.x0, blocks, spins, spin, rows)
-    rates, found = rows @ relaxed.motion + given, relaxed.found
-    known = (found.residual <= RESIDUAL_LIMIT) & (found.ambiguity <= AMBIGUITY_LIMIT)
-    return rates[:, : len(which)], rates[:, len(which) :], known
-
-
-def _vectors(state: ContactState, law: ContactLaw, which: Integers) -> Floats:
-    """(2 E, 2) `un'`, then `ut'`, per branch rate."""
-    g = np.broadcast_to(law.shear_kinematics(state)[0], state.length.shape)
-    return np.concatenate([state.n[which], g[which, None] * state.t[which]])
-
-
-def _rows(
-    graph: GrainGraph, state: ContactState, law: ContactLaw, which: Integers, spins: bool
-) -> Floats:
-    """(2 E, 2 G) or (2 E, 3 G): `un'`, then `ut'`, per rate of the freedoms."""
-    grains, each = graph.grain_count, np.arange(len(which))
-    i, j = graph.contacts[which].T
-    _, b_i, b_j = (np.broadcast_to(a, state.length.shape) for a in law.shear_kinematics(state))
-    vectors = _vectors(state, law, which)
-    rows = np.zeros((2 * len(which), (3 if spins else 2) * grains))
-    for k, axis in enumerate((0, 1)):
-        for half in (0, len(which)):
-            part = vectors[half : half + len(which), k]
-            rows[half + each, 2 * i + axis] -= part
-            rows[half + each, 2 * j + axis] += part
-    if spins:
-        rows[len(which) + each, 2 * grains + i] -= b_i[which]
-        rows[len(which) + each, 2 * grains + j] -= b_j[which]
-    return rows
+    state, d0 = contact_state(graph), reference_branch_vectors(graph)
+    size = float(np.hypot(d0[:, 0], d0[:, 1]).max())
+    form = form_of(graph, closure, spins, np.asarray(size**2))
+    # `un'`, then `ut'`, of motions with spins times radii.
+    rows = contact_kinematics(state, law)[which]
+    rows[..., 2:] /= graph.radii[graph.contacts[which], None].swapaxes(-1, -2)
+    watched = np.zeros((2, len(which), graph.contact_count, 4))
+    watched[:, np.arange(len(which)), which] = rows.swapaxes(0, 1)
+    S = contact_springs(state, law, regime, spins)
+    # Moments that a gear mode leaves standing make a rate problem without a solution: no gear.
+    sizes = spring_sizes(state, law, regime, spins)
+    relaxed = relax(form, S, sizes, rows=watched.reshape(-1, graph.contact_count, 4))
+    motion = drive(form) + motions(relaxed.v, form.ends)
+    rates = size * (rows @ motion[:, which])
+    known = (relaxed.residual <= RESIDUAL_LIMIT) & (relaxed.ambiguity <= AMBIGUITY_LIMIT)
+    return rates[:, :, 0], rates[:, :, 1], known

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import contact_state
-from loops.contact_tangent import contact_regime
+from loops.contact_tangent import contact_regime, contact_tangent
 from loops.errors import InputError
 from loops.graph import GrainGraph
 from loops.laws.frictional import edge_of
@@ -26,7 +26,6 @@ from loops.packing import (
     UpdatedFactors,
     assembled,
     balancing_forces,
-    contact_stiffness,
     factorised,
     in_freedoms,
     packing_system,
@@ -102,7 +101,7 @@ def yield_edge(
     shear = np.column_stack([g[:, None] * state.t[c], -b_i, -b_j])
     gauge = (elastic - slides)[:, :1] * normal + (elastic - slides)[:, 1:] * shear
     push = np.column_stack([state.t[c], -state.arm_i[c], -state.arm_j[c]])
-    sliding = contact_stiffness(state, law, regimes)[c]
+    sliding = contact_tangent(state, law, regimes)[c]
     return YieldEdge(
         system,
         rows,

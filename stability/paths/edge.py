@@ -11,9 +11,10 @@ from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import ContactState
 from loops.laws.frictional import edge_of, edge_rates
 from loops.laws.protocol import Regime
-from stability.paths.equations import UNIT_PARAMETER, Gauge
+from stability.paths.equations import UNIT_PARAMETER
+from stability.paths.look import Look
 from stability.paths.model import PathModel
-from stability.paths.rates import Rates, state_rates
+from stability.paths.rates import Rates
 from stability.paths.state import (
     Mode,
     PathState,
@@ -80,7 +81,7 @@ def edge_problem(
     *,
     preferred: dict[int, Choice],
     direction: Floats | None,
-    gauge: Gauge = UNIT_PARAMETER,
+    gauge: Floats = UNIT_PARAMETER,
 ) -> RateProblem[EdgeTrial]:
     """Rate problem of one state under a unit rate of the loading parameter.
 
@@ -95,7 +96,7 @@ def edge_problem(
 
     def rates_for(choices: tuple[Choice, ...]) -> EdgeTrial:
         chosen = orbits.applied(mode, choices)
-        rates = state_rates(model, state, chosen, programme, gauge)
+        rates = Look(model, state, chosen, programme, gauge).raw_rates
         edge = _edge_rates(model, contacts, chosen, rates, orbits.asked, inside)
         return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted)
 

@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike
 
 from loops import ContactLaw, GrainGraph, InputError, Regime, boundary_vectors, polygon_area
 from loops.arrays import Flags, Floats, Integers
+from loops.assembly import motions
 from loops.closures import Closure, Spins
+from loops.closures.system import ClosureForm, closure_form, drive
 from loops.contact_state import ContactState, contact_state
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
 from loops.graph import branch_vectors, reference_branch_vectors, require_one_state
@@ -100,9 +102,28 @@ class PathModel:
     @cached_property
     def unknowns(self) -> dict[Kind, UnknownSets]:
         """Unknowns by the kind of equations."""
-        kinds: tuple[Kind, ...] = ("affine", "ring", "saddle")
         free = self.spins == "free"
-        return {kind: UnknownSets(kind, self.grain_count, free, self.symmetry) for kind in kinds}
+        spins = self.grain_count if free else 0
+        moving: dict[Kind, int] = {
+            "affine": spins, "ring": 2, "saddle": 2 * self.grain_count + spins
+        }  # fmt: skip
+        return {
+            kind: UnknownSets(kind, count, free, self.symmetry) for kind, count in moving.items()
+        }
+
+    @cached_property
+    def form(self) -> ClosureForm:
+        """Geometry of the closure, without the spins that turn with the loop."""
+        x0, d0 = (self.x0, None) if self.closure == "traction" else (None, self.d0)
+        volume = np.asarray(self.volume)
+        return closure_form(self.spins, self.contacts, self.radii, volume, x0=x0, d0=d0)
+
+    @cached_property
+    def motion(self) -> Floats:
+        """(C, 4, 8 + m) motions of the contacts per unknown, see `Equations`, spins likewise."""
+        moving = motions(np.eye(self.form.size), self.form.ends)
+        prescribed = drive(self.form)
+        return np.concatenate([prescribed, np.zeros_like(prescribed), moving], axis=-1)
 
 
 def path_model(

@@ -12,17 +12,15 @@ from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq
 
 from loops.arrays import Floats, Integers
-from stability.paths.equations import Gauge
 from stability.paths.locate import first_crossing, polish
-from stability.paths.look import Look, look
+from stability.paths.look import Look
 from stability.paths.model import PathModel
 from stability.paths.monitors import (
     Monitors,
     near_pairs,
     pair_overlaps,
 )
-from stability.paths.rates import gauge_along, y_rates
-from stability.paths.state import Mode
+from stability.paths.state import Mode, unpack
 from stability.programmes import Stage
 
 # Rows closer to an event, over their spacing, are that of the event.
@@ -67,13 +65,14 @@ class Task:
     row_step: float
     size: float
 
-    def look(self, y: Floats, gauge: Gauge) -> Look:
+    def look(self, y: Floats, gauge: Floats) -> Look:
         """Evaluate a state completely."""
-        return look(self.model, y, self.mode, self.stage.programme, gauge)
+        state = unpack(self.model, y)
+        return Look(self.model, state, self.mode, self.stage.programme, gauge)
 
-    def rates(self, y: Floats, gauge: Gauge) -> Floats:
+    def rates(self, y: Floats, gauge: Floats) -> Floats:
         """Right-hand side."""
-        return y_rates(self.model, y, self.mode, self.stage.programme, gauge)
+        return self.look(y, gauge).y_rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +96,7 @@ class PieceEnd:
 def run_piece(
     task: Task,
     y: Floats,
-    gauge: Gauge,
+    gauge: Floats,
     record: Callable[[Look], None],
     branching: Callable[[Look], None],
     steps_left: int,
@@ -140,7 +139,7 @@ def run_piece(
         if not np.isfinite(task.row_step):
             record(seen)
         # The next step's direction is measured against the current one.
-        gauge = gauge_along(seen.rates)
+        gauge = seen.rates.gauge
         solver.fun = partial(_right_hand_side, task, gauge)
     return PieceEnd(solver.y, seen, [], steps_left, "the limit on the number of steps was reached")
 
@@ -155,7 +154,7 @@ class _Step:
     end: float
     y_end: Floats
     dense: DenseOutput
-    gauge: Gauge
+    gauge: Floats
     pairs: Integers = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
 
     def look(self, theta: float) -> Look:
@@ -268,7 +267,7 @@ def _adopt_signs(sign: Floats, table: Floats, watch: Monitors) -> None:
             sign[k] = -np.sign(beyond[0])
 
 
-def _solver(task: Task, y: Floats, gauge: Gauge, bound: float, first_step: float | None) -> DOP853:
+def _solver(task: Task, y: Floats, gauge: Floats, bound: float, first_step: float | None) -> DOP853:
     return DOP853(
         partial(_right_hand_side, task, gauge),
         0.0,
@@ -281,7 +280,7 @@ def _solver(task: Task, y: Floats, gauge: Gauge, bound: float, first_step: float
     )
 
 
-def _right_hand_side(task: Task, gauge: Gauge, _: float, y: Floats) -> Floats:
+def _right_hand_side(task: Task, gauge: Floats, _: float, y: Floats) -> Floats:
     return task.rates(y, gauge)
 
 

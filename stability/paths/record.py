@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from loops.laws.protocol import Regime
 from loops.symmetry import invariant_fields
-from stability.paths.look import Look, imbalance
+from stability.paths.look import Look
 from stability.paths.model import PathModel
 from stability.paths.path import (
     Event,
@@ -57,7 +57,7 @@ class Record:
                 "work": seen.state.work,
                 "normal_energy": float(stored.sum()),
                 "tangential_energy": float((shear**2 / (2 * kt)).sum()),
-                "imbalance": imbalance(model, contacts, seen.P),
+                "imbalance": seen.imbalance,
                 "condition": seen.rates.condition,
             }
         )
@@ -147,7 +147,7 @@ def model_choice(
         symmetry="none" if group.order == 1 else f"{group.name} (order {group.order})",
         freedoms=f"{freedoms} of {2 * model.grain_count}",
         spins=_spins(model),
-        unknowns=f"{sets.rates.count + 1} of {_size(model, kind) + 1}",
+        unknowns=f"{sets.rates.count + 1} of {sets.everything.count + 1}",
         contact_orbits=f"{len(np.unique(group.contact_orbits))} of {model.contact_count}",
         branch_search=str(searches),
         branch_solves=searches.without_choice + searches.tried,
@@ -162,10 +162,3 @@ def _spins(model: PathModel) -> str:
     group = symmetry_or_identity(model)
     fields = invariant_fields(group.grains, group.parity[:, None, None])
     return f"{fields.shape[-1]} of {model.grain_count}"
-
-
-def _size(model: PathModel, kind: Kind) -> int:
-    """Unknowns without symmetry."""
-    spins = model.grain_count if model.spins == "free" else 0
-    places = {"affine": spins, "ring": 2, "saddle": 2 * model.grain_count + spins}
-    return 8 + places[kind]

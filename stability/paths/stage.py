@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from loops.arrays import Floats
 from loops.laws.frictional import TOUCHING
 from loops.laws.protocol import Regime
 from stability.paths.edge import EdgeTrial, edge_problem, rate_vector
-from stability.paths.equations import RECEDING, UNIT_PARAMETER, Gauge
+from stability.paths.equations import UNIT_PARAMETER
 from stability.paths.events import (
     SINGULAR,
     hints_of,
@@ -19,11 +20,11 @@ from stability.paths.events import (
     record_start,
     touched_pairs,
 )
-from stability.paths.look import Look, look
+from stability.paths.look import Look
 from stability.paths.model import with_contact, without_pairs
 from stability.paths.path import PathStatus
 from stability.paths.piece import PieceEnd, Task, run_piece
-from stability.paths.rates import gauge_along, shear_stiffness, stress
+from stability.paths.rates import shear_stiffness, stress
 from stability.paths.state import (
     Mode,
     contacts_of,
@@ -101,7 +102,7 @@ def walk_stage(walk: Walk, stage: Stage) -> tuple[PathStatus, str]:
             return _nothing_holds(walk, stage, hints)
 
 
-def _run(walk: Walk, task: Task, gauge: Gauge) -> PieceEnd:
+def _run(walk: Walk, task: Task, gauge: Floats) -> PieceEnd:
     """Integrate to the next event; where strain alone drives, step over a singular point.
 
     The closure's system may be singular in a single state. Steps of other lengths pass it.
@@ -153,13 +154,13 @@ def _asymmetric(
 
 def _enter(
     walk: Walk, stage: Stage, problem: RateProblem[EdgeTrial], before: Look | None
-) -> tuple[Look, Gauge]:
+) -> tuple[Look, Floats]:
     """Take the regimes of the rate problem's solution, with forces exactly on the cone."""
     trial = problem.taken.rates
     old, walk.mode = walk.mode, trial.mode
     _set_forces(walk, old)
-    gauge = gauge_along(trial.rates)
-    seen = look(walk.model, walk.y, walk.mode, stage.programme, gauge)
+    gauge = trial.rates.gauge
+    seen = walk.look(stage.programme, gauge)
     if not walk.record.rows:
         walk.row(seen)
         record_start(walk.record, walk.model, walk.mode)
@@ -281,7 +282,8 @@ def _no_continuation(
             f" more than {SEARCH_LIMIT} are not all tried)"
         )
     if not walk.record.rows:
-        walk.row(_still(walk, stage))
+        # No direction is known.
+        walk.row(walk.look(stage.programme, UNIT_PARAMETER))
     walk.record.event("control_limit", walk.parameter, tuple(sorted(hints)), reason)
     return status, f"{stage.programme.name} at parameter {walk.parameter:.15g}: {reason}"
 
@@ -305,18 +307,12 @@ def _turns_back(walk: Walk, stage: Stage, hints: dict[int, Choice]) -> bool:
         stage.programme,
         preferred=hints,
         direction=None,
-        gauge=RECEDING,
+        gauge=-UNIT_PARAMETER,
     )
     return any(
         all(int(found.rates.mode.regime[c]) == choice.regime for c, choice in hints.items())
         for found in back.solutions
     )
-
-
-def _still(walk: Walk, stage: Stage) -> Look:
-    """The state where no direction is known."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return look(walk.model, walk.y, walk.mode, stage.programme, UNIT_PARAMETER)
 
 
 def _reach(walk: Walk, stage: Stage, seen: Look) -> float:

@@ -17,38 +17,37 @@ Kind = Literal["affine", "ring", "saddle"]
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """What the numbers `z` (r,) of a solve stand for, one column of each field per number.
+    """What the numbers `z` (r,) of a solve stand for.
 
-    `H`, `P` (4, r): Displacement gradient, and stress over `kn`; `u` (G, 2, r): Displacements of
-    the centres over the length scale, in the saddle system; `w` (G, r): Spins, where they are free;
-    `force` (2, r): The ring's redundant force over `kn` times length; `strains`: The first columns
-    of `H`; as many of `P` follow; `rows` (r - strains, R): Combinations of the R closure equations
-    that say all there is to say of these fields; None for all equations.
+    `fields` (8 + m, r): Displacement gradient, stress over `kn` and what else moves, one column
+    for each number: displacements of the centres over the length scale, free spins times radii, or
+    a ring's redundant force; `strains`: The first numbers are strains, as many stresses follow;
+    `rows` (r - strains, 4 + m): Combinations of the closure's equations that say all there is to
+    say of these fields. Fields and rows are None where they are the whole.
     """
 
-    H: Floats
-    P: Floats
-    u: Floats
-    w: Floats
-    force: Floats
     strains: int
-    rows: Floats | None
+    count: int
+    fields: Floats | None = None
+    rows: Floats | None = None
 
-    @property
-    def count(self) -> int:
-        """Number of unknowns r."""
-        return self.H.shape[1]
+    def of(self, equations: Floats) -> Floats:
+        """The closure's equations (4 + m, 8 + m) for these numbers."""
+        if self.rows is None or self.fields is None:
+            return equations
+        return np.asarray(self.rows @ equations @ self.fields)
 
+    def on(self, lines: Floats, first: int) -> Floats:
+        """(k, r) `lines` (k, p) on the fields from `first` on."""
+        if self.fields is not None:
+            return np.asarray(lines @ self.fields[first : first + lines.shape[1]])
+        spread = np.zeros((len(lines), self.count))
+        spread[:, first : first + lines.shape[1]] = lines
+        return spread
 
-def all_unknowns(kind: Kind, grains: int, free_spins: bool) -> Unknowns:
-    """Every component, place and spin by itself."""
-    place = np.eye(2 * grains if kind == "saddle" else 0)
-    return _gathered(
-        np.eye(4),
-        place.reshape(len(place) // 2, 2, len(place)),
-        np.eye(grains) if free_spins and kind != "ring" else np.zeros((grains, 0)),
-        np.eye(2) if kind == "ring" else np.zeros((2, 0)),
-    )
+    def values(self, z: Floats) -> Floats:
+        """(8 + m,) the fields themselves."""
+        return z if self.fields is None else self.fields @ z
 
 
 def symmetric_unknowns(
@@ -59,47 +58,41 @@ def symmetric_unknowns(
     With the character 1 these are the fields that the symmetry leaves as they are: spins turn their
     sign in a mirror, so they vanish on its axis and are tied off it.
     """
-    grains, sign = group.grains.shape[1], character * group.parity
+    sign = character * group.parity
     alone = np.zeros((group.order, 1), dtype=np.int64)
     pairs = np.einsum("s,sik,sjl->sijkl", character, group.maps, group.maps).reshape(-1, 4, 4)
-    place, spin = np.zeros((0, 2, 0)), np.zeros((grains, 0))
-    force = np.zeros((2, 0))
+    tensor = invariant_fields(alone, pairs)[0]
+    moving = []
     if kind == "saddle":
         place = invariant_fields(group.grains, character[:, None, None] * group.maps)
+        moving.append(place.reshape(-1, place.shape[2]))
     if kind == "ring":
         # Read against the contact's direction, which a mirror turns round.
-        force = invariant_fields(alone, sign[:, None, None] * group.maps)[0]
-    if free_spins and kind != "ring":
-        spin = invariant_fields(group.grains, sign[:, None, None])[:, 0]
-    tensor = invariant_fields(alone, pairs)[0]
-    # The equations change as the fields do: balance, closure, moments.
-    balance = {
-        "affine": [],
-        "ring": [force],
-        "saddle": [place.reshape(2 * len(place), place.shape[2])],
-    }
-    parts = [*balance[kind], tensor, *([spin] if free_spins else [])]
-    rows = np.asarray(block_diag(*[part.T for part in parts]))
-    return _gathered(tensor, place, spin, force, rows)
+        moving.append(invariant_fields(alone, sign[:, None, None] * group.maps)[0])
+    elif free_spins:
+        moving.append(invariant_fields(group.grains, sign[:, None, None])[:, 0])
+    # The equations change as the fields do: strain or stress, then balance and moments.
+    rows, fields = block_diag(tensor, *moving).T, block_diag(tensor, tensor, *moving)
+    return Unknowns(tensor.shape[1], fields.shape[1], fields, rows)
 
 
 @dataclass(frozen=True, eq=False)
 class UnknownSets:
     """The unknowns of one kind of equations that a model needs.
 
-    `kind`: Equations; `grains`: Number of grains; `free_spins`: Whether spins are unknown; `group`:
-    Symmetry of state and control that the path keeps.
+    `kind`: Equations; `moving`: Number m of unknowns besides strain and stress; `free_spins`:
+    Whether spins are unknown; `group`: Symmetry of state and control that the path keeps.
     """
 
     kind: Kind
-    grains: int
+    moving: int
     free_spins: bool
     group: PointGroup | None
 
     @cached_property
     def everything(self) -> Unknowns:
         """Without symmetry."""
-        return all_unknowns(self.kind, self.grains, self.free_spins)
+        return Unknowns(4, 8 + self.moving)
 
     @property
     def used(self) -> PointGroup | None:
@@ -109,7 +102,7 @@ class UnknownSets:
         relaxes: leaving some out costs more than it saves. A ring has ten; without its redundant
         force it passes the states in which that is not determined.
         """
-        return None if self.kind == "affine" and not self.free_spins else self.group
+        return self.group if self.moving else None
 
     @cached_property
     def rates(self) -> Unknowns:
@@ -137,18 +130,3 @@ class UnknownSets:
         if (axes.parity > 0).all():
             return (even,)
         return even, symmetric_unknowns(self.kind, axes, axes.parity, self.free_spins)
-
-
-def _gathered(
-    tensor: Floats, place: Floats, spin: Floats, force: Floats, rows: Floats | None = None
-) -> Unknowns:
-    """Fields side by side: strains, stresses, redundant force, displacements, spins."""
-    widths = [tensor.shape[1]] * 2 + [force.shape[1], place.shape[2], spin.shape[1]]
-    ends = np.cumsum(widths)
-    at = [slice(end - width, end) for end, width in zip(ends, widths, strict=True)]
-    H, P, f = np.zeros((4, ends[-1])), np.zeros((4, ends[-1])), np.zeros((2, ends[-1]))
-    u, w = np.zeros((len(place), 2, ends[-1])), np.zeros((len(spin), ends[-1]))
-    H[:, at[0]], P[:, at[1]], f[:, at[2]], u[:, :, at[3]], w[:, at[4]] = (
-        tensor, tensor, force, place, spin
-    )  # fmt: skip
-    return Unknowns(H, P, u, w, f, widths[0], rows)

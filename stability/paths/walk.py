@@ -83,6 +83,10 @@ class Walk:
         """Loading parameter."""
         return unpack(self.model, self.y).parameter
 
+    def look(self, programme: Programme, gauge: Floats) -> Look:
+        """The present state."""
+        return Look(self.model, unpack(self.model, self.y), self.mode, programme, gauge)
+
     def row(self, seen: Look) -> None:
         """Record a state."""
         self.record.row(self.model, seen)
