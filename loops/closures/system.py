@@ -133,25 +133,30 @@ def closure_matrix(form: ClosureForm, S: Floats, A: Floats, *, signed: bool = Tr
 
     Not `signed`: the sums of the sizes of the terms behind every entry.
     """
-    ends, size = form.ends, form.size
-    batch = np.broadcast_shapes(S.shape[:-3], A.shape[:-3])
+    ends, size, boundary = form.ends, form.size, form.boundary
+    whole = () if boundary is None else boundary.shape[:-2]
+    batch = np.broadcast_shapes(S.shape[:-3], A.shape[:-3], whole)
     matrix = np.zeros((*batch, 4 + size, 8 + size))
     stress, balance = matrix[..., :4, :], matrix[..., 4:, :]
     forces = S @ A
     if size:
         balance[..., :4] = balancing(forces, ends, size, signed)
         balance[..., 8:] = assembled(S, ends, size, signed)
-    if form.boundary is not None:
-        boundary = form.boundary if signed else np.abs(form.boundary)
+    if boundary is not None:
+        boundary = boundary if signed else np.abs(boundary)
         balance[..., 4:8], stress[..., 8:] = boundary, np.swapaxes(boundary, -1, -2)
         stress[..., :4] = np.eye(4)
+    if form.branches is None:
         return matrix
     # The work of the stress is that on the branches: moments that hold spins have their own.
-    branches = np.swapaxes(A[..., :2, :], -1, -2)
-    stress[..., :4] = (branches @ forces[..., :2, :]).sum(axis=-3)
+    branches = -form.branches if signed else np.abs(form.branches)
+    flat = forces[..., :2, :].reshape(*forces.shape[:-2], 8)
+    mean = (np.swapaxes(branches, -1, -2) @ flat).reshape(*batch, 2, 2, 4)
+    stress[..., :4] = np.swapaxes(mean, -3, -2).reshape(*batch, 4, 4)
     stress[..., 4:8] = -np.eye(4)
     if size:
-        per_motion = np.swapaxes(branches @ S[..., :2, :], -1, -2)
+        per_motion = np.swapaxes(S[..., :2, :], -1, -2)[..., None] * branches[..., None, None, :]
+        per_motion = per_motion.reshape(*per_motion.shape[:-2], 4)
         stress[..., 8:] = np.swapaxes(balancing(per_motion, ends, size, signed), -1, -2)
     return matrix
 
@@ -212,7 +217,9 @@ def relax(
         doubt[..., :4, :] = 0.0
     elif not form.size:
         none = np.zeros(E.shape[:-2])
-        return Relaxed(E[..., :4] * unit[..., 0], doubt * unit[..., 0], E[..., 4:, :4], none, none)
+        return Relaxed(
+            E[..., :4] * stiffness[..., 0], doubt * stiffness[..., 0], E[..., 4:, :4], none, none
+        )
     if gear is not None:
         grains = gear.shape[-1]
         E[..., -grains:, -grains:] += gear
@@ -226,8 +233,8 @@ def relax(
     found = solve_through_null_space(
         E[..., 4:], -E[..., :4], watched, known, size=size[..., 4:], doubt=doubt
     )
-    stress, v = found.x[..., :4, :] * unit[..., 0], found.x[..., 4:, :]
-    error = np.asarray(found.error)[..., :4, :] * unit[..., 0]
+    stress, v = found.x[..., :4, :] * stiffness[..., 0], found.x[..., 4:, :]
+    error = np.asarray(found.error)[..., :4, :] * stiffness[..., 0]
     return Relaxed(stress, error, v, found.residual, found.ambiguity)
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +14,18 @@ from loops.arrays import Floats, Integers, Regimes
 from loops.contact_state import ContactState
 from loops.laws.frictional import parameter
 from loops.laws.protocol import ContactLaw, Regime, require_law
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def _of_the_other(method: Method) -> Method:
+    """The method of that name of the law beside the spring."""
+
+    @wraps(method)
+    def forward(self: Any, *args: Any, **options: Any) -> Any:
+        return getattr(self.law, method.__name__)(*args, **options)
+
+    return cast(Method, forward)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -62,52 +77,21 @@ class RollingResistance:
         object.__setattr__(self, "law", law)
         object.__setattr__(self, "k_r", k_r)
 
-    @property
-    def mu(self) -> ArrayLike:
-        """Friction of the other law."""
-        return self.law.mu
-
-    @property
-    def keeps_strength(self) -> bool:
-        """As the other law."""
-        return self.law.keeps_strength
-
-    def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
-        """Factors of `ut'` of the other law, see `ContactLaw`."""
-        return self.law.shear_kinematics(state)
-
-    def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """Material stiffness `D` of the other law."""
-        return self.law.local_stiffness(state, regime)
+    mu = property(lambda self: self.law.mu)
+    keeps_strength = property(lambda self: self.law.keeps_strength)
+    shear_kinematics = _of_the_other(ContactLaw.shear_kinematics)
+    local_stiffness = _of_the_other(ContactLaw.local_stiffness)
+    regime = _of_the_other(ContactLaw.regime)
+    normal_force = _of_the_other(ContactLaw.normal_force)
+    closed_force = _of_the_other(ContactLaw.closed_force)
+    gap = _of_the_other(ContactLaw.gap)
+    strength = _of_the_other(ContactLaw.strength)
+    normal_energy = _of_the_other(ContactLaw.normal_energy)
 
     def rolling_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
         """`k_r` of closed contacts, beside that of the other law."""
         own = np.where(regime == Regime.OPEN, 0.0, self.k_r)
         return self.law.rolling_stiffness(state, regime) + own
-
-    def regime(self, state: ContactState, rates: tuple[Floats, Floats] | None = None) -> Regimes:
-        """Regime of the other law."""
-        return self.law.regime(state, rates)
-
-    def normal_force(self, state: ContactState) -> Floats:
-        """`N` of the other law."""
-        return self.law.normal_force(state)
-
-    def closed_force(self, state: ContactState) -> Floats:
-        """`N` of the other law, as if closed."""
-        return self.law.closed_force(state)
-
-    def gap(self, state: ContactState) -> Floats:
-        """Gap of the other law."""
-        return self.law.gap(state)
-
-    def strength(self, state: ContactState) -> Floats:
-        """Strength of the other law."""
-        return self.law.strength(state)
-
-    def normal_energy(self, state: ContactState) -> Floats:
-        """Energy of the other law."""
-        return self.law.normal_energy(state)
 
     def take(self, contacts: Integers) -> RollingResistance:
         """Law of the picked contacts; scalar parameters stay scalar."""

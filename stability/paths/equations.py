@@ -134,10 +134,10 @@ def control_system(
 
 def stress_of_strain(matrix: Floats, unknowns: Unknowns) -> Floats:
     """(4, 4) what the unknowns' strains do to their stresses, over `kn`; nan if not trusted."""
+    if matrix.shape == (4, 8):
+        # Affine, spins not free: they read A H' - P' = 0.
+        return matrix[:, :4]
     E, t = unknowns.of(matrix), unknowns.strains
-    if E.shape == (4, 8):
-        # Affine, spins not free: E reads A H' - P' = 0.
-        return E[:, :4]
     tensors = unknowns.on(np.eye(4), 0)[:, :t]
     stress = unknowns.on(np.eye(4), 4)[:, t:]
     found = solve_through_null_space(E[:, t:], -E[:, :t], stress)
