@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -22,7 +23,7 @@ _STRESS = (
     "Changes of nominal stress and volume over {driven}, along the path; rings: the DEM's own next "
     "states, where given; ticks on the lower edge: instabilities. {said}"
 )
-CHANGE = "change of nominal stress (force/length)"
+STRESSES = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
 _MAP = (
     "Second-order work W2 of every loop from the start to the end of the path, over the mean kn "
     "(left), and the value of {driven} at the first row where it is negative (right; white: never)."
@@ -40,19 +41,12 @@ def path_drawings(
     yield Drawing("map", "Loops", _MAP.format(driven=driven), drawn)
 
 
-def _told(name: str, start: float) -> str:
-    return f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
-
-
 @styled()
 def stress_strain(tables: dict[str, Any], driven: str) -> Figure:
     """Both normal stresses and the volume along the path, the DEM's beside."""
     path, dem, events = tables["path"], tables.get("dem"), tables["events"]
     figure, ((stress, volume),) = new_panels(1, 2, 2.7)
-    for name, colour, style in (("P11", BLUE, "-"), ("P22", VERMILION, "--")):
-        start = path[name][0]
-        label = _told(name, start)
-        stress.plot(path["driven"], path[name] - start, style, color=colour, label=label)
+    _draw_stresses(stress, path, driven)
     volume.plot(path["driven"], path["H11"] + path["H22"], color=BLUE, label="path")
     if dem is not None:
         at = dem[driven] - (path[driven][0] if driven[0] == "P" else 0.0)
@@ -65,13 +59,26 @@ def stress_strain(tables: dict[str, Any], driven: str) -> Figure:
         unstable, np.zeros(len(unstable)), "|", color=GREY, markersize=8,
         transform=stress.get_xaxis_transform(), clip_on=False,
     )  # fmt: skip
-    label = f"$\\Delta {driven[0]}_{{{driven[1:]}}}$"
-    stress.set(xlabel=label, ylabel=CHANGE)
-    volume.set(xlabel=label, ylabel=r"$H_{11} + H_{22}$")
+    volume.set(xlabel=f"${_change(driven)}$", ylabel=r"$H_{11} + H_{22}$")
+    volume.ticklabel_format(axis="x", scilimits=(-3, 3))
     for ax in (stress, volume):
-        ax.ticklabel_format(axis="x", scilimits=(-3, 3))
         ax.legend()
     return figure
+
+
+def _draw_stresses(ax: Axes, path: dict[str, Any], driven: str) -> None:
+    """Changes of both normal stresses along the path."""
+    for name, (colour, style) in STRESSES.items():
+        start = path[name][0]
+        label = f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
+        ax.plot(path["driven"], path[name] - start, style, color=colour, label=label)
+    ax.set(xlabel=f"${_change(driven)}$", ylabel="change of nominal stress\n(force/length)")
+    ax.ticklabel_format(axis="x", scilimits=(-3, 3))
+
+
+def _change(driven: str) -> str:
+    """The change of what is driven, between dollars."""
+    return f"\\Delta {driven[0]}_{{{driven[1:]}}}"
 
 
 @styled()
@@ -84,24 +91,18 @@ def animate_path(
     folder: Path,
 ) -> list[str]:
     """The loops' normalised work since the start, (rows, loops), row by row beside the stresses."""
-    (figure, ((left, right),)), driven = new_panels(1, 2, 3.4), path["driven"]
+    figure, ((left, right),) = new_panels(1, 2, 3.4)
     scale = Normalize(-1.0, 1.0)
     loops = loop_drawer(snapshot, faces)(left, works[0], mpl.colormaps[DIVERGING], scale)
     figure.colorbar(loops, ax=left, shrink=0.75, label="normalised $W_2$ since the start")
-    rings = []
-    for name, colour in (("P11", BLUE), ("P22", VERMILION)):
-        start = path[name][0]
-        right.plot(driven, path[name] - start, color=colour, label=_told(name, start))
-        rings += right.plot([0.0], [0.0], "o", color=colour)
-    label = summary["driven"]
-    right.set(xlabel=f"$\\Delta {label[0]}_{{{label[1:]}}}$", ylabel=CHANGE)
-    right.ticklabel_format(axis="x", scilimits=(-3, 3))
+    _draw_stresses(right, path, summary["driven"])
+    rings = [right.plot([0.0], [0.0], "o", color=colour)[0] for colour, _ in STRESSES.values()]
     right.legend()
 
     def show(row: int) -> None:
         loops.set_array(works[row])
-        for ring, name in zip(rings, ("P11", "P22"), strict=True):
-            ring.set_data([driven[row]], [path[name][row] - path[name][0]])
+        for ring, name in zip(rings, STRESSES, strict=True):
+            ring.set_data([path["driven"][row]], [path[name][row] - path[name][0]])
 
     return write_animation(folder, figure, map(show, range(1, len(works))), summary["provenance"])
 
@@ -117,6 +118,6 @@ def work_map(
     draw_values(draw, work, loops["W2"] / summary["mean_kn"], label, signed=True)
     driven = summary["driven"]
     begun = np.abs(loops["negative_from"])
-    label = f"$|\\Delta {driven[0]}_{{{driven[1:]}}}|$ where $W_2$ is first negative"
+    label = f"$|{_change(driven)}|$ where $W_2$ is first negative"
     draw_values(draw, first, begun, label)
     return figure

@@ -98,7 +98,7 @@ def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
     ax.axhline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     ax.axvline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=3, columnspacing=1.0)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, columnspacing=1.0)
     return ax
 
 

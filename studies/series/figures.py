@@ -109,7 +109,8 @@ def orders_over_strain(evolution: Columns) -> Figure:
             ax.plot(strain, values, marker=marker, color=colour, label=f"order {group}")
         ax.set(xlabel=STRAIN_LABEL, title=title)
     figure.axes[0].set(ylabel="share of the loops", ylim=(0, None))
-    figure.axes[0].legend(ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.08))
+    key = figure.axes[0].get_legend_handles_labels()
+    figure.legend(*key, loc="outside upper center", ncols=3)
     return figure
 
 

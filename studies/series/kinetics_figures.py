@@ -17,9 +17,9 @@ from studies.style import (
     GREY,
     ORANGE,
     SKY,
-    TWO_COLUMNS,
     VERMILION,
-    new_figure,
+    key_columns,
+    new_panels,
     styled,
 )
 
@@ -31,9 +31,10 @@ COLOURS = dict(zip(range(4, 9), (SKY, BLUE, GREEN, ORANGE, VERMILION), strict=Tr
 @styled()
 def kinetics_figure(tables: Mapping[str, Mapping[str, Any]]) -> Figure:
     """Openings against closings of every pair of orders; the steady state beside the observed."""
-    figure = new_figure(TWO_COLUMNS, 3.0)
-    left, right = figure.subplots(1, 2)
+    figure, ((left, right),) = new_panels(1, 2, 3.4)
     _balance(left, tables["kinetics"])
+    key, beside = left.get_legend_handles_labels(), key_columns(figure, 6)
+    figure.legend(*key, title="merged loop", loc="outside lower center", ncols=beside)
     orders = tables["kinetics_orders"]
     shown = orders["order"] <= LAST_DRAWN
     order, share = orders["order"][shown], orders["steady_share"][shown]
@@ -77,4 +78,3 @@ def _balance(ax: Axes, table: Mapping[str, Any]) -> None:
         axis.set_major_formatter("{x:.0f}")
         axis.set_minor_locator(NullLocator())
     ax.set(xlabel="contacts that closed (splits)", ylabel="contacts that opened (mergers)")
-    ax.legend(title="merged loop", loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -89,6 +89,7 @@ def skill_by_predictor(table: Table) -> Figure:
                 ax.annotate(
                     "says nothing of it", (0.03, place), xycoords=("axes fraction", "data"),
                     va="center", color=GREY, fontsize=6,
+                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
                 )  # fmt: skip
             if len(auc):
                 ax.plot(auc.mean(), place, "|", color=BLACK, markersize=9, markeredgewidth=1.6)
@@ -100,7 +101,7 @@ def skill_by_predictor(table: Table) -> Figure:
     axes[0].set_yticks(range(len(names)), labels=[NAMES[name] for name in names])
     axes[0].invert_yaxis()
     for ax in axes[2:]:
-        ax.set_xlabel("AUC (bars: means; dashed: persistence)")
+        ax.set_xlabel("AUC (bar: mean; dashed: persistence)")
     return figure
 
 

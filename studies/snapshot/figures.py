@@ -37,6 +37,7 @@ from studies.style import (
     Drawing,
     axes_or_new,
     figure_of,
+    key_columns,
     new_figure,
     new_panels,
     say_empty,
@@ -326,7 +327,9 @@ def in_packing(table: dict[str, Any]) -> Figure:
         line(0.0, color=GREY, linewidth=0.6)
     left.set(xlabel="cut out, spins free", ylabel="in its packing")
     left.set_title(r"smallest eigenvalue of $K_s$ / mean $k_n$")
-    left.legend(markerscale=3)
+    key = left.get_legend_handles_labels()
+    beside = key_columns(figure, len(GROUPS))
+    figure.legend(*key, loc="outside lower center", ncols=beside, markerscale=3)
     share, order = surroundings_share(table), table["order"]
     orders = [n for n in np.unique(order) if np.isfinite(share[order == n]).any()]
     right.boxplot(

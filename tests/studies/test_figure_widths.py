@@ -1,0 +1,65 @@
+"""Words stay inside their figures, in one column of a journal and in two."""
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
+
+import grainloops as gl
+from studies.evolve.figures import stress_strain
+from studies.series.kinetics_figures import kinetics_figure
+from studies.series.skill_figures import TARGETS, skill_by_predictor
+
+
+@pytest.fixture(params=[None, "single", "double"], autouse=True)
+def width(request):
+    gl.figure_width(request.param)
+    yield
+    gl.figure_width(None)
+
+
+def path():
+    driven = np.linspace(0.0, 2e-4, 5)
+    along = {"H11": driven, "H22": -0.5 * driven, "P11": 400.0 + 2e5 * driven, "P22": 0 * driven}
+    events = {"driven": driven[2:3], "kind": np.array(["instability"])}
+    return stress_strain({"path": along | {"driven": driven}, "events": events}, "H11")
+
+
+def kinetics():
+    pairs = {"order_1": [3, 3], "order_2": [3, 4], "order_merged": [4, 5]}
+    counts = {"openings": [40, 2], "closings": [31, 5], "balance_p": [0.2, 0.3]}
+    orders = {"order": [3, 4, 5], "observed_share": [0.5, 0.3, 0.2]}
+    orders |= {"steady_share": [0.5, 0.3, 0.2], "steady_error": [0.1, 0.1, 0.1]}
+    tables = {"kinetics": pairs | counts, "kinetics_orders": orders}
+    arrays = {n: {k: np.array(v) for k, v in one.items()} for n, one in tables.items()}
+    return kinetics_figure(arrays)
+
+
+def skill():
+    rows = [(target, "order", 0.7, 0.1, 1) for target in TARGETS]
+    names = ("target", "predictor", "auc", "base", "snapshot_after")
+    return skill_by_predictor(dict(zip(names, zip(*rows, strict=True), strict=True)))
+
+
+@pytest.mark.parametrize("draw", [path, kinetics, skill])
+def test_no_word_is_cut(draw):
+    figure = draw()
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    right, top = figure.bbox.size
+    keys = [*figure.legends, *(ax.get_legend() for ax in figure.axes if ax.get_legend())]
+    words = [text for key in keys for text in key.findobj(Text)]
+    for ax in figure.axes:  # numbers of axes apart: some stand outside and aren't drawn
+        words += [ax.title, ax.xaxis.label, ax.yaxis.label, *ax.texts]
+    boxes = {
+        text.get_text(): text.get_window_extent(canvas.get_renderer())
+        for text in words
+        if text.get_text() and text.get_visible()
+    }
+    assert len(boxes) > 4
+    cut = {
+        said: box.extents
+        for said, box in boxes.items()
+        if box.x0 < -1 or box.y0 < -1 or box.x1 > right + 1 or box.y1 > top + 1
+    }
+    assert not cut
