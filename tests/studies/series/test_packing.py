@@ -83,14 +83,23 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
     np.testing.assert_allclose(own.nonaffinity, away, rtol=1e-9)
 
 
-def test_the_path_and_the_replay_foretell_beside(tmp_path, unsaved):
+def test_the_path_and_the_replay_foretell_beside(tmp_path, monkeypatch, unsaved):
     """One step of 2e-5, whose AUC of the path is .99 and more, of the replay .995 and more."""
-    out = tmp_path / "series"
+    out, replayed = tmp_path / "series", []
+
+    def kept(*given):
+        replayed.append((*given, replay(*given)))
+        return replayed[-1][-1]
+
+    monkeypatch.setattr(series_packing, "replay", kept)
     summary = foretell(out, PATHS[:2], in_packing="events", figures=True)
     before, after = read(0), read(1)
     strain = np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
     faces = find_faces(before.graph)
-    end = replay(before.graph, before.law, strain).state
+    ((start, _, driven, found),) = replayed
+    np.testing.assert_allclose(driven, strain, rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(start.x, before.graph.x)
+    end = found.state
     every = by_interval(out, "packing", 0)
     rates = loop_changes(before.graph, end, faces)
     np.testing.assert_allclose(every.replay_w2, rates.normalised_work, rtol=1e-9)
