@@ -28,6 +28,21 @@ def packing(grains=16, seed=1, share=0.9, sliding=0.0, law=LAW):
     return graph.replace(normal_force=normal, shear_force=ratio * float(law.mu) * normal)
 
 
+def with_idle_triangle(graph):
+    """The packing with three grains more, in touch with one another and without a force."""
+    count = graph.grain_count
+    corners = graph.x[0] + 0.01 * np.array([[30.0, 0.0], [31.0, 0.0], [30.0, 1.0]])
+    return GrainGraph(
+        x=np.vstack([graph.x, corners]),
+        radii=np.append(graph.radii, [0.01] * 3),
+        contacts=np.vstack([graph.contacts, count + np.array([[0, 1], [1, 2], [0, 2]])]),
+        normal_force=np.append(graph.normal_force, [0.0] * 3),
+        shear_force=np.append(graph.shear_force, [0.0] * 3),
+        images=np.vstack([graph.images, [[0, 0]] * 3]),
+        cell=graph.cell,
+    )
+
+
 def forces_after(graph, law, regime, H, u, w):
     """Branches and forces after a step: `N` exact, `T` from the turned branch and the spins."""
     d0 = branch_vectors(graph)

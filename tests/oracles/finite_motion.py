@@ -7,7 +7,7 @@ force follows from the length, the shear force from the integral of the tangenti
 
 import numpy as np
 
-from loops import Regime
+from loops import Regime, contact_forces
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
@@ -44,3 +44,23 @@ def external_forces(graph, kn, kt, mu, regime, v, w, step, shear_increment="bran
         out[2 * grains + i] += 0.5 * (length + r_i - r_j) * shear
         out[2 * grains + j] += 0.5 * (length + r_j - r_i) * shear
     return out
+
+
+def assert_slope(forces, rate, steps, atol):
+    """`rate` is the slope of `forces(step)` at zero: first order one-sided, second centred."""
+    one_sided = [np.linalg.norm((forces(s) - forces(0.0)) / s - rate) for s in steps]
+    centred = [np.linalg.norm((forces(s) - forces(-s)) / (2 * s) - rate) for s in steps]
+    np.testing.assert_allclose(np.diff(np.log2(one_sided)), -1.0, atol=atol)
+    np.testing.assert_allclose(np.diff(np.log2(centred)), -2.0, atol=atol)
+
+
+def assert_turns_forces(graph, tangent):
+    """A rigid turn of a loop by a tangent with spins: the forces turn with it, no moment."""
+    grains, f = graph.grain_count, contact_forces(graph)
+    turn = np.append(np.column_stack([-graph.x[:, 1], graph.x[:, 0]]).ravel(), np.ones(grains))
+    force = np.zeros((grains, 2))
+    np.add.at(force, graph.contacts[:, 0], f)
+    np.add.at(force, graph.contacts[:, 1], -f)
+    turned = np.column_stack([-force[:, 1], force[:, 0]])
+    wanted = np.append(turned.ravel(), np.zeros(grains))
+    np.testing.assert_allclose(tangent @ turn, wanted, atol=1e-14)

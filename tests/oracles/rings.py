@@ -30,6 +30,13 @@ def ring(order: int) -> np.ndarray:
     return np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
 
 
+def member(graph: GrainGraph, k: int, **changes) -> GrainGraph:
+    """The `k`-th loop of a batch."""
+    names = ("x", "x0", "radii", "normal_force", "shear_force")
+    picked = {name: getattr(graph, name)[k] for name in names if getattr(graph, name).ndim > 1}
+    return GrainGraph(**{"contacts": graph.contacts, "radii": graph.radii, **picked, **changes})
+
+
 def slide(rng: np.random.Generator, graph: GrainGraph, share: float, mu: float = 0.5):
     """Put a share of the contacts on the yield surface; return the graph and the regimes."""
     sliding = rng.random(graph.normal_force.shape) < share

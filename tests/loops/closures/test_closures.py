@@ -19,7 +19,7 @@ from loops.closures.spins import affine_spin
 from patterns import regular_polygon
 from studies.fifty_digits import as_array, traction_tangent_50
 from tests.oracles.finite_motion import external_forces
-from tests.oracles.rings import random_rings, ring, slide
+from tests.oracles.rings import member, random_rings, ring, slide
 
 LAW = LinearFrictional(kn=1.3, kt=0.5, mu=0.5)
 SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
@@ -73,14 +73,7 @@ def test_traction_against_fifty_digits(overlap, share):
 def test_traction_moves_grains_in_equilibrium():
     """Forces of the law after a small relaxed step: uniform stress, error of second order."""
     rng = np.random.default_rng(12)
-    batch = random_rings(rng, 1, 6, overlap=0.1)
-    graph = GrainGraph(
-        x=batch.x[0],
-        radii=batch.radii[0],
-        contacts=batch.contacts,
-        normal_force=batch.normal_force[0],
-        shear_force=batch.shear_force[0],
-    )
+    graph = member(random_rings(rng, 1, 6, overlap=0.1), 0)
     gradient = rng.normal(size=(2, 2))
     matrix = traction_tangent(graph, LAW).matrix
     stress_rate = (matrix @ gradient.ravel()).reshape(2, 2)
@@ -106,14 +99,7 @@ def nominal_volume(graph):
 def test_affine_tangent_is_the_slope_of_the_nominal_stress():
     """Move every centre by -H x0 and take the stress by the exactly integrated law."""
     rng = np.random.default_rng(13)
-    graph = random_rings(rng, 1, 6, overlap=0.1)
-    graph = GrainGraph(
-        x=graph.x[0],
-        radii=graph.radii[0],
-        contacts=graph.contacts,
-        normal_force=graph.normal_force[0],
-        shear_force=graph.shear_force[0],
-    )
+    graph = member(random_rings(rng, 1, 6, overlap=0.1), 0)
     gradient = rng.normal(size=(2, 2))
     v = -graph.x0 @ gradient.T
     for spins, w in (("blocked", 0.0), ("affine", 0.5 * (gradient[0, 1] - gradient[1, 0]))):
@@ -139,13 +125,7 @@ def test_batch_equals_one_by_one(closure):
     for spins in ("blocked", "affine", "free"):
         together = macroscopic_tangent(graph, law, closure, spins=spins, regime=regime)
         for b in range(6):
-            alone = GrainGraph(
-                x=graph.x[b],
-                radii=graph.radii[b],
-                contacts=graph.contacts,
-                normal_force=graph.normal_force[b],
-                shear_force=graph.shear_force[b],
-            )
+            alone = member(graph, b)
             one = LinearFrictional(kn=law.kn[b], kt=law.kt[b], mu=0.5)
             single = macroscopic_tangent(alone, one, closure, spins=spins, regime=regime[b])
             np.testing.assert_allclose(single.matrix, together.matrix[b], rtol=1e-9, atol=1e-11)

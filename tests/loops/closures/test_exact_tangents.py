@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from loops import (
-    GrainGraph,
     InputError,
     LinearFrictional,
     Regime,
@@ -24,7 +23,7 @@ from loops.null_space import solve_through_null_space
 from patterns import loop_of_snapshot, random_loop, read_snapshot, sample_path
 from stability import judge
 from tests.oracles.exact_loops import Loops, exact_tangent, mp_solve
-from tests.oracles.rings import random_rings, ring, slide
+from tests.oracles.rings import member, random_rings, ring, slide
 from tests.tools.near_singular import run
 
 LAW = LinearFrictional(kn=1.3, kt=0.5, mu=0.5)
@@ -120,23 +119,13 @@ def test_loops_of_four_whose_arms_decide_have_no_verdict():
         found = traction_tangent(graph, law, spins="free")
         assert found.trusted.all()
         for k in np.flatnonzero(found.sensitivity > 0.1):
-            one = traction_tangent(pick(graph, k), law, spins="free")
+            one = traction_tangent(member(graph, k), law, spins="free")
             assert judge(one, "symmetric").status == "undetermined"
         assert (found.sensitivity > 0.1).mean() > 0.9
         assert (found.rounding < 1e-2 * found.sensitivity).mean() > 0.9
     # Odd loops have no gear mode, equal grains on a regular loop share their arms either way.
     odd = random_rings(np.random.default_rng(4), 10, 5, overlap=1e-3)
     assert (traction_tangent(odd, LAW, spins="free").sensitivity == 0).all()
-
-
-def pick(graph, k):
-    return GrainGraph(
-        x=graph.x[k],
-        radii=graph.radii[k],
-        contacts=graph.contacts,
-        normal_force=graph.normal_force[k],
-        shear_force=graph.shear_force[k],
-    )
 
 
 @pytest.fixture(scope="module")

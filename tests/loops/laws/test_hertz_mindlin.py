@@ -11,14 +11,15 @@ from loops import (
     LinearFrictional,
     Regime,
     assemble_tangent,
-    contact_forces,
     contact_state,
     macroscopic_tangent,
 )
 from patterns import random_loop, regular_polygon
 from stability import restrict, symmetric_spectrum
+from tests.oracles.finite_motion import assert_slope, assert_turns_forces
 from tests.oracles.finite_motion_hertz import external_forces, hertz_force, mindlin_stiffness
 from tests.oracles.polygon_thresholds import critical_strain
+from tests.oracles.rings import member
 
 YOUNG, POISSON, MU = 3.0, 0.3, 0.5
 LAW = HertzMindlin(young=YOUNG, poisson=POISSON, mu=MU)
@@ -104,22 +105,13 @@ def test_tangent_is_the_slope_of_the_law(rule, share):
     def forces(step):
         return external_forces(graph, YOUNG, POISSON, MU, 0.0, regime, v, w, step, rule)
 
-    steps = 2.0 ** -np.arange(9, 14)
-    one_sided = [np.linalg.norm((forces(s) - forces(0.0)) / s - rate) for s in steps]
-    centred = [np.linalg.norm((forces(s) - forces(-s)) / (2 * s) - rate) for s in steps]
-    np.testing.assert_allclose(np.diff(np.log2(one_sided)), -1.0, atol=0.03)
-    np.testing.assert_allclose(np.diff(np.log2(centred)), -2.0, atol=0.03)
+    assert_slope(forces, rate, 2.0 ** -np.arange(9, 14), atol=0.03)
 
 
 def test_rigid_turn_only_turns_the_forces():
     graph, _ = hertz_loop(8, order=5, share=0.4)
     tangent = assemble_tangent(graph, LAW, spins=True)
-    turn = np.concatenate([np.column_stack([-graph.x[:, 1], graph.x[:, 0]]).ravel(), np.ones(5)])
-    force, f = np.zeros((5, 2)), contact_forces(graph)
-    np.add.at(force, graph.contacts[:, 0], f)
-    np.add.at(force, graph.contacts[:, 1], -f)
-    turned = np.column_stack([-force[:, 1], force[:, 0]])
-    np.testing.assert_allclose(tangent @ turn, np.append(turned.ravel(), np.zeros(5)), atol=1e-14)
+    assert_turns_forces(graph, tangent)
 
 
 def test_same_tangent_as_linear_springs_of_the_current_stiffness():
@@ -202,13 +194,7 @@ def test_a_batch_is_its_members():
     batch, _ = hertz_loop(13, order=5, size=4)
     tangent = assemble_tangent(batch, LAW, spins=True)
     for k in range(4):
-        one = GrainGraph(
-            x=batch.x[k],
-            radii=batch.radii[k],
-            contacts=batch.contacts,
-            normal_force=batch.normal_force[k],
-            shear_force=batch.shear_force[k],
-        )
+        one = member(batch, k)
         np.testing.assert_allclose(
             tangent[k], assemble_tangent(one, LAW, spins=True), rtol=0, atol=1e-15
         )

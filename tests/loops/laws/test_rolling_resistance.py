@@ -11,12 +11,12 @@ from loops import (
     Regime,
     RollingResistance,
     assemble_tangent,
-    contact_forces,
     contact_state,
     macroscopic_tangent,
 )
 from patterns import random_loop, regular_polygon
 from stability import restrict, symmetric_spectrum
+from tests.oracles.finite_motion import assert_slope, assert_turns_forces
 from tests.oracles.finite_motion_hertz import external_forces
 from tests.oracles.polygon_thresholds import critical_strain
 
@@ -85,12 +85,7 @@ def test_rigid_motions_cost_no_moment(base):
     tangent = assemble_tangent(graph, law, spins=True)
     still = np.concatenate([np.tile([1.0, -2.0], 5), np.zeros(5)])
     assert np.abs(tangent @ still).max() < 1e-14
-    turn = np.concatenate([np.column_stack([-graph.x[:, 1], graph.x[:, 0]]).ravel(), np.ones(5)])
-    force, f = np.zeros((5, 2)), contact_forces(graph)
-    np.add.at(force, graph.contacts[:, 0], f)
-    np.add.at(force, graph.contacts[:, 1], -f)
-    turned = np.column_stack([-force[:, 1], force[:, 0]])
-    np.testing.assert_allclose(tangent @ turn, np.append(turned.ravel(), np.zeros(5)), atol=1e-14)
+    assert_turns_forces(graph, tangent)
 
 
 def test_tangent_is_the_slope_of_the_law():
@@ -108,11 +103,7 @@ def test_tangent_is_the_slope_of_the_law():
     def forces(step):
         return external_forces(graph, 3.0, 0.3, MU, KR, regime, v, w, step)
 
-    steps = 2.0 ** -np.arange(9, 14)
-    one_sided = [np.linalg.norm((forces(s) - forces(0.0)) / s - rate) for s in steps]
-    centred = [np.linalg.norm((forces(s) - forces(-s)) / (2 * s) - rate) for s in steps]
-    np.testing.assert_allclose(np.diff(np.log2(one_sided)), -1.0, atol=0.03)
-    np.testing.assert_allclose(np.diff(np.log2(centred)), -2.0, atol=0.03)
+    assert_slope(forces, rate, 2.0 ** -np.arange(9, 14), atol=0.03)
 
 
 def test_everything_else_is_the_other_laws():

@@ -5,7 +5,6 @@ import pytest
 from scipy import sparse
 
 from loops import (
-    GrainGraph,
     InputError,
     LinearFrictional,
     assemble_tangent,
@@ -19,7 +18,7 @@ from loops.packing import loops_in_place
 from loops.packing.dissection import dissection
 from loops.packing.selected_inverse import eliminate, inverse_on_fronts
 from patterns.synthetic import synthetic_network
-from tests.packings import LAW, packing
+from tests.packings import LAW, packing, with_idle_triangle
 
 
 def dense_operators(graph, law, regime):
@@ -82,15 +81,7 @@ def test_blocks_tend_to_the_whole_and_keep_their_bound():
 
 
 def test_a_loop_that_carries_nothing_has_no_operator():
-    graph = packing(24, seed=3)
-    triangle = graph.x[0] + 0.01 * np.array([[30.0, 0.0], [31.0, 0.0], [30.0, 1.0]])
-    more = GrainGraph(
-        x=np.vstack([graph.x, triangle]),
-        radii=np.append(graph.radii, [0.01] * 3),
-        contacts=np.vstack([graph.contacts, [[24, 25], [25, 26], [24, 26]]]),
-        images=np.vstack([graph.images, [[0, 0]] * 3]),
-        cell=graph.cell,
-    )
+    more = with_idle_triangle(packing(24, seed=3))
     found = loops_in_place(more, LAW, find_faces(more))
     assert np.isnan(found.matrix).all(axis=(1, 2)).sum() == 1
     with pytest.raises(InputError, match="method"):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, branch_vectors, find_faces, love_weber_stress
+from loops import LinearFrictional, branch_vectors, find_faces, love_weber_stress
 from stability.packing import loop_rates, packing_response
-from tests.packings import LAW, balanced, packing
+from tests.packings import LAW, balanced, packing, with_idle_triangle
 
 H = np.array([[0.8, 0.3], [-0.1, -0.5]])
 
@@ -72,17 +72,7 @@ def test_times_of_opening_and_closing_are_those_of_straight_motion():
 
 
 def test_loops_of_what_carries_nothing_have_no_rates():
-    graph = packing(24, seed=3)
-    triangle = graph.x[0] + 0.01 * np.array([[30.0, 0.0], [31.0, 0.0], [30.0, 1.0]])
-    more = GrainGraph(
-        x=np.vstack([graph.x, triangle]),
-        radii=np.append(graph.radii, [0.01] * 3),
-        contacts=np.vstack([graph.contacts, [[24, 25], [25, 26], [24, 26]]]),
-        normal_force=np.append(graph.normal_force, [0.0] * 3),
-        shear_force=np.append(graph.shear_force, [0.0] * 3),
-        images=np.vstack([graph.images, [[0, 0]] * 3]),
-        cell=graph.cell,
-    )
+    more = with_idle_triangle(packing(24, seed=3))
     found = packing_response(more, LAW, H)
     loops = loop_rates(found, find_faces(more))
     assert (found.system.carrying.clusters, found.system.carrying.clustered) == (1, 3)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from loops import (
-    FrictionalLaw,
     GrainGraph,
     HertzMindlin,
     InputError,
@@ -19,6 +18,7 @@ from loops import (
     contact_tangent,
 )
 from stability.packing import packing_response, response
+from tests.oracles.cohesive import Cohesive
 from tests.packings import LAW, balanced, packing, step
 
 H = np.array([[0.8, 0.3], [-0.1, -0.5]])
@@ -45,27 +45,11 @@ def test_rates_are_the_slope_of_the_packings_own_path(increment, sliding):
     assert np.allclose(np.divide(errors[:-1], errors[1:]), 2.0, atol=0.1)
 
 
-class Cohesive(FrictionalLaw):
-    """Linear springs with a constant attraction, which the strength counts."""
-
-    def __init__(self, adhesion):
-        self.kn, self.kt, self.mu, self.adhesion = 1.0, 0.5, 0.5, adhesion
-
-    def closed_force(self, state):
-        return self.kn * state.overlap - self.adhesion
-
-    def stiffnesses(self, state):
-        return self.kn, self.kt
-
-    def strength(self, state):
-        return self.mu * (state.normal_force + self.adhesion)
-
-
 LAWS = {
     "radii": LAW,
     "Hertz": HertzMindlin(50.0, 0.3, 0.5),
     "rolling": RollingResistance(LAW, 0.1),
-    "cohesive": Cohesive(0.004),
+    "cohesive": Cohesive(1.0, 0.5, 0.5, 0.004),
 }
 
 

@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from loops import (
-    FrictionalLaw,
     HertzMindlin,
     InputError,
     LinearFrictional,
@@ -16,25 +15,10 @@ from loops import (
 )
 from patterns import diamond, regular_polygon
 from stability import Stage, branch_fraction, directional_work, follow, programmes, rates_at
+from tests.oracles.cohesive import Cohesive
 from tests.oracles.polygon_thresholds import critical_strain
 
 KAPPA, MU, ADHESION = 0.3, 0.05, 0.01
-
-
-class Cohesive(FrictionalLaw):
-    """N = kn overlap - adhesion until the grains part; friction knows the repulsion alone."""
-
-    def __init__(self, kn, kt, mu, adhesion):
-        self.kn, self.kt, self.mu, self.adhesion = kn, kt, mu, adhesion
-
-    def closed_force(self, state):
-        return self.kn * state.overlap - self.adhesion
-
-    def stiffnesses(self, state):
-        return self.kn, self.kt
-
-    def strength(self, state):
-        return self.mu * (state.normal_force + self.adhesion)
 
 
 COHESIVE = Cohesive(kn=1.0, kt=KAPPA, mu=MU, adhesion=ADHESION)
