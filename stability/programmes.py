@@ -84,6 +84,15 @@ class Programme:
         strain[self.isochoric_row] = [1.0 - H[3], H[2], H[1], 1.0 - H[0]]
         return self.stress, strain, self.rate
 
+    def driven(self, quantity: str) -> float:
+        """Rate of a component that an equation has alone, nan where none does."""
+        controls = np.hstack([self.strain, self.stress])
+        own = controls[:, QUANTITIES.index(quantity)]
+        for row in np.flatnonzero(((controls != 0).sum(axis=1) == 1) & (own != 0)):
+            if row != self.isochoric_row:
+                return float(self.rate[row] / own[row])
+        return float("nan")
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -132,14 +141,8 @@ class Stage:
         """Whether the quantity moves towards its target, as far as the programme fixes its rate."""
         if self.quantity == "parameter":
             return sense > 0
-        p = self.programme
-        controls = np.hstack([p.strain, p.stress])
-        column = QUANTITIES.index(self.quantity)
-        alone = (controls != 0).sum(axis=1) == 1
-        for row in np.flatnonzero(alone & (controls[:, column] != 0)):
-            if row != p.isochoric_row:
-                return bool(p.rate[row] / controls[row, column] * sense > 0)
-        return True
+        rate = self.programme.driven(self.quantity)
+        return bool(np.isnan(rate) or rate * sense > 0)
 
 
 def isotropic_strain(rate: float = 1.0) -> Programme:

@@ -70,7 +70,7 @@ class Servo(NamedTuple):
     start: Floats  # (4,) nominal
     z: Floats  # (4,) changed in place
     ask: Floats  # (4,) changed in place
-    whole: float  # when the rate ends and is held
+    whole: float  # when the rate ends
     clock: Floats  # (1,) changed in place
 
 
@@ -230,9 +230,9 @@ def _steer(motion: Motion, servo: Servo, dt: float) -> None:
         share * (m10 * F[3] - m11 * F[1]),
         share * (m11 * F[0] - m10 * F[2]),
     )
-    # Half a step off: a sum of steps is rounded.
-    pace = 1.0 if servo.clock[0] < servo.whole - 0.5 * dt else 0.0
-    servo.clock[0] += pace * dt
+    servo.clock[0] = min(servo.clock[0] + dt, servo.whole)
+    # A sum of steps is rounded.
+    pace = 1.0 if servo.clock[0] < (1.0 - 1e-9) * servo.whole else 0.0
     for row in range(4):
         left = -servo.rate[row] * servo.clock[0]
         for k in range(4):

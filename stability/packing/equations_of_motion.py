@@ -18,7 +18,6 @@ from stability.packing.motion import Moving, duration_of, lasting, servo_of, ste
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable
 from stability.packing.state import PackingState, start_state
 from stability.programmes import Stage
-from stability.subspaces import COMPONENTS
 
 if TYPE_CHECKING:
     from loops.compiled.replay import Servo
@@ -167,14 +166,10 @@ def _span(stage: Stage) -> float:
     """Loading parameter at the end of a stage."""
     rate = 1.0
     if stage.quantity != "parameter":
-        p, column = stage.programme, COMPONENTS.index(stage.quantity[1:])
-        controls = np.hstack([p.strain, p.stress])
-        alone = (controls != 0).sum(axis=1) == 1
-        driven = np.flatnonzero(alone & (controls[:, column] != 0) & (p.rate != 0))
-        if not len(driven) or stage.quantity[0] == "P":
+        rate = stage.programme.driven(stage.quantity)
+        if not abs(rate) > 0 or stage.quantity[0] == "P":
             received, expected = f"{stage.quantity} at the end", "'parameter', or a driven strain"
             raise InputError("stage", received, expected, "End it by the parameter.")
-        rate = float(p.rate[driven[0]] / controls[driven[0], column])
     if not stage.target / rate > 0:
         remedy = "Turn the sign of the target or of the rate."
         raise InputError("stage", f"target {stage.target:g}", "a target that lies ahead", remedy)

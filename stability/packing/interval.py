@@ -40,6 +40,14 @@ class ControlLimitError(Exception):
     """The control asks for ever more strain."""
 
 
+class InstabilityError(Exception):
+    """No regimes of a contact agree: why, and the grains of the mode."""
+
+    def __init__(self, contact: int, why: str, grains: Integers) -> None:
+        super().__init__(f"contact {contact}: {why}")
+        self.contact, self.why, self.grains = contact, why, grains
+
+
 class Told(Protocol):
     """Hears of every event."""
 
@@ -74,6 +82,7 @@ class Interval:
     """Walks through one interval; `time` runs from 0 to `end`, or to the goal.
 
     `touching` are sums of the radii, `load` the resultants that the grains had at the start.
+    Instabilities are passed if `viscous`, else they end the walk (`InstabilityError`).
     """
 
     pieces: Pieces
@@ -87,6 +96,7 @@ class Interval:
     goal: Goal
     told: Told
     fastest: float
+    viscous: bool
     time: float = 0.0
     events: Counter[int] = field(default_factory=Counter)
 
@@ -184,8 +194,9 @@ class Interval:
         loose = pair[degree == degree.min()]
         drag = 10.0 * max(float(pieces.drag[loose].max()), DRAGS[0])
         if degree.min() > 2 or drag > DRAGS[-2]:
-            self._hold(c, "it changes regime again and again; held", kind)
+            self._hold(c, "it changes regime again and again", kind)
             return
+        self._met(c, "a loose grain rattles", loose)
         pieces.drag[loose] = drag
         pieces.factorise()
         self.told("instability", self.time, c, "a loose grain rattles; dragged", loose)
@@ -216,10 +227,11 @@ class Interval:
                 changed = pivot(pieces, self.control, c, critical, TINY * self._scale(rates))
             except UnsolvedError as stop:
                 why = why or self._mode(stop)
-                if drag == DRAGS[-1]:
-                    break
                 u = np.linalg.norm(stop.motion.reshape(-1, 3), axis=1)
                 grains = np.flatnonzero(u > 0.1 * u.max())
+                self._met(c, why, grains)
+                if drag == DRAGS[-1]:
+                    break
                 pieces.drag[grains] = np.maximum(pieces.drag[grains], drag)
                 pieces.factorise()
                 continue
@@ -229,7 +241,7 @@ class Interval:
                 slides = pieces.regime[k] == SLIDING
                 self.told("yield" if slides else "unloading", self.time, k)
             return
-        self._hold(c, f"{why}; held", "yield")
+        self._hold(c, why, "yield")
 
     def _scale(self, rates: Rates) -> float:
         size = float(np.abs(rates.h[:4]).max())
@@ -252,7 +264,7 @@ class Interval:
             c = int(wrong[0])
             tried[c] += 1
             if tried[c] > 3:
-                self._hold(c, "neither sticking nor sliding agrees; held", "yield")
+                self._hold(c, "neither sticking nor sliding agrees", "yield")
             else:
                 self._pivot(c, rates)
             if len(pieces.at) > RANK:
@@ -261,13 +273,18 @@ class Interval:
     def _hold(self, c: int, why: str, kind: EventKind) -> None:
         """Keep a contact stuck or open, whatever becomes of it, until the interval ends."""
         pieces = self.pieces
+        self._met(c, why, pieces.frame.grains[c])
         if kind in ("opening", "closing"):
             pieces.set_regime(c, OPEN)
             self._part(c, RELEASED)
         elif pieces.regime[c] == SLIDING:
             flip(pieces, c)
         self.held[c] = True
-        self.told("instability", self.time, c, why, pieces.frame.grains[c])
+        self.told("instability", self.time, c, f"{why}; held", pieces.frame.grains[c])
+
+    def _met(self, c: int, why: str, grains: Integers) -> None:
+        if not self.viscous:
+            raise InstabilityError(c, why, grains)
 
     def _part(self, c: int, spent: int) -> None:
         """A contact's forces vanish; what its shear spring has left goes to one of the works."""

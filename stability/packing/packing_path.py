@@ -16,10 +16,10 @@ class PackingPath:
     Attributes
     ----------
     status : str
-        'finished'; 'instabilities': stopped at the stated number of them; 'control_limit': the
-        control asks for ever more strain; 'no_solution': it moves nothing; 'lost': forces or
-        centres jumped, or the system was singular; 'no_load': it has come apart. The last row is
-        the state before.
+        'finished'; 'instabilities': stopped at the stated number of them, or at the first as asked;
+        'control_limit': the control asks for ever more strain; 'no_solution': it moves nothing;
+        'lost': forces or centres jumped, the system was singular, or the packing came to no rest
+        after an instability; 'no_load': it has come apart. The last row is the state before.
     message : str
         The status in words.
     events : tuple of Event

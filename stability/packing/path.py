@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,20 +13,25 @@ from loops.arrays import Floats, Integers, Regimes
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.laws.protocol import Regime
-from stability.packing.interval import ControlLimitError, Goal, Interval, end_state
+from stability.packing.interval import (
+    ControlLimitError,
+    Goal,
+    InstabilityError,
+    Interval,
+    end_state,
+)
 from stability.packing.linear_pieces import AT_YIELD, Pieces
 from stability.packing.packing_path import PackingPath
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength, with_near
 from stability.packing.pivots import Control
-from stability.packing.state import PackingState, start_state
-from stability.paths.path import Event, EventKind, PathStatus
+from stability.packing.snap_through import snap_through, stored
+from stability.packing.state import jumped, start_state
+from stability.paths.path import Event, EventKind, Past, PathStatus
 from stability.programmes import Stage
 from stability.subspaces import COMPONENTS
 
 # Pairs closer than this share of the mean diameter stand in the arrays as open contacts.
 NEAR = 0.01
-# In one interval: over the mean contact force, over the mean diameter. Beyond, the path is lost.
-JUMP, LEAP = 0.5, 0.02
 # Strain asked for by the control, over the least of the stage.
 LIMIT = 1e3
 FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target")
@@ -39,11 +45,13 @@ def follow_packing(
     rows: int,
     interval: float,
     instabilities: int,
+    past: Past,
     max_steps: int,
 ) -> PackingPath:
     """What `follow` does with the packing closure."""
     checked = require_replayable(graph, law)
-    walk = _Walk(graph, contact_pairs(graph, checked), checked.shear_increment == "radii", interval)
+    by_radii = checked.shear_increment == "radii"
+    walk = _Walk(graph, contact_pairs(graph, checked), by_radii, interval, past)
     walk.record()
     stop: tuple[PathStatus, str] = FINISHED
     for k, stage in enumerate(stages):
@@ -59,24 +67,13 @@ def follow_packing(
     return walk.path(*stop)
 
 
-def jumped(before: PackingState, after: PackingState, stress: float) -> str:
-    """What is out of measure after a short strain, if anything; `stress` is that of the start."""
-    # Near zero a stress is no measure of its change; that of the start is.
-    size = max(float(np.linalg.norm(before.stress)), stress)
-    change = np.linalg.norm(after.stress - before.stress) / size
-    if not change < JUMP:
-        return f"the stress jumped by {change:.2g} of what it was"
-    beyond = after.x - before.x @ (after.cell @ np.linalg.inv(before.cell)).T
-    carries = np.bincount(after.contacts[after.closed].ravel(), minlength=len(beyond)) > 1
-    leap = np.abs(beyond[carries]).max(initial=0.0) / (2.0 * float(after.radii.mean()))
-    return f"a grain leapt by {leap:.2g} diameters" if leap > LEAP else ""
-
-
 def _walk_stage(
     walk: _Walk, stage: Stage, rows: int, instabilities: int, max_steps: int
 ) -> tuple[PathStatus, str]:
-    for target in np.linspace(walk.quantity(stage), stage.target, rows + 1)[1:]:
-        while not walk.at(stage, target):
+    start = walk.quantity(stage)
+    way = stage.target - start
+    for target in np.linspace(start, stage.target, rows + 1)[1:]:
+        while not walk.at(stage, target, way):
             if walk.intervals >= max_steps:
                 return "lost", f"{max_steps} intervals were not enough"
             stop = walk.step(stage, float(target), instabilities)
@@ -95,6 +92,7 @@ class _Walk:
     pairs: Pairs
     by_radii: bool
     size: float
+    past: Past
     parameter: float = 0.0
     begun: float = 0.0
     stage: int = 0
@@ -125,10 +123,14 @@ class _Walk:
         most = strength(self.pairs, N)
         self.state = replace(self.state, normal_force=N, shear_force=np.clip(T, -most, most))
         self._renew(0.0)
+        self._set_regimes()
+
+    def _set_regimes(self) -> None:
+        """Who stands on its cone slides, on the side of its force."""
         N, T = self.state.normal_force, self.state.shear_force
-        slides = (N > 0) & (np.abs(T) >= AT_YIELD * strength(self.pairs, N))
-        self.regime[slides] = Regime.SLIDING
-        self.regime[(N > 0) & ~slides] = Regime.ELASTIC
+        slides = np.abs(T) >= AT_YIELD * strength(self.pairs, N)
+        closed = np.where(slides, Regime.SLIDING, Regime.ELASTIC)
+        self.regime = np.where(N > 0, closed, Regime.OPEN).astype(np.int8)
         self.side = np.sign(T)
 
     @property
@@ -158,14 +160,14 @@ class _Walk:
         values = self.H if stage.quantity[0] == "H" else self.P
         return float(values[COMPONENTS.index(stage.quantity[1:])])
 
-    def at(self, stage: Stage, target: float) -> bool:
-        """Whether the target is reached, to a millionth of an interval."""
+    def at(self, stage: Stage, target: float, way: float) -> bool:
+        """Whether the target is reached, to a millionth of an interval, or has been leapt over."""
         scale = 1.0
         if stage.quantity[0] == "P":
             scale = float(self.pairs.kn.mean())
         elif stage.quantity == "parameter":
             scale = 1.0 / float(np.abs(stage.programme.rate).max())
-        return abs(self.quantity(stage) - target) <= 1e-6 * self.size * scale
+        return np.sign(way) * (target - self.quantity(stage)) <= 1e-6 * self.size * scale
 
     def enter(self) -> None:
         """What a programme holds is counted from here."""
@@ -184,6 +186,10 @@ class _Walk:
         if stop is not None:
             self.state, self.F, self.regime, self.side, self.pairs = before
             return stop
+        if self.met is not None:
+            stop = self._pass(self.met, stage, target)
+            if stop is not None:
+                return stop
         found = {event.contacts for event in self.events if event.kind == "instability"}
         if len(found) >= most:
             return "instabilities", f"{len(found)} contacts found no regimes that agree"
@@ -223,8 +229,13 @@ class _Walk:
             goal=self._goal(stage, target),
             told=self._told,
             fastest=LIMIT * self.slowest,
+            viscous=self.past == "viscous",
         )
-        walk.walk()
+        self.met = None
+        try:
+            walk.walk()
+        except InstabilityError as met:
+            self.met, self.span = met, end
         state, self.regime, work = end_state(walk, self.state, self.pairs)
         self.side, self.pieces = pieces.side, pieces
         if not state.closed.any():
@@ -242,6 +253,37 @@ class _Walk:
         # Neighbours come nearer with the cell as well, by twice this.
         affine = float(np.linalg.norm(walk.strain) * state.radii.max())
         self._renew(float(np.abs(walk.u).max()) + affine)
+        return None
+
+    def _pass(
+        self, met: InstabilityError, stage: Stage, target: float
+    ) -> tuple[PathStatus, str] | None:
+        """Stop at an instability, or go through it by the equations of motion."""
+        told = partial(self._told, "instability", 0.0, met.contact)
+        if self.past == "stop":
+            told(f"{met.why}; stopped")
+            return "instabilities", str(met)
+        rate = 1.0 if stage.quantity == "parameter" else stage.programme.driven(stage.quantity)
+        left = (target - self.quantity(stage)) / rate if rate else np.inf
+        # Where nobody knows when the target is reached it may be leapt over.
+        span = min(self.span, left) if left > 0 else self.span
+        load, control = -self.balance, self._control(stage, 1.0 / span)
+        try:
+            snap = snap_through(self.state, self.pairs, load, control, span, self.by_radii)
+            jump = jumped(self.state, snap.state, self.stress)
+            if jump:
+                raise ArithmeticError(jump)
+        except ArithmeticError as error:
+            told(f"{met.why}; lost")
+            return "lost", f"{met}; {error}"
+        told(f"{met.why}; replayed; {snap.work[3]:.2g} released")
+        self.F = snap.state.cell @ np.linalg.inv(self.state.cell) @ self.F
+        self.state, self.pairs = snap.state, snap.pairs
+        self.parameter += span
+        self.work += snap.work
+        self.drift = self.state.resultants - self.balance
+        self._set_regimes()
+        self._renew(np.inf)
         return None
 
     def _control(self, stage: Stage, drift: float) -> Control:
@@ -319,10 +361,7 @@ class _Walk:
     def record(self) -> None:
         """A row."""
         state, pairs = self.state, self.pairs
-        shear = np.divide(
-            state.shear_force**2, pairs.kt, out=np.zeros(len(pairs)), where=pairs.kt > 0
-        )
-        energy = 0.5 * float(np.sum(state.normal_force**2 / pairs.kn + shear))
+        energy = stored(state, pairs)
         closed = np.hypot(state.normal_force, state.shear_force)[state.closed]
         drift = np.abs(self.drift)[:, :2].max() / float(closed.mean() if len(closed) else np.nan)
         row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, drift

@@ -10,6 +10,9 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers
 from loops.graph import GrainGraph, branches_between
 
+# In a short strain: over the mean contact force, over the mean diameter. Beyond, the path is lost.
+JUMP, LEAP = 0.5, 0.02
+
 
 @dataclass(frozen=True, eq=False)
 class PackingState:
@@ -106,3 +109,16 @@ def start_state(graph: GrainGraph) -> PackingState:
         normal_force=graph.normal_force,
         shear_force=graph.shear_force,
     )
+
+
+def jumped(before: PackingState, after: PackingState, stress: float) -> str:
+    """What is out of measure after a short strain, if anything; `stress` is that of the start."""
+    # Near zero a stress is no measure of its change; that of the start is.
+    size = max(float(np.linalg.norm(before.stress)), stress)
+    change = np.linalg.norm(after.stress - before.stress) / size
+    if not change < JUMP:
+        return f"the stress jumped by {change:.2g} of what it was"
+    beyond = after.x - before.x @ (after.cell @ np.linalg.inv(before.cell)).T
+    carries = np.bincount(after.contacts[after.closed].ravel(), minlength=len(beyond)) > 1
+    leap = np.abs(beyond[carries]).max(initial=0.0) / (2.0 * float(after.radii.mean()))
+    return f"a grain leapt by {leap:.2g} diameters" if leap > LEAP else ""

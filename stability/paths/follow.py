@@ -17,7 +17,7 @@ from loops.laws.protocol import require_law
 from stability.arguments import number, whole_number
 from stability.paths.edge import EdgeTrial, edge_problem
 from stability.paths.model import PathModel, compressed, path_model
-from stability.paths.path import ModelOption, Path, PathStatus
+from stability.paths.path import ModelOption, Past, Path, PathStatus
 from stability.paths.record import Record, model_choice
 from stability.paths.stage import walk_stage
 from stability.paths.state import initial_state, pack, unpack
@@ -44,7 +44,7 @@ OF_LOOPS: dict[str, Any] = {
     "model": "auto",
 }
 # Options of packings.
-OF_PACKINGS: dict[str, Any] = {"interval": 5e-6, "instabilities": 20}
+OF_PACKINGS: dict[str, Any] = {"interval": 5e-6, "instabilities": 20, "past": "viscous"}
 
 
 @overload
@@ -58,6 +58,7 @@ def follow(
     max_steps: int = 20_000,
     interval: float = 5e-6,
     instabilities: int = 20,
+    past: Past = "viscous",
 ) -> PackingPath: ...
 
 
@@ -99,6 +100,7 @@ def follow(
     model: ModelOption = "auto",
     interval: float = 5e-6,
     instabilities: int = 20,
+    past: Past = "viscous",
 ) -> Path | PackingPath:
     """Integrate the rate equations of a graph under loading programmes, with exact events.
 
@@ -114,7 +116,8 @@ def follow(
     contacts change regime by pivots (Theory, equation (11.10)); geometry and normal forces are
     exact at their ends, so the error halves with the interval. What is out of balance at the start
     stays as a constant load.
-    Of the options below it takes `max_steps` (intervals), `rows`, `interval` and `instabilities`.
+    Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities` and
+    `past`.
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
@@ -163,6 +166,11 @@ def follow(
         Of a packing: strain of an interval, the norm of the change of `H`.
     instabilities : int
         Of a packing: number of unstable contacts at which the path stops.
+    past : {'viscous', 'dynamic', 'stop'}
+        Of a packing, the way past an instability, where no regimes of a contact agree: springs on
+        the grains of its mode until the interval ends; the equations of motion from there on, over
+        the strain of an interval at an inertial number of 2.5e-7, then held until at rest (discs of
+        unit density, Cundall's damping of 0.3); or the path stops there, status 'instabilities'.
 
     Returns
     -------
@@ -205,6 +213,7 @@ def follow(
             ("rows", rows, 0),
         ):
             whole_number(name, value, least)
+        check_choice("past", past, get_args(Past))
         from stability.packing.path import follow_packing
 
         return follow_packing(
@@ -214,11 +223,12 @@ def follow(
             rows=rows,
             interval=interval,
             instabilities=instabilities,
+            past=past,
             max_steps=max_steps,
         )
     _check(law, stages, closure, spins, contact_on_touch)
     remedy = "Leave it out: it is of packings, closure='packing'."
-    _refuse((interval, instabilities), OF_PACKINGS, f"the {closure} closure", remedy)
+    _refuse((interval, instabilities, past), OF_PACKINGS, f"the {closure} closure", remedy)
     number("rtol", rtol, 0.0)
     number("atol", atol, 0.0)
     number("max_step", max_step, 0.0, open_low=True)

@@ -40,6 +40,8 @@ PathStatus = Literal[
     "lost",
 ]
 ModelOption = Literal["auto", "full"]
+# Ways past an instability of a packing.
+Past = Literal["viscous", "dynamic", "stop"]
 
 
 @dataclass(frozen=True)

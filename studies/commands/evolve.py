@@ -50,6 +50,9 @@ def evolve(
     instabilities: Annotated[
         int, typer.Option(help="Stop at so many contacts whose regimes don't agree.")
     ] = 20,
+    past: Annotated[
+        str, typer.Option(metavar="viscous|dynamic|stop", help="Way past such a contact.")
+    ] = "viscous",
     cells: Annotated[
         Path | None,
         typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),

@@ -16,7 +16,7 @@ from patterns import Snapshot
 from stability import COMPONENTS, Stage, follow
 from stability.packing import LoopRates, PackingPath, loop_changes
 from stability.packing.state import start_state
-from stability.paths.path import Event
+from stability.paths.path import Event, Past
 from studies.columns import definitions
 from studies.output import provenance, readable, result_folder, write_summary, write_table
 from studies.paths.options import PROGRAMMES
@@ -43,6 +43,7 @@ def run_evolve(
     rows: int = 20,
     interval: float = 5e-6,
     instabilities: int = 20,
+    past: Past = "viscous",
     cells: Path | None = None,
     force: bool = False,
     csv: bool = False,
@@ -61,6 +62,7 @@ def run_evolve(
         "rows": rows,
         "interval": interval,
         "instabilities": instabilities,
+        "past": past,
     }
     stage = stage_of(programme, axis, to)
     with result_folder(out, force=force) as folder:
@@ -76,6 +78,7 @@ def run_evolve(
             rows=rows,
             interval=interval,
             instabilities=instabilities,
+            past=past,
         )
         faces = snapshot.faces
         changes = [loop_changes(snapshot.graph, state, faces) for state in path.states[1:]]
@@ -170,8 +173,9 @@ def event_table(path: PackingPath, ids: NDArray[np.int64], sense: float) -> Colu
 
 
 def _passed(event: Event) -> str:
-    unstable = event.kind == "instability"
-    return event.detail.rpartition("; ")[2] if unstable and "; " in event.detail else ""
+    """'dragged', 'held', 'replayed', 'stopped' or 'lost'; '' if it isn't an instability."""
+    words = event.detail.split("; ")[1:] if event.kind == "instability" else []
+    return next((word for word in words if not word.endswith("released")), "")
 
 
 def loop_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> Columns:

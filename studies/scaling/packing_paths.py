@@ -110,10 +110,7 @@ def strained(H: Floats, parameter: float = 1.0) -> Stage:
 def probed(name: str) -> Iterator[dict[str, Any]]:
     """Stress increments along every other of Yade's directions, by path, replays, Yade; errors."""
     snapshot, measured = state(name)
-    # One spring for all contacts, those to come too.
-    own = snapshot.mechanics()[0]
-    kn, kt, mu = (float(np.median(k)) for k in (own.kn, own.kt, own.mu))
-    law = LinearFrictional(kn, kt, mu, "radii")
+    law = one_spring(snapshot)
     amplitudes = np.sort(measured["amplitude"].unique())
     for theta, rows in list(measured.sort_values("amplitude").groupby("theta_deg"))[::2]:
         # Axial strains are counted from the start of the probe.
@@ -234,6 +231,13 @@ def rates_figure(rows: Rows) -> Figure:
     right.set(xlabel=left.get_xlabel(), ylabel="AUC for Yade's $W_2 < 0$\n(dashed: path)")
     left.legend()
     return figure
+
+
+def one_spring(snapshot: Snapshot) -> LinearFrictional:
+    """One spring for all contacts, those to come too."""
+    own = snapshot.mechanics()[0]
+    kn, kt, mu = (float(np.median(k)) for k in (own.kn, own.kt, own.mu))
+    return LinearFrictional(kn, kt, mu, "radii")
 
 
 def grown(times: int) -> dict[str, Any]:

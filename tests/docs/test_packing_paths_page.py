@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from stability import follow
-from stability.packing import interval, linear_pieces, loop_changes, path, replay
+from stability.packing import interval, linear_pieces, loop_changes, path, replay, state
 from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.stability.packing.test_path import in_collection, strained
 from tests.stability.packing.test_replay import foreseen, slow, strain_between
@@ -101,7 +101,7 @@ def test_settings():
     assert f"more than {interval.CHATTER} events of a contact in an interval" in PAGE
     assert f"or {interval.IDLE} in a row" in PAGE
     assert path.LIMIT == 1e3 and "1000 times the strain" in PAGE
-    assert path.JUMP == 0.5 and f"leaps by {path.LEAP} diameters" in PAGE
+    assert state.JUMP == 0.5 and f"leaps by {state.LEAP} diameters" in PAGE
 
 
 def test_sums_of_the_events():
@@ -135,8 +135,8 @@ def test_slow_replays(row):
     H, graph = strain_between(one, two), one.graph
     way = follow(graph, one.law, strained(H), closure="packing", instabilities=1000)
     end = replay(graph, one.law, H, inertial_number=2.5e-7, balanced=True).state
-    for title, state in (("AUC: path", way.states[-1]), ("AUC: slow replay", end)):
-        found = foreseen(one, two, lambda faces, s=state: loop_changes(graph, s, faces))
+    for title, reached in (("AUC: path", way.states[-1]), ("AUC: slow replay", end)):
+        found = foreseen(one, two, lambda faces, s=reached: loop_changes(graph, s, faces))
         assert found == pytest.approx(float(told[title]), abs=3e-3)
     first, last, other = (s.forces[: graph.contact_count] for s in (*way.states, end))
     apart = np.linalg.norm(last - other) / np.linalg.norm(other - first)

@@ -1,0 +1,159 @@
+"""Ways past an instability: twelve grains of which seven snap through, which all ways meet."""
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loops import InputError
+from stability import Stage, follow
+from stability.packing import path as walked
+from stability.packing import replay, snap_through
+from stability.packing.equations_of_motion import masses_of
+from stability.packing.motion import Moving, lasting, servo_of, steered, step_of
+from stability.packing.pairs import contact_pairs
+from stability.packing.snap_through import Snap, stored
+from stability.packing.state import start_state
+from stability.programmes import Programme
+from tests.packings import BRANCH, jammed
+from tests.stability.packing.test_path import ALL, NONE, H, followed, strained
+
+GRAPH = jammed(12, 1, BRANCH)
+STRAIN = 7.7 * H
+INTERVAL = 4e-5
+HELD = np.diag([1.0, 0, 0, 0]), np.diag([0, 1.0, 1.0, 1.0])
+
+
+@functools.cache
+def passed(past):
+    return followed(GRAPH, BRANCH, strained(STRAIN), interval=INTERVAL, past=past)
+
+
+def unaccounted(path):
+    """What is missing in the balance, over the work."""
+    work, *spent = path.work[-1]
+    return abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) / work
+
+
+@pytest.mark.parametrize("past", ["viscous", "dynamic", "stop"])
+def test_each_way_meets_it(past):
+    first = passed(past).of_kind("instability")[0]
+    # As the events before it: to the interval, and to the replay's rounding in the stored packing.
+    assert first.contacts == (7,) and first.parameter == pytest.approx(0.98477, abs=1e-4)
+    assert "7 grains take part, det K changes sign" in first.detail
+    assert unaccounted(passed(past)) < 1e-9
+
+
+def test_stop_ends_with_the_state_before():
+    path = passed("stop")
+    (event,) = path.of_kind("instability")
+    assert path.status == "instabilities" and path.message.startswith("contact 7: no regimes")
+    assert event.detail.endswith("; stopped") and path.events[-1] is event
+    assert path.parameter[-1] == event.parameter
+    # A path that ends a thousandth of an interval earlier meets none and has the same forces.
+    less = event.parameter - 1e-3 * INTERVAL / np.linalg.norm(STRAIN)
+    before = followed(GRAPH, BRANCH, strained(less * STRAIN), interval=INTERVAL)
+    assert before.status == "finished" and not before.of_kind("instability")
+    forces = [one.states[-1].forces[: GRAPH.contact_count] for one in (before, path)]
+    assert np.linalg.norm(forces[1] - forces[0]) < 1e-5 * np.linalg.norm(forces[0])
+
+
+def test_dynamic_ends_where_a_slow_replay_ends():
+    """Dragged modes end a twentieth as near; replays of these two rates are 1e-3 apart."""
+    ends = [replay(GRAPH, BRANCH, STRAIN, duration=t, balanced=True).state for t in (2e4, 2e5)]
+    slower, slow = (end.forces[: GRAPH.contact_count] for end in reversed(ends))
+    size = np.linalg.norm(slower)
+    assert np.linalg.norm(slow - slower) < 2e-3 * size
+    off = {
+        past: np.linalg.norm(passed(past).states[-1].forces[: GRAPH.contact_count] - slower) / size
+        for past in ("dynamic", "viscous")
+    }
+    assert passed("dynamic").status == "finished"
+    assert off["dynamic"] < 8e-4 and off["viscous"] > 4e-3
+
+
+def snapped(steps, damping, drag):
+    """From the state before on, an interval's strain and as long again: by the ledger, by drag."""
+    graph = passed("stop").states[-1].graph()
+    pairs, start = contact_pairs(graph, BRANCH), start_state(graph)
+    masses, inertias = masses_of(start.radii)
+    dt, rate = step_of(masses, pairs), INTERVAL * STRAIN.ravel() / np.linalg.norm(STRAIN)
+    servo = steered(servo_of(start, pairs, masses), start, pairs, NONE, ALL, rate)
+    moving = Moving(start, pairs, masses, inertias, lasting(servo, steps * dt), False)
+    moving.load(-moving.motion.resultant)
+    motion, powers = moving.motion, [0.0]
+    for _ in range(2 * steps // 20):
+        moving.run(20, dt, damping, drag)
+        powers.append(drag * (masses @ motion.velocity**2 @ [1, 1] + inertias @ motion.spin**2))
+    work, slip, left = motion.work
+    own = work - slip - left - (stored(moving.state(), moving.pairs) - stored(start, pairs))
+    return own, 20 * dt * np.sum(powers), powers[-1] * steps * dt
+
+
+def test_the_ledger_of_a_replay_is_what_drag_takes():
+    """Work of the cell less what is stored and lost in slip, against `c m v^2` over time."""
+    own, taken, still = snapped(20_000, 0.0, 0.02)
+    assert still < 1e-3 * taken
+    # The power is looked at every 20 steps.
+    assert own == pytest.approx(taken, rel=0.01)
+
+
+def test_what_dynamic_releases_is_what_a_slower_replay_does():
+    (event,) = passed("dynamic").of_kind("instability")
+    told = float(event.detail.split("; ")[-1].split()[0])
+    own, _, _ = snapped(100_000, 0.3, 0.0)
+    # Told by two digits; the rate's share besides.
+    assert 0 < told == pytest.approx(own, rel=0.05)
+    assert passed("dynamic").work[-1, 3] == pytest.approx(own, rel=0.05)
+
+
+def test_dynamic_under_held_stress():
+    """P11 held: the servo keeps it through the snap, the strain leaps and the balance closes."""
+    mixed = Programme("mixed", *HELD, [0, STRAIN[0, 1], 0, STRAIN[1, 1]])
+    stages = [strained(0.98 * STRAIN), Stage(mixed, "parameter", 0.03)]
+    path = followed(GRAPH, BRANCH, stages, interval=INTERVAL, past="dynamic")
+    (event,) = path.of_kind("instability")
+    assert path.status == "finished" and "; replayed; " in event.detail
+    np.testing.assert_allclose(path.P[-1, 0], path.P[1, 0], rtol=1e-5)
+    wanted = 1.01 * STRAIN.ravel()[1:]
+    np.testing.assert_allclose(path.H[-1, 1:], wanted, rtol=0, atol=1e-9)
+    assert unaccounted(path) < 1e-9 and path.work[-1, 3] > 1e-7
+
+
+def test_a_target_within_the_leap_is_leapt_over():
+    """The stress falls at once by 1 %: whoever ends a stage there ends it after the snap."""
+    low, high = passed("dynamic").P[-1, 0], passed("stop").P[-1, 0]
+    leap = Stage(Programme("strain", NONE, ALL, STRAIN.ravel()), "P11", 0.5 * (low + high))
+    stages = [strained(0.98 * STRAIN), leap]
+    path = followed(GRAPH, BRANCH, stages, interval=INTERVAL, past="dynamic")
+    assert path.status == "finished" and path.events[-1].kind == "instability"
+    assert path.P[-1, 0] < leap.target < path.P[-2, 0]
+
+
+@pytest.mark.parametrize("why", ["no rest", "jumped", "leapt"])
+def test_what_runs_off_is_lost_with_the_state_before(why, monkeypatch):
+    if why == "no rest":
+        monkeypatch.setattr(snap_through, "REST", 0.0)
+        monkeypatch.setattr(snap_through, "PATIENCE", 2)
+    else:
+
+        def off(state, pairs, *_):
+            far = state.x + [[5.0, 0.0]] * (np.arange(12)[:, None] == 3)
+            end = replace(state, x=far if why == "leapt" else state.x)
+            return Snap(replace(end, shear_force=9.0 * (why == "jumped") + end.shear_force),
+                        pairs, np.zeros(4))  # fmt: skip
+
+        monkeypatch.setattr(walked, "snap_through", off)
+    path = followed(GRAPH, BRANCH, strained(STRAIN), interval=INTERVAL, past="dynamic")
+    assert path.status == "lost" and (why in path.message or "jumped" in path.message)
+    assert path.events[-1].detail.endswith("; lost")
+    before = passed("stop").states[-1]
+    np.testing.assert_array_equal(path.states[-1].forces, before.forces)
+
+
+def test_bad_input():
+    with pytest.raises(InputError, match="past"):
+        followed(GRAPH, BRANCH, strained(STRAIN), past="on")
+    with pytest.raises(InputError, match="past: got 'stop' with the affine closure"):
+        follow(GRAPH, BRANCH, strained(STRAIN), closure="affine", past="stop")
