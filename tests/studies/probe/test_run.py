@@ -13,6 +13,7 @@ from stability.packing import packing_response, probe
 from studies.examples.probing import STRESS, state
 from studies.probe import run_probe
 from tests.studies.snapshot.test_run import run
+from tests.unsaved import leave_files_empty
 
 SLOW = sample_path("slow/grains_10.parquet")
 ROW = pd.read_csv(sample_path("slow/cells.csv")).iloc[0]
@@ -25,10 +26,11 @@ TABLES = ("probe", "pieces", "orders", "loops")
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """The command on one state of the slow sample, run once."""
+    """The command on one state of the slow sample, run once; its figures are not saved."""
     out = tmp_path_factory.mktemp("results") / "probe"
     cell = ",".join(map(repr, CELL))
     with pytest.MonkeyPatch.context() as patch:
+        leave_files_empty(patch)
         status = run(patch, "probe", SLOW, "--cell", cell, "--shear-increment", "radii",
                      "--directions", "15", "--out", out)  # fmt: skip
     assert status == 0

@@ -129,7 +129,7 @@ def test_every_figure_is_drawn_with_its_provenance(tmp_path, series):
             assert len(picture.convert("RGB").getcolors(2**24)) > 20
 
 
-def test_without_forces_and_of_one_snapshot(tmp_path):
+def test_without_forces_and_of_one_snapshot(tmp_path, unsaved):
     bare = Series(mechanical=False)
     assert draw(tmp_path, bare) == ["orders_over_strain", "fates", "exchange"]
     one = evolution_table([evolution_row(bare.states[0], plain_table(bare.states[0]))], [])
