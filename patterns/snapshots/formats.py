@@ -154,8 +154,8 @@ def read_frames(
         See `read_snapshot`.
     """
     parameters = Parameters(kn, kt, mu, _checked(shear_increment))
-    for frame in _frames(path, contacts, format, columns, cell):
-        yield build_snapshot(frame, parameters, strict=strict)
+    for read in _frames(path, contacts, format, columns, cell):
+        yield build_snapshot(read(), parameters, strict=strict)
 
 
 def count_frames(
@@ -228,4 +228,4 @@ def _choose(path: str | Path, snapshots: Frames, number: int | None) -> Frame:
         raise InputError(
             f"--frame {number}", f"{path} has {count}", f"a number below {count}", "Count from 0."
         )
-    return snapshots[number]
+    return snapshots[number]()

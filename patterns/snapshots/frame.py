@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -137,20 +137,5 @@ def with_aliases(table: Table, plain: Sequence[str]) -> tuple[Table, list[str]]:
     return table.renamed(found) if found else table, notes
 
 
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """What a format finds in a file: as many snapshots as it has, none of them read yet."""
-
-    readers: Sequence[Callable[[], Frame]]
-
-    def __len__(self) -> int:
-        """Return the number of snapshots."""
-        return len(self.readers)
-
-    def __getitem__(self, number: int) -> Frame:
-        """Read one snapshot, counted from 0, or from -1 backwards."""
-        return self.readers[number]()
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Read one after the other."""
-        return (read() for read in self.readers)
+# What a format finds in a file: as many snapshots as it has, each to be read by a call.
+Frames = Sequence[Callable[[], Frame]]

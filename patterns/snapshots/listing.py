@@ -90,7 +90,7 @@ def paired(
     if not readers:
         where = str(contacts_path)
         raise InputError(where, "no contacts in any snapshot", "contacts", "Check the export.")
-    return Frames(readers)
+    return readers
 
 
 def _refuse(error: InputError) -> Frame:

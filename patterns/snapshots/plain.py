@@ -54,7 +54,7 @@ def frames(source: Source) -> Frames:
     `cell_....json`: `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000,
     "shear_increment": "radii"}`, null for no cell.
     """
-    return Frames([partial(_frame, source)])
+    return [partial(_frame, source)]
 
 
 def _frame(source: Source) -> Frame:

@@ -14,21 +14,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.optimize import brentq
 
 from loops import (
+    GrainGraph,
     HertzMindlin,
     LinearFrictional,
     RollingResistance,
-    contact_state,
-    macroscopic_tangent,
     traction_tangent,
 )
 from loops.arrays import Floats
 from patterns import regular_polygon
-from stability import restrict, symmetric_spectrum
 from studies.bench.measure import least_seconds
 from studies.examples import run, save
+from studies.paths.polygon import isotropic_threshold
 from studies.style import BLUE, GREY, LINE_COLOURS, TWO_COLUMNS, VERMILION, new_figure, styled
 
 KAPPA, LINEAR = 0.3, LinearFrictional(kn=1.0, kt=0.3)
@@ -46,20 +44,12 @@ def threshold(
     subspace: str = "diagonal",
     orientation: Any = "vertex",
 ) -> float | None:
-    """Least isotropic strain at which Ks is not definite, to rounding; None if below 0.9 it is."""
+    """Least isotropic strain at which Ks is not definite, to rounding; None if below 0.99 it is."""
 
-    def smallest(strain: Any) -> Any:
-        loop = regular_polygon(order, strain=np.asarray(strain), orientation=orientation)
-        loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
-        K = restrict(macroscopic_tangent(loop, law, closure, spins=spins).matrix, subspace)
-        return symmetric_spectrum(K)[..., 0]
+    def strained(strain: Any) -> GrainGraph:
+        return regular_polygon(order, strain=strain, orientation=orientation)
 
-    strains = np.linspace(1e-6, 0.9, 1000)
-    # Round-off about zero, over the stiffness of the contacts, is a loss: nothing resists.
-    lost = np.flatnonzero(~(smallest(strains) > 1e-12))
-    if not len(lost) or lost[0] == 0:
-        return 0.0 if len(lost) else None
-    return float(brentq(smallest, strains[lost[0] - 1], strains[lost[0]], xtol=1e-15))
+    return isotropic_threshold(strained, law, closure, spins, subspace)
 
 
 def rolling_threshold(order: int, kappa: float, k_r: float) -> float:

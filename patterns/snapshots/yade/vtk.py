@@ -37,7 +37,7 @@ def frames(source: Source) -> Frames:
 
     Or of `...-spheres-N.vtk` and `...-intrs-N.vtk`.
     """
-    return Frames([partial(_frame, source)])
+    return [partial(_frame, source)]
 
 
 def _frame(source: Source) -> Frame:

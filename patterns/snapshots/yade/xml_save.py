@@ -201,7 +201,7 @@ def frames(source: Source) -> Frames:
     Spheres are grains, all other bodies walls. The branch of a wall contact runs along the normal
     from the contact point to the centre.
     """
-    return Frames([lambda: frame_of_save(source, read_save(source.path))])
+    return [lambda: frame_of_save(source, read_save(source.path))]
 
 
 def frame_of_save(source: Source, save: Save) -> Frame:

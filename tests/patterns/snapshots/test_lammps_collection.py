@@ -46,7 +46,7 @@ pytestmark = [
 def read(path):
     reader = liggghts if liggghts.recognises(path, b"ITEM: TIMESTEP\n") else lammps
     assert (reader is liggghts) == ("liggghts" in str(path.parent))
-    (frame,) = reader.frames(Source(path))
+    frame = reader.frames(Source(path))[0]()
     return build_snapshot(frame, Parameters(1e6, 5e5, 0.5))
 
 

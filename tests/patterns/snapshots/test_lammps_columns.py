@@ -26,7 +26,7 @@ def test_normal_force_by_its_size_alone(tmp_path):
     path, _ = write_lammps(tmp_path, own, keep=["patom1", "patom2", "dx", "dy", "force"])
     with pytest.raises(InputError, match=r"none that form a force along the branch.*force=COLUMN"):
         read(path)
-    frame = lammps.frames(Source(path, columns={"force": "c_pair[3]"}))[0]
+    frame = lammps.frames(Source(path, columns={"force": "c_pair[3]"}))[0]()
     assert frame.contacts.column("fn") == pytest.approx(own.graph.normal_force, rel=1e-13)
     assert not frame.contacts.has("fx_on_2")
     assert "no tangential force" in " ".join(frame.notes)
@@ -102,7 +102,7 @@ def test_whose_force_it_is_is_told_by_its_direction(tmp_path, sign, adhesion):
             words[column] = repr(sign * float(words[column]))
         rows[k] = " ".join(words)
     contacts.write_text("\n".join(rows) + "\n")
-    (frame,) = lammps.frames(Source(path))
+    frame = lammps.frames(Source(path))[0]()
     assert_same(build_snapshot(frame, LAW, strict=False), own, 1e-13)
     if adhesion:
         with pytest.raises(InputError, match="they pull"):
@@ -114,6 +114,6 @@ def test_frictionless_grains_need_no_tangential_force(tmp_path):
     smooth = Packing(own.graph.replace(shear_force=0 * own.graph.shear_force), own.ids)
     keep = ["patom1", "patom2", "dx", "dy", "force", "fx", "fy"]
     path, _ = write_lammps(tmp_path, smooth, keep=keep)
-    (frame,) = lammps.frames(Source(path))
+    frame = lammps.frames(Source(path))[0]()
     assert_same(build_snapshot(frame, Parameters(1.0, 0.5, 0.0)), smooth, 1e-13)
     assert not build_snapshot(frame, LAW).mechanical

@@ -27,7 +27,7 @@ def dumps(tmp_path):
 
 def read(path, **source):
     law = Parameters(1.0, 0.5, 0.5)
-    return [build_snapshot(frame, law) for frame in lammps.frames(Source(path, **source))]
+    return [build_snapshot(read(), law) for read in lammps.frames(Source(path, **source))]
 
 
 def edit(path, change):
@@ -134,9 +134,9 @@ def test_a_number_cut_short_is_not_read(dumps):
 def test_frames_before_the_fault_are_read(dumps):
     edit(dumps[1], lambda rows: rows.pop(-2))
     found = lammps.frames(Source(dumps[0]))
-    assert found[0].step == 0
+    assert found[0]().step == 0
     with pytest.raises(InputError, match="step 500"):
-        found[1]
+        found[1]()
 
 
 def test_three_dimensions_are_refused(tmp_path):

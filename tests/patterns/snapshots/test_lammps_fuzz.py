@@ -47,9 +47,9 @@ def test_any_damage(written, code, which, place, length, put):
     at = int(place * len(content))
     files[which].write_bytes(content[:at] + put + content[at + length :])
     try:
-        for frame in reader.frames(Source(files[0], cell=CELL if reader is mercury else None)):
+        for read in reader.frames(Source(files[0], cell=CELL if reader is mercury else None)):
             reader.recognises(files[0], content[:4096])
-            build_snapshot(frame, Parameters(1.0, 0.5, 0.5))
+            build_snapshot(read(), Parameters(1.0, 0.5, 0.5))
     except InputError as error:
         assert "\n" not in str(error)
     finally:

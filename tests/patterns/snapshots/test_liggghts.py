@@ -27,7 +27,7 @@ def packing(count=300, seed=0, cell=None):
 
 
 def frame_of(path, **source):
-    return liggghts.frames(Source(path, **source))[0]
+    return liggghts.frames(Source(path, **source))[0]()
 
 
 def read(path, **source):
@@ -176,7 +176,7 @@ def test_lammps_reads_the_long_form_all_the_same(tmp_path):
     path, _ = write_liggghts(tmp_path, own, LONG, box_digits=17)
     law = Parameters(1.0, 0.5, 0.5)
     columns = {"p1": "c_cpgl[16]", "p2": "c_cpgl[17]"}
-    frame = lammps.frames(Source(path, columns=columns))[0]
+    frame = lammps.frames(Source(path, columns=columns))[0]()
     assert_same(build_snapshot(frame, law), own, 1e-13)
 
 

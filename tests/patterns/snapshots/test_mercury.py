@@ -39,7 +39,7 @@ def box():
 
 
 def read(path, **source):
-    return [build_snapshot(frame, LAW) for frame in mercury.frames(Source(path, **source))]
+    return [build_snapshot(read(), LAW) for read in mercury.frames(Source(path, **source))]
 
 
 @pytest.mark.parametrize("layout", [8, 14])
@@ -142,7 +142,7 @@ def test_one_packing_through_every_format(tmp_path):
     readers = {"lammps": lammps, "liggghts": liggghts, "mercury": mercury}
     for name, path in paths.items():
         given = cell if name == "mercury" else None
-        (frame,) = readers[name].frames(Source(path, cell=given))
+        frame = readers[name].frames(Source(path, cell=given))[0]()
         assert_same(build_snapshot(frame, LAW), own, 1e-12)
 
 
@@ -238,7 +238,7 @@ def test_other_files_are_not_taken(tmp_path, head):
 def test_what_the_stiffness_is_must_be_said(tmp_path):
     own = packing()
     path, _ = write_mercury(tmp_path, own)
-    (frame,) = mercury.frames(Source(path, cell=own.graph.cell))
+    frame = mercury.frames(Source(path, cell=own.graph.cell))[0]()
     with pytest.raises(InputError, match="give --kn"):
         build_snapshot(frame, Parameters())
 

@@ -17,7 +17,7 @@ LAW = Parameters(kn=4e5, kt=2e5, mu=float(np.tan(0.4636)))
 
 
 def frame_of(module, path, **source):
-    (frame,) = module.frames(Source(Path(path), **source))
+    frame = module.frames(Source(Path(path), **source))[0]()
     return frame
 
 
