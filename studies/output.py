@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from glob import escape
@@ -264,11 +264,35 @@ def write_table(
         use_dictionary=repeating,
     )
     if csv:
-        frame = table.to_pandas()
-        for key in frame.columns:
-            if frame[key].dtype == object and isinstance(frame[key].iloc[0], np.ndarray):
-                frame[key] = [" ".join(map(str, row)) for row in frame[key]]
-        frame.to_csv(folder / f"{name}.csv", index=False)
+        flat_frame(table).to_csv(folder / f"{name}.csv", index=False)
+
+
+def flat_frame(table: pa.Table) -> Any:
+    """A table as pandas has it, its lists joined by blanks."""
+    frame = table.to_pandas()
+    for field in table.schema:
+        if pa.types.is_large_list(field.type) or pa.types.is_list(field.type):
+            frame[field.name] = [" ".join(map(str, row)) for row in frame[field.name]]
+    return frame
+
+
+def write_results(
+    folder: Path,
+    summary: Mapping[str, Any],
+    tables: Mapping[str, Mapping[str, Any] | Sequence[Mapping[str, Any]]],
+    *,
+    csv: bool,
+) -> None:
+    """Write tables by their names and the summary, whose provenance goes with all of them.
+
+    A table is its columns or a list of rows; one without rows is left out.
+    """
+    for name, table in tables.items():
+        if not isinstance(table, Mapping):
+            table = {key: [row[key] for row in table] for key in (table[0] if table else ())}
+        if table:
+            write_table(folder, name, table, summary["provenance"], csv=csv)
+    write_summary(folder, summary)
 
 
 def described_table(

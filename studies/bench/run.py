@@ -14,7 +14,7 @@ from studies.bench.groups import GROUPS, HARD, SMALLEST, chosen_groups, knee
 from studies.bench.hard_cases import loop_letters, path_rows, read_letters, tangent_rows
 from studies.bench.measure import Row, grouped, machine
 from studies.bench.smallest import rows as smallest_model_rows
-from studies.output import provenance, result_folder, write_summary, write_table
+from studies.output import provenance, result_folder, write_results
 
 UNITS = "seconds of processor time per item, bytes; errors relative or absolute as each row says"
 
@@ -51,11 +51,7 @@ def run_bench(
             "hard_paths": results.paths,
             "smallest_model": results.smallest,
         }
-        for name, found in tables.items():
-            if found:
-                columns = {key: [row[key] for row in found] for key in found[0]}
-                write_table(folder, name, columns, made, csv=True)
-        write_summary(folder, summary)
+        write_results(folder, summary, tables, csv=True)
         # Drawing is loaded only when there is something to draw.
         from studies.bench.figures import all_figures
         from studies.style import save_figures

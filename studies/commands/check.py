@@ -32,17 +32,14 @@ def check(
 
     Exit status 0 whatever is found, 2 if a file can't be read.
     """
-    from studies.output import as_json, provenance, result_folder, write_summary, write_table
+    from studies.output import as_json, provenance, result_folder, write_results
 
     rows, unread = _rows(paths, how)
     made = provenance("check", {"paths": paths, **how}, "numbers as their text")
     summary = _summary(rows, unread) | {"provenance": made}
     if out is not None:
         with result_folder(out, force=force) as folder:
-            if rows:
-                table = {name: [row[name] for row in rows] for name in rows[0]}
-                write_table(folder, "findings", table, made, csv=csv)
-            write_summary(folder, summary)
+            write_results(folder, summary, {"findings": rows}, csv=csv)
     clock.stop()
     if json:
         typer.echo(as_json(summary))

@@ -23,8 +23,6 @@ from studies.commands.common import (
 
 # Stiffness ratio where nobody gives one; that of spheres is of nu = 0.3.
 KAPPA = {"linear": 0.2, "hertz": 1.4 / 1.7}
-# Options that a loop of a snapshot takes from the snapshot.
-TAKEN = ("orientation", "kappa", "phi", "confine", "law", "rolling")
 
 
 @reads()
@@ -79,12 +77,16 @@ def polygon(
     if len(given) != 1:
         received = " and ".join(given) or "none"
         raise InputError(", ".join(kinds), received, "one of them", "Write --order 6.")
-    asked = [orientation, kappa, phi, confine, law, rolling]
+    own = {"orientation": orientation, "kappa": kappa, "phi_deg": phi, "confine": confine,
+           "contact_law": law, "rolling": rolling}  # fmt: skip
+    asked: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
+    # The options check the words themselves, and say what is expected.
+    words: Any = {"closure": closure, "spins": spins, "programme": programme, "end": end}
+    words["model"] = model
     named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'radii'}"
     out = out_or(out, named, snapshot)
     if snapshot is not None:
-        own = [f"--{name}" for name, value in zip(TAKEN, asked, strict=True) if value is not None]
-        options = _of_snapshot(snapshot, loop, own, (closure, spins, programme, end, model), how)
+        options = _of_snapshot(snapshot, loop, [*asked], words, how)
         report(run_polygon(options, out, force=force, csv=csv), out, json, _polygon_lines)
         return
     unread = [
@@ -93,20 +95,15 @@ def polygon(
     if loop is not None or unread:
         received = " ".join([*(["--loop"] if loop is not None else []), *unread])
         raise InputError(received, "given", "--snapshot with it", "Leave it out.")
-    law = law or "linear"
-    # The options check the words themselves, and say what is expected.
-    words: Any = (orientation or "vertex", KAPPA.get(law, 0.2) if kappa is None else kappa,
-                  5.0 if phi is None else phi, closure, spins, 0.1 if confine is None else confine,
-                  programme, end, model)  # fmt: skip
-    sizes = numbers("--radii", radii)
-    more: Any = (sizes, law, rolling or 0.0)
+    asked = {"kappa": KAPPA.get(law or "linear", 0.2)} | asked | words
+    asked["radii"] = sizes = numbers("--radii", radii)
     if compare is None:
         count = order if sizes is None else len(sizes)
-        summary = run_polygon(PolygonOptions(count or 0, *words, *more), out, force=force, csv=csv)
-        report(summary, out, json, _polygon_lines)
+        options = PolygonOptions(count or 0, **asked)
+        report(run_polygon(options, out, force=force, csv=csv), out, json, _polygon_lines)
         return
     listed = orders_of(compare)
-    compared = ComparisonOptions(listed, PolygonOptions(listed[0], *words, *more))
+    compared = ComparisonOptions(listed, PolygonOptions(listed[0], **asked))
     summary = run_comparison(compared, out, force=force, csv=csv)
     report(summary, out, json, _comparison_lines)
 
@@ -120,19 +117,17 @@ def _of_snapshot(
     from studies.snapshot.source import read_planar
 
     if own:
+        given = ", ".join(f"--{name.removesuffix('_deg').removeprefix('contact_')}" for name in own)
         expected = "none of these: a loop of a snapshot has its own law and state"
-        raise InputError(", ".join(own), "given with --snapshot", expected, "Leave them out.")
+        raise InputError(given, "given with --snapshot", expected, "Leave them out.")
     snapshot = read_planar(path, **how)
     if loop is None:
         remedy = "loops.parquet of grainloops snapshot has them in its column loop."
         last = len(snapshot.faces.loops) - 1
         raise InputError("--loop", "none", f"a number from 0 to {last}", remedy)
-    closure, spins, programme, end, model = words
     order = loop_of_snapshot(snapshot, loop).graph.grain_count
-    return LoopOptions(
-        order, closure=closure, spins=spins, confine=0.0, programme=programme, end=end,
-        model=model, snapshot=snapshot, loop=loop, source=path.name,
-    )  # fmt: skip
+    of_snapshot: Any = {"snapshot": snapshot, "loop": loop, "source": path.name}
+    return LoopOptions(order, confine=0.0, **words, **of_snapshot)
 
 
 def _polygon_lines(summary: dict[str, Any]) -> list[str]:

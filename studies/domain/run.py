@@ -20,7 +20,7 @@ from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
 from studies.columns import definitions
 from studies.domain.losses import Losses, first_losses
 from studies.domain.parameters import Case, DomainParameters, rows_of
-from studies.output import provenance, result_folder, write_summary, write_table
+from studies.output import provenance, result_folder, write_results
 
 UNITS = "dimensionless: forces over kn l0, stresses over kn; angles in degrees"
 KINDS = ("det_Ks_zero", "det_K_zero")
@@ -81,8 +81,7 @@ def run_domain(
         made = provenance("domain", parameters.described(), UNITS)
         table = domain_table(parameters.cases(), parameters.directions)
         summary = {**domain_summary(table, parameters), "provenance": made}
-        write_table(folder, "domain", dict(table.items()), made, csv=csv)
-        write_summary(folder, summary)
+        write_results(folder, summary, {"domain": dict(table.items())}, csv=csv)
         # Drawing is loaded only when there is something to draw.
         from studies.domain.figures import domain_figure
         from studies.style import save_figures

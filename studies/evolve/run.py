@@ -18,7 +18,7 @@ from stability.packing import LoopRates, PackingPath, loop_changes
 from stability.packing.state import start_state
 from stability.paths.path import Event, Past
 from studies.columns import definitions
-from studies.output import provenance, readable, result_folder, write_summary, write_table
+from studies.output import provenance, readable, result_folder, write_results
 from studies.paths.options import PROGRAMMES
 from studies.series.evolution import cell_strain
 from studies.series.plan import PlannedSnapshot, plan_series
@@ -95,9 +95,7 @@ def run_evolve(
         )
         summary = asked | path_summary(snapshot, path, tables, _driven(programme, axis))
         summary |= {"notes": [*snapshot.notes, *notes], "provenance": made}
-        for name, columns in tables.items():
-            write_table(folder, name, columns, made, csv=csv)
-        write_summary(folder, summary)
+        write_results(folder, summary, tables, csv=csv)
         if animation:
             from studies.evolve.figures import animate_path
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from studies.output import as_json, provenance, result_folder, write_summary, write_table
+from studies.output import as_json, provenance, result_folder, write_results
 from studies.style import save_figure
 
 
@@ -27,8 +27,7 @@ def save(
     """Write figure, table and `summary.json`, each with what made it; the numbers again."""
     made = provenance(f"example {name}", {}, units)
     with result_folder(out, force=True) as folder:
-        write_table(folder, name, columns, made, csv=True)
-        write_summary(folder, {**numbers, "provenance": made})
+        write_results(folder, {**numbers, "provenance": made}, {name: columns}, csv=True)
         save_figure(figure, folder, name, made)
     return dict(numbers)
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from studies.output import UNITS_OF_A_LOOP, provenance, result_folder, write_summary, write_table
+from studies.output import UNITS_OF_A_LOOP, provenance, result_folder, write_results
 from studies.paths.comparison import compare
 from studies.paths.diamond import follow_diamond
 from studies.paths.diamond_summary import diamond_summary
@@ -54,13 +53,11 @@ def run_diamond(
             both = {"ignored": diamond_table(ignored), "added": tables["path"]}
             tables["added_contact"] = _one_below_the_other(both)
 
-        def figures() -> dict[str, Any]:
-            from studies.paths.diamond_figures import diamond_figures
+        summary = _written(folder, "diamond", options, diamond_summary(found), tables, csv)
+        from studies.paths.diamond_figures import diamond_figures
 
-            return diamond_figures(found, ignored)
-
-        asked = options.described()
-        return _write(folder, "diamond", asked, diamond_summary(found), tables, figures, csv)
+        _save(diamond_figures(found, ignored), folder, summary)
+    return summary
 
 
 def run_polygon(
@@ -69,15 +66,12 @@ def run_polygon(
     """Follow a polygon and write `summary.json`, the table `path` and figures."""
     with result_folder(out, force=force) as folder:
         found = follow_polygon(options)
-        summary = polygon_summary(found)
+        told = polygon_summary(found)
+        summary = _written(folder, "polygon", options, told, {"path": polygon_table(found)}, csv)
+        from studies.paths.figures import polygon_figures
 
-        def figures() -> dict[str, Any]:
-            from studies.paths.figures import polygon_figures
-
-            return polygon_figures(found, summary["critical_strain"])
-
-        tables = {"path": polygon_table(found)}
-        return _write(folder, "polygon", options.described(), summary, tables, figures, csv)
+        _save(polygon_figures(found, summary["critical_strain"]), folder, summary)
+    return summary
 
 
 def run_comparison(
@@ -86,40 +80,27 @@ def run_comparison(
     """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
     with result_folder(out, force=force) as folder:
         compared = compare(options)
+        told, tables = compared.summary(), compared.tables()
+        summary = _written(folder, "polygon --compare", options, told, tables, csv)
+        from studies.paths.comparison_figures import comparison_figures
 
-        def figures() -> dict[str, Any]:
-            from studies.paths.comparison_figures import comparison_figures
-
-            return comparison_figures(compared)
-
-        asked, tables = options.described(), compared.tables()
-        command = "polygon --compare"
-        return _write(folder, command, asked, compared.summary(), tables, figures, csv)
-
-
-def _write(
-    folder: Path,
-    command: str,
-    asked: dict[str, Any],
-    summary: dict[str, Any],
-    tables: Tables,
-    figures: Callable[[], dict[str, Any]],
-    csv: bool,
-) -> dict[str, Any]:
-    made = provenance(command, asked, UNITS_OF_A_LOOP)
-    summary = {**summary, "provenance": made}
-    for name, columns in tables.items():
-        write_table(folder, name, columns, made, csv=csv)
-    write_summary(folder, summary)
-    draw(figures, folder, made)
+        _save(comparison_figures(compared), folder, summary)
     return summary
 
 
-def draw(figures: Callable[[], dict[str, Any]], folder: Path, made: dict[str, Any]) -> None:
-    """Draw and save figures; drawing is loaded only when there is something to draw."""
+def _written(
+    folder: Path, command: str, options: Any, told: dict[str, Any], tables: Tables, csv: bool
+) -> dict[str, Any]:
+    """Tables and summary of a study in their files; the summary with what made it."""
+    made = provenance(command, options.described(), UNITS_OF_A_LOOP)
+    write_results(folder, told | {"provenance": made}, tables, csv=csv)
+    return told | {"provenance": made}
+
+
+def _save(figures: dict[str, Any], folder: Path, summary: dict[str, Any]) -> None:
     from studies.style import save_figures
 
-    save_figures(figures(), folder, made)
+    save_figures(figures, folder, summary["provenance"])
 
 
 def _one_below_the_other(tables: Tables) -> dict[str, Any]:

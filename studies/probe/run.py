@@ -21,7 +21,7 @@ from stability.packing.pieces import Driven, Subspace
 from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
 from studies.columns import definitions
-from studies.output import provenance, readable, result_folder, write_summary, write_table
+from studies.output import provenance, readable, result_folder, write_results
 from studies.series.tasks import one_blas_thread
 from studies.series.workers import open_runner
 from studies.snapshot.edge import balance_notes, sample_edge
@@ -90,9 +90,7 @@ def run_probe(
             "orders": order_table(found),
             "loops": loop_table(found),
         }
-        for name, columns in tables.items():
-            write_table(folder, name, columns, made, csv=csv)
-        write_summary(folder, summary)
+        write_results(folder, summary, tables, csv=csv)
         if figures:
             _draw(snapshot, found, tables["loops"], summary, folder)
     return summary

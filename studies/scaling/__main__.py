@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from studies.bench.measure import machine
-from studies.output import provenance, result_folder, write_summary, write_table
+from studies.output import provenance, result_folder, write_results
 from studies.scaling.figure import scaling_figure
 from studies.scaling.measure import (
     FLOORS,
@@ -56,9 +56,8 @@ def main(
         configuration = {"grains": sizes, "repeats": repeats, "slow_up_to": slow_up_to}
         on = machine(*PACKAGES)
         made = provenance("scaling study", {**configuration, "machine": on}, UNITS)
-        columns = {name: [row[name] for row in rows] for name in rows[0]}
-        write_table(folder, "scaling", columns, made, csv=True)
-        write_summary(folder, {"rows": rows, "bandwidth": bandwidth, "provenance": made})
+        summary = {"rows": rows, "bandwidth": bandwidth, "provenance": made}
+        write_results(folder, summary, {"scaling": rows}, csv=True)
         floors = {what: {n: seconds[what] for n, seconds in least.items()} for what in FLOORS}
         save_figure(scaling_figure(rows, floors), folder, "scaling", made)
         (folder / "rows.md").write_text("\n".join(markdown(rows)) + "\n")

@@ -7,21 +7,11 @@ import contextlib
 import logging
 from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from loops import InputError
 from studies.output import code_version
 
-
-class Named(Protocol):
-    """A task with a name for messages."""
-
-    @property
-    def name(self) -> str:
-        """What it is about."""
-
-
-Task = TypeVar("Task", bound=Named)
 Answer = TypeVar("Answer")
 
 # Seconds until an address that does not answer is given up, and a cluster without workers.
@@ -42,9 +32,12 @@ def connected(address: str, paths: Sequence[Path]) -> Iterator[Any]:
 
 
 def run_on_cluster(
-    client: Any, function: Callable[[Task], Answer], tasks: Sequence[Task]
+    client: Any, function: Callable[[Any], Answer], tasks: Sequence[Any]
 ) -> Generator[Answer]:
-    """Answers as they come; the tasks of a worker that is lost go to another one."""
+    """Answers as they come; the tasks of a worker that is lost go to another one.
+
+    Tasks have a `name` for messages.
+    """
     from distributed import CancelledError, KilledWorker, as_completed
 
     futures = client.map(function, tasks, pure=False, key=function.__name__)

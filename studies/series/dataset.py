@@ -10,16 +10,22 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet
 
 from loops import InputError
-from studies.output import SERIES, as_json, described_table, remove_listed, remove_results
+from studies.output import (
+    SERIES,
+    as_json,
+    described_table,
+    flat_frame,
+    remove_listed,
+    remove_results,
+)
 
 KEY = b"grainloops"
 # Readers of a folder of Parquet files pass over names that begin with a dot.
@@ -153,15 +159,6 @@ def require_one_schema(paths: list[Path]) -> None:
 def write_csv(paths: list[Path], out: Path) -> None:
     """All parts as one CSV file, part by part; lists are joined by blanks."""
     with open(out, "w", newline="") as file:
-        for number, frame in enumerate(_frames(paths)):
+        for number, path in enumerate(paths):
+            frame = flat_frame(pyarrow.parquet.read_table(path))
             frame.to_csv(file, index=False, header=number == 0)
-
-
-def _frames(paths: list[Path]) -> Iterator[pd.DataFrame]:
-    for path in paths:
-        table = pyarrow.parquet.read_table(path)
-        frame = table.to_pandas()
-        for field in table.schema:
-            if pa.types.is_large_list(field.type) or pa.types.is_list(field.type):
-                frame[field.name] = [" ".join(map(str, row)) for row in frame[field.name]]
-        yield frame

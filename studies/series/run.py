@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ from studies.series.kinetics import kinetics_of, kinetics_summary, kinetics_tabl
 from studies.series.packing import SOLVED
 from studies.series.plan import PlannedSnapshot, plan_series
 from studies.series.skill import skill_tables, summarised
-from studies.series.tasks import Failure, pairs, singles
+from studies.series.tasks import Failure, Series
 from studies.series.workers import Runner, do_tasks, open_runner
 from studies.snapshot.source import reading
 
@@ -88,11 +89,11 @@ def run_series(
     one_of("--in-packing", in_packing or False, (False, True, "rates", "events"))
     band, by_events = checked_band(yield_band) if in_packing else None, in_packing == "events"
     read["in_packing"] = [band, "events"] if by_events else band
-    probing: tuple[float | None, int | None] = (None, None)
+    probed: tuple[float | None, int | None] = (None, None)
     if probe is not None:
         whole_number("probe", probe, 1)
-        probing = checked_band(yield_band), probe
-        read["probe"] = list(probing)
+        probed = checked_band(yield_band), probe
+        read["probe"] = list(probed)
     made = provenance("series", {"paths": paths, "cells": cells, **read}, UNITS)
     read["cells"] = None if cells is None else cells.name
     out = out.absolute()
@@ -104,15 +105,14 @@ def run_series(
             open_folder(out, read, [one.name for one in planned], force=force)
             try:
                 with open_runner(workers, scheduler, _needed(planned, out)) as runner:
-                    good, failures = _do_all(
-                        runner, planned, out, band, probing, by_events=by_events, skip_bad=skip_bad
-                    )
+                    series = Series(planned, out, band, by_events, probed)
+                    series, failures = _do_all(runner, series, skip_bad=skip_bad)
             except InputError:
                 if new and not has_parts(out):
                     shutil.rmtree(out)
                 raise
             drawn = {"figures": figures, "animation": animation}
-            return _gather(good, failures, out, made, band, csv=csv, **drawn)
+            return _gather(series, failures, made, csv=csv, **drawn)
 
 
 def _needed(planned: Sequence[PlannedSnapshot], out: Path) -> list[Path]:
@@ -120,50 +120,41 @@ def _needed(planned: Sequence[PlannedSnapshot], out: Path) -> list[Path]:
     return [out / SERIES, *dict.fromkeys(one.path for one in planned)]
 
 
-def _do_all(
-    runner: Runner,
-    planned: Sequence[PlannedSnapshot],
-    out: Path,
-    band: float | None,
-    probing: tuple[float | None, int | None],
-    *,
-    by_events: bool,
-    skip_bad: bool,
-) -> tuple[list[PlannedSnapshot], list[Failure]]:
-    """Snapshots that could be read, and why the others could not."""
-    failures = do_tasks(runner, singles(planned, out, *probing), "snapshots", skip_bad=skip_bad)
+def _do_all(runner: Runner, series: Series, *, skip_bad: bool) -> tuple[Series, list[Failure]]:
+    """The series of the snapshots that could be read, and why the others could not."""
+    failures = do_tasks(runner, series.snapshots, "snapshots", skip_bad=skip_bad)
     bad = {failure.number for failure in failures}
-    good = [one for one in planned if one.number not in bad]
-    if not good:
+    good = replace(series, planned=[one for one in series.planned if one.number not in bad])
+    if not good.planned:
         raise failures[0].error()
-    do_tasks(runner, pairs(good, out, band, by_events), "pairs", skip_bad=False)
+    do_tasks(runner, good.intervals, "pairs", skip_bad=False)
     return good, failures
 
 
 def _gather(
-    planned: Sequence[PlannedSnapshot],
+    series: Series,
     failures: Sequence[Failure],
-    out: Path,
     made: dict[str, Any],
-    band: float | None,
     *,
     csv: bool,
     figures: bool,
     animation: bool,
 ) -> dict[str, Any]:
     """Put the finished parts of a series together; the summary."""
+    out = series.out
     datasets = {
-        "loops": [task.part for task in singles(planned, out)],
-        "increments": [task.part for task in pairs(planned, out)],
-        "fates": [task.fates_part for task in pairs(planned, out)],
+        "loops": [task.part for task in series.snapshots],
+        "increments": [task.part for task in series.intervals],
+        "fates": [task.fates_part for task in series.intervals],
     }
+    band = series.yield_band
     if band is not None:
-        datasets["packing"] = [task.packing_part for task in pairs(planned, out)]
+        datasets["packing"] = [task.packing_part for task in series.intervals]
     for name, parts in datasets.items():
         keep_only(out / name, {part.name for part in parts})
         require_one_schema(parts)
     about = {name: [require_about(part) for part in parts] for name, parts in datasets.items()}
-    evolution, exchange = _evolution(planned, about), _exchange(planned, about)
+    evolution, exchange = _evolution(series.planned, about), _exchange(series.planned, about)
     tables: dict[str, Any] = {"evolution": evolution, "exchange": exchange}
     summary = _summary(evolution, about, failures) | {"provenance": made}
     fates = datasets.pop("fates")
@@ -193,13 +184,14 @@ def _gather(
                 write_csv(parts, folder / f"{name}.csv")
         # Drawing is loaded only when there is something to draw.
         if animation:
-            from studies.series.report import animate
+            from studies.series.animation import animate_series
+            from studies.series.report import pictures
 
-            animate(folder, planned, out, evolution, made)
+            animate_series(folder, pictures(series, evolution), made)
         if figures:
             from studies.series.report import draw
 
-            draw(folder, planned, out, tables, _mapped(evolution), summary)
+            draw(folder, series, tables, _mapped(evolution), summary)
         summary["files"] = sorted(path.name for path in folder.iterdir())
         write_summary(folder, summary)
     return summary

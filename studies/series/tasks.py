@@ -6,6 +6,7 @@ import ctypes
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -112,24 +113,31 @@ class PartTask:
         return self.out / dataset / f"part-{numbers}.parquet"
 
 
-def singles(
-    planned: Sequence[PlannedSnapshot],
-    out: Path,
-    yield_band: float | None = None,
-    directions: int | None = None,
-) -> list[PartTask]:
-    """A task for each snapshot; with a number of directions it is probed as well."""
-    return [PartTask((one,), out, yield_band, directions) for one in planned]
+@dataclass(frozen=True)
+class Series:
+    """A series as it was asked for: its snapshots, the result folder, who else tells of them.
 
+    With `yield_band` the packing foretells each interval, with `by_events` its path and its replay
+    too; `probe` are the yield band and the number of directions of the probes of each snapshot.
+    """
 
-def pairs(
-    planned: Sequence[PlannedSnapshot],
-    out: Path,
-    yield_band: float | None = None,
-    by_events: bool = False,
-) -> list[PartTask]:
-    """A task for each snapshot with the next; with a yield band the packing foretells as well."""
-    return [PartTask(pair, out, yield_band, by_events=by_events) for pair in pairwise(planned)]
+    planned: Sequence[PlannedSnapshot]
+    out: Path
+    yield_band: float | None = None
+    by_events: bool = False
+    probe: tuple[float | None, int | None] = (None, None)
+
+    @cached_property
+    def snapshots(self) -> list[PartTask]:
+        """A task for each snapshot."""
+        return [PartTask((one,), self.out, *self.probe) for one in self.planned]
+
+    @cached_property
+    def intervals(self) -> list[PartTask]:
+        """A task for each snapshot with the next."""
+        asked = self.out, self.yield_band
+        pairs = pairwise(self.planned)
+        return [PartTask(pair, *asked, by_events=self.by_events) for pair in pairs]
 
 
 def do_task(task: PartTask) -> Failure | None:

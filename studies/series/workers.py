@@ -15,7 +15,7 @@ from contextlib import closing, contextmanager
 from functools import partial
 from multiprocessing import connection
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
@@ -32,14 +32,8 @@ THREADS = (
 )
 
 
-class Runner(Protocol):
-    """Calls a function with each task, and gives the answers as they come."""
-
-    def __call__(
-        self, function: Callable[[Any], Answer], tasks: Sequence[Any]
-    ) -> Generator[Answer]:
-        """Answers in any order."""
-        ...
+# Calls a function with each task, and gives the answers as they come, in any order.
+Runner = Callable[[Callable[[Any], Any], Sequence[Any]], Generator[Any]]
 
 
 @contextmanager

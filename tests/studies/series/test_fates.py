@@ -17,6 +17,7 @@ from studies.series.fates import ENDS, _verdicts, pooled, survival
 from studies.series.increments import track_loops
 from studies.series.plan import plan_series, with_fingerprints
 from studies.series.report import _maps
+from studies.series.tasks import Series
 from studies.snapshot.mechanics import JUDGES
 from studies.snapshot.source import read_planar, reading
 from tests.studies.series.test_run import write_series
@@ -130,7 +131,7 @@ def test_the_page_has_a_map_of_every_snapshot_with_the_fates(ran, monkeypatch):
     planned = with_fingerprints(planned)
     counts = [len(fates.before) for fates in tracked]
     counts.append(len(tracked[-1].after))
-    maps = _maps(planned, out, counts, 2)
+    maps = _maps(Series(planned, out), counts, 2)
     assert [one.number for one in maps] == [0, 1, 2, 3]
     assert [one.first for one in maps] == [False, False, True, False]
     assert [len(one) for one in maps] == counts
@@ -142,11 +143,11 @@ def test_the_page_has_a_map_of_every_snapshot_with_the_fates(ran, monkeypatch):
     assert "fate" not in maps[-1].columns
     # Where not all fit, some are shown, the chosen one among them, and the page says so.
     monkeypatch.setattr("studies.series.report.MOST_LOOPS", 2 * max(counts))
-    some = _maps(planned, out, counts, 2)
+    some = _maps(Series(planned, out), counts, 2)
     assert [one.number for one in some] == [0, 2, 3]
     assert some[0].about.startswith("3 of 4 snapshots are shown")
     monkeypatch.setattr("studies.series.report.MOST_LOOPS", min(counts) - 1)
-    assert _maps(planned, out, counts, 2) == []
+    assert _maps(Series(planned, out), counts, 2) == []
 
 
 def test_without_forces_there_are_fates_and_no_verdicts(tmp_path):
