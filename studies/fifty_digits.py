@@ -7,6 +7,7 @@ first grain held, so that it shares nothing with the force method. mpmath comes 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -48,15 +49,21 @@ def traction_tangent_50(x: Floats, x0: Floats, *contacts: Any) -> Any:
             assemble_50(system, k, c, (c + 1) % n)
         load_50(system, reference)
         # Hold grain 0: its two rows follow from the others.
-        small = system[2:, 2:]
-        volume, out = area_50(reference), mp.matrix(4, 4)
-        for q in range(4):
-            rhs = mp.zeros(2 * n + 2, 1)
-            rhs[2 * n - 2 + q] = -volume
-            solution = mp.lu_solve(small, rhs)
-            for p in range(4):
-                out[p, q] = solution[2 * n - 2 + p]
-        return out
+        return stress_50(system, range(2, 2 * n + 4), reference)
+
+
+def stress_50(system: Any, kept: Iterable[int], reference: list[list[Any]]) -> Any:
+    """Stress of unit displacement gradients: the last four of the unknowns that are kept."""
+    kept = list(kept)
+    inverse = part_50(system, kept, kept) ** -1
+    return -area_50(reference) * inverse[len(kept) - 4 :, len(kept) - 4 :]
+
+
+def part_50(matrix: Any, rows: Iterable[int], columns: Iterable[int]) -> Any:
+    """Rows and columns of a matrix."""
+    import mpmath as mp
+
+    return mp.matrix([[matrix[row, column] for column in columns] for row in rows])
 
 
 def as_array(matrix: Any) -> Floats:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,8 @@ from studies.fifty_digits import (
     exact_points,
     frame_50,
     load_50,
+    part_50,
+    stress_50,
     traction_tangent_50,
 )
 
@@ -87,9 +88,7 @@ def _free(scene: Scene, regime: NDArray[np.int8], closure: str) -> Any:
         load_50(full, reference)
         held = 2 * n + 1 if n % 2 == 0 else 2 * n
         if closure == "traction":
-            kept = [*range(2, 2 * n), *range(held, 3 * n + 4)]
-            inverse = _part(full, kept, kept) ** -1
-            return -area_50(reference) * inverse[len(kept) - 4 :, len(kept) - 4 :]
+            return stress_50(full, [*range(2, 2 * n), *range(held, 3 * n + 4)], reference)
         return _affine_free(full, reference, range(held, 3 * n))
 
 
@@ -114,12 +113,6 @@ def _add_rolling(
             full[2 * n + grain, 2 * n + other] += arm * arm * kt
 
 
-def _part(full: Any, rows: Iterable[int], columns: Iterable[int]) -> Any:
-    import mpmath as mp
-
-    return mp.matrix([[full[row, column] for column in columns] for row in rows])
-
-
 def _affine_free(full: Any, reference: Any, spins: range) -> Any:
     """Centres follow `u = -H x0`; stress by virtual work, `V P_ij = -sum F_i x0_j`."""
     import mpmath as mp
@@ -129,6 +122,6 @@ def _affine_free(full: Any, reference: Any, spins: range) -> Any:
     for row in centres:
         for b in range(2):
             motion[row, 2 * (row % 2) + b] = -reference[row // 2][b]
-    relaxed = _part(full, spins, spins) ** -1 * (_part(full, spins, centres) * motion)
-    forces = _part(full, centres, centres) * motion - _part(full, centres, spins) * relaxed
+    relaxed = part_50(full, spins, spins) ** -1 * (part_50(full, spins, centres) * motion)
+    forces = part_50(full, centres, centres) * motion - part_50(full, centres, spins) * relaxed
     return motion.T * forces / area_50(reference)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from loops import GrainGraph, LinearFrictional, Regime, macroscopic_tangent
@@ -112,16 +113,13 @@ def search(orders: tuple[int, ...] = ORDERS, loops: int = 4000) -> list[dict[str
 def draw(rows: list[dict[str, Any]]) -> Figure:
     """Share of loops that flutter over the order; dashed: with W2 > 0 in every direction."""
     figure = new_figure(TWO_COLUMNS, 2.8)
-    for ax, closure in zip(figure.subplots(1, 2, sharey=True), ("affine", "traction"), strict=True):
-        families = list(product(FORCES, CONTACTS))
-        for family, colour in zip(families, LINE_COLOURS, strict=False):
-            own = [
-                r for r in rows if (r["closure"], r["forces"], r["contacts"]) == (closure, *family)
-            ]
+    axes, table = figure.subplots(1, 2, sharey=True), pd.DataFrame(rows)
+    for ax, (closure, both) in zip(axes, table.groupby("closure"), strict=True):
+        families = both.groupby(["forces", "contacts"])
+        for ((forces, contacts), own), colour in zip(families, LINE_COLOURS, strict=False):
             for key, look in (("share", "o-"), ("share_with_positive_W2", "--")):
-                label = f"{family[0]} forces, {family[1]}" if key == "share" else None
-                shown = [row[key] or np.nan for row in own]
-                ax.semilogy([r["order"] for r in own], shown, look, color=colour, label=label)
+                label = f"{forces} forces, {contacts}" if key == "share" else None
+                ax.semilogy(own.order, own[key].replace(0, np.nan), look, color=colour, label=label)
         ax.set(xlabel="order", ylabel="share with flutter (dashed: W2 > 0)", title=closure)
     named = ax.get_legend_handles_labels()
     figure.legend(*named, loc="outside lower center", ncols=4)
@@ -131,12 +129,11 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
 def main(out: Path, loops: int = 4000) -> dict[str, Any]:
     """Search every family; write the shares and the figure."""
     rows = search(loops=loops)
-    columns = {key: [row[key] for row in rows] for key in rows[0]}
-    total = sum(row["loops"] for row in rows)
-    with_W2 = sum(row["share_with_positive_W2"] * row["loops"] for row in rows) / total
-    numbers = {"operators": total, "share_with_positive_W2": with_W2,
-               "largest_ratio": max(row["largest_ratio"] for row in rows)}  # fmt: skip
-    return save(out, "flutter", draw(rows), numbers, columns, "kn = 1")
+    table = pd.DataFrame(rows)
+    with_W2 = float(np.average(table.share_with_positive_W2, weights=table.loops))
+    numbers = {"operators": int(table.loops.sum()), "share_with_positive_W2": with_W2,
+               "largest_ratio": float(table.largest_ratio.max())}  # fmt: skip
+    return save(out, "flutter", draw(rows), numbers, dict(table.items()), "kn = 1")
 
 
 if __name__ == "__main__":

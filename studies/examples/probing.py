@@ -7,7 +7,6 @@ problem of the state alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +44,9 @@ def convected(H: Floats, stress: Floats) -> Floats:
     return np.trace(H, axis1=1, axis2=2)[:, None, None] * stress - stress @ np.swapaxes(H, 1, 2)
 
 
-def compared(name: str) -> Iterator[dict[str, Any]]:
+def compared(name: str) -> pd.DataFrame:
     """A row a band, amplitude and direction: measured and foretold stress, error, both W2."""
-    snapshot, measured = state(name)
+    (snapshot, measured), parts = state(name), []
     law, regime = snapshot.mechanics()
     stress, theta = love_weber_stress(snapshot.graph), measured["theta_deg"].unique()
     wanted = np.column_stack([np.cos(np.radians(theta)), np.sin(np.radians(theta))])
@@ -62,6 +61,7 @@ def compared(name: str) -> Iterator[dict[str, Any]]:
             error = np.linalg.norm(P + more - actual, axis=(1, 2))
             length = np.linalg.norm(actual, axis=(1, 2))
             columns = {
+                **{"state": name, "band": label, "amplitude": amplitude, "theta_deg": theta},
                 **{f"measured_{ij}": actual[:, i, j] for ij, (i, j) in PARTS.items()},
                 **{f"foretold_{ij}": (P + more)[:, i, j] for ij, (i, j) in PARTS.items()},
                 "error": error / length,
@@ -71,9 +71,8 @@ def compared(name: str) -> Iterator[dict[str, Any]]:
                 "foretold_W2": np.sum(P * H, axis=(1, 2)),
                 "unbalanced": rows["unbalanced"].to_numpy(),
             }
-            key = {"state": name, "band": label, "amplitude": amplitude}
-            for k, angle in enumerate(theta):
-                yield key | {"theta_deg": angle} | {c: float(v[k]) for c, v in columns.items()}
+            parts.append(pd.DataFrame(columns))
+    return pd.concat(parts)
 
 
 PARTS = {"11": (0, 0), "12": (0, 1), "21": (1, 0), "22": (1, 1)}
@@ -158,7 +157,7 @@ def draw(rows: pd.DataFrame, sums: pd.DataFrame, kn: float = 1e6) -> Figure:
 
 def main(out: Path) -> dict[str, Any]:
     """Compare both states, write the table and the figure."""
-    rows = pd.DataFrame(row for name in STATES for row in compared(name))
+    rows = pd.concat(map(compared, STATES), ignore_index=True)
     sums = summed(rows)
     amplitudes = rows["amplitude"].unique()
     numbers = {"errors": sums, "on_the_way": {name: reached(name, amplitudes) for name in STATES}}

@@ -52,12 +52,8 @@ def run_diamond(
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
             both = {"ignored": diamond_table(ignored), "added": tables["path"]}
             tables["added_contact"] = _one_below_the_other(both)
-
-        summary = _written(folder, "diamond", options, diamond_summary(found), tables, csv)
-        from studies.paths.diamond_figures import diamond_figures
-
-        _save(diamond_figures(found, ignored), folder, summary)
-    return summary
+        told = diamond_summary(found)
+        return _write(folder, "diamond", options, told, tables, csv, found, ignored)
 
 
 def run_polygon(
@@ -67,11 +63,8 @@ def run_polygon(
     with result_folder(out, force=force) as folder:
         found = follow_polygon(options)
         told = polygon_summary(found)
-        summary = _written(folder, "polygon", options, told, {"path": polygon_table(found)}, csv)
-        from studies.paths.figures import polygon_figures
-
-        _save(polygon_figures(found, summary["critical_strain"]), folder, summary)
-    return summary
+        drawn, tables = (found, told["critical_strain"]), {"path": polygon_table(found)}
+        return _write(folder, "polygon", options, told, tables, csv, *drawn)
 
 
 def run_comparison(
@@ -81,26 +74,35 @@ def run_comparison(
     with result_folder(out, force=force) as folder:
         compared = compare(options)
         told, tables = compared.summary(), compared.tables()
-        summary = _written(folder, "polygon --compare", options, told, tables, csv)
-        from studies.paths.comparison_figures import comparison_figures
+        return _write(folder, "polygon --compare", options, told, tables, csv, compared)
 
-        _save(comparison_figures(compared), folder, summary)
+
+def _write(
+    folder: Path,
+    command: str,
+    options: Any,
+    told: dict[str, Any],
+    tables: Tables,
+    csv: bool,
+    *drawn: Any,
+) -> dict[str, Any]:
+    """Tables, summary and figures of a study in their files; the summary with what made it."""
+    made = provenance(command, options.described(), UNITS_OF_A_LOOP)
+    summary = told | {"provenance": made}
+    write_results(folder, summary, tables, csv=csv)
+    draw(command, folder, made, *drawn)
     return summary
 
 
-def _written(
-    folder: Path, command: str, options: Any, told: dict[str, Any], tables: Tables, csv: bool
-) -> dict[str, Any]:
-    """Tables and summary of a study in their files; the summary with what made it."""
-    made = provenance(command, options.described(), UNITS_OF_A_LOOP)
-    write_results(folder, told | {"provenance": made}, tables, csv=csv)
-    return told | {"provenance": made}
-
-
-def _save(figures: dict[str, Any], folder: Path, summary: dict[str, Any]) -> None:
+def draw(command: str, folder: Path, made: dict[str, Any], *drawn: Any) -> None:
+    """Draw and save figures; drawing is loaded only when there is something to draw."""
+    from studies.paths.comparison_figures import comparison_figures
+    from studies.paths.diamond_figures import diamond_figures
+    from studies.paths.figures import polygon_figures
     from studies.style import save_figures
 
-    save_figures(figures, folder, summary["provenance"])
+    figures: dict[str, Any] = {"diamond": diamond_figures, "polygon": polygon_figures}
+    save_figures(figures.get(command, comparison_figures)(*drawn), folder, made)
 
 
 def _one_below_the_other(tables: Tables) -> dict[str, Any]:
