@@ -14,10 +14,9 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from loops import Faces, ForceChains, GrainGraph, branch_vectors
+from loops import Faces, GrainGraph, branch_vectors
 from loops.arrays import Floats
 from patterns import Snapshot
-from studies.snapshot.chains import chain_segments
 from studies.snapshot.definitions import BLOCKED, FREED, IN_PLACE
 from studies.snapshot.in_packing import PLACE, surroundings_share
 from studies.snapshot.loop_map import VECTOR_LIMIT, Drawer, draw_orders, loop_drawer, loop_map
@@ -69,7 +68,7 @@ def snapshot_drawings(
     snapshot: Snapshot,
     faces: Faces,
     table: dict[str, Any],
-    chains: ForceChains | None,
+    links: Floats | None,
     summary: dict[str, Any],
 ) -> Iterator[Drawing]:
     """Every figure of a snapshot."""
@@ -78,8 +77,8 @@ def snapshot_drawings(
     orders = figure_of(order_bars(summary, table))
     yield Drawing("orders", "Orders", "Share of the loops by their number of grains.", orders)
     yield Drawing("fabric", "Fabric", _FABRIC, fabric_rose(snapshot.graph, summary))
-    if chains is not None and summary["loops"]:
-        beside = chains_figure(table, draw, chain_segments(snapshot, chains))
+    if links is not None and summary["loops"]:
+        beside = chains_figure(table, draw, links)
         yield Drawing("chains", "Force chains", _CHAINS, beside)
     if snapshot.mechanical and summary["loops"]:
         yield Drawing("eigenvalues", "Eigenvalues", _EIGENVALUES, eigenvalue_distribution(table))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
@@ -146,9 +147,11 @@ def _painter(snapshot: Snapshot, faces: Faces) -> Drawer:
     painting = paint_loops(snapshot.graph, faces, PIXELS)
 
     def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> ScalarMappable:
-        shown = np.append(np.asarray(values, dtype=float), np.nan)[painting.loop]
+        # Of every loop and of none: there are more pixels than loops, and each is looked at often.
+        known = np.ma.masked_invalid(np.append(values, np.nan))
+        shades = ScalarMappable(scale, colours).to_rgba(known, bytes=True)
         image = ax.imshow(
-            shown,
+            shades[painting.loop],
             origin="lower",
             extent=painting.extent,
             cmap=colours,
@@ -193,7 +196,6 @@ def _polygons(
     snapshot: Snapshot, faces: Faces, picked: Integers | slice = slice(None)
 ) -> list[Floats]:
     """Corners of each loop, or of those picked."""
-    offsets, at = half_edges_of_loops(faces)
+    offsets, at = half_edges_of_loops(faces, picked)
     corners = loop_corners(snapshot.graph, faces, offsets, at)
-    ends = zip(offsets[:-1][picked].tolist(), offsets[1:][picked].tolist(), strict=True)
-    return [corners[a:b] for a, b in ends]
+    return [corners[a:b] for a, b in pairwise(offsets.tolist())]

@@ -8,11 +8,14 @@ from loops import Faces, GrainGraph
 from loops.arrays import Floats, Integers
 
 
-def half_edges_of_loops(faces: Faces) -> tuple[Integers, Integers]:
-    """The half-edges of the loops alone."""
-    order = faces.order[faces.loops]
+def half_edges_of_loops(
+    faces: Faces, picked: Integers | slice = slice(None)
+) -> tuple[Integers, Integers]:
+    """The half-edges of the loops alone, or of those picked among them."""
+    loops = faces.loops[picked]
+    order = faces.order[loops]
     offsets = np.concatenate([[0], np.cumsum(order)])
-    first = faces.offsets[faces.loops] - offsets[:-1]
+    first = faces.offsets[loops] - offsets[:-1]
     return offsets, np.repeat(first, order) + np.arange(offsets[-1])
 
 

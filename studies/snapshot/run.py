@@ -97,10 +97,10 @@ def _draw(
 
     made = summary["provenance"]
     write_table(folder, "fabric", fabric_table(snapshot.graph, summary), made, csv=csv)
-    drawings = snapshot_drawings(snapshot, faces, table, chains, summary)
+    links = None if chains is None else chain_segments(snapshot, chains)
+    drawings = snapshot_drawings(snapshot, faces, table, links, summary)
     title = f"Loops of {readable(made['configuration']['path'].name)}"
-    links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
-    shown = loops_for_map(snapshot, faces, table, **links)
+    shown = loops_for_map(snapshot, faces, table, **({} if links is None else {"links": links}))
     write_report(folder, title, summary, save_drawings(drawings, folder, made), shown, made)
 
 

@@ -10,16 +10,17 @@ from loops import find_faces
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.snapshot import run_snapshot
 from studies.snapshot.figures import (
-    draw_figures,
     eigenvalue_distribution,
     fabric_rose,
     fabric_table,
     order_bars,
+    snapshot_drawings,
     unstable_rose,
 )
 from studies.snapshot.mechanics import judges
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import EIGENVALUES, loop_table
+from studies.style import save_drawings
 
 PERIODIC = sample_path("grains_periodic.parquet")
 CELL = tuple(sample_cell().ravel().tolist())
@@ -120,7 +121,8 @@ def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
     bare = replace(snapshot, law=None, regime=None)
     table = loop_table(bare, faces)
     summary = snapshot_summary(bare, faces, table)
-    drawn = draw_figures(bare, faces, table, None, summary, tmp_path, {"command": "grainloops"})
+    drawings = snapshot_drawings(bare, faces, table, None, summary)
+    drawn = save_drawings(drawings, tmp_path, {"command": "grainloops"})
     assert [path.stem for *_, path in drawn] == ["map", "orders", "fabric"]
     assert {path.name for path in tmp_path.iterdir()} == {
         f"{name}.{ending}" for name in ("map", "orders", "fabric") for ending in ("png", "svg")
