@@ -11,6 +11,7 @@ from scipy.optimize import fsolve
 
 from loops import GrainGraph, LinearFrictional, Regime, branch_vectors, contact_state
 from patterns.synthetic import synthetic_network
+from stability import Programme, Stage
 from stability.packing import replay
 
 LAW = LinearFrictional(1.0, 0.5, 0.5, "radii")
@@ -40,6 +41,27 @@ def with_idle_triangle(graph):
         shear_force=np.append(graph.shear_force, [0.0] * 3),
         images=np.vstack([graph.images, [[0, 0]] * 3]),
         cell=graph.cell,
+    )
+
+
+def strained(strain):
+    """The stage that prescribes a displacement gradient."""
+    given = Programme("strain", np.zeros((4, 4)), np.eye(4), np.ravel(strain))
+    return Stage(given, "parameter", 1.0)
+
+
+def lattice():
+    """A rhombus repeated, its grains without room for spins."""
+    angle, at = np.radians(35), [(0, 0), (1, 0), (0, 1), (1, 1)]
+    a = 0.99 * np.array([[np.cos(angle)] * 2, [np.sin(angle), -np.sin(angle)]])
+    ends = [(p + 1 - q, q_ + q) for p, q_ in at for q in (0, 1)]
+    return GrainGraph(
+        x=np.array(at) @ a.T,
+        radii=[0.5] * 4,
+        contacts=[(k // 2, at.index((p % 2, q % 2))) for k, (p, q) in enumerate(ends)],
+        images=[(p // 2, q // 2) for p, q in ends],
+        cell=2 * a,
+        normal_force=np.full(8, 0.01),
     )
 
 

@@ -16,13 +16,12 @@ from stability.packing import (
     replay,
 )
 from stability.packing.pairs import _ordered, near_pairs
-from stability.programmes import Programme
-from tests.packings import BRANCH, JAMMED, LAW, jammed
+from stability.programmes import Programme, drained_biaxial
+from tests.packings import BRANCH, JAMMED, LAW, jammed, lattice, strained
 from tests.stability.packing.test_replay import COLLECTION, foreseen, slow, strain_between
 
 INTERVALS = (8e-5, 4e-5, 2e-5)
 H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
-NONE, ALL = np.zeros((4, 4)), np.eye(4)
 # Grains, seed, law; what is met on the way: yield, unloading, opening, closing.
 CASES = (
     (12, 1, LAW, (4, 0, 0, 0)),
@@ -37,16 +36,6 @@ cases = pytest.mark.parametrize(
 )
 packed = functools.cache(jammed)
 followed = functools.partial(follow, closure="packing")
-
-
-def strained(strain):
-    return Stage(Programme("strain", NONE, ALL, np.ravel(strain)), "parameter", 1.0)
-
-
-def drained(target):
-    """H22 driven, P11 held, no shear."""
-    stress, strain = np.diag([1.0, 0, 0, 0]), np.diag([0, 1.0, 1.0, 1.0])
-    return Stage(Programme("drained", stress, strain, [0, 0, 0, 1.0]), "H22", target)
 
 
 @functools.cache
@@ -141,7 +130,7 @@ def test_a_first_step_is_the_rate_problem(case):
 
 def test_mixed_control_holds_its_stress():
     graph = packed(16, 2, BRANCH)
-    path = followed(graph, BRANCH, drained(1e-3), rows=4, interval=2e-5)
+    path = followed(graph, BRANCH, Stage(drained_biaxial(2), "H22", 1e-3), rows=4, interval=2e-5)
     assert path.status == "finished" and len(path) == 5
     np.testing.assert_allclose(path.H[:, 3], np.linspace(0, 1e-3, 5), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(path.P[:, 0], path.P[0, 0], rtol=1e-5)
@@ -150,40 +139,6 @@ def test_mixed_control_holds_its_stress():
     # The same strain prescribed leads to the same stress.
     again = followed(graph, BRANCH, strained(path.H[-1]), interval=2e-5)
     np.testing.assert_allclose(again.P[-1], path.P[-1], rtol=0, atol=2e-3 * path.P[0, 0])
-
-
-def lattice():
-    """A rhombus repeated, its grains without room for spins."""
-    angle, at = np.radians(35), [(0, 0), (1, 0), (0, 1), (1, 1)]
-    a = 0.99 * np.array([[np.cos(angle)] * 2, [np.sin(angle), -np.sin(angle)]])
-    ends = [(p + 1 - q, q_ + q) for p, q_ in at for q in (0, 1)]
-    return GrainGraph(
-        x=np.array(at) @ a.T,
-        radii=[0.5] * 4,
-        contacts=[(k // 2, at.index((p % 2, q % 2))) for k, (p, q) in enumerate(ends)],
-        images=[(p // 2, q // 2) for p, q in ends],
-        cell=2 * a,
-        normal_force=np.full(8, 0.01),
-    )
-
-
-def test_a_lattice_of_diamonds_goes_as_follow_has_it():
-    """The loop's own engine, affine: stresses to the interval, the place of yield as well."""
-    law, strain = LinearFrictional(1.0, 0.5, 0.2), np.diag([8e-3, -6e-3])
-    whole = follow(lattice(), law, strained(strain), closure="affine", spins="blocked")
-    yields = whole.of_kind("yield")[0].parameter
-    part = strained(0.9 * yields * strain)
-    wanted = follow(lattice(), law, part, closure="affine", spins="blocked").P[-1]
-    error, place = [], []
-    for interval in (1e-4, 5e-5):
-        path = followed(lattice(), law, part, interval=interval)
-        error.append(np.abs(path.P[-1] - wanted).max() / np.abs(wanted).max())
-        events = followed(
-            lattice(), law, strained(strain), interval=interval, instabilities=1
-        ).events
-        place.append(abs(events[0].parameter - yields))
-    np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
-    assert error[0] < 1e-5 and place[0] < 1e-4 and place[-1] < place[0]
 
 
 def test_instabilities_are_told_and_end_the_path():
@@ -429,6 +384,8 @@ def test_strain_ratio_of_yades_sample(number):
     """-H11'/H22' with P11 held, as the test was driven, within 2 per cent."""
     (one, _), (two, _) = slow(number), slow(number + 1)
     strain = strain_between(one, two)
-    path = followed(one.graph, one.law, drained(strain[1, 1]), instabilities=100)
+    path = followed(
+        one.graph, one.law, Stage(drained_biaxial(2), "H22", strain[1, 1]), instabilities=100
+    )
     ratio = path.H[-1, 0] / path.H[-1, 3]
     assert ratio == pytest.approx(strain[0, 0] / strain[1, 1], rel=0.02)

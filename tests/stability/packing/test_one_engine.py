@@ -1,0 +1,145 @@
+"""Paths of packings against the loop's own engine, where both are asked the same question.
+
+A grain that is a centre of symmetry stays where the cell takes it: lattices of such grains are
+affine with free spins, whatever the strain. In a honeycomb the forces follow from the stress, as
+they do in a hexagon under uniform traction.
+"""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from loops import GrainGraph, LinearFrictional
+from stability import follow
+from tests.packings import lattice, strained
+
+followed = partial(follow, closure="packing")
+LENGTH, ROOT = 0.99, np.sqrt(3)
+TURN = np.array([[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]])
+STRAIN = np.array([[8e-3, 3e-3], [1e-3, -4e-3]])
+INTERVALS = (2e-4, 1e-4, 5e-5)
+
+
+def tiling(cell, sites, contacts):
+    """A periodic pattern turned a little; contacts are `(i, j, image)`."""
+    i, j, images = zip(*contacts, strict=True)
+    cell = LENGTH * TURN @ np.array(cell)
+    return GrainGraph(
+        x=np.array(sites) @ cell.T,
+        radii=[0.5] * len(sites),
+        contacts=np.column_stack([i, j]),
+        images=images,
+        cell=cell,
+        normal_force=[0.01] * len(images),
+    )
+
+
+TRIANGLES = tiling(
+    [[1, 0.5], [0, ROOT / 2]], [[0, 0]], [(0, 0, (1, 0)), (0, 0, (0, 1)), (0, 0, (-1, 1))]
+)
+RHOMBI = tiling([[1, 0.3], [0, np.sqrt(0.91)]], [[0, 0]], [(0, 0, (1, 0)), (0, 0, (0, 1))])
+KAGOME = tiling(
+    [[2, 1], [0, ROOT]],
+    [[0, 0], [0.5, 0], [0, 0.5]],
+    [(0, 1, (0, 0)), (1, 0, (1, 0)), (0, 2, (0, 0)), (2, 0, (0, 1)), (1, 2, (0, 0)),
+     (1, 2, (1, -1))],
+)  # fmt: skip
+
+
+def in_order(path):
+    """Events by place, those of one place by kind and contact; places beside them."""
+    rows = [
+        (round(event.parameter, 3), event.kind, contact, event.parameter)
+        for event in path.events
+        if event.kind != "programme_change"
+        for contact in event.contacts
+    ]
+    return [row[1:3] for row in sorted(rows)], np.array([row[3] for row in sorted(rows)])
+
+
+@pytest.mark.parametrize("increment", ["branch", "radii"])
+def test_triangles_event_by_event(increment):
+    """Loaded, back beyond the start until a contact opens, and again: in loops of three."""
+    law = LinearFrictional(1.0, 0.5, 0.2, increment)
+    stages = [strained(factor * STRAIN) for factor in (1.0, -3.2, 2.0)]
+    whole = follow(TRIANGLES, law, stages, closure="affine", spins="free")
+    told, places = in_order(whole)
+    assert {kind for kind, _ in told} == {"yield", "unloading", "opening", "closing"}
+    assert len(told) == 13
+    error = []
+    for interval in 4 * np.array(INTERVALS):
+        path = followed(TRIANGLES, law, stages, interval=interval)
+        found, at = in_order(path)
+        assert path.status == "finished" and found == told
+        np.testing.assert_allclose(path.P[-1], whole.P[-1], rtol=0, atol=1e-5 * whole.P[-1, 0])
+        error.append(np.abs(at - places).sum())
+    np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
+    assert error[0] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("graph", "most"), [(RHOMBI, 4e-5), (KAGOME, 4e-9)], ids=["rhombi", "kagome"]
+)
+def test_stresses_of_lattices(graph, most):
+    """Loops of four; of three and of six: strained to and fro, spins of their own."""
+    law = LinearFrictional(1.0, 0.5, 0.5)
+    stages = [strained(STRAIN), strained(-1.2 * STRAIN)]
+    whole = follow(graph, law, stages, closure="affine", spins="free")
+    error = []
+    for interval in INTERVALS:
+        path = followed(graph, law, stages, interval=interval)
+        assert path.status == "finished" and not in_order(path)[0] and not in_order(whole)[0]
+        error.append(np.abs(path.P[-1] - whole.P[-1]).max() / np.abs(whole.P[-1]).max())
+    np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.05)
+    assert error[0] < most
+
+
+def test_a_honeycomb_is_a_hexagon_under_traction():
+    """Until both inclined contacts yield, which of the loop are four; half of its stress."""
+    law, strain = LinearFrictional(1.0, 0.5, 0.1), np.diag([8e-3, -4e-3])
+    angles = np.radians(90 + 60 * np.arange(6))
+    ring = LENGTH * np.column_stack([np.cos(angles), np.sin(angles)])
+    sides = [(k, (k + 1) % 6) for k in range(6)]
+    hexagon = GrainGraph(x=ring, radii=[0.5] * 6, contacts=sides, normal_force=[0.01] * 6)
+    comb = GrainGraph(
+        x=[[0, 0], [0, LENGTH]],
+        radii=[0.5] * 2,
+        contacts=[(0, 1)] * 3,
+        images=[(0, 0), (0, -1), (1, -1)],
+        cell=LENGTH * np.array([[ROOT, ROOT / 2], [0, 1.5]]),
+        normal_force=[0.01] * 3,
+    )
+    loop = partial(follow, hexagon, law, closure="traction", spins="blocked")
+    (first, *_) = loop(strained(strain)).of_kind("yield")
+    assert len(first.contacts) == 4
+    part = strained(0.9 * first.parameter * strain)
+    wanted, error, place = loop(part).P[-1] / 2, [], []
+    for interval in INTERVALS:
+        path = followed(comb, law, part, interval=interval)
+        assert path.status == "finished" and path.events == ()
+        error.append(np.abs(path.P[-1] - wanted).max() / np.abs(wanted).max())
+        events = followed(comb, law, strained(strain), interval=interval, instabilities=1).events
+        place.append(abs(events[0].parameter - first.parameter))
+    np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
+    np.testing.assert_allclose(np.divide(place[:-1], place[1:]), 2.0, rtol=0.1)
+    assert error[0] < 2e-5 and place[0] < 2e-4
+
+
+def test_a_lattice_of_diamonds_goes_as_follow_has_it():
+    """Two grains each way: stresses to the interval, the place of yield as well."""
+    law, strain = LinearFrictional(1.0, 0.5, 0.2), np.diag([8e-3, -6e-3])
+    whole = follow(lattice(), law, strained(strain), closure="affine", spins="blocked")
+    yields = whole.of_kind("yield")[0].parameter
+    part = strained(0.9 * yields * strain)
+    wanted = follow(lattice(), law, part, closure="affine", spins="blocked").P[-1]
+    error, place = [], []
+    for interval in INTERVALS[1:]:
+        path = followed(lattice(), law, part, interval=interval)
+        error.append(np.abs(path.P[-1] - wanted).max() / np.abs(wanted).max())
+        events = followed(
+            lattice(), law, strained(strain), interval=interval, instabilities=1
+        ).events
+        place.append(abs(events[0].parameter - yields))
+    np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
+    assert error[0] < 1e-5 and place[0] < 1e-4 and place[-1] < place[0]
