@@ -14,7 +14,7 @@ Times are the processor's.
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,17 +38,18 @@ from studies.scaling.measure import MB, _peak, _reset_peak, _timed
 from studies.series import run_series
 from studies.series.increments import increments, track_loops
 from studies.series.plan import cells_by_number
-from studies.series.skill import skill
+from studies.series.skill import mean_skill, skill
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
 
 followed = partial(follow, closure="packing")
 Rows = list[dict[str, Any]]
-# Strain of a step, and the snapshots of yade-slow that are so far apart.
-STEPS: dict[float, range] = {
-    2e-5: range(6, 9),
-    1e-4: range(22, 25),
-    2e-4: range(22, 27, 2),
-    5e-4: range(22, 28, 5),
+# Strain of a step, and series of snapshots of yade-slow that are so far apart: from 2 to 22 they
+# are so by 2e-5, to 32 by 1e-4. Those of the last overlap.
+STEPS: dict[float, tuple[Sequence[int], ...]] = {
+    2e-5: (range(2, 23),),
+    1e-4: ((*range(2, 22, 5), *range(22, 33)),),
+    2e-4: ((*range(2, 22, 10), *range(22, 33, 2)),),
+    5e-4: tuple((2 + 5 * k, 23 + k, 28 + k) for k in range(5)),
 }
 SHOWN = ("replay", "packing_path", "packing", "persistence", "traction_free", "order")
 TARGETS = {
@@ -67,19 +68,25 @@ UNITS = "seconds of the processor, MB = 2^20 bytes, strain, shares"
 
 def by_step(collection: Path) -> Iterator[dict[str, Any]]:
     """AUC of each predictor for each target, means over the steps weighted by loops."""
-    for step, numbers in STEPS.items():
-        paths = [collection / f"yade-slow/grains_{number:02d}.parquet" for number in numbers]
-        with TemporaryDirectory() as folder:
-            summary = run_series(
-                paths, Path(folder) / "out", cells=collection / "yade-slow/macro.csv", workers=1,
-                shear_increment="radii", in_packing="events", figures=False,
-            )  # fmt: skip
-        found = {"W2_negative": summary["skill"]} | summary["skill_of_targets"]
-        for target, skills in found.items():
-            for name, row in skills.items():
+    for step, series in STEPS.items():
+        table = pd.concat([_foretold(collection, numbers) for numbers in series])
+        steps = sum(len(numbers) - 1 for numbers in series)
+        for target in TARGETS:
+            for name, row in mean_skill(table, target).items():
                 numbers_of = {key: row.get(key) for key in ("auc", "auc_min", "auc_max", "base")}
-                place = {"step": step, "steps": len(paths) - 1, "target": target, "predictor": name}
+                place = {"step": step, "steps": steps, "target": target, "predictor": name}
                 yield place | numbers_of | {"loops": row["loops"]}
+
+
+def _foretold(collection: Path, numbers: Sequence[int]) -> pd.DataFrame:
+    """`skill.parquet` of a series of snapshots."""
+    with TemporaryDirectory() as folder:
+        run_series(
+            [collection / f"yade-slow/grains_{number:02d}.parquet" for number in numbers],
+            Path(folder) / "out", cells=collection / "yade-slow/macro.csv", workers=1,
+            shear_increment="radii", in_packing="events", figures=False,
+        )  # fmt: skip
+        return pd.read_parquet(Path(folder) / "out/skill.parquet")
 
 
 @styled()
