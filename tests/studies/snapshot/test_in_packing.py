@@ -43,10 +43,12 @@ def eigenvalues(matrix):
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("place") / "whole"
-    drawn = figures._drawings
+    drawn = figures.snapshot_drawings
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            figures, "_drawings", lambda *a: (one for one in drawn(*a) if one.name == "in_packing")
+            figures,
+            "snapshot_drawings",
+            lambda *a: (one for one in drawn(*a) if one.name == "in_packing"),
         )
         cell = ",".join(map(repr, CELL))
         asked = ("--cell", cell, "--in-packing", "whole", "--out", out)

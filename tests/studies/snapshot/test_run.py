@@ -388,9 +388,9 @@ def test_a_snapshot_without_loops_still_gives_its_counts(monkeypatch, tmp_path):
 
 def test_same_input_gives_the_same_files(tmp_path, monkeypatch):
     path = write(tmp_path, ending="parquet")
-    drawings = figures._drawings
+    drawings = figures.snapshot_drawings
     # Two figures tell whether drawing them leaves a trace of the run.
-    monkeypatch.setattr(figures, "_drawings", lambda *given: islice(drawings(*given), 2))
+    monkeypatch.setattr(figures, "snapshot_drawings", lambda *given: islice(drawings(*given), 2))
     for name in ("one", "two"):
         assert run(monkeypatch, "snapshot", path, "--out", tmp_path / name) == 0
     for file in (tmp_path / "one").iterdir():
