@@ -13,6 +13,7 @@ from loops import GrainGraph, LinearFrictional, Regime, branch_vectors, contact_
 from patterns.synthetic import synthetic_network
 from stability import Programme, Stage
 from stability.packing import replay
+from tests.oracles.lattices import lattice
 
 LAW = LinearFrictional(1.0, 0.5, 0.5, "radii")
 
@@ -50,19 +51,18 @@ def strained(strain):
     return Stage(given, "parameter", 1.0)
 
 
-def lattice():
-    """A rhombus repeated, its grains without room for spins."""
-    angle, at = np.radians(35), [(0, 0), (1, 0), (0, 1), (1, 1)]
-    a = 0.99 * np.array([[np.cos(angle)] * 2, [np.sin(angle), -np.sin(angle)]])
-    ends = [(p + 1 - q, q_ + q) for p, q_ in at for q in (0, 1)]
-    return GrainGraph(
-        x=np.array(at) @ a.T,
-        radii=[0.5] * 4,
-        contacts=[(k // 2, at.index((p % 2, q % 2))) for k, (p, q) in enumerate(ends)],
-        images=[(p // 2, q // 2) for p, q in ends],
-        cell=2 * a,
-        normal_force=np.full(8, 0.01),
-    )
+def touching_lattice(vectors, branches, cells):
+    """Discs of diameter 1 and a lattice's branches of 0.99, shear forces none."""
+    count, forces = cells[0] * cells[1], np.full(len(branches), 0.01)
+    graph = lattice(0.99 * np.array(vectors), branches, forces, 0 * forces, cells)
+    return graph.replace(radii=[0.5] * count)
+
+
+def diamonds():
+    """A diamond of 35 degrees repeated, two grains each way."""
+    angle = np.radians(35)
+    sides = [[np.cos(angle)] * 2, [np.sin(angle), -np.sin(angle)]]
+    return touching_lattice(sides, [(1, 0), (0, 1)], (2, 2))
 
 
 def forces_after(graph, law, regime, H, u, w):

@@ -9,8 +9,8 @@ import pytest
 from stability import follow
 from stability.packing import interval, linear_pieces, loop_changes, path, replay, state
 from tests.docs.pages import DOCS, page, says, sections, tables
-from tests.stability.packing.test_path import in_collection, strained
-from tests.stability.packing.test_replay import foreseen, slow, strain_between
+from tests.packings import strained
+from tests.yade_slow import foreseen, in_collection, slow, strain_between
 
 PAGE = " ".join(page("packing-paths").split())
 TABLES = {section: tables(part) for section, part in sections(page("packing-paths"))}

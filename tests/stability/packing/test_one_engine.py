@@ -12,39 +12,42 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional
 from stability import follow
-from tests.packings import lattice, strained
+from tests.packings import diamonds, strained, touching_lattice
 
 followed = partial(follow, closure="packing")
 LENGTH, ROOT = 0.99, np.sqrt(3)
 TURN = np.array([[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]])
 STRAIN = np.array([[8e-3, 3e-3], [1e-3, -4e-3]])
 INTERVALS = (2e-4, 1e-4, 5e-5)
-
-
-def tiling(cell, sites, contacts):
-    """A periodic pattern turned a little; contacts are `(i, j, image)`."""
-    i, j, images = zip(*contacts, strict=True)
-    cell = LENGTH * TURN @ np.array(cell)
-    return GrainGraph(
-        x=np.array(sites) @ cell.T,
-        radii=[0.5] * len(sites),
-        contacts=np.column_stack([i, j]),
-        images=images,
-        cell=cell,
-        normal_force=[0.01] * len(images),
-    )
-
-
-TRIANGLES = tiling(
-    [[1, 0.5], [0, ROOT / 2]], [[0, 0]], [(0, 0, (1, 0)), (0, 0, (0, 1)), (0, 0, (-1, 1))]
+TRIANGLES = touching_lattice(
+    TURN @ [[1, 0.5], [0, ROOT / 2]], [(1, 0), (0, 1), (-1, 1)], cells=(1, 1)
 )
-RHOMBI = tiling([[1, 0.3], [0, np.sqrt(0.91)]], [[0, 0]], [(0, 0, (1, 0)), (0, 0, (0, 1))])
-KAGOME = tiling(
-    [[2, 1], [0, ROOT]],
-    [[0, 0], [0.5, 0], [0, 0.5]],
-    [(0, 1, (0, 0)), (1, 0, (1, 0)), (0, 2, (0, 0)), (2, 0, (0, 1)), (1, 2, (0, 0)),
-     (1, 2, (1, -1))],
-)  # fmt: skip
+RHOMBI = touching_lattice(TURN @ [[1, 0.3], [0, np.sqrt(0.91)]], [(1, 0), (0, 1)], cells=(1, 1))
+
+
+def honeycomb_and_kagome():
+    """Two grains a cell and three."""
+    comb = {"contacts": [(0, 1)] * 3, "images": [(0, 0), (0, -1), (1, -1)]}
+    kagome = {
+        "contacts": [(0, 1), (1, 0), (0, 2), (2, 0), (1, 2), (1, 2)],
+        "images": [(0, 0), (1, 0), (0, 0), (0, 1), (0, 0), (1, -1)],
+    }
+    upright = LENGTH * np.array([[ROOT, ROOT / 2], [0, 1.5]])
+    turned = 2 * LENGTH * TURN @ [[1, 0.5], [0, ROOT / 2]]
+    for cell, sites, pattern in (
+        (upright, [[0, 0], [-1 / 3, 2 / 3]], comb),
+        (turned, [[0, 0], [0.5, 0], [0, 0.5]], kagome),
+    ):
+        yield GrainGraph(
+            x=np.array(sites) @ cell.T,
+            radii=[0.5] * len(sites),
+            cell=cell,
+            normal_force=[0.01] * len(pattern["contacts"]),
+            **pattern,
+        )
+
+
+COMB, KAGOME = honeycomb_and_kagome()
 
 
 def in_order(path):
@@ -102,24 +105,16 @@ def test_a_honeycomb_is_a_hexagon_under_traction():
     ring = LENGTH * np.column_stack([np.cos(angles), np.sin(angles)])
     sides = [(k, (k + 1) % 6) for k in range(6)]
     hexagon = GrainGraph(x=ring, radii=[0.5] * 6, contacts=sides, normal_force=[0.01] * 6)
-    comb = GrainGraph(
-        x=[[0, 0], [0, LENGTH]],
-        radii=[0.5] * 2,
-        contacts=[(0, 1)] * 3,
-        images=[(0, 0), (0, -1), (1, -1)],
-        cell=LENGTH * np.array([[ROOT, ROOT / 2], [0, 1.5]]),
-        normal_force=[0.01] * 3,
-    )
     loop = partial(follow, hexagon, law, closure="traction", spins="blocked")
     (first, *_) = loop(strained(strain)).of_kind("yield")
     assert len(first.contacts) == 4
     part = strained(0.9 * first.parameter * strain)
     wanted, error, place = loop(part).P[-1] / 2, [], []
     for interval in INTERVALS:
-        path = followed(comb, law, part, interval=interval)
+        path = followed(COMB, law, part, interval=interval)
         assert path.status == "finished" and path.events == ()
         error.append(np.abs(path.P[-1] - wanted).max() / np.abs(wanted).max())
-        events = followed(comb, law, strained(strain), interval=interval, instabilities=1).events
+        events = followed(COMB, law, strained(strain), interval=interval, instabilities=1).events
         place.append(abs(events[0].parameter - first.parameter))
     np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
     np.testing.assert_allclose(np.divide(place[:-1], place[1:]), 2.0, rtol=0.1)
@@ -129,16 +124,16 @@ def test_a_honeycomb_is_a_hexagon_under_traction():
 def test_a_lattice_of_diamonds_goes_as_follow_has_it():
     """Two grains each way: stresses to the interval, the place of yield as well."""
     law, strain = LinearFrictional(1.0, 0.5, 0.2), np.diag([8e-3, -6e-3])
-    whole = follow(lattice(), law, strained(strain), closure="affine", spins="blocked")
+    whole = follow(diamonds(), law, strained(strain), closure="affine", spins="blocked")
     yields = whole.of_kind("yield")[0].parameter
     part = strained(0.9 * yields * strain)
-    wanted = follow(lattice(), law, part, closure="affine", spins="blocked").P[-1]
+    wanted = follow(diamonds(), law, part, closure="affine", spins="blocked").P[-1]
     error, place = [], []
     for interval in INTERVALS[1:]:
-        path = followed(lattice(), law, part, interval=interval)
+        path = followed(diamonds(), law, part, interval=interval)
         error.append(np.abs(path.P[-1] - wanted).max() / np.abs(wanted).max())
         events = followed(
-            lattice(), law, strained(strain), interval=interval, instabilities=1
+            diamonds(), law, strained(strain), interval=interval, instabilities=1
         ).events
         place.append(abs(events[0].parameter - yields))
     np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)

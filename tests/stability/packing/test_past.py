@@ -16,8 +16,8 @@ from stability.packing.pairs import contact_pairs
 from stability.packing.snap_through import Snap, stored
 from stability.packing.state import start_state
 from stability.programmes import Programme
-from tests.packings import BRANCH, jammed
-from tests.stability.packing.test_path import ALL, NONE, H, followed, strained
+from tests.packings import BRANCH, jammed, strained
+from tests.stability.packing.test_path import H, followed, unaccounted
 
 GRAPH = jammed(12, 1, BRANCH)
 STRAIN = 7.7 * H
@@ -28,12 +28,6 @@ HELD = np.diag([1.0, 0, 0, 0]), np.diag([0, 1.0, 1.0, 1.0])
 @functools.cache
 def passed(past):
     return followed(GRAPH, BRANCH, strained(STRAIN), interval=INTERVAL, past=past)
-
-
-def unaccounted(path):
-    """What is missing in the balance, over the work."""
-    work, *spent = path.work[-1]
-    return abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) / work
 
 
 @pytest.mark.parametrize("past", ["viscous", "dynamic", "stop"])
@@ -79,7 +73,7 @@ def snapped(steps, damping, drag):
     pairs, start = contact_pairs(graph, BRANCH), start_state(graph)
     masses, inertias = masses_of(start.radii)
     dt, rate = step_of(masses, pairs), INTERVAL * STRAIN.ravel() / np.linalg.norm(STRAIN)
-    servo = steered(servo_of(start, pairs, masses), start, pairs, NONE, ALL, rate)
+    servo = steered(servo_of(start, pairs, masses), start, pairs, np.zeros((4, 4)), np.eye(4), rate)
     moving = Moving(start, pairs, masses, inertias, lasting(servo, steps * dt), False)
     moving.load(-moving.motion.resultant)
     motion, powers = moving.motion, [0.0]
@@ -124,7 +118,7 @@ def test_dynamic_under_held_stress():
 def test_a_target_within_the_leap_is_leapt_over():
     """The stress falls at once by 1 %: whoever ends a stage there ends it after the snap."""
     low, high = passed("dynamic").P[-1, 0], passed("stop").P[-1, 0]
-    leap = Stage(Programme("strain", NONE, ALL, STRAIN.ravel()), "P11", 0.5 * (low + high))
+    leap = replace(strained(STRAIN), quantity="P11", target=0.5 * (low + high))
     stages = [strained(0.98 * STRAIN), leap]
     path = followed(GRAPH, BRANCH, stages, interval=INTERVAL, past="dynamic")
     assert path.status == "finished" and path.events[-1].kind == "instability"

@@ -17,8 +17,8 @@ from stability.packing import (
 )
 from stability.packing.pairs import _ordered, near_pairs
 from stability.programmes import Programme, drained_biaxial
-from tests.packings import BRANCH, JAMMED, LAW, jammed, lattice, strained
-from tests.stability.packing.test_replay import COLLECTION, foreseen, slow, strain_between
+from tests.packings import BRANCH, JAMMED, LAW, diamonds, jammed, strained
+from tests.yade_slow import foreseen, in_collection, slow, strain_between
 
 INTERVALS = (8e-5, 4e-5, 2e-5)
 H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
@@ -142,12 +142,12 @@ def test_mixed_control_holds_its_stress():
 
 
 def test_instabilities_are_told_and_end_the_path():
-    """A lattice at yield is a mechanism: named, dragged or held, and stopped at the first."""
-    law, strain = LinearFrictional(1.0, 0.5, 0.2), np.diag([8e-3, -6e-3])
-    path = followed(lattice(), law, strained(strain), interval=5e-5, instabilities=1)
-    assert path.status == "instabilities" and path.parameter[-1] < 0.8
+    """Seven of twelve grains snap through: named, dragged, and stopped at the first."""
+    stage = strained(7.7 * H)
+    path = followed(packed(12, 1, BRANCH), BRANCH, stage, interval=4e-5, instabilities=1)
+    assert path.status == "instabilities" and path.parameter[-1] < 0.99
     (event, *_) = path.of_kind("instability")
-    assert "grains take part" in event.detail and len(event.contacts) == 1
+    assert "7 grains take part" in event.detail and event.contacts == (7,)
 
 
 def test_a_path_that_leaps_is_lost_with_the_state_before():
@@ -208,7 +208,7 @@ def test_energy_of_instabilities_is_accounted_for():
 def test_grains_that_come_nearer_with_the_cell_touch():
     """Opposite grains of the diamonds, from a gap of 0.136 on; none moves against the cell."""
     strain, law = 0.125 * np.eye(2), LinearFrictional(1.0, 0.5, 0.5)
-    path = followed(lattice(), law, strained(strain), interval=1e-3)
+    path = followed(diamonds(), law, strained(strain), interval=1e-3)
     touch = 1 - 1 / (2 * 0.99 * np.sin(np.radians(35)))
     assert len(path.of_kind("closing")) == 4
     for event in path.of_kind("closing"):
@@ -266,7 +266,7 @@ def test_rattlers_that_touch(count):
 def test_a_cell_sheared_past_its_neighbours():
     """Four grains in a cell, by 0.4: who touches at the end is who overlaps, images and all."""
     shear, law = np.array([[0.0, 0.4], [0.0, 0.0]]), LinearFrictional(1.0, 0.5, np.inf, "branch")
-    path = followed(lattice(), law, strained(shear), interval=4e-3)
+    path = followed(diamonds(), law, strained(shear), interval=4e-3)
     end = path.states[-1]
     assert path.status == "finished" and path.of_kind("opening")
     grains, images = near_pairs(end.x, end.cell, end.radii, 0.0)
@@ -327,7 +327,7 @@ def test_a_state_out_of_balance_keeps_its_load():
     ],
 )
 def test_bad_input(change, message):
-    given = {"graph": lattice(), "law": LAW, "stages": strained(H)} | change
+    given = {"graph": diamonds(), "law": LAW, "stages": strained(H)} | change
     with pytest.raises(InputError, match=message):
         followed(given.pop("graph"), given.pop("law"), given.pop("stages"), **given)
 
@@ -335,12 +335,7 @@ def test_bad_input(change, message):
 @pytest.mark.parametrize("change", [{"interval": 1e-6}, {"instabilities": 3}])
 def test_options_of_packings_are_refused_by_a_loops_closure(change):
     with pytest.raises(InputError, match=f"{next(iter(change))}: got .* with the affine closure"):
-        follow(lattice(), LAW, strained(H), closure="affine", **change)
-
-
-in_collection = pytest.mark.skipif(
-    not COLLECTION.is_dir(), reason="GRAINLOOPS_DEM names no folder of samples"
-)
+        follow(diamonds(), LAW, strained(H), closure="affine", **change)
 
 
 @pytest.mark.slow

@@ -1,8 +1,6 @@
 """A packing replayed by equations of motion: closed forms, brute force, and Yade's next states."""
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,12 +12,10 @@ from stability import Stage, follow
 from stability.packing import loop_changes, replay
 from stability.packing.pairs import near_pairs
 from stability.programmes import combination, drained_biaxial, isotropic_stress, undrained
-from studies.series.increments import increments, track_loops
 from studies.series.plan import cells_by_number
-from studies.series.skill import skill
 from tests.packings import LAW, jammed, packing
+from tests.yade_slow import COLLECTION, foreseen, in_collection, slow, strain_between
 
-COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM", "none")) / "yade-slow"
 STILL = np.zeros((2, 2))
 
 
@@ -174,19 +170,6 @@ def test_bad_input(change, message):
         replay(given.pop("graph"), given.pop("law"), given.pop("strain"), **given)
 
 
-def foreseen(before, after, changes):
-    """AUC of the changes for what the loops did between two snapshots."""
-    one, two = before, after
-    table = increments(one, two, track_loops(one, two))
-    actual = np.full(len(one.faces.loops), np.nan)
-    actual[table["loop_before"]] = table["w2"]
-    return skill(-changes(one.faces).normalised_work, actual, signed=True)["auc"]
-
-
-def strain_between(before, after):
-    return np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
-
-
 def test_yades_next_state_of_the_sample_series():
     """From rest and unit density, at the rate of the run: the code's velocities aren't needed."""
     cells = sample_path("slow/cells.csv")
@@ -203,17 +186,8 @@ def test_yades_next_state_of_the_sample_series():
     assert end.state.unbalanced < 1.5e-4
 
 
-def slow(number):
-    macro = pd.read_csv(COLLECTION / "macro.csv").set_index("snap").loc[number]
-    return read_snapshot(
-        COLLECTION / f"grains_{number:02d}.parquet",
-        cell=macro[["h_xx", "h_xy", "h_yx", "h_yy"]].to_numpy(float).reshape(2, 2),
-        shear_increment="radii",
-    ), float(macro.time)
-
-
 @pytest.mark.slow
-@pytest.mark.skipif(not COLLECTION.is_dir(), reason="GRAINLOOPS_DEM names no folder of samples")
+@in_collection
 @pytest.mark.parametrize("number", [10, 24])
 def test_strain_ratio_of_yades_sample(number):
     """`P11` held and `H22` driven, as the sample was: `H11'/H22'` from rest, at the run's rate."""
@@ -225,7 +199,7 @@ def test_strain_ratio_of_yades_sample(number):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not COLLECTION.is_dir(), reason="GRAINLOOPS_DEM names no folder of samples")
+@in_collection
 @pytest.mark.parametrize(("numbers", "least"), [(range(3, 22), 0.999), (range(22, 32), 0.998)])
 def test_yades_next_states(numbers, least):
     """Steps of 2e-5 and 1e-4 with Yade's own velocities, time step and damping."""
