@@ -10,7 +10,7 @@ from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes
 from stability.paths.events import record_changes, record_jumps
 from stability.paths.model import path_model
-from stability.paths.monitors import _area_ratio
+from stability.paths.monitors import _area_ratio, _spectra
 from stability.paths.state import Mode, initial_state
 from stability.paths.symmetry import path_symmetry
 from stability.spectra import symmetric_spectrum
@@ -174,6 +174,18 @@ def test_several_solutions_are_told(status, detail):
     problem = SimpleNamespace(status=status, solutions=[None, None])
     record_changes(record := Noted(), old, new, 0.0, problem)
     assert record.told == [("yield", (1,), detail)]
+
+
+@pytest.mark.parametrize("subspace", ["diagonal", "symmetric", "full"])
+def test_watched_eigenvalues_are_over_the_size_of_the_operator(subspace):
+    A = np.diag([1.0, -2.0, 3.0, 4.0]) + np.triu(np.full((4, 4), 0.5), 1)
+    K = restrict(A, subspace)
+    values = [np.linalg.eigvalsh(0.5 * (K + K.T)), np.sort(np.linalg.eigvals(K).real)]
+    wanted = np.concatenate(values) / np.linalg.norm(K)
+    for size in (1e-9, 1.0, 1e9):
+        found = _spectra(SimpleNamespace(A=size * A), subspace)
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-15)
+    assert np.isnan(_spectra(SimpleNamespace(A=0.0 * A), subspace)).all()
 
 
 def group_of(graph, law, shear=0.0, side=None):
