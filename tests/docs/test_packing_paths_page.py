@@ -7,7 +7,15 @@ import pandas as pd
 import pytest
 
 from stability import follow
-from stability.packing import interval, linear_pieces, loop_changes, path, replay, state
+from stability.packing import (
+    interval,
+    linear_pieces,
+    loop_changes,
+    path,
+    replay,
+    snap_through,
+    state,
+)
 from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.packings import strained
 from tests.yade_slow import foreseen, in_collection, slow, strain_between
@@ -60,6 +68,34 @@ def test_rates():
         agrees(told, row, columns)
 
 
+def test_ways_past_an_instability():
+    rows, (table,) = measured("past"), TABLES["Ways past an instability"]
+    titles = list(table[0])
+    names = ("from_replay", "signs_of_replay", "auc", "unstable", "released", "cpu_seconds")
+    assert len(table) == rows.start.nunique()
+    for told in table:
+        viscous, dynamic = (
+            rows[(rows.start == told["start"]) & (rows.past == past)].iloc[0]
+            for past in ("viscous", "dynamic")
+        )
+        pairs = {title: title.split(": viscous")[0] for title in titles[1:] if ": viscous" in title}
+        for title, name in zip(pairs, names, strict=True):
+            agrees(told, viscous, {title: name})
+            agrees(told, dynamic, {f"{pairs[title]}: dynamic": name})
+        agrees(told, viscous, {"AUC: slow replay": "replay_auc"})
+        agrees(told, viscous, {"seconds: slow replay": "replay_seconds"})
+    steps = rows[rows.start.isin([str(number) for number in range(22, 30)])].groupby("past")
+    mean = steps[["from_replay", "signs_of_replay", "auc", "replay_auc"]].mean()
+    dynamic, viscous = mean.loc["dynamic"], mean.loc["viscous"]
+    near = f"`dynamic` is {dynamic.from_replay:.3f} away from the slow replay in the mean"
+    assert f"{near} and `viscous` {viscous.from_replay:.3f}, with" in PAGE
+    assert f"{dynamic.signs_of_replay:.3f} and {viscous.signs_of_replay:.3f} of the signs" in PAGE
+    spent = steps.cpu_seconds.sum()
+    assert f"takes {spent['dynamic']:.0f} s where `viscous` takes {spent['viscous']:.0f}" in PAGE
+    told = f"mean AUC {dynamic.auc:.3f} and {viscous.auc:.3f}; the slow replay has"
+    assert f"{told} {dynamic.replay_auc:.3f}" in PAGE
+
+
 def test_growth():
     rows, (table,) = measured("growth"), TABLES["What it costs, and where it ends"]
     columns = {
@@ -103,6 +139,8 @@ def test_settings():
     assert interval.DRAGS[:3] == (1e-3, 1e-2, 1e-1) and "1e-3, 1e-2, 1e-1 kn" in PAGE
     assert f"more than {interval.CHATTER} events of a contact in an interval" in PAGE
     assert f"or {interval.IDLE} in a row" in PAGE
+    assert (snap_through.RATE, snap_through.REST, snap_through.STILL) == (2.5e-7, 1e-5, 1e-2)
+    assert f"after {snap_through.LOOK * snap_through.PATIENCE:,} steps without rest" in PAGE
     assert path.LIMIT == 1e3 and "1000 times the strain" in PAGE
     assert state.JUMP == 0.5 and f"leaps by {state.LEAP} diameters" in PAGE
 

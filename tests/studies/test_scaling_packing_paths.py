@@ -1,10 +1,13 @@
 """The study of paths of packings: its replays in parts, and what it draws."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from stability.packing import replay
 from studies.scaling import packing_paths as study
+from studies.scaling.past_instabilities import _ways
 from tests.packings import LAW, jammed
 
 
@@ -19,6 +22,16 @@ def test_a_replay_in_parts_is_one_replay():
     change = np.linalg.norm(whole - start)
     np.testing.assert_allclose(stresses[-1], whole, atol=2e-3 * change)
     assert np.linalg.norm(stresses[0] - start) < 0.5 * change
+
+
+def test_ways_past_agree_where_nothing_is_unstable():
+    """Each a row, as near to the slow replay as its rate and the interval leave."""
+    given = SimpleNamespace(graph=jammed(16, 2))
+    rows = list(_ways("jammed", given, None, LAW, 2e-4 * np.diag([1.0, -1.0])))
+    assert [row["past"] for row in rows] == ["viscous", "dynamic"]
+    for row in rows:
+        assert row["status"] == "finished" and row["unstable"] == 0
+        assert row["from_replay"] < 2e-3 and row["signs_of_replay"] == 1.0
 
 
 @pytest.mark.parametrize("what", ["skill", "probes", "rates", "growth"])
