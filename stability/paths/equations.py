@@ -78,25 +78,25 @@ def solve_rates(
     unknowns: Unknowns,
     control: tuple[Floats, Floats, Floats],
     gauge: Floats,
-) -> tuple[Floats, LeastSquares | None]:
-    """Unknowns of a state and the rate of the loading parameter, (9 + m,), under a control.
+) -> tuple[Floats, float, LeastSquares | None]:
+    """Unknowns of a state (8 + m,) and the rate of the loading parameter under a control.
 
     In the unit of time of the gauge. The status of the solve is None where a number is not one.
     """
     system, unit = control_system(model, unknowns.of(matrix), unknowns, control, gauge)
     size = system.shape[1] - 1
     if not np.isfinite(system).all():
-        return np.full(matrix.shape[1] + 1, np.nan), None
+        return np.full(matrix.shape[1], np.nan), np.nan, None
     scale = np.abs(system[-1]).max()
     system[-1] /= scale
     rhs = np.zeros((len(system), 1))
     rhs[-1] = 1.0 / scale
     seen = np.zeros((9, size + 1))
-    seen[:8, :size] = unknowns.on(np.eye(8), 0)
+    seen[:8, :size] = unknowns.tensors
     seen[8, size] = 1.0
     found = solve_through_null_space(system, rhs, seen)
     z = found.x[:, 0]
-    return np.append(unknowns.values(z[:size]), z[size] * unit), found
+    return unknowns.values(z[:size]), float(z[size] * unit), found
 
 
 def control_system(
@@ -117,9 +117,8 @@ def control_system(
     weight = np.maximum(np.abs(stress).max(axis=1), np.abs(strain).max(axis=1))
     drive = rate / weight
     unit = 1.0 / np.abs(drive).max()
-    held = np.column_stack(
-        [unknowns.on(np.hstack([strain, stress]), 0) / weight[:, None], -drive * unit]
-    )
+    H, P = unknowns.tensors[:4], unknowns.tensors[4:]
+    held = np.column_stack([(strain @ H + stress @ P) / weight[:, None], -drive * unit])
     if unknowns.rows is not None:
         # As many combinations of the control's equations are left as strains; they are alike.
         held = np.linalg.svd(held)[0][:, : unknowns.strains].T @ held
@@ -127,7 +126,7 @@ def control_system(
     system = np.zeros((rows + len(held) + 1, size + 1))
     system[:rows, :size] = matrix
     system[rows:-1] = held
-    system[-1, :size] = unknowns.on(gauge[None, :4], 0)[0]
+    system[-1, :size] = gauge[:4] @ H
     system[-1, size] = gauge[4] * unit
     return system, float(unit)
 
@@ -138,12 +137,11 @@ def stress_of_strain(matrix: Floats, unknowns: Unknowns) -> Floats:
         # Affine, spins not free: they read A H' - P' = 0.
         return matrix[:, :4]
     E, t = unknowns.of(matrix), unknowns.strains
-    tensors = unknowns.on(np.eye(4), 0)[:, :t]
-    stress = unknowns.on(np.eye(4), 4)[:, t:]
+    strain, stress = unknowns.tensors[:4, :t], unknowns.tensors[4:, t:]
     found = solve_through_null_space(E[:, t:], -E[:, :t], stress)
     if not is_trusted(found):
         return np.full((4, 4), np.nan)
-    return np.asarray(stress @ found.x @ tensors.T)
+    return np.asarray(stress @ found.x @ strain.T)
 
 
 def is_trusted(found: LeastSquares | None) -> bool:

@@ -98,14 +98,15 @@ class Look:
         """
         model, law, equations = self.model, self.model.law, self.equations
         unknowns, control = model.unknowns[self.kind].rates, self.programme.equations(self.H)
-        z, found = solve_rates(model, equations.matrix, unknowns, control, self.gauge)
-        motion = model.length * (equations.motion @ z[:-1])
-        motion[:, 2:] /= model.radii[model.contacts]
+        z, parameter, found = solve_rates(model, equations.matrix, unknowns, control, self.gauge)
+        motion = model.length * (equations.motion @ z)
+        if model.spins != "blocked":
+            motion[:, 2:] /= model.radii[model.contacts]
         D = law.local_stiffness(self.signed, self.mode.regime)
         return Rates(
             z[:4],
             z[4:8] * model.stiffness,
-            float(z[-1]),
+            parameter,
             *contact_rates(model, self.contacts, D, motion),
             motion,
             np.inf if found is None else float(found.condition),

@@ -8,7 +8,6 @@ import numpy as np
 
 from loops.arrays import Floats
 from loops.contact_state import ContactState
-from loops.contact_tangent import contact_kinematics
 from loops.laws.protocol import Regime
 from stability.paths.model import PathModel
 from stability.paths.state import Mode
@@ -51,9 +50,12 @@ def contact_rates(
     model: PathModel, contacts: ContactState, stiffness: Floats, motion: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """`un'`, `ut'`, `N'` and `T'` of the contacts (C,) from their motions and the law's tangent."""
-    relative = (contact_kinematics(contacts, model.law) @ motion[:, :, None])[:, :, 0]
-    force = -(stiffness @ relative[:, :, None])[:, :, 0]
-    return relative[:, 0], relative[:, 1], force[:, 0], force[:, 1]
+    g, b_i, b_j = model.law.shear_kinematics(contacts)
+    branch, (w_i, w_j) = motion[:, :2], motion[:, 2:].T
+    un = (contacts.n * branch).sum(axis=1)
+    ut = g * (contacts.t * branch).sum(axis=1) - b_i * w_i - b_j * w_j
+    normal = -(stiffness[:, 0, 0] * un + stiffness[:, 0, 1] * ut)
+    return un, ut, normal, -(stiffness[:, 1, 0] * un + stiffness[:, 1, 1] * ut)
 
 
 def stress(model: PathModel, contacts: ContactState) -> Floats:

@@ -37,13 +37,10 @@ class Unknowns:
             return equations
         return np.asarray(self.rows @ equations @ self.fields)
 
-    def on(self, lines: Floats, first: int) -> Floats:
-        """(k, r) `lines` (k, p) on the fields from `first` on."""
-        if self.fields is not None:
-            return np.asarray(lines @ self.fields[first : first + lines.shape[1]])
-        spread = np.zeros((len(lines), self.count))
-        spread[:, first : first + lines.shape[1]] = lines
-        return spread
+    @cached_property
+    def tensors(self) -> Floats:
+        """(8, r) `H` and `P` per number."""
+        return np.eye(8, self.count) if self.fields is None else self.fields[:8]
 
     def values(self, z: Floats) -> Floats:
         """(8 + m,) the fields themselves."""
