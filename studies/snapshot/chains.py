@@ -31,22 +31,22 @@ def chains_summary(chains: ForceChains, table: dict[str, Any]) -> dict[str, Any]
 def chains_table(table: dict[str, Any]) -> dict[str, list[Any]]:
     """Loops beside chains and elsewhere by groups of orders: eigenvalues, unstable share."""
     near, groups = table["chain_contacts"] > 0, group_rows(table["order"])
+    every, unstable = np.arange(len(near)), {j: unstable_loops(table, j) for j in judges(table)}
     rows: dict[str, list[Any]] = {"place": [], "orders": [], "loops": [], "mean_order": []}
     for place, here in zip(PLACES, (near, ~near), strict=True):
         for name in (*GROUPS, "all"):
-            inside = np.zeros(len(near), dtype=bool)
-            inside[groups[name]] = True
-            inside &= here
+            own = every[groups[name]]
+            inside = own[here[own]]
             order = table["order"][inside]
             mean = float(order.mean()) if len(order) else np.nan
             told = {"place": place, "orders": name, "loops": len(order), "mean_order": mean}
-            for judge in judges(table):
+            for judge in unstable:
                 smallest = table[f"{judge}_lambda_min"][inside]
                 known = np.isfinite(smallest)
-                unstable = share(unstable_loops(table, judge)[inside][known])
+                beyond = share(unstable[judge][inside][known])
                 told[f"{judge}_lambda_min"] = np.median(smallest[known]) if known.any() else np.nan
-                told[f"{judge}_unstable"] = unstable["mean"]
-                told[f"{judge}_unstable_error"] = unstable["std_error"]
+                told[f"{judge}_unstable"] = beyond["mean"]
+                told[f"{judge}_unstable_error"] = beyond["std_error"]
             for column, value in told.items():
                 rows.setdefault(column, []).append(value)
     return rows
