@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -108,3 +109,6 @@ def snapshot(
 ) -> None:
     """Find the loops of a DEM snapshot and judge the stability of each."""
     share_memory()
+    if in_packing is None:
+        # The cores have threads of their own; numpy, loaded after this, would add as many.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
