@@ -123,6 +123,27 @@ def test_a_target_within_the_leap_is_leapt_over():
     path = followed(GRAPH, BRANCH, stages, interval=INTERVAL, past="dynamic")
     assert path.status == "finished" and path.events[-1].kind == "instability"
     assert path.P[-1, 0] < leap.target < path.P[-2, 0]
+    # The first stage went 0.98 of the strain in a parameter of 1; the servo lags by rounding.
+    wanted = (path.parameter[-1] - 0.02) * STRAIN
+    np.testing.assert_allclose(path.H[-1], wanted.ravel(), rtol=0, atol=1e-8)
+
+
+def test_the_load_of_the_start_is_kept(monkeypatch):
+    """Shear forces of the start less by a hundredth: the snap begins and ends with that load."""
+    seen = []
+
+    def kept(state, pairs, load, *how):
+        snap = snap_through.snap_through(state, pairs, load, *how)
+        seen.extend(np.abs(one.resultants + load).max() for one in (state, snap.state))
+        seen.append(np.abs(load).max())
+        return snap
+
+    monkeypatch.setattr(walked, "snap_through", kept)
+    shaken = GRAPH.replace(shear_force=0.99 * GRAPH.shear_force)
+    path = followed(shaken, BRANCH, strained(STRAIN), interval=INTERVAL, past="dynamic")
+    assert path.status == "finished" and len(seen) >= 3
+    before, after, load = seen[:3]
+    assert before < 0.02 * load and after < 0.02 * load
 
 
 @pytest.mark.parametrize("why", ["no rest", "jumped", "leapt"])

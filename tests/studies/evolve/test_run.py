@@ -13,8 +13,9 @@ from loops import InputError, contact_forces, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import Stage, follow, programmes
 from stability.packing import loop_changes
+from stability.paths.path import Event
 from studies.evolve import run_evolve
-from studies.evolve.run import stage_of
+from studies.evolve.run import _passed, stage_of
 from studies.output import as_json
 from tests.packings import LAW, jammed
 from tests.studies.probe.test_run import plain
@@ -163,6 +164,7 @@ def test_programmes_drive_what_they_say(programme, sense, small):
         (["--to", "1e-5", "--rows", "-1"], "rows: got -1, expected a whole number, 0 or more"),
         (["--to", "1e-5", "--interval", "0"], "interval: got 0"),
         (["--to", "1e-5", "--instabilities", "0"], "instabilities: got 0"),
+        (["--to", "1e-5", "--past", "on"], "past: got 'on'"),
         ([], "Missing option '--to'"),
     ],
 )
@@ -171,6 +173,23 @@ def test_bad_options_are_one_clear_line(small, monkeypatch, capsys, tmp_path, ar
     assert run(monkeypatch, "evolve", small[0], "--out", out, *arguments) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1 and not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("kind", "detail", "passed"),
+    [
+        (
+            "instability",
+            "2 grains, det K changes sign; dragged; 2e-9 released",
+            "dragged",
+        ),
+        ("instability", "no regimes agree; replayed; 0 released", "replayed"),
+        ("instability", "no regimes agree; stopped", "stopped"),
+        ("programme_change", "to drained; held", ""),
+    ],
+)
+def test_how_an_instability_was_passed(kind, detail, passed):
+    assert _passed(Event(kind, 0.0, 0, 0, (1,), detail)) == passed
 
 
 @pytest.mark.parametrize(("share", "flows"), [(0.9, False), (-1.0, True)])
