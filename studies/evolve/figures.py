@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -92,15 +93,19 @@ def animate_path(
 ) -> list[str]:
     """The loops' normalised work since the start, (rows, loops), row by row beside the stresses."""
     figure, ((left, right),) = new_panels(1, 2, 3.4)
-    scale = Normalize(-1.0, 1.0)
-    loops = loop_drawer(snapshot, faces)(left, works[0], mpl.colormaps[DIVERGING], scale)
-    figure.colorbar(loops, ax=left, shrink=0.75, label="normalised $W_2$ since the start")
+    draw, colours = loop_drawer(snapshot, faces), (mpl.colormaps[DIVERGING], Normalize(-1.0, 1.0))
+    loops: Any = draw(left, works[0], *colours)
+    label = "normalised $W_2$ since the start"
+    figure.colorbar(ScalarMappable(*colours[::-1]), ax=left, shrink=0.75, label=label)
     _draw_stresses(right, path, summary["driven"])
     rings = [right.plot([0.0], [0.0], "o", color=colour)[0] for colour, _ in STRESSES.values()]
     right.legend()
 
     def show(row: int) -> None:
-        loops.set_array(works[row])
+        # Many loops are a picture, whose colours are of pixels: all are drawn anew.
+        nonlocal loops
+        loops.remove()
+        loops = draw(left, works[row], *colours)
         for ring, name in zip(rings, STRESSES, strict=True):
             ring.set_data([path["driven"][row]], [path[name][row] - path[name][0]])
 

@@ -122,8 +122,10 @@ def test_where_and_why_a_path_ends_is_one_sentence(small, tmp_path, monkeypatch,
     )
 
 
-def test_an_animation_has_a_frame_a_row(small, tmp_path):
+@pytest.mark.parametrize("many", [100_000, 1], ids=["drawn", "painted"])
+def test_an_animation_has_a_frame_a_row(small, tmp_path, monkeypatch, many):
     """A file of its own, small, with its provenance; the frames differ."""
+    monkeypatch.setattr("studies.snapshot.loop_map.PAINT_LIMIT", many)
     out = tmp_path / "out"
     how = {"to": 1e-3, "rows": 3, "interval": 5e-5, "figures": False, "animation": True}
     summary = run_evolve([small[0]], out, **how)
