@@ -31,14 +31,14 @@ class Branches:
     reach: Integers  # (C, 2) cell that grain j lies in, seen from grain i in the first one
     sides: Floats  # (2,) lengths of the cell's sides
 
-    def ends(self, pieces: Pieces) -> tuple[Integers, Integers]:
+    def ends(self, pieces: BinnedBranches) -> tuple[Integers, Integers]:
         """(2, P) grain at the start and the end of each piece's branch, and a code of its cell."""
         cell = np.stack([-pieces.shift, self.reach[pieces.contact] - pieces.shift])
         return self.grains[pieces.contact].T, (cell[..., 0] << 32) + cell[..., 1]
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class BinnedBranches:
     """Which branch passes which bin: P pieces, sorted by bin."""
 
     counts: tuple[int, int]  # columns and rows of bins in the cell
@@ -46,9 +46,9 @@ class Pieces:
     contact: Integers  # (P,)
     shift: Integers  # (P, 2) image of the bin that the branch passes, for a start in the cell
 
-    def take(self, which: Integers | Flags | slice) -> Pieces:
+    def take(self, which: Integers | Flags | slice) -> BinnedBranches:
         """Some of the pieces."""
-        return Pieces(self.counts, self.bin[which], self.contact[which], self.shift[which])
+        return BinnedBranches(self.counts, self.bin[which], self.contact[which], self.shift[which])
 
     def bin_sizes(self) -> Integers:
         """Number of pieces in each bin that has any."""
@@ -83,7 +83,7 @@ def cell_coordinates(graph: GrainGraph) -> tuple[Floats, Integers | None, Floats
     return (graph.x - lowest) / sides + 0.001, None, sides
 
 
-def close_branches(branches: Branches) -> Iterator[Pieces]:
+def close_branches(branches: Branches) -> Iterator[BinnedBranches]:
     """Bins that can be compared pair by pair, fine ones last.
 
     A bin whose branches all meet in one grain is left out if it is crowded: large grains are the
@@ -114,7 +114,7 @@ def bin_counts(contacts: int, extent: Floats, sides: Floats) -> tuple[int, int]:
     return max(1, int(columns)), max(1, int(rows))
 
 
-def _cut(branches: Branches, counts: tuple[int, int]) -> Pieces:
+def _cut(branches: Branches, counts: tuple[int, int]) -> BinnedBranches:
     """Cut every branch by the grid; in blocks, as the coordinates take more room than the bins."""
     contacts = np.arange(len(branches.vector))
     parts = [
@@ -164,12 +164,12 @@ def _numbered(place: Integers, counts: tuple[int, int]) -> Integers:
 
 def _sorted(
     counts: tuple[int, int], number: Integers, contact: Integers, shift: Integers
-) -> Pieces:
+) -> BinnedBranches:
     order = np.argsort(number, kind="stable")
-    return Pieces(counts, number[order], contact[order], shift[order])
+    return BinnedBranches(counts, number[order], contact[order], shift[order])
 
 
-def _in_fans(branches: Branches, pieces: Pieces) -> Flags:
+def _in_fans(branches: Branches, pieces: BinnedBranches) -> Flags:
     """Pieces in bins whose branches all meet in one grain."""
     if len(pieces.contact) == 0:
         return np.zeros(0, dtype=bool)
@@ -184,7 +184,7 @@ def _in_fans(branches: Branches, pieces: Pieces) -> Flags:
     return np.repeat(fan, size)
 
 
-def _halve(branches: Branches, pieces: Pieces) -> Pieces:
+def _halve(branches: Branches, pieces: BinnedBranches) -> BinnedBranches:
     """Halve every bin both ways and keep each branch in the quarters that it passes."""
     counts = (2 * pieces.counts[0], 2 * pieces.counts[1])
     row, column = np.divmod(pieces.bin, pieces.counts[0])

@@ -11,8 +11,8 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers
 from loops.branch_bins import (
     ROUND_OFF,
+    BinnedBranches,
     Branches,
-    Pieces,
     bin_counts,
     cell_branches,
     cell_coordinates,
@@ -167,7 +167,7 @@ def _mean_extent(graph: GrainGraph, u: Floats, home: Integers | None) -> Floats:
     return np.asarray(np.abs(vector).mean(axis=0))
 
 
-def _meeting_pairs(branches: Branches, pieces: Pieces) -> Iterator[Integers]:
+def _meeting_pairs(branches: Branches, pieces: BinnedBranches) -> Iterator[Integers]:
     """Pairs of contacts that meet in a bin, in blocks of whole bins."""
     starts = np.concatenate([[0], np.cumsum(pieces.bin_sizes())])
     cuts = np.searchsorted(starts, np.arange(0, starts[-1], BLOCK))
@@ -193,7 +193,7 @@ class _Segments(NamedTuple):
     cell: Integers  # (2, P)
 
 
-def _segments(branches: Branches, pieces: Pieces) -> _Segments:
+def _segments(branches: Branches, pieces: BinnedBranches) -> _Segments:
     start = branches.start[pieces.contact] - pieces.shift
     vector = branches.vector[pieces.contact]
     grain, cell = branches.ends(pieces)

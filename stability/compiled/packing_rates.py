@@ -15,7 +15,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.compiled.kernel import kernel
 
 
-class Frame(NamedTuple):
+class PairFrame(NamedTuple):
     """Pairs at one geometry: what their motion is of the freedoms, and what their forces do.
 
     `rows` (P, 18): branch vector, `n`, `t`; share of `t . d'` in the shear rate and the levers of

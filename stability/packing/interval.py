@@ -9,18 +9,15 @@ from typing import Protocol
 import numpy as np
 
 from loops.arrays import Floats, Integers, Regimes
-from stability.packing.linear_pieces import (
+from stability.packing.frozen_packing import (
     ELASTIC,
-    KN,
-    KT,
-    MU,
     OPEN,
     RANK,
-    SLIDES,
     SLIDING,
-    Pieces,
-    Rates,
+    Combination,
+    FrozenPacking,
 )
+from stability.packing.pair_frame import KN, KT, MU, SLIDES
 from stability.packing.pairs import Pairs, strength
 from stability.packing.pivots import Control, UnsolvedError, disagreeing, flip, pivot
 from stability.packing.state import PackingState
@@ -85,7 +82,7 @@ class Interval:
     Instabilities are passed if `viscous`, else they end the walk (`InstabilityError`).
     """
 
-    pieces: Pieces
+    pieces: FrozenPacking
     control: Control
     N: Floats
     T: Floats
@@ -169,7 +166,7 @@ class Interval:
         self.u += step * v
         self.time += step
 
-    def _changed(self, c: int, kind: EventKind, rates: Rates) -> Rates:
+    def _changed(self, c: int, kind: EventKind, rates: Combination) -> Combination:
         """The event itself; afterwards everything at yield agrees again."""
         pieces = self.pieces
         self.events[c] += 1
@@ -215,7 +212,7 @@ class Interval:
                 return
         pieces.set_regime(c, ELASTIC)
 
-    def _pivot(self, c: int, rates: Rates) -> None:
+    def _pivot(self, c: int, rates: Combination) -> None:
         """One contact at yield; where no regimes agree the grains of the mode are dragged."""
         pieces, why, grains = self.pieces, "", np.zeros(0, dtype=np.int64)
         for drag in DRAGS:
@@ -243,11 +240,11 @@ class Interval:
             return
         self._hold(c, why, "yield")
 
-    def _scale(self, rates: Rates) -> float:
+    def _scale(self, rates: Combination) -> float:
         size = float(np.abs(rates.h[:4]).max())
         return size * self.pieces.stiffest * 2.0 * self.pieces.length
 
-    def _settled(self) -> Rates:
+    def _settled(self) -> Combination:
         """Rates with which every contact at yield agrees; factorised anew where ranks are many."""
         pieces = self.pieces
         if len(pieces.at) > RANK:

@@ -13,6 +13,7 @@ from loops.arrays import Floats, Integers, Regimes
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.laws.protocol import Regime
+from stability.packing.frozen_packing import AT_YIELD, FrozenPacking
 from stability.packing.interval import (
     ControlLimitError,
     Goal,
@@ -20,7 +21,6 @@ from stability.packing.interval import (
     Interval,
     end_state,
 )
-from stability.packing.linear_pieces import AT_YIELD, Pieces
 from stability.packing.packing_path import PackingPath
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength, with_near
 from stability.packing.pivots import Control
@@ -108,7 +108,7 @@ class _Walk:
         self.stress = float(np.linalg.norm(self.state.stress))
         self.work = np.zeros(4)
         self.unstable: list[tuple[int, Integers]] = []
-        self.pieces: Pieces | None = None
+        self.pieces: FrozenPacking | None = None
         self.regime: Regimes = np.zeros(0, dtype=np.int8)
         self.side = np.zeros(0)
         self._start()
@@ -198,7 +198,7 @@ class _Walk:
     def _interval(self, stage: Stage, target: float) -> tuple[PathStatus, str] | None:
         # What has to go: the loads of the rates are external forces.
         load = self.drift
-        pieces = Pieces(
+        pieces = FrozenPacking(
             self.state,
             self.pairs,
             self.regime.copy(),

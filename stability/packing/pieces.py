@@ -11,7 +11,7 @@ from stability.cones import plane_cone
 from stability.directional.edge import plane_directions, works
 from stability.packing.edge import sided
 from stability.packing.response import (
-    Control,
+    HeldAndDriven,
     PackingRates,
     PackingResponse,
     Solved,
@@ -61,12 +61,12 @@ class Pieces:
         self.tangents: list[Floats] = []
         self.arcs: list[Floats] = []
 
-    def control(self, direction: Floats) -> Control:
+    def control(self, direction: Floats) -> HeldAndDriven:
         """The control along a direction: nothing outside of the subspace is strained."""
         none = np.zeros(len(self.rest))
         if self.driven == "stress":
-            return Control(self.rest, none, self.basis, direction)
-        return Control(
+            return HeldAndDriven(self.rest, none, self.basis, direction)
+        return HeldAndDriven(
             np.vstack([self.basis, self.rest]),
             np.append(direction, none),
             np.empty((0, 4)),

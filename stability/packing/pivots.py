@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from loops.arrays import Floats, Integers
-from stability.packing.linear_pieces import ELASTIC, SLIDING, Pieces, Rates
+from stability.packing.frozen_packing import ELASTIC, SLIDING, Combination, FrozenPacking
 
 STEPS = 40
 
@@ -32,13 +32,15 @@ class UnsolvedError(Exception):
         self.contact, self.motion, self.turns = contact, motion, turns
 
 
-def flip(pieces: Pieces, c: int) -> None:
+def flip(pieces: FrozenPacking, c: int) -> None:
     """Stick to slide, on the side that stands in `pieces.side`, and back."""
     sticks = pieces.regime[c] == ELASTIC
     pieces.set_regime(c, SLIDING if sticks else ELASTIC, pieces.side[c])
 
 
-def pivot(pieces: Pieces, control: Control, c: int, critical: Integers, tiny: float) -> list[int]:
+def pivot(
+    pieces: FrozenPacking, control: Control, c: int, critical: Integers, tiny: float
+) -> list[int]:
     """Bring one contact at yield to agree; all the pairs that changed regime.
 
     `critical` are the pairs at yield that agree already, or have a turn of their own to come.
@@ -86,7 +88,9 @@ def pivot(pieces: Pieces, control: Control, c: int, critical: Integers, tiny: fl
     raise UnsolvedError(c, pieces.motion(unit), turns < 0)
 
 
-def disagreeing(pieces: Pieces, rates: Rates, critical: Integers, tiny: float) -> Integers:
+def disagreeing(
+    pieces: FrozenPacking, rates: Combination, critical: Integers, tiny: float
+) -> Integers:
     """Pairs at yield whose regime disagrees with their rates, the worst first."""
     sticks = np.where(pieces.regime[critical] == ELASTIC, 1.0, -1.0)
     value = sticks * pieces.edge((rates,), critical)[:, 0]

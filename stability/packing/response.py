@@ -111,7 +111,7 @@ class PackingResponse:
         )
 
 
-class Control(NamedTuple):
+class HeldAndDriven(NamedTuple):
     """`held @ H' = strain`, `driven @ P' = stress`; all rows are orthonormal, in 11, 12, 21, 22."""
 
     held: Floats
@@ -152,7 +152,7 @@ class PackingRates:
         """Answer one programme, see `packing_response`."""
         return self.solved(component_control(strain_rate, stress_rate), starts).response
 
-    def solved(self, control: Control, starts: int = 3) -> Solved:
+    def solved(self, control: HeldAndDriven, starts: int = 3) -> Solved:
         """Answer one control."""
         if not self.small:
             active, answer, done = regimes_by_parts(self.edge, control)
@@ -176,7 +176,7 @@ class PackingRates:
         return self.last[1]
 
 
-def regimes_by_parts(edge: YieldEdge, control: Control) -> tuple[Flags, LinearAnswer, bool]:
+def regimes_by_parts(edge: YieldEdge, control: HeldAndDriven) -> tuple[Flags, LinearAnswer, bool]:
     """Regimes of too many candidates to condense, the answer, and whether the two agree.
 
     Newton's flips from all sliding, each with a factorisation; when few candidates are left wrong,
@@ -212,7 +212,7 @@ def controlled(
     answer: LinearAnswer,
     chosen: Integers,
     pair: tuple[Floats, Floats],
-    control: Control,
+    control: HeldAndDriven,
 ) -> tuple[Floats, Floats]:
     """`q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
     unit = sided(edge, active, answer.relative)[chosen]
@@ -314,7 +314,7 @@ def packing_response(
     return PackingRates(edge).response(strain_rate, stress_rate, starts)
 
 
-def component_control(strain: ArrayLike, stress: ArrayLike | None) -> Control:
+def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDriven:
     """Components of `H'` where they are numbers, and of `P'` where they are not."""
     H = np.asarray(strain, dtype=float)
     P = np.zeros((2, 2)) if stress is None else np.asarray(stress, dtype=float)
@@ -326,10 +326,10 @@ def component_control(strain: ArrayLike, stress: ArrayLike | None) -> Control:
     if P.shape != (2, 2) or not np.isfinite(P[driven]).all():
         raise InputError("stress_rate", f"{P.tolist()}", "a number where the strain is nan", ".")
     rows = np.eye(4)
-    return Control(rows[~driven.ravel()], H[~driven], rows[driven.ravel()], P[driven])
+    return HeldAndDriven(rows[~driven.ravel()], H[~driven], rows[driven.ravel()], P[driven])
 
 
-def controlled_strain(answer: LinearAnswer, control: Control) -> Floats:
+def controlled_strain(answer: LinearAnswer, control: HeldAndDriven) -> Floats:
     """(4,) strain rate, its driven part as the stress asks for."""
     held, B = control.held.T @ control.strain, control.driven
     imposed = control.stress - B @ answer.stress @ held
@@ -341,7 +341,7 @@ def _response(
     answer: LinearAnswer,
     active: Flags,
     found: Complementarity,
-    control: Control,
+    control: HeldAndDriven,
 ) -> PackingResponse:
     system, graph = edge.system, edge.system.graph
     H = controlled_strain(answer, control).reshape(2, 2)

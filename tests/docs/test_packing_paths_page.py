@@ -8,8 +8,8 @@ import pytest
 
 from stability import follow
 from stability.packing import (
+    frozen_packing,
     interval,
-    linear_pieces,
     loop_changes,
     path,
     replay,
@@ -132,8 +132,8 @@ def test_settings():
     assert f"Intervals of strain {usual['interval'].default:.0e}".replace("e-06", "e-6") in PAGE
     assert f"At {usual['instabilities'].default} unstable contacts" in PAGE
     assert f"gap below {path.NEAR} mean diameters" in PAGE
-    assert f"Beyond {linear_pieces.RANK} columns" in PAGE
-    springs = linear_pieces.RATTLERS, linear_pieces.PAIRED, linear_pieces.GEARS
+    assert f"Beyond {frozen_packing.RANK} columns" in PAGE
+    springs = frozen_packing.RATTLERS, frozen_packing.PAIRED, frozen_packing.GEARS
     assert springs == (1e-3, 1e-4, 1e-7)
     assert "springs of 1e-3 kn, those with two 1e-4, all others 1e-7" in PAGE
     assert interval.DRAGS[:3] == (1e-3, 1e-2, 1e-1) and "1e-3, 1e-2, 1e-1 kn" in PAGE

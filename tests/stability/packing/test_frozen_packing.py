@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stability.packing.linear_pieces import BATCH, ELASTIC, OPEN, SLIDING, Pieces
+from stability.packing.frozen_packing import BATCH, ELASTIC, OPEN, SLIDING, FrozenPacking
 from stability.packing.pairs import contact_pairs
 from stability.packing.state import start_state
 from tests.packings import LAW, jammed
@@ -35,7 +35,9 @@ def pieces_of(graph, changes=()):
     for c, to, on in changes:
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
-    return Pieces(state, pairs, regime, side, True, 1e-3 * (load - load.mean(axis=0)).ravel())
+    return FrozenPacking(
+        state, pairs, regime, side, True, 1e-3 * (load - load.mean(axis=0)).ravel()
+    )
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])

@@ -8,7 +8,7 @@ the motion is `V h + U w`, `h` the strain rate and the load.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -16,11 +16,9 @@ from scipy.sparse.linalg import splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.laws.protocol import Regime
+from stability.packing.pair_frame import KN, KT, MU, frame_of
 from stability.packing.pairs import Pairs
 from stability.packing.state import PackingState
-
-if TYPE_CHECKING:
-    from stability.compiled.packing_rates import Frame
 
 # Over the typical stiffness: gear modes, and grains that carry nothing (docs/theory/packing.md).
 GEARS, PAIRED, RATTLERS = 1e-7, 1e-4, 1e-3
@@ -32,46 +30,16 @@ BATCH = 8
 AT_YIELD = 1.0 - 1e-6
 # An order of elimination serves until the factors have grown by this.
 FILL = 1.25
-# Columns of `Frame.rows`.
-KN, KT, MU, SLIDES = 14, 15, 16, 17
 OPEN, ELASTIC, SLIDING = (int(k) for k in (Regime.OPEN, Regime.ELASTIC, Regime.SLIDING))
 UNITS = np.eye(4)
 STILL = np.zeros(4)
 
 
-class Rates(NamedTuple):
+class Combination(NamedTuple):
     """Strain rate and load `h` (5,), and coefficients `w` of the columns."""
 
     h: Floats
     w: Floats
-
-
-def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> Frame:
-    """The pairs at the geometry of a state."""
-    from stability.compiled.packing_rates import Frame
-
-    d = state.branches
-    length = np.linalg.norm(d, axis=1)
-    n = d / length[:, None]
-    t = np.column_stack([-n[:, 1], n[:, 0]])
-    radii = state.radii[pairs.grains]
-    arms = 0.5 * (length[:, None] + radii - radii[:, ::-1])
-    unit = float(state.radii.mean())
-    N, T = state.normal_force, state.shear_force
-    slides = np.isfinite(pairs.mu)
-    rows = [
-        d,
-        n,
-        t,
-        (radii.sum(axis=1) / length if by_radii else np.ones_like(length))[:, None],
-        (radii if by_radii else arms) / unit,
-        arms / unit,
-        (N[:, None] * t - T[:, None] * n) / length[:, None],
-        np.column_stack(
-            [0.5 * T / unit, pairs.kn, pairs.kt, np.where(slides, pairs.mu, 0), slides]
-        ),
-    ]
-    return Frame(np.ascontiguousarray(pairs.grains), np.hstack(rows))
 
 
 class Small(NamedTuple):
@@ -98,7 +66,7 @@ class Order(NamedTuple):
     entries: int
 
 
-class Pieces:
+class FrozenPacking:
     """The system at one geometry; regimes change through `set_regime`."""
 
     def __init__(
@@ -109,7 +77,7 @@ class Pieces:
         side: Floats,
         by_radii: bool,
         load: Floats,
-        before: Pieces | None = None,
+        before: FrozenPacking | None = None,
     ) -> None:
         # Of the interval before: its order of elimination and its room for columns.
         self.order: Order | None = before.order if before else None
@@ -248,7 +216,7 @@ class Pieces:
                 self.coefficients[:, self.column(row)] = change
                 self.small = None
 
-    def solve(self, stress: Floats, strain: Floats, rate: Floats) -> Rates:
+    def solve(self, stress: Floats, strain: Floats, rate: Floats) -> Combination:
         """Rates under `stress @ P' + strain @ H' = rate`."""
         small, h = self._small(), np.ones(5)
         if small.sign == 0.0:
@@ -258,9 +226,9 @@ class Pieces:
             h[:4] = np.linalg.solve(A, rate - stress @ whole[:, 4])
         else:
             h[:4] = np.linalg.solve(strain, rate)
-        return Rates(h, self._padded(-small.Y @ h))
+        return Combination(h, self._padded(-small.Y @ h))
 
-    def driven(self, stress: Floats, strain: Floats, k: int) -> Rates:
+    def driven(self, stress: Floats, strain: Floats, k: int) -> Combination:
         """Rates of a unit force on a column, under a control that stands still."""
         small, h = self._small(), np.zeros(5)
         m = len(small.Y)
@@ -270,7 +238,7 @@ class Pieces:
             A, _, columns = self._controlled(stress, strain, small.Y)
             h[:4] = np.linalg.solve(A, -stress @ (columns @ x))
             x[:m] -= small.Y @ h
-        return Rates(h, x)
+        return Combination(h, x)
 
     def _padded(self, w: Floats) -> Floats:
         """Columns that came since have had no part in the system yet."""
@@ -331,14 +299,14 @@ class Pieces:
             self.column_stress[:, k] = (out + own) / self.volume
         self.stressed = m + 1
 
-    def relative(self, rates: Rates, c: int) -> tuple[float, float]:
+    def relative(self, rates: Combination, c: int) -> tuple[float, float]:
         """`n . d'` and shear rate of a pair."""
         from stability.compiled.packing_columns import rates_of
 
         un, ut = rates_of(*self.frame, c, self.V, self.U, *rates)
         return un, ut
 
-    def edge(self, rates: tuple[Rates, ...], c: Integers) -> Floats:
+    def edge(self, rates: tuple[Combination, ...], c: Integers) -> Floats:
         """`w - z` (k, r) of pairs: how fast a stuck one leaves its cone, minus the slip."""
         from stability.compiled.packing_columns import edge_rates
 
@@ -348,7 +316,7 @@ class Pieces:
         edge_rates(*self.frame, self.side, c, self.V, self.U, *kept, h, w, out)
         return out
 
-    def motion(self, rates: Rates) -> Floats:
+    def motion(self, rates: Combination) -> Floats:
         """(3G,) freedoms."""
         return np.asarray(rates.h @ self.V + rates.w @ self.U[: len(rates.w)])
 
