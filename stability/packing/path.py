@@ -177,6 +177,7 @@ class _Walk:
     def step(self, stage: Stage, target: float, most: int) -> tuple[PathStatus, str] | None:
         """One interval; why the path ends if it does."""
         before = (self.state, self.F, self.regime.copy(), self.side.copy(), self.pairs)
+        told = len(self.events)
         try:
             stop = self._interval(stage, target)
         except ControlLimitError:
@@ -185,6 +186,9 @@ class _Walk:
             stop = ("lost", f"the system has no answer: {error}")
         if stop is not None:
             self.state, self.F, self.regime, self.side, self.pairs = before
+            self.unstable = []
+            if stop[0] != "lost":  # Who is lost may ask what led there.
+                del self.events[told:]
             return stop
         if self.met is not None:
             stop = self._pass(self.met, stage, target)

@@ -17,7 +17,7 @@ from stability.packing import (
 )
 from stability.packing.pairs import _ordered, near_pairs
 from stability.programmes import Programme, drained_biaxial
-from tests.packings import BRANCH, JAMMED, LAW, diamonds, jammed, strained
+from tests.packings import BRANCH, JAMMED, LAW, diamonds, jammed, packing, strained
 from tests.yade_slow import foreseen, in_collection, slow, strain_between
 
 INTERVALS = (8e-5, 4e-5, 2e-5)
@@ -294,6 +294,14 @@ def test_a_path_that_asks_for_ever_more_strain_ends_or_falls_back():
     path = followed(row, LAW, [pull, other], interval=1e-3)
     assert path.status == "finished" and path.stage.tolist() == [0, 0, 1]
     np.testing.assert_allclose(path.H[-1] - path.H[-2], 1e-3 * H.ravel(), rtol=0.02)
+
+
+def test_what_is_taken_back_is_not_told():
+    """At the limit of the control the last interval is undone: no event of it stays."""
+    stage = Stage(drained_biaxial(), "parameter", 0.2)
+    path = followed(packing(12, seed=0), LAW, stage, interval=1e-4)
+    assert path.status == "control_limit" and len(path.events)
+    assert max(event.parameter for event in path.events) <= path.parameter[-1]
 
 
 def test_a_state_out_of_balance_keeps_its_load():
