@@ -25,7 +25,8 @@ class PackingPath:
     events : tuple of Event
         'yield', 'unloading', 'opening', 'closing', and 'instability': no regimes of the contact
         agree; `detail` has the mode, how it was passed and the energy that its grains released
-        until the interval ended. `index` is the row before.
+        until the interval ended. `index` is the row before. Of an interval that was taken back
+        none stay, unless the path is lost: those tell what led there, beyond the last row.
         Contacts are numbered as in the states: those of the graph first.
     parameter, stage : (R,) array
         Loading parameter since the start, and stage.
