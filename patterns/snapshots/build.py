@@ -9,12 +9,20 @@ from numpy.typing import NDArray
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime
 from loops.arrays import Floats, Integers
-from loops.compiled import load_ahead
+from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
 from loops.validation import repeated_contacts
 from patterns.snapshots.checks import Checked, check_state, same_normal_force
 from patterns.snapshots.frame import Frame
-from patterns.snapshots.geometry import Bodies, check_cell, read_bodies, read_branches, read_pairs
+from patterns.snapshots.geometry import (
+    Bodies,
+    check_cell,
+    read_bodies,
+    read_branches,
+    read_pairs,
+    rows_by_first_grain,
+    some,
+)
 from patterns.snapshots.snapshot import Snapshot, WallContacts
 from patterns.snapshots.tables import Table
 
@@ -40,14 +48,15 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     table = frame.contacts
     load_ahead(len(table))
     table.read_ahead()
-    bodies = read_bodies(frame.grains)
+    large = use_compiled(None, len(table))
+    bodies = read_bodies(frame.grains, along_space=large)
     every = read_pairs(table, bodies)
-    rows = np.arange(len(every))
+    rows = rows_by_first_grain(every) if large else np.arange(len(every))
     if bodies.is_wall.any():
-        rows = np.flatnonzero((every[:, 0] >= 0) & (every[:, 1] >= 0))
+        rows = rows[(every[rows] >= 0).all(axis=1)]
     if len(rows) == 0:
         raise InputError(table.path, "no contact between grains", "contacts", "Check the export.")
-    pairs = every if len(rows) == len(every) else every[rows]
+    pairs = some(every, rows)
     cell = check_cell(frame.cell, bodies.radii)
     branches = read_branches(table, rows, pairs, bodies, cell)
     frictionless = not table.column("mu").any() if table.has("mu") else parameters.mu == 0
@@ -107,9 +116,11 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
 
 
 def _normals(table: Table, rows: Integers, n: Floats) -> Floats:
-    """Normals of all contacts: from the centres between grains, from the file with walls."""
+    """Normals of all rows: from the centres between grains, from the file at walls."""
     if len(rows) == len(table):
-        return n
+        every = np.empty_like(n)
+        every[rows] = n
+        return every
     given = table.optional("nx", "ny")
     if given is None:
         branches = table.optional("branch_x", "branch_y")
@@ -145,7 +156,7 @@ def _components(force: Floats | None, rows: Integers, n: Floats) -> tuple[Floats
     """`N` and `T` of the contacts between grains."""
     if force is None:
         return np.zeros(len(rows)), np.zeros(len(rows))
-    f = force if len(rows) == len(force) else force[rows]
+    f = some(force, rows)
     return np.einsum("ck,ck->c", f, n), n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
 
 
@@ -247,7 +258,7 @@ def _parameter(
         if value is not None:
             notes.append(f"{option} {value} not used: the table has the column {column!r}")
         values = table.column(column)
-        return values if len(rows) == len(values) else values[rows]
+        return some(values, rows)
     if value is None:
         where, expected = f"column {column!r} of {table.path}", "the stiffness of each contact"
         raise InputError(where, "no such column", expected, f"Add the column, or give {option}.")

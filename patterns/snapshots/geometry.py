@@ -23,6 +23,7 @@ GEOMETRY_TOLERANCE = 1e-3
 SOLID_LIMIT = 1.5
 # Grains this many times the sum of their radii apart touch in no contact law.
 REACH = 2.0
+FAR = 32.0  # mean spacings between successive grains, grains between successive contacts
 BLOCK = 1 << 15  # contacts that are looked at together: what is passed on stays in the cache
 
 
@@ -41,8 +42,12 @@ class Bodies(NamedTuple):
         return self.ids[~self.is_wall] if self.is_wall.any() else self.ids
 
 
-def read_bodies(table: Table) -> Bodies:
-    """Grains and walls of a table by their ids: refuses what can't be a packing in the plane."""
+def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
+    """Grains and walls of a table, ascending by id; refuses what can't be a packing in the plane.
+
+    Grains whose ids jump across the sample are sorted along space instead if `along_space`:
+    everything that follows then finds neighbouring grains close to each other in memory.
+    """
     ids = table.integers("id")
     refuse_repeated(table, ids)
     is_wall = table.integers("type") == WALL if table.has("type") else np.zeros(len(ids), bool)
@@ -57,12 +62,40 @@ def read_bodies(table: Table) -> Bodies:
         x, radii = x[grains], radii[grains]
         rotation = None if rotation is None else rotation[grains]
     bodies = Bodies(ids, is_wall, x, radii, rotation)
+    if along_space and _jumps(x):
+        bodies = _along_space(bodies)
     if len(radii) == 0:
         raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
     refuse_radii(table, bodies.grain_ids, radii, "Correct the row, or give walls type 1.")
     _refuse_third_dimension(table, bodies)
     _refuse_coincident(table, bodies)
     return bodies
+
+
+def _jumps(x: Floats) -> bool:
+    """Whether successive grains lie many mean spacings apart, as after a random insertion."""
+    spacing = np.sqrt(np.prod(np.ptp(x, axis=0)) / len(x))
+    return bool(np.median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR * spacing)
+
+
+def _along_space(bodies: Bodies) -> Bodies:
+    """The same bodies, grains along a space-filling curve, walls behind them."""
+    from loops.compiled.kernel import given
+    from loops.compiled.network import spatial_order
+
+    order = spatial_order(given(bodies.x, np.float64))
+    grains, walls = np.flatnonzero(~bodies.is_wall)[order], np.flatnonzero(bodies.is_wall)
+    every = np.append(grains, walls)
+    rotation = None if bodies.rotation is None else bodies.rotation[order]
+    ids, is_wall = bodies.ids[every], bodies.is_wall[every]
+    return Bodies(ids, is_wall, bodies.x[order], bodies.radii[order], rotation)
+
+
+def rows_by_first_grain(pairs: Integers) -> Integers:
+    """Contacts sorted by their first grain, those of one grain as they stood."""
+    if np.median(np.abs(np.diff(pairs[:, 0]))) < FAR:
+        return np.arange(len(pairs))
+    return np.sort((pairs[:, 0] << 32) | np.arange(len(pairs))) & 0xFFFFFFFF
 
 
 def read_pairs(table: Table, bodies: Bodies) -> Integers:
@@ -214,7 +247,7 @@ def read_branches(
     """
     normals, branches = table.optional("nx", "ny"), table.optional("branch_x", "branch_y")
     given = normals if branches is None else branches
-    given = None if given is None else _some(given, rows)
+    given = None if given is None else some(given, rows)
     images = _images_of_file(table, rows, cell)
     count = len(rows)
     made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
@@ -269,14 +302,16 @@ def read_branches(
     return ContactBranches(made, d, length, n, given)
 
 
-def _some(values: Any, rows: Integers) -> Any:
-    return values if len(rows) == len(values) else values[rows]
+def some(values: Any, rows: Integers) -> Any:
+    """Values of some rows; not a copy where these are all rows in order."""
+    every = len(rows) == len(values) and bool((rows[1:] > rows[:-1]).all())
+    return values if every else values[rows]
 
 
 def _images_of_file(table: Table, rows: Integers, cell: Floats | None) -> Integers | None:
     if not table.has("cell_dx", "cell_dy"):
         return None
-    images: Integers = np.column_stack([_some(table.integers(f"cell_d{a}"), rows) for a in "xy"])
+    images: Integers = np.column_stack([some(table.integers(f"cell_d{a}"), rows) for a in "xy"])
     if cell is None and images.any():
         c = int(np.argmax(images.any(axis=1)))
         where = f"{table.path}, row {rows[c]}"
