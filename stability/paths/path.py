@@ -88,14 +88,18 @@ class Event:
     stage : int
         Stage.
     index : int
-        Row of the path at the event (before it for 'branching'); if the event changes regimes or
-        programme, this is the row before the change and the next row the same state after it.
+        Row of the path at the event (the row before it for 'branching', and in a packing); if the
+        event changes regimes or programme, this is the row before the change and the next row the
+        same state after it.
     contacts : tuple of int
         Contacts concerned, or the two grains that touch, pair by pair where many do at once.
     detail : str
         What else there is to say.
     subspace : str
         Of a zero of the spectra, the subspace where it is.
+    H, P : tuple of float
+        Displacement gradient and nominal stress (11, 12, 21, 22) at the event itself, whatever the
+        rows are; empty in a packing.
     """
 
     kind: EventKind
@@ -105,6 +109,8 @@ class Event:
     contacts: tuple[int, ...] = ()
     detail: str = ""
     subspace: str = ""
+    H: tuple[float, ...] = ()
+    P: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -30,7 +30,7 @@ from stability.rate_problem import RateProblem
 class Record:
     """Collects rows and events, and makes a `Path` of them."""
 
-    rows: list[dict[str, object]] = field(default_factory=list)
+    rows: list[dict[str, Any]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     stage: int = 0
 
@@ -70,10 +70,19 @@ class Record:
         detail: str = "",
         subspace: str = "",
     ) -> None:
-        """Append an event at the last row."""
-        index = max(len(self.rows) - 1, 0)
+        """Append an event in the state of the last row."""
+        H, P = (tuple(self.rows[-1][name].tolist()) for name in ("H", "P"))
+        index = len(self.rows) - 1
         self.events.append(
-            Event(kind, float(parameter), self.stage, index, contacts, detail, subspace)
+            Event(kind, float(parameter), self.stage, index, contacts, detail, subspace, H, P)
+        )
+
+    def branching(self, seen: Look) -> None:
+        """Append a place between two rows where other paths branch off: it may have no rates."""
+        H, P, index = tuple(seen.H.tolist()), tuple(seen.P.tolist()), len(self.rows) - 1
+        detail = f"other paths branch off at H11 = {H[0]:.15g}, H22 = {H[3]:.15g}"
+        self.events.append(
+            Event("branching", seen.state.parameter, self.stage, index, detail=detail, H=H, P=P)
         )
 
     def path(

@@ -114,7 +114,7 @@ def _run(walk: Walk, task: Task, gauge: Floats) -> PieceEnd:
             walk.y,
             gauge,
             walk.row,
-            walk.branching,
+            walk.record.branching,
             walk.steps_left,
         )
         stuck = not end.fired or ("singular", -1) in end.fired

@@ -91,12 +91,6 @@ class Walk:
         """Record a state."""
         self.record.row(self.model, seen)
 
-    def branching(self, seen: Look) -> None:
-        """Record a place where other paths branch off."""
-        H11, H22 = seen.H[0], seen.H[3]
-        detail = f"other paths branch off at H11 = {H11:.15g}, H22 = {H22:.15g}"
-        self.record.event("branching", seen.state.parameter, detail=detail)
-
     def task(self, stage: Stage, start: float, sense: float, reach: float, strain: float) -> Task:
         """A piece of a stage that should be `reach` long and starts at a strain of that size."""
         size = min(max(reach if np.isfinite(reach) else 1.0, strain, SMALLEST), 1.0)

@@ -122,9 +122,3 @@ def follow_options(
         rows=options.rows,
         model=options.model,
     )
-
-
-def values_at(path: Path, row: int) -> dict[str, float]:
-    """`E1, E2, s1, s2` of a row."""
-    H, P = path.H[row], path.P[row]
-    return {"E1": float(H[0]), "E2": float(H[3]), "s1": float(P[0]), "s2": float(P[3])}

@@ -14,7 +14,7 @@ from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from stability import Event, Path, judge, operator_norm, restrict, symmetric_spectrum
 from studies.columns import definitions
-from studies.paths.followed import SUBSPACES, Followed, follow_options, values_at
+from studies.paths.followed import SUBSPACES, Followed, follow_options
 from studies.paths.options import PolygonOptions
 from studies.paths.tables import table_rows
 
@@ -48,7 +48,7 @@ def described(found: Followed, event: Event) -> dict[str, Any]:
     return {
         "kind": event.kind,
         "subspace": event.subspace or None,
-        **values_at(found.path, event.index),
+        **dict(zip(VALUES, (event.H[0], event.H[3], event.P[0], event.P[3]), strict=True)),
         "stage": str(found.stage_names[event.stage]),
         "parameter": event.parameter,
         "contacts": list(event.contacts),

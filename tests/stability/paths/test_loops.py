@@ -146,35 +146,47 @@ def _with_sides(x, radii, sides, ring):
     return GrainGraph(x=x, radii=radii, contacts=ring)
 
 
-def test_branching_is_where_the_balance_of_the_grains_is_singular():
-    # Beyond B of Table 1 the four free grains of the diamond find other ways; the path goes on.
-    law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5)))
-    graph = regular_polygon(4)
-    path = follow(graph, law, [isotropic(0.3), drained(0.55)], closure="traction")
+@pytest.mark.parametrize(
+    ("order", "kappa", "phi", "confinement", "end"),
+    [
+        # Beyond B of Table 1 the four free grains of the diamond find other ways.
+        (4, 0.2, 5.0, 0.3, 0.55),
+        (6, 0.237, 11.8, 0.046, 0.2),
+    ],
+)
+def test_branching_is_where_the_balance_of_the_grains_is_singular(
+    order, kappa, phi, confinement, end
+):
+    law = LinearFrictional(kn=1.0, kt=kappa, mu=np.tan(np.radians(phi)))
+    graph = regular_polygon(order)
+    path = follow(graph, law, [isotropic(confinement), drained(end)], closure="traction")
     assert path.status == "finished"
     (event,) = path.of_kind("branching")
-    ends = [event.parameter - 0.3 - 1e-3, 2e-3]
-    around = [Stage(programmes.drained_biaxial(), "parameter", end) for end in ends]
-    path = follow(graph, law, [isotropic(0.3), *around], closure="traction")
-    rows = [np.flatnonzero(path.stage == stage)[-1] for stage in (1, 2)]
-    signs = [_controlled_determinant(path, row, law, graph) for row in rows]
-    assert signs[0] * signs[1] < 0
-    assert abs(signs[0] + signs[1]) < 0.05 * abs(signs[0] - signs[1])
+    # Determinants of states around it, at Chebyshev points, and the root of their polynomial.
+    points = event.H[0] + 4e-3 * np.cos(np.pi * (np.arange(9, -1, -1) + 0.5) / 10)
+    stages = [isotropic(confinement), *(drained(E) for E in points)]
+    path = follow(graph, law, stages, closure="traction")
+    rows = [np.flatnonzero(path.stage == stage)[-1] for stage in range(1, 11)]
+    determinants = [_controlled_determinant(path, row, law, graph) for row in rows]
+    roots = np.polynomial.Polynomial.fit(points, determinants, 9).roots()
+    (root,) = [root.real for root in roots if abs(root - event.H[0]) < 2e-3]
+    assert event.H[0] == pytest.approx(root, abs=1e-11)
+    assert event.parameter == pytest.approx(root, abs=1e-11)
 
 
 def _controlled_determinant(path, row, law, graph):
     """Of balance, gradient and drained control for (u, P, H), mean displacement zero."""
-    state = state_of(path, row, graph)
+    state, m = state_of(path, row, graph), 2 * graph.grain_count
     K = assemble_tangent(state, law, regime=path.regime[row])
     B, V = boundary_vectors(graph.x0), path.volume
-    system = np.zeros((16, 16))
-    system[:8, :8] = K + np.kron(np.ones((4, 4)), np.eye(2))
+    system = np.zeros((m + 8, m + 8))
+    system[:m, :m] = K + np.kron(np.ones((m // 2, m // 2)), np.eye(2))
     for a in range(2):
-        system[a:8:2, 8 + 2 * a : 10 + 2 * a] = B
-        system[8 + 2 * a : 10 + 2 * a, a:8:2] = B.T
-    system[8:12, 12:] = V * np.eye(4)
-    system[12:15, 12:15] = np.eye(3)
-    system[15, 11] = 1.0
+        system[a:m:2, m + 2 * a : m + 2 * a + 2] = B
+        system[m + 2 * a : m + 2 * a + 2, a:m:2] = B.T
+    system[m : m + 4, m + 4 :] = V * np.eye(4)
+    system[m + 4 : m + 7, m + 4 : m + 7] = np.eye(3)
+    system[m + 7, m + 3] = 1.0
     return np.linalg.det(system)
 
 
