@@ -1,4 +1,4 @@
-"""What a loop is: grains, contacts, laws, assembly, stress and the macroscopic tangent."""
+"""A loop: grains, contacts, laws, assembly, stress and the macroscopic tangent."""
 
 from typing import TYPE_CHECKING
 
@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from loops.closures import affine_tangent as affine_tangent
     from loops.closures import macroscopic_tangent as macroscopic_tangent
     from loops.closures import traction_tangent as traction_tangent
-    from loops.contact_matching import ContactMatch as ContactMatch
-    from loops.contact_matching import match_contacts as match_contacts
     from loops.contact_state import ContactState as ContactState
     from loops.contact_state import contact_state as contact_state
     from loops.contact_tangent import contact_tangent as contact_tangent
@@ -57,19 +55,21 @@ if TYPE_CHECKING:
     from loops.laws import RollingResistance as RollingResistance
     from loops.loop_batches import LoopBatch as LoopBatch
     from loops.loop_batches import loop_batches as loop_batches
+    from loops.loop_batches import loop_tangents as loop_tangents
     from loops.loop_strain import best_fit_strain as best_fit_strain
     from loops.loop_strain import loop_strain as loop_strain
     from loops.loop_strain import rotation_and_stretch as rotation_and_stretch
-    from loops.loop_tangents import loop_tangents as loop_tangents
     from loops.pruning import prune_dangling as prune_dangling
     from loops.stress import contact_forces as contact_forces
     from loops.stress import love_weber_stress as love_weber_stress
     from loops.stress import nominal_stress as nominal_stress
+    from loops.tracking import ContactMatch as ContactMatch
     from loops.tracking import Fate as Fate
     from loops.tracking import LoopFates as LoopFates
     from loops.tracking import exchange_counts as exchange_counts
     from loops.tracking import exchange_matrix as exchange_matrix
     from loops.tracking import loop_fates as loop_fates
+    from loops.tracking import match_contacts as match_contacts
 
 
 lazy_face(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Types of the arrays that the platform hands around."""
+"""Types of arrays, and small operations on many of them at once."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def all_finite(a: Floats) -> Flags:
 
 
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """What independent work on large arrays, which leaves the interpreter free, gives for each."""
+    """Results of `work` on every item, on all cores; numpy on large arrays runs side by side."""
     with ThreadPoolExecutor(available_cores()) as pool:
         return list(pool.map(work, items))
 

@@ -1,4 +1,4 @@
-"""What a contact law needs to know of every contact."""
+"""Geometry and forces of contacts, as a contact law needs them."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class ForceChains(Shown):
     links: Integers
 
     def facts(self) -> dict[str, object]:
-        """What the prompt and a notebook show."""
+        """Names and values shown at the prompt and in a notebook."""
         lengths = np.bincount(self.chain[self.chain >= 0])
         longest = int(lengths.max(initial=0))
         return {"chains": len(lengths), "grains": int(lengths.sum()), "longest": longest}

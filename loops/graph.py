@@ -148,7 +148,7 @@ class GrainGraph(Shown):
         )
 
     def facts(self) -> dict[str, object]:
-        """What the prompt and a notebook show."""
+        """Names and values shown at the prompt and in a notebook."""
         told = {"grains": self.grain_count, "contacts": self.contact_count}
         periodic = {} if self.cell is None else {"cell": "periodic"}
         return told | periodic | ({"batch": self.batch_shape} if self.batch_shape else {})

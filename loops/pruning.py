@@ -1,4 +1,4 @@
-"""What a contact graph is before its faces: dangling grains, components and how they wind."""
+"""Dangling grains and connected components of a contact graph, and how these wind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an object shows of itself: a line at the prompt, a small table in a notebook."""
+"""Short displays of results: one line at the prompt, a small table in a notebook."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class MacroTangent(Shown):
         return np.array(self.matrix, dtype, copy=copy)
 
     def facts(self) -> dict[str, object]:
-        """What the prompt and a notebook show."""
+        """Names and values shown at the prompt and in a notebook."""
         good = f"{int(np.count_nonzero(self.trusted))} of {self.trusted.size}"
         condition = f"{np.max(self.condition, initial=1.0):.1e}"
         shape = self.matrix.shape

@@ -62,7 +62,7 @@ class ClosureForm:
 
 
 class Relaxed(NamedTuple):
-    """What a closure answers to four unit displacement gradients.
+    """Answer of a closure to four unit displacement gradients.
 
     `stress` (..., 4, 4) is `P'` and `error` bounds what it is off; `v` (..., size, 4) are the
     freedoms; `residual` and `ambiguity` (...) are those of the solve.
@@ -255,7 +255,7 @@ def relaxed_loop(
     regime: Regimes,
     volume: Floats,
 ) -> tuple[Relaxed, Floats]:
-    """What the closure of a loop or packing answers, and see `MacroTangent.sensitivity`, (...)."""
+    """Answer of the closure of a loop or packing, and `MacroTangent.sensitivity`, (...)."""
     form, sizes = form_of(graph, closure, spins, volume), spring_sizes(state, law, regime, spins)
 
     def by_arms(arms: Arms | None) -> Relaxed:
@@ -269,10 +269,12 @@ def relaxed_loop(
         return own, np.zeros(own.stress.shape[:-2])
     other = by_arms(other_arms(state, law))
     doubt = frobenius(other.error)
-    towards_zero = (
-        _towards_zero(_smallest(own.stress, m), _smallest(other.stress, m)) + doubt for m in (2, 3)
-    )
-    return own, np.maximum(*towards_zero)
+    # A change of the smallest eigenvalue counts where it leads towards zero or beyond.
+    changes = []
+    for components in (2, 3):
+        smallest, changed = _smallest(own.stress, components), _smallest(other.stress, components)
+        changes.append(np.maximum(0.0, np.sign(smallest) * (smallest - changed)) + doubt)
+    return own, np.maximum(*changes)
 
 
 def of_relaxed(
@@ -293,7 +295,3 @@ def _smallest(stress: Floats, components: int) -> Floats:
     """(...) smallest eigenvalue of Ks in (11, 22) or in (11, 22, (12 + 21)/sqrt 2)."""
     k = SYMMETRIC[:components] @ np.nan_to_num(stress) @ SYMMETRIC[:components].T
     return np.asarray(np.linalg.eigvalsh(0.5 * (k + np.swapaxes(k, -1, -2)))[..., 0])
-
-
-def _towards_zero(own: Floats, other: Floats) -> Floats:
-    return np.maximum(0.0, np.sign(own) * (own - other))

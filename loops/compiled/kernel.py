@@ -1,4 +1,4 @@
-"""How kernels are compiled, and the arrays that they are given."""
+"""Compilation of kernels, and contiguous arrays for them."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from loops.compiled.kernel import kernel
 
 
 class Motion(NamedTuple):
-    """What moves, changed in place: centres, `c`, angles, spins, cell, and `T` of every pair."""
+    """State changed in place: centres, `c`, angles, spins, cell, and `T` of every pair."""
 
     x: Floats  # (G, 2)
     velocity: Floats  # (G, 2)
@@ -38,7 +38,7 @@ class Motion(NamedTuple):
 
 
 class Discs(NamedTuple):
-    """What stays: grains, pairs that touch or might, their springs and friction."""
+    """Constants: grains, pairs that touch or might touch, their springs and friction."""
 
     radii: Floats
     lightness: Floats  # one over masses
@@ -52,7 +52,7 @@ class Discs(NamedTuple):
 
 
 class Servo(NamedTuple):
-    """What steers `L` so that `stress @ (P - start) + strain @ H = rate t`.
+    """Servo that steers `L` so that `stress @ (P - start) + strain @ H = rate t`.
 
     With `r` what is left of it: `H' = gain @ (rate - r / lag - z)`, `z' = r / (2 lag)^2`,
     critically damped where `gain` is the inverse of the true `stress @ C + strain`. With `on` False

@@ -267,7 +267,7 @@ def _unscale(a: Floats, factor: float, scale_x: float, scale_y: float) -> None:
 
 @kernel
 def _towards_zero(own: float, other: float) -> float:
-    """How far the change to another eigenvalue goes towards zero and beyond."""
+    """Change to another eigenvalue, as far as it leads towards zero or beyond; else 0."""
     return max(0.0, own - other if own > 0.0 else other - own)
 
 

@@ -199,10 +199,10 @@ def with_sides(state: ContactState, side: Floats) -> ContactState:
 def edge_rates(
     law: ContactLaw, state: ContactState, side: Floats, un: Floats, ut: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """What decides at the edge, for displacement rates: `N'`, `T'` if stuck, and the strength's.
+    """Rates of `N`, of `T` if the contact sticks, and of the strength, for displacement rates.
 
-    `side` is the sign of `T` on which a contact would slide; where it is 0 either side serves, the
-    cone being symmetric. The strength's rate is infinite where nothing slides.
+    `side` is the sign of `T` on which a contact would slide; where it is 0 either side serves, as
+    the friction limit is symmetric. The strength's rate is infinite where nothing slides.
     """
     side = np.where(side == 0.0, 1.0, side)
     shape = np.broadcast_shapes(un.shape, state.length.shape)

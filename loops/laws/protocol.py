@@ -1,4 +1,4 @@
-"""What every contact law offers to the rest of the platform."""
+"""The protocol that every contact law fulfils: kinematics, tangent, regimes, forces, energy."""
 
 from __future__ import annotations
 

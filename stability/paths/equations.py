@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from loops.arrays import Floats, Regimes
-from loops.closures.force_method import ring_equations
 from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.closures.spins import LoopSpin, spin_of_gradient
 from loops.closures.system import closure_matrix, contact_springs, drive
+from loops.closures.traction import ring_equations
 from loops.contact_state import ContactState
 from loops.contact_tangent import translational_blocks, translational_compliances
 from loops.null_space import LeastSquares, solve_through_null_space

@@ -10,7 +10,7 @@ import numpy as np
 
 from loops import GrainGraph, branch_vectors, find_faces
 from loops.arrays import Integers
-from loops.half_edges import next_half_edge
+from loops.faces import next_half_edge
 from patterns import synthetic_network
 from patterns.hard_cases.scenes import parallel_half_edges
 from studies.bench.measure import Rows

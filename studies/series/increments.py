@@ -43,9 +43,8 @@ from loops import (
 )
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
-from loops.contact_matching import match_contacts
 from loops.loop_strain import loop_strain, rotation_and_stretch, rotation_minus_one
-from loops.tracking import Fate, LoopFates, loop_fates
+from loops.tracking import Fate, LoopFates, loop_fates, match_contacts
 from patterns import Snapshot
 from stability import COMPONENTS
 

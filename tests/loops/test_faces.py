@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from loops import FaceKind, GrainGraph, InputError, euler_check, faces_by_order, find_faces
-from loops.half_edges import ANGLE_STEPS, cycles, next_half_edge
+from loops.faces import ANGLE_STEPS, cycles, next_half_edge
 from loops.pruning import prune_dangling, winding_ranks
 from patterns.synthetic import synthetic_network
 from tests.loops.test_crossings import network

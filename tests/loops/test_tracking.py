@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from loops import FaceKind, GrainGraph, InputError, find_faces
-from loops.contact_matching import match_contacts
-from loops.tracking import Fate, exchange_counts, exchange_matrix, loop_fates
+from loops.tracking import Fate, exchange_counts, exchange_matrix, loop_fates, match_contacts
 from patterns import synthetic_network
 
 SQUARE = [[0, 1], [1, 2], [2, 3], [3, 0]]
