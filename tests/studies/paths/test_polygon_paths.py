@@ -109,12 +109,14 @@ def test_table(written):
     for event in summary["events"]:
         row = table[["E1", "E2", "s1", "s2"]] - [event[key] for key in ("E1", "E2", "s1", "s2")]
         if event["kind"] == "branching":
-            # It lies between two rows, within what a chord between them misses.
-            k = int(np.searchsorted(drained["E1"], event["E1"]))
-            share = (event["E1"] - drained["E1"].iloc[k - 1]) / np.diff(drained["E1"])[k - 1]
-            assert 0.0 < share < 1.0
+            # It lies between two rows of its stage, within what a chord between them misses.
+            rows = table[table["stage"] == event["stage"]]
+            k = int(np.searchsorted(rows["E1"], event["E1"]))
+            assert rows["E1"].iloc[k - 1] < event["E1"] < rows["E1"].iloc[k]
             for key in ("E2", "s1", "s2"):
-                chord = (1.0 - share) * drained[key].iloc[k - 1] + share * drained[key].iloc[k]
+                chord = np.interp(
+                    event["E1"], rows["E1"].iloc[k - 1 : k + 1], rows[key].iloc[k - 1 : k + 1]
+                )
                 assert event[key] == pytest.approx(chord, abs=1e-4)
         elif event["subspace"] in (None, "diagonal"):
             assert row.abs().max(axis=1).min() == 0.0
