@@ -177,7 +177,6 @@ class Interval:
             self._pivot(c, rates)
         else:
             self._part(c, SLIP)
-            self.gap[c] = 0.0
             self._close(c) if kind == "closing" else pieces.set_regime(c, OPEN)
             self.told(kind, self.time, c)
         return self._settled()
@@ -199,18 +198,13 @@ class Interval:
         self.told("instability", self.time, c, "a loose grain rattles; dragged", loose)
 
     def _close(self, c: int) -> None:
-        """At the tip of its cone a contact sticks, or slides at once to either side."""
+        """A contact that closes sticks if its forces then stay in the cone, else it slides."""
         pieces = self.pieces
-        frame = pieces.frame
-        for side in (0.0, 1.0, -1.0):
-            pieces.set_regime(c, SLIDING if side else ELASTIC, side)
-            rates = pieces.solve(*self.control)
-            un, ut = pieces.relative(rates, c)
-            shear, strength = frame.rows[c, KT] * ut, -frame.rows[c, MU] * frame.rows[c, KN] * un
-            agrees = -side * shear >= strength if side else abs(shear) <= strength
-            if un < 0 and (agrees or not frame.rows[c, SLIDES]):
-                return
         pieces.set_regime(c, ELASTIC)
+        un, ut = pieces.relative(pieces.solve(*self.control), c)
+        kn, kt, mu, slides = pieces.frame.rows[c, [KN, KT, MU, SLIDES]]
+        if slides and un < 0 and kt * abs(ut) > -mu * kn * un:
+            pieces.set_regime(c, SLIDING, -np.sign(ut))
 
     def _pivot(self, c: int, rates: Combination) -> None:
         """One contact at yield; where no regimes agree the grains of the mode are dragged."""
@@ -247,10 +241,10 @@ class Interval:
     def _settled(self) -> Combination:
         """Rates with which every contact at yield agrees; factorised anew where ranks are many."""
         pieces = self.pieces
-        if len(pieces.at) > RANK:
-            pieces.factorise()
         tried: Counter[int] = Counter()
         while True:
+            if len(pieces.at) > RANK:
+                pieces.factorise()
             rates = pieces.solve(*self.control)
             critical = pieces.at_yield(self.N, self.T, self.held)
             # Those that stick have just been passed by, or have their event to come.
@@ -264,8 +258,6 @@ class Interval:
                 self._hold(c, "neither sticking nor sliding agrees", "yield")
             else:
                 self._pivot(c, rates)
-            if len(pieces.at) > RANK:
-                pieces.factorise()
 
     def _hold(self, c: int, why: str, kind: EventKind) -> None:
         """Keep a contact stuck or open, whatever becomes of it, until the interval ends."""

@@ -5,7 +5,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
+from tests.tools.mutation.__main__ import draw
+from tests.tools.mutation.covering import Covering
 from tests.tools.mutation.mutants import Mutant, mutants_of, mutated
 
 ROOT = Path(__file__).parents[2]
@@ -51,6 +54,25 @@ def test_a_difference_keeps_its_first_term():
     assert mutated(source, mutant) == "x = a\n"
     with pytest.raises(ValueError, match="no such place"):
         mutated(source, mutant._replace(occurrence=1))
+
+
+def test_mutants_are_drawn_from_folders_and_files():
+    rooms = ["stability/packing", "patterns/snapshots/checks.py"]
+    drawn, _ = draw(rooms, 60, 1, kernels=False)
+    assert len(set(drawn)) == 60 and drawn == draw(rooms, 60, 1, kernels=False)[0]
+    folders = {str(Path(mutant.file).parent) for mutant in drawn}
+    assert folders == {"stability/packing", "patterns/snapshots"}
+    with pytest.raises(typer.BadParameter, match="no source files in stability/nowhere"):
+        draw(["stability/nowhere"], 1, 1, kernels=False)
+
+
+def test_tests_of_a_line_are_the_shortest_first():
+    """A line that no test runs is that of an import: all tests of its file."""
+    lines = {"f.py": {2: {"slow", "quick"}, 3: {"other"}, 4: set()}}
+    covering = Covering(lines, {"slow": 2.0, "quick": 1.0, "other": 0.5})
+    assert covering.tests_of("f.py", 2) == ["quick", "slow"]
+    assert covering.tests_of("f.py", 4) == ["other", "quick", "slow"]
+    assert covering.tests_of("g.py", 2) == []
 
 
 @pytest.mark.slow

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy import sparse
 
+from loops import branch_vectors
+from stability.compiled import packing_rates
 from stability.packing.frozen_packing import BATCH, ELASTIC, OPEN, SLIDING, FrozenPacking
 from stability.packing.pairs import contact_pairs
 from stability.packing.state import start_state
-from tests.packings import LAW, jammed
+from tests.packings import BRANCH, LAW, forces_after, jammed, packing
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)
 HELD = np.diag([1.0, 0, 0, 0])
@@ -94,3 +97,82 @@ def test_edges_are_kept_by_motion():
             [pieces.relative(rates, int(c)) for c in some], np.column_stack([un, ut]),
             rtol=0, atol=1e-12 * np.abs(r).max(),
         )  # fmt: skip
+
+
+def differences(graph, law, regime, size=1e-6):
+    """Slopes of forces, loads and stress by central differences: (15, ...) of unit motions."""
+    count = graph.grain_count
+    found = []
+    for k in range(3 * count + 4):
+        ends = []
+        for sign in (size, -size):
+            v = np.zeros(3 * count + 4)
+            v[k] = sign
+            u, H = v[:-4].reshape(-1, 3), v[-4:].reshape(2, 2)
+            _, force, load, _ = forces_after(graph, law, regime, H, u[:, :2], u[:, 2])
+            stress = np.einsum("ci,cj->ij", force, branch_vectors(graph))
+            ends.append(np.append(load, stress))
+        found.append((ends[0] - ends[1]) / (2 * size))
+    return np.array(found).T
+
+
+@pytest.mark.parametrize("law", [LAW, BRANCH], ids=["radii", "branch"])
+def test_stiffness_and_stress_are_slopes_of_the_forces(law):
+    """Large forces, unequal grains: turning forces and growing arms are a tenth of the slopes."""
+    graph = packing(8, seed=3, share=0.9, sliding=0.4, law=law)
+    graph = graph.replace(
+        normal_force=20 * graph.normal_force,
+        shear_force=20 * graph.shear_force,
+        radii=graph.radii * np.linspace(0.8, 1.2, 8),
+    )
+    pairs, state = contact_pairs(graph, law), start_state(graph)
+    slides = np.abs(graph.shear_force) >= (1 - 1e-9) * law.mu * graph.normal_force
+    assert 3 < np.count_nonzero(slides) < len(pairs) - 3
+    regime, side = np.where(slides, SLIDING, ELASTIC).astype(np.int8), np.sign(graph.shear_force)
+    pieces = FrozenPacking(state, pairs, regime, side, law is LAW, np.zeros(24))
+    wanted = differences(graph, law, regime)
+    # Freedoms of the rates are spins times a length, loads are moments over it.
+    scale = np.tile([1.0, 1.0, pieces.length], 8)
+    motions, strains = wanted[:, :-4] / scale, wanted[:, -4:]
+    motions[:-4] /= scale[:, None]
+    strains[:-4] /= scale[:, None]
+    at, values = np.empty((2, 36 * len(pairs)), dtype=np.int32), np.empty(36 * len(pairs))
+    packing_rates.blocks(*pieces.frame, regime, side, np.arange(24), at, values)
+    dense = sparse.csc_array((values, tuple(at)), (24, 24)).toarray()
+    exact = {"rtol": 0, "atol": 1e-8}
+    np.testing.assert_allclose(dense, -motions[:-4], **exact)
+    for k in range(28):
+        v, h, load, stress = np.zeros(24), np.zeros(4), np.zeros(24), np.zeros(4)
+        (v if k < 24 else h)[k % 24] = 1.0
+        packing_rates.resultants(*pieces.frame, regime, side, v, h, load)
+        packing_rates.stress_rate(*pieces.frame, regime, side, v, h, stress)
+        slope = np.hstack([motions, strains])[:, k]
+        np.testing.assert_allclose(np.append(load, stress), slope, **exact)
+
+
+@pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
+@pytest.mark.parametrize(("which", "most"), [((16, 2), 2e-7), ((36, 5), 5e-6)], ids=["16", "36"])
+def test_rates_are_those_of_a_dense_solve(which, most, control):
+    """Without springs on grains, which change the stress by 1e-7, of two contacts by more."""
+    graph = jammed(*which)
+    state, pairs = start_state(graph), contact_pairs(graph, LAW)
+    regime, side = np.full(len(pairs), ELASTIC, dtype=np.int8), np.ones(len(pairs))
+    load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
+    load = 1e-3 * (load - load.mean(axis=0)).ravel()
+    pieces = FrozenPacking(state, pairs, regime, side, True, load)
+    rates = pieces.solve(*control)
+    motion, frame, n = pieces.motion(rates), pieces.frame, len(load)
+    force, stress = np.zeros((n + 4, n)), np.zeros((n + 4, 4))
+    for k, (v, h) in enumerate(np.split(row, [n]) for row in np.eye(n + 4)):
+        packing_rates.resultants(*frame, regime, side, v, h, force[k])
+        packing_rates.stress_rate(*frame, regime, side, v, h, stress[k])
+    stress = stress.T / pieces.volume
+    system = np.vstack([-force.T, control[0] @ stress])
+    system[n:, n:] += control[1]
+    found = np.linalg.lstsq(system, np.append(load, control[2]), rcond=1e-11)[0]
+    wanted = stress @ found
+    np.testing.assert_allclose(rates.h[:4], found[n:], rtol=0, atol=most)
+    size = np.abs(wanted).max()
+    np.testing.assert_allclose(
+        stress @ np.append(motion, rates.h[:4]), wanted, rtol=0, atol=most * size
+    )

@@ -10,8 +10,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional
+from loops import GrainGraph, LinearFrictional, Regime
 from stability import follow
+from tests.oracles.lattices import lattice
 from tests.packings import diamonds, strained, touching_lattice
 
 followed = partial(follow, closure="packing")
@@ -138,3 +139,48 @@ def test_a_lattice_of_diamonds_goes_as_follow_has_it():
         place.append(abs(events[0].parameter - yields))
     np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
     assert error[0] < 1e-5 and place[0] < 1e-4 and place[-1] < place[0]
+
+
+@pytest.mark.parametrize("mirror", [1, -1], ids=["as it is", "mirrored"])
+@pytest.mark.parametrize("mu", [0.1, 0.5, np.inf], ids=["slides", "sticks", "never slides"])
+def test_a_contact_that_closes_sticks_or_slides_at_once(mu, mirror):
+    """Nearly triangles: opposite grains of a rhombus touch along their short diagonal."""
+    angle = 2 * np.arcsin(0.5 * 1.001 / LENGTH)
+    vectors = LENGTH * np.array([[mirror, mirror * np.cos(angle)], [0, np.sin(angle)]])
+    steps = [(1, 0), (0, 1), (-1, 1)]
+    graph = lattice(vectors, steps, [0.01, 0.01, 0.0], np.zeros(3), cells=(1, 1))
+    graph = graph.replace(radii=[0.5], regime=[Regime.ELASTIC, Regime.ELASTIC, Regime.OPEN])
+    n = vectors @ steps[2] / 1.001
+    strain = 2.5e-3 * np.outer(n, n) + 1.5e-3 * mirror * np.outer([-n[1], n[0]], n)
+    law = LinearFrictional(1.0, 0.5, mu)
+    whole = follow(graph, law, strained(strain), closure="affine", spins="free")
+    error = []
+    for interval in INTERVALS[:2]:
+        path = followed(graph, law, strained(strain), interval=interval)
+        (event,) = path.events
+        assert (event.kind, event.contacts) == ("closing", (2,))
+        assert event.parameter == pytest.approx(whole.events[0].parameter, rel=1e-5)
+        last = path.states[-1]
+        ratio = last.shear_force[2] / last.normal_force[2]
+        assert ratio * mirror == pytest.approx(min(mu, 0.1483), rel=1e-3)
+        error.append(np.abs(path.P[-1] - whole.P[-1]).max() / whole.P[-1, 0])
+    assert error[0] < 4e-6 and error[0] / error[1] == pytest.approx(2.0, rel=0.2)
+
+
+def test_a_hundred_cells_go_as_one():
+    """All contacts of a direction yield at once: more columns than one factorisation has."""
+    law = LinearFrictional(1.0, 0.5, 0.2)
+    vectors = TURN @ [[1, 0.5], [0, ROOT / 2]]
+    stages = [strained(STRAIN), strained(-1.5 * STRAIN)]
+    one, many = (
+        followed(
+            touching_lattice(vectors, [(1, 0), (0, 1), (-1, 1)], cells=(n, n)),
+            law,
+            stages,
+            interval=8e-4,
+        )
+        for n in (1, 10)
+    )
+    assert one.status == many.status == "finished" and len(one.of_kind("yield")) == 3
+    assert len(many.of_kind("yield")) > 300
+    np.testing.assert_allclose(many.P, one.P, rtol=0, atol=1e-9 * np.abs(one.P).max())

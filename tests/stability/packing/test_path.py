@@ -128,6 +128,68 @@ def test_a_first_step_is_the_rate_problem(case):
         np.testing.assert_allclose(getattr(changes, name), wanted, rtol=0, atol=1e-5 * size)
 
 
+def test_sliding_contacts_end_on_the_friction_limit():
+    """Those whose last event is yield: `|T| = mu N` with the exact `N`, at every row."""
+    graph = packed(16, 2, BRANCH)
+    path = followed(graph, BRANCH, strained(H), rows=5, interval=INTERVALS[0])
+    seen = 0
+    for row, state in enumerate(path.states):
+        last = {e.contacts[0]: e.kind for e in path.events if e.index < row}
+        slides = [c for c, kind in last.items() if kind == "yield" and state.closed[c]]
+        most = BRANCH.mu * state.normal_force[slides]
+        np.testing.assert_allclose(np.abs(state.shear_force[slides]), most, rtol=1e-14)
+        seen += len(slides)
+    assert seen > 10
+
+
+def test_a_path_starts_with_the_forces_of_the_geometry():
+    """Whatever normal forces are stored; shear forces within the cone, none where it is open."""
+    graph = packed(16, 2, LAW)
+    wrong = graph.replace(
+        normal_force=3 * graph.normal_force,
+        shear_force=np.where(np.arange(graph.contact_count) % 2, 2, 0.5) * graph.shear_force,
+        radii=np.where(np.arange(16) == 3, 0.99, 1.0) * graph.radii,
+    )
+    start = followed(wrong, LAW, strained(1e-9 * H), max_steps=1).states[0]
+    count = graph.contact_count
+    overlap = wrong.radii[graph.contacts].sum(axis=1) - np.linalg.norm(
+        start.branches[:count], axis=1
+    )
+    N = np.maximum(LAW.kn * overlap, 0.0)
+    assert 0 < np.count_nonzero(N == 0) < count
+    most = LAW.mu * N
+    np.testing.assert_array_equal(start.normal_force[:count], N)
+    wanted = np.clip(wrong.shear_force, -most, most)
+    assert 0 < np.count_nonzero(wanted != wrong.shear_force) < count
+    np.testing.assert_array_equal(start.shear_force[:count], wanted)
+
+
+@pytest.mark.parametrize("case", CASES[:2], ids=["radii", "branch"])
+def test_a_mirrored_packing_goes_the_mirrored_way(case):
+    """Shear forces change their sign, and nothing else does; in another order of the contacts."""
+    graph, law = packed(*case[:3]), case[2]
+    order, turn = np.argsort(graph.normal_force), np.diag([-1.0, 1.0])
+    mirrored = GrainGraph(
+        x=graph.x @ turn,
+        radii=graph.radii,
+        contacts=graph.contacts[order][:, ::-1],
+        images=-graph.images[order],
+        cell=turn @ graph.cell,
+        normal_force=graph.normal_force[order],
+        shear_force=-graph.shear_force[order],
+    )
+    path = forces(case, INTERVALS[0])[0]
+    other = followed(mirrored, law, strained(turn @ H @ turn), interval=INTERVALS[0])
+    signs = np.array([1.0, -1.0, -1.0, 1.0])
+    np.testing.assert_allclose(other.P, signs * path.P, rtol=0, atol=1e-9 * np.abs(path.P).max())
+    np.testing.assert_allclose(other.work, path.work, rtol=0, atol=1e-9 * path.work[-1, 0])
+    count = len(order)
+    pairs = [[e for e in one.events if e.contacts[0] < count] for one in (path, other)]
+    told = [[(e.kind, int(c)) for e in pairs[0] for c in e.contacts],
+            [(e.kind, int(order[c])) for e in pairs[1] for c in e.contacts]]  # fmt: skip
+    assert told[0] == told[1] and len(told[0]) > 3
+
+
 def test_mixed_control_holds_its_stress():
     graph = packed(16, 2, BRANCH)
     path = followed(graph, BRANCH, Stage(drained_biaxial(2), "H22", 1e-3), rows=4, interval=2e-5)

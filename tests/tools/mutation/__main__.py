@@ -1,4 +1,7 @@
-"""Run the mutation check: `python -m tests.tools.mutation --out DIR [--sample 500]`."""
+"""Run the mutation check: `python -m tests.tools.mutation --out DIR --rooms FOLDER --sample 200`.
+
+Every mutant meets all fast tests that run its line, the shortest first, until one fails.
+"""
 
 from __future__ import annotations
 
@@ -23,24 +26,24 @@ from rich.console import Console
 from rich.progress import Progress
 
 from studies.output import provenance, result_folder, write_summary, write_table
-from tests.tools.mutation.covering import FOLDERS, Covering, record_covering
+from tests.tools.mutation.covering import Covering, record_covering
 from tests.tools.mutation.mutants import Mutant, mutants_of
 
 ROOT = Path(__file__).parents[3]
-COPIED = (
-    *("loops", "patterns", "stability", "studies", "tests", "docs"),
-    *("pyproject.toml", "README.md"),
-)
-# Tests of one mutant take no more than this together, and are stopped after ten times as long.
-SECONDS = 30.0
+# Tests of one mutant are stopped after so many times their duration without it, and this besides.
+PATIENCE, GRACE = 5.0, 60.0
 
 
 def main(
     out: Annotated[Path, typer.Option(help="Result folder.")],
     sample: Annotated[int, typer.Option(help="Mutants drawn; 0 for all.")] = 0,
     seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 1,
-    only: Annotated[str, typer.Option(help="Files whose path holds this text.")] = "",
-    tests: Annotated[str, typer.Option(help="What pytest gets, by blanks; its own choice.")] = "",
+    rooms: Annotated[
+        str, typer.Option(help="Folders and files, separated by blanks.")
+    ] = "loops stability",
+    tests: Annotated[
+        str, typer.Option(help="Arguments of pytest; all fast tests if left out.")
+    ] = "",
     kernels: Annotated[
         bool, typer.Option("--kernels", help="The compiled kernels, run as plain Python.")
     ] = False,
@@ -48,14 +51,15 @@ def main(
     minutes: Annotated[float, typer.Option(help="Stop then, and count what was tried.")] = 600.0,
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
 ) -> None:
-    """Draw mutants of loops/ and stability/ and count those that the tests notice."""
+    """Draw mutants of some rooms and count those that the tests notice."""
     if kernels:
         # Machine code is out of coverage's sight, and its cache does not see every change.
         os.environ["NUMBA_DISABLE_JIT"] = "1"
     with result_folder(out, force=force) as folder, tempfile.TemporaryDirectory() as scratch:
         copies = [_copy(Path(scratch) / f"copy{k}") for k in range(workers)]
-        covering = record_covering(copies[0], tests.split())
-        drawn, equivalent = _draw(only, sample, seed, kernels=kernels)
+        drawn, equivalent = draw(rooms.split(), sample, seed, kernels=kernels)
+        files = {mutant.file for mutant in drawn}
+        covering = record_covering(copies[0], files, tests.split(), workers)
         rows, end = [], time.monotonic() + 60.0 * minutes
         for row in _try_all(drawn, covering, copies, end):
             rows.append(row)
@@ -64,7 +68,7 @@ def main(
                 typer.echo(f"          {row['before']}")
         counts = Counter(row["outcome"] for row in rows)
         seen = counts["noticed"] + counts["timeout"]
-        configuration = {"sample": sample, "seed": seed, "only": only, "tests": tests}
+        configuration = {"sample": sample, "seed": seed, "rooms": rooms, "tests": tests}
         configuration["kernels"] = kernels
         summary: dict[str, Any] = {
             "mutants": len(rows),
@@ -87,32 +91,37 @@ def main(
 
 
 def _copy(place: Path) -> Path:
-    place.mkdir()
-    for name in COPIED:
-        source = ROOT / name
-        if source.is_dir():
-            shutil.copytree(source, place / name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy(source, place / name)
+    """Every file of the project that git tracks or would."""
+    listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    found = subprocess.run(listed, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in found.rstrip("\0").split("\0"):
+        if (ROOT / name).exists():
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, place / name)
     return place
 
 
-def _draw(only: str, sample: int, seed: int, *, kernels: bool) -> tuple[list[Mutant], int]:
+def draw(rooms: list[str], sample: int, seed: int, *, kernels: bool) -> tuple[list[Mutant], int]:
     """Mutants to try, and how many were left out as equivalent."""
     files = sorted(
-        str(path.relative_to(ROOT))
-        for folder in FOLDERS
-        for path in (ROOT / folder).rglob("*.py")
-        if only in str(path.relative_to(ROOT)) and ("compiled" in path.parts) == kernels
+        {
+            str(path.relative_to(ROOT))
+            for room in rooms
+            for path in ([ROOT / room] if room.endswith(".py") else (ROOT / room).rglob("*.py"))
+            if ("compiled" in path.parts) == kernels
+        }
     )
+    if not files:
+        raise typer.BadParameter(f"no source files in {' '.join(rooms)}")
     known = tomllib.loads((Path(__file__).parent / "equivalent.toml").read_text())
     names = {entry["name"] for entry in known.get("mutant", [])}
     every = [mutant for file in files for mutant in mutants_of(ROOT, file)]
     kept = [mutant for mutant in every if mutant.name not in names]
+    equivalent = len(every) - len(kept)
     if sample and sample < len(kept):
         chosen = np.random.default_rng(seed).choice(len(kept), sample, replace=False)
         kept = [kept[k] for k in chosen.tolist()]
-    return kept, len(every) - len([mutant for mutant in every if mutant.name not in names])
+    return kept, equivalent
 
 
 def _try_all(
@@ -123,17 +132,18 @@ def _try_all(
     for copy in copies:
         trier = _trier(copy)
         few = sorted(covering.seconds, key=lambda test: covering.seconds[test])[:20]
-        if _ask(trier, [None, few, 10 * SECONDS]) != "survived":
+        if _ask(trier, [None, few, PATIENCE * GRACE]) != "survived":
             raise RuntimeError("tests fail in the trial without any change")
         triers.put(trier)
 
     def attempt(mutant: Mutant) -> str:
         if time.monotonic() > end:
             return "left out"
-        tests = covering.tests_of(mutant.file, mutant.line, SECONDS)
+        tests = covering.tests_of(mutant.file, mutant.line)
+        expected = sum(covering.seconds[test] for test in tests)
         trier = triers.get()
         try:
-            return _ask(trier, [list(mutant), tests, 10 * SECONDS])
+            return _ask(trier, [list(mutant), tests, GRACE + PATIENCE * expected])
         finally:
             triers.put(trier)
 

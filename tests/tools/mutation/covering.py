@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import coverage
 
-FOLDERS = ("loops", "stability")
-RECORD = ".test-seconds.json"
+RECORD, CONFIGURATION = ".test-seconds.json", ".coveragerc"
 
 
 class Covering(NamedTuple):
@@ -21,29 +20,23 @@ class Covering(NamedTuple):
     lines: dict[str, dict[int, set[str]]]
     seconds: dict[str, float]
 
-    def tests_of(self, file: str, line: int, limit: float) -> list[str]:
-        """Tests that run a line, the shortest first, up to so many seconds together.
+    def tests_of(self, file: str, line: int) -> list[str]:
+        """Tests that run a line, the shortest first.
 
         A line that runs on import alone is left to the tests that run anything of its file.
         """
         lines = self.lines.get(file, {})
         found = lines.get(line, set()) or set().union(*lines.values())
-        chosen: list[str] = []
-        total = 0.0
-        for test in sorted(found, key=lambda test: (self.seconds.get(test, 0.0), test)):
-            total += self.seconds.get(test, 0.0)
-            if chosen and total > limit:
-                break
-            chosen.append(test)
-        return chosen
+        return sorted(found, key=lambda test: (self.seconds[test], test))
 
 
-def record_covering(root: Path, tests: list[str]) -> Covering:
-    """Run the tests once under coverage; the few that fail under it are left out."""
+def record_covering(root: Path, files: set[str], tests: list[str], workers: int) -> Covering:
+    """Run the tests once under coverage of the files; the few that fail under it are left out."""
+    (root / CONFIGURATION).write_text("[run]\ninclude =\n" + "".join(f"    {f}\n" for f in files))
     command = [sys.executable, "-m", "tests.tools.mutation.recorder", *tests]
-    command += [f"--cov={folder}" for folder in FOLDERS]
-    command += ["--cov-context=test", "--cov-report=", "-q", "-p", "no:cacheprovider"]
-    environment = {**os.environ, "PYTHONPATH": str(root)}
+    command += ["--cov", f"--cov-config={CONFIGURATION}", "--cov-context=test", "--cov-report="]
+    command += ["-q", "-p", "no:cacheprovider", *(["-n", str(workers)] if workers > 1 else [])]
+    environment = {**os.environ, "PYTHONPATH": str(root), "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, cwd=root, env=environment, check=False)
     if done.returncode != 0:
         raise RuntimeError("tests fail without any change: nothing to learn from mutants")

@@ -64,6 +64,7 @@ def _run(copy: Path, tests: list[str]) -> None:
         os.setsid()
         os.chdir(copy)
         sys.path.insert(0, str(copy))
+        os.environ["PYTHONPATH"] = str(copy)
         sys.dont_write_bytecode = True
         for name in [name for name in sys.modules if name.split(".")[0] in ("studies", "tests")]:
             del sys.modules[name]

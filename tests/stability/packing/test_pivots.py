@@ -1,0 +1,90 @@
+"""Pivots against enumeration: regimes of contacts at yield that agree with their rates."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from stability.compiled import packing_rates
+from stability.packing import packing_response
+from stability.packing.frozen_packing import ELASTIC, FrozenPacking
+from stability.packing.pairs import contact_pairs
+from stability.packing.pivots import Control, UnsolvedError, disagreeing, flip, pivot
+from stability.packing.state import start_state
+from tests.packings import LAW, packing
+
+NONE, ALL = np.zeros((4, 4)), np.eye(4)
+HELD = np.diag([1.0, 0, 0, 0])
+TINY = 1e-9
+
+
+def stuck_packing(seed):
+    """A random packing half of whose contacts are at yield, all stuck, and these contacts."""
+    graph = packing(8, seed=seed, share=0.9, sliding=0.5)
+    at_yield = np.abs(graph.shear_force) >= (1 - 1e-9) * LAW.mu * graph.normal_force
+    regime = np.full(graph.contact_count, ELASTIC, dtype=np.int8)
+    side = np.sign(graph.shear_force)
+    pairs = contact_pairs(graph, LAW)
+    frozen = FrozenPacking(start_state(graph), pairs, regime, side, True, np.zeros(24))
+    return graph, frozen, np.flatnonzero(at_yield)
+
+
+def settle(frozen, control, critical):
+    """Pivot the worst of those that disagree until none does; how many changed in each."""
+    counts = []
+    while True:
+        wrong = disagreeing(frozen, frozen.solve(*control), critical, TINY)
+        if len(wrong) == 0:
+            return counts
+        changed = pivot(frozen, control, int(wrong[0]), critical, TINY)
+        assert changed[-1] == wrong[0] and len(counts) < 30
+        counts.append(len(changed))
+
+
+@pytest.mark.parametrize("stress_held", [False, True], ids=["strain", "P11 held"])
+def test_pivots_find_the_only_solution(stress_held):
+    """The solution of `packing_response` where enumeration proves that there is one alone."""
+    counts, compared = [], 0
+    for seed in range(50):
+        graph, frozen, critical = stuck_packing(seed)
+        H = np.random.default_rng(seed).normal(size=(2, 2))
+        control = Control(NONE, ALL, H.ravel())
+        if stress_held:
+            H[0, 0] = np.nan
+            control = Control(HELD, ALL - HELD, np.nan_to_num(H.ravel()))
+        wanted = packing_response(graph, LAW, H, yield_band=1 - 1e-9)
+        if (wanted.status, wanted.proof, wanted.settled) != ("unique", "enumeration", 0):
+            continue
+        counts += settle(frozen, control, critical)
+        compared += 1
+        np.testing.assert_array_equal(frozen.regime, wanted.regime)
+        strain = frozen.solve(*control).h[:4]
+        np.testing.assert_allclose(strain, wanted.strain_rate.ravel(), rtol=0, atol=1e-4)
+    # Many pivots change more contacts than the one that is asked for.
+    assert compared > 30 and sum(count > 1 for count in counts) > 20
+
+
+def stiffness(frozen):
+    """Dense stiffness in the regimes as they are, translations held."""
+    size, entries = 3 * frozen.count, 36 * len(frozen.side)
+    at, values = np.empty((2, entries), dtype=np.int32), np.empty(entries)
+    packing_rates.blocks(*frozen.frame, frozen.regime, frozen.side, np.arange(size), at, values)
+    dense = sparse.coo_array((values, tuple(at)), (size, size)).toarray()
+    dense[[0, 1], [0, 1]] += 1.0
+    return dense
+
+
+@pytest.mark.parametrize("seed", [123, 170])
+def test_a_pivot_without_a_solution_changes_no_regime(seed):
+    """Regimes are as before the last pivot; `turns` is the sign change of the determinant."""
+    _, frozen, critical = stuck_packing(seed)
+    control = Control(NONE, ALL, np.random.default_rng(seed).normal(size=4))
+    with pytest.raises(UnsolvedError) as stop:
+        settle(frozen, control, critical)
+    c = stop.value.contact
+    (wrong, *_) = disagreeing(frozen, frozen.solve(*control), critical, TINY)
+    assert c == wrong
+    signs = []
+    for _ in range(2):
+        signs.append(np.linalg.slogdet(stiffness(frozen))[0])
+        flip(frozen, c)
+    assert stop.value.turns == (signs[0] != signs[1])
