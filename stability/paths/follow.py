@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 # Isotropic strain at which a path starts where its law has no stiffness at first touch.
 FIRST_STRAIN = 1e-8
+# Absolute tolerance of such a path over that strain, by which its start is off. Loops with free
+# spins are all but mechanisms there: rounding of their rates is beyond tighter ones.
+FIRST_ATOL = 1e-4
 OnTouch = Literal["ignore", "stop", "add"]
 # Options of loops, as they stand if left out.
 OF_LOOPS: dict[str, Any] = {
@@ -121,7 +124,7 @@ def follow(
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
-    at rest.
+    at rest; `atol` is 1e-12 at least.
 
     Parameters
     ----------
@@ -241,7 +244,7 @@ def follow(
         raise InputError("subspace", "none", "one at least", "Name 'diagonal', say.")
     check_choice("model", model, get_args(ModelOption))
     full = path_model(graph, law, closure, spins, volume)
-    full, y = _first_state(full, graph)
+    full, y, lifted = _first_state(full, graph)
     walk = Walk(
         model=replace(full, search_all=model == "full"),
         y=y,
@@ -250,7 +253,7 @@ def follow(
         subspaces=subspaces,
         on_touch=contact_on_touch,
         rtol=rtol,
-        atol=atol,
+        atol=max(atol, FIRST_ATOL * FIRST_STRAIN) if lifted else atol,
         max_step=max_step,
         rows=rows,
         steps_left=max_steps,
@@ -265,13 +268,16 @@ def follow(
     return walk.record.path(walk.model, status, message, subspaces[0], chosen)
 
 
-def _first_state(model: PathModel, graph: GrainGraph) -> tuple[PathModel, Floats]:
-    """The graph's state; where no contact has any stiffness that at a first overlap, its scale."""
+def _first_state(model: PathModel, graph: GrainGraph) -> tuple[PathModel, Floats, bool]:
+    """The graph's state; where no contact has any stiffness that at a first overlap, its scale.
+
+    Whether it is at a first overlap comes last.
+    """
     y = initial_state(model, graph)
     elastic = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
     stiffness = model.law.local_stiffness(contact_state(graph), elastic)[:, 0, 0]
     if not graph.contact_count or (stiffness > 0.0).any():
-        return model, y
+        return model, y, False
     state = unpack(model, y)
     if model.closure == "affine":
         place = state.place + FIRST_STRAIN * (np.eye(2).ravel() - state.place)
@@ -281,7 +287,7 @@ def _first_state(model: PathModel, graph: GrainGraph) -> tuple[PathModel, Floats
     kn = float(model.law.local_stiffness(pressed, elastic)[:, 0, 0].mean())
     # Between the first stiffness, for what is singular, and the later ones, for tolerances.
     model = replace(model, stiffness=float(np.sqrt(kn * model.stiffness)))
-    return model, pack(place, state.shear_force, state.parameter, state.work)
+    return model, pack(place, state.shear_force, state.parameter, state.work), True
 
 
 def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:

@@ -251,11 +251,15 @@ def test_spheres_are_followed_from_their_first_touch(order, monkeypatch):
     assert off[1] / off[0] == pytest.approx(100.0, rel=0.1)
 
 
-@pytest.mark.parametrize("programme", ["isotropic_stress", "oedometric", "isotropic_strain"])
-def test_spheres_start_under_every_control(programme):
+@pytest.mark.parametrize(
+    ("order", "programme"),
+    [(5, "isotropic_stress"), (7, "isotropic_stress"), (5, "oedometric"), (5, "isotropic_strain")],
+)
+def test_spheres_start_under_every_control(order, programme):
     law = HertzMindlin(young=1.0, poisson=0.3, mu=0.1)
     quantity, target = ("P11", 1e-3) if "stress" in programme else ("H11", 0.02)
     stage = Stage(getattr(programmes, programme)(), quantity, target)
-    path = follow(regular_polygon(5), law, stage, closure="traction", spins="free")
+    loop = regular_polygon(order, orientation="vertex")
+    path = follow(loop, law, stage, closure="traction", spins="free")
     assert path.status == "finished", path.message
     assert path.H[0] == pytest.approx([1e-8, 0, 0, 1e-8], abs=1e-15)
