@@ -1,3 +1,3 @@
-"""Speed against error of every method with a choice, and the hard cases."""
+"""Speed against error of the methods that a user chooses between, and the hard cases."""
 
 from studies.bench.run import run_bench as run_bench

@@ -5,17 +5,28 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from studies.bench.measure import Row, grouped
-from studies.style import BLACK, GREY, LINE_COLOURS, key_columns, new_panels, styled
+from studies.style import (
+    BLACK,
+    GREY,
+    LINE_COLOURS,
+    axes_or_new,
+    figure_of,
+    key_columns,
+    new_panels,
+    styled,
+)
 
-# Stands for an error of zero.
+# Drawn in place of an error of zero.
 LEAST = 1e-17
 EPS = float(np.finfo(float).eps)
-OWN_FIGURE = ("batch or one by one", "precision", "compiled or plain")
+# The group that has a figure of its own, and all that are no panel of `pareto`.
+BATCHES = "batch or one by one"
+OWN_FIGURE = (BATCHES, "compiled or plain")
 STIFF = {
     "stiff-grains": "hexagon, elastic",
     "stiff-sliding-grains": "hexagon, all sliding",
@@ -32,88 +43,78 @@ MARKERS = "osD^vPX"
 
 def all_figures(results: Any) -> dict[str, Figure]:
     """Figures by name."""
-    groups = grouped(results.rows, "group")
-    figures = {}
-    fronts = {name: rows for name, rows in groups.items() if name not in OWN_FIGURE}
-    if fronts:
-        figures["pareto"] = pareto(fronts)
-    if all(name in groups for name in OWN_FIGURE[:2]):
-        figures["batches"] = batches(groups[OWN_FIGURE[0]], groups[OWN_FIGURE[1]])
-    if any(row["case"] in STIFF for row in results.tangents):
-        figures["stiff"] = stiff(results.tangents)
+    methods, tangents = results.methods, results.tangents
+    figures: dict[str, Figure] = {}
+    if len(methods):
+        fronts = methods[~methods.group.isin(OWN_FIGURE)]
+        figures |= {"pareto": pareto(fronts)} if len(fronts) else {}
+        sizes = methods[methods.group == BATCHES]
+        figures |= {"batches": figure_of(batches(sizes))} if len(sizes) else {}
+    if len(tangents) and tangents.case.isin(STIFF).any():
+        figures["stiff"] = stiff(tangents)
     return figures
 
 
 @styled()
-def pareto(groups: dict[str, list[Row]]) -> Figure:
+def pareto(rows: pd.DataFrame) -> Figure:
     """Error over time, a panel for each group; the default is ringed."""
-    columns = min(3, len(groups))
-    lines = -(-len(groups) // columns)
+    groups = rows.groupby("group", sort=False)
+    columns = min(3, groups.ngroups)
+    lines = -(-groups.ngroups // columns)
     figure, axes = new_panels(lines, columns, 2.75 * lines)
-    axes = axes.ravel()
-    for ax, (name, rows) in zip(axes, groups.items(), strict=False):
-        _front(ax, name, rows)
-    for ax in axes[len(groups) :]:
+    for ax, (name, own) in zip(axes.flat, groups, strict=False):
+        _draw_front(ax, str(name), own)
+    for ax in axes.flat[groups.ngroups :]:
         ax.set_visible(False)
-    for line in range(lines):
-        axes[line * columns].set_ylabel("error")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("error")
     return figure
 
 
-def _front(ax: Axes, name: str, rows: list[Row]) -> None:
-    methods = grouped(rows, "method")
-    for k, (method, own) in enumerate(methods.items()):
-        seconds = [row.seconds_per_item for row in own]
-        errors = [max(row.error, LEAST) for row in own]
+def _draw_front(ax: Axes, name: str, rows: pd.DataFrame) -> None:
+    methods = rows.groupby("method", sort=False)
+    for k, (method, own) in enumerate(methods):
         colour, marker = LINE_COLOURS[k % len(LINE_COLOURS)], MARKERS[k % len(MARKERS)]
-        ax.loglog(seconds, errors, marker + "-", color=colour, label=method, markersize=3.5)
-    for row in rows:
-        if row.default:
-            at = (row.seconds_per_item, max(row.error, LEAST))
-            ax.plot(*at, "o", markersize=9, markerfacecolor="none", color=BLACK, zorder=5)
+        at = own.seconds_per_item, own.error.clip(lower=LEAST)
+        ax.loglog(*at, marker + "-", color=colour, label=method, markersize=3.5)
+    default = rows[rows.default]
+    at = default.seconds_per_item, default.error.clip(lower=LEAST)
+    ax.plot(*at, "o", markersize=9, markerfacecolor="none", color=BLACK, zorder=5)
     ax.axhline(EPS, color=GREY, linewidth=0.7, linestyle=":")
     ax.set(title=name, xlabel="time per item (s)", ylim=(0.3 * LEAST, 9.0))
-    _whole_decades(ax, [row.seconds_per_item for row in rows])
-    below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.24), "fontsize": 5.8}
-    ax.legend(**below, ncols=2 if len(methods) > 3 else 1)
-
-
-def _whole_decades(ax: Axes, seconds: list[float]) -> None:
-    """Abscissa from a power of ten to a power of ten: narrow ranges would crowd the labels."""
-    low, high = np.floor(np.log10(min(seconds))), np.ceil(np.log10(max(seconds)))
-    ax.set_xlim(0.7 * 10.0**low, 1.4 * 10.0**high)
+    # From a power of ten to a power of ten: labels of narrow ranges would overlap.
+    low, high = rows.seconds_per_item.min(), rows.seconds_per_item.max()
+    ax.set_xlim(0.7 * 10.0 ** np.floor(np.log10(low)), 1.4 * 10.0 ** np.ceil(np.log10(high)))
     ax.xaxis.set_minor_formatter(NullFormatter())
+    below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.24), "fontsize": 5.8}
+    ax.legend(**below, ncols=2 if methods.ngroups > 3 else 1)
 
 
 @styled()
-def batches(sizes: list[Row], precisions: list[Row]) -> Figure:
-    """Time per loop over the number of loops at once; error over the overlap by precision."""
-    figure, ((left, right),) = new_panels(1, 2, 2.6)
-    for k, (method, own) in enumerate(grouped(sizes, "method").items()):
-        seconds = [row.seconds_per_item for row in own]
+def batches(rows: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Time per loop over the number of loops in one call."""
+    ax = axes_or_new(ax)
+    for k, (method, own) in enumerate(rows.groupby("method", sort=False)):
         style: Any = {"color": LINE_COLOURS[k], "label": method}
-        left.loglog([row.items for row in own], seconds, MARKERS[k] + "-", **style)
-    left.set(xlabel="hexagons at once", ylabel="time per hexagon (s)")
-    for k, (method, own) in enumerate(grouped(precisions, "method").items()):
-        overlap = [float(row.setting.split()[-1]) for row in own]
-        errors = [max(row.error, LEAST) for row in own]
-        style = {"color": LINE_COLOURS[k], "label": method}
-        right.loglog(overlap, errors, MARKERS[k] + "-", **style)
-    right.set(xlabel="overlap $N/(k_n l_0)$", ylabel=r"error of $\lambda_{min}$ over the overlap")
-    for ax in (left, right):
-        ax.legend()
-    return figure
+        ax.loglog(own["items"], own.seconds_per_item, MARKERS[k] + "-", **style)
+    ax.set(xlabel="hexagons at once", ylabel="time per hexagon (s)")
+    ax.legend()
+    return ax
 
 
 @styled()
-def stiff(rows: list[dict[str, Any]]) -> Figure:
+def stiff(rows: pd.DataFrame) -> Figure:
     """Errors over the overlap: elastic and sliding loops, both closures."""
     figure, axes = new_panels(3, 2, 6.2, sharex=True, sharey=True)
     for down, (case, what) in enumerate(STIFF.items()):
         for across, closure in enumerate(("affine", "traction")):
-            own = [r for r in rows if r["case"] == case and r["closure"] == closure]
-            _errors(axes[down, across], own)
-            axes[down, across].set_title(f"{what}, {closure} closure")
+            own = rows[(rows.case == case) & (rows.closure == closure)]
+            ax = axes[down, across]
+            for k, (name, label) in enumerate(MEASURES.items()):
+                at = own.value, own[name].clip(lower=LEAST)
+                ax.loglog(*at, MARKERS[k] + "-", color=LINE_COLOURS[k], label=label)
+            ax.loglog(own.value, own.bound, "--", color=GREY, label="stated bound of the operator")
+            ax.set(title=f"{what}, {closure} closure", ylim=(0.3 * LEAST, 1.0))
     for ax in axes[-1]:
         ax.set_xlabel("overlap $N/(k_n l_0)$")
     for ax in axes[:, 0]:
@@ -121,13 +122,3 @@ def stiff(rows: list[dict[str, Any]]) -> Figure:
     handles, labels = axes[1, 1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=key_columns(figure, 5))
     return figure
-
-
-def _errors(ax: Axes, rows: list[dict[str, Any]]) -> None:
-    overlap = [row["value"] for row in rows]
-    for k, (name, label) in enumerate(MEASURES.items()):
-        errors = np.maximum([row[name] for row in rows], LEAST)
-        ax.loglog(overlap, errors, MARKERS[k] + "-", color=LINE_COLOURS[k], label=label)
-    bound = [row["bound"] for row in rows]
-    ax.loglog(overlap, bound, "--", color=GREY, label="stated bound of the operator")
-    ax.set_ylim(0.3 * LEAST, 1.0)

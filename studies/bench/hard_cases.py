@@ -25,18 +25,26 @@ from stability import (
     unstable_fraction,
 )
 from stability.directional.edge import edge_contacts
-from studies.bench.oracles import tangent_50
-from studies.fifty_digits import DIGITS, as_array
+from studies.bench.fifty_digits import DIGITS, as_array, tangent_50
 
 CLOSURES, SUBSPACE = ("affine", "traction"), "symmetric"
 STATUS_LETTERS = {"stable": "s", "unstable": "u", "undetermined": "?"}
 REGIME_LETTERS = "oes"
 # An eigenvalue below this fraction of the operator is zero with 50 digits too.
 ZERO_50 = 1e-40
+MEASURES = (
+    "condition", "bound", "operator_error", "eigenvalue_error", "cone_error", "fraction_error"
+)  # fmt: skip
+PROGRAMMES: dict[str, Callable[[], Programme]] = {
+    "drained_biaxial": programmes.drained_biaxial,
+    "force_control": lambda: programmes.proportional_stress(1.0, 0.0),
+    "isotropic_strain": programmes.isotropic_strain,
+    "isotropic_extension": lambda: programmes.isotropic_strain(-1.0),
+}
 
 
 class Exact(NamedTuple):
-    """What 50 digits say."""
+    """Operator, spectrum of Ks and verdict with 50 digits."""
 
     matrix: Floats
     spectrum: Floats
@@ -55,7 +63,7 @@ def tangent_rows(case: HardCase, every: int = 1) -> list[dict[str, Any]]:
 
 
 def read_letters(case: HardCase) -> dict[str, str]:
-    """What the states say of contact 0: its regime, and whether the direction decides on it."""
+    """Letters of contact 0 at each value: its regime, and whether the direction decides on it."""
     regime, edge = "", ""
     for value in case.values:
         scene = _built(case, value)
@@ -104,59 +112,35 @@ def _built(case: HardCase, value: float) -> Scene | None:
 
 
 def _evaluated(case: HardCase, value: float, closure: str) -> dict[str, Any]:
+    """Verdict, stated bound and errors against 50 digits; NaN where there is nothing to compare."""
+    row: dict[str, Any] = {"answer": "e", "exact": "-", **dict.fromkeys(MEASURES, np.nan)}
     scene = _built(case, value)
     if scene is None:
-        return {"answer": "e", "exact": "-", **dict.fromkeys(MEASURES, np.nan)}
-    tangent = solve(scene, closure)
-    answer = STATUS_LETTERS[judge(tangent, SUBSPACE).status]
-    exact = exact_answer(scene, closure)
+        return row
+    tangent, exact = solve(scene, closure), exact_answer(scene, closure)
     size = float(operator_norm(np.nan_to_num(tangent.matrix)))
-    stated = {
+    row |= {
+        "answer": STATUS_LETTERS[judge(tangent, SUBSPACE).status],
+        "exact": "-" if exact is None else exact.letter,
         "condition": float(tangent.condition),
         "bound": float(tangent.error) / size if size > 0.0 else np.nan,
     }
     if exact is None or not tangent.trusted:
-        letter = "-" if exact is None else exact.letter
-        return {"answer": answer, "exact": letter} | dict.fromkeys(MEASURES, np.nan) | stated
-    return {"answer": answer, "exact": exact.letter, **stated, **_errors(case, tangent, exact)}
-
-
-MEASURES = (
-    "condition",
-    "bound",
-    "operator_error",
-    "eigenvalue_error",
-    "cone_error",
-    "fraction_error",
-)
-
-
-def _errors(case: HardCase, tangent: MacroTangent, exact: Exact) -> dict[str, float]:
-    size = max(float(np.linalg.norm(exact.matrix)), np.finfo(float).tiny)
+        return row
+    exact_size = max(float(np.linalg.norm(exact.matrix)), np.finfo(float).tiny)
     spectrum = symmetric_spectrum(restrict(tangent.matrix, SUBSPACE))
-    return {
-        "operator_error": float(np.linalg.norm(tangent.matrix - exact.matrix)) / size,
-        "eigenvalue_error": float(np.abs(spectrum - exact.spectrum).max()) / size,
-        "cone_error": _cone_error(tangent.matrix, exact.matrix),
-        "fraction_error": abs(
-            float(unstable_fraction(spectrum)) - float(imhof_fraction(exact.spectrum))
-        ),
+    fractions = unstable_fraction(spectrum), imhof_fraction(exact.spectrum)
+    # The cone of the rounded exact operator is exact.
+    found, true = (
+        plane_cone(restrict(A, "diagonal")).edges for A in (tangent.matrix, exact.matrix)
+    )
+    turn = np.abs(found - true)
+    return row | {
+        "operator_error": float(np.linalg.norm(tangent.matrix - exact.matrix)) / exact_size,
+        "eigenvalue_error": float(np.abs(spectrum - exact.spectrum).max()) / exact_size,
+        "cone_error": float(np.minimum(turn, np.pi - np.mod(turn, np.pi)).max()),
+        "fraction_error": abs(float(fractions[0]) - float(fractions[1])),
     }
-
-
-def _cone_error(matrix: Floats, exact: Floats) -> float:
-    """Largest difference of the cone's edges; the cone of the rounded exact operator is exact."""
-    found, true = (plane_cone(restrict(A, "diagonal")).edges for A in (matrix, exact))
-    gap = np.abs(found - true)
-    return float(np.minimum(gap, np.pi - np.mod(gap, np.pi)).max())
-
-
-PROGRAMMES: dict[str, Callable[[], Programme]] = {
-    "drained_biaxial": programmes.drained_biaxial,
-    "force_control": lambda: programmes.proportional_stress(1.0, 0.0),
-    "isotropic_strain": programmes.isotropic_strain,
-    "isotropic_extension": lambda: programmes.isotropic_strain(-1.0),
-}
 
 
 def path_rows(case: HardCase) -> list[dict[str, Any]]:

@@ -35,7 +35,7 @@ class Row:
 
 
 class Rows(list[Row]):
-    """Rows of one group, whose errors are all from one oracle."""
+    """Rows of one group and oracle."""
 
     def __init__(self, group: str, oracle: str, quick: bool) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class Rows(list[Row]):
         items: int = 1,
         default: bool = False,
     ) -> None:
-        """Run a method for its time, once more for its memory; `gap` is what the oracle leaves."""
+        """Run a method for its time, once more for its memory; `gap` is its error."""
         seconds = least_seconds(call, quick=self.quick)
         peak = peak_bytes(call) if seconds < TRACED else float("nan")
         measured = (items, seconds / items, largest(np.abs(gap)), peak)
@@ -78,16 +78,8 @@ def peak_bytes(call: Callable[[], Any]) -> float:
         tracemalloc.stop()
 
 
-def grouped(rows: list[Row], by: str) -> dict[str, list[Row]]:
-    """Rows by their group or method, in the order met."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(getattr(row, by), []).append(row)
-    return found
-
-
 def machine(*packages: str) -> dict[str, Any]:
-    """What the times depend on, without names: interpreter, processor, cores, packages."""
+    """Interpreter, processor, cores and packages: times depend on them."""
     found: dict[str, Any] = {"python": platform.python_version(), "cores": os.cpu_count()}
     found["processor"] = platform.machine()
     for name in packages:

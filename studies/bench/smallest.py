@@ -45,7 +45,7 @@ FAMILIES = (
 )
 
 
-def rows() -> list[dict[str, Any]]:
+def smallest_model_rows() -> list[dict[str, Any]]:
     """A row for every loop: see `compared`."""
     return [compared(family, order) for family in FAMILIES for order in family.orders]
 
@@ -73,7 +73,7 @@ def compared(family: Family, order: int) -> dict[str, Any]:
 
 
 def largest_difference(small: Path, full: Path) -> float:
-    """How far two paths lie apart at their events and ends, over the size of each quantity.
+    """Largest difference of two paths at their events and ends, over the size of each quantity.
 
     States, tangents and rates; sizes below 1 count as 1. The steps between are each path's own.
     """

@@ -6,22 +6,73 @@ at once (`patterns.diamond.drained_end`), against scipy's `solve_ivp` on (33), o
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.integrate import solve_ivp
 
 from loops.arrays import Floats
 from patterns.diamond import TABLE_1, drained_end
-from studies.bench.paths import by_scipy
 from studies.examples import run, save
 from studies.style import LINE_COLOURS, SEQUENTIAL, TWO_COLUMNS, new_figure, styled
 
 # Ranges of alpha0, kappa, phi and the isotropic strain at A; degrees.
 LOW, HIGH = np.array([5.0, 0.05, 1.0, 1e-4]), np.array([85.0, 1.5, 35.0, 0.5])
 METHODS = (("RK45", 1e-3), ("DOP853", 1e-8), ("DOP853", 1e-12))
+
+
+def drained(
+    alpha0: float, kappa: float, phi: float, confinement: float
+) -> tuple[Callable[..., tuple[float, float]], Callable[..., float]]:
+    """Rates and friction left of a diamond of sticking contacts under constant s2.
+
+    Both take `E1, E2, s1`. Rates are `dE2/dE1 = -K21/K22` and `ds1/dE1 = det K/K22` (26), (33); the
+    friction left is `mu N - |T|` over `kn l0`, from balance (12), zero at yield.
+    """
+    t0, sin0, cos0, mu = math.tan(alpha0), math.sin(alpha0), math.cos(alpha0), math.tan(phi)
+    s2 = confinement * t0
+
+    # Plain floats: half the time of numpy's scalars.
+    def rates(E1: float, E2: float, s1: float) -> tuple[float, float]:
+        t = t0 * (1.0 - E2) / (1.0 - E1)
+        cos2, p1, p2 = 1.0 / (1.0 + t * t), s1 / (1.0 - E2), s2 / (1.0 - E1)
+        K22 = cos2 * (t * t + kappa - t * p1) * t0
+        K21 = cos2 * ((1.0 - kappa) * t + t * t * p1)
+        return -K21 / K22, (kappa - cos2 * t * (p2 + p1)) / K22
+
+    def friction_left(E1: float, E2: float, s1: float) -> float:
+        a = math.atan2((1.0 - E2) * sin0, (1.0 - E1) * cos0)
+        F1, F2, c, s = s1 * sin0, s2 * cos0, math.cos(a), math.sin(a)
+        return mu * (F1 * c + F2 * s) - abs(F1 * s - F2 * c)
+
+    return rates, friction_left
+
+
+def by_scipy(
+    diamond: Sequence[float], method: str, rtol: float, atol: float, end: float = 1.0 - 1e-9
+) -> tuple[float, float, float]:
+    """Point B of a diamond by scipy's integrators with their event location; NaN if it folds."""
+    rates, friction_left = drained(*diamond)
+    E = diamond[3]
+
+    def slope(E1: float, y: Floats) -> tuple[float, float]:
+        return rates(float(E1), *y.tolist())
+
+    def left(E1: float, y: Floats) -> float:
+        return friction_left(float(E1), *y.tolist())
+
+    left.terminal = True  # type: ignore[attr-defined]
+    start = np.array([E, E / math.tan(diamond[0])])
+    found = solve_ivp(slope, (E, end), start, method, events=left, rtol=rtol, atol=atol)
+    if found.status != 1:
+        return math.nan, math.nan, math.nan
+    E2, s1 = found.y_events[0][0]
+    return float(found.t_events[0][0]), float(E2), float(s1)
 
 
 def random_diamonds(count: int, seed: int = 1) -> Floats:
@@ -32,7 +83,7 @@ def random_diamonds(count: int, seed: int = 1) -> Floats:
 
 
 def compare(diamonds: Floats, paths: int) -> tuple[dict[str, int], list[dict[str, Any]]]:
-    """How the paths end; time a path and difference at B from the exact sweep, by method."""
+    """Counts by how paths end; by method, time a path and difference at B from the exact sweep."""
     start = perf_counter()
     end = drained_end(*diamonds.T)
     seconds = (perf_counter() - start) / len(diamonds)

@@ -6,20 +6,25 @@ import pytest
 from loops import LinearFrictional, traction_tangent
 from patterns import random_loop
 from patterns.hard_cases import HARD_CASES
-from studies.bench.groups import GROUPS
 from studies.bench.hard_cases import path_rows, tangent_rows
-from studies.scaling.in_place import METHODS, measured
+from studies.bench.methods import GROUPS
 from tests.docs.pages import DOCS, of_size, page, section, tables
+from tests.tools.scaling.in_place import METHODS, measured
+from tests.tools.settled.__main__ import GROUPS as SETTLED
 
 TEXT = page("accuracy")
 HARD = section(TEXT, "## The hard cases")
 IN_PLACE = "## Loops in place"
+SECTIONS = ("Speed against error", "Settled choices")
+EVERY = GROUPS | SETTLED
+FAST = {"eigenvalues", "cone fractions", "directions"}
 
 
 def quoted_rows():
     """(group, method, setting) to error, as the page has them."""
     found = {}
-    for part in section(TEXT, "## Speed against error").split("\n### ")[1:]:
+    chosen, settled = (section(TEXT, f"## {name}") for name in SECTIONS)
+    for part in (chosen + settled).split("\n### ")[1:]:
         group = part.split("\n")[0].lower()
         for row in tables(part)[0]:
             key = (group, row["method"], row["setting"].replace(" **(default)**", ""))
@@ -30,7 +35,7 @@ def quoted_rows():
 def compare(groups, quick):
     quoted, seen = quoted_rows(), 0
     for group in groups:
-        for row in (row for methods in GROUPS[group] for row in methods(quick)):
+        for row in EVERY[group](quick):
             error = quoted.get((row.group, row.method, row.setting))
             if error is not None:
                 # Those of `precision` are over the overlap, which rounding does not know.
@@ -44,17 +49,16 @@ def compare(groups, quick):
 
 def test_errors_of_the_methods():
     # So many settings of the quick run stand on the page.
-    assert compare(("eigenvalues", "fractions", "directions"), quick=True) >= 20
+    assert compare(FAST, quick=True) >= 20
 
 
 @pytest.mark.slow
 def test_errors_of_the_slow_methods():
-    assert compare(("paths", "closures", "precision", "faces"), quick=False) >= 50
+    assert compare(tuple(EVERY.keys() - FAST), quick=False) >= 50
 
 
 def test_defaults_are_marked():
-    defaults = {row.method for g in ("eigenvalues", "fractions") for m in GROUPS[g]
-                for row in m(True) if row.default}  # fmt: skip
+    defaults = {row.method for group in FAST for row in EVERY[group](True) if row.default}
     marked = [row["method"] for table in tables(TEXT) for row in table
               if "**(default)**" in row.get("setting", "")]  # fmt: skip
     assert defaults <= set(marked)
@@ -145,7 +149,7 @@ def test_even_loops_with_free_spins_that_are_not_trusted(overlap, shares):
 
 
 def test_figures_exist():
-    for name in ("pareto", "batches", "stiff", "in-place"):
+    for name in ("pareto", "batches", "settled", "stiff", "in-place"):
         assert f"figures/accuracy-{name}.png" in TEXT
         assert (DOCS / "figures" / f"accuracy-{name}.png").exists()
 

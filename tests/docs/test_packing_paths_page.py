@@ -26,7 +26,7 @@ TABLE, FORETOLD = TABLES["What it foretells"]
 
 
 def measured(what):
-    """What `studies.scaling.packing_paths` wrote, kept beside its figure."""
+    """What `tests.tools.scaling.packing_paths` wrote, kept beside its figure."""
     return pd.read_csv(DOCS / f"figures/packing-paths-{what}.csv")
 
 

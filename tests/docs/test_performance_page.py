@@ -2,9 +2,11 @@
 
 import shutil
 
-from studies.scaling.methods import METHODS
-from studies.scaling.page import BEGIN, END, measured_part, stored, update
+import pytest
+
 from tests.docs.pages import DOCS, page, tables
+from tests.tools.scaling.methods import METHODS
+from tests.tools.scaling.page import BEGIN, END, measured_part, stored, update
 
 ROWS = stored(DOCS)["rows"]
 
@@ -25,13 +27,20 @@ def test_a_new_measurement_takes_the_place_of_the_old(tmp_path):
     (tmp_path / "figures").mkdir()
     for file in ("performance.md", "figures/scaling.json"):
         shutil.copy(DOCS / file, tmp_path / file)
-    rows = [{**row, "seconds": 0.5 * row["before"]} for row in ROWS if row["before"]]
-    new = {**rows[0], "what": "read", "how": "by size"}
-    update(tmp_path, "Measured for a test.", [*rows, new])
+    rows = [{**row, "seconds": 0.5 * row["seconds"]} for row in ROWS]
+    update(tmp_path, "Measured for a test.", rows)
     text = (tmp_path / "performance.md").read_text()
     assert text.split(BEGIN)[0] == page("performance").split(BEGIN)[0]
     assert text.split(END)[1] == page("performance").split(END)[1]
-    found = tables(between(text))[0]
-    assert {row["to before"] for row in found if row[""] != "reading, with all checks"} == {"0.50"}
-    assert [row["to before"] for row in found if row[""] == "reading, with all checks"] == ["-"]
+    found, before = (tables(between(one))[0] for one in (text, page("performance")))
+    for new, old in zip(found, before, strict=True):
+        assert float(new["time (s)"]) == pytest.approx(0.5 * float(old["time (s)"]), rel=0.01)
     assert "Measured for a test." in text and "times faster than shapely" in text
+
+
+@pytest.mark.parametrize("name", ["performance", "accuracy"])
+def test_the_pages_speak_of_today(name):
+    """No column and no sentence compares with an earlier version or another machine."""
+    told = page(name).lower()
+    for word in ("before |", "page before", "another machine", "to before", "wrong before"):
+        assert word not in told

@@ -155,7 +155,7 @@ def sample(name: str) -> Path:
     return Path(sample_path(name))
 
 
-BENCH = "eigenvalues,directions,hard-cases"
+BENCH = "directions,hard-cases"
 OWN = ("--alpha0", 60, "--kappa", 0.3, "--phi", 10, "--confine", 0.05)
 CASES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "diamond-table1": on("diamond", "--table", 1),
@@ -179,7 +179,7 @@ CASES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "snapshot-biaxial": on("snapshot", sample("grains_biaxial.csv.gz")),
     "series": series,
     "bench": on("bench", "--quick", "--only", BENCH),
-    "bench-all-hard-cases": on("bench", "--only", "closures,fractions,hard-cases"),
+    "bench-all-hard-cases": on("bench", "--only", "closures,hard-cases"),
 }
 # Too long for every run: `pytest -m slow tests/golden`.
 SLOW = {

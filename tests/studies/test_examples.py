@@ -11,7 +11,6 @@ from loops import LinearFrictional, affine_tangent
 from patterns import regular_polygon
 from patterns.diamond import TABLE_1
 from stability import restrict, second_order_work, spectrum, symmetric_spectrum, unstable_fraction
-from studies.bench.paths import by_scipy
 from studies.examples import (
     cone_surface,
     destabilising_control,
@@ -95,9 +94,9 @@ def test_sweep():
     # DOP853 at 1e-12 agrees with the exact sweep; solve_ivp's default does not.
     assert errors[3] < 1e-9 < errors[1] < 0.1
     table = np.array([TABLE_1.alpha0, TABLE_1.kappa, TABLE_1.phi, TABLE_1.confinement])
-    found = by_scipy(table, "DOP853", 1e-12, 1e-15)
+    found = sweep.by_scipy(table, "DOP853", 1e-12, 1e-15)
     assert found == pytest.approx([0.409734348970334, 0.164934999828386, 0.254009900083053], 1e-11)
-    assert np.isnan(by_scipy([1.4, 0.05, 0.6, 0.5], "RK45", 1e-6, 1e-9)).all()
+    assert np.isnan(sweep.by_scipy([1.4, 0.05, 0.6, 0.5], "RK45", 1e-6, 1e-9)).all()
 
 
 def test_cone_edge_is_where_the_work_vanishes():

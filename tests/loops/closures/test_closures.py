@@ -17,7 +17,7 @@ from loops import (
 from loops.closures.macro_tangent import solved
 from loops.closures.spins import affine_spin
 from patterns import regular_polygon
-from studies.fifty_digits import as_array, traction_tangent_50
+from studies.bench.fifty_digits import as_array, traction_tangent_50
 from tests.oracles.finite_motion import external_forces
 from tests.oracles.rings import member, random_rings, ring, slide
 

@@ -17,7 +17,7 @@ from loops.compiled.kernel import given
 from loops.compiled.packing import TANGENTS, compiled_packing
 from patterns.synthetic import synthetic_network
 from stability.loop_stability import loop_spectra
-from studies.fifty_digits import affine_tangent_50, as_array, traction_tangent_50
+from studies.bench.fifty_digits import affine_tangent_50, as_array, traction_tangent_50
 
 KN, KT, MU = 1.0, 0.4, 0.5
 

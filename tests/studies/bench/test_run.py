@@ -1,4 +1,4 @@
-"""The bench: its oracles against each other, its methods, a quick run, the page in the docs."""
+"""The bench: its oracles against each other, its methods, a quick run."""
 
 import json
 
@@ -8,23 +8,27 @@ import pytest
 from typer.testing import CliRunner
 
 from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
-from patterns import regular_polygon, synthetic_network
+from patterns import regular_polygon
 from patterns.hard_cases import hard_case
-from patterns.hard_cases.scenes import parallel_half_edges
-from stability import Stage, follow, imhof_fraction, programmes, restrict, symmetric_spectrum
+from stability import Stage, follow, programmes
 from studies.bench import run_bench
-from studies.bench.batches import kernel_inputs, plain_kernel
-from studies.bench.closures import least_squares
-from studies.bench.directions import direction_methods
-from studies.bench.eigenvalues import closed_form, jacobi, sample
-from studies.bench.faces import follow_by_angle, follow_by_key, follow_exactly
-from studies.bench.fractions import SPECTRA, fraction_50, imhof
-from studies.bench.groups import GROUPS, chosen_groups
+from studies.bench.fifty_digits import (
+    as_array,
+    compliance_tangent_50,
+    tangent_50,
+    traction_tangent_50,
+)
 from studies.bench.measure import Row, Rows
-from studies.bench.oracles import compliance_tangent_50, tangent_50
-from studies.bench.rings import random_rings
+from studies.bench.methods import (
+    GROUPS,
+    direction_methods,
+    error_at_b,
+    exact_solver,
+    path_solver,
+    random_rings,
+)
+from studies.bench.run import chosen_groups
 from studies.bench.smallest import Family, compared, largest_difference
-from studies.fifty_digits import as_array, traction_tangent_50
 
 
 def test_two_ways_to_fifty_digits_agree():
@@ -47,28 +51,6 @@ def test_oracle_of_freely_rolling_rings(order, closure):
     exact = as_array(tangent_50(scene, closure.__name__.removesuffix("_tangent")))
     found = closure(scene.graph, scene.law, spins="free").matrix
     np.testing.assert_allclose(found, exact, atol=1e-13)
-
-
-def test_oracle_of_the_fraction_agrees_with_imhof():
-    exact = [fraction_50(spectrum) for spectrum in SPECTRA]
-    np.testing.assert_allclose(imhof_fraction(SPECTRA), exact, atol=1e-15)
-    np.testing.assert_allclose(imhof(SPECTRA, 0.25), exact, atol=1e-15)
-    assert np.abs(imhof(SPECTRA, 2.0) - exact).max() > 1e-4
-
-
-def test_methods_of_eigenvalues_agree_as_far_as_they_reach():
-    K = sample(50)
-    exact = symmetric_spectrum(K)
-    np.testing.assert_allclose(jacobi(K, 5), exact, atol=3e-15)
-    np.testing.assert_allclose(closed_form(K), exact, atol=1e-7)
-    assert np.abs(jacobi(K, 2) - exact).max() > 1e-8
-
-
-def test_least_squares_agrees_with_the_closure():
-    batch = random_rings(5, 6, seed=2)
-    found = traction_tangent(batch.graph, batch.law, regime=batch.regime).matrix
-    gap = np.linalg.norm(least_squares(batch) - found, axis=(1, 2))
-    assert (gap < 1e-10 * np.linalg.norm(found, axis=(1, 2))).all()
 
 
 def test_errors_of_random_rings_stay_within_what_is_stated():
@@ -104,30 +86,17 @@ def test_paths_with_other_events_are_infinitely_far_apart():
     assert largest_difference(one, one) == 0.0
 
 
-def test_the_plain_kernel_is_the_affine_tangent():
-    scene = hard_case("stiff-sliding-grains").build(1e-2)
-    K = restrict(affine_tangent(scene.graph, scene.law).matrix, "symmetric")
-    found = plain_kernel(*kernel_inputs(scene.graph, 2, np.float64))
-    np.testing.assert_allclose(found[1], symmetric_spectrum(K), atol=1e-14)
-    assert plain_kernel(*kernel_inputs(scene.graph, 1, np.float32)).dtype == np.float32
-
-
-def test_orders_of_half_edges():
-    network = synthetic_network(60, coordination=4.0, seed=1)
-    exact = follow_exactly(network)
-    assert (follow_by_key(network) == exact).all()
-    assert (follow_by_angle(network) == exact).all()
-    hub = parallel_half_edges(1.0).graph
-    assert (follow_by_key(hub) == follow_exactly(hub)).all()
-    # Angles in floating point put spokes a rounding apart in the wrong order.
-    assert (follow_by_angle(hub) != follow_exactly(hub)).any()
-
-
 def test_sampled_directions_converge_and_the_cone_is_exact():
     rows = direction_methods(quick=True)
     sampled = [row.error for row in rows if row.method == "sampled: fraction"]
     assert sampled[1] < 0.2 * sampled[0]
     assert max(row.error for row in rows if row.default) < 1e-15
+
+
+def test_path_solver_and_exact_solver():
+    assert error_at_b(path_solver(1e-10)) < 1e-10
+    assert error_at_b(exact_solver(1)) < 1e-14
+    assert error_at_b(exact_solver(50)) < 1e-14
 
 
 def test_a_row_counts_time_per_item_and_memory():
@@ -146,7 +115,7 @@ def test_groups_are_chosen_by_name():
 
 def test_a_quick_run_writes_everything(tmp_path):
     out = tmp_path / "bench"
-    summary = run_bench(out, quick=True, only="eigenvalues,batches,precision")
+    summary = run_bench(out, quick=True, only="directions,batches")
     table = pq.read_table(out / "bench.parquet").to_pydict()
     assert set(table) == set(Row.__dataclass_fields__)
     assert (np.array(table["seconds_per_item"]) > 0.0).all()
@@ -154,7 +123,10 @@ def test_a_quick_run_writes_everything(tmp_path):
     assert names <= {path.name for path in out.iterdir()}
     written = json.loads((out / "summary.json").read_text())["groups"]
     assert written.keys() == summary["groups"].keys()
-    assert [row["method"] for row in summary["groups"]["eigenvalues"]["defaults"]] == ["LAPACK"]
+    assert [row["method"] for row in summary["groups"]["directions"]["defaults"]] == [
+        "closed: fraction",
+        "closed: smallest W2",
+    ]
 
 
 def test_the_command_refuses_unknown_groups(tmp_path):
@@ -167,11 +139,13 @@ def test_the_command_refuses_unknown_groups(tmp_path):
     result = CliRunner().invoke(app, ["--out", str(tmp_path / "o"), "--only", "speed"])
     assert isinstance(result.exception, InputError)
     assert not (tmp_path / "o").exists()
-    result = CliRunner().invoke(app, ["--out", str(tmp_path / "o"), "--quick", "--only", "faces"])
+    result = CliRunner().invoke(
+        app, ["--out", str(tmp_path / "o"), "--quick", "--only", "closures"]
+    )
     assert result.exit_code == 0
-    assert "key, then exact" in result.output
-    faces = json.loads((tmp_path / "o" / "summary.json").read_text())["groups"]["faces"]
-    assert faces["defaults"][0]["error"] == 0.0
+    assert "dense saddle" in result.output
+    closures = json.loads((tmp_path / "o" / "summary.json").read_text())["groups"]
+    assert closures["closures, n = 6"]["defaults"][0]["method"] == "both"
 
 
 @pytest.mark.slow

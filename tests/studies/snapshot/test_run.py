@@ -20,8 +20,8 @@ from loops import (
 )
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from stability import imhof_fraction, restrict, symmetric_part
+from studies.bench.fifty_digits import as_array, traction_tangent_50
 from studies.cli import main
-from studies.fifty_digits import as_array, traction_tangent_50
 from studies.snapshot import figures
 from studies.snapshot.table import loop_table
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write

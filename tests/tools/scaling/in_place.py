@@ -1,7 +1,7 @@
 """Operators of loops in place: error against time, by method and number of grains.
 
-`python -m studies.scaling.in_place --out DIR [--grains 2000,8000,32000,128000]`. The packing is a
-state of a slow biaxial compression (Yade, 2000 discs), its cell repeated; errors are those of
+`python -m tests.tools.scaling.in_place --out DIR [--grains 2000,8000,32000,128000]`. The packing is
+a state of a slow biaxial compression (Yade, 2000 discs), its cell repeated; errors are those of
 `A_in` relative to the whole packing of the same size. Times are the processor's.
 """
 
@@ -24,8 +24,8 @@ from loops.geometry import boundary_vectors
 from loops.packing import assembled, loops_in_place, packing_system
 from patterns import read_snapshot, sample_path
 from studies.output import provenance, result_folder, write_table
-from studies.scaling.measure import MB, _peak, _reset_peak, _timed
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
+from tests.tools.scaling.measure import MB, _peak, _reset_peak, _timed
 
 CELL = ((0.914723458490276, 0.0), (0.0, 0.897826511170329))
 # Method and setting: options, and the largest packing it is timed on.

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from stability.packing import replay
-from studies.scaling import packing_paths as study
-from studies.scaling.past_instabilities import _ways
 from tests.packings import LAW, jammed
+from tests.tools.scaling import packing_paths as study
 
 
 def test_a_replay_in_parts_is_one_replay():
@@ -27,7 +26,7 @@ def test_a_replay_in_parts_is_one_replay():
 def test_ways_past_agree_where_nothing_is_unstable():
     """Each a row, as near to the slow replay as its rate and the interval leave."""
     given = SimpleNamespace(graph=jammed(16, 2))
-    rows = list(_ways("jammed", given, None, LAW, 2e-4 * np.diag([1.0, -1.0])))
+    rows = list(study._ways("jammed", given, None, LAW, 2e-4 * np.diag([1.0, -1.0])))
     assert [row["past"] for row in rows] == ["viscous", "dynamic"]
     for row in rows:
         assert row["status"] == "finished" and row["unstable"] == 0

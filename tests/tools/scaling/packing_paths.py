@@ -1,12 +1,14 @@
 """Paths of packings by events, beside their replay and a DEM code: skill, probes, rates, growth.
 
-`python -m studies.scaling.packing_paths WHAT --out DIR [--collection DIR]`, where WHAT is
+`python -m tests.tools.scaling.packing_paths WHAT --out DIR [--collection DIR]`, where WHAT is
 
 - `skill`: AUC of every predictor over the strain of a step (Yade's slow compression, `yade-slow` of
   the collection of DEM samples);
 - `probes`: a path against replays at three rates and against Yade, over the amplitude;
 - `rates`: replays at four rates, against path and Yade;
-- `growth`: time of an event and of a replay, and memory, over the number of grains.
+- `growth`: time of an event and of a replay, and memory, over the number of grains;
+- `past`: both ways past an instability, against slow replays that keep the load of the start, over
+  steps of 1e-4 and of 2e-5 of `yade-slow` and over probes along the softest direction.
 
 Times are the processor's.
 """
@@ -33,13 +35,13 @@ from stability import Programme, Stage, follow
 from stability.packing import loop_changes, replay
 from studies.examples.probing import STRESS, state
 from studies.output import provenance, result_folder, write_table
-from studies.scaling.in_place import replicated
-from studies.scaling.measure import MB, _peak, _reset_peak, _timed
 from studies.series import run_series
 from studies.series.increments import increments, track_loops
 from studies.series.plan import cells_by_number
 from studies.series.skill import mean_skill, skill
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
+from tests.tools.scaling.in_place import replicated
+from tests.tools.scaling.measure import MB, _peak, _reset_peak, _timed
 
 followed = partial(follow, closure="packing")
 Rows = list[dict[str, Any]]
@@ -63,6 +65,9 @@ PROBED, RATES = (2e-5, 2e-6, 2e-7), (2e-5, 2e-6, 2e-7, 2e-8)
 TIMES = (1, 2, 4)
 # Shear forces of the copies are less by up to so much: copies that agree would act as one.
 NOISE = 0.01
+# Snapshots of yade-slow before the steps of 1e-4 and of 2e-5; degrees of the softest direction;
+# inertial number of the replays that the ways past an instability are held against.
+BEFORE, SOFTEST, SLOW = (*range(22, 30), 12, 18, 20), 150.0, 2.5e-7
 UNITS = "seconds of the processor, MB = 2^20 bytes, strain, shares"
 
 
@@ -303,6 +308,54 @@ def growth_figure(rows: Rows) -> Figure:
     return figure
 
 
+def by_way(collection: Path) -> Iterator[dict[str, Any]]:
+    """Both ways past an instability, against slow replays that keep the load of the start."""
+    cells = cells_by_number(collection / "yade-slow/macro.csv")
+    for number in BEFORE:
+        one, two = (_slow(collection, cells, k) for k in (number, number + 1))
+        yield from _ways(str(number), one, two, one.mechanics()[0], _strain(one, two))
+    for name in ("before", "after"):
+        held = state(name)[0]
+        angle = np.radians(SOFTEST)
+        yield from _ways(
+            f"probe {name} the peak",
+            held,
+            None,
+            one_spring(held),
+            5e-5 * np.diag([np.cos(angle), np.sin(angle)]),
+        )
+
+
+def _ways(
+    name: str, one: Snapshot, two: Snapshot | None, law: LinearFrictional, H: Floats
+) -> Iterator[dict[str, Any]]:
+    graph, faces = one.graph, find_faces(one.graph)
+    slow, spent = _spent(replay, graph, law, H, inertial_number=SLOW, balanced=True)
+    told = loop_changes(graph, slow.state, faces).normalised_work
+    row = {"start": name, "strain": float(np.linalg.norm(H)), "replay_seconds": spent}
+    row["replay_auc"] = _auc(one, two, told)
+    for past in ("viscous", "dynamic"):
+        path, spent = _spent(followed, graph, law, strained(H), instabilities=1000, past=past)
+        first, last, wanted = (
+            end.forces[: graph.contact_count] for end in (*path.states, slow.state)
+        )
+        work = loop_changes(graph, path.states[-1], faces).normalised_work
+        known = np.isfinite(work) & np.isfinite(told)
+        unstable = path.of_kind("instability")
+        yield row | {
+            "past": past,
+            "status": path.status,
+            "from_replay": np.linalg.norm(last - wanted) / np.linalg.norm(wanted - first),
+            "signs_of_replay": float(np.mean((work < 0)[known] == (told < 0)[known])),
+            "auc": _auc(one, two, work),
+            "instabilities": len(unstable),
+            "unstable": len({event.contacts for event in unstable}),
+            "released": path.work[-1, 3] / path.work[-1, 0],
+            "events": len(path.events),
+            "cpu_seconds": spent,
+        }
+
+
 def _spent(work: Callable[..., Any], *given: Any, **options: Any) -> tuple[Any, float]:
     found: list[Any] = []
     _, cpu = _timed(lambda: found.append(work(*given, **options)))
@@ -327,11 +380,12 @@ def _auc(one: Snapshot, two: Snapshot | None, work: Floats) -> float:
     return float(skill(-work, actual, signed=True)["auc"])
 
 
-STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure]]] = {
+STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure] | None]] = {
     "skill": (by_step, skill_figure),
     "probes": (lambda _: probed("before"), probes_figure),
     "rates": (by_rate, rates_figure),
     "growth": (lambda _: growth(), growth_figure),
+    "past": (by_way, None),
 }
 
 
@@ -341,7 +395,7 @@ def main(
     collection: Annotated[Path, typer.Option(help="The DEM samples.")] = Path("dem"),
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
 ) -> None:
-    """Measure; write the table and the figure."""
+    """Measure; write the table and the figure, if there is one."""
     if what not in STUDIES:
         raise InputError("WHAT", repr(what), f"one of {', '.join(STUDIES)}", "Name one of them.")
     measure, draw = STUDIES[what]
@@ -353,7 +407,8 @@ def main(
         made = provenance("packing-paths study", {"what": what}, UNITS)
         table = pd.DataFrame(rows)
         write_table(folder, what, {name: table[name].to_numpy() for name in table}, made, csv=True)
-        save_figure(draw(rows), folder, f"packing-paths-{what}", made)
+        if draw is not None:
+            save_figure(draw(rows), folder, f"packing-paths-{what}", made)
 
 
 if __name__ == "__main__":

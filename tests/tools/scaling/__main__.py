@@ -1,4 +1,4 @@
-"""Run the study: `python -m studies.scaling --out DIR [--page docs]`."""
+"""Run the study: `python -m tests.tools.scaling --out DIR [--page docs]`."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ import typer
 
 from studies.bench.measure import machine
 from studies.output import provenance, result_folder, write_results
-from studies.scaling.figure import scaling_figure
-from studies.scaling.measure import (
+from studies.style import save_figure
+from tests.tools.scaling.measure import (
     FLOORS,
     command_row,
     floor_seconds,
     in_a_process,
     triad_bandwidth,
 )
-from studies.scaling.methods import COMMANDS, METHODS
-from studies.scaling.page import markdown, update
-from studies.style import save_figure
+from tests.tools.scaling.methods import COMMANDS, METHODS
+from tests.tools.scaling.page import markdown, scaling_figure, update
 
 PACKAGES = ("numpy", "scipy", "numba", "pyarrow", "networkx", "shapely")
 ABOUT = "Measured on {}, triad on one thread {:.1f} GB/s; {}."

@@ -1,4 +1,4 @@
-"""One loop at a time or many at once; single or double precision; compiled or plain."""
+"""Single or double precision: the affine tangent of a stiff hexagon."""
 
 from __future__ import annotations
 
@@ -8,31 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, macroscopic_tangent
-from loops.arrays import Floats
+from loops import GrainGraph
 from patterns.hard_cases import hard_case
-from stability import restrict, symmetric_spectrum
-from stability.loop_stability import loop_stability
 from studies.bench.hard_cases import exact_answer
 from studies.bench.measure import Rows
-from studies.bench.rings import Rings, random_rings
 
-CLOSURES = ("affine", "traction")
-SIZES = (1, 10, 100, 1000, 10_000)
 OVERLAPS = (1e-1, 1e-3, 1e-5, 1e-7)
-
-
-def batch_sizes(quick: bool) -> Rows:
-    """Time per hexagon over the size of the batch, with the error against 50 digits."""
-    rows = Rows("batch or one by one", "50 digits, first loop", quick)
-    whole = random_rings(SIZES[-1], 6, seed=9)
-    for closure in CLOSURES:
-        exact = whole.exact(0, closure)
-        for size in SIZES[: 3 if quick else None]:
-            call = partial(tangents, whole.first(size), closure)
-            gap = np.linalg.norm(call()[0] - exact) / np.linalg.norm(exact)
-            rows.add(f"{closure} tangent", f"{size:,} at once", call, gap, size)
-    return rows
 
 
 def precisions(quick: bool) -> Rows:
@@ -54,25 +35,6 @@ def precisions(quick: bool) -> Rows:
             named = (np.dtype(dtype).name, f"overlap {overlap:.0e}")
             rows.add(*named, call, gap, copies, dtype is np.float64)
     return rows
-
-
-def compiled_modes(quick: bool) -> Rows:
-    """Eigenvalues, cones and fractions of many tangents; compiled too unless quick."""
-    matrices = tangents(random_rings(200 if quick else 20_000, 6, seed=13), "affine")
-    exact, count = symmetric_spectrum(restrict(matrices, "symmetric")), len(matrices)
-    size = np.abs(exact).max(axis=1, keepdims=True)
-    rows = Rows("compiled or plain", "LAPACK", quick)
-    for how in ("numpy",) if quick else ("numpy", "compiled"):
-        call = partial(loop_stability, matrices, compiled=how == "compiled")
-        gap = (call().eigenvalues - exact) / size
-        rows.add(f"modes, {how}", f"{count:,} loops", call, gap, count)
-    return rows
-
-
-def tangents(batch: Rings, closure: Any) -> Floats:
-    """(L, 4, 4) tangents of a batch."""
-    found = macroscopic_tangent(batch.graph, batch.law, closure, regime=batch.regime).matrix
-    return found.reshape(-1, 4, 4)
 
 
 def kernel_inputs(graph: GrainGraph, copies: int, dtype: Any) -> tuple[NDArray[Any], ...]:

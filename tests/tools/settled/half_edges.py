@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from loops import GrainGraph, branch_vectors, find_faces
+from loops import GrainGraph, branch_vectors
 from loops.arrays import Integers
 from loops.faces import next_half_edge
 from patterns import synthetic_network
@@ -20,7 +20,7 @@ PAIRS = 200
 ULPS = 1.0
 
 
-def face_methods(quick: bool) -> Rows:
+def half_edge_methods(quick: bool) -> Rows:
     """Time per half-edge of a packing, and wrong half-edges of a hub with parallel spokes."""
     packing = synthetic_network(2000 if quick else 50_000, coordination=4.0, seed=3)
     hub = parallel_half_edges(ULPS, PAIRS).graph
@@ -38,27 +38,10 @@ def face_methods(quick: bool) -> Rows:
         ("key, then exact", "next_half_edge", follow_by_key, packing, True),
         ("fractions throughout", "Fraction, sorted", follow_exactly, small, False),
     )
-    rows = Rows("faces", ORACLE, quick)
+    rows = Rows("half-edges", ORACLE, quick)
     for method, setting, follower, graph, default in cases:
         wrong = (follower(hub) != exact).mean()
         rows.add(method, setting, partial(follower, graph), wrong, 2 * graph.contact_count, default)
-    return rows
-
-
-def compiled_faces(quick: bool) -> Rows:
-    """Faces of a packing, plain and compiled."""
-    graph = synthetic_network(2000 if quick else 50_000, coordination=4.0, seed=3)
-    plain, rows = (
-        find_faces(graph, compiled=False),
-        Rows("compiled or plain", "the plain way", quick),
-    )
-    for how in ("numpy",) if quick else ("numpy", "compiled"):
-        call = partial(find_faces, graph, compiled=how == "compiled")
-        found = call()
-        same = np.array_equal(found.offsets, plain.offsets)
-        wrong = float((found.contacts != plain.contacts).mean()) if same else 1.0
-        setting = f"{graph.contact_count:,} contacts"
-        rows.add(f"faces, {how}", setting, call, wrong, len(plain.contacts))
     return rows
 
 

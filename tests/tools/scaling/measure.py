@@ -15,7 +15,8 @@ import numpy as np
 from loops import find_faces
 from loops.arrays import Floats
 from loops.compiled.kernel import kernel
-from studies.scaling.methods import (
+from studies.snapshot.table import loop_table
+from tests.tools.scaling.methods import (
     COMMANDS,
     KEPT,
     METHODS,
@@ -23,7 +24,6 @@ from studies.scaling.methods import (
     command,
     synthetic_snapshot,
 )
-from studies.snapshot.table import loop_table
 
 STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 TRIAD = 2**23  # doubles in each array: larger than any cache

@@ -4,7 +4,7 @@ import numpy as np
 
 from loops import branch_vectors, find_faces
 from loops.packing import loops_in_place
-from studies.scaling.in_place import METHODS, PEERS, in_place_figure, peer, replicated
+from tests.tools.scaling.in_place import METHODS, PEERS, in_place_figure, peer, replicated
 
 
 def test_a_repeated_cell_is_the_same_packing():

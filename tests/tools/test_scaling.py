@@ -9,9 +9,9 @@ import pytest
 
 from loops import find_faces
 from patterns import synthetic_network
-from studies.scaling import __main__ as study
-from studies.scaling.methods import METHODS, bytes_moved, synthetic_snapshot
 from studies.snapshot.table import loop_table
+from tests.tools.scaling import __main__ as study
+from tests.tools.scaling.methods import METHODS, bytes_moved, synthetic_snapshot
 
 
 def turned(cycle):

@@ -1,0 +1,269 @@
+"""The methods that a user chooses between: time and error of each setting, by group."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loops import (
+    GrainGraph,
+    LinearFrictional,
+    Regime,
+    find_faces,
+    macroscopic_tangent,
+    traction_tangent,
+)
+from loops.arrays import Floats, Regimes
+from loops.closures import Closure
+from patterns import diamond, synthetic_network
+from patterns.diamond import TABLE_1, drained_end
+from stability import (
+    Stage,
+    follow,
+    plane_cone,
+    polar_diagram,
+    programmes,
+    restrict,
+    symmetric_spectrum,
+)
+from stability.loop_stability import loop_stability
+from studies.bench.fifty_digits import DIGITS, affine_tangent_50, as_array, traction_tangent_50
+from studies.bench.measure import Row, Rows, largest
+
+# E1, E2, s1 at B of Table 1, from the quadrature in 20 digits.
+POINT_B = (0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503)
+# Increase of E1 from A to a strain beyond B.
+SPAN = 0.11
+TOLERANCES, DEFAULT_RTOL = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12), 1e-12
+PATHS = (1, 100, 10_000)
+DIRECTIONS = (36, 360, 3600, 36_000)
+BATCHES = (1, 10, 100, 1000, 10_000)
+# Names of `compiled=False` and `compiled=True`.
+WAYS = ("numpy", "compiled")
+KN, KT, MU, SLIDING_SHARE = 1.0, 0.4, 0.5, 0.2
+
+
+# ---- paths
+
+
+def path_methods(quick: bool) -> Rows:
+    """The drained path to point B of Table 1: by `follow` at each tolerance, and in closed form."""
+    rows = Rows("paths", "quadrature, 20 digits", quick)
+    for rtol in TOLERANCES[:: 4 if quick else 1]:
+        call, default = partial(path_solver, rtol), rtol == DEFAULT_RTOL
+        rows.add("path solver", f"rtol {rtol:g}", call, error_at_b(call()), 1, default)
+    for paths in PATHS[:: 4 if quick else 1]:
+        call = partial(exact_solver, paths)
+        rows.add("exact solver", f"paths {paths}", call, error_at_b(call()), paths)
+    return rows
+
+
+def path_solver(rtol: float) -> tuple[float, float, float]:
+    """E1, E2, s1 at B by `stability.follow` on the graph of four grains."""
+    E = TABLE_1.confinement
+    path = follow(
+        diamond(TABLE_1.alpha0, E1=E, E2=E),
+        LinearFrictional(1.0, TABLE_1.kappa, TABLE_1.mu),
+        Stage(programmes.drained_biaxial(), "H11", E + SPAN),
+        volume=2.0 * math.sin(2.0 * TABLE_1.alpha0),  # L10 L20, the paper's reference area
+        rtol=rtol,
+        atol=1e-2 * rtol,
+        max_step=1.0,
+    )
+    row = next(event.index for event in path.events if event.kind == "yield")
+    return float(path.H[row, 0]), float(path.H[row, 3]), float(path.P[row, 0])
+
+
+def exact_solver(paths: int) -> tuple[float, float, float]:
+    """E1, E2, s1 at B by the closed forms, for several paths at once."""
+    alpha0 = np.full(paths, TABLE_1.alpha0)
+    state = drained_end(alpha0, TABLE_1.kappa, TABLE_1.phi, TABLE_1.confinement).state
+    return float(state.E1[-1]), float(state.E2[-1]), float(state.s1[-1])
+
+
+def error_at_b(found: tuple[float, float, float]) -> float:
+    """Largest error of E1, E2, s1 at B."""
+    return max(abs(value - true) for value, true in zip(found, POINT_B, strict=True))
+
+
+# ---- closures, and loops in batches
+
+
+class Rings(NamedTuple):
+    """Loops of one order, their law and the regimes of their contacts."""
+
+    graph: GrainGraph
+    law: LinearFrictional
+    regime: Regimes
+
+    def first(self, count: int) -> Rings:
+        """The first loops; a single one without batch axes."""
+        g, at = self.graph, 0 if count == 1 else slice(count)
+        part = GrainGraph(g.x[at], g.radii[at], g.contacts, g.normal_force[at], g.shear_force[at])
+        return Rings(part, self.law, self.regime[at])
+
+    def exact(self, k: int, closure: Closure) -> Floats:
+        """Tangent of one loop with 50 digits, rounded."""
+        g, solve = self.graph, affine_tangent_50 if closure == "affine" else traction_tangent_50
+        state = (g.x[k], g.x0[k], g.normal_force[k], g.shear_force[k])
+        return as_array(solve(*state, KN, KT, MU, self.regime[k]))
+
+    def tangents(self, closure: Closure) -> Floats:
+        """(L, 4, 4) tangents of all loops."""
+        found = macroscopic_tangent(self.graph, self.law, closure, regime=self.regime).matrix
+        return found.reshape(-1, 4, 4)
+
+
+def random_rings(loops: int, order: int, seed: int) -> Rings:
+    """Irregular rings: overlaps log-uniform from 1e-8 to 0.3, a fifth of the contacts sliding."""
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * (np.arange(order) + rng.uniform(-0.3, 0.3, (loops, order))) / order
+    distance = rng.uniform(0.8, 1.2, (loops, order))
+    x = distance[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    length = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=-1)
+    overlap = 10.0 ** rng.uniform(-8, np.log10(0.3), (loops, 1))
+    normal = KN * overlap * length * rng.uniform(0.5, 1.5, (loops, order))
+    sliding = rng.random((loops, order)) < SLIDING_SHARE
+    share = np.where(sliding, rng.choice([-1.0, 1.0], (loops, order)), rng.uniform(-0.95, 0.95))
+    graph = GrainGraph(
+        x=x,
+        radii=length.max(axis=1, keepdims=True) * np.full(order, 0.8),
+        contacts=np.column_stack([np.arange(order), np.roll(np.arange(order), -1)]),
+        normal_force=normal,
+        shear_force=share * MU * normal,
+    )
+    regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
+    return Rings(graph, LinearFrictional(KN, KT, MU), regime)
+
+
+def closure_methods(quick: bool) -> list[Row]:
+    """The traction closure of rings, soft and stiff together, by every `method`."""
+    cases = ((6, 200, 8),) if quick else ((6, 2000, 60), (20, 300, 12))
+    found: list[Row] = []
+    for order, loops, checked in cases:
+        batch = random_rings(loops, order, seed=7)
+        rows = Rows(f"closures, n = {order}", "primal system, 50 digits", quick)
+        exact = np.array([batch.exact(k, "traction") for k in range(checked)])
+        for method, name in (
+            ("force", "force method"),
+            ("saddle", "dense saddle"),
+            ("auto", "both"),
+        ):
+            call = partial(by_method, batch, method)
+            error = relative_error(call(), exact)
+            rows.add(name, f"method='{method}'", call, error, loops, method == "auto")
+        found += rows
+    return found
+
+
+def by_method(batch: Rings, method: Any) -> Floats:
+    """(L, 4, 4) traction tangents."""
+    return traction_tangent(batch.graph, batch.law, regime=batch.regime, method=method).matrix
+
+
+def relative_error(found: Floats, exact: Floats) -> float:
+    """Largest error of the first operators over their norm, 1 for one without an answer."""
+    gap = np.linalg.norm(found[: len(exact)] - exact, axis=(1, 2))
+    return largest(gap / np.linalg.norm(exact, axis=(1, 2)))
+
+
+def batch_sizes(quick: bool) -> Rows:
+    """Time of a hexagon's tangent over the number of hexagons in one call."""
+    rows = Rows("batch or one by one", "50 digits, first loop", quick)
+    whole = random_rings(BATCHES[-1], 6, seed=9)
+    closures: tuple[Closure, ...] = ("affine", "traction")
+    for closure in closures:
+        exact = whole.exact(0, closure)[None]
+        for size in BATCHES[: 3 if quick else None]:
+            call = partial(whole.first(size).tangents, closure)
+            error = relative_error(call(), exact)
+            rows.add(f"{closure} tangent", f"{size:,} at once", call, error, size)
+    return rows
+
+
+# ---- directions
+
+
+def direction_methods(quick: bool) -> Rows:
+    """Unstable fraction and smallest W2: sampled along directions, and from the cone."""
+    operators = np.random.default_rng(2).standard_normal((40, 2, 2)) + 0.5 * np.eye(2)
+    exact = np.array([cone_50(K) for K in operators])
+    open_cone = (exact[:, 0] > 0.0) & (exact[:, 0] < 1.0)
+    operators, exact = operators[open_cone], exact[open_cone]
+    ways: list[tuple[str, str, Callable[[], Floats]]] = [
+        ("sampled", f"{count:,} directions", partial(cone_by_directions, operators, count))
+        for count in DIRECTIONS[: 2 if quick else None]
+    ]
+    ways.append(("closed", "plane_cone, eigvalsh", partial(cone_in_closed_form, operators)))
+    rows = Rows("directions", "cone in closed form, 50 digits", quick)
+    for way, setting, call in ways:
+        for what, gap in zip(("fraction", "smallest W2"), (call() - exact).T, strict=True):
+            rows.add(f"{way}: {what}", setting, call, gap, len(operators), way == "closed")
+    return rows
+
+
+def cone_by_directions(operators: Floats, count: int) -> Floats:
+    """(K, 2) share of directions with W2 < 0, and the smallest W2 per unit strain rate."""
+    diagram = polar_diagram(operators, directions=count)
+    e = diagram.direction
+    work = np.einsum("di,kij,dj->kd", e, operators, e, optimize=True)
+    return np.stack([(diagram.work < 0.0).mean(axis=1), work.min(axis=1)], axis=1)
+
+
+def cone_in_closed_form(operators: Floats) -> Floats:
+    """(K, 2) opening of the cone over pi, and the smallest eigenvalue of Ks."""
+    opening = plane_cone(operators).opening / np.pi
+    return np.stack([opening, symmetric_spectrum(operators)[:, 0]], axis=1)
+
+
+def cone_50(K: Floats) -> tuple[float, float]:
+    """Unstable fraction and smallest W2 of one operator with 50 digits."""
+    import mpmath as mp
+
+    with mp.workdps(DIGITS):
+        (a, b), (c, d) = ((mp.mpf(float(v)) for v in row) for row in K)
+        mean, radius = (a + d) / 2, mp.sqrt(((a - d) / 2) ** 2 + ((b + c) / 2) ** 2)
+        if radius <= abs(mean):
+            return float(mean < 0), float(mean - radius)
+        return float(mp.acos(mean / radius) / mp.pi), float(mean - radius)
+
+
+# ---- compiled kernels
+
+
+def compiled_methods(quick: bool) -> list[Row]:
+    """Faces of a packing and modes of its loops by numpy and, unless quick, by compiled kernels."""
+    kernels = (False,) if quick else (False, True)
+    graph = synthetic_network(2000 if quick else 50_000, coordination=4.0, seed=3)
+    plain, rows = (
+        find_faces(graph, compiled=False),
+        Rows("compiled or plain", "the plain way", quick),
+    )
+    for compiled in kernels:
+        call: Callable[[], Any] = partial(find_faces, graph, compiled=compiled)
+        found = call()
+        same = np.array_equal(found.offsets, plain.offsets)
+        wrong = float((found.contacts != plain.contacts).mean()) if same else 1.0
+        name, setting = f"faces, {WAYS[compiled]}", f"{graph.contact_count:,} contacts"
+        rows.add(name, setting, call, wrong, len(plain.contacts))
+    matrices = random_rings(200 if quick else 20_000, 6, seed=13).tangents("affine")
+    exact, count = symmetric_spectrum(restrict(matrices, "symmetric")), len(matrices)
+    modes = Rows("compiled or plain", "LAPACK", quick)
+    for compiled in kernels:
+        call = partial(loop_stability, matrices, compiled=compiled)
+        gap = (call().eigenvalues - exact) / np.abs(exact).max(axis=1, keepdims=True)
+        modes.add(f"modes, {WAYS[compiled]}", f"{count:,} loops", call, gap, count)
+    return rows + modes
+
+
+GROUPS: dict[str, Callable[[bool], list[Row]]] = {
+    "paths": path_methods,
+    "closures": closure_methods,
+    "directions": direction_methods,
+    "batches": batch_sizes,
+    "compiled": compiled_methods,
+}

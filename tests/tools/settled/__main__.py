@@ -1,0 +1,53 @@
+"""Measure them all: `python -m tests.tools.settled --out DIR [--quick]`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import typer
+
+from studies.bench.figures import pareto
+from studies.bench.measure import Row, machine
+from studies.bench.run import UNITS, knee
+from studies.output import provenance, result_folder, write_results
+from studies.style import save_figure
+from tests.tools.settled.closures import closure_switch, least_squares_methods
+from tests.tools.settled.eigenvalues import eigenvalue_methods
+from tests.tools.settled.fractions import fraction_methods
+from tests.tools.settled.half_edges import half_edge_methods
+from tests.tools.settled.integrators import integrator_methods
+from tests.tools.settled.precision import precisions
+
+GROUPS: dict[str, Callable[[bool], list[Row]]] = {
+    "integrators": integrator_methods,
+    "closure switch": closure_switch,
+    "least squares": least_squares_methods,
+    "eigenvalues": eigenvalue_methods,
+    "cone fractions": fraction_methods,
+    "half-edges": half_edge_methods,
+    "precision": precisions,
+}
+
+
+def main(
+    out: Annotated[Path, typer.Option(help="Result folder.")],
+    quick: Annotated[bool, typer.Option("--quick", help="Smaller sizes, fewer settings.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+) -> None:
+    """Measure; write the table and the figure, and print the knee of every group."""
+    with result_folder(out, force=force) as folder:
+        table = pd.DataFrame([asdict(row) for find in GROUPS.values() for row in find(quick)])
+        made = provenance("settled choices", {**machine("numpy"), "quick": quick}, UNITS)
+        knees = {str(name): knee(own).to_dict() for name, own in table.groupby("group")}
+        summary = {"knees": knees, "provenance": made}
+        write_results(folder, summary, {"settled": dict(table.items())}, csv=True)
+        save_figure(pareto(table), folder, "settled", made)
+    typer.echo(table.to_string(index=False, columns=["group", "method", "setting", "error"]))
+
+
+if __name__ == "__main__":
+    typer.run(main)
