@@ -184,7 +184,6 @@ class FrozenPacking:
             self.U[k] = self.ready.pop(row)
             pairs = self.rows[: k + 1] % len(self.frame.rows)
             kernels.mutual_rates(*self.frame, pairs, self.V, self.U, self.base, self.mutual)
-            self.coefficients[:, k] = 0.0
         return self.at[row]
 
     def _make_ready(self, row: int) -> None:

@@ -23,8 +23,8 @@ from stability.packing.pivots import Control, UnsolvedError, disagreeing, flip, 
 from stability.packing.state import PackingState
 from stability.paths.path import EventKind
 
-# Events of one contact, and of length zero one after the other, beyond which it is held.
-CHATTER, IDLE = 12, 60
+# Events of one contact within an interval; at the next one it is dragged or held.
+CHATTER = 12
 # Springs on the grains of a mode that nothing holds, over kn, one after the other; then it is held.
 DRAGS = (1e-3, 1e-2, 1e-1, 0.0)
 # Columns of `PackingPath.work`.
@@ -108,7 +108,6 @@ class Interval:
         self.work = np.zeros(4)
         self.released = np.zeros(self.pieces.count)
         self.rates = np.empty((count, 4))
-        self.idle = 0
 
     def walk(self) -> None:
         """Go to the end of the interval."""
@@ -128,7 +127,6 @@ class Interval:
                 self.end = self.time
                 return
             self._advance(rates.h, v, step)
-            self.idle = self.idle + 1 if step <= 1e-12 * self.end else 0
             rates = self._changed(c, kind, rates)
 
     def _next(self, h: Floats, v: Floats) -> tuple[float, int, EventKind]:
@@ -170,8 +168,8 @@ class Interval:
         """The event itself; afterwards everything at yield agrees again."""
         pieces = self.pieces
         self.events[c] += 1
-        if self.events[c] > CHATTER or self.idle > IDLE:
-            self.events[c] = self.idle = 0
+        if self.events[c] > CHATTER:
+            self.events[c] = 0
             self._calm(c, kind)
         elif kind == "yield":
             self._pivot(c, rates)

@@ -278,6 +278,32 @@ def test_grains_that_come_nearer_with_the_cell_touch():
     assert np.count_nonzero(path.states[-1].closed) == 12
 
 
+@pytest.mark.parametrize(
+    ("which", "law", "why"),
+    [
+        ((24, 3), BRANCH, "a loose grain rattles; dragged"),
+        ((36, 5), LAW, "it changes regime again and again; held"),
+    ],
+    ids=["dragged", "held"],
+)
+def test_a_contact_changes_regime_a_dozen_times_in_an_interval(which, law, why):
+    """Then the loose one of its grains is dragged, or the contact is held if neither is loose."""
+    strain, interval = 10 * H, 1e-4
+    path = followed(packed(*which, law), law, strained(strain), interval=interval, instabilities=99)
+    assert path.status == "finished"
+    event, *_ = [e for e in path.of_kind("instability") if e.detail.startswith(why)]
+    before = path.events[: path.events.index(event)]
+    span = interval / np.linalg.norm(strain)
+    turns = [
+        e.kind
+        for e in before
+        if e.contacts == event.contacts and event.parameter - e.parameter < span
+    ]
+    assert turns == 6 * ["closing", "opening"]
+    # Gaps of the geometry close within a step of linear gaps, which the quadrature sees.
+    assert unaccounted(path) < 1e-7
+
+
 def with_a_row_of_rattlers(graph, count, gap=1e-4):
     """Equal discs in the packing's largest void, side by side along axis 1, without forces."""
     shifts = np.array(list(product((-1, 0, 1), repeat=2))) @ graph.cell.T
