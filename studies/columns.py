@@ -1,7 +1,6 @@
-"""What every column of a result table is, and every key of a summary.
+"""Meaning and unit of every column of a result table, and meaning of every key of a summary.
 
-The words stand in `columns.toml` and `definitions.toml`, for the files themselves and for
-`docs/columns.md`.
+`columns.toml` and `definitions.toml` hold them, for the result files and for `docs/columns.md`.
 """
 
 from __future__ import annotations
@@ -12,24 +11,29 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-# Of these commands; tables of others share names, not meanings.
+from numpy.typing import NDArray
+
+# A table on its way from the kernels to a file: arrays by column. Tables in which rows are
+# selected, grouped or joined are pandas data frames, which take .2 s to load.
+Columns = dict[str, NDArray[Any]]
+# Commands whose columns are described; tables of other commands share names, not meanings.
 COMMANDS = ("snapshot", "series", "probe", "evolve", "diamond", "polygon", "domain")
 
 
 @cache
 def words(name: str) -> dict[str, dict[str, Any]]:
-    """One of the two files, by its parts."""
+    """Parts of one of the two files."""
     return tomllib.loads((Path(__file__).parent / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def definitions(*parts: str) -> dict[str, str]:
-    """What the keys of a summary mean that has these parts."""
+    """Meaning of the keys of a summary with these parts."""
     return {key: said for part in parts for key, said in words("definitions")[part].items()}
 
 
 @cache
 def described(place: str, column: str) -> tuple[str, str] | None:
-    """Unit and meaning of a column of `command/table`; None where these commands have none."""
+    """Unit and meaning of a column of `command/table`; None if it has no description."""
     command, _, table = place.partition("/")
     if command not in COMMANDS:
         return None
@@ -48,6 +52,6 @@ def described(place: str, column: str) -> tuple[str, str] | None:
 
 
 def metadata(place: str, column: str) -> dict[bytes, bytes] | None:
-    """The same for the field of a Parquet file."""
+    """Unit and meaning of a column as metadata of a Parquet field."""
     said = described(place, column)
     return None if said is None else {b"unit": said[0].encode(), b"meaning": said[1].encode()}

@@ -48,7 +48,7 @@ def loop_table(snapshot: Snapshot) -> pd.DataFrame:
     (309, 3)
     """
     snapshot = planar(snapshot)
-    columns = pa.table(table.loop_table(snapshot, snapshot.faces))
+    columns = pa.table(table.loop_table(snapshot))
     frame: pd.DataFrame = columns.to_pandas()
     frame.attrs = provenance("loop_table", {}, UNITS)
     return frame

@@ -307,7 +307,11 @@ def described_table(
 
 
 def as_arrow(values: Any) -> Any:
-    """Column of a table; numbers, flags and words as they lie in memory: no pandas is loaded."""
+    """Column of a table; arrays keep their memory, which loads no pandas."""
+    if isinstance(values, (pa.Array, pa.ChunkedArray)):
+        return values
+    if hasattr(values, "to_numpy"):  # a column of a data frame, without loading pandas
+        values = values.to_numpy()
     if isinstance(values, list) and values:
         kinds = {type(value) for value in values}
         if kinds in ({int}, {str}) or kinds <= {float, np.float64}:

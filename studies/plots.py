@@ -59,7 +59,7 @@ def plot_map(
         If branches cross, or there is not one value a loop.
     """
     snapshot = planar(snapshot)
-    ax, draw = axes_or_new(ax, 4.2, 4.2), loop_drawer(snapshot, snapshot.faces)
+    ax, draw = axes_or_new(ax, 4.2, 4.2), loop_drawer(snapshot)
     order = snapshot.faces.order[snapshot.faces.loops]
     if values is None:
         draw_orders(draw, ax, order)

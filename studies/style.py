@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import matplotlib as mpl
 from cycler import cycler
@@ -193,23 +193,3 @@ def save_figures(figures: Mapping[str, Figure], folder: Path, source: Mapping[st
     """`save_figure` for each by its name."""
     for name, figure in figures.items():
         save_figure(figure, folder, name, source)
-
-
-class Drawing(NamedTuple):
-    """A figure on its way to a file, with what a page says of it."""
-
-    name: str
-    title: str
-    caption: str
-    figure: Figure
-
-
-def save_drawings(
-    drawings: Iterable[Drawing], folder: Path, source: Mapping[str, Any]
-) -> list[tuple[str, str, Path]]:
-    """`save_figure` for each as it is drawn, one in memory at a time; titles, captions, PNGs."""
-    shown = []
-    for name, title, caption, figure in drawings:
-        save_figure(figure, folder, name, source)
-        shown.append((title, caption, folder / f"{name}.png"))
-    return shown

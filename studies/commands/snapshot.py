@@ -40,8 +40,9 @@ def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
 
 def _verdicts(summary: dict[str, Any]) -> list[str]:
     """Shares of unstable loops, with what each assumes."""
-    from studies.snapshot.definitions import BLOCKED, FREED, IN_PLACE, WORTH
+    from studies.columns import definitions
 
+    assumed = definitions("assumptions")
     lines = ["unstable loops by order:"]
     for judge in summary["unstable_by_order"]:
         name = JUDGES[judge]
@@ -51,12 +52,12 @@ def _verdicts(summary: dict[str, Any]) -> list[str]:
         )
         unknown = summary["untrusted_loops"][judge]
         lines.append(f"  {name:<32} {text}" + (f"  ({unknown} undetermined)" if unknown else ""))
-    lines += [f"spins blocked: {BLOCKED}", f"spins free: {FREED}"]
+    lines += [f"spins {case}: {assumed[f'spins_{case}']}" for case in ("blocked", "free")]
     if "in_packing" not in summary:
-        return [*lines, WORTH]
+        return [*lines, assumed["cut_out"]]
     return [
         *lines,
-        f"in its packing: {IN_PLACE.format(**summary['in_packing'])}",
+        f"in its packing: {assumed['in_packing'].format(**summary['in_packing'])}",
         *_around(summary),
     ]
 

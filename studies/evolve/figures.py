@@ -1,4 +1,4 @@
-"""Figures of a path: stress and volume over what is driven, and the loops' second-order work."""
+"""Figures of a path: stress and volume over the driven component, second-order work of loops."""
 
 from __future__ import annotations
 
@@ -8,52 +8,41 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from loops import Faces
 from loops.arrays import Floats
 from patterns import Snapshot
 from studies.series.animation import write_animation
 from studies.snapshot.loop_map import draw_values, loop_drawer
-from studies.style import BLUE, DIVERGING, GREY, VERMILION, Drawing, new_panels, styled
+from studies.style import BLUE, DIVERGING, GREY, VERMILION, new_panels, styled
 
-_STRESS = (
-    "Changes of nominal stress and volume over {driven}, along the path; rings: the DEM's own next "
-    "states, where given; ticks on the lower edge: instabilities. {said}"
-)
 STRESSES = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
-_MAP = (
-    "Second-order work W2 of every loop from the start to the end of the path, over the mean kn "
-    "(left), and the value of {driven} at the first row where it is negative (right; white: never)."
-)
 
 
-def path_drawings(
-    snapshot: Snapshot, tables: dict[str, Any], summary: dict[str, Any]
-) -> Iterator[Drawing]:
-    """Every figure of a path."""
-    driven, said = summary["driven"], f"{summary['status']}: {summary['message']}."
-    caption, drawn = _STRESS.format(driven=driven, said=said), stress_strain(tables, driven)
-    yield Drawing("stress_strain", "Stress and strain", caption, drawn)
-    drawn = work_map(snapshot, snapshot.faces, tables["loops"], summary)
-    yield Drawing("map", "Loops", _MAP.format(driven=driven), drawn)
+def path_figures(
+    snapshot: Snapshot, tables: dict[str, pd.DataFrame], summary: dict[str, Any]
+) -> Iterator[tuple[str, Figure]]:
+    """Every figure of a path by name."""
+    yield "stress_strain", stress_strain(tables, summary["driven"])
+    yield "map", work_map(snapshot, tables["loops"], summary)
 
 
 @styled()
-def stress_strain(tables: dict[str, Any], driven: str) -> Figure:
-    """Both normal stresses and the volume along the path, the DEM's beside."""
+def stress_strain(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
+    """Both normal stresses and the volume along the path, with the DEM's for comparison."""
     path, dem, events = tables["path"], tables.get("dem"), tables["events"]
     figure, ((stress, volume),) = new_panels(1, 2, 2.7)
     _draw_stresses(stress, path, driven)
     volume.plot(path["driven"], path["H11"] + path["H22"], color=BLUE, label="path")
     if dem is not None:
-        at = dem[driven] - (path[driven][0] if driven[0] == "P" else 0.0)
+        at = dem[driven] - (path[driven].iloc[0] if driven[0] == "P" else 0.0)
         ring: dict[str, Any] = {"linestyle": "none", "marker": "o", "fillstyle": "none"}
-        stress.plot(at, dem["P11"] - path["P11"][0], color=BLUE, label="DEM", **ring)
-        stress.plot(at, dem["P22"] - path["P22"][0], color=VERMILION, **ring)
+        stress.plot(at, dem["P11"] - path["P11"].iloc[0], color=BLUE, label="DEM", **ring)
+        stress.plot(at, dem["P22"] - path["P22"].iloc[0], color=VERMILION, **ring)
         volume.plot(at, dem["H11"] + dem["H22"], color=BLUE, label="DEM", **ring)
     unstable = events["driven"][events["kind"] == "instability"]
     stress.plot(
@@ -67,10 +56,10 @@ def stress_strain(tables: dict[str, Any], driven: str) -> Figure:
     return figure
 
 
-def _draw_stresses(ax: Axes, path: dict[str, Any], driven: str) -> None:
+def _draw_stresses(ax: Axes, path: pd.DataFrame, driven: str) -> None:
     """Changes of both normal stresses along the path."""
     for name, (colour, style) in STRESSES.items():
-        start = path[name][0]
+        start = path[name].iloc[0]
         label = f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
         ax.plot(path["driven"], path[name] - start, style, color=colour, label=label)
     ax.set(xlabel=f"${_change(driven)}$", ylabel="change of nominal stress\n(force/length)")
@@ -78,22 +67,17 @@ def _draw_stresses(ax: Axes, path: dict[str, Any], driven: str) -> None:
 
 
 def _change(driven: str) -> str:
-    """The change of what is driven, between dollars."""
+    """Mathematical text for the change of the driven component."""
     return f"\\Delta {driven[0]}_{{{driven[1:]}}}"
 
 
 @styled()
 def animate_path(
-    snapshot: Snapshot,
-    faces: Faces,
-    works: Floats,
-    path: dict[str, Any],
-    summary: dict[str, Any],
-    folder: Path,
+    snapshot: Snapshot, works: Floats, path: pd.DataFrame, summary: dict[str, Any], folder: Path
 ) -> list[str]:
-    """The loops' normalised work since the start, (rows, loops), row by row beside the stresses."""
+    """Animate the loops' normalised work since the start, (rows, loops), beside the stresses."""
     figure, ((left, right),) = new_panels(1, 2, 3.4)
-    draw, colours = loop_drawer(snapshot, faces), (mpl.colormaps[DIVERGING], Normalize(-1.0, 1.0))
+    draw, colours = loop_drawer(snapshot), (mpl.colormaps[DIVERGING], Normalize(-1.0, 1.0))
     loops: Any = draw(left, works[0], *colours)
     label = "normalised $W_2$ since the start"
     figure.colorbar(ScalarMappable(*colours[::-1]), ax=left, shrink=0.75, label=label)
@@ -102,27 +86,25 @@ def animate_path(
     right.legend()
 
     def show(row: int) -> None:
-        # Many loops are a picture, whose colours are of pixels: all are drawn anew.
+        # A picture of many loops has the colours of its pixels: it is drawn again.
         nonlocal loops
         loops.remove()
         loops = draw(left, works[row], *colours)
         for ring, name in zip(rings, STRESSES, strict=True):
-            ring.set_data([path["driven"][row]], [path[name][row] - path[name][0]])
+            ring.set_data([path["driven"][row]], [path[name][row] - path[name].iloc[0]])
 
     return write_animation(folder, figure, map(show, range(1, len(works))), summary["provenance"])
 
 
 @styled()
-def work_map(
-    snapshot: Snapshot, faces: Faces, loops: dict[str, Any], summary: dict[str, Any]
-) -> Figure:
-    """Loops by their second-order work, and by when it first was negative."""
+def work_map(snapshot: Snapshot, loops: pd.DataFrame, summary: dict[str, Any]) -> Figure:
+    """Loops by their second-order work, and by the driven value where it is first negative."""
     figure, ((work, first),) = new_panels(1, 2, 3.0)
-    draw = loop_drawer(snapshot, faces)
+    draw = loop_drawer(snapshot)
     label = r"$W_2$ / mean $k_n$"
-    draw_values(draw, work, loops["W2"] / summary["mean_kn"], label, signed=True)
+    draw_values(draw, work, loops["W2"].to_numpy() / summary["mean_kn"], label, signed=True)
     driven = summary["driven"]
-    begun = np.abs(loops["negative_from"])
+    begun = np.abs(loops["negative_from"].to_numpy())
     label = f"$|{_change(driven)}|$ where $W_2$ is first negative"
     draw_values(draw, first, begun, label)
     return figure

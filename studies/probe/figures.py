@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
-from loops import Faces
 from loops.arrays import Floats
 from patterns import Snapshot
 from stability.packing import Probe
@@ -24,7 +24,6 @@ from studies.style import (
     SEQUENTIAL,
     SKY,
     VERMILION,
-    Drawing,
     axes_or_new,
     figure_of,
     new_figure,
@@ -33,47 +32,22 @@ from studies.style import (
 
 # The circle of w2 = 0 of the polar diagram (Nicot et al. 2016, Fig. 11).
 RADIUS = 2.0
-_ENVELOPE = (
-    "Rates {answer} that answer to rates {given} of length one{where}; dashed: all contacts at "
-    "yield stick. A dot is a direction; where the line breaks there is no solution that could be "
-    "found."
-)
-_WORK = (
-    "Normalised second-order work of the sample along the directions of {given}: distance from the "
-    "centre 2 + w2, so that inside the inner circle it is negative (shaded: the cones)."
-)
-_ORDERS = (
-    "Softest direction, {theta:.1f} degrees: what the loops of each number of grains add to the "
-    "sample's second-order work, and to its negative part, beside their area. Of a negative work a "
-    "positive share is negative work. Order 0: contacts in no loop or in one alone."
-)
-_MAP = (
-    "Softest direction, {theta:.1f} degrees: additive second-order work of every loop over its "
-    "area and the mean kn; areas times it sum to the sample's."
-)
 
 
-def probe_drawings(
-    snapshot: Snapshot, found: Probe, loops: dict[str, Any], summary: dict[str, Any]
-) -> Iterator[Drawing]:
-    """Every figure of a probe."""
-    given, answer = ("H'", "P'") if found.control == "strain" else ("P'", "H'")
-    where = "" if found.subspace == "diagonal" else " in the three symmetric components"
-    caption = _ENVELOPE.format(given=given, answer=answer, where=where)
-    envelope = figure_of(response_envelope(found, summary["mean_kn"]))
-    yield Drawing("envelope", "Response envelope", caption, envelope)
-    yield Drawing("work", "Second-order work", _WORK.format(given=given), polar_work(found))
-    theta = summary["softest_theta_deg"]
-    if theta is not None:
-        bars = figure_of(order_bars(summary["orders"]))
-        yield Drawing("orders", "Orders", _ORDERS.format(theta=theta), bars)
-        drawn = work_map(snapshot, snapshot.faces, loops["additive_w"] / summary["mean_kn"])
-        yield Drawing("map", "Loops", _MAP.format(theta=theta), drawn)
+def probe_figures(
+    snapshot: Snapshot, found: Probe, loops: pd.DataFrame, summary: dict[str, Any]
+) -> Iterator[tuple[str, Figure]]:
+    """Every figure of a probe by name."""
+    yield "envelope", figure_of(response_envelope(found, summary["mean_kn"]))
+    yield "work", polar_work(found)
+    if found.softest is not None:
+        yield "orders", figure_of(order_bars(summary["orders"]))
+        yield "map", work_map(snapshot, loops["additive_w"].to_numpy() / summary["mean_kn"])
 
 
 @styled()
 def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
-    """Rates that answer to the unit circle of the driven ones, the elastic ones beside."""
+    """Response to driven rates of unit length, and the elastic response."""
     ax = axes_or_new(ax, ONE_COLUMN, 3.6)
     if found.control == "strain":
         answers = found.stress_rate / kn, found.elastic_stress / kn
@@ -141,7 +115,7 @@ def polar_work(found: Probe) -> Figure:
 def order_bars(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> Axes:
     """Shares of the loops by order in area, in W2 and in its negative part."""
     ax = axes_or_new(ax)
-    # What belongs to no loop stands before the triangles.
+    # Contacts in no loop or in only one are drawn before the triangles.
     numbers = np.array([int(n) or 2 for n in orders])
     for k, (name, colour, label) in enumerate(
         (
@@ -161,9 +135,9 @@ def order_bars(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> A
 
 
 @styled()
-def work_map(snapshot: Snapshot, faces: Faces, work: Floats) -> Figure:
+def work_map(snapshot: Snapshot, work: Floats) -> Figure:
     """Loops coloured by their additive second-order work."""
     figure = new_figure(4.4, 4.0)
     label = r"additive $w = -\sum f' \cdot d' / (2 V_l)$ / mean $k_n$"
-    draw_values(loop_drawer(snapshot, faces), figure.add_subplot(), work, label, signed=True)
+    draw_values(loop_drawer(snapshot), figure.add_subplot(), work, label, signed=True)
     return figure

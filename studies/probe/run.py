@@ -1,4 +1,4 @@
-"""From the files of a snapshot to its response envelope, cones and the loops behind them."""
+"""The study behind `grainloops probe`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from loops import GrainGraph, InputError
 from loops.laws import ContactLaw
@@ -21,21 +21,19 @@ from stability.packing.pieces import Driven, Subspace
 from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
 from studies.columns import definitions
-from studies.output import provenance, readable, result_folder, write_results
+from studies.output import readable
 from studies.series.tasks import one_blas_thread
 from studies.series.workers import open_runner
-from studies.snapshot.edge import balance_notes, sample_edge
+from studies.snapshot.in_packing import balance_notes, sample_edge
 from studies.snapshot.source import read_planar, reading
-
-Columns = dict[str, NDArray[Any]]
+from studies.study import study
 
 UNITS = (
     "as the input's: stress = force/length (two dimensions); P', H' and W2 are rates per unit of "
     "the direction; angles in degrees"
 )
 OUTLINE = (
-    "no walls and no cell are known: the outline's grains follow the strain, which stiffens the "
-    "sample"
+    "walls and cell are unknown: the outline's grains follow the strain, which stiffens the sample"
 )
 
 
@@ -57,8 +55,8 @@ def run_probe(
 ) -> dict[str, Any]:
     """Probe a snapshot, write tables, figures and a report; the summary.
 
-    It is read with the options `how` of `read_planar`. Directions that are followed to an amplitude
-    are shared by so many processes, one a core if left out, or by the workers of a Dask scheduler.
+    `how` are options of `read_planar`. Directions that are followed to an amplitude are shared
+    among this number of processes, by default one a core, or among the workers of a Dask scheduler.
     """
     if amplitude is not None:
         number("amplitude", amplitude, 0.0, open_low=True)
@@ -72,33 +70,39 @@ def run_probe(
         "yield_band": yield_band,
         "amplitude": amplitude,
     }
-    with result_folder(out, force=force) as folder:
+    configuration = {"path": path, **reading(**how), **asked}
+    with study("probe", out, configuration, UNITS, force=force, csv=csv) as results:
         snapshot = read_planar(path, **how)
-        notes: list[str] = []
-        edge = sample_edge(snapshot, snapshot.faces, yield_band)
-        found = probe_edge(edge, directions, control, subspace, snapshot.faces)
+        faces, notes = snapshot.faces, list(snapshot.notes)
+        found = probe_edge(sample_edge(snapshot, yield_band), directions, control, subspace, faces)
         if amplitude is not None:
+            notes += balance_notes(snapshot)
             shared = partial(_followed, snapshot, workers, scheduler)
-            law, notes = snapshot.mechanics()[0], balance_notes(snapshot)
-            found = probe_to(found, snapshot.graph, law, snapshot.faces, amplitude, shared)
-        made = provenance("probe", {"path": path, **reading(**how), **asked}, UNITS)
-        summary = probe_summary(snapshot, found) | asked | {"provenance": made}
-        summary["notes"] += notes
-        tables = {
-            "probe": direction_table(found),
-            **({"pieces": piece_table(found)} if amplitude is None else {}),
-            "orders": order_table(found),
-            "loops": loop_table(found),
-        }
-        write_results(folder, summary, tables, csv=csv)
+            law = snapshot.mechanics()[0]
+            found = probe_to(found, snapshot.graph, law, faces, amplitude, shared)
+        if found.system.held:
+            notes.append(OUTLINE)
+        orders, loops = order_table(found), loop_table(found)
+        pieces = {} if amplitude is not None else {"pieces": piece_table(found)}
+        results.write_tables(
+            {"probe": direction_table(found), **pieces, "orders": orders, "loops": loops}
+        )
+        kn = float(np.mean(snapshot.mechanics()[0].kn))
+        found_values = probe_summary(found, orders) | {"mean_kn": kn, "notes": notes}
+        summary = results.write_summary(found_values | asked)
         if figures:
-            _draw(snapshot, found, tables["loops"], summary, folder)
+            from studies.probe.figures import probe_figures
+            from studies.snapshot.polygons import loops_for_map
+
+            pictures = results.save_figures(probe_figures(snapshot, found, loops, summary))
+            title, maps = f"Probes of {readable(path.name)}", loops_for_map(snapshot, loops)
+            results.write_report(title, summary, pictures, maps)
     return summary
 
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
-    """What a worker needs to follow one direction."""
+    """Task of a worker: one direction to follow."""
 
     number: int
     graph: GrainGraph
@@ -118,7 +122,7 @@ def _follow(one: _Direction) -> tuple[int, PackingPath]:
 def _followed(
     snapshot: Snapshot, workers: int | None, scheduler: str | None, stages: Sequence[Stage]
 ) -> list[PackingPath]:
-    """Paths of all directions, whoever follows which: the same numbers."""
+    """Paths of all directions, independent of the number of processes."""
     graph, (law, _) = snapshot.graph, snapshot.mechanics()
     tasks = [_Direction(k, graph, law, stage) for k, stage in enumerate(stages)]
     with open_runner(workers, scheduler, []) as runner:
@@ -126,9 +130,9 @@ def _followed(
     return [found[k] for k in range(len(stages))]
 
 
-def direction_table(found: Probe) -> Columns:
-    """One row a direction."""
-    columns: Columns = {"theta_deg": np.degrees(found.theta)}
+def direction_table(found: Probe) -> pd.DataFrame:
+    """One row a direction: strain and stress rates, second-order work, status."""
+    columns = {"theta_deg": np.degrees(found.theta)}
     for name, values in (
         ("H", found.strain_rate),
         ("P", found.stress_rate),
@@ -137,36 +141,41 @@ def direction_table(found: Probe) -> Columns:
     ):
         parts = values.reshape(-1, 4).T
         columns |= {f"{name}{ij}": part for ij, part in zip(COMPONENTS, parts, strict=True)}
-    return columns | {
-        "W2": found.work,
-        "w2": found.normalised,
-        "status": found.status,
-        "sliding": found.sliding,
-        "disagreeing": found.disagreeing,
-        "residual": found.residual,
-        "piece": found.piece,
-    }
+    return pd.DataFrame(
+        columns
+        | {
+            "W2": found.work,
+            "w2": found.normalised,
+            "status": found.status,
+            "sliding": found.sliding,
+            "disagreeing": found.disagreeing,
+            "residual": found.residual,
+            "piece": found.piece,
+        }
+    )
 
 
-def piece_table(found: Probe) -> Columns:
-    """One row a piece: where it holds, how many directions met it, its tangent."""
+def piece_table(found: Probe) -> pd.DataFrame:
+    """One row a piece: the arc where it holds, the number of its directions, its tangent."""
     m = found.directions.shape[1]
     count = np.bincount(found.piece[found.determined], minlength=len(found.tangents))
     tangents = found.tangents.reshape(-1, m * m).T
     names = [f"K{i + 1}{j + 1}" for i in range(m) for j in range(m)]
-    return {
-        "piece": np.arange(len(found.tangents)),
-        "begin_deg": np.degrees(found.arcs[:, 0]),
-        "end_deg": np.degrees(found.arcs[:, 1]),
-        "directions": count,
-        **dict(zip(names, tangents, strict=True)),
-    }
+    return pd.DataFrame(
+        {
+            "piece": np.arange(len(found.tangents)),
+            "begin_deg": np.degrees(found.arcs[:, 0]),
+            "end_deg": np.degrees(found.arcs[:, 1]),
+            "directions": count,
+            **dict(zip(names, tangents, strict=True)),
+        }
+    )
 
 
-def order_table(found: Probe) -> Columns:
-    """One row a direction and order: what the loops add to the sample's W2, and its negative part.
+def order_table(found: Probe) -> pd.DataFrame:
+    """One row a direction and order: share of the loops in the sample's W2, in its negative part.
 
-    Order 0 stands for the contacts that are in no loop, or in one alone.
+    Order 0 stands for the contacts that are in no loop or in only one.
     """
     orders, at = np.unique(found.order, return_inverse=True)
     member = at == np.arange(len(orders))[:, None]
@@ -188,29 +197,40 @@ def order_table(found: Probe) -> Columns:
         "negative": negative,
         "negative_share": shares[1],
     }
-    return {name: np.broadcast_to(value, shape).ravel() for name, value in columns.items()}
+    return pd.DataFrame(
+        {name: np.broadcast_to(value, shape).ravel() for name, value in columns.items()}
+    )
 
 
-def loop_table(found: Probe) -> Columns:
-    """One row a loop: what it adds in the softest direction, and per area of its own."""
+def loop_table(found: Probe) -> pd.DataFrame:
+    """One row a loop: its work in the softest direction, and that work over its own area."""
     softest = found.softest
     work = np.full(len(found.order), np.nan) if softest is None else found.loop_work[softest]
-    return {
-        "loop": np.arange(len(found.order)),
-        "order": found.order,
-        "area": found.area,
-        "W2": work,
-        "additive_w": work * found.system.volume / found.area,
-    }
+    return pd.DataFrame(
+        {
+            "loop": np.arange(len(found.order)),
+            "order": found.order,
+            "area": found.area,
+            "W2": work,
+            "additive_w": work * found.system.volume / found.area,
+        }
+    )
 
 
-def probe_summary(snapshot: Snapshot, found: Probe) -> dict[str, Any]:
-    """The numbers that a probe comes down to."""
-    law, _ = snapshot.mechanics()
+def probe_summary(found: Probe, orders: pd.DataFrame) -> dict[str, Any]:
+    """Summary of a probe and its table of orders."""
     statuses, counts = np.unique(found.status, return_counts=True)
-    softest, control = found.softest, found.destabilising
-    carrying = found.system.carrying
-    theta = np.degrees(found.theta)
+    softest, control, carrying = found.softest, found.destabilising, found.system.carrying
+    theta, shares, cover = np.degrees(found.theta), {}, None
+    if softest is not None:
+        # The table has as many rows for every direction.
+        per_direction = len(orders) // len(theta)
+        rows = orders[softest * per_direction :][:per_direction].set_index("order")
+        names = ["loops", "area_share", "W2_share", "negative_share"]
+        shares = {str(order): row for order, row in rows[names].to_dict("index").items()}
+    if found.directions.shape[1] == 2 and len(found.arcs):
+        # Arcs overlap only where a direction has several solutions.
+        cover = float(min(np.ptp(found.arcs, axis=1).sum() / (2.0 * np.pi), 1.0))
     return {
         "boundary": found.system.boundary,
         "candidates": found.candidates,
@@ -221,19 +241,14 @@ def probe_summary(snapshot: Snapshot, found: Probe) -> dict[str, Any]:
         ],
         "definitions": definitions("probe"),
         "destabilising": {
-            "status": control.status,
-            "direction": control.direction,
-            "held": control.held,
-            "work": control.work,
-            "reaction": control.reaction,
+            name: getattr(control, name)
+            for name in ("status", "direction", "held", "work", "reaction")
         },
         "elastic_tangent": found.elastic_tangent,
         "loops": len(found.order),
-        "mean_kn": float(np.mean(law.kn)),
-        "notes": [*snapshot.notes, *([OUTLINE] if found.system.held else [])],
-        "orders": {} if softest is None else _softest_orders(found, softest),
+        "orders": shares,
         "pieces": len(found.tangents),
-        "pieces_cover": _cover(found),
+        "pieces_cover": cover,
         "rattlers": carrying.rattlers,
         "settled": found.settled,
         "smallest_w2": None if softest is None else float(found.normalised[softest]),
@@ -242,38 +257,3 @@ def probe_summary(snapshot: Snapshot, found: Probe) -> dict[str, Any]:
         "undetermined": int(np.count_nonzero(~found.determined)),
         "unstable_fraction": found.unstable_fraction,
     }
-
-
-def _softest_orders(found: Probe, softest: int) -> dict[str, dict[str, float]]:
-    table = order_table(found)
-    rows = np.arange(len(table["order"])).reshape(len(found.work), -1)[softest]
-    names = ("loops", "area_share", "W2_share", "negative_share")
-    return {
-        str(table["order"][row]): {name: table[name][row].item() for name in names} for row in rows
-    }
-
-
-def _cover(found: Probe) -> float | None:
-    """Share of the circle on the arcs of the pieces; they overlap only where solutions do."""
-    if found.directions.shape[1] != 2 or not len(found.arcs):
-        return None
-    return float(min(np.ptp(found.arcs, axis=1).sum() / (2.0 * np.pi), 1.0))
-
-
-def _draw(
-    snapshot: Snapshot,
-    found: Probe,
-    loops: Columns,
-    summary: dict[str, Any],
-    folder: Path,
-) -> None:
-    # Drawing is loaded only when there is something to draw.
-    from studies.probe.figures import probe_drawings
-    from studies.snapshot.report import loops_for_map, write_report
-    from studies.style import save_drawings
-
-    made = summary["provenance"]
-    drawings = probe_drawings(snapshot, found, loops, summary)
-    title = f"Probes of {readable(made['configuration']['path'].name)}"
-    shown = loops_for_map(snapshot, snapshot.faces, loops)
-    write_report(folder, title, summary, save_drawings(drawings, folder, made), shown, made)

@@ -150,7 +150,7 @@ class _Scene:
         for artist in self._drawn:
             artist.remove()
         state = frame.state
-        draw = loop_drawer(state, state.faces)
+        draw = loop_drawer(state)
         values: list[NDArray[Any]] = [np.minimum(state.faces.order[state.faces.loops], LAST_ORDER)]
         if frame.smallest is not None:
             values.append(frame.smallest)

@@ -21,8 +21,8 @@ from loops.tracking import Fate, LoopFates
 from patterns import Snapshot
 from stability import COMPONENTS, RTOL
 from studies.series.increments import PREDICTIONS
-from studies.snapshot.mechanics import judges
 from studies.snapshot.statistics import LAST_ORDER
+from studies.snapshot.summary import judges
 
 
 def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from loops.tracking import Fate, LoopFates
 from stability import RTOL
 from studies.output import as_json, described_table
 from studies.series.dataset import KEY
-from studies.snapshot.mechanics import judges
 from studies.snapshot.statistics import LAST_ORDER, spread
+from studies.snapshot.summary import judges
 
 NAMES = np.array([fate.name.lower() for fate in Fate])
 VERDICTS = ("stable", "unstable", "undetermined")

@@ -230,7 +230,7 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
     work = np.full(len(fates.before), np.nan)
     work[increments["loop_before"]] = increments["w2"]
     palette = mpl.colormaps[DIVERGING].with_extremes(bad=LIGHT_GREY)
-    draw = loop_drawer(before, before.faces)
+    draw = loop_drawer(before)
     colours = draw(ax, work, palette, Normalize(-1.0, 1.0))
     bar = figure_of(ax).colorbar(colours, ax=ax, shrink=0.8)
     bar.set_label(r"actual $w_2 = dP:dH/(|dP||dH|)$, corotated")

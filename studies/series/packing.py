@@ -36,8 +36,7 @@ from stability.packing import (
 )
 from stability.packing.edge import YieldEdge, forces_of_motion
 from studies.series.evolution import sample_strain
-from studies.snapshot.edge import balance_notes, sample_edge
-from studies.snapshot.in_packing import sample_boundary
+from studies.snapshot.in_packing import balance_notes, sample_boundary, sample_edge
 
 Columns = dict[str, NDArray[Any]]
 # Columns of the increments, and of the packing's own dataset, by the field of `LoopRates`.
@@ -85,7 +84,7 @@ def foretold(
     try:
         if source == "unknown":
             raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
-        edge = sample_edge(before, before.faces, yield_band)
+        edge = sample_edge(before, yield_band)
     except InputError as error:
         return columns, {"packing_status": "refused"}, [f"no packing response: {error}"]
     response = PackingRates(edge).response(H)
@@ -94,7 +93,7 @@ def foretold(
     own = _own_motion(before, after, edge, response)
     if own is not None:
         columns |= _picked(loop_rates(own, before.faces), OWN)
-    planes, held, notes = sample_boundary(before, before.faces)
+    planes, held, notes = sample_boundary(before)
     if by_events:
         found, why = _by_events(before, H)
         columns, notes = columns | found, [*notes, *why]

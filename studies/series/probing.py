@@ -9,7 +9,7 @@ import numpy as np
 from loops import InputError
 from patterns import Snapshot
 from stability.packing.probe import probe_edge
-from studies.snapshot.edge import sample_edge
+from studies.snapshot.in_packing import sample_edge
 
 CONE = ("probe_cone_begin_deg", "probe_cone_end_deg")
 NAMES = ("probe_w2", "probe_theta_deg", "probe_unstable_fraction", *CONE, "probe_undetermined")
@@ -21,7 +21,7 @@ def probe_row(
     """Columns of one snapshot and notes; None where there is no such number."""
     row: dict[str, Any] = dict.fromkeys(NAMES)
     try:
-        edge = sample_edge(state, state.faces, yield_band)
+        edge = sample_edge(state, yield_band)
     except InputError as error:
         return row, [f"not probed: {error}"]
     found = probe_edge(edge, directions, faces=state.faces)

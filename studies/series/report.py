@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops.tracking import ExchangeCounts
+from studies.report import write_report
 from studies.series.animation import Picture, picked_snapshots
 from studies.series.figures import MappedInterval, draw_series
 from studies.series.increments import PREDICTIONS
@@ -21,7 +21,8 @@ from studies.series.skill_figures import nonaffinity_map, skill_by_interval, ski
 from studies.series.survival_figure import survival_by_verdict
 from studies.series.targets import part_columns
 from studies.series.tasks import PartTask, Series, state_of, tracked
-from studies.snapshot.report import MOST_LOOPS, LoopsForMap, loops_for_map, write_report
+from studies.snapshot.polygons import MOST_LOOPS, LoopsForMap, loops_for_map
+from studies.study import captions
 from studies.style import save_figures
 
 OF_INTERVAL = ("W2", "w2", *PREDICTIONS, "nonaffinity")
@@ -100,10 +101,9 @@ def series_report(
     count: int = 0,
 ) -> None:
     """Write `report.html` with the figures that stand in the folder."""
-    captions = tomllib.loads((Path(__file__).parent / "captions.toml").read_text(encoding="utf-8"))
     figures = [
         (*told, path)
-        for name, told in captions.items()
+        for name, told in captions("series").items()
         for path in (folder / f"{name}.{ending}" for ending in ("png", "mp4", "gif"))
         if path.is_file()
     ]
@@ -124,8 +124,7 @@ def _maps(series: Series, counts: Sequence[int], first: int) -> list[LoopsForMap
         table = _rows(series.snapshots[k].part, intervals[k] if k < len(intervals) else None)
         name = f"{planned[k].number} ({planned[k].name})"
         of_series = {"name": name, "number": planned[k].number, "first": k == first}
-        loops = loops_for_map(state, state.faces, table, **of_series, about=about)
-        found += [] if loops is None else [loops]
+        found += loops_for_map(state, table, **of_series, about=about)
     return found
 
 

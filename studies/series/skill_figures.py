@@ -169,7 +169,7 @@ def nonaffinity_map(mapped: MappedInterval) -> Figure:
     high = max(high, 1.01 * low)
     scale = LogNorm(low, high)
     palette = mpl.colormaps[SEQUENTIAL].with_extremes(bad=LIGHT_GREY)
-    draw = loop_drawer(before, before.faces)
+    draw = loop_drawer(before)
     panels = {"foretold by the packing": foretold["packing_nonaffinity"], "actual": actual}
     for ax, (title, values) in zip(axes, panels.items(), strict=True):
         colours = draw(ax, values, palette, scale)

@@ -161,7 +161,7 @@ def _write_snapshot(task: PartTask) -> None:
     (planned,) = task.snapshots
     state = state_of(planned)
     # Tasks run side by side, each on one core.
-    table = loop_table(state, state.faces, threads=1)
+    table = loop_table(state, threads=1)
     row, notes = evolution_row(state, table), list(state.notes)
     if task.directions is not None and task.yield_band is not None:
         probed, why = probe_row(state, task.directions, task.yield_band)

@@ -12,17 +12,16 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from loops import Faces, GrainGraph, branch_vectors
+from loops import ForceChains, GrainGraph, branch_vectors
 from loops.arrays import Floats
 from patterns import Snapshot
-from studies.snapshot.definitions import BLOCKED, FREED, IN_PLACE
+from studies.columns import Columns
 from studies.snapshot.in_packing import PLACE, surroundings_share
 from studies.snapshot.loop_map import VECTOR_LIMIT, Drawer, draw_orders, loop_drawer, loop_map
-from studies.snapshot.mechanics import CLOSURES, judges, unstable_loops
-from studies.snapshot.statistics import GROUPS, Groups, axes_density, group_rows, share
-from studies.snapshot.table import EIGENVALUES, FREE
+from studies.snapshot.statistics import GROUPS, axes_density, group_rows, share
+from studies.snapshot.summary import judges, unstable_loops
+from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE
 from studies.style import (
     BLACK,
     BLUE,
@@ -33,7 +32,6 @@ from studies.style import (
     ORDER_COLOURS,
     SKY,
     VERMILION,
-    Drawing,
     axes_or_new,
     figure_of,
     key_columns,
@@ -51,75 +49,39 @@ TITLES = {
     "traction_free": "traction, spins free",
     PLACE: "in its packing",
 }
-# Of histograms: the root of the number of loops, within these.
+# A histogram has as many bins as the square root of the number of loops, within these limits.
 BINS = 20, 60
-# The axes leave out this share of the loops at either end; the first and the last bin hold them.
+# Share of the loops at either end that the first and the last bin of a histogram collect.
 TAIL = 0.01
-# Part of the axis that negative values may take beyond that.
+# Largest extension of the axis for negative values beyond that, over its positive part.
 NEGATIVE = 0.15
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION}
-# Widths of the bins of many and of few axes, degrees; a half turn holds a whole number of each.
+# Widths of the bins of a rose (degrees) for many axes and for fewer than FEW; both divide 180.
 FINE, COARSE, FEW = 10.0, 20.0, 200
-# Segments in a line with gaps.
+# Number of segments that are joined to one line with gaps.
 JOINED = 200
 
 
-def snapshot_drawings(
-    snapshot: Snapshot,
-    faces: Faces,
-    table: dict[str, Any],
-    links: Floats | None,
-    summary: dict[str, Any],
-) -> Iterator[Drawing]:
-    """Every figure of a snapshot."""
-    draw = loop_drawer(snapshot, faces)
-    yield Drawing("map", "Loops", _MAP, loop_map(snapshot, faces, table, draw))
-    orders = figure_of(order_bars(summary, table))
-    yield Drawing("orders", "Orders", "Share of the loops by their number of grains.", orders)
-    yield Drawing("fabric", "Fabric", _FABRIC, fabric_rose(snapshot.graph, summary))
+def snapshot_figures(
+    snapshot: Snapshot, table: Columns, summary: dict[str, Any], links: Floats | None = None
+) -> Iterator[tuple[str, Figure]]:
+    """Every figure of a snapshot by name; `links (L, 2, 2)` are those of force chains."""
+    draw = loop_drawer(snapshot)
+    yield "map", loop_map(snapshot, table, draw)
+    yield "orders", figure_of(order_bars(summary))
+    yield "fabric", fabric_rose(snapshot.graph, summary)
     if links is not None and summary["loops"]:
-        beside = chains_figure(table, draw, links)
-        yield Drawing("chains", "Force chains", _CHAINS, beside)
+        yield "chains", chains_figure(table, draw, links)
     if snapshot.mechanical and summary["loops"]:
-        yield Drawing("eigenvalues", "Eigenvalues", _EIGENVALUES, eigenvalue_distribution(table))
-        yield Drawing("directions", "Unstable loops", _ROSE, unstable_rose(table, summary))
+        yield "eigenvalues", eigenvalue_distribution(table)
+        yield "directions", unstable_rose(table, summary)
         if "in_packing" in summary:
-            told = _PLACE.format(IN_PLACE.format(**summary["in_packing"]))
-            yield Drawing("in_packing", "In the packing", told, in_packing(table))
-
-
-_MAP = "The loops of the sample, coloured by their order and by what else is known of them."
-_FABRIC = (
-    "Density of the contact directions and its Fourier series of second order, whose amplitude and "
-    "direction follow from the contact fabric tensor."
-)
-_EIGENVALUES = (
-    "Eigenvalues of the symmetric part of the loops' tangents over the mean normal stiffness, by "
-    "order of the loops; grey: negative, the loop is unstable. Spins blocked: " + BLOCKED + ". "
-    "Spins free: " + FREED + "."
-)
-_CHAINS = (
-    "Left: force chains after Peters et al. 2005 over the loops by order. Right: smallest "
-    "eigenvalue of the loops beside chains, that have a link among their contacts, and elsewhere: "
-    "median and quartiles, traction closure, spins blocked. Larger loops have more contacts and "
-    "lie beside chains more often: compare within an order."
-)
-_PLACE = (
-    "Left: smallest eigenvalue of each loop cut out of its packing and in it, over the mean normal "
-    "stiffness: those left of zero and above it are held by their surroundings. "
-    "Right: share of the surroundings in the trace of the operator in place, a box from the lower "
-    "to the upper quartile of an order, whiskers to 5 and 95 %. Loops whose tangent cut out is "
-    "undetermined are left out. In the packing: {}."
-)
-_ROSE = (
-    "Soft directions and long axes of the unstable loops; a thick line shows the mean axis, as "
-    "long as its resultant where the outer circle stands for 1."
-)
+            yield "in_packing", in_packing(table)
 
 
 @styled()
-def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None = None) -> Axes:
-    """Share of the loops by order: in number, in area, and the unstable ones among them."""
+def order_bars(summary: dict[str, Any], ax: Axes | None = None) -> Axes:
+    """Share of the loops by order: in number, in area, and of unstable loops in number."""
     ax = axes_or_new(ax)
     if summary["loops"] == 0:
         ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
@@ -143,34 +105,41 @@ def order_bars(summary: dict[str, Any], table: dict[str, Any], ax: Axes | None =
 
 
 @styled()
-def eigenvalue_distribution(table: dict[str, Any]) -> Figure:
-    """Histograms of the three eigenvalues of Ks, a row a closure, a colour a group of orders."""
-    present = judges(table)
+def eigenvalue_distribution(table: Columns) -> Figure:
+    """Histograms of the three eigenvalues of Ks: a row a judge, a colour a group of orders."""
+    present, groups = judges(table), group_rows(table["order"])
     figure, panels = new_panels(len(present), 3, 0.2 + 1.8 * len(present), sharey=True)
-    groups = group_rows(table["order"])
     for k, (name, shown) in enumerate(zip(EIGENVALUES, NAMES, strict=True)):
-        values = np.concatenate([table[f"{closure}_{name}"] for closure in present])
+        values = np.concatenate([table[f"{judge}_{name}"] for judge in present])
         edges = _edges(values, len(present))
-        for row, closure in enumerate(present):
-            ax = panels[row, k]
+        for ax, judge in zip(panels[:, k], present, strict=True):
             for group in GROUPS:
-                values = table[f"{closure}_{name}"][groups[group]]
-                _histogram(ax, values, edges, group)
+                own = table[f"{judge}_{name}"][groups[group]]
+                known = np.clip(own[np.isfinite(own)], edges[0], edges[-1])
+                if len(known):
+                    share_per_bin = np.histogram(known, edges)[0] / len(known)
+                    colour = GROUP_COLOURS[group]
+                    ax.stairs(share_per_bin, edges, color=colour, linewidth=1.0, baseline=None)
             ax.set(yscale="log", xlim=(edges[0], edges[-1]))
             if edges[0] < 0:
                 ax.axvspan(edges[0], 0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
-            if row == len(present) - 1:
-                ax.set_xlabel(shown)
-            if k == 0:
-                ax.set_ylabel(f"{TITLES[closure]}\nshare of the loops per bin")
-            if k == 2:
-                _legend(ax, table, closure, groups)
+        panels[-1, k].set_xlabel(shown)
+    for judge, row in zip(present, panels, strict=True):
+        row[0].set_ylabel(f"{TITLES[judge]}\nshare of the loops per bin")
+        unstable, known = unstable_loops(table, judge), np.isfinite(table[f"{judge}_lambda_min"])
+        for group in GROUPS:
+            rows = groups[group]
+            if known[rows].any():
+                percent = 100 * np.count_nonzero(unstable[rows]) / np.count_nonzero(known[rows])
+                label = f"order {group}: {float(f'{percent:.2g}'):g} %"
+                row[2].plot([], [], color=GROUP_COLOURS[group], label=label)
+        row[2].legend(title="unstable", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.supxlabel(r"eigenvalue of $K_s$ / mean $k_n$", fontsize=8)
     return figure
 
 
 def _edges(values: Floats, tables: int = 1) -> Floats:
-    """Bins over nearly all values; zero is a border of a bin."""
+    """Borders of the bins, which hold nearly all values of `tables` tables; one of them is zero."""
     known = values[np.isfinite(values)]
     if len(known) == 0:
         return np.linspace(0.0, 1.0, BINS[0] + 1)
@@ -182,29 +151,14 @@ def _edges(values: Floats, tables: int = 1) -> Floats:
     return width * np.arange(first, last + 1.5)
 
 
-def _histogram(ax: Axes, values: Floats, edges: Floats, group: str) -> None:
-    known = values[np.isfinite(values)]
-    if len(known) == 0:
-        return
-    number = np.histogram(np.clip(known, edges[0], edges[-1]), edges)[0]
-    ax.stairs(number / len(known), edges, color=GROUP_COLOURS[group], linewidth=1.0, baseline=None)
-
-
-def _legend(ax: Axes, table: dict[str, Any], closure: str, groups: Groups) -> None:
-    """Share of unstable loops of each group."""
-    unstable = unstable_loops(table, closure)
-    known = np.isfinite(table[f"{closure}_lambda_min"])
-    for group in GROUPS:
-        rows = groups[group]
-        if known[rows].any():
-            share = 100 * np.count_nonzero(unstable[rows]) / np.count_nonzero(known[rows])
-            label = f"order {group}: {float(f'{share:.2g}'):g} %"
-            ax.plot([], [], color=GROUP_COLOURS[group], label=label)
-    ax.legend(title="unstable", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+def chain_segments(snapshot: Snapshot, chains: ForceChains) -> Floats:
+    """(L, 2, 2) ends of every link; links across a border begin at their first grain."""
+    start = snapshot.graph.x[snapshot.graph.contacts[chains.links, 0]]
+    return np.stack([start, start + branch_vectors(snapshot.graph)[chains.links]], axis=1)
 
 
 @styled()
-def chains_figure(table: dict[str, Any], draw: Drawer, links: Floats) -> Figure:
+def chains_figure(table: Columns, draw: Drawer, links: Floats) -> Figure:
     """Force chains over the loops by order; unstable loops beside chains and elsewhere."""
     figure, (axes,) = new_panels(1, 2, 3.3, width_ratios=(1.25, 1))
     left, right = axes
@@ -240,9 +194,9 @@ def chains_figure(table: dict[str, Any], draw: Drawer, links: Floats) -> Figure:
 
 
 def _joined(segments: Floats) -> list[Floats]:
-    """(n, 2, 2) segments as fewer lines with gaps: a line each takes longer than its drawing.
+    """Join (n, 2, 2) segments to fewer lines with gaps, which are drawn much faster.
 
-    Neighbours come into different lines: within one, what overlaps would not cover one another.
+    Neighbours go to different lines: overlapping parts of one line would not cover one another.
     """
     gaps = np.full((len(segments), 1, 2), np.nan)
     ended, lines = np.concatenate([segments, gaps], axis=1), len(segments) // JOINED
@@ -265,8 +219,8 @@ def fabric_rose(graph: GrainGraph, summary: dict[str, Any]) -> Figure:
     return figure
 
 
-def fabric_table(graph: GrainGraph, summary: dict[str, Any]) -> dict[str, NDArray[Any]]:
-    """The numbers behind `fabric_rose`."""
+def fabric_table(graph: GrainGraph, summary: dict[str, Any]) -> Columns:
+    """Numbers of `fabric_rose`: one row a bin of contact directions."""
     columns = axes_density(_contact_axes(graph), FINE)
     second = _second_order(np.radians(columns["angle"]), summary["contact_fabric"])
     return columns | {"second_order": second}
@@ -283,8 +237,8 @@ def _second_order(theta: Floats, fabric: dict[str, Any]) -> Floats:
 
 
 @styled()
-def unstable_rose(table: dict[str, Any], summary: dict[str, Any]) -> Figure:
-    """Directions of the unstable loops: of their smallest eigenvalue, and of their long axes."""
+def unstable_rose(table: Columns, summary: dict[str, Any]) -> Figure:
+    """Directions of the unstable loops: softest direction and long axis."""
     figure, (axes,) = new_panels(1, 2, 3.7, subplot_kw={"projection": "polar"})
     for ax, (title, column, key) in zip(
         axes,
@@ -310,8 +264,8 @@ def unstable_rose(table: dict[str, Any], summary: dict[str, Any]) -> Figure:
 
 
 @styled()
-def in_packing(table: dict[str, Any]) -> Figure:
-    """Loops cut out against loops in place, and what the surroundings give of their stiffness."""
+def in_packing(table: Columns) -> Figure:
+    """Loops cut out against loops in place, and the surroundings' share of their stiffness."""
     figure, ((left, right),) = new_panels(1, 2, 3.1)
     alone, inside = table[f"{FREE}_lambda_min"], table[f"{PLACE}_lambda_min"]
     groups = group_rows(table["order"])
@@ -344,7 +298,7 @@ def in_packing(table: dict[str, Any]) -> Figure:
 
 
 def _bars(ax: Axes, axes: Floats, width: float, colour: str, label: str, *, filled: bool) -> None:
-    """Density of axes over the full circle, both directions of each alike."""
+    """Density of axes over the full circle; both directions of an axis count alike."""
     density = axes_density(axes, width)["density"]
     centre = np.radians(width) * np.arange(2 * len(density))
     ax.bar(
@@ -372,7 +326,7 @@ def _finish(ax: PolarAxes, title: str, unit: str) -> None:
     ax.set_thetagrids(range(0, 360, 45))
     ax.set_rticks(MaxNLocator(3).tick_values(0.0, ax.get_ylim()[1])[1:-1])
     ax.tick_params(axis="y", labelsize=6, labelcolor=BLACK)
-    # Above the bars, which would cut the numbers.
+    # The grid is drawn above the bars, which would hide the numbers.
     ax.set_axisbelow(False)
     for label in ax.get_yticklabels():
         label.set_path_effects([withStroke(linewidth=2.0, foreground="white")])

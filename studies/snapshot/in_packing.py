@@ -1,4 +1,4 @@
-"""What the packing makes of each loop: its operator in place, and that of what surrounds it."""
+"""The packing of a snapshot: its boundary, its rate problem, and every loop inside it."""
 
 from __future__ import annotations
 
@@ -6,82 +6,35 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from loops import Faces, InputError
+from loops import InputError, love_weber_stress, outline_area
 from loops.arrays import Flags, Floats
-from patterns import Snapshot
+from patterns import Snapshot, WallContacts
 from stability.loop_stability import loop_spectra, loop_stability
+from studies.columns import Columns
 from studies.snapshot.statistics import Groups, share_by_group, spread, spread_by_group
 from studies.snapshot.table import EIGENVALUES, FREE
 
 if TYPE_CHECKING:
-    from loops.packing import LoopsInPlace, PlaneContacts
+    from loops.packing import PlaneContacts
+    from stability.packing.edge import YieldEdge
 
-Table = dict[str, Any]
 PLACE = "packing"
-WHERE = "--in-packing"
-# Blocks are good in packings with up to 8 % of their loops unstable in place, from 11 % on poor.
-LOST = 0.1
+# Blocks are accurate in packings with up to 8 % of the loops unstable in place, poor from 11 %.
+MOST_UNSTABLE = 0.1
+# Unbalanced force over the mean contact force: above the first a note says so, above the second
+# the sample flows and isn't followed.
+UNBALANCED, FLOWS = 1e-3, 0.1
+# Walls of an upright box lean by less than this sine, and are flat within this share of a side.
+UPRIGHT = 1e-6
 
 
-def place_options(asked: str) -> dict[str, Any]:
-    """Options of `loops_in_place`: a method by its name, or extrapolated patches."""
-    if asked in ("auto", "whole", "blocks"):
-        return {"method": asked}
-    try:
-        return {"method": "extrapolated", "radius": float(asked)}
-    except ValueError:
-        raise InputError(
-            WHERE,
-            repr(asked),
-            "auto, whole, blocks or a radius in mean diameters",
-            "Write --in-packing whole for example.",
-        ) from None
+def sample_boundary(snapshot: Snapshot) -> tuple[PlaneContacts | None, Flags | None, list[str]]:
+    """Walls as planes and grains held at the outline, either may be None; notes.
 
-
-def add_in_packing(
-    snapshot: Snapshot, faces: Faces, table: Table, asked: str
-) -> tuple[Snapshot, dict[str, Any]]:
-    """Add the columns of the loops in place; what was assumed, as notes and for the summary."""
-    # Loaded only when loops are to be judged in place.
-    from loops.packing import loops_in_place
-
-    how = place_options(asked)
-    law, _ = snapshot.mechanics()
-    planes, held, notes = sample_boundary(snapshot, faces)
-    place = loops_in_place(snapshot.graph, law, faces, planes=planes, held=held, **how)
-    kn = float(np.mean(law.kn))
-    found = loop_stability(place.matrix / kn)
-    for name, values in zip(EIGENVALUES, found.eigenvalues.T, strict=True):
-        table[f"{PLACE}_{name}"] = values
-    table[f"{PLACE}_unstable_fraction"] = found.unstable_fraction
-    table["surroundings_lambda_min"] = loop_spectra(place.surroundings / kn)[:, 0]
-    table[f"{PLACE}_error"] = np.where(np.isnan(found.eigenvalues[:, 0]), np.nan, place.error)
-    if not np.isfinite(place.matrix).any():
-        notes.append("no loop stands in a packing: each has a grain that is held, or carries none")
-    unstable = np.mean(found.eigenvalues[:, 0] < 0)
-    if (place.error > 0).any() and unstable > LOST:
-        notes.append(
-            f"{100 * unstable:.0f} % of the loops are unstable in place: soft modes reach through "
-            "the whole packing, and blocks and patches say little; --in-packing whole is exact"
-        )
-    told = {**how, "boundary": place.system.boundary, **_left_out(place)}
-    return replace(snapshot, notes=(*snapshot.notes, *notes)), told
-
-
-def _left_out(place: LoopsInPlace) -> dict[str, int]:
-    carrying = place.system.carrying
-    return {
-        "rattlers": carrying.rattlers,
-        "clusters": carrying.clusters,
-        "clustered": carrying.clustered,
-    }
-
-
-def sample_boundary(
-    snapshot: Snapshot, faces: Faces
-) -> tuple[PlaneContacts | None, Flags | None, list[str]]:
-    """Walls as planes; where a sample without a cell has none, its outline's grains held."""
+    The outline is held only in a sample that has neither a periodic cell nor walls.
+    """
     from loops.packing import PlaneContacts, outline_grains, plane_contacts
 
     walls = snapshot.walls
@@ -92,7 +45,7 @@ def sample_boundary(
         return planes, None, ["walls: smooth, as stiff as their forces over the overlaps"]
     if snapshot.graph.cell is not None:
         return None, None, []
-    held = outline_grains(snapshot.graph, faces)
+    held = outline_grains(snapshot.graph, snapshot.faces)
     note = (
         f"no walls known: the {np.count_nonzero(held)} grains of the outline follow the affine "
         "motion; their own loops are not judged in the packing, the next ones are judged too stiff"
@@ -100,27 +53,157 @@ def sample_boundary(
     return None, held, [note]
 
 
-def surroundings_share(table: Table) -> Floats:
-    """What the surroundings give of the trace of `A_in`: 1 - tr A_loop / tr A_in."""
-    inside, alone = (sum(table[f"{j}_{name}"] for name in EIGENVALUES) for j in (PLACE, FREE))
-    share: Floats = 1.0 - alone / inside
-    return share
+def box_area(x: Floats, walls: WallContacts) -> float | None:
+    """Area within upright walls if grains touch all four of them; else None."""
+    feet = x[walls.grain] - walls.branch
+    length = np.hypot(*walls.branch.T)
+    across = np.abs(walls.branch) > UPRIGHT * length[:, None]
+    if across.all(axis=1).any():
+        return None
+    sides = []
+    for axis in (0, 1):
+        own = across[:, axis]
+        low = own & (walls.branch[:, axis] > 0)
+        high = own & (walls.branch[:, axis] < 0)
+        if not (low.any() and high.any()):
+            return None
+        side = float(feet[high, axis].mean() - feet[low, axis].mean())
+        if max(np.ptp(feet[low, axis]), np.ptp(feet[high, axis])) > UPRIGHT * side:
+            return None
+        sides.append(side)
+    return sides[0] * sides[1]
 
 
-def share_by_order(table: Table, orders: list[int]) -> Table:
+def wall_summary(snapshot: Snapshot, outline: float) -> dict[str, Any]:
+    """Stress carried by the contacts with walls, and its share of the whole stress.
+
+    The area is that of the box if all walls are upright, else `outline`, the area of the polygon
+    around the network. The share does not depend on the area.
+    """
+    walls = snapshot.walls
+    if walls is None or not snapshot.mechanical or len(walls.grain) == 0:
+        return {}
+    box = None if snapshot.graph.cell is not None else box_area(snapshot.graph.x, walls)
+    area = outline if box is None else box
+    if not area > 0:
+        return {}
+    at_walls = walls.force.T @ walls.branch / area
+    total = at_walls + love_weber_stress(snapshot.graph, area)
+    kind = "cell" if snapshot.graph.cell is not None else "outline of the network"
+    return {
+        "stress_walls": at_walls,
+        "stress_total": total,
+        "boundary_area": area,
+        "boundary_area_is": kind if box is None else "box within the walls",
+        "boundary_share": float(np.trace(at_walls) / np.trace(total)),
+        "wall_force": spread(np.hypot(*walls.force.T)),
+    }
+
+
+def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldEdge:
+    """Rate problem of the packing; contacts from `yield_band` of their strength on may slide."""
+    from stability.packing.edge import yield_edge
+
+    graph, (law, regime) = snapshot.graph, snapshot.mechanics()
+    planes, held, _ = sample_boundary(snapshot)
+    volume = None
+    if graph.cell is None:
+        box = None if snapshot.walls is None else box_area(graph.x, snapshot.walls)
+        volume = box or outline_area(graph, snapshot.faces)
+    return yield_edge(
+        graph, law, yield_band=yield_band, regime=regime, planes=planes, held=held, volume=volume
+    )
+
+
+def balance_notes(snapshot: Snapshot) -> list[str]:
+    """Notes on the unbalanced force of a state to be followed; `InputError` if the sample flows."""
+    from stability.packing.pairs import contact_pairs, require_replayable
+    from stability.packing.state import start_state
+
+    graph, law = snapshot.graph, snapshot.mechanics()[0]
+    pairs, state = contact_pairs(graph, require_replayable(graph, law)), start_state(graph)
+    overlap = graph.radii[graph.contacts].sum(axis=1) - np.linalg.norm(state.branches, axis=1)
+    # Paths begin with the normal forces of the overlaps.
+    share = replace(state, normal_force=np.maximum(pairs.kn * overlap, 0.0)).unbalanced
+    told = f"an unbalanced force of {share:.2g} of the mean contact force"
+    if share > FLOWS:
+        expected = f"{FLOWS:g} at most: a state near rest"
+        raise InputError("snapshot", told, expected, "Hold the sample until it is quiet.")
+    kept = "it stays as a constant load, and the motion it stands for is not followed"
+    return [f"{told}: {kept}"] if share > UNBALANCED else []
+
+
+def place_options(asked: str) -> dict[str, Any]:
+    """Options of `loops_in_place`: a method by name, or the radius of extrapolated patches."""
+    if asked in ("auto", "whole", "blocks"):
+        return {"method": asked}
+    try:
+        return {"method": "extrapolated", "radius": float(asked)}
+    except ValueError:
+        raise InputError(
+            "--in-packing",
+            repr(asked),
+            "auto, whole, blocks or a radius in mean diameters",
+            "Write --in-packing whole for example.",
+        ) from None
+
+
+def add_in_packing(
+    snapshot: Snapshot, table: Columns, asked: str
+) -> tuple[dict[str, Any], list[str]]:
+    """Add to the table the columns of the loops in place; the method for the summary, and notes."""
+    # Loaded only when loops are judged in place.
+    from loops.packing import loops_in_place
+
+    how = place_options(asked)
+    law, _ = snapshot.mechanics()
+    planes, held, notes = sample_boundary(snapshot)
+    place = loops_in_place(snapshot.graph, law, snapshot.faces, planes=planes, held=held, **how)
+    kn = float(np.mean(law.kn))
+    found = loop_stability(place.matrix / kn)
+    for name, values in zip(EIGENVALUES, found.eigenvalues.T, strict=True):
+        table[f"{PLACE}_{name}"] = values
+    table[f"{PLACE}_unstable_fraction"] = found.unstable_fraction
+    table["surroundings_lambda_min"] = loop_spectra(place.surroundings / kn)[:, 0]
+    table[f"{PLACE}_error"] = np.where(np.isnan(found.eigenvalues[:, 0]), np.nan, place.error)
+    if not np.isfinite(place.matrix).any():
+        notes.append(
+            "no loop could be judged in the packing: each has a grain that is held or carries "
+            "no force"
+        )
+    unstable = np.mean(found.eigenvalues[:, 0] < 0)
+    if (place.error > 0).any() and unstable > MOST_UNSTABLE:
+        notes.append(
+            f"{100 * unstable:.0f} % of the loops are unstable in place: soft modes reach through "
+            "the whole packing, and blocks and patches say little; --in-packing whole is exact"
+        )
+    carrying = place.system.carrying
+    left_out = {name: getattr(carrying, name) for name in ("rattlers", "clusters", "clustered")}
+    return {**how, "boundary": place.system.boundary, **left_out}, notes
+
+
+def surroundings_share(table: Columns) -> Floats:
+    """Share of the surroundings in the trace of `A_in`: 1 - tr A_loop / tr A_in."""
+    inside, alone = (
+        sum(table[f"{judge}_{name}"] for name in EIGENVALUES) for judge in (PLACE, FREE)
+    )
+    return np.asarray(1.0 - alone / inside)
+
+
+def share_by_order(table: Columns, orders: list[int]) -> dict[str, NDArray[Any]]:
     """Quartiles of `surroundings_share` over the loops of each order."""
     share = surroundings_share(table)
     found = [spread(share[table["order"] == n]) for n in orders]
-    names = {"q25": "surroundings_q25", "median": "surroundings_median", "q75": "surroundings_q75"}
-    return {column: [one[key] for one in found] for key, column in names.items()}
+    names = ("q25", "median", "q75")
+    return {f"surroundings_{key}": np.array([one[key] for one in found]) for key in names}
 
 
-def packing_summary(table: Table, groups: Groups, told: dict[str, Any]) -> dict[str, Any]:
-    """Keys beside those that every judge of loops has."""
+def packing_summary(table: Columns, groups: Groups, method: dict[str, Any]) -> dict[str, Any]:
+    """Keys of the summary that only loops in place have."""
     smallest, error = table["surroundings_lambda_min"], table[f"{PLACE}_error"]
     known = ~np.isnan(smallest)
     return {
-        "in_packing": told,
+        "in_packing": method,
         "packing_error": spread(np.where(np.isfinite(error), error, np.nan)),
         "surroundings_positive": share_by_group(groups, smallest > 0, known),
         "surroundings_share": spread_by_group(groups, surroundings_share(table)),

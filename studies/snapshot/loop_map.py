@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from loops import Faces
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Floats, Integers
 from patterns import Snapshot
+from studies.columns import Columns
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
 from studies.snapshot.statistics import GROUPS, LAST_ORDER
 from studies.style import (
@@ -33,24 +33,24 @@ from studies.style import (
     styled,
 )
 
-# Draws values of the loops into axes, by a map of colours and a scale.
+# A function (axes, values of the loops, colour map, scale) that draws the loops.
 Drawer = Callable[..., ScalarMappable]
-# Beyond so many loops the polygons are drawn as pixels in the SVG too.
+# More loops than these are pixels in the SVG too.
 VECTOR_LIMIT = 20_000
-# Beyond so many loops they are painted into one picture instead of drawn one by one.
+# More loops than these are painted into one picture instead of drawn one by one.
 PAINT_LIMIT = 100_000
-# Pixels along the longer side of that picture: as many as a panel has on a page at 600 dpi.
+# Pixels along the longer side of that picture: a panel on a page at 600 dpi.
 PIXELS = 1600
-# Every order up to the last group has its own colour.
+# Every group of orders has its own colour.
 ORDER_SCALE = BoundaryNorm(np.arange(2.5, LAST_ORDER + 1), len(ORDER_COLOURS))
 
 
 @styled()
-def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any], draw: Drawer) -> Figure:
-    """Loops coloured by order, and by the smallest eigenvalue of Ks if there are forces.
+def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
+    """Loops coloured by order and, with forces, by the smallest eigenvalue of Ks.
 
-    Small packings are drawn loop by loop. Large ones are painted into a picture, each pixel in the
-    colour of the loop that its centre lies in.
+    Loops of small packings are polygons. Large packings are painted into a picture, each pixel in
+    the colour of the loop that contains its centre.
     """
     extent = np.ptp(snapshot.graph.x, axis=0)
     # A panel is as wide as half the page less its colour bar and labels.
@@ -61,10 +61,22 @@ def loop_map(snapshot: Snapshot, faces: Faces, table: dict[str, Any], draw: Draw
     draw_orders(draw, axes[0], table["order"])
     if snapshot.mechanical:
         smallest = table["traction_lambda_min"]
-        draw_values(
-            draw, axes[1], smallest, r"smallest eigenvalue of $K_s$ / mean $k_n$", signed=True
-        )
-        _outline(snapshot, faces, axes[1], smallest < 0)
+        label = r"smallest eigenvalue of $K_s$ / mean $k_n$"
+        draw_values(draw, axes[1], smallest, label, signed=True)
+        unstable = np.flatnonzero(smallest < 0)
+        # Some unstable loops are too soft to show by their colour: a line goes around them.
+        if len(unstable) <= VECTOR_LIMIT:
+            outlines = PolyCollection(
+                polygons_of_loops(snapshot, unstable),
+                facecolors="none",
+                edgecolors=VERMILION,
+                linewidths=0.8 * _line_width(len(smallest)),
+                rasterized=len(smallest) > VECTOR_LIMIT,
+            )
+            axes[1].add_collection(outlines, autolim=False)
+            name = "unstable, traction closure, spins blocked"
+            key: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
+            axes[1].legend(handles=[Line2D([], [], color=VERMILION, label=name)], **key)
     return figure
 
 
@@ -76,7 +88,7 @@ def draw_orders(draw: Drawer, ax: Axes, order: Integers) -> None:
 
 
 def order_bar(colours: ScalarMappable, ax: Axes) -> None:
-    """The key of the orders beside a map."""
+    """Draw the colour bar of the orders beside a map."""
     bar = figure_of(ax).colorbar(colours, ax=ax, ticks=range(3, LAST_ORDER + 1), shrink=0.75)
     bar.ax.set_yticklabels(GROUPS)
     bar.set_label("loop order (grains)")
@@ -85,7 +97,7 @@ def order_bar(colours: ScalarMappable, ax: Axes) -> None:
 def draw_values(
     draw: Drawer, ax: Axes, values: Floats, label: str, *, signed: bool = False
 ) -> None:
-    """Loops coloured by a value of each: around zero if `signed` or if there are negative ones."""
+    """Loops coloured by a value of each; zero in the middle if `signed` or if any is negative."""
     known = values[np.isfinite(values)]
     signed = signed or bool((known < 0).any()) or len(known) == 0
     top = np.percentile(known, 98) if len(known) else 1.0
@@ -100,7 +112,7 @@ def draw_values(
 
 
 def around_zero(values: Floats) -> Normalize:
-    """Zero in the middle of the colours; each side has its own reach, so that few show as well."""
+    """Scale with zero in the middle; each side has its own range, so that few values show too."""
     known = values[np.isfinite(values)]
     if not known.any():
         return TwoSlopeNorm(0.0, vmin=-1.0, vmax=1.0)
@@ -111,15 +123,14 @@ def around_zero(values: Floats) -> Normalize:
     return TwoSlopeNorm(0.0, vmin=-max(low, smallest), vmax=max(high, smallest))
 
 
-def loop_drawer(snapshot: Snapshot, faces: Faces) -> Drawer:
+def loop_drawer(snapshot: Snapshot) -> Drawer:
     """Prepare the loops of a snapshot for drawing, once for all panels."""
-    many = len(faces.loops) > PAINT_LIMIT
-    return _painter(snapshot, faces) if many else _polygon_drawer(snapshot, faces)
+    return (_painter if len(snapshot.faces.loops) > PAINT_LIMIT else _polygon_drawer)(snapshot)
 
 
-def _polygon_drawer(snapshot: Snapshot, faces: Faces) -> Drawer:
-    """A function that draws every loop as a polygon."""
-    polygons = _polygons(snapshot, faces)
+def _polygon_drawer(snapshot: Snapshot) -> Drawer:
+    """Return a function that draws every loop as a polygon."""
+    polygons = polygons_of_loops(snapshot)
 
     def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> ScalarMappable:
         collection = PolyCollection(
@@ -140,14 +151,15 @@ def _polygon_drawer(snapshot: Snapshot, faces: Faces) -> Drawer:
     return draw
 
 
-def _painter(snapshot: Snapshot, faces: Faces) -> Drawer:
-    """A function that shows the loops as pixels, painted once for all panels."""
+def _painter(snapshot: Snapshot) -> Drawer:
+    """Return a function that shows the loops as pixels."""
     from studies.snapshot.paint import paint_loops
 
-    painting = paint_loops(snapshot.graph, faces, PIXELS)
+    painting = paint_loops(snapshot.graph, snapshot.faces, PIXELS)
 
     def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> ScalarMappable:
-        # Of every loop and of none: there are more pixels than loops, and each is looked at often.
+        # A pixel outside all loops is -1, which finds the last value. Colours are computed for
+        # each loop, not for each pixel: there are more pixels than loops.
         known = np.ma.masked_invalid(np.append(values, np.nan))
         shades = ScalarMappable(scale, colours).to_rgba(known, bytes=True)
         image = ax.imshow(
@@ -169,33 +181,12 @@ def _label(ax: Axes) -> None:
     ax.set(aspect="equal", xlabel=r"$x_1$ (length unit of the input)", ylabel=r"$x_2$")
 
 
-def _outline(snapshot: Snapshot, faces: Faces, ax: Axes, unstable: Flags) -> None:
-    """Draw a line around the unstable loops: some are too soft to show by their colour."""
-    picked = np.flatnonzero(unstable)
-    if len(picked) > VECTOR_LIMIT:
-        return
-    ax.add_collection(
-        PolyCollection(
-            _polygons(snapshot, faces, picked),
-            facecolors="none",
-            edgecolors=VERMILION,
-            linewidths=0.8 * _line_width(len(faces.loops)),
-            rasterized=len(faces.loops) > VECTOR_LIMIT,
-        ),
-        autolim=False,
-    )
-    handle = Line2D([], [], color=VERMILION, label="unstable, traction closure, spins blocked")
-    ax.legend(handles=[handle], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
-
-
 def _line_width(loops: int) -> float:
     return float(np.clip(60.0 / max(loops, 1) ** 0.5, 0.25, 1.0))
 
 
-def _polygons(
-    snapshot: Snapshot, faces: Faces, picked: Integers | slice = slice(None)
-) -> list[Floats]:
+def polygons_of_loops(snapshot: Snapshot, picked: Integers | slice = slice(None)) -> list[Floats]:
     """Corners of each loop, or of those picked."""
-    offsets, at = half_edges_of_loops(faces, picked)
-    corners = loop_corners(snapshot.graph, faces, offsets, at)
+    offsets, at = half_edges_of_loops(snapshot.faces, picked)
+    corners = loop_corners(snapshot.graph, snapshot.faces, offsets, at)
     return [corners[a:b] for a, b in pairwise(offsets.tolist())]

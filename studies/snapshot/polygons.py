@@ -1,17 +1,37 @@
-"""The loops of a snapshot as polygons, one after the other."""
+"""Loops of a snapshot as polygons, for figures, pages and ParaView."""
 
 from __future__ import annotations
 
-import numpy as np
+import base64
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
-from loops import Faces, GrainGraph
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import Faces, GrainGraph, InputError, Regime, branch_vectors
 from loops.arrays import Floats, Integers
+from patterns import Snapshot
+from studies.columns import Columns
+from studies.output import as_json
+
+# A page with more loops reacts too slowly.
+MOST_LOOPS = 50_000
+SHADES = 64
+# Columns that the page offers first for the colours.
+FIRST = (
+    *("order", "packing_lambda_min", "surroundings_lambda_min", "traction_lambda_min"),
+    *("traction_free_lambda_min", "affine_lambda_min", "w2", "fate"),
+)
 
 
 def half_edges_of_loops(
     faces: Faces, picked: Integers | slice = slice(None)
 ) -> tuple[Integers, Integers]:
-    """The half-edges of the loops alone, or of those picked among them."""
+    """Offsets (L + 1,) and places of the half-edges of the loops, or of those picked."""
     loops = faces.loops[picked]
     order = faces.order[loops]
     offsets = np.concatenate([[0], np.cumsum(order)])
@@ -28,3 +48,177 @@ def loop_corners(graph: GrainGraph, faces: Faces, offsets: Integers, at: Integer
     passed = np.cumsum(image, axis=0) - image
     passed -= np.repeat(passed[offsets[:-1]], np.diff(offsets), axis=0)
     return x + passed @ graph.cell.T
+
+
+@dataclass(frozen=True, eq=False)
+class LoopsForMap:
+    """Polygons and table of the loops of one snapshot, for the map on a page.
+
+    In a series also the `name` and number of the snapshot, whether it is shown `first`, and a
+    sentence `about` the choice of maps. `links (L, 2, 2)` are the ends of the links of chains.
+    """
+
+    offsets: Integers
+    corners: Floats
+    grains: Integers
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    unit: str = "length unit of the input"
+    name: str = ""
+    number: int = 0
+    first: bool = False
+    about: str = ""
+    links: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+
+def loops_for_map(snapshot: Snapshot, table: Mapping[str, Any], **series: Any) -> list[LoopsForMap]:
+    """Map of the loops of a snapshot with the columns of a table; none beyond `MOST_LOOPS`."""
+    faces = snapshot.faces
+    if len(faces.loops) > MOST_LOOPS:
+        return []
+    offsets, at = half_edges_of_loops(faces)
+    corners = loop_corners(snapshot.graph, faces, offsets, at)
+    columns = {name: np.asarray(values) for name, values in table.items() if name != "grains"}
+    return [LoopsForMap(offsets, corners, snapshot.ids[faces.grains[at]], columns, **series)]
+
+
+def packed(loops: LoopsForMap) -> str:
+    """JSON of the loops for the page; arrays are little-endian bytes in base64.
+
+    Corners are in single precision, relative to `origin`; so are columns of floats, which are shown
+    with six digits. Integers have four bytes, or eight-byte floats where four are too few.
+    """
+    import matplotlib as mpl
+    from matplotlib.colors import to_hex
+
+    from studies.style import DIVERGING, ORDER_COLOURS, SEQUENTIAL
+
+    origin = loops.corners.mean(axis=0) if len(loops.corners) else np.zeros(2)
+    ahead = [name for name in FIRST if name in loops.columns]
+    shades = np.linspace(0, 1, SHADES)
+    content = {
+        "count": len(loops),
+        "origin": origin.tolist(),
+        "unit": loops.unit,
+        "name": loops.name,
+        "snapshot": loops.number,
+        "offsets": encoded(loops.offsets),
+        "corners": encoded((loops.corners - origin).ravel()),
+        "grains": encoded(loops.grains),
+        "links": encoded((loops.links - origin).ravel()),
+        "columns": {name: encoded(values) for name, values in loops.columns.items()},
+        "colour_by": [*ahead, *(n for n in loops.columns if n not in (*ahead, "loop"))],
+        "palettes": {
+            "order": ORDER_COLOURS,
+            "sequential": [to_hex(colour) for colour in mpl.colormaps[SEQUENTIAL](shades)],
+            "diverging": [to_hex(colour) for colour in mpl.colormaps[DIVERGING](shades)],
+        },
+    }
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def encoded(values: NDArray[Any]) -> dict[str, Any]:
+    """Type and bytes of an array; words are encoded as places in a list of `words`."""
+    if values.dtype.kind in "UO":
+        words, values = np.unique(values.astype(str), return_inverse=True)
+        return encoded(values) | {"words": words.tolist()}
+    if np.issubdtype(values.dtype, np.floating):
+        kind = "f4"
+    else:
+        wide = len(values) and np.abs(values).max() >= 2**31
+        kind = "f8" if wide else "i4"
+    data = values.astype(f"<{kind}").tobytes()
+    return {"type": kind, "data": base64.b64encode(data).decode("ascii")}
+
+
+def write_paraview(
+    folder: Path, snapshot: Snapshot, table: Mapping[str, Any], provenance: Mapping[str, Any]
+) -> None:
+    """Write `loops.vtp`, a polygon a loop, and `contacts.vtp`, a line a contact.
+
+    Loops and contacts that cross the border of a periodic cell are unrolled. Cell data of the
+    polygons are the columns of the table, point data the ids of the grains; cell data of the
+    lines are the ids of both grains, the branch length and, where there are forces, N, T and
+    whether the contact slides. The provenance is field data of both, as JSON.
+    """
+    source, graph, faces = as_json(provenance), snapshot.graph, snapshot.faces
+    offsets, at = half_edges_of_loops(faces)
+    write_polydata(
+        folder / "loops.vtp",
+        points=loop_corners(graph, faces, offsets, at),
+        offsets=offsets,
+        lines=False,
+        cell_data={name: np.asarray(v) for name, v in table.items() if name != "grains"},
+        point_data={"grain": snapshot.ids[faces.grains[at]]},
+        source=source,
+    )
+    start, branches = graph.x[graph.contacts[:, 0]], branch_vectors(graph)
+    ids = snapshot.ids[graph.contacts]
+    columns: Columns = {
+        "grain_1": ids[:, 0],
+        "grain_2": ids[:, 1],
+        "branch_length": np.hypot(*branches.T),
+    }
+    if snapshot.mechanical:
+        _, regime = snapshot.mechanics()
+        columns["normal_force"] = graph.normal_force
+        columns["shear_force"] = graph.shear_force
+        columns["sliding"] = (regime == Regime.SLIDING).astype(np.int8)
+    write_polydata(
+        folder / "contacts.vtp",
+        points=np.stack([start, start + branches], axis=1).reshape(-1, 2),
+        offsets=2 * np.arange(graph.contact_count + 1),
+        lines=True,
+        cell_data=columns,
+        point_data={},
+        source=source,
+    )
+
+
+def write_polydata(
+    path: Path,
+    *,
+    points: Floats,
+    offsets: Integers,
+    lines: bool,
+    cell_data: Mapping[str, NDArray[Any]],
+    point_data: Mapping[str, NDArray[Any]],
+    source: str,
+) -> None:
+    """Write cells whose points follow one another."""
+    try:
+        from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+        from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+        from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+    except ImportError:
+        raise InputError(
+            path.name, "no library to write it", "vtk", "Install it: pip install vtk."
+        ) from None
+    # VTK keeps pointers, not copies: every array has a name until the file is written.
+    corners = np.column_stack([points, np.zeros(len(points))])
+    starts, along = np.ascontiguousarray(offsets, np.int64), np.arange(len(points), dtype=np.int64)
+    at, cells, data = vtkPoints(), vtkCellArray(), vtkPolyData()
+    at.SetData(numpy_to_vtk(corners))
+    cells.SetData(numpy_to_vtkIdTypeArray(starts), numpy_to_vtkIdTypeArray(along))
+    data.SetPoints(at)
+    (data.SetLines if lines else data.SetPolys)(cells)
+    kept = []
+    for columns, attributes in ((cell_data, data.GetCellData()), (point_data, data.GetPointData())):
+        for name, values in columns.items():
+            kept.append(np.ascontiguousarray(values))
+            array = numpy_to_vtk(kept[-1])
+            array.SetName(name)
+            attributes.AddArray(array)
+    text = vtkStringArray()
+    text.SetName("grainloops")
+    text.InsertNextValue(source)
+    data.GetFieldData().AddArray(text)
+    writer = vtkXMLPolyDataWriter()
+    writer.SetFileName(str(path))
+    writer.SetInputData(data)
+    writer.SetCompressorTypeToLZ4()
+    if writer.Write() != 1:
+        raise InputError(str(path), "not written", "a place to write", "Is the disk full?")

@@ -1,4 +1,4 @@
-"""From the files of a snapshot to tables, summary and figures."""
+"""The study behind `grainloops snapshot`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from loops import Faces, ForceChains, force_chains
-from patterns import Snapshot
-from studies.output import provenance, readable, result_folder, write_summary, write_table
-from studies.snapshot.chains import chain_segments, chains_summary, chains_table
-from studies.snapshot.in_packing import add_in_packing, place_options, share_by_order
+from loops import force_chains
+from studies.output import readable
+from studies.snapshot.in_packing import add_in_packing, place_options
 from studies.snapshot.source import read_planar, reading
-from studies.snapshot.summary import snapshot_summary
+from studies.snapshot.summary import chains_table, order_table, snapshot_summary
 from studies.snapshot.table import loop_table
+from studies.study import study
 
 UNITS = (
     "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
@@ -34,85 +33,47 @@ def run_snapshot(
 ) -> dict[str, Any]:
     """Find the loops of a snapshot, judge each, write tables, figures and a report; the summary.
 
-    It is read with the options `how` of `read_planar`; `in_packing` is auto, whole, blocks or a
-    radius in mean diameters.
+    `how` are options of `read_planar`; `in_packing` is auto, whole, blocks or a radius in mean
+    diameters.
     """
-    asked = {} if in_packing is None else {"in_packing": in_packing}
-    for name in asked.values():
-        place_options(name)
-    with result_folder(out, force=force) as folder:
+    configuration = {"path": path, **reading(**how)}
+    if in_packing is not None:
+        place_options(in_packing)
+        configuration["in_packing"] = in_packing
+    with study("snapshot", out, configuration, UNITS, force=force, csv=csv) as results:
         snapshot = read_planar(path, **how)
-        faces = snapshot.faces
         with ThreadPoolExecutor(1) as other:
-            told = other.submit(force_chains, snapshot.graph) if snapshot.mechanical else None
-            table = loop_table(snapshot, faces)
-        chains = None if told is None else told.result()
-        place = None
+            found = other.submit(force_chains, snapshot.graph) if snapshot.mechanical else None
+            table = loop_table(snapshot)
+        chains = None if found is None else found.result()
+        method, notes = None, list[str]()
         if in_packing is not None:
-            snapshot, place = add_in_packing(snapshot, faces, table, in_packing)
+            method, notes = add_in_packing(snapshot, table, in_packing)
         if chains is not None:
-            table["chain_contacts"] = chains.on_loops(faces)
-        made = provenance("snapshot", {"path": path, **reading(**how), **asked}, UNITS)
-        # Of a million grains, writing takes a third as long as summing up, on another core.
+            table["chain_contacts"] = chains.on_loops(snapshot.faces)
+        # Writing a million loops takes a third of the time of the summary, on another core.
         with ThreadPoolExecutor(1) as other:
-            written = other.submit(write_table, folder, "loops", table, made, csv=csv)
-            summary = snapshot_summary(snapshot, faces, table, place)
+            written = other.submit(results.write_tables, {"loops": table})
+            summary = snapshot_summary(snapshot, table, method, chains)
             written.result()
-        summary["provenance"] = made
+        summary["notes"] += notes
+        tables: dict[str, Any] = {"orders": order_table(summary, table)}
         if chains is not None:
-            summary["force_chains"] = chains_summary(chains, table)
-            write_table(folder, "chains", chains_table(table), made, csv=csv)
-        write_table(folder, "orders", _orders(summary, table), made, csv=csv)
-        write_summary(folder, summary)
+            tables["chains"] = chains_table(table)
+        results.write_tables(tables)
+        summary = results.write_summary(summary)
         if paraview:
-            from studies.snapshot.paraview import write_paraview
+            from studies.snapshot.polygons import write_paraview
 
-            write_paraview(folder, snapshot, faces, table, made)
+            write_paraview(results.folder, snapshot, table, results.source)
         if figures:
-            _draw(snapshot, faces, table, chains, summary, folder, csv=csv)
+            from studies.snapshot.figures import chain_segments, fabric_table, snapshot_figures
+            from studies.snapshot.polygons import loops_for_map
+
+            results.write_tables({"fabric": fabric_table(snapshot.graph, summary)})
+            links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
+            pictures = results.save_figures(snapshot_figures(snapshot, table, summary, **links))
+            title = f"Loops of {readable(path.name)}"
+            maps = loops_for_map(snapshot, table, **links)
+            results.write_report(title, summary, pictures, maps)
     return summary
-
-
-def analyse(path: Path, **how: Any) -> tuple[Snapshot, Faces, dict[str, Any]]:
-    """A snapshot as `read_planar` reads it, its faces and the table of its loops."""
-    snapshot = read_planar(path, **how)
-    return snapshot, snapshot.faces, loop_table(snapshot, snapshot.faces)
-
-
-def _draw(
-    snapshot: Snapshot,
-    faces: Faces,
-    table: dict[str, Any],
-    chains: ForceChains | None,
-    summary: dict[str, Any],
-    folder: Path,
-    *,
-    csv: bool,
-) -> None:
-    """Figures, the numbers behind the rose of contacts, and the report."""
-    # Drawing is loaded only when there is something to draw.
-    from studies.snapshot.figures import fabric_table, snapshot_drawings
-    from studies.snapshot.report import loops_for_map, write_report
-    from studies.style import save_drawings
-
-    made = summary["provenance"]
-    write_table(folder, "fabric", fabric_table(snapshot.graph, summary), made, csv=csv)
-    links = None if chains is None else chain_segments(snapshot, chains)
-    drawings = snapshot_drawings(snapshot, faces, table, links, summary)
-    title = f"Loops of {readable(made['configuration']['path'].name)}"
-    shown = loops_for_map(snapshot, faces, table, **({} if links is None else {"links": links}))
-    write_report(folder, title, summary, save_drawings(drawings, folder, made), shown, made)
-
-
-def _orders(summary: dict[str, Any], table: dict[str, Any]) -> dict[str, Any]:
-    """The numbers behind the figure of orders."""
-    columns: dict[str, Any] = {
-        "order": [int(n) for n in summary["orders"]],
-        "loops": list(summary["orders"].values()),
-        "area": list(summary["orders_area"].values()),
-    }
-    for judge, shares in summary.get("unstable_loops", {}).items():
-        columns[f"{judge}_unstable_loops"] = list(shares.values())
-    if "in_packing" in summary:
-        columns |= share_by_order(table, columns["order"])
-    return columns

@@ -15,14 +15,14 @@ from loops import InputError, crossing_contacts_to_drop, find_crossings
 from loops.arrays import Integers
 from patterns import Snapshot, read_snapshot
 
-# So many pairs are looked for, and so many named.
+# Most crossing pairs that are looked for, and that an error names.
 MOST, NAMED = 1_000_000, 3
 
 
 def reading(**how: Any) -> dict[str, Any]:
-    """All options of `read_planar` but the path: those given, the others as they are by default."""
+    """Options of `read_planar` without the path: those given, defaults for all others."""
     asked = list(inspect.signature(read_snapshot).parameters.values())[1:]
-    # What contradicts itself is always refused here.
+    # Contradictory input is always refused here.
     defaults = {one.name: one.default for one in asked if one.name != "strict"}
     return {**defaults, "drop_crossings": False, **how}
 
@@ -32,10 +32,10 @@ def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snap
     if how.get("cell") is not None:
         how["cell"] = np.reshape(how["cell"], (2, 2))
     snapshot = read_snapshot(path, **how)
-    # A quarter of what a large file takes stays with arrow otherwise, for tables to come.
+    # Arrow would keep a quarter of the memory of a large file for later tables.
     pyarrow.default_memory_pool().release_unused()
-    # Crossings are looked for on another core. Where there are any, faces mean nothing, not even
-    # why they cannot be found.
+    # Crossings and faces are found on two cores. If branches cross, the result and the errors of
+    # the search for faces mean nothing.
     with ThreadPoolExecutor(1) as other:
         found = other.submit(getattr, snapshot, "faces")
         plane = planar(snapshot, str(path), drop=drop_crossings)
@@ -45,7 +45,7 @@ def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snap
 
 
 def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = False) -> Snapshot:
-    """A snapshot whose network has no crossing branches: loops are known there alone.
+    """Return a snapshot whose network has no crossing branches, so that its loops are defined.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = Fals
     Returns
     -------
     Snapshot
-        The same one if no branches cross; what was left out stands in its notes.
+        The same one if no branches cross; its notes name the contacts that were left out.
 
     Raises
     ------
     InputError
-        If branches cross and none may go.
+        If branches cross and `drop` is false.
     """
     pairs = find_crossings(snapshot.graph, MOST)
     if len(pairs) == 0:
@@ -83,6 +83,7 @@ def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = Fals
 
 
 def _without(snapshot: Snapshot, dropped: Integers, crossings: int) -> Snapshot:
+    """Leave contacts out, with a note that names the first ten."""
     graph = snapshot.graph
     kept = np.delete(np.arange(graph.contact_count), dropped)
     named = ", ".join(f"{a}-{b}" for a, b in snapshot.ids[graph.contacts[dropped[:10]]].tolist())

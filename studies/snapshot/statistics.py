@@ -1,4 +1,4 @@
-"""What the loops of a snapshot come down to: means by order, each with its spread."""
+"""Statistics of loops by order: means, shares and directions, each with its spread."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from loops.fabric import TensorMean, axial_mean, principal
 
 Groups = dict[str, Integers | slice]
 
-# Loops of this order and beyond are one group, in every table, figure and report.
+# Loops of this order and beyond form one group, in every table, figure and report.
 LAST_ORDER = 8
 GROUPS = (*map(str, range(3, LAST_ORDER)), f"{LAST_ORDER}+")
 QUARTILES = {"q25": 0.25, "median": 0.5, "q75": 0.75}
 
 
 def spread(values: ArrayLike, weights: ArrayLike | None = None) -> dict[str, Any]:
-    """Mean, standard deviation, quartiles and number of what is known."""
+    """Mean, standard deviation, quartiles and number of the values that are not nan."""
     value = np.asarray(values, dtype=float)
     weight = None if weights is None else np.asarray(weights, dtype=float)
     known = ~np.isnan(value)
@@ -31,7 +31,7 @@ def spread(values: ArrayLike, weights: ArrayLike | None = None) -> dict[str, Any
     at = np.multiply(len(value) - 1, list(QUARTILES.values()))
     low = at.astype(np.int64)
     high = np.minimum(low + 1, len(value) - 1)
-    # Three times as fast as sorting.
+    # Quartiles of many loops: a partition takes a third of the time of sorting.
     placed = np.partition(value, [*low, *high])
     quartiles = placed[low] + (at - low) * (placed[high] - placed[low])
     return {
@@ -65,12 +65,22 @@ def share_by_group(groups: Groups, having: Flags, known: Flags) -> dict[str, Any
 
 
 def share(having: Flags) -> dict[str, Any]:
-    """Share of what has a property, its standard error `sqrt(p (1 - p)/n)` and the number n."""
+    """Share of loops that have a property, its standard error `sqrt(p (1 - p)/n)` and number n."""
     if len(having) == 0:
         return {"mean": float("nan"), "std_error": float("nan"), "count": 0}
     p = float(having.mean())
     error = float(np.sqrt(p * (1 - p) / len(having)))
     return {"mean": p, "std_error": error, "count": len(having)}
+
+
+def mean_by_order(order: Integers, values: NDArray[Any], known: Flags) -> dict[str, float]:
+    """Mean of the known values for each order."""
+    number = np.bincount(order, known)
+    total = np.bincount(order, np.where(known, values, 0.0))
+    orders = np.flatnonzero(np.bincount(order))
+    with np.errstate(invalid="ignore"):
+        means = total[orders] / number[orders]
+    return dict(zip(map(str, orders.tolist()), means.tolist(), strict=True))
 
 
 def tensor_block(average: TensorMean) -> dict[str, Any]:
@@ -102,7 +112,7 @@ def axes_block(angles: Floats, weights: Floats | None = None) -> dict[str, Any]:
 
 
 def axes_density(axes: Floats, width: float) -> dict[str, NDArray[Any]]:
-    """Density of axes over half a turn."""
+    """Density of axes (degrees) over half a turn, in bins of this width."""
     bins = round(180 / width)
     # Bins centred on the axes of coordinates, where regular packings have their peaks.
     at = np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins

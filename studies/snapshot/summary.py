@@ -1,55 +1,84 @@
-"""The numbers that a snapshot comes down to."""
+"""Summary of a snapshot: counts, orders, fabric, stress, stability, force chains."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from loops import Faces, branch_vectors, euler_check, outline_area
-from loops.arrays import Floats, Integers
+from loops import (
+    ForceChains,
+    Regime,
+    branch_vectors,
+    euler_check,
+    love_weber_stress,
+    outline_area,
+)
+from loops.arrays import Flags
 from loops.fabric import direction_tensors, edge_tensors, mean_tensor
 from patterns import Snapshot
-from studies.columns import definitions
-from studies.snapshot.in_packing import packing_summary
-from studies.snapshot.mechanics import mechanics_summary
+from stability import RTOL
+from studies.columns import Columns, definitions
+from studies.snapshot.in_packing import PLACE, packing_summary, share_by_order, wall_summary
 from studies.snapshot.statistics import (
     GROUPS,
     Groups,
     axes_block,
     group_rows,
+    mean_by_order,
+    share,
+    share_by_group,
     spread,
     spread_by_group,
     tensor_block,
 )
+from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE
+
+# Judges of a loop: both closures with blocked spins, the traction closure with free spins, and the
+# loop in its packing if that was asked for.
+JUDGES = (*CLOSURES, FREE, PLACE)
+STRESSES = ("stress_11", "stress_12", "stress_21", "stress_22")
+PLACES = ("beside", "elsewhere")
+
+
+def judges(table: Mapping[str, Any]) -> list[str]:
+    """Judges that have columns in a table of loops."""
+    return [judge for judge in JUDGES if f"{judge}_lambda_min" in table]
+
+
+def unstable_loops(table: Columns, judge: str) -> Flags:
+    """Loops with an eigenvalue of Ks below zero, beyond the tolerance."""
+    unstable: Flags = table[f"{judge}_lambda_min"] < -RTOL
+    return unstable
 
 
 def snapshot_summary(
     snapshot: Snapshot,
-    faces: Faces,
-    table: dict[str, NDArray[Any]],
+    table: Columns,
     in_packing: dict[str, Any] | None = None,
+    chains: ForceChains | None = None,
 ) -> dict[str, Any]:
-    """Counts, Euler check, loop orders, fabric, stress and stability of a snapshot.
+    """Summary of a snapshot and the table of its loops.
 
-    `in_packing` is what `add_in_packing` tells of the loops in place, if they were asked for.
+    `in_packing` is the method that `add_in_packing` returns, if loops were judged in place.
     """
-    area, groups = outline_area(snapshot.graph, faces), group_rows(table["order"])
-    # Arrays as long as these leave the interpreter free: two threads share the work.
+    area, groups = outline_area(snapshot.graph, snapshot.faces), group_rows(table["order"])
+    # numpy releases the interpreter on arrays as long as these: the threads share the work.
     with ThreadPoolExecutor(2) as pool:
-        fabric = pool.submit(_fabric, snapshot, faces, table, groups)
+        fabric = pool.submit(_fabric, snapshot, table, groups)
         forces = None
         if snapshot.mechanical:
-            forces = pool.submit(mechanics_summary, snapshot, table, groups, area)
-        counted = pool.submit(_network, snapshot, faces)
-        summary = _orders(table, groups) | counted.result() | fabric.result()
+            forces = pool.submit(_mechanics, snapshot, table, groups, area)
+        summary = _network(snapshot) | _orders(table, groups) | fabric.result()
         summary |= {} if forces is None else forces.result()
     parts = ["snapshot", *(["snapshot_forces"] if snapshot.mechanical else [])]
     if in_packing is not None:
         summary |= packing_summary(table, groups, in_packing)
         parts.append("snapshot_in_packing")
+    if chains is not None:
+        summary["force_chains"] = chains_summary(chains, table)
     return {
         **summary,
         "area": area,
@@ -59,9 +88,9 @@ def snapshot_summary(
     }
 
 
-def _network(snapshot: Snapshot, faces: Faces) -> dict[str, Any]:
+def _network(snapshot: Snapshot) -> dict[str, Any]:
     """Counts of grains and contacts, Euler's formula, coordination."""
-    graph = snapshot.graph
+    graph, faces = snapshot.graph, snapshot.faces
     euler = euler_check(graph, faces)
     degree = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count)
     # Every contact of the pruned network is two half-edges of its faces.
@@ -85,41 +114,41 @@ def _network(snapshot: Snapshot, faces: Faces) -> dict[str, Any]:
     }
 
 
-def _orders(table: dict[str, NDArray[Any]], groups: Groups) -> dict[str, Any]:
+def _orders(table: Columns, groups: Groups) -> dict[str, Any]:
     """Loops by order, in number and in area."""
     order, area = table["order"], table["area"]
     number, by_area = np.bincount(order), np.bincount(order, area)
     orders = np.flatnonzero(number)
     names = list(map(str, orders.tolist()))
+    grouped = {}
+    for name in GROUPS:
+        own = area[groups[name]]
+        grouped[name] = {
+            "loops": len(own),
+            "area": float(own.sum()),
+            "share": len(own) / len(area) if len(area) else None,
+            "area_share": float(own.sum()) / float(area.sum()) if len(area) else None,
+        }
     return {
         "loops": len(order),
         "orders": dict(zip(names, number[orders].tolist(), strict=True)),
         "orders_area": dict(zip(names, by_area[orders].tolist(), strict=True)),
-        "orders_grouped": {name: _group(area, groups[name]) for name in GROUPS},
+        "orders_grouped": grouped,
         "mean_order": float(order.mean()) if len(order) else None,
         "mean_order_by_area": float(np.average(order, weights=area)) if len(order) else None,
         "order_spread": spread(order),
     }
 
 
-def _group(area: Floats, rows: Integers | slice) -> dict[str, Any]:
-    number, covered = len(area[rows]), float(area[rows].sum())
-    return {
-        "loops": number,
-        "area": covered,
-        "share": number / len(area) if len(area) else None,
-        "area_share": covered / float(area.sum()) if len(area) else None,
-    }
-
-
-def _fabric(
-    snapshot: Snapshot, faces: Faces, table: dict[str, NDArray[Any]], groups: Groups
-) -> dict[str, Any]:
-    """How contacts and loops are oriented, and how large and long the loops are."""
+def _fabric(snapshot: Snapshot, table: Columns, groups: Groups) -> dict[str, Any]:
+    """Orientation of contacts and loops, size and elongation of the loops."""
     area, branches = table["area"], branch_vectors(snapshot.graph)
-    of_contacts, shapes = _contact_fabric(branches), edge_tensors(branches, faces)
+    directions, shapes = direction_tensors(branches), edge_tensors(branches, snapshot.faces)
+    contacts = tensor_block(mean_tensor(directions))
+    by_length = mean_tensor(directions, np.hypot(branches[:, 0], branches[:, 1]))
     return {
-        **of_contacts,
+        "contact_fabric": contacts | {"fourier_amplitude": 2 * contacts["anisotropy"]},
+        "contact_fabric_by_length": tensor_block(by_length),
         "loop_shape": {
             name: tensor_block(mean_tensor(shapes[rows], area[rows]))
             for name, rows in groups.items()
@@ -130,12 +159,116 @@ def _fabric(
     }
 
 
-def _contact_fabric(branches: Floats) -> dict[str, Any]:
-    """How contacts are oriented, each counted once and by its length."""
-    directions = direction_tensors(branches)
-    contacts = tensor_block(mean_tensor(directions))
-    by_length = mean_tensor(directions, np.hypot(branches[:, 0], branches[:, 1]))
-    return {
-        "contact_fabric": contacts | {"fourier_amplitude": 2 * contacts["anisotropy"]},
-        "contact_fabric_by_length": tensor_block(by_length),
+def _mechanics(
+    snapshot: Snapshot, table: Columns, groups: Groups, outline: float
+) -> dict[str, Any]:
+    """Stress, sliding and stability of a snapshot with forces."""
+    law, regime = snapshot.mechanics()
+    sliding, area = regime == Regime.SLIDING, table["area"]
+    sums = [float(np.dot(table[name], area)) for name in STRESSES]
+    tensors = np.stack([table[name] for name in STRESSES], axis=1).reshape(-1, 2, 2)
+    means = {name: mean_tensor(tensors[rows], area[rows]) for name, rows in groups.items()}
+    stress_by_order: dict[str, Any] = {
+        name: spread_by_group(groups, table[name], area) for name in ("pressure", "deviator")
     }
+    stress_by_order["tensor"] = {
+        name: {"mean": found.mean, "std": found.std, "count": found.number}
+        for name, found in means.items()
+    }
+    whole = outline > 0
+    return {
+        "stress": love_weber_stress(snapshot.graph, outline) if whole else None,
+        "stress_loops": np.reshape(sums, (2, 2)) / outline if whole else None,
+        "mean_kn": float(np.mean(law.kn)),
+        "normal_force": spread(snapshot.graph.normal_force),
+        "sliding_fraction": float(np.mean(sliding)),
+        "sliding_contacts": share(sliding),
+        "sliding_by_order": spread_by_group(groups, table["sliding_contacts"] / table["order"]),
+        "stress_by_order": stress_by_order,
+        **_stability(table, groups),
+        **wall_summary(snapshot, outline),
+    }
+
+
+def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
+    """Verdicts on the loops by judge and order, and directions of instability by closure."""
+    order = table["order"]
+    found: dict[str, dict[str, Any]] = {
+        key: {}
+        for key in (
+            *("untrusted_loops", "unstable_loops", "unstable_by_order", "eigenvalues"),
+            *("mean_unstable_directions", "unstable_directions", "cone_opening", "soft_loops"),
+        )
+    }
+    for judge in judges(table):
+        unstable, known = unstable_loops(table, judge), ~np.isnan(table[f"{judge}_lambda_min"])
+        found["untrusted_loops"][judge] = int(np.count_nonzero(~known))
+        found["unstable_loops"][judge] = mean_by_order(order, unstable, known)
+        found["unstable_by_order"][judge] = share_by_group(groups, unstable, known)
+        found["eigenvalues"][judge] = {
+            name: spread_by_group(groups, table[f"{judge}_{name}"]) for name in EIGENVALUES
+        }
+    for closure in CLOSURES:
+        unstable = unstable_loops(table, closure)
+        directions = table[f"{closure}_unstable_fraction"]
+        opening = table[f"{closure}_cone_opening"]
+        # Stable loops have no cone: they don't count as an opening of zero.
+        cones = np.where(opening > 0, opening, np.nan)
+        means = mean_by_order(order, directions, ~np.isnan(directions))
+        found["mean_unstable_directions"][closure] = means
+        found["unstable_directions"][closure] = spread_by_group(groups, directions)
+        found["cone_opening"][closure] = spread_by_group(groups, cones)
+        found["soft_loops"][closure] = {
+            "long_axis": axes_block(table["orientation"][unstable]),
+            "soft_angle": axes_block(table[f"{closure}_soft_angle"][unstable]),
+        }
+    return found
+
+
+def order_table(summary: dict[str, Any], table: Columns) -> Columns:
+    """One row an order: number and area of its loops, and the share of unstable ones."""
+    orders = [int(n) for n in summary["orders"]]
+    columns = {
+        "order": np.array(orders, dtype=np.int64),
+        "loops": np.array(list(summary["orders"].values()), dtype=np.int64),
+        "area": np.array(list(summary["orders_area"].values()), dtype=float),
+    }
+    for judge, shares in summary.get("unstable_loops", {}).items():
+        columns[f"{judge}_unstable_loops"] = np.array(list(shares.values()), dtype=float)
+    return columns | (share_by_order(table, orders) if "in_packing" in summary else {})
+
+
+def chains_summary(chains: ForceChains, table: Columns) -> dict[str, Any]:
+    """Number and length of the force chains, and the share of loops beside one."""
+    lengths = np.bincount(chains.chain[chains.chain >= 0])
+    return {
+        "chains": len(lengths),
+        "grains": int(lengths.sum()),
+        "share_of_grains": float(lengths.sum() / max(len(chains.chain), 1)),
+        "mean_length": float(lengths.mean()) if len(lengths) else None,
+        "longest": int(lengths.max(initial=0)),
+        "loops_beside": share(table["chain_contacts"] > 0),
+    }
+
+
+def chains_table(table: Columns) -> dict[str, list[Any]]:
+    """Loops beside force chains and elsewhere, by groups of orders: eigenvalues, unstable share."""
+    near, groups = table["chain_contacts"] > 0, group_rows(table["order"])
+    every, unstable = np.arange(len(near)), {j: unstable_loops(table, j) for j in judges(table)}
+    rows = []
+    for place, here in zip(PLACES, (near, ~near), strict=True):
+        for name in (*GROUPS, "all"):
+            own = every[groups[name]]
+            inside = own[here[own]]
+            order = table["order"][inside]
+            mean = float(order.mean()) if len(order) else np.nan
+            row = {"place": place, "orders": name, "loops": len(order), "mean_order": mean}
+            for judge in unstable:
+                smallest = table[f"{judge}_lambda_min"][inside]
+                known = np.isfinite(smallest)
+                beyond = share(unstable[judge][inside][known])
+                row[f"{judge}_lambda_min"] = np.median(smallest[known]) if known.any() else np.nan
+                row[f"{judge}_unstable"] = beyond["mean"]
+                row[f"{judge}_unstable_error"] = beyond["std_error"]
+            rows.append(row)
+    return {name: [row[name] for row in rows] for name in rows[0]}

@@ -9,10 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from loops import (
-    Faces,
     LoopBatch,
     MacroTangent,
     Regime,
@@ -29,16 +27,15 @@ from loops.arrays import Flags, Floats, Integers, available_cores
 from loops.compiled import use_compiled
 from patterns import Snapshot
 from stability.loop_stability import loop_spectra, loop_stability
+from studies.columns import Columns
 from studies.output import as_arrow
-
-Columns = dict[str, NDArray[Any]]
 
 CLOSURES: tuple[Literal["affine", "traction"], ...] = ("affine", "traction")
 SHAPE = ("x", "y", "area", "perimeter", "elongation", "orientation")
 STRESS = ("stress_11", "stress_12", "stress_21", "stress_22", "pressure", "deviator")
 EIGENVALUES = ("lambda_min", "lambda_mid", "lambda_max")
 STABILITY = (*EIGENVALUES, *("unstable_fraction", "cone_opening", "soft_angle"))
-# The traction closure once more, its grains free to turn: the loop cut out of its packing.
+# Traction closure with free spins: the loop cut out of its packing.
 FREE = "traction_free"
 MECHANICS = (
     "sliding_contacts",
@@ -47,17 +44,13 @@ MECHANICS = (
     "traction_condition",
     *(f"{FREE}_{name}" for name in EIGENVALUES),
 )
-BLOCK = 2**13  # loops that a thread takes at a time
+BLOCK = 2**13  # loops that a thread computes at a time
 
 
 def loop_table(
-    snapshot: Snapshot,
-    faces: Faces,
-    *,
-    compiled: bool | None = None,
-    threads: int | None = None,
+    snapshot: Snapshot, *, compiled: bool | None = None, threads: int | None = None
 ) -> dict[str, Any]:
-    """Table of the loops of a snapshot, one row a loop in the order of `faces.loops`.
+    """Table of the loops of a snapshot, one row a loop in the order of `snapshot.faces.loops`.
 
     - `loop`, `order`; centroid `x`, `y`, `area`, `perimeter`; `elongation` and `orientation` of the
       long axis (degrees in (-90, 90] from axis 1);
@@ -82,11 +75,11 @@ def loop_table(
     Eigenvalues, fractions and angles are nan where the tangent's error leaves no sign: rounding, or
     the lever arms of even loops with free spins (`MacroTangent.sensitivity`).
     """
-    parts: Iterator[tuple[Any, Columns]]
+    faces = snapshot.faces
     if use_compiled(compiled, snapshot.graph.contact_count):
-        parts = _compiled_parts(snapshot, faces, threads)
+        parts = _compiled_parts(snapshot, threads)
     else:
-        parts = _plain_parts(snapshot, faces)
+        parts = _plain_parts(snapshot)
     count = len(faces.loops)
     table: dict[str, Any] = {"loop": np.arange(count), "order": faces.order[faces.loops]}
     for name in (*SHAPE, *(MECHANICS if snapshot.mechanical else ())):
@@ -94,45 +87,42 @@ def loop_table(
     for at, columns in parts:
         for name, values in columns.items():
             table[name][at] = values
-    table["grains"] = _members(snapshot, faces)
+    inside = np.zeros(len(faces.kind), dtype=bool)
+    inside[faces.loops] = True
+    ids = snapshot.ids[faces.grains[np.repeat(inside, faces.order)]]
+    offsets = np.concatenate([[0], np.cumsum(faces.order[faces.loops])])
+    table["grains"] = pa.LargeListArray.from_arrays(as_arrow(offsets), as_arrow(ids))
     return table
 
 
-def _plain_parts(snapshot: Snapshot, faces: Faces) -> Iterator[tuple[Integers, Columns]]:
+def _plain_parts(snapshot: Snapshot) -> Iterator[tuple[Any, Columns]]:
     """Rows and columns, order by order, in numpy."""
+    faces = snapshot.faces
     row = np.full(len(faces.kind), -1)
     row[faces.loops] = np.arange(len(faces.loops))
     for batch in loop_batches(snapshot.graph, faces):
-        columns = _shape(batch)
+        x = batch.graph.x
+        centre = polygon_centroid(x) + batch.origin
+        elongation, orientation = polygon_shape(x)
+        columns = {
+            "x": centre[:, 0],
+            "y": centre[:, 1],
+            "area": polygon_area(x),
+            "perimeter": polygon_perimeter(x),
+            "elongation": elongation,
+            "orientation": np.degrees(orientation),
+        }
         if snapshot.mechanical:
-            columns |= _mechanics(snapshot, batch)
+            _, regime = snapshot.mechanics()
+            slides = regime[batch.contacts] == Regime.SLIDING
+            columns["sliding_contacts"] = np.count_nonzero(slides, axis=1)
+            columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
+            columns |= _tangents(snapshot, batch)
         yield row[batch.face], columns
 
 
-def _shape(batch: LoopBatch) -> Columns:
-    x = batch.graph.x
-    centre = polygon_centroid(x) + batch.origin
-    elongation, orientation = polygon_shape(x)
-    return {
-        "x": centre[:, 0],
-        "y": centre[:, 1],
-        "area": polygon_area(x),
-        "perimeter": polygon_perimeter(x),
-        "elongation": elongation,
-        "orientation": np.degrees(orientation),
-    }
-
-
-def _mechanics(snapshot: Snapshot, batch: LoopBatch) -> Columns:
-    _, regime = snapshot.mechanics()
-    sliding = np.count_nonzero(regime[batch.contacts] == Regime.SLIDING, axis=1)
-    columns: Columns = {"sliding_contacts": sliding}
-    columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
-    return columns | _tangents(snapshot, batch)
-
-
 def _tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
-    """What the plain closures tell."""
+    """Stability columns of a batch of loops of one order, by the closures in numpy."""
     law, regime = snapshot.mechanics()
     own, kn, regimes = law.take(batch.contacts), float(np.mean(law.kn)), regime[batch.contacts]
     columns: Columns = {}
@@ -145,11 +135,11 @@ def _tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
     return columns | _eigenvalues(free, kn, compiled=False)
 
 
-def _compiled_parts(
-    snapshot: Snapshot, faces: Faces, threads: int | None
-) -> Iterator[tuple[Any, Columns]]:
-    """Rows and columns, block by block, by the kernels; poor loops once more by the closures."""
+def _compiled_parts(snapshot: Snapshot, threads: int | None) -> Iterator[tuple[Any, Columns]]:
+    """Rows and columns, block by block, by the kernels; ill-conditioned loops by the closures."""
     from loops.compiled.packing import compiled_packing
+
+    faces = snapshot.faces
 
     law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
     threads = threads or available_cores()
@@ -175,7 +165,7 @@ def _compiled_parts(
 def _compiled_columns(
     packing: Any, loops: Integers, kn: float, block: slice
 ) -> tuple[Columns, Flags]:
-    """Columns of a block of loops, stresses over the mean `kn`, and which of these are poor."""
+    """Columns of a block of loops, tangents over `kn`, and a flag of the ill-conditioned loops."""
     from loops.compiled import tangents as kernel
     from loops.compiled.kernel import given
 
@@ -189,7 +179,7 @@ def _compiled_columns(
     columns |= _stress(shape[kernel.S11 : kernel.S22 + 1].T)
     (affine, traction, free), poor = packing.tangents(chosen)
     found = _stability(affine.matrix / kn, affine.error / kn, compiled=True)
-    # Of triangles both are one.
+    # Both closures give the same tangent for a triangle.
     own = (affine.matrix != traction.matrix).any(axis=(1, 2))
     other = [values.copy() for values in found]
     others = _stability(traction.matrix[own] / kn, traction.error[own] / kn, compiled=True)
@@ -201,7 +191,7 @@ def _compiled_columns(
 
 
 def _stress(whole: Floats) -> Columns:
-    """Stress columns from that of contacts counted whole, (L, 4)."""
+    """Stress columns from (L, 4) the stress with contacts counted whole: loops share them."""
     stress = 0.5 * whole.T
     half, off = 0.5 * (stress[0] - stress[3]), 0.5 * (stress[1] + stress[2])
     values = (*stress, 0.5 * (stress[0] + stress[3]), np.hypot(half, off))
@@ -209,7 +199,7 @@ def _stress(whole: Floats) -> Columns:
 
 
 def _stability(matrix: Floats, error: Floats, *, compiled: bool) -> list[Floats]:
-    """What `STABILITY` names; a sign that rounding could have turned is no sign."""
+    """Columns named by `STABILITY`; nan where the error exceeds the smallest eigenvalue."""
     found = loop_stability(matrix, compiled=compiled)
     sure = np.abs(found.eigenvalues[:, 0]) > error
     values = (
@@ -226,20 +216,10 @@ def _named(closure: str, values: list[Floats]) -> Columns:
 
 
 def _eigenvalues(tangent: MacroTangent, kn: float, *, compiled: bool) -> Columns:
-    """Spectrum with free spins; nearly every loop is unstable, and no direction is looked for."""
+    """Eigenvalues with free spins; nan where the error exceeds the smallest one."""
     values = loop_spectra(tangent.matrix / kn, compiled=compiled)
     unsure = np.abs(values[:, 0]) * kn <= tangent.error
     return {
         f"{FREE}_{name}": np.where(unsure, np.nan, value)
         for name, value in zip(EIGENVALUES, values.T, strict=True)
     }
-
-
-def _members(snapshot: Snapshot, faces: Faces) -> pa.ListArray:
-    """Grain ids of each loop, in order."""
-    order, loops = faces.order, faces.loops
-    inside = np.zeros(len(faces.kind), dtype=bool)
-    inside[loops] = True
-    ids = snapshot.ids[faces.grains[np.repeat(inside, order)]]
-    offsets = np.concatenate([[0], np.cumsum(order[loops])])
-    return pa.LargeListArray.from_arrays(as_arrow(offsets), as_arrow(ids))

@@ -72,7 +72,7 @@ def test_an_outline_against_walls():
     """Errors of loops whose sample is held at its outline, in per cent."""
     box = read_snapshot(sample_path())
     faces = box.faces
-    planes, _, _ = sample_boundary(box, faces)
+    planes, _, _ = sample_boundary(box)
     between = loops_in_place(box.graph, box.law, faces, planes=planes).matrix
     held = outline_grains(box.graph, faces)
     found = loops_in_place(box.graph, box.law, faces, held=held).matrix

@@ -1,6 +1,7 @@
 """Words stay inside their figures, in one column of a journal and in two."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
@@ -22,7 +23,8 @@ def path():
     driven = np.linspace(0.0, 2e-4, 5)
     along = {"H11": driven, "H22": -0.5 * driven, "P11": 400.0 + 2e5 * driven, "P22": 0 * driven}
     events = {"driven": driven[2:3], "kind": np.array(["instability"])}
-    return stress_strain({"path": along | {"driven": driven}, "events": events}, "H11")
+    tables = {"path": along | {"driven": driven}, "events": events}
+    return stress_strain({name: pd.DataFrame(one) for name, one in tables.items()}, "H11")
 
 
 def kinetics():

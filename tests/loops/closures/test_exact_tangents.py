@@ -148,7 +148,7 @@ def test_the_natural_call_answers_as_the_table(sample):
     from studies.snapshot.table import loop_table
 
     faces = find_faces(sample.graph)
-    table = loop_table(sample, faces)
+    table = loop_table(sample)
     kn, told = float(np.mean(sample.mechanics()[0].kn)), 0
     for loop in range(len(faces.loops)):
         cut = loop_of_snapshot(sample, loop)

@@ -40,7 +40,7 @@ from studies.snapshot.table import loop_table
 from tests.studies.snapshot.test_table import synthetic_snapshot
 snapshot = synthetic_snapshot(300, periodic=True)
 faces = find_faces(snapshot.graph, compiled=True)
-table = loop_table(snapshot, faces, compiled=True)
+table = loop_table(snapshot, compiled=True)
 pairs = find_crossings(snapshot.graph, compiled=True)
 print([name for name in table if name != "grains"], len(pairs), faces.grains.sum())
 print([float(np.nansum(table[name])).hex() for name in table if name != "grains"])

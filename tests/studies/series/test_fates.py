@@ -18,8 +18,8 @@ from studies.series.increments import track_loops
 from studies.series.plan import plan_series, with_fingerprints
 from studies.series.report import _maps
 from studies.series.tasks import Series
-from studies.snapshot.mechanics import JUDGES
 from studies.snapshot.source import read_planar, reading
+from studies.snapshot.summary import JUDGES
 from tests.studies.series.test_run import write_series
 
 

@@ -69,7 +69,7 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
         np.testing.assert_array_equal(own[name], every[name].to_numpy()[own.loop_before])
     assert set(own.packing_status) == {response.status} == {"unique"}
     table = {}
-    add_in_packing(before, find_faces(before.graph), table, "auto")
+    add_in_packing(before, table, "auto")
     # Two orders of the same eliminations.
     np.testing.assert_allclose(every.packing_lambda_min, table["packing_lambda_min"], atol=1e-9)
     # The additive work sums to the sample's; the other doesn't.

@@ -21,7 +21,7 @@ import pytest
 from scipy import linalg
 
 import studies
-from loops import InputError, find_faces
+from loops import InputError
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.cli import main
 from studies.output import folder_lock, result_folder, write_summary
@@ -103,7 +103,7 @@ def test_parts_hold_the_tables_of_the_snapshots(paths, result):
     frame = pd.read_parquet(result / "loops")
     for k, path in enumerate(paths):
         snapshot = read_snapshot(path)
-        table = loop_table(snapshot, find_faces(snapshot.graph))
+        table = loop_table(snapshot)
         own = frame[frame.snapshot == k]
         assert len(own) == len(table["loop"]) > 0
         for name in ("order", "area", "pressure", "traction_lambda_min"):

@@ -7,7 +7,7 @@ from matplotlib.collections import LineCollection
 
 from loops import find_faces, force_chains
 from studies.snapshot import figures
-from studies.snapshot.chains import chain_segments
+from studies.snapshot.figures import chain_segments
 from studies.snapshot.loop_map import loop_drawer
 from studies.snapshot.table import loop_table
 from tests.studies.snapshot.test_table import synthetic_snapshot
@@ -17,9 +17,9 @@ from tests.studies.snapshot.test_table import synthetic_snapshot
 def drawn_with():
     snapshot = synthetic_snapshot(2000)
     faces, chains = find_faces(snapshot.graph), force_chains(snapshot.graph)
-    table = loop_table(snapshot, faces)
+    table = loop_table(snapshot)
     table["chain_contacts"] = chains.on_loops(faces)
-    links, draw = chain_segments(snapshot, chains), loop_drawer(snapshot, faces)
+    links, draw = chain_segments(snapshot, chains), loop_drawer(snapshot)
     assert len(links) > 150
 
     def pixels(limit):

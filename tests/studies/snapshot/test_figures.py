@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import find_faces
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.snapshot import run_snapshot
 from studies.snapshot.figures import (
@@ -14,13 +13,12 @@ from studies.snapshot.figures import (
     fabric_rose,
     fabric_table,
     order_bars,
-    snapshot_drawings,
+    snapshot_figures,
     unstable_rose,
 )
-from studies.snapshot.mechanics import judges
-from studies.snapshot.summary import snapshot_summary
+from studies.snapshot.summary import judges, snapshot_summary
 from studies.snapshot.table import EIGENVALUES, loop_table
-from studies.style import save_drawings
+from studies.study import Results
 
 PERIODIC = sample_path("grains_periodic.parquet")
 CELL = tuple(sample_cell().ravel().tolist())
@@ -29,9 +27,8 @@ CELL = tuple(sample_cell().ravel().tolist())
 @pytest.fixture(scope="module")
 def sample():
     snapshot = read_snapshot(PERIODIC, cell=sample_cell())
-    faces = find_faces(snapshot.graph)
-    table = loop_table(snapshot, faces)
-    return snapshot, faces, table, snapshot_summary(snapshot, faces, table)
+    table = loop_table(snapshot)
+    return snapshot, table, snapshot_summary(snapshot, table)
 
 
 def bars(ax, container=0):
@@ -45,7 +42,7 @@ def bars(ax, container=0):
 
 
 def test_rose_of_contacts_is_a_density_and_its_second_harmonic(sample):
-    snapshot, _, _, summary = sample
+    snapshot, _, summary = sample
     ax = fabric_rose(snapshot.graph, summary).axes[0]
     angle, height, width = bars(ax)
     assert np.sum(height * width) == pytest.approx(1.0, rel=1e-12)
@@ -64,7 +61,7 @@ def test_rose_of_contacts_is_a_density_and_its_second_harmonic(sample):
 
 
 def test_rose_of_unstable_loops(sample):
-    _, _, table, summary = sample
+    _, table, summary = sample
     soft, long = unstable_rose(table, summary).axes
     for ax in (soft, long):
         assert [text.get_text() for text in ax.get_legend().get_texts()] == [
@@ -82,7 +79,7 @@ def test_rose_of_unstable_loops(sample):
 
 
 def test_histograms_hold_every_loop(sample):
-    _, _, table, _ = sample
+    _, table, _ = sample
     figure = eigenvalue_distribution(table)
     pooled = np.minimum(table["order"], 8)
     names = [f"{judge}_{name}" for judge in judges(table) for name in EIGENVALUES]
@@ -98,32 +95,32 @@ def test_histograms_hold_every_loop(sample):
 
 
 def test_bars_of_orders(sample):
-    _, _, table, summary = sample
-    ax = order_bars(summary, table)
+    _, table, summary = sample
+    ax = order_bars(summary)
     for container in (0, 1):
         assert bars(ax, container)[1].sum() == pytest.approx(1.0, rel=1e-12)
     assert bars(ax, 2)[1].sum() == pytest.approx(7 / len(table["loop"]), rel=1e-12)
 
 
 def test_stable_and_untrusted_loops_are_drawn_too(sample):
-    snapshot, faces, table, _ = sample
+    snapshot, table, _ = sample
     stable = dict(table)
     for closure in ("affine", "traction"):
         values = np.abs(table[f"{closure}_lambda_min"])
         stable[f"{closure}_lambda_min"] = np.where(table["order"] == 5, np.nan, values)
-    summary = snapshot_summary(snapshot, faces, stable)
+    summary = snapshot_summary(snapshot, stable)
     unstable_rose(stable, summary).draw_without_rendering()
     eigenvalue_distribution(stable).draw_without_rendering()
 
 
 def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
-    snapshot, faces, *_ = sample
+    snapshot, *_ = sample
     bare = replace(snapshot, law=None, regime=None)
-    table = loop_table(bare, faces)
-    summary = snapshot_summary(bare, faces, table)
-    drawings = snapshot_drawings(bare, faces, table, None, summary)
-    drawn = save_drawings(drawings, tmp_path, {"command": "grainloops"})
-    assert [path.stem for *_, path in drawn] == ["map", "orders", "fabric"]
+    table = loop_table(bare)
+    summary = snapshot_summary(bare, table)
+    results = Results(tmp_path, {"command": "grainloops snapshot"})
+    saved = results.save_figures(snapshot_figures(bare, table, summary))
+    assert [path.stem for path in saved] == ["map", "orders", "fabric"]
     assert {path.name for path in tmp_path.iterdir()} == {
         f"{name}.{ending}" for name in ("map", "orders", "fabric") for ending in ("png", "svg")
     }

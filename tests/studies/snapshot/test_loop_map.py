@@ -79,9 +79,7 @@ def test_map(monkeypatch, tmp_path, limit, mechanical):
     if not mechanical:
         snapshot = replace(snapshot, law=None, regime=None)
     faces = find_faces(snapshot.graph)
-    figure = module.loop_map(
-        snapshot, faces, loop_table(snapshot, faces), module.loop_drawer(snapshot, faces)
-    )
+    figure = module.loop_map(snapshot, loop_table(snapshot), module.loop_drawer(snapshot))
     panels = [ax for ax in figure.axes if ax.get_xlabel()]
     assert len(panels) == (2 if mechanical else 1)
     for ax in panels:
@@ -101,7 +99,4 @@ def test_without_loops_the_map_is_empty(tmp_path):
         law=snapshot.law.take(np.array([0])),
         regime=snapshot.regime[:1],
     )
-    faces = find_faces(few.graph)
-    module.loop_map(few, faces, loop_table(few, faces), module.loop_drawer(few, faces)).savefig(
-        tmp_path / "map.png"
-    )
+    module.loop_map(few, loop_table(few), module.loop_drawer(few)).savefig(tmp_path / "map.png")

@@ -4,13 +4,12 @@ import numpy as np
 import pyarrow.csv
 import pytest
 
-from loops import find_faces
 from patterns import read_snapshot, sample_path
 from studies.snapshot.table import loop_table
 
 
 def rows_of_loops(snapshot, compiled):
-    return loop_table(snapshot, find_faces(snapshot.graph, compiled=compiled), compiled=compiled)
+    return loop_table(snapshot, compiled=compiled)
 
 
 @pytest.mark.parametrize("folder", ["box", "periodic"])

@@ -10,7 +10,7 @@ import pytest
 from loops import InputError, Regime, branch_vectors, find_faces, loop_batches, polygon_area
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.output import provenance
-from studies.snapshot.paraview import write_paraview
+from studies.snapshot.polygons import write_paraview
 from studies.snapshot.table import loop_table
 
 MADE = provenance("snapshot", {"path": "grains.csv"}, "as the input's")
@@ -41,8 +41,8 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("vtk")
     snapshot = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
     faces = find_faces(snapshot.graph)
-    table = loop_table(snapshot, faces)
-    write_paraview(folder, snapshot, faces, table, MADE)
+    table = loop_table(snapshot)
+    write_paraview(folder, snapshot, table, MADE)
     return folder, snapshot, faces, table
 
 
@@ -107,9 +107,9 @@ def test_provenance_is_in_the_files(written):
 
 
 def test_without_forces_only_the_geometry(written, tmp_path):
-    _, snapshot, faces, _ = written
+    _, snapshot, _, _ = written
     bare = replace(snapshot, law=None, regime=None)
-    write_paraview(tmp_path, bare, faces, loop_table(bare, faces), MADE)
+    write_paraview(tmp_path, bare, loop_table(bare), MADE)
     _, _, cells, _ = read_back(tmp_path / "contacts.vtp")
     assert set(cells) == {"grain_1", "grain_2", "branch_length"}
     _, _, cells, _ = read_back(tmp_path / "loops.vtp")
@@ -118,8 +118,8 @@ def test_without_forces_only_the_geometry(written, tmp_path):
 
 
 def test_without_the_library_the_extra_is_named(written, tmp_path, monkeypatch):
-    _, snapshot, faces, table = written
+    _, snapshot, _, table = written
     monkeypatch.setitem(sys.modules, "vtkmodules.vtkIOXML", None)
     with pytest.raises(InputError, match="pip install vtk"):
-        write_paraview(tmp_path, snapshot, faces, table, MADE)
+        write_paraview(tmp_path, snapshot, table, MADE)
     assert not list(tmp_path.iterdir())

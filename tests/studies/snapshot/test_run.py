@@ -236,7 +236,7 @@ def test_table_of_a_network_whose_loops_are_triangles():
         wall_contacts=0,
         notes=(),
     )
-    table = loop_table(snapshot, find_faces(graph))
+    table = loop_table(snapshot)
     assert min(grain for row in table["grains"].to_pylist() for grain in row) >= 100
 
 
@@ -388,9 +388,10 @@ def test_a_snapshot_without_loops_still_gives_its_counts(monkeypatch, tmp_path):
 
 def test_same_input_gives_the_same_files(tmp_path, monkeypatch):
     path = write(tmp_path, ending="parquet")
-    drawings = figures.snapshot_drawings
+    drawn = figures.snapshot_figures
     # Two figures tell whether drawing them leaves a trace of the run.
-    monkeypatch.setattr(figures, "snapshot_drawings", lambda *given: islice(drawings(*given), 2))
+    two = lambda *given, **links: islice(drawn(*given, **links), 2)  # noqa: E731
+    monkeypatch.setattr(figures, "snapshot_figures", two)
     for name in ("one", "two"):
         assert run(monkeypatch, "snapshot", path, "--out", tmp_path / name) == 0
     for file in (tmp_path / "one").iterdir():

@@ -44,9 +44,8 @@ BLOCK = {"mean", "std", "median", "q25", "q75", "count"}
 
 def of(snapshot):
     """Summary and table of a snapshot."""
-    faces = find_faces(snapshot.graph)
-    table = loop_table(snapshot, faces)
-    return snapshot_summary(snapshot, faces, table), table
+    table = loop_table(snapshot)
+    return snapshot_summary(snapshot, table), table
 
 
 def from_graph(graph, **more):

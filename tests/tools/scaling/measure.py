@@ -71,7 +71,7 @@ def floor_seconds(grains: int, bandwidth: float) -> dict[str, float]:
     # Per grain the bytes are the same at any size: a small network tells them.
     sample = synthetic_snapshot(min(grains, 20_000))
     faces = find_faces(sample.graph)
-    table = loop_table(sample, faces)
+    table = loop_table(sample)
     share = grains / sample.graph.grain_count / bandwidth
     return {what: share * bytes_moved(what, sample.graph, faces, table) for what in FLOORS}
 

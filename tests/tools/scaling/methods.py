@@ -15,7 +15,7 @@ import numpy as np
 from loops import Faces, GrainGraph, LinearFrictional, Regime, find_crossings, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, synthetic_network, write_snapshot
 from studies.output import write_table
-from studies.snapshot.run import analyse
+from studies.snapshot.source import read_planar
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_table
 
@@ -41,7 +41,8 @@ def synthetic_snapshot(grains: int) -> Snapshot:
 
 def table_of(snapshot: Snapshot, *, compiled: bool) -> Work:
     """Shape, stress, both tangents, eigenvalues, unstable fractions and cones of all loops."""
-    return partial(loop_table, snapshot, find_faces(snapshot.graph), compiled=compiled)
+    assert len(snapshot.faces.loops)  # found before the clock starts
+    return partial(loop_table, snapshot, compiled=compiled)
 
 
 def written(snapshot: Snapshot) -> Path:
@@ -61,22 +62,22 @@ def whole_snapshot(snapshot: Snapshot) -> Work:
     path = written(snapshot)
 
     def work() -> None:
-        read, faces, table = analyse(path)
-        snapshot_summary(read, faces, table)
+        read = read_planar(path)
+        table = loop_table(read)
+        snapshot_summary(read, table)
         write_table(path.parent, "loops", table, {}, csv=False)
 
     return work
 
 
 def summary_of(snapshot: Snapshot) -> Work:
-    """What the loops come down to."""
-    faces = find_faces(snapshot.graph)
-    return partial(snapshot_summary, snapshot, faces, loop_table(snapshot, faces))
+    """The summary of a snapshot and its loops."""
+    return partial(snapshot_summary, snapshot, loop_table(snapshot))
 
 
 def writing_of(snapshot: Snapshot) -> Work:
     """The table of loops to Parquet."""
-    table, folder = loop_table(snapshot, find_faces(snapshot.graph)), written(snapshot).parent
+    table, folder = loop_table(snapshot), written(snapshot).parent
     return partial(write_table, folder, "loops", table, {}, csv=False)
 
 

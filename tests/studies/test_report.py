@@ -14,16 +14,8 @@ import pytest
 from loops import find_faces, polygon_area
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from studies.output import provenance
-from studies.snapshot.report import (
-    MOST_LOOPS,
-    LoopsForMap,
-    encoded,
-    loops_for_map,
-    mapping_table,
-    summary_tables,
-    value_text,
-    write_report,
-)
+from studies.report import mapping_table, summary_tables, value_text, write_report
+from studies.snapshot.polygons import MOST_LOOPS, LoopsForMap, encoded, loops_for_map
 from studies.snapshot.table import loop_table
 
 MADE = provenance("snapshot", {"path": "a <b>.csv", "columns": {"x": "px"}}, "as the input's")
@@ -77,8 +69,7 @@ def map_data(text):
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     snapshot = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
-    faces = find_faces(snapshot.graph)
-    table = loop_table(snapshot, faces)
+    table = loop_table(snapshot)
     figure = folder / "pixel.png"
     figure.write_bytes(PIXEL)
     summary = {
@@ -90,7 +81,7 @@ def page(tmp_path_factory):
         "notes": ["1 < 2 & so on"],
         "definitions": {"grains": "all <grains>"},
     }
-    loops = loops_for_map(snapshot, faces, table)
+    loops = loops_for_map(snapshot, table)
     path = write_report(
         folder, "Loops & more", summary, [("One", "a <pixel>", figure)], loops, MADE
     )
@@ -143,7 +134,7 @@ def two_maps(folder):
         columns = {"loop": loop, "order": faces.order[faces.loops]}
         columns["fate"] = np.where(loop % 3 == 0, "split", "died")
         of_series = {"name": f"{k + 4} (<b>{k})", "number": k + 4, "first": k == 1}
-        maps.append(loops_for_map(snapshot, faces, columns, **of_series))
+        maps += loops_for_map(snapshot, columns, **of_series)
     return write_report(folder, "t", {}, [], maps, MADE), maps
 
 
@@ -175,7 +166,7 @@ console.log(JSON.stringify({
 @pytest.mark.skipif(shutil.which("node") is None, reason="no node to run the script with")
 def test_a_loop_that_there_is_not_is_told(tmp_path):
     path, maps = two_maps(tmp_path)
-    script = Path(__file__).parents[3] / "studies" / "snapshot" / "report.js"
+    script = Path(__file__).parents[2] / "studies" / "report.js"
     done = subprocess.run(
         ["node", "-e", LOOK_UP, str(script), str(path)], capture_output=True, text=True, check=True
     )
@@ -202,12 +193,12 @@ def test_large_ids_are_not_cut_off():
 
 def test_a_sentence_instead_of_too_many_loops(tmp_path):
     many = LoopsForMap(np.arange(MOST_LOOPS + 2), np.zeros((0, 2)), np.zeros(0, dtype=int))
-    for summary, loops in (({}, many), ({"loops": MOST_LOOPS + 1}, None)):
+    for summary, loops in (({}, [many]), ({"loops": MOST_LOOPS + 1}, [])):
         text = write_report(tmp_path, "t", summary, [], loops, MADE).read_text()
         Strict(text)
         assert f"{MOST_LOOPS + 1} loops are more than the {MOST_LOOPS}" in text
         assert "<canvas" not in text
-    text = write_report(tmp_path, "t", {"loops": 5}, [], None, MADE).read_text()
+    text = write_report(tmp_path, "t", {"loops": 5}, [], [], MADE).read_text()
     assert "<canvas" not in text
     assert "more than" not in text
 
@@ -219,7 +210,7 @@ def test_a_page_of_fifty_thousand_loops_stays_small(tmp_path):
     assert 0.98 * MOST_LOOPS < len(faces.loops) <= MOST_LOOPS
     columns = {"order": faces.order[faces.loops]}
     columns |= {f"c{k}": faces.area[faces.loops] for k in range(30)}
-    loops = loops_for_map(snapshot, faces, columns)
+    loops = loops_for_map(snapshot, columns)
     path = write_report(tmp_path, "t", {"a": 1}, [], loops, MADE)
     assert path.stat().st_size < 15e6
 
@@ -254,7 +245,7 @@ console.log(JSON.stringify({found, colours, outside, row}));
 @pytest.mark.skipif(NODE is None, reason="no node to run the script with")
 def test_script_finds_the_loop_under_the_pointer(page):
     path, table = page
-    script = Path(__file__).parents[3] / "studies" / "snapshot" / "report.js"
+    script = Path(__file__).parents[2] / "studies" / "report.js"
     done = subprocess.run(
         [NODE, "-e", PROBE, str(script), str(path)], capture_output=True, text=True, check=True
     )
