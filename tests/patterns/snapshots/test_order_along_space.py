@@ -53,7 +53,7 @@ def shuffled_copy(grains, folder, seed=5):
 def loops_by_grains(snapshot):
     """Order, area, eigenvalues and stress of each loop, by the ids of its grains."""
     faces = snapshot.faces
-    table = loop_table(snapshot, faces)
+    table = loop_table(snapshot)
     names = ("order", "area", "sliding_contacts", "affine_lambda_min", "stress_11", "stress_12")
     rows = {}
     for row, face in enumerate(faces.loops.tolist()):
