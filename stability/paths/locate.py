@@ -13,10 +13,6 @@ from loops.arrays import Floats, Integers
 Anything = TypeVar("Anything")
 # Points at which the polynomial through the samples looks for an excursion between them.
 FINE = np.linspace(0.0, 1.0, 41)
-# Halvings of a step that leave less than the spacing of doubles.
-HALVINGS = 60
-# Functions beyond this number (pairs of grains, in long loops) are compared at the samples alone.
-MANY = 2000
 
 
 def first_crossing(
@@ -94,7 +90,7 @@ def _root(values: Callable[[float], Floats], which: int, a: float, b: float) -> 
 
 def _first_not_below(value: Callable[[float], float], a: float, b: float) -> float:
     """Halve the interval towards where the function stops being negative; nan is not negative."""
-    for _ in range(HALVINGS):
+    while b - a > np.finfo(float).eps:
         middle = 0.5 * (a + b)
         a, b = (middle, b) if value(middle) < 0 else (a, middle)
     return b
@@ -105,7 +101,7 @@ def _with_excursions(
 ) -> tuple[Floats, Floats]:
     """Samples, and those places between them where a function turns out to be above zero."""
     quiet = np.flatnonzero((table <= tolerance).all(axis=0))
-    if len(quiet) == 0 or len(quiet) > MANY:
+    if len(quiet) == 0:
         return thetas, table
     powers = np.linalg.solve(np.vander(thetas), table[:, quiet])
     peaks = np.vander(FINE, len(thetas)) @ powers

@@ -36,12 +36,9 @@ SETTLED = 4
 STALLED = 1e-7
 # Evaluations after which a step is given up: forty sizes, each a fifth of the last at least.
 EVALUATIONS = 480
-# Integrating a part of a step again takes a few steps; more than this tell of a singular point.
-AGAIN = 100
-# Steps below this part of the way tell of it at once.
+# Integrating a part of a step again takes a few steps; one below this share of the way tells of a
+# singular point.
 CREEPS = 1e-2
-# Steps below this length in the space of H change nothing.
-SHORTEST = 1e-17
 # Functions this close to zero where another event is located have their event there too.
 SIMULTANEOUS = 1e-11
 
@@ -173,15 +170,11 @@ class _Step:
     def integrate(self, theta: float) -> Floats:
         """Integrated again from the start of the step: no interpolation error."""
         length = theta * (self.end - self.begin)
-        if length <= SHORTEST:
+        if length == 0.0:
             return self.y_begin
         solver = _solver(self.task, self.y_begin, self.gauge, length, length)
-        for _ in range(AGAIN):
-            # A first step that is not accepted at once tells of a singular point.
-            if solver.status != "running" or (
-                solver.t > 0.0 and solver.step_size < CREEPS * length
-            ):
-                break
+        _advance(solver)
+        while solver.status == "running" and solver.step_size >= CREEPS * length:
             _advance(solver)
         if solver.status == "finished":
             return np.asarray(solver.y)

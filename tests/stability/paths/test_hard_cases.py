@@ -138,3 +138,6 @@ def test_regimes_do_not_keep_switching(seed, status, said):
     path = follow(graph, law, stages, **options)
     assert path.status == status
     assert said in path.message
+    if status == "no_solution":
+        switches = [event for event in path.events if event.parameter == path.parameter[-1]]
+        assert 12 < len(switches) < 60

@@ -1,0 +1,108 @@
+"""Limits and tolerances of paths: what lies on either side of them."""
+
+import numpy as np
+import pytest
+
+from loops import InputError, LinearFrictional, Regime, contact_state
+from patterns import diamond, regular_polygon
+from stability import Stage, follow, programmes, rates_at
+from stability.paths.equations import UNIT_PARAMETER, closure_kind
+from stability.paths.look import Look
+from stability.paths.model import path_model
+from stability.paths.monitors import eigenvalue_kind, near_pairs
+from stability.paths.state import Mode, initial_state, unpack
+from stability.paths.symmetry import keeps_control
+
+LAW = LinearFrictional(kn=1.0, kt=0.2, mu=0.3)
+
+
+def isotropic(E):
+    return Stage(programmes.isotropic_strain(), "H11", E)
+
+
+def elastic_state(graph, law=LAW, closure="traction"):
+    """The state of a graph whose contacts all stick, under isotropic strain."""
+    model = path_model(graph, law, closure, "blocked", None)
+    mode = Mode(
+        np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8), np.zeros(len(model.mu))
+    )
+    state = unpack(model, initial_state(model, graph))
+    return Look(model, state, mode, programmes.isotropic_strain(), UNIT_PARAMETER)
+
+
+@pytest.mark.parametrize(("order", "events"), [(12, 12), (13, 1)])
+def test_many_pairs_of_grains_that_touch_at_once_are_one_event(order, events):
+    # Next but one neighbours are all as far apart.
+    touch = 1.0 - 0.5 / np.cos(np.pi / order)
+    path = follow(regular_polygon(order), LAW, isotropic(touch + 1e-3), rows=1)
+    found = path.of_kind("opposite_contact")
+    assert len(found) == events
+    assert sum(len(event.contacts) for event in found) == 2 * order
+    assert found[0].H[0] == pytest.approx(touch, abs=1e-12)
+    assert (events == 1) == (found[0].detail == "13 pairs of grains at once")
+
+
+@pytest.mark.parametrize("order", [60, 61])
+def test_long_loops_are_not_searched_for_branching(order):
+    number = elastic_state(regular_polygon(order, strain=0.05)).branching
+    assert np.isfinite(number) == (order <= 60)
+
+
+@pytest.mark.parametrize(("off", "refused"), [(5e-10, False), (2e-9, True)])
+def test_forces_that_do_not_fit_the_overlaps_are_refused(off, refused):
+    confined = regular_polygon(4, strain=0.1)
+    beyond = confined.replace(shear_force=np.array([0.03 + off, 0.0, 0.0, 0.0]))
+    pressed = confined.replace(normal_force=confined.normal_force + off)
+    for graph, name in ((pressed, "normal force"), (beyond, "shear force")):
+        if refused:
+            with pytest.raises(InputError, match=f"{name} of contact 0"):
+                rates_at(graph, LAW, programmes.isotropic_strain())
+        else:
+            assert rates_at(graph, LAW, programmes.isotropic_strain()).status == "unique"
+
+
+@pytest.mark.parametrize(("gap", "touches"), [(0.0, True), (1e-15, True), (1e-14, False)])
+def test_grains_whose_gap_is_rounding_touch(gap, touches):
+    graph = regular_polygon(4)
+    apart = graph.replace(x=graph.x * (1 + gap), x0=graph.x0 * (1 + gap))
+    overlap = path_model(apart, LAW, "affine", "blocked", None).overlap0
+    assert (overlap == 0.0).all() == touches
+
+
+@pytest.mark.parametrize(("imaginary", "kind"), [(3e-8, "det_K_zero"), (3e-7, "flutter")])
+def test_an_eigenvalue_is_real_within_the_rounding_of_a_double_one(imaginary, kind):
+    # Rounding splits a double eigenvalue by its root, 1e-8.
+    A = np.diag([1.0, 0.0, 0.0, 0.0])
+    A[0, 3], A[3, 0], A[0, 0] = -imaginary, imaginary, 0.0
+    A[1, 1] = A[2, 2] = 1.0
+    norm = np.linalg.norm(A)
+    assert eigenvalue_kind(A * norm, "full", 0) == kind
+
+
+@pytest.mark.parametrize(("gap", "watched"), [(0.05, 1), (0.15, 0)])
+def test_pairs_of_grains_are_watched_when_they_come_near(gap, watched):
+    # Opposite grains of a flat diamond, (1, 3), over r_i + r_j = 1.
+    graph = diamond(np.arcsin(0.5 * (1.0 + gap)))
+    model = path_model(graph, LAW, "affine", "blocked", None)
+    assert len(near_pairs(model, [graph.x])) == watched
+
+
+@pytest.mark.parametrize(
+    ("order", "kt", "kind"),
+    [(24, 0.2, "ring"), (24, 0.05, "saddle"), (25, 0.05, "ring"), (25, 5e-4, "saddle")],
+)
+def test_compliances_of_soft_contacts_are_not_used(order, kt, kind):
+    # The block of a contact in equilibrium has the determinant kn kt.
+    law = LinearFrictional(kn=1.0, kt=kt)
+    here = elastic_state(regular_polygon(order), law)
+    assert closure_kind(here.model, contact_state(regular_polygon(order)), here.mode.regime) == kind
+
+
+@pytest.mark.parametrize(("off", "kept"), [(5e-13, 8), (5e-12, 4)])
+def test_a_control_keeps_a_symmetry_within_rounding(off, kept):
+    turns = np.linspace(0.0, 2 * np.pi, 5)[:4]
+    c, s = np.cos(turns), np.sin(turns)
+    rotations = np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0)
+    mirrors = rotations @ np.diag([1.0, -1.0])
+    control = programmes.proportional_strain(1.0, 1.0 + off)
+    assert keeps_control(control, np.concatenate([rotations, mirrors])).sum() == kept
