@@ -42,8 +42,6 @@ from stability.rate_problem import ELASTIC, SEARCH_LIMIT, Choice, RateProblem
 CHATTER = 12
 # Longest steps to try, over that asked for, where a singular state is in the way.
 RETRIES = (1.0, 0.86, 0.74, 0.62)
-# Below this strain a loop without forces is singular as it stands, and no step helps.
-UNLOADED = 1e-6
 # A target this close, in strain or in stress over kn, is reached.
 REACHED = 1e-15
 # Change of H below which nothing has moved.
@@ -118,8 +116,7 @@ def _run(walk: Walk, task: Task, gauge: Floats) -> PieceEnd:
             walk.steps_left,
         )
         stuck = not end.fired or ("singular", -1) in end.fired
-        unloaded = float(np.abs(end.seen.H).max()) < UNLOADED
-        if not stuck or task.stage.programme.stress.any() or unloaded:
+        if not stuck or task.stage.programme.stress.any():
             break
         if shorter != RETRIES[-1]:
             del walk.record.rows[rows:], walk.record.events[events:]

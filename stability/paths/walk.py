@@ -24,8 +24,6 @@ from stability.programmes import Programme, Stage
 
 # Steps that a stage takes at least, if it is as long as its start promises.
 STEPS = 8
-# Strain below which nothing is told apart.
-SMALLEST = 1e-12
 # Of a symmetry that was never given up.
 TO_THE_END = "to the end"
 # Shear force outside the cone that passes for rounding, over kn times length.
@@ -93,7 +91,7 @@ class Walk:
 
     def task(self, stage: Stage, start: float, sense: float, reach: float, strain: float) -> Task:
         """A piece of a stage that should be `reach` long and starts at a strain of that size."""
-        size = min(max(reach if np.isfinite(reach) else 1.0, strain, SMALLEST), 1.0)
+        size = min(max(reach if np.isfinite(reach) else 1.0, strain), 1.0)
         max_step = min(self.max_step, reach / STEPS)
         atol = self.atol * size * scales(self.model)
         row_step = min(reach, 1.0) / self.rows if self.rows else np.inf

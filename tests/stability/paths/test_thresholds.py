@@ -106,3 +106,12 @@ def test_a_control_keeps_a_symmetry_within_rounding(off, kept):
     mirrors = rotations @ np.diag([1.0, -1.0])
     control = programmes.proportional_strain(1.0, 1.0 + off)
     assert keeps_control(control, np.concatenate([rotations, mirrors])).sum() == kept
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+@pytest.mark.parametrize("end", [1e-9, 1e-16])
+def test_stages_of_any_length_end_at_their_target(end, closure):
+    path = follow(regular_polygon(5), LAW, isotropic(end), closure=closure)
+    assert (path.status, len(path.events)) == ("finished", 0)
+    assert path.H[-1, [0, 3]] == pytest.approx([end, end], rel=1e-13, abs=0)
+    assert path.normal_force[-1] == pytest.approx(np.full(5, end), rel=1e-13, abs=0)
