@@ -1,30 +1,37 @@
-"""Columns `K^-1 p` of a packing with frozen geometry, the rates of its pairs under them.
+"""Columns `K^-1 p` of a packing with frozen geometry, and the rates of its pairs under them.
 
 A change of regimes is a small system in the columns. Motions `V` (5, 3G) are those under unit
 strains and the load, `U` (m, 3G) under unit forces on rows of pairs; rates under both are numbered
-0 to 4 and from 5 on. Everything a kernel calls stands here.
+0 to 4 and from 5 on. Pairs are records `stability.packing.pairs.PAIR`. All kernels that a kernel
+calls stand in this file.
 """
 
 from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
 from loops.compiled.kernel import kernel
 
 
 @kernel
-def unit_force(grains: Integers, rows: Floats, row: int, place: Integers, out: Floats) -> int:
-    """A unit of normal force, or of shear in rows after these, at its `place`; the first of it."""
-    pairs = len(rows)
-    shear, p = row >= pairs, row % pairs
+def unit_force(pairs: NDArray[Any], row: int, place: Integers, out: Floats) -> int:
+    """Add a unit of normal force, or of shear force in rows beyond the pairs, to `out`.
+
+    Freedoms are numbered by `place`; the smallest number that was changed is returned.
+    """
+    shear, pair = row >= len(pairs), pairs[row % len(pairs)]
     first = len(out)
     for s in range(2):
-        at = 3 * grains[p, s]
+        at = 3 * pair["grains"][s]
         for b in range(2):
-            f = rows[p, 4 + b] if shear else rows[p, 2 + b]
+            f = pair["t"][b] if shear else pair["n"][b]
             out[place[at + b]] += f if s else -f
             first = min(first, place[at + b])
         if shear:
-            out[place[at + 2]] -= rows[p, 9 + s]
+            out[place[at + 2]] -= pair["arm"][s]
             first = min(first, place[at + 2])
     return first
 
@@ -63,53 +70,50 @@ def solve_eight(
 
 
 @kernel
-def _pair_rates(
-    grains: Integers, rows: Floats, p: int, V: Floats, U: Floats, c: int
-) -> tuple[float, float]:
+def _pair_rates(pair: Any, V: Floats, U: Floats, c: int) -> tuple[float, float]:
     """`n . d'` and the shear rate of a pair under one of the motions."""
-    i, j = 3 * grains[p, 0], 3 * grains[p, 1]
+    i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
     u = V[c] if c < 5 else U[c - 5]
     r0, r1 = u[j] - u[i], u[j + 1] - u[i + 1]
     if c < 2:
-        r0 -= rows[p, c]
+        r0 -= pair["d"][c]
     elif c < 4:
-        r1 -= rows[p, c - 2]
-    turn = rows[p, 6] * (rows[p, 4] * r0 + rows[p, 5] * r1)
-    spins = rows[p, 7] * u[i + 2] + rows[p, 8] * u[j + 2]
-    return rows[p, 2] * r0 + rows[p, 3] * r1, turn - spins
+        r1 -= pair["d"][c - 2]
+    turn = pair["turning"] * (pair["t"][0] * r0 + pair["t"][1] * r1)
+    spins = pair["lever"][0] * u[i + 2] + pair["lever"][1] * u[j + 2]
+    return pair["n"][0] * r0 + pair["n"][1] * r1, turn - spins
 
 
 @kernel
 def mutual_rates(
-    grains: Integers,
-    rows: Floats,
-    pairs: Integers,
+    pairs: NDArray[Any],
+    chosen: Integers,
     V: Floats,
     U: Floats,
     base: Floats,
     mutual: Floats,
 ) -> None:
-    """Rates of the last of the pairs under all that moves, and of all under the last column."""
-    m = len(pairs)
+    """Rates of the last chosen pair under all motions, and of all chosen under the last column."""
+    m = len(chosen)
     last = m - 1
     for c in range(5):
-        un, ut = _pair_rates(grains, rows, pairs[last], V, U, c)
+        un, ut = _pair_rates(pairs[chosen[last]], V, U, c)
         base[0, last, c], base[1, last, c] = un, ut
     for k in range(m):
-        un, ut = _pair_rates(grains, rows, pairs[last], V, U, 5 + k)
+        un, ut = _pair_rates(pairs[chosen[last]], V, U, 5 + k)
         mutual[0, last, k], mutual[1, last, k] = un, ut
-        un, ut = _pair_rates(grains, rows, pairs[k], V, U, 5 + last)
+        un, ut = _pair_rates(pairs[chosen[k]], V, U, 5 + last)
         mutual[0, k, last], mutual[1, k, last] = un, ut
 
 
 @kernel
 def rates_of(
-    grains: Integers, rows: Floats, p: int, V: Floats, U: Floats, h: Floats, w: Floats
+    pairs: NDArray[Any], p: int, V: Floats, U: Floats, h: Floats, w: Floats
 ) -> tuple[float, float]:
     """`n . d'` and the shear rate of a pair under `V h + U w`."""
     normal = shear = 0.0
     for c in range(5 + len(w)):
-        un, ut = _pair_rates(grains, rows, p, V, U, c)
+        un, ut = _pair_rates(pairs[p], V, U, c)
         share = h[c] if c < 5 else w[c - 5]
         normal += share * un
         shear += share * ut
@@ -117,39 +121,40 @@ def rates_of(
 
 
 @kernel
-def edge_rates(
-    grains: Integers,
-    rows: Floats,
+def yield_rates(
+    pairs: NDArray[Any],
     side: Floats,
     chosen: Integers,
     V: Floats,
     U: Floats,
-    table: Floats,
-    known: Integers,
-    sided: Floats,
+    known: Floats,
+    motion_count: Integers,
+    slip_sign: Floats,
     h: Floats,
     w: Floats,
     out: Floats,
 ) -> None:
-    """How fast stuck pairs would leave their cones, minus the slip (k, r), under `V h + U w`.
+    """Rates of the yield function of stuck pairs, minus the slip (k, r), under `V h + U w`.
 
-    `table` (P, 5 + columns) keeps it under each motion, `known` of them with the side `sided`.
+    `known` (P, 5 + columns) keeps that under each motion, for the first `motion_count` of them
+    and a pair that slides on the side `slip_sign`.
     """
     count, m = w.shape
     for k in range(len(chosen)):
         p = chosen[k]
-        if sided[p] != side[p]:
-            sided[p], known[p] = side[p], 0
-        for c in range(known[p], 5 + m):
-            un, ut = _pair_rates(grains, rows, p, V, U, c)
-            table[p, c] = side[p] * rows[p, 15] * ut - rows[p, 16] * rows[p, 14] * un
-        known[p] = 5 + m
+        pair = pairs[p]
+        if slip_sign[p] != side[p]:
+            slip_sign[p], motion_count[p] = side[p], 0
+        for c in range(motion_count[p], 5 + m):
+            un, ut = _pair_rates(pair, V, U, c)
+            known[p, c] = side[p] * pair["kt"] * ut - pair["mu"] * pair["kn"] * un
+        motion_count[p] = 5 + m
         for r in range(count):
             value = 0.0
             for c in range(5):
-                value += table[p, c] * h[r, c]
+                value += known[p, c] * h[r, c]
             for c in range(m):
-                value += table[p, 5 + c] * w[r, c]
+                value += known[p, 5 + c] * w[r, c]
             out[k, r] = value
 
 

@@ -1,15 +1,17 @@
 """Work in a packing whose centres move in straight lines: exact geometry, by Gauss's rule.
 
-Freedoms, rows of the pairs and regimes as in `packing_rates`.
+Freedoms, pairs and regimes are those of `packing_rates`.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Floats, Regimes
 from loops.compiled.kernel import kernel
 
 # Two points on (0, 1): exact to the third power of time.
@@ -18,8 +20,7 @@ FIRST = 0.5 - math.sqrt(3.0) / 6.0
 
 @kernel
 def add_work(
-    grains: Integers,
-    rows: Floats,
+    pairs: NDArray[Any],
     regime: Regimes,
     touching: Floats,
     load: Floats,
@@ -36,9 +37,9 @@ def add_work(
 ) -> None:
     """Add the work of a time `step`, in which `strain` and `u` go on at the rates `h` and `v`.
 
-    `work` gains what the cell does and what holds the grains, whose resultants were `load` at the
-    start, and what shear by the law's rates does less than by the motion at the contact;
-    `released` (G,) gains the work of what has gone out of balance since.
+    `work[0]` gains the work of the cell and of the constant load that balances the resultants
+    `load` of the start, `work[2]` the work of `T` in the law's shear minus that in the motion at
+    the contact, `released` (G,) the work of the resultants that have appeared since the start.
     """
     if step <= 0.0:
         return
@@ -52,14 +53,15 @@ def add_work(
     for k in range(len(u)):
         force[:, k] = -load[k]
     cell, shear, held, half_unit = 0.0, 0.0, 0.0, 0.5 / unit
-    for p in range(len(rows)):
-        i, j = 3 * grains[p, 0], 3 * grains[p, 1]
-        d0, d1 = rows[p, 0], rows[p, 1]
+    for p in range(len(pairs)):
+        pair = pairs[p]
+        i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
+        d0, d1 = pair["d"][0], pair["d"][1]
         start0 = d0 - strain[0] * d0 - strain[1] * d1 + u[j] - u[i]
         start1 = d1 - strain[2] * d0 - strain[3] * d1 + u[j + 1] - u[i + 1]
         r0 = v[j] - v[i] - h[0] * d0 - h[1] * d1
         r1 = v[j + 1] - v[i + 1] - h[2] * d0 - h[3] * d1
-        half = 0.5 * (rows[p, 9] + rows[p, 10])
+        half = 0.5 * (pair["arm"][0] + pair["arm"][1])
         for q in range(2):
             b0, b1 = start0 + times[q] * r0, start1 + times[q] * r1
             square = b0 * b0 + b1 * b1
@@ -68,13 +70,13 @@ def add_work(
             length = math.sqrt(square)
             inverse = 1.0 / length
             n0, n1 = inverse * b0, inverse * b1
-            N = rows[p, 14] * max(touching[p] - length, 0.0)
+            N = pair["kn"] * max(touching[p] - length, 0.0)
             S = T[p] + times[q] * rates[p, 2] if regime[p] != 0 else 0.0
             f0, f1 = N * n0 - S * n1, N * n1 + S * n0
             t = turns[q]
             cell += f0 * (t[0] * b0 + t[1] * b1) + f1 * (t[2] * b0 + t[3] * b1)
             longer = half_unit * length - half
-            arm_i, arm_j = rows[p, 9] + longer, rows[p, 10] + longer
+            arm_i, arm_j = pair["arm"][0] + longer, pair["arm"][1] + longer
             spins = arm_i * v[i + 2] + arm_j * v[j + 2]
             shear += S * (n0 * r1 - n1 * r0 - spins - rates[p, 3])
             force[q, j] += f0

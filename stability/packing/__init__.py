@@ -5,7 +5,7 @@ from stability.packing.equations_of_motion import replay as replay
 from stability.packing.loop_rates import LoopRates as LoopRates
 from stability.packing.loop_rates import loop_changes as loop_changes
 from stability.packing.loop_rates import loop_rates as loop_rates
-from stability.packing.packing_path import PackingPath as PackingPath
+from stability.packing.path import PackingPath as PackingPath
 from stability.packing.probe import Probe as Probe
 from stability.packing.probe import probe as probe
 from stability.packing.response import PackingRates as PackingRates

@@ -1,9 +1,10 @@
-"""A packing replayed by the equations of motion of a DEM code, from a snapshot on."""
+"""Equations of motion of a DEM code: a packing replayed, or taken through an instability."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,18 +15,39 @@ from loops.errors import InputError
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from stability.arguments import number
-from stability.packing.motion import Moving, duration_of, lasting, servo_of, steered, step_of
-from stability.packing.pairs import Pairs, contact_pairs, require_replayable
+from stability.packing.pairs import (
+    Pairs,
+    contact_pairs,
+    require_replayable,
+    touching_distances,
+    with_near,
+)
 from stability.packing.state import PackingState, start_state
+from stability.packing.strain_increment import MixedControl
 from stability.programmes import Stage
 
 if TYPE_CHECKING:
     from loops.compiled.replay import Servo
 
+# Pairs closer than this share of the mean diameter are listed.
+LISTED_GAP = 0.02
+# Time step over the smallest sqrt(m/kn), as Yade's samples were made.
+TIME_STEP = 0.3
+# Lag of a servo, over `sqrt(m/kn)` of the means; an affine strain needs no waves.
+LAG = 5.0
+# Steps in a row in each of which the pairs had to be listed anew.
+SINGLES = 100
+# Through an instability: inertial number of the strain.
+SNAP_RATE = 2.5e-7
+# At rest are a mean resultant over the mean contact force, and a strain rate over that of the snap.
+REST_FORCE, REST_STRAIN = 1e-5, 1e-2
+# Steps between checks of the rest, and the largest number of checks.
+CHECK_STEPS, MAX_CHECKS = 1000, 200
+
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """Where the equations of motion have led.
+    """A packing after its equations of motion have been integrated.
 
     Attributes
     ----------
@@ -36,7 +58,7 @@ class Replay:
     steps, time_step
         Steps made and their length.
     duration : float
-        Time that it took, in the unit of the masses.
+        Duration of the motion, in the unit of the masses.
     """
 
     state: PackingState
@@ -94,7 +116,7 @@ def replay(
     viscous : float
         Drag of every grain over its momentum, 1/time.
     balanced : bool
-        Keep what is out of balance at the start as a constant load, as a path by events does.
+        Balance the resultants of the start by a constant load, as a path by events does.
 
     Returns
     -------
@@ -104,7 +126,7 @@ def replay(
     ------
     InputError
         If the law is another, the packing is not periodic, a number has the wrong sign, or the
-        programme ends by what it doesn't drive.
+        stage ends by a quantity that its programme doesn't drive.
 
     Examples
     --------
@@ -128,12 +150,20 @@ def replay(
         duration = duration_of(H, masses, start, inertial_number)
     steps = max(1, round(duration / dt))
     servo = lasting(servo, steps * dt)
-    moving = Moving(start, pairs, masses, inertias, servo, checked.shear_increment == "radii")
+    moving = Moving(
+        start,
+        pairs,
+        masses,
+        inertias,
+        servo,
+        checked.shear_increment == "radii",
+        velocity=0.0 if velocity is None else velocity,
+        spin=0.0 if spin is None else spin,
+        gradient=None
+        if servo.on
+        else (np.real(expm(logm(np.eye(2) - H) / steps)) - np.eye(2)) / dt,
+    )
     motion = moving.motion
-    if not servo.on:
-        motion.gradient[:] = (np.real(expm(logm(np.eye(2) - H) / steps)) - np.eye(2)) / dt
-    motion.velocity[:] = 0.0 if velocity is None else velocity
-    motion.spin[:] = 0.0 if spin is None else spin
     if balanced:
         moving.load(-motion.resultant)
     if not moving.run(steps, dt, damping, viscous):
@@ -145,7 +175,7 @@ def replay(
 def _steering(
     start: PackingState, pairs: Pairs, masses: Floats, strain: ArrayLike | Stage
 ) -> tuple[Servo, Floats]:
-    """A servo whose rates are per whole way, off for a strain, and the strain of the way."""
+    """A servo with rates over the whole duration, off for a given strain, and the whole strain."""
     servo = servo_of(start, pairs, masses)
     if isinstance(strain, Stage):
         programme, span = strain.programme, _span(strain)
@@ -176,6 +206,70 @@ def _span(stage: Stage) -> float:
     return stage.target / rate
 
 
+class Snap(NamedTuple):
+    """The packing at rest again, its pairs, and the work until then, as `PackingPath.work`."""
+
+    state: PackingState
+    pairs: Pairs
+    work: Floats
+
+
+def snap_through(
+    state: PackingState,
+    pairs: Pairs,
+    load: Floats,
+    control: MixedControl,
+    span: float,
+    by_radii: bool,
+) -> Snap:
+    """Strain slowly by `span` of the parameter under a load (G, 3), then hold until at rest.
+
+    Masses are those of discs of unit density, damping is Cundall's. `ArithmeticError` where grains
+    run off, or don't come to rest.
+    """
+    masses, inertias = masses_of(state.radii)
+    servo = servo_of(state, pairs, masses)
+    servo = steered(servo, state, pairs, control.stress, control.strain, control.rate * span)
+    H, dt = servo.gain @ servo.rate, step_of(masses, pairs)
+    steps = max(1, round(duration_of(H, masses, state, SNAP_RATE) / dt))
+    moving = Moving(state, pairs, masses, inertias, lasting(servo, steps * dt), by_radii)
+    moving.load(load)
+    energy = stored_energy(state, pairs)
+    ran, checks = moving.run(steps, dt), 0
+    slow = REST_STRAIN * float(np.linalg.norm(H)) / (steps * dt)
+    while ran and not _rests(moving, slow):
+        if checks == MAX_CHECKS:
+            raise ArithmeticError(
+                f"no rest in {MAX_CHECKS * CHECK_STEPS} steps after an instability"
+            )
+        ran, checks = moving.run(CHECK_STEPS, dt), checks + 1
+    end = moving.state()
+    if not ran or not np.isfinite(end.x).all():
+        raise ArithmeticError("grains ran off at an instability")
+    work = np.append(moving.motion.work, 0.0)
+    moved = end.x - state.x @ (end.cell @ np.linalg.inv(state.cell)).T
+    work[0] += float(np.sum(load[:, :2] * moved) + load[:, 2] @ (end.angle - state.angle))
+    work[3] = work[0] - work[1] - work[2] - (stored_energy(end, moving.pairs) - energy)
+    return Snap(end, moving.pairs, work)
+
+
+def stored_energy(state: PackingState, pairs: Pairs) -> float:
+    """Energy of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`."""
+    N, T = state.normal_force, state.shear_force
+    shear = np.divide(T**2, pairs.kt, out=np.zeros(len(pairs)), where=pairs.kt > 0)
+    return 0.5 * float(np.sum(N**2 / pairs.kn + shear))
+
+
+def _rests(moving: Moving, slow: float) -> bool:
+    """Whether resultants are small and the cell strains no faster than `slow`."""
+    state, motion = moving.state(), moving.motion
+    force = np.hypot(state.normal_force, state.shear_force)[state.closed]
+    if not len(force):
+        return True
+    left = np.linalg.norm(motion.resultant[:, :2], axis=1).mean() / force.mean()
+    return bool(left < REST_FORCE and np.linalg.norm(motion.gradient) < slow)
+
+
 def masses_of(
     radii: Floats, mass: ArrayLike | None = None, inertia: ArrayLike | None = None
 ) -> tuple[Floats, Floats]:
@@ -184,5 +278,161 @@ def masses_of(
     inertias = 0.4 * masses * radii**2 if inertia is None else np.asarray(inertia, float)
     for name, values in (("mass", masses), ("inertia", inertias)):
         if values.shape != radii.shape or not (values > 0).all():
-            raise InputError(name, f"shape {values.shape}", "a positive number a grain", ".")
+            raise InputError(
+                name, f"shape {values.shape}", "a positive number a grain", "Give (G,) numbers."
+            )
     return np.ascontiguousarray(masses), np.ascontiguousarray(inertias)
+
+
+def step_of(masses: Floats, pairs: Pairs) -> float:
+    """Length of a step."""
+    return TIME_STEP * math.sqrt(float(masses.min() / pairs.kn.max()))
+
+
+def duration_of(H: Floats, masses: Floats, state: PackingState, inertial_number: float) -> float:
+    """Duration of a strain at an inertial number."""
+    pressure = 0.5 * float(np.trace(state.stress))
+    if not pressure > 0:
+        raise InputError("pressure", f"{pressure:g}", "forces", "Give the duration of the strain.")
+    return float(np.linalg.norm(H)) * math.sqrt(masses.mean() / pressure) / inertial_number
+
+
+def servo_of(state: PackingState, pairs: Pairs, masses: Floats) -> Servo:
+    """A servo that is off, with the first cell and its lag."""
+    from loops.compiled.replay import Servo
+
+    back = np.ascontiguousarray(np.linalg.inv(state.cell))
+    lag = LAG * math.sqrt(masses.mean() / pairs.kn.mean())
+    none, nothing = np.zeros((4, 4)), np.zeros(4)
+    start, z, ask = np.zeros((3, 4))
+    steering = (none, none, nothing, none)
+    return Servo(False, back, *steering, lag, -1, start, z, ask, np.inf, np.zeros(1))
+
+
+def steered(
+    servo: Servo, state: PackingState, pairs: Pairs, stress: Floats, strain: Floats, rate: Floats
+) -> Servo:
+    """The servo for `stress @ P' + strain @ H' = rate`, as stiff as the affine estimate."""
+    matrix = stress @ _affine_stiffness(state, pairs) + strain
+    if not np.linalg.cond(matrix) < 1e16:
+        remedy = "Hold strains, or start from a packing that carries."
+        raise InputError("packing", "no stiffness", "one that a servo can load", remedy)
+    gain = np.array(np.linalg.inv(matrix), dtype=float)
+    return servo._replace(on=True, stress=stress, strain=strain, rate=rate, gain=gain)
+
+
+def lasting(servo: Servo, duration: float) -> Servo:
+    """The servo with its rates spread over a duration, after which they are zero."""
+    return servo._replace(rate=servo.rate / duration, whole=duration)
+
+
+def _affine_stiffness(state: PackingState, pairs: Pairs) -> Floats:
+    """`P' = C H'` (4, 4) if all grains went with the cell and none turned: too stiff."""
+    d = state.branches
+    length = np.linalg.norm(d, axis=1)
+    touch = length <= touching_distances(state, pairs)
+    n = d / length[:, None]
+    frames = (n, np.column_stack([-n[:, 1], n[:, 0]]))
+    K = sum(
+        k[:, None, None] * a[:, :, None] * a[:, None, :]
+        for k, a in zip((touch * pairs.kn, touch * pairs.kt), frames, strict=True)
+    )
+    C = np.einsum("kac,kb,kd->abcd", K, d, d) / abs(np.linalg.det(state.cell))
+    return np.asarray(C.reshape(4, 4))
+
+
+class Moving:
+    """A packing in motion; its pairs are listed anew where grains come closer.
+
+    The velocity gradient of the cell is that of the servo if it isn't given.
+    """
+
+    def __init__(
+        self,
+        start: PackingState,
+        pairs: Pairs,
+        masses: Floats,
+        inertias: Floats,
+        servo: Servo,
+        by_radii: bool,
+        *,
+        velocity: ArrayLike = 0.0,
+        spin: ArrayLike = 0.0,
+        gradient: Floats | None = None,
+    ) -> None:
+        from loops.compiled.replay import Motion, contact_forces
+
+        self.start, self.pairs, self.servo, self.by_radii = start, pairs, servo, by_radii
+        self.lightness = 1.0 / masses, 1.0 / inertias
+        self.gap = LISTED_GAP * 2.0 * float(start.radii.mean())
+        count = len(start.radii)
+        self.motion = Motion(
+            x=np.array(start.x),
+            velocity=np.array(np.broadcast_to(velocity, (count, 2)), dtype=float),
+            angle=np.array(start.angle),
+            spin=np.array(np.broadcast_to(spin, count), dtype=float),
+            cell=np.array(start.cell),
+            shear=np.array(start.shear_force),
+            resultant=np.zeros((count, 3)),
+            speed=np.zeros((count, 2)),
+            gradient=-(servo.gain @ servo.rate).reshape(2, 2) if gradient is None else gradient,
+            load=np.zeros((count, 3)),
+            moment=np.zeros(4),
+            work=np.zeros(3),
+            closer=np.zeros(1),
+        )
+        self._list()
+        contact_forces(self.motion, self.discs, 0.0, by_radii, servo.on)
+        servo.start[:] = self.motion.moment / abs(np.linalg.det(start.cell))
+
+    def _list(self) -> None:
+        """List the pairs that are close, and hand them to the kernels."""
+        from loops.compiled.replay import Discs
+
+        motion = self.motion
+        self.pairs = with_near(self.pairs, motion.x, motion.cell, self.start.radii, self.gap)
+        fresh = np.zeros(len(self.pairs) - len(motion.shear))
+        self.motion = motion._replace(shear=np.append(motion.shear, fresh))
+        self.motion.closer[:] = 0.0
+        images = self.pairs.images.astype(float)
+        wraps = np.asarray(images.any(axis=1))
+        grains = self.pairs.grains.astype(np.uint32)
+        radii = np.array(self.start.radii)
+        self.discs = Discs(radii, *self.lightness, grains, images, wraps, *self.pairs[2:])
+
+    def load(self, load: Floats) -> None:
+        """Add constant forces and moments (G, 3) on the grains, from now on."""
+        self.motion.load[:] += load
+        self.motion.resultant[:] += load
+
+    def run(self, steps: int, dt: float, damping: float = 0.3, viscous: float = 0.0) -> bool:
+        """Integrate some steps; False where pairs had to be listed in too many steps in a row."""
+        from loops.compiled.replay import run
+
+        done = singles = 0
+        while done < steps:
+            if self.motion.closer[0] > self.gap:
+                self._list()
+            how = (steps - done, dt, damping, viscous, self.by_radii, self.gap)
+            made = run(self.motion, self.discs, self.servo, *how)
+            singles = singles + 1 if made == 1 < steps - done else 0
+            if singles > SINGLES:
+                return False
+            done += made
+        return True
+
+    def state(self) -> PackingState:
+        """The current packing; its first pairs are those of the start."""
+        motion, kn = self.motion, self.pairs.kn
+        state = replace(
+            self.start,
+            x=motion.x.copy(),
+            angle=motion.angle.copy(),
+            cell=motion.cell.copy(),
+            contacts=self.pairs.grains,
+            images=self.pairs.images,
+            normal_force=np.zeros(len(kn)),
+            shear_force=motion.shear.copy(),
+        )
+        overlap = touching_distances(state, self.pairs) - np.linalg.norm(state.branches, axis=1)
+        return replace(state, normal_force=np.maximum(kn * overlap, 0.0))

@@ -1,16 +1,37 @@
-"""Pairs of grains that touch or soon might, and the law's numbers for each."""
+"""Pairs of grains that touch or soon might, with the parameters of the law, and their frames."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from loops.arrays import Floats, Integers
 from loops.errors import InputError
 from loops.graph import GrainGraph, require_one_state
 from loops.laws import LinearFrictional
+from stability.packing.state import PackingState
+
+# A pair at one geometry, as the kernels take it; all lengths but `d` are over the mean radius.
+PAIR = np.dtype(
+    [
+        ("grains", "i8", 2),
+        ("d", "f8", 2),  # branch vector
+        ("n", "f8", 2),
+        ("t", "f8", 2),
+        ("turning", "f8"),  # the shear rate is `turning` times `t . d'`
+        ("lever", "f8", 2),  # minus `lever` times the spins
+        ("arm", "f8", 2),  # levers of the shear force
+        ("rotation", "f8", 2),  # force rate per `t . d'`, as the pair rotates
+        ("growth", "f8"),  # moment rate per `n . d'`, as the arms grow
+        ("kn", "f8"),
+        ("kt", "f8"),
+        ("mu", "f8"),  # 0 where the strength is not finite
+        ("slides", "i8"),  # whether the strength is finite
+    ]
+)
 
 
 class Pairs(NamedTuple):
@@ -24,6 +45,11 @@ class Pairs(NamedTuple):
 
     def __len__(self) -> int:
         return len(self.grains)
+
+
+def touching_distances(state: PackingState, pairs: Pairs) -> Floats:
+    """(P,) distances of the centres at first touch."""
+    return np.asarray(state.radii[pairs.grains].sum(axis=1))
 
 
 def strength(pairs: Pairs, N: Floats) -> Floats:
@@ -56,6 +82,29 @@ def contact_pairs(graph: GrainGraph, law: LinearFrictional) -> Pairs:
     assert graph.images is not None
     numbers = (np.broadcast_to(k, graph.contact_count) for k in (law.kn, law.kt, law.mu))
     return Pairs(graph.contacts, graph.images, *(np.array(k, dtype=float) for k in numbers))
+
+
+def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> NDArray[Any]:
+    """Records `PAIR` (P,) of the pairs at the geometry and forces of a state."""
+    frame = np.empty(len(pairs), dtype=PAIR)
+    d = state.branches
+    length = np.linalg.norm(d, axis=1)
+    n = d / length[:, None]
+    t = np.column_stack([-n[:, 1], n[:, 0]])
+    radii = state.radii[pairs.grains]
+    arms = 0.5 * (length[:, None] + radii - radii[:, ::-1])
+    unit = float(state.radii.mean())
+    N, T = state.normal_force, state.shear_force
+    frame["grains"], frame["d"], frame["n"], frame["t"] = pairs.grains, d, n, t
+    frame["turning"] = radii.sum(axis=1) / length if by_radii else 1.0
+    frame["lever"] = (radii if by_radii else arms) / unit
+    frame["arm"] = arms / unit
+    frame["rotation"] = (N[:, None] * t - T[:, None] * n) / length[:, None]
+    frame["growth"] = 0.5 * T / unit
+    frame["kn"], frame["kt"] = pairs.kn, pairs.kt
+    frame["slides"] = np.isfinite(pairs.mu)
+    frame["mu"] = np.where(frame["slides"], pairs.mu, 0.0)
+    return frame
 
 
 def with_near(pairs: Pairs, x: Floats, cell: Floats, radii: Floats, gap: float) -> Pairs:

@@ -3,38 +3,108 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Floats, Integers
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.laws.protocol import Regime
-from stability.packing.frozen_packing import AT_YIELD, FrozenPacking
-from stability.packing.interval import (
+from stability.packing.equations_of_motion import snap_through, stored_energy
+from stability.packing.incremental_packing import AT_YIELD, IncrementalPacking
+from stability.packing.pairs import (
+    Pairs,
+    contact_pairs,
+    require_replayable,
+    strength,
+    touching_distances,
+    with_near,
+)
+from stability.packing.state import PackingState, jumped, start_state
+from stability.packing.strain_increment import (
     ControlLimitError,
+    Found,
     Goal,
     InstabilityError,
-    Interval,
-    end_state,
+    MixedControl,
+    StrainIncrement,
 )
-from stability.packing.packing_path import PackingPath
-from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength, with_near
-from stability.packing.pivots import Control
-from stability.packing.snap_through import snap_through, stored
-from stability.packing.state import jumped, start_state
-from stability.paths.path import Event, EventKind, Past, PathStatus
+from stability.paths.path import Event, Past, PathStatus
 from stability.programmes import Stage
 from stability.subspaces import COMPONENTS
 
-# Pairs closer than this share of the mean diameter stand in the arrays as open contacts.
-NEAR = 0.01
-# Strain asked for by the control, over the least of the stage.
-LIMIT = 1e3
-FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target")
+# Pairs closer than this share of the mean diameter are listed, as open contacts.
+LISTED_GAP = 0.01
+# Largest strain speed over the smallest of the stage; beyond, the control has met its limit.
+MAX_SPEED_RATIO = 1e3
+Stop = tuple[PathStatus, str]
+FINISHED: Stop = ("finished", "every stage reached its target")
+
+
+class RejectedError(Exception):
+    """The path ends in the state before the interval: status and message."""
+
+
+@dataclass(frozen=True, eq=False)
+class PackingPath:
+    """The path of a packing: a row at the start and wherever `rows` asks.
+
+    Attributes
+    ----------
+    status : str
+        'finished'; 'instabilities': stopped at the stated number of them, or at the first as asked;
+        'control_limit': the control asks for ever more strain; 'no_solution': it moves nothing;
+        'lost': forces or centres jumped, the system was singular, or the packing came to no rest
+        after an instability; 'no_load': it has come apart. The last row is the state before.
+    message : str
+        The status in words.
+    events : tuple of Event
+        'yield', 'unloading', 'opening', 'closing', and 'instability': no regimes of the contact
+        agree; `detail` has the mode, how it was passed and the energy that its grains released
+        until the interval ended. `index` is the row before. Events of a rejected interval are
+        dropped, except when the path is lost: then they lie beyond the last row. Contacts are
+        numbered as in the states: those of the graph first.
+    parameter, stage : (R,) array
+        Loading parameter since the start, and stage.
+    H, P : (R, 4) array
+        Displacement gradient and nominal stress, over the reference cell; 11, 12, 21, 22.
+    states : tuple of PackingState
+        The packing at every row.
+    work : (R, 4) array
+        External work `Int V0 P:H'`, with that of the constant load that balances the start; slip;
+        `T` times the difference between the motion at the contact and the law's shear increment
+        (`branch`: next to nothing); and the work of unbalanced forces, at instabilities and by
+        rattlers. The first is the change of `energy` and the other three, to rounding (Theory,
+        equations (11.12) and (11.13)).
+    energy : (R,) array
+        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`.
+    imbalance : (R,) array
+        Largest drift of a grain's resultant over the mean contact force.
+    intervals : int
+        Number of intervals.
+    """
+
+    status: PathStatus
+    message: str
+    events: tuple[Event, ...]
+    parameter: Floats
+    stage: Integers
+    H: Floats
+    P: Floats
+    states: tuple[PackingState, ...]
+    work: Floats
+    energy: Floats
+    imbalance: Floats
+    intervals: int
+
+    def __len__(self) -> int:
+        return len(self.parameter)
+
+    def of_kind(self, kind: str) -> tuple[Event, ...]:
+        """Events of one kind."""
+        return tuple(event for event in self.events if event.kind == kind)
 
 
 def follow_packing(
@@ -48,90 +118,79 @@ def follow_packing(
     past: Past,
     max_steps: int,
 ) -> PackingPath:
-    """What `follow` does with the packing closure."""
-    checked = require_replayable(graph, law)
-    by_radii = checked.shear_increment == "radii"
-    walk = _Walk(graph, contact_pairs(graph, checked), by_radii, interval, past)
-    walk.record()
-    stop: tuple[PathStatus, str] = FINISHED
+    """Path of a packing: `stability.follow` with the packing closure."""
+    solver = PackingPathSolver(graph, law, interval, past)
+    stop: Stop = FINISHED
     for k, stage in enumerate(stages):
         if stage.fallback != (stop[0] in ("control_limit", "no_solution")):
             continue
-        if walk.intervals:
-            walk.changes(k, stage)
-        walk.stage, walk.begun = k, walk.parameter
-        walk.enter()
-        stop = _walk_stage(walk, stage, max(rows, 1), instabilities, max_steps)
+        stop = solver.follow(k, stage, max(rows, 1), instabilities, max_steps)
         if stop[0] in ("instabilities", "lost"):
             break
-    return walk.path(*stop)
+    return solver.path(*stop)
 
 
-def _walk_stage(
-    walk: _Walk, stage: Stage, rows: int, instabilities: int, max_steps: int
-) -> tuple[PathStatus, str]:
-    start = walk.quantity(stage)
-    way = stage.target - start
-    for target in np.linspace(start, stage.target, rows + 1)[1:]:
-        while not walk.at(stage, target, way):
-            if walk.intervals >= max_steps:
-                return "lost", f"{max_steps} intervals were not enough"
-            stop = walk.step(stage, float(target), instabilities)
-            if stop is not None:
-                walk.record()
-                return stop
-        walk.record()
-    return FINISHED
+class PackingPathSolver:
+    """The current state of a packing on its path, and the rows and events so far."""
 
-
-@dataclass(eq=False)
-class _Walk:
-    """The state on its way, and the rows that it leaves."""
-
-    graph: GrainGraph
-    pairs: Pairs
-    by_radii: bool
-    size: float
-    past: Past
-    parameter: float = 0.0
-    begun: float = 0.0
-    stage: int = 0
-    intervals: int = 0
-    events: list[Event] = field(default_factory=list)
-    wandered: float = 0.0
-    rows: list[tuple[Any, ...]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.state = start_state(self.graph)
+    def __init__(self, graph: GrainGraph, law: ContactLaw, interval: float, past: Past) -> None:
+        checked = require_replayable(graph, law)
+        self.by_radii = checked.shear_increment == "radii"
+        self.size, self.past = interval, past
+        self.parameter, self.intervals = 0.0, 0
+        self.work = np.zeros(4)
+        self.events: list[Event] = []
+        self.rows: list[tuple[Any, ...]] = []
+        # Memory and order of elimination of the increment before.
+        self.packing: IncrementalPacking | None = None
+        self.pairs = contact_pairs(graph, checked)
+        self.state = _with_forces_of_geometry(start_state(graph), self.pairs)
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
-        self.stress = float(np.linalg.norm(self.state.stress))
-        self.work = np.zeros(4)
-        self.unstable: list[tuple[int, Integers]] = []
-        self.pieces: FrozenPacking | None = None
-        self.regime: Regimes = np.zeros(0, dtype=np.int8)
-        self.side = np.zeros(0)
-        self._start()
+        self.first_stress = float(np.linalg.norm(start_state(graph).stress))
+        self.regime, self.side = np.zeros(0, dtype=np.int8), np.zeros(0)
+        self._list_pairs()
+        self._find_regimes()
         self.balance = self.state.resultants
-        self.drift = 0.0 * self.balance
-        self.enter()
+        self.imbalance = 0.0 * self.balance
+        self._start_stage(0)
+        self._record()
 
-    def _start(self) -> None:
-        """Forces of the geometry; who stands at its cone may slide."""
-        N = np.maximum(-self.pairs.kn * self._gaps(), 0.0)
-        T = np.where(N > 0, self.state.shear_force, 0.0)
-        most = strength(self.pairs, N)
-        self.state = replace(self.state, normal_force=N, shear_force=np.clip(T, -most, most))
-        self._renew(0.0)
-        self._set_regimes()
+    def _list_pairs(self) -> None:
+        """Add the pairs that are close to the list, as open contacts."""
+        state, gap = self.state, self._listed_gap()
+        self.wandered = 0.0
+        self.pairs = with_near(self.pairs, state.x, state.cell, state.radii, gap)
+        new = np.zeros(len(self.pairs) - len(state.contacts))
+        N, T = np.append(state.normal_force, new), np.append(state.shear_force, new)
+        self.state = replace(
+            state,
+            contacts=self.pairs.grains,
+            images=self.pairs.images,
+            normal_force=N,
+            shear_force=T,
+        )
+        first = len(self.regime)
+        closed = np.where(N[first:] > 0, Regime.ELASTIC, Regime.OPEN)
+        self.regime = np.append(self.regime, closed).astype(np.int8)
+        self.side = np.append(self.side, np.zeros(len(N) - first))
 
-    def _set_regimes(self) -> None:
-        """Who stands on its cone slides, on the side of its force."""
+    def _listed_gap(self) -> float:
+        return LISTED_GAP * 2.0 * float(self.state.radii.mean())
+
+    def _find_regimes(self) -> None:
+        """Mark closed contacts on the friction limit as sliding, on the side of their force."""
         N, T = self.state.normal_force, self.state.shear_force
         slides = np.abs(T) >= AT_YIELD * strength(self.pairs, N)
         closed = np.where(slides, Regime.SLIDING, Regime.ELASTIC)
         self.regime = np.where(N > 0, closed, Regime.OPEN).astype(np.int8)
         self.side = np.sign(T)
+
+    def _start_stage(self, number: int) -> None:
+        """Measure strains, stresses and the loading parameter of a stage from this state."""
+        self.stage, self.stage_start = number, self.parameter
+        self.H_start, self.P_start = self.H, self.P
+        self.min_strain_speed = np.inf
 
     @property
     def H(self) -> Floats:
@@ -148,160 +207,177 @@ class _Walk:
         share = abs(float(np.linalg.det(self.state.cell))) / self.volume
         return share * np.kron(np.eye(2), np.linalg.inv(self.F))
 
-    def changes(self, number: int, stage: Stage) -> None:
-        """The programme gives way to another one."""
-        row, detail = len(self.rows) - 1, f"to {stage.programme.name}"
-        self.events.append(Event("programme_change", self.parameter, number, row, (), detail))
+    def follow(
+        self, number: int, stage: Stage, rows: int, instabilities: int, max_steps: int
+    ) -> Stop:
+        """Follow a stage to its target, or until the path ends; status and message."""
+        if self.intervals:
+            row, detail = len(self.rows) - 1, f"to {stage.programme.name}"
+            change = Event("programme_change", self.parameter, number, row, (), detail)
+            self.events.append(change)
+        self._start_stage(number)
+        start = self._quantity(stage)
+        way = stage.target - start
+        for target in np.linspace(start, stage.target, rows + 1)[1:]:
+            while not self._reached(stage, target, way):
+                if self.intervals >= max_steps:
+                    return "lost", f"{max_steps} intervals were not enough"
+                stop = self._step(stage, float(target), instabilities)
+                if stop is not None:
+                    self._record()
+                    return stop
+            self._record()
+        return FINISHED
 
-    def quantity(self, stage: Stage) -> float:
-        """What ends the stage."""
+    def _quantity(self, stage: Stage) -> float:
+        """The quantity whose target ends the stage."""
         if stage.quantity == "parameter":
-            return self.parameter - self.begun
+            return self.parameter - self.stage_start
         values = self.H if stage.quantity[0] == "H" else self.P
         return float(values[COMPONENTS.index(stage.quantity[1:])])
 
-    def at(self, stage: Stage, target: float, way: float) -> bool:
+    def _reached(self, stage: Stage, target: float, way: float) -> bool:
         """Whether the target is reached, to a millionth of an interval, or has been leapt over."""
         scale = 1.0
         if stage.quantity[0] == "P":
             scale = float(self.pairs.kn.mean())
         elif stage.quantity == "parameter":
             scale = 1.0 / float(np.abs(stage.programme.rate).max())
-        return np.sign(way) * (target - self.quantity(stage)) <= 1e-6 * self.size * scale
+        return np.sign(way) * (target - self._quantity(stage)) <= 1e-6 * self.size * scale
 
-    def enter(self) -> None:
-        """What a programme holds is counted from here."""
-        self.H_start, self.P_start = self.H, self.P
-        self.slowest = np.inf
-
-    def step(self, stage: Stage, target: float, most: int) -> tuple[PathStatus, str] | None:
-        """One interval; why the path ends if it does."""
-        before = (self.state, self.F, self.regime.copy(), self.side.copy(), self.pairs)
-        told = len(self.events)
+    def _step(self, stage: Stage, target: float, instabilities: int) -> Stop | None:
+        """Go on by one interval, and through the instability that ends it; why the path ends."""
+        before = (self.state, self.F, self.regime, self.side, self.pairs)
+        events: list[Found] = []
         try:
-            stop = self._interval(stage, target)
+            met, duration = self._interval(stage, target, events)
+        except RejectedError as error:
+            status, message = error.args
         except ControlLimitError:
-            stop = "control_limit", "the control has met its limit: it asks for ever more strain"
+            status = "control_limit"
+            message = "the control has met its limit: it asks for ever more strain"
         except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
-            stop = ("lost", f"the system has no answer: {error}")
-        if stop is not None:
-            self.state, self.F, self.regime, self.side, self.pairs = before
-            self.unstable = []
-            if stop[0] != "lost":  # Who is lost may ask what led there.
-                del self.events[told:]
+            status, message = "lost", f"the system has no answer: {error}"
+        else:
+            stop = self._pass(met, duration, stage, target) if met else None
+            found = {event.contacts for event in self.events if event.kind == "instability"}
+            if stop is None and len(found) >= instabilities:
+                stop = "instabilities", f"{len(found)} contacts found no regimes that agree"
             return stop
-        if self.met is not None:
-            stop = self._pass(self.met, stage, target)
-            if stop is not None:
-                return stop
-        found = {event.contacts for event in self.events if event.kind == "instability"}
-        if len(found) >= most:
-            return "instabilities", f"{len(found)} contacts found no regimes that agree"
-        return None
+        self.state, self.F, self.regime, self.side, self.pairs = before
+        if status == "lost":
+            # The events that led there stay.
+            self._add_events(events)
+        return status, message
 
-    def _interval(self, stage: Stage, target: float) -> tuple[PathStatus, str] | None:
-        # What has to go: the loads of the rates are external forces.
-        load = self.drift
-        pieces = FrozenPacking(
+    def _interval(
+        self, stage: Stage, target: float, events: list[Found]
+    ) -> tuple[InstabilityError | None, float]:
+        """Strain by an increment: the instability that ends it, and the duration asked for."""
+        packing = IncrementalPacking(
             self.state,
             self.pairs,
-            self.regime.copy(),
-            self.side.copy(),
+            self.regime,
+            self.side,
             self.by_radii,
-            0.0 * load.ravel(),
-            self.pieces,
+            np.zeros(3 * len(self.state.x)),
+            self.packing,
         )
-        trial = pieces.solve(*self._control(stage, 0.0))
-        speed = float(np.linalg.norm(trial.h[:4]))
+        speed = float(np.linalg.norm(packing.solve(*self._control(stage, 0.0)).h[:4]))
         if not (np.isfinite(speed) and speed > 0):
-            return "no_solution", "the control moves nothing"
-        self.slowest = min(self.slowest, speed)
-        if speed > LIMIT * self.slowest:
+            raise RejectedError("no_solution", "the control moves nothing")
+        self.min_strain_speed = min(self.min_strain_speed, speed)
+        max_speed = MAX_SPEED_RATIO * self.min_strain_speed
+        if speed > max_speed:
             raise ControlLimitError
-        end = self.size / speed
-        scale = np.tile([1.0, 1.0, 1.0 / pieces.length], len(self.state.x))
-        pieces.set_load(load.ravel() * scale / end)
-        walk = Interval(
-            pieces=pieces,
-            control=self._control(stage, 1.0 / end),
-            N=self.state.normal_force,
-            T=self.state.shear_force,
-            gap=np.maximum(self._gaps(), 0.0),
-            touching=self._touching(),
-            load=self.balance.ravel() * scale,
-            end=end,
-            goal=self._goal(stage, target),
-            told=self._told,
-            fastest=LIMIT * self.slowest,
-            viscous=self.past == "viscous",
+        duration = self.size / speed
+        # Remove the force imbalance over this interval by adding it as a load.
+        scale = np.tile([1.0, 1.0, 1.0 / packing.length], len(self.state.x))
+        packing.set_load(self.imbalance.ravel() * scale / duration)
+        increment = StrainIncrement(
+            packing,
+            self.state,
+            self.pairs,
+            self._control(stage, 1.0 / duration),
+            self.balance.ravel() * scale,
+            duration,
+            self._goal(stage, target),
+            max_speed,
+            self.past == "viscous",
         )
-        self.met = None
+        met = None
         try:
-            walk.walk()
-        except InstabilityError as met:
-            self.met, self.span = met, end
-        state, self.regime, work = end_state(walk, self.state, self.pairs)
-        self.side, self.pieces = pieces.side, pieces
+            increment.run()
+        except InstabilityError as error:
+            met = error
+        finally:
+            events += increment.events
+        state, self.regime, self.side, work = increment.end()
+        self.packing = packing
         if not state.closed.any():
-            return "no_load", "the packing has come apart and carries no force"
-        jump = jumped(self.state, state, self.stress)
+            raise RejectedError("no_load", "the packing has come apart and carries no force")
+        jump = jumped(self.state, state, self.first_stress)
         if jump:
-            return "lost", jump
-        self.F = self.F - walk.strain.reshape(2, 2) @ self.F
-        self.state = state
-        self.parameter += walk.time
+            raise RejectedError("lost", jump)
+        self._add_events(events, increment.released)
+        self.F = self.F - increment.strain.reshape(2, 2) @ self.F
+        self._accept(state, increment.time, work)
         self.intervals += 1
-        self.work += work
-        self.drift = self.state.resultants - self.balance
-        self._tell_energy(walk.released)
         # Neighbours come nearer with the cell as well, by twice this.
-        affine = float(np.linalg.norm(walk.strain) * state.radii.max())
-        self._renew(float(np.abs(walk.u).max()) + affine)
-        return None
+        affine = float(np.linalg.norm(increment.strain) * state.radii.max())
+        self.wandered += float(np.abs(increment.u).max()) + affine
+        if not 2.0 * self.wandered < 0.5 * self._listed_gap():
+            self._list_pairs()
+        return met, duration
+
+    def _accept(self, state: PackingState, duration: float, work: Floats) -> None:
+        """Take over a later state, with the loading parameter and work that led to it."""
+        self.state = state
+        self.parameter += duration
+        self.work += work
+        self.imbalance = state.resultants - self.balance
 
     def _pass(
-        self, met: InstabilityError, stage: Stage, target: float
-    ) -> tuple[PathStatus, str] | None:
+        self, met: InstabilityError, duration: float, stage: Stage, target: float
+    ) -> Stop | None:
         """Stop at an instability, or go through it by the equations of motion."""
-        told = partial(self._told, "instability", 0.0, met.contact)
         if self.past == "stop":
-            told(f"{met.why}; stopped")
+            self._add_events([Found("instability", 0.0, met.contact, f"{met.why}; stopped")])
             return "instabilities", str(met)
         rate = 1.0 if stage.quantity == "parameter" else stage.programme.driven(stage.quantity)
-        left = (target - self.quantity(stage)) / rate if rate else np.inf
-        # Where nobody knows when the target is reached it may be leapt over.
-        span = min(self.span, left) if left > 0 else self.span
+        left = (target - self._quantity(stage)) / rate if rate else np.inf
+        # A target of a quantity that is not driven may be leapt over.
+        span = min(duration, left) if left > 0 else duration
         load, control = -self.balance, self._control(stage, 1.0 / span)
         try:
             snap = snap_through(self.state, self.pairs, load, control, span, self.by_radii)
-            jump = jumped(self.state, snap.state, self.stress)
+            jump = jumped(self.state, snap.state, self.first_stress)
             if jump:
                 raise ArithmeticError(jump)
         except ArithmeticError as error:
-            told(f"{met.why}; lost")
+            self._add_events([Found("instability", 0.0, met.contact, f"{met.why}; lost")])
             return "lost", f"{met}; {error}"
-        told(f"{met.why}; replayed; {snap.work[3]:.2g} released")
+        detail = f"{met.why}; replayed; {snap.work[3]:.2g} released"
+        self._add_events([Found("instability", 0.0, met.contact, detail)])
         self.F = snap.state.cell @ np.linalg.inv(self.state.cell) @ self.F
-        self.state, self.pairs = snap.state, snap.pairs
-        self.parameter += span
-        self.work += snap.work
-        self.drift = self.state.resultants - self.balance
-        self._set_regimes()
-        self._renew(np.inf)
+        self.pairs = snap.pairs
+        self._accept(snap.state, span, snap.work)
+        self._find_regimes()
+        self._list_pairs()
         return None
 
-    def _control(self, stage: Stage, drift: float) -> Control:
-        """The programme on rates in the current geometry; `drift` over time is made good."""
+    def _control(self, stage: Stage, correction: float) -> MixedControl:
+        """The programme on rates in the current geometry; its error is made good at a rate."""
         stress, strain, rate = stage.programme.equations(self.H)
-        if drift and stage.programme.isochoric_row is None:
+        if correction and stage.programme.isochoric_row is None:
             done = stress @ (self.P - self.P_start) + strain @ (self.H - self.H_start)
-            rate = rate - drift * (done - rate * (self.parameter - self.begun))
+            rate = rate - correction * (done - rate * (self.parameter - self.stage_start))
         turned = np.kron(np.eye(2), self.F.T)
-        return Control(stress @ self._to_reference(), strain @ turned, rate)
+        return MixedControl(stress @ self._to_reference(), strain @ turned, rate)
 
     def _goal(self, stage: Stage, target: float) -> Goal:
-        """How far the stage's quantity still is from its target."""
-        left, none = target - self.quantity(stage), np.zeros(4)
+        """The stage's quantity on rates in the current geometry, and its distance to the target."""
+        left, none = target - self._quantity(stage), np.zeros(4)
         if stage.quantity == "parameter":
             return Goal(left, none, none, 1.0)
         k = COMPONENTS.index(stage.quantity[1:])
@@ -309,72 +385,30 @@ class _Walk:
             return Goal(left, np.kron(np.eye(2), self.F.T)[k], none, 0.0)
         return Goal(left, none, self._to_reference()[k], 0.0)
 
-    def _told(
-        self,
-        kind: EventKind,
-        time: float,
-        contact: int,
-        detail: str = "",
-        grains: Integers | None = None,
-    ) -> None:
-        where = self.parameter + time
-        if grains is not None:
-            self.unstable.append((len(self.events), grains))
-        self.events.append(Event(kind, where, self.stage, len(self.rows) - 1, (contact,), detail))
+    def _add_events(self, found: list[Found], released: Floats | None = None) -> None:
+        """Add events after the current state, instabilities with the energy of their grains."""
+        left = None if released is None else released.copy()
+        for kind, time, contact, detail, grains in found:
+            if grains is not None and left is not None:
+                detail = f"{detail}; {left[grains].sum():.2g} released"
+                # The energy of a grain belongs to its first instability.
+                left[grains] = 0.0
+            place = (self.parameter + time, self.stage, len(self.rows) - 1)
+            self.events.append(Event(kind, *place, (contact,), detail))
 
-    def _tell_energy(self, released: Floats) -> None:
-        """What the grains of every instability of the interval gave off, each but once."""
-        for k, grains in self.unstable:
-            event = self.events[k]
-            detail = f"{event.detail}; {released[grains].sum():.2g} released"
-            self.events[k] = replace(event, detail=detail)
-            released = released.copy()
-            released[grains] = 0.0
-        self.unstable = []
-
-    def _touching(self) -> Floats:
-        return self.state.radii[self.pairs.grains].sum(axis=1)
-
-    def _gaps(self) -> Floats:
-        return np.linalg.norm(self.state.branches, axis=1) - self._touching()
-
-    def _renew(self, moved: float) -> None:
-        """List the pairs anew where grains may have come out of nowhere."""
-        gap = NEAR * 2.0 * float(self.state.radii.mean())
-        self.wandered += moved
-        if self.intervals and 2.0 * self.wandered < 0.5 * gap:
-            return
-        self.wandered = 0.0
+    def _record(self) -> None:
+        """Add a row."""
         state = self.state
-        self.pairs = with_near(self.pairs, state.x, state.cell, state.radii, gap)
-        new = len(self.pairs) - len(state.contacts)
-        N, T = (
-            np.append(force, np.zeros(new)) for force in (state.normal_force, state.shear_force)
-        )
-        self.state = replace(
-            state,
-            contacts=self.pairs.grains,
-            images=self.pairs.images,
-            normal_force=N,
-            shear_force=T,
-        )
-        closed = np.where(N > 0, Regime.ELASTIC, Regime.OPEN)
-        self.regime = np.append(self.regime, closed[len(self.regime) :]).astype(np.int8)
-        self.side = np.append(self.side, np.zeros(new + len(N) - new - len(self.side)))
-
-    def record(self) -> None:
-        """A row."""
-        state, pairs = self.state, self.pairs
-        energy = stored(state, pairs)
-        closed = np.hypot(state.normal_force, state.shear_force)[state.closed]
-        drift = np.abs(self.drift)[:, :2].max() / float(closed.mean() if len(closed) else np.nan)
-        row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, drift
+        energy = stored_energy(state, self.pairs)
+        carried = np.hypot(state.normal_force, state.shear_force)[state.closed]
+        mean = float(carried.mean() if len(carried) else np.nan)
+        largest = np.abs(self.imbalance)[:, :2].max() / mean
+        row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, largest
         self.rows.append(row)
 
     def path(self, status: PathStatus, message: str) -> PackingPath:
-        """What has been walked."""
-        columns = list(zip(*self.rows, strict=True))
-        parameter, stage, H, P, states, work, energy, drift = columns
+        """The path so far."""
+        parameter, stage, H, P, states, work, energy, imbalance = zip(*self.rows, strict=True)
         return PackingPath(
             status=status,
             message=message,
@@ -386,6 +420,15 @@ class _Walk:
             states=states,
             work=np.array(work),
             energy=np.array(energy),
-            imbalance=np.array(drift),
+            imbalance=np.array(imbalance),
             intervals=self.intervals,
         )
+
+
+def _with_forces_of_geometry(state: PackingState, pairs: Pairs) -> PackingState:
+    """The state with normal forces of its overlaps, and shear forces within the cone."""
+    overlap = touching_distances(state, pairs) - np.linalg.norm(state.branches, axis=1)
+    N = np.maximum(pairs.kn * overlap, 0.0)
+    T = np.where(N > 0, state.shear_force, 0.0)
+    most = strength(pairs, N)
+    return replace(state, normal_force=N, shear_force=np.clip(T, -most, most))

@@ -13,10 +13,10 @@ from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 from stability.arguments import number
 from stability.destabilising import no_control
-from stability.packing.frozen_packing import AT_YIELD
+from stability.packing.incremental_packing import AT_YIELD
 from stability.packing.loop_rates import loop_changes
-from stability.packing.packing_path import PackingPath
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength
+from stability.packing.path import PackingPath
 from stability.packing.pieces import NEUTRAL
 from stability.packing.probe import Probe
 from stability.packing.state import PackingState

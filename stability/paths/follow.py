@@ -27,7 +27,7 @@ from stability.rate_problem import RateProblem
 from stability.subspaces import subspace_basis
 
 if TYPE_CHECKING:
-    from stability.packing.packing_path import PackingPath
+    from stability.packing.path import PackingPath
 
 # Isotropic strain at which a path starts where its law has no stiffness at first touch.
 FIRST_STRAIN = 1e-8

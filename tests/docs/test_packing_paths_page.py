@@ -8,13 +8,13 @@ import pytest
 
 from stability import follow
 from stability.packing import (
-    frozen_packing,
-    interval,
+    equations_of_motion,
+    incremental_packing,
     loop_changes,
     path,
     replay,
-    snap_through,
     state,
+    strain_increment,
 )
 from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.packings import strained
@@ -131,17 +131,19 @@ def test_settings():
     usual = inspect.signature(follow).parameters
     assert f"Intervals of strain {usual['interval'].default:.0e}".replace("e-06", "e-6") in PAGE
     assert f"At {usual['instabilities'].default} unstable contacts" in PAGE
-    assert f"gap below {path.NEAR} mean diameters" in PAGE
-    assert f"Beyond {frozen_packing.RANK} columns" in PAGE
-    springs = frozen_packing.RATTLERS, frozen_packing.PAIRED, frozen_packing.GEARS
+    assert f"gap below {path.LISTED_GAP} mean diameters" in PAGE
+    assert f"Beyond {incremental_packing.RANK} columns" in PAGE
+    springs = incremental_packing.RATTLERS, incremental_packing.PAIRED, incremental_packing.GEARS
     assert springs == (1e-3, 1e-4, 1e-7)
     assert "springs of 1e-3 kn, those with two 1e-4, all others 1e-7" in PAGE
-    assert interval.DRAGS[:3] == (1e-3, 1e-2, 1e-1) and "1e-3, 1e-2, 1e-1 kn" in PAGE
-    assert f"more than {interval.CHATTER} events of a contact in an interval" in PAGE
-    assert f"or {interval.IDLE} in a row" in PAGE
-    assert (snap_through.RATE, snap_through.REST, snap_through.STILL) == (2.5e-7, 1e-5, 1e-2)
-    assert f"after {snap_through.LOOK * snap_through.PATIENCE:,} steps without rest" in PAGE
-    assert path.LIMIT == 1e3 and "1000 times the strain" in PAGE
+    assert (
+        strain_increment.GROUND_SPRINGS[:3] == (1e-3, 1e-2, 1e-1) and "1e-3, 1e-2, 1e-1 kn" in PAGE
+    )
+    assert f"more than {strain_increment.CHATTER} events of a contact in an interval" in PAGE
+    motion = equations_of_motion
+    assert (motion.SNAP_RATE, motion.REST_FORCE, motion.REST_STRAIN) == (2.5e-7, 1e-5, 1e-2)
+    assert f"after {motion.CHECK_STEPS * motion.MAX_CHECKS:,} steps without rest" in PAGE
+    assert path.MAX_SPEED_RATIO == 1e3 and "1000 times the strain" in PAGE
     assert state.JUMP == 0.5 and f"leaps by {state.LEAP} diameters" in PAGE
 
 

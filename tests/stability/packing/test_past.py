@@ -8,12 +8,20 @@ import pytest
 
 from loops import InputError, LinearFrictional
 from stability import Stage, follow
-from stability.packing import path as walked
-from stability.packing import replay, snap_through
-from stability.packing.equations_of_motion import masses_of
-from stability.packing.motion import Moving, lasting, servo_of, steered, step_of
+from stability.packing import equations_of_motion, replay
+from stability.packing import path as path_module
+from stability.packing.equations_of_motion import (
+    Moving,
+    Snap,
+    lasting,
+    masses_of,
+    servo_of,
+    snap_through,
+    steered,
+    step_of,
+    stored_energy,
+)
 from stability.packing.pairs import contact_pairs
-from stability.packing.snap_through import Snap, stored
 from stability.packing.state import start_state
 from stability.programmes import Programme
 from tests.packings import BRANCH, jammed, strained
@@ -81,7 +89,12 @@ def snapped(steps, damping, drag):
         moving.run(20, dt, damping, drag)
         powers.append(drag * (masses @ motion.velocity**2 @ [1, 1] + inertias @ motion.spin**2))
     work, slip, left = motion.work
-    own = work - slip - left - (stored(moving.state(), moving.pairs) - stored(start, pairs))
+    own = (
+        work
+        - slip
+        - left
+        - (stored_energy(moving.state(), moving.pairs) - stored_energy(start, pairs))
+    )
     return own, 20 * dt * np.sum(powers), powers[-1] * steps * dt
 
 
@@ -133,12 +146,12 @@ def test_the_load_of_the_start_is_kept(monkeypatch):
     seen = []
 
     def kept(state, pairs, load, *how):
-        snap = snap_through.snap_through(state, pairs, load, *how)
+        snap = snap_through(state, pairs, load, *how)
         seen.extend(np.abs(one.resultants + load).max() for one in (state, snap.state))
         seen.append(np.abs(load).max())
         return snap
 
-    monkeypatch.setattr(walked, "snap_through", kept)
+    monkeypatch.setattr(path_module, "snap_through", kept)
     shaken = GRAPH.replace(shear_force=0.99 * GRAPH.shear_force)
     path = followed(shaken, BRANCH, strained(STRAIN), interval=INTERVAL, past="dynamic")
     assert path.status == "finished" and len(seen) >= 3
@@ -149,8 +162,8 @@ def test_the_load_of_the_start_is_kept(monkeypatch):
 @pytest.mark.parametrize("why", ["no rest", "jumped", "leapt"])
 def test_what_runs_off_is_lost_with_the_state_before(why, monkeypatch):
     if why == "no rest":
-        monkeypatch.setattr(snap_through, "REST", 0.0)
-        monkeypatch.setattr(snap_through, "PATIENCE", 2)
+        monkeypatch.setattr(equations_of_motion, "REST_FORCE", 0.0)
+        monkeypatch.setattr(equations_of_motion, "MAX_CHECKS", 2)
     else:
 
         def off(state, pairs, *_):
@@ -159,7 +172,7 @@ def test_what_runs_off_is_lost_with_the_state_before(why, monkeypatch):
             return Snap(replace(end, shear_force=9.0 * (why == "jumped") + end.shear_force),
                         pairs, np.zeros(4))  # fmt: skip
 
-        monkeypatch.setattr(walked, "snap_through", off)
+        monkeypatch.setattr(path_module, "snap_through", off)
     path = followed(GRAPH, BRANCH, strained(STRAIN), interval=INTERVAL, past="dynamic")
     assert path.status == "lost" and (why in path.message or "jumped" in path.message)
     assert path.events[-1].detail.endswith("; lost")

@@ -6,10 +6,10 @@ from scipy import sparse
 
 from stability.compiled import packing_rates
 from stability.packing import packing_response
-from stability.packing.frozen_packing import ELASTIC, FrozenPacking
+from stability.packing.incremental_packing import ELASTIC, IncrementalPacking
 from stability.packing.pairs import contact_pairs
-from stability.packing.pivots import Control, UnsolvedError, disagreeing, flip, pivot
 from stability.packing.state import start_state
+from stability.packing.strain_increment import MixedControl, UnsolvedError, disagreeing, pivot
 from tests.packings import LAW, packing
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)
@@ -24,7 +24,7 @@ def stuck_packing(seed):
     regime = np.full(graph.contact_count, ELASTIC, dtype=np.int8)
     side = np.sign(graph.shear_force)
     pairs = contact_pairs(graph, LAW)
-    frozen = FrozenPacking(start_state(graph), pairs, regime, side, True, np.zeros(24))
+    frozen = IncrementalPacking(start_state(graph), pairs, regime, side, True, np.zeros(24))
     return graph, frozen, np.flatnonzero(at_yield)
 
 
@@ -47,10 +47,10 @@ def test_pivots_find_the_only_solution(stress_held):
     for seed in range(50):
         graph, frozen, critical = stuck_packing(seed)
         H = np.random.default_rng(seed).normal(size=(2, 2))
-        control = Control(NONE, ALL, H.ravel())
+        control = MixedControl(NONE, ALL, H.ravel())
         if stress_held:
             H[0, 0] = np.nan
-            control = Control(HELD, ALL - HELD, np.nan_to_num(H.ravel()))
+            control = MixedControl(HELD, ALL - HELD, np.nan_to_num(H.ravel()))
         wanted = packing_response(graph, LAW, H, yield_band=1 - 1e-9)
         if (wanted.status, wanted.proof, wanted.settled) != ("unique", "enumeration", 0):
             continue
@@ -67,7 +67,7 @@ def stiffness(frozen):
     """Dense stiffness in the regimes as they are, translations held."""
     size, entries = 3 * frozen.count, 36 * len(frozen.side)
     at, values = np.empty((2, entries), dtype=np.int32), np.empty(entries)
-    packing_rates.blocks(*frozen.frame, frozen.regime, frozen.side, np.arange(size), at, values)
+    packing_rates.blocks(frozen.frame, frozen.regime, frozen.side, np.arange(size), at, values)
     dense = sparse.coo_array((values, tuple(at)), (size, size)).toarray()
     dense[[0, 1], [0, 1]] += 1.0
     return dense
@@ -77,7 +77,7 @@ def stiffness(frozen):
 def test_a_pivot_without_a_solution_changes_no_regime(seed):
     """Regimes are as before the last pivot; `turns` is the sign change of the determinant."""
     _, frozen, critical = stuck_packing(seed)
-    control = Control(NONE, ALL, np.random.default_rng(seed).normal(size=4))
+    control = MixedControl(NONE, ALL, np.random.default_rng(seed).normal(size=4))
     with pytest.raises(UnsolvedError) as stop:
         settle(frozen, control, critical)
     c = stop.value.contact
@@ -86,5 +86,5 @@ def test_a_pivot_without_a_solution_changes_no_regime(seed):
     signs = []
     for _ in range(2):
         signs.append(np.linalg.slogdet(stiffness(frozen))[0])
-        flip(frozen, c)
+        frozen.flip(c)
     assert stop.value.turns == (signs[0] != signs[1])

@@ -6,7 +6,7 @@ from scipy import sparse
 
 from loops import branch_vectors
 from stability.compiled import packing_rates
-from stability.packing.frozen_packing import BATCH, ELASTIC, OPEN, SLIDING, FrozenPacking
+from stability.packing.incremental_packing import BATCH, ELASTIC, OPEN, SLIDING, IncrementalPacking
 from stability.packing.pairs import contact_pairs
 from stability.packing.state import start_state
 from tests.packings import BRANCH, LAW, forces_after, jammed, packing
@@ -38,7 +38,7 @@ def pieces_of(graph, changes=()):
     for c, to, on in changes:
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
-    return FrozenPacking(
+    return IncrementalPacking(
         state, pairs, regime, side, True, 1e-3 * (load - load.mean(axis=0)).ravel()
     )
 
@@ -62,8 +62,8 @@ def test_columns_solved_ahead_are_those_solved_alone():
     """Of the pairs whose events are due: to the bit, and no more of them than a batch."""
     graph = jammed(36, 5, LAW)
     alone, ahead = pieces_of(graph), pieces_of(graph)
-    ahead.due[:10] = np.arange(10.0)
-    rows = [len(ahead.due) + c for c in range(BATCH + 2)]
+    ahead.time_to_event[:10] = np.arange(10.0)
+    rows = [len(ahead.time_to_event) + c for c in range(BATCH + 2)]
     for pieces in (alone, ahead):
         for row in rows:
             pieces.column(row)
@@ -77,7 +77,7 @@ def test_edges_are_kept_by_motion():
     """What is kept of a pair's edge is that of the motion, on either side, as columns come."""
     graph = jammed(36, 5, LAW)
     pieces, some = pieces_of(graph), np.array([3, 5, 20, 30])
-    i, j = pieces.frame.grains[some].T
+    i, j = pieces.frame["grains"][some].T
     for change in (None, *CHANGES, "anew"):
         if change == "anew":
             pieces.factorise()
@@ -86,11 +86,12 @@ def test_edges_are_kept_by_motion():
             pieces.set_regime(*change)
         rates = pieces.solve(*CONTROLS[0])
         u = pieces.motion(rates).reshape(-1, 3)
-        rows = pieces.frame.rows[some]
-        d, n, t = rows[:, :6].reshape(-1, 3, 2).swapaxes(0, 1)
+        frame = pieces.frame[some]
+        d, n, t = frame["d"], frame["n"], frame["t"]
         r = u[j, :2] - u[i, :2] - d @ rates.h[:4].reshape(2, 2).T
         un, across = np.sum(n * r, axis=1), np.sum(t * r, axis=1)
-        ut = rows[:, 6] * across - rows[:, 7] * u[i, 2] - rows[:, 8] * u[j, 2]
+        lever_i, lever_j = frame["lever"].T
+        ut = frame["turning"] * across - lever_i * u[i, 2] - lever_j * u[j, 2]
         wanted = pieces.side[some] * LAW.kt * ut - LAW.mu * LAW.kn * un
         size = np.abs(wanted).max()
         np.testing.assert_allclose(
@@ -132,7 +133,7 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
     slides = np.abs(graph.shear_force) >= (1 - 1e-9) * law.mu * graph.normal_force
     assert 3 < np.count_nonzero(slides) < len(pairs) - 3
     regime, side = np.where(slides, SLIDING, ELASTIC).astype(np.int8), np.sign(graph.shear_force)
-    pieces = FrozenPacking(state, pairs, regime, side, law is LAW, np.zeros(24))
+    pieces = IncrementalPacking(state, pairs, regime, side, law is LAW, np.zeros(24))
     wanted = differences(graph, law, regime)
     # Freedoms of the rates are spins times a length, loads are moments over it.
     scale = np.tile([1.0, 1.0, pieces.length], 8)
@@ -140,15 +141,15 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
     motions[:-4] /= scale[:, None]
     strains[:-4] /= scale[:, None]
     at, values = np.empty((2, 36 * len(pairs)), dtype=np.int32), np.empty(36 * len(pairs))
-    packing_rates.blocks(*pieces.frame, regime, side, np.arange(24), at, values)
+    packing_rates.blocks(pieces.frame, regime, side, np.arange(24), at, values)
     dense = sparse.csc_array((values, tuple(at)), (24, 24)).toarray()
     exact = {"rtol": 0, "atol": 1e-8}
     np.testing.assert_allclose(dense, -motions[:-4], **exact)
     for k in range(28):
         v, h, load, stress = np.zeros(24), np.zeros(4), np.zeros(24), np.zeros(4)
         (v if k < 24 else h)[k % 24] = 1.0
-        packing_rates.resultants(*pieces.frame, regime, side, v, h, load)
-        packing_rates.stress_rate(*pieces.frame, regime, side, v, h, stress)
+        packing_rates.resultants(pieces.frame, regime, side, v, h, load)
+        packing_rates.stress_rate(pieces.frame, regime, side, v, h, stress)
         slope = np.hstack([motions, strains])[:, k]
         np.testing.assert_allclose(np.append(load, stress), slope, **exact)
 
@@ -162,13 +163,13 @@ def test_rates_are_those_of_a_dense_solve(which, most, control):
     regime, side = np.full(len(pairs), ELASTIC, dtype=np.int8), np.ones(len(pairs))
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
-    pieces = FrozenPacking(state, pairs, regime, side, True, load)
+    pieces = IncrementalPacking(state, pairs, regime, side, True, load)
     rates = pieces.solve(*control)
     motion, frame, n = pieces.motion(rates), pieces.frame, len(load)
     force, stress = np.zeros((n + 4, n)), np.zeros((n + 4, 4))
     for k, (v, h) in enumerate(np.split(row, [n]) for row in np.eye(n + 4)):
-        packing_rates.resultants(*frame, regime, side, v, h, force[k])
-        packing_rates.stress_rate(*frame, regime, side, v, h, stress[k])
+        packing_rates.resultants(frame, regime, side, v, h, force[k])
+        packing_rates.stress_rate(frame, regime, side, v, h, stress[k])
     stress = stress.T / pieces.volume
     system = np.vstack([-force.T, control[0] @ stress])
     system[n:, n:] += control[1]

@@ -1,38 +1,39 @@
-"""A packing with frozen geometry: rates in any regimes from one factorisation.
+"""A packing with frozen geometry: its rates in any regimes from one factorisation.
 
-Every pair has a normal and a shear rate: `q = (un', ut')` of its motion, and `-D q` is what its
-force does, `D` being 0 where open, `diag(kn, kt)` where stuck, `[[kn, 0], [s mu kn, 0]]` where it
-slides. A change of `D` on some rows is one of small rank: with `U = K^-1 p` for the rows concerned
-the motion is `V h + U w`, `h` the strain rate and the load.
+Every pair has a normal and a shear rate `q = (un', ut')`, and its force changes by `-D q`: `D` is
+0 where it is open, `diag(kn, kt)` where it sticks, `[[kn, 0], [s mu kn, 0]]` where it slides. A
+change of `D` in some rows is one of small rank: with the columns `U = K^-1 p` of these rows the
+motion is `V h + U w`, `h` being the strain rate and the load.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.laws.protocol import Regime
-from stability.packing.pair_frame import KN, KT, MU, frame_of
-from stability.packing.pairs import Pairs
+from stability.packing.pairs import Pairs, frame_of
 from stability.packing.state import PackingState
 
-# Over the typical stiffness: gear modes, and grains that carry nothing (docs/theory/packing.md).
+# Ground springs over the mean kn: of every grain, of one with two contacts, of one with fewer
+# (docs/theory/packing.md).
 GEARS, PAIRED, RATTLERS = 1e-7, 1e-4, 1e-3
-# Columns from which on the system is factorised anew, and how many there is room for.
+# Number of columns from which on the system is factorised anew, and the largest possible one.
 RANK, ROOM = 96, 192
-# So many are solved for at once: that of an event, and those of the next that are foreseen.
+# Right-hand sides that are solved together: that of an event and those of the next likely ones.
 BATCH = 8
-# At yield is who has all of its strength but a millionth.
+# Share of its strength from which a contact is at yield.
 AT_YIELD = 1.0 - 1e-6
-# An order of elimination serves until the factors have grown by this.
+# An order of elimination is kept until the factors have grown by this.
 FILL = 1.25
 OPEN, ELASTIC, SLIDING = (int(k) for k in (Regime.OPEN, Regime.ELASTIC, Regime.SLIDING))
 UNITS = np.eye(4)
-STILL = np.zeros(4)
+NO_STRAIN = np.zeros(4)
 
 
 class Combination(NamedTuple):
@@ -43,7 +44,7 @@ class Combination(NamedTuple):
 
 
 class Small(NamedTuple):
-    """`1 + C` of the columns as eliminated, the order of its rows, sign of det, `Y` under `h`."""
+    """`1 + C` of the columns in its factors, the order of its rows, sign of its det; `Y` of `h`."""
 
     factors: Floats
     order: Integers
@@ -51,7 +52,7 @@ class Small(NamedTuple):
     Y: Floats
 
     def solved(self, right: Floats) -> Floats:
-        """Under right-hand sides (m, r)."""
+        """Solution for right-hand sides (m, r)."""
         from stability.compiled.packing_columns import substitute
 
         x = right[self.order]
@@ -60,14 +61,18 @@ class Small(NamedTuple):
 
 
 class Order(NamedTuple):
-    """Places of the freedoms in the elimination, and the entries that its factors had."""
+    """Places of the freedoms in the elimination, and the number of entries in its factor."""
 
     place: Integers
     entries: int
 
 
-class FrozenPacking:
-    """The system at one geometry; regimes change through `set_regime`."""
+class IncrementalPacking:
+    """The linear system at one geometry; `set_regime` changes the regime of a contact.
+
+    `frame` are the pairs, `regime` and `side` (P,) their regimes and the signs of their slip,
+    `time_to_event` (P,) as far as known.
+    """
 
     def __init__(
         self,
@@ -77,46 +82,47 @@ class FrozenPacking:
         side: Floats,
         by_radii: bool,
         load: Floats,
-        before: FrozenPacking | None = None,
+        before: IncrementalPacking | None = None,
     ) -> None:
-        # Of the interval before: its order of elimination and its room for columns.
+        # The order of elimination and the memory for columns are those of the increment before.
         self.order: Order | None = before.order if before else None
         self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
-        self.frame = frame_of(state, pairs, by_radii)
-        self.regime, self.side = regime, side
-        self.stiffest = float(self.frame.rows[:, KN].max())
+        self.frame: NDArray[Any] = frame_of(state, pairs, by_radii)
+        self.regime, self.side = regime.copy(), side.copy()
+        self.stiffest = float(self.frame["kn"].max())
         self.count, self.length = len(state.x), float(state.radii.mean())
         self.volume = abs(float(np.linalg.det(state.cell)))
-        self.load, self.drag = load, np.zeros(self.count)
-        # Time to the next event of every pair, as far as it is known.
-        self.due = np.full(len(pairs), np.inf)
-        # Of pairs at yield: rates of the edge under each motion, of how many, on which side.
-        self.edges = np.empty((len(pairs), 5 + ROOM))
-        self.known, self.sided = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
+        self.load, self.ground_spring = load, np.zeros(self.count)
+        self.time_to_event = np.full(len(pairs), np.inf)
+        # Cached yield-function rates of contacts: value per motion, number of motions, slip sign.
+        self.yield_rates = np.empty((len(pairs), 5 + ROOM))
+        self.motion_count = np.zeros(len(pairs), dtype=np.int64)
+        self.slip_sign = np.zeros(len(pairs))
         self.factorise()
 
     def tangent(self, c: int) -> tuple[float, float, float]:
         """`D` of a pair: its entries (n, n), (s, n), (s, s); the fourth is 0."""
-        regime, frame = self.regime[c], self.frame
-        kn = float(frame.rows[c, KN]) if regime != OPEN else 0.0
-        slope = float(self.side[c] * frame.rows[c, MU]) if regime == SLIDING else 0.0
-        return kn, slope * kn, float(frame.rows[c, KT]) if regime == ELASTIC else 0.0
+        regime, pair = self.regime[c], self.frame[c]
+        kn = float(pair["kn"]) if regime != OPEN else 0.0
+        slope = float(self.side[c] * pair["mu"]) if regime == SLIDING else 0.0
+        return kn, slope * kn, float(pair["kt"]) if regime == ELASTIC else 0.0
 
     def factorise(self) -> None:
-        """Take the regimes as they are for reference."""
+        """Factorise the system in its present regimes: the reference without any column."""
         from stability.compiled import packing_rates as kernels
 
         frame, size = self.frame, 3 * self.count
         self.reference = (self.regime.copy(), self.side.copy())
-        room = 36 * len(frame.rows) + size
+        room = 36 * len(frame) + size
         at, values = np.empty((2, room), dtype=np.int32), np.empty(room)
         place = np.arange(size) if self.order is None else self.order.place
-        k = kernels.blocks(*frame, *self.reference, place, at, values)
-        unit = float(frame.rows[:, KN].mean())
+        k = kernels.blocks(frame, *self.reference, place, at, values)
+        unit = float(frame["kn"].mean())
         closed = self.regime != OPEN
-        degree = np.bincount(frame.grains[closed].ravel(), minlength=self.count)
+        degree = np.bincount(frame["grains"][closed].ravel(), minlength=self.count)
         own = np.select([degree < 2, degree < 3], [RATTLERS, PAIRED], GEARS)
-        springs = np.repeat(np.maximum(own, self.drag), 3) * unit
+        springs = np.repeat(np.maximum(own, self.ground_spring), 3) * unit
+        # All grains may move together: one is held.
         anchor = 3 * int(np.argmax(degree))
         springs[anchor : anchor + 2] += unit
         at[:, k : k + size] = np.arange(size)
@@ -128,19 +134,19 @@ class FrozenPacking:
             options={"SymmetricMode": True},
         )
         L, U = self.lu.L, self.lu.U
-        # Where a freedom's force goes, and where its motion comes from.
+        # Places of a freedom's force and of its motion in the factors.
         self.into, self.out_of = self.lu.perm_r[place], self.lu.perm_c[place]
         if self.order is None:
             self.order = Order(self.out_of, L.nnz)
         elif L.nnz > FILL * self.order.entries:
             self.order = None
         self.factors = (L.indptr, L.indices, L.data, U.indptr, U.indices, U.data)
-        self.place, right = place, np.zeros((5, size))
+        right = np.zeros((5, size))
         for column, strain in zip(right, UNITS, strict=False):
-            kernels.resultants(*frame, *self.reference, np.zeros(size), strain, column)
+            kernels.resultants(frame, *self.reference, np.zeros(size), strain, column)
         right[4] = self.load
         self.V = self._solved(right)
-        self.known[:] = 0
+        self.motion_count[:] = 0
         self.small: Small | None = None
         self.rows = np.empty(ROOM, dtype=np.int64)
         self.at: dict[int, int] = {}
@@ -153,24 +159,30 @@ class FrozenPacking:
         self.stressed = 0
 
     def set_load(self, load: Floats) -> None:
-        """Another load for the reference as it stands, without columns yet."""
+        """Replace the load; only while there are no columns."""
         self.load = load
         self.V[4] = self._solved(load[None])[0]
+
+    def add_ground_springs(self, grains: Integers, spring: float) -> None:
+        """Hold grains by springs of at least `spring` times the mean kn."""
+        self.ground_spring[grains] = np.maximum(self.ground_spring[grains], spring)
+        self.factorise()
 
     def _solved(self, right: Floats) -> Floats:
         """Motions (k, 3G) under up to eight loads."""
         x = np.zeros((right.shape[1], BATCH))
         x[self.into, : len(right)] = right.T
-        return self._eight(x, 0)[: len(right)]
+        return self._solved_in_place(x, 0)[: len(right)]
 
-    def _eight(self, x: Floats, first: int) -> Floats:
+    def _solved_in_place(self, x: Floats, first: int) -> Floats:
+        """Motions (8, 3G) under loads in the order of the factors, zero before row `first`."""
         from stability.compiled.packing_columns import solve_eight
 
         solve_eight(*self.factors, x, first)
         return np.ascontiguousarray(x[self.out_of].T)
 
     def column(self, row: int) -> int:
-        """Number of the column of a row, solved for if need be."""
+        """Number of the column of a row, which is solved for if it is new."""
         from stability.compiled import packing_columns as kernels
 
         if row not in self.at:
@@ -178,42 +190,51 @@ class FrozenPacking:
             if k == ROOM:
                 raise ArithmeticError("more changes of regime at once than there is room for")
             if row not in self.ready:
-                self._make_ready(row)
+                self._solve_ahead(row)
             self.rows[k] = row
             self.at[row] = k
             self.U[k] = self.ready.pop(row)
-            pairs = self.rows[: k + 1] % len(self.frame.rows)
-            kernels.mutual_rates(*self.frame, pairs, self.V, self.U, self.base, self.mutual)
+            pairs = self.rows[: k + 1] % len(self.frame)
+            kernels.mutual_rates(self.frame, pairs, self.V, self.U, self.base, self.mutual)
         return self.at[row]
 
-    def _make_ready(self, row: int) -> None:
+    def _solve_ahead(self, row: int) -> None:
         """Solve for the column of a row, and for those of the events that come next."""
         from stability.compiled.packing_columns import unit_force
 
-        pairs = len(self.due)
-        soon = np.argpartition(self.due, min(4 * BATCH, pairs - 1))[: 4 * BATCH]
+        time = self.time_to_event
+        pairs = len(time)
+        soon = np.argpartition(time, min(4 * BATCH, pairs - 1))[: 4 * BATCH]
         wanted = [row]
-        for c in soon[np.argsort(self.due[soon])].tolist():
-            # To slide is a change of the shear row, to open and to close of both.
+        for c in soon[np.argsort(time[soon])].tolist():
+            # Yield changes the shear row, opening and closing change both.
             rows = (pairs + c,) if self.regime[c] == ELASTIC else (c, pairs + c)
-            if np.isfinite(self.due[c]):
+            if np.isfinite(time[c]):
                 wanted += [r for r in rows if r not in self.at and r not in self.ready and r != row]
         x = np.zeros((self.U.shape[1], BATCH))
         first = [
-            unit_force(*self.frame, r, self.into, x[:, k]) for k, r in enumerate(wanted[:BATCH])
+            unit_force(self.frame, r, self.into, x[:, k]) for k, r in enumerate(wanted[:BATCH])
         ]
-        self.ready.update(zip(wanted, self._eight(x, min(first)), strict=False))
+        self.ready.update(zip(wanted, self._solved_in_place(x, min(first)), strict=False))
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
-        """Change one pair."""
+        """Change the regime of a pair, and the sign of its slip."""
         self.regime[c], self.side[c] = self.reference[0][c], self.reference[1][c]
         was = self.tangent(c)
         self.regime[c], self.side[c] = regime, side
         nn, sn, ss = (a - b for a, b in zip(self.tangent(c), was, strict=True))
-        for row, change in ((c, (nn, 0.0)), (len(self.frame.rows) + c, (sn, ss))):
+        for row, change in ((c, (nn, 0.0)), (len(self.frame) + c, (sn, ss))):
             if row in self.at or change != (0.0, 0.0):
                 self.coefficients[:, self.column(row)] = change
                 self.small = None
+
+    def set_side(self, contacts: Integers | int, side: Floats | int) -> None:
+        """Choose the sides to which stuck contacts would slide."""
+        self.side[contacts] = side
+
+    def flip(self, c: int) -> None:
+        """Make a stuck contact slide on its side, or a sliding one stick."""
+        self.set_regime(c, SLIDING if self.regime[c] == ELASTIC else ELASTIC, self.side[c])
 
     def solve(self, stress: Floats, strain: Floats, rate: Floats) -> Combination:
         """Rates under `stress @ P' + strain @ H' = rate`."""
@@ -228,7 +249,7 @@ class FrozenPacking:
         return Combination(h, self._padded(-small.Y @ h))
 
     def driven(self, stress: Floats, strain: Floats, k: int) -> Combination:
-        """Rates of a unit force on a column, under a control that stands still."""
+        """Rates under a unit force on the row of a column, at a control that stands still."""
         small, h = self._small(), np.zeros(5)
         m = len(small.Y)
         x = self._padded(-small.solved(self._changes(self.mutual[:, :, k : k + 1], m))[:, 0])
@@ -240,11 +261,11 @@ class FrozenPacking:
         return Combination(h, x)
 
     def _padded(self, w: Floats) -> Floats:
-        """Columns that came since have had no part in the system yet."""
+        """Coefficients with zeros for the columns that came since."""
         return np.concatenate([w, np.zeros(len(self.at) - len(w))])
 
     def _small(self) -> Small:
-        """The system in the columns, eliminated once for regimes as they are."""
+        """The system in the columns, eliminated once for the present regimes."""
         from stability.compiled.packing_columns import eliminate
 
         if self.small is None:
@@ -272,7 +293,7 @@ class FrozenPacking:
     def _controlled(
         self, stress: Floats, strain: Floats, Y: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Control's matrix; stress rates of unit strains and the load, and of the columns."""
+        """Matrix of the control; stress rates of unit strains and the load, and of the columns."""
         m = len(self.at)
         self._stress_rates(m)
         columns = self.column_stress[:, :m]
@@ -280,21 +301,20 @@ class FrozenPacking:
         return stress @ whole[:, :4] + strain, whole, columns
 
     def _stress_rates(self, m: int) -> None:
-        """Of the columns that have none yet; a column's own force is part of it."""
+        """Compute the stress rates of columns that have none yet, their own force included."""
         from stability.compiled import packing_rates as kernels
 
         frame = self.frame
         out = np.empty(4)
         if not self.stressed:
             for k in range(5):
-                h = UNITS[k] if k < 4 else STILL
-                kernels.stress_rate(*frame, *self.reference, self.V[k], h, out)
+                h = UNITS[k] if k < 4 else NO_STRAIN
+                kernels.stress_rate(frame, *self.reference, self.V[k], h, out)
                 self.stress0[:, k] = out / self.volume
         for k in range(max(self.stressed - 1, 0), m):
-            kernels.stress_rate(*frame, *self.reference, self.U[k], STILL, out)
-            c, shear = self.rows[k] % len(frame.rows), self.rows[k] >= len(frame.rows)
-            d, n, t = frame.rows[c, :6].reshape(3, 2)
-            own = np.outer(t if shear else n, d).ravel()
+            kernels.stress_rate(frame, *self.reference, self.U[k], NO_STRAIN, out)
+            pair, shear = frame[self.rows[k] % len(frame)], self.rows[k] >= len(frame)
+            own = np.outer(pair["t"] if shear else pair["n"], pair["d"]).ravel()
             self.column_stress[:, k] = (out + own) / self.volume
         self.stressed = m + 1
 
@@ -302,17 +322,17 @@ class FrozenPacking:
         """`n . d'` and shear rate of a pair."""
         from stability.compiled.packing_columns import rates_of
 
-        un, ut = rates_of(*self.frame, c, self.V, self.U, *rates)
+        un, ut = rates_of(self.frame, c, self.V, self.U, *rates)
         return un, ut
 
     def edge(self, rates: tuple[Combination, ...], c: Integers) -> Floats:
-        """`w - z` (k, r) of pairs: how fast a stuck one leaves its cone, minus the slip."""
-        from stability.compiled.packing_columns import edge_rates
+        """`w - z` (k, r) of pairs: rate of the yield function if stuck, minus the slip rate."""
+        from stability.compiled.packing_columns import yield_rates
 
         h, w = (np.array(parts) for parts in zip(*rates, strict=True))
         out = np.empty((len(c), len(rates)))
-        kept = self.edges, self.known, self.sided
-        edge_rates(*self.frame, self.side, c, self.V, self.U, *kept, h, w, out)
+        cached = self.yield_rates, self.motion_count, self.slip_sign
+        yield_rates(self.frame, self.side, c, self.V, self.U, *cached, h, w, out)
         return out
 
     def motion(self, rates: Combination) -> Floats:
@@ -320,8 +340,8 @@ class FrozenPacking:
         return np.asarray(rates.h @ self.V + rates.w @ self.U[: len(rates.w)])
 
     def at_yield(self, N: Floats, T: Floats, held: Flags) -> Integers:
-        """Pairs that slide, or that stand on their cone."""
+        """Pairs that slide or stand on the friction limit, but for held ones."""
         from stability.compiled.packing_rates import at_yield
 
-        found: Integers = at_yield(self.frame.rows, self.regime, held, N, T, AT_YIELD)
+        found: Integers = at_yield(self.frame, self.regime, held, N, T, AT_YIELD)
         return found

@@ -1,0 +1,401 @@
+"""A short strain of a packing from event to event: linear in between, with frozen geometry."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from loops.arrays import Floats, Integers, Regimes
+from stability.packing.incremental_packing import (
+    ELASTIC,
+    OPEN,
+    RANK,
+    SLIDING,
+    Combination,
+    IncrementalPacking,
+)
+from stability.packing.pairs import Pairs, strength, touching_distances
+from stability.packing.state import PackingState
+from stability.paths.path import EventKind
+
+# Events of one contact within an increment; at the next one it is damped or held.
+CHATTER = 12
+# Ground springs (in kn) tried in turn on an unstable mode; the last is none: the contact is held.
+GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
+# Columns of `PackingPath.work`.
+SLIP, RELEASED = 1, 3
+# Rates of the wrong sign below this share of the largest are rounding.
+RATE_RTOL = 1e-9
+# Changes of regime within one pivot.
+PIVOT_STEPS = 40
+
+
+class ControlLimitError(Exception):
+    """The control asks for ever more strain."""
+
+
+class InstabilityError(Exception):
+    """No regimes of a contact agree with its rates: the reason, and the grains of the mode."""
+
+    def __init__(self, contact: int, why: str, grains: Integers) -> None:
+        super().__init__(f"contact {contact}: {why}")
+        self.contact, self.why, self.grains = contact, why, grains
+
+
+class UnsolvedError(Exception):
+    """A pivot met no end: the motion that nothing stops, and whether det K changes sign."""
+
+    def __init__(self, contact: int, motion: Floats, turns: bool) -> None:
+        super().__init__("the rate problem has no solution")
+        self.contact, self.motion, self.turns = contact, motion, turns
+
+
+class MixedControl(NamedTuple):
+    """`stress @ P' + strain @ H' = rate` in the current geometry."""
+
+    stress: Floats
+    strain: Floats
+    rate: Floats
+
+
+class Goal(NamedTuple):
+    """End of the increment: when `strain . H' + stress . P' + time` has grown by `left`."""
+
+    left: float
+    strain: Floats
+    stress: Floats
+    time: float
+
+
+class Found(NamedTuple):
+    """An event at a time of the increment; `grains` are those of an instability."""
+
+    kind: EventKind
+    time: float
+    contact: int
+    detail: str = ""
+    grains: Integers | None = None
+
+
+class End(NamedTuple):
+    """A packing after the increment, with exact normal forces; work as in `PackingPath.work`."""
+
+    state: PackingState
+    regime: Regimes
+    side: Floats
+    work: Floats
+
+
+class StrainIncrement:
+    """A packing under a control for a `duration` of the loading parameter, or to its goal.
+
+    `load` are the resultants on the grains at the start of the path. Instabilities are passed if
+    `viscous`, else they end the increment (`InstabilityError`).
+    """
+
+    def __init__(
+        self,
+        packing: IncrementalPacking,
+        state: PackingState,
+        pairs: Pairs,
+        control: MixedControl,
+        load: Floats,
+        duration: float,
+        goal: Goal,
+        max_strain_speed: float,
+        viscous: bool,
+    ) -> None:
+        self.packing, self.state, self.pairs = packing, state, pairs
+        self.control, self.load, self.duration = control, load, duration
+        self.goal, self.left = goal, goal.left
+        self.max_strain_speed, self.viscous = max_strain_speed, viscous
+        self.touching = touching_distances(state, pairs)
+        # The kernels change these in place.
+        self.N, self.T = state.normal_force.copy(), state.shear_force.copy()
+        self.gap = np.maximum(np.linalg.norm(state.branches, axis=1) - self.touching, 0.0)
+        self.rates = np.empty((len(pairs), 4))
+        self.time = 0.0
+        self.u, self.strain = np.zeros(3 * packing.count), np.zeros(4)
+        # As in `PackingPath.work`; the last is that of held contacts, of grains it is `released`.
+        self.work, self.released = np.zeros(4), np.zeros(packing.count)
+        self.held = np.zeros(len(pairs), dtype=bool)
+        self.event_count: Counter[int] = Counter()
+        self.events: list[Found] = []
+
+    def run(self) -> None:
+        """Go to the end of the increment."""
+        rates = self._settled()
+        while self.time < self.duration:
+            if not np.linalg.norm(rates.h[:4]) <= self.max_strain_speed:
+                raise ControlLimitError
+            v = self.packing.motion(rates)
+            step, c, kind = self._next_event(rates.h, v)
+            speed = self._goal_speed(rates.h, v)
+            left = self.duration - self.time
+            if speed * self.left > 0:
+                left = min(left, self.left / speed)
+            self.left -= speed * min(step, left)
+            if step >= left:
+                self._advance(rates.h, v, max(left, 0.0))
+                return
+            self._advance(rates.h, v, step)
+            self._change(c, kind, rates)
+            rates = self._settled()
+
+    def _next_event(self, h: Floats, v: Floats) -> tuple[float, int, EventKind]:
+        """The earliest event: time from now, contact, kind."""
+        from stability.compiled.packing_rates import earliest
+
+        packing = self.packing
+        where = (packing.frame, packing.regime, packing.side, self.held, self.N, self.T, self.gap)
+        left = self.duration - self.time
+        time, c, kind = earliest(*where, v, h, RATE_RTOL, left, self.rates, packing.time_to_event)
+        if kind in (-1, 1):
+            packing.set_side(c, kind)
+            return time, c, "yield"
+        return time, c, "closing" if kind else "opening"
+
+    def _goal_speed(self, h: Floats, v: Floats) -> float:
+        """Rate of the goal's quantity."""
+        from stability.compiled.packing_rates import stress_rate
+
+        packing, goal, stress = self.packing, self.goal, np.zeros(4)
+        if goal.stress.any():
+            stress_rate(packing.frame, packing.regime, packing.side, v, h, stress)
+        return float(goal.strain @ h[:4] + goal.stress @ (stress / packing.volume)) + goal.time
+
+    def _advance(self, h: Floats, v: Floats, step: float) -> None:
+        """Go on by a time at constant rates."""
+        from stability.compiled.packing_rates import advance
+        from stability.compiled.packing_work import add_work
+
+        packing = self.packing
+        pairs = (packing.frame, packing.regime)
+        motion = (packing.length, self.strain, self.u, h, v, step)
+        forces = (self.T, self.rates, self.work, self.released)
+        add_work(*pairs, self.touching, self.load, *motion, *forces)
+        advance(*pairs, step, self.rates, self.N, self.T, self.gap, self.work)
+        self.strain += step * h[:4]
+        self.u += step * v
+        self.time += step
+
+    def _change(self, c: int, kind: EventKind, rates: Combination) -> None:
+        """Change the regime of a contact at its event."""
+        self.event_count[c] += 1
+        if self.event_count[c] > CHATTER:
+            self.event_count[c] = 0
+            self._damp_rattling_contact(c, kind)
+        elif kind == "yield":
+            self._pivot(c, rates)
+        else:
+            self._end_forces(c, SLIP)
+            self._close(c) if kind == "closing" else self.packing.set_regime(c, OPEN)
+            self._tell(kind, c)
+
+    def _damp_rattling_contact(self, c: int, kind: EventKind) -> None:
+        """Hold a grain of fewer than three contacts by a ground spring; else hold the contact."""
+        packing = self.packing
+        pair = packing.frame["grains"][c]
+        closed = packing.regime != OPEN
+        degree = np.bincount(packing.frame["grains"][closed].ravel(), minlength=packing.count)[pair]
+        loose = pair[degree == degree.min()]
+        spring = 10.0 * max(float(packing.ground_spring[loose].max()), GROUND_SPRINGS[0])
+        if degree.min() > 2 or spring > GROUND_SPRINGS[-2]:
+            self._hold(c, "it changes regime again and again", kind)
+            return
+        self._require_viscous(c, "a loose grain rattles", loose)
+        packing.add_ground_springs(loose, spring)
+        self._tell("instability", c, "a loose grain rattles; dragged", loose)
+
+    def _close(self, c: int) -> None:
+        """Make a contact stick if its forces then stay in the cone, else slide."""
+        packing = self.packing
+        packing.set_regime(c, ELASTIC)
+        un, ut = packing.relative(packing.solve(*self.control), c)
+        pair = packing.frame[c]
+        if pair["slides"] and un < 0 and pair["kt"] * abs(ut) > -pair["mu"] * pair["kn"] * un:
+            packing.set_regime(c, SLIDING, -np.sign(ut))
+
+    def _pivot(self, c: int, rates: Combination) -> None:
+        """Find the regime of a contact at yield; hold the grains of a mode that nothing stops."""
+        packing, why, grains = self.packing, "", np.zeros(0, dtype=np.int64)
+        for spring in GROUND_SPRINGS:
+            critical = packing.at_yield(self.N, self.T, self.held)
+            # A stuck contact on the friction limit would slide in the direction of its force.
+            stuck = critical[(packing.regime[critical] == ELASTIC) & (critical != c)]
+            packing.set_side(stuck, np.sign(self.T[stuck]))
+            try:
+                changed = pivot(packing, self.control, c, critical, self._rounding(rates))
+            except UnsolvedError as stop:
+                why = why or _mode(stop)
+                u = np.linalg.norm(stop.motion.reshape(-1, 3), axis=1)
+                grains = np.flatnonzero(u > 0.1 * u.max())
+                self._require_viscous(c, why, grains)
+                if spring:
+                    packing.add_ground_springs(grains, spring)
+                continue
+            if why:
+                self._tell("instability", c, f"{why}; dragged", grains)
+            for k in changed:
+                self._tell("yield" if packing.regime[k] == SLIDING else "unloading", k)
+            return
+        self._hold(c, why, "yield")
+
+    def _rounding(self, rates: Combination) -> float:
+        """Rates of the yield function below this are rounding."""
+        size = float(np.abs(rates.h[:4]).max())
+        return RATE_RTOL * (size * self.packing.stiffest * 2.0 * self.packing.length)
+
+    def _settled(self) -> Combination:
+        """Rates with which every sliding contact agrees, after the pivots that this takes."""
+        packing = self.packing
+        tried: Counter[int] = Counter()
+        while True:
+            if len(packing.at) > RANK:
+                packing.factorise()
+            rates = packing.solve(*self.control)
+            critical = packing.at_yield(self.N, self.T, self.held)
+            # Stuck ones have just been looked at, or have their event to come.
+            sliders = critical[packing.regime[critical] == SLIDING]
+            wrong = disagreeing(packing, rates, sliders, self._rounding(rates))
+            if len(wrong) == 0:
+                return rates
+            c = int(wrong[0])
+            tried[c] += 1
+            if tried[c] > 3:
+                self._hold(c, "neither sticking nor sliding agrees", "yield")
+            else:
+                self._pivot(c, rates)
+
+    def _hold(self, c: int, why: str, kind: EventKind) -> None:
+        """Keep a contact stuck or open to the end of the increment, whatever its forces."""
+        packing = self.packing
+        grains = packing.frame["grains"][c]
+        self._require_viscous(c, why, grains)
+        if kind in ("opening", "closing"):
+            packing.set_regime(c, OPEN)
+            self._end_forces(c, RELEASED)
+        elif packing.regime[c] == SLIDING:
+            packing.flip(c)
+        self.held[c] = True
+        self._tell("instability", c, f"{why}; held", grains)
+
+    def _require_viscous(self, c: int, why: str, grains: Integers) -> None:
+        if not self.viscous:
+            raise InstabilityError(c, why, grains)
+
+    def _tell(
+        self, kind: EventKind, c: int, detail: str = "", grains: Integers | None = None
+    ) -> None:
+        self.events.append(Found(kind, self.time, c, detail, grains))
+
+    def _end_forces(self, c: int, spent: int) -> None:
+        """Set the forces of a contact to zero; the energy of its shear spring becomes work."""
+        kt = float(self.packing.frame["kt"][c])
+        self.work[spent] += self.T[c] ** 2 / (2 * kt) if kt > 0 else 0.0
+        self.N[c] = self.T[c] = 0.0
+
+    def end(self) -> End:
+        """The packing after the increment: exact normal forces, shear forces within the cone."""
+        packing, pairs = self.packing, self.pairs
+        v = self.u.reshape(-1, 3)
+        E = self.strain.reshape(2, 2)
+        moved = replace(
+            self.state,
+            x=self.state.x - self.state.x @ E.T + v[:, :2],
+            angle=self.state.angle + v[:, 2] / packing.length,
+            cell=self.state.cell - E @ self.state.cell,
+        )
+        overlap = self.touching - np.linalg.norm(moved.branches, axis=1)
+        N = np.maximum(pairs.kn * overlap, 0.0)
+        closed = np.where(packing.regime == OPEN, ELASTIC, packing.regime)
+        regime, side = np.where(N > 0, closed, OPEN).astype(np.int8), packing.side.copy()
+        most = strength(pairs, N)
+        # Sliding contacts have all of their strength, others at most that.
+        T = np.where(regime == SLIDING, side * packing.frame["mu"] * N, self.T)
+        T = np.clip(np.where(N > 0, T, 0.0), -most, most)
+        # What is cut off relaxes shear springs: by slip, or by what holds a contact.
+        relaxed = np.divide(self.T**2 - T**2, 2 * pairs.kt, out=0 * T, where=pairs.kt > 0)
+        work = self.work.copy()
+        work[SLIP] += relaxed[~self.held].sum()
+        work[RELEASED] += relaxed[self.held].sum() + self.released.sum()
+        # A held contact that stands on the friction limit slides from now on.
+        at_limit = self.held & (np.abs(T) >= (1 - 1e-6) * most) & (N > 0) & (most > 0)
+        side[at_limit] = np.sign(T[at_limit])
+        regime[at_limit] = SLIDING
+        return End(replace(moved, normal_force=N, shear_force=T), regime, side, work)
+
+
+def pivot(
+    packing: IncrementalPacking, control: MixedControl, c: int, critical: Integers, rounding: float
+) -> list[int]:
+    """Bring one contact at yield to agree with its rates; all pairs that changed regime.
+
+    The method of Cottle and Dantzig: the slip rate of the contact (or the distance of its rates
+    from the cone) is raised from zero until it agrees with its regime, and others change regime
+    where they would disagree. `critical` are the pairs at yield that agree, or have an event to
+    come.
+    """
+    others = critical[critical != c]
+    every = np.append(others, c)
+    changed: list[int] = []
+    column = packing.column(len(packing.frame) + c)
+    raised, base = 0.0, packing.solve(*control)
+    for _ in range(PIVOT_STEPS):
+        unit = packing.driven(control.stress, control.strain, column)
+        # A force -s on the shear row is one unit of slip, or of the distance from the cone.
+        push = -packing.side[c]
+        value, along = packing.edge((base, unit), every).T
+        sticks = np.where(packing.regime[every] == ELASTIC, 1.0, -1.0)
+        value, along = sticks * value, push * sticks * along
+        along[-1] += 1.0
+        now = value + raised * along
+        if now[-1] >= -rounding:
+            packing.flip(c)
+            return [*changed, c]
+        own = raised - now[-1] / along[-1] if along[-1] > 1e-12 else np.inf
+        falls = (along[:-1] < -1e-12) & (now[:-1] > -rounding)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = np.where(falls, raised + np.maximum(now[:-1], 0.0) / -along[:-1], np.inf)
+        if changed:
+            reach[others == changed[-1]] = np.inf
+        k = int(np.argmin(reach)) if len(reach) else -1
+        if k >= 0 and reach[k] < own:
+            raised = float(reach[k])
+            packing.flip(int(others[k]))
+            base = packing.solve(*control)
+            changed.append(int(others[k]))
+        elif np.isfinite(own):
+            packing.flip(c)
+            return [*changed, c]
+        else:
+            break
+    for other in changed:
+        packing.flip(other)
+    turns = packing.sign(control.stress, control.strain)
+    packing.flip(c)
+    turns *= packing.sign(control.stress, control.strain)
+    packing.flip(c)
+    raise UnsolvedError(c, packing.motion(unit), turns < 0)
+
+
+def disagreeing(
+    packing: IncrementalPacking, rates: Combination, critical: Integers, rounding: float
+) -> Integers:
+    """Pairs at yield whose regime disagrees with their rates, the worst first."""
+    sticks = np.where(packing.regime[critical] == ELASTIC, 1.0, -1.0)
+    value = sticks * packing.edge((rates,), critical)[:, 0]
+    wrong = np.flatnonzero(value < -rounding)
+    return critical[wrong[np.argsort(value[wrong])]]
+
+
+def _mode(stop: UnsolvedError) -> str:
+    """The unstable mode in words: its participation number, and what det K does."""
+    u = stop.motion.reshape(-1, 3)[:, :2]
+    square = np.sum(u**2, axis=1)
+    share = float(square.sum() ** 2 / max(float(np.sum(square**2)), 1e-300))
+    turns = "changes sign" if stop.turns else "keeps its sign"
+    return f"no regimes agree: {share:.0f} grains take part, det K {turns}"
