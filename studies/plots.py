@@ -16,8 +16,8 @@ from loops.closures import Closure, MacroTangent, Spins
 from patterns import Snapshot
 from stability import Path, directional_work, plane_cone, restrict
 from studies.frames import events_of_rows
-from studies.paths.figures import FEW, draw_grains, draw_polar, forces_key
-from studies.paths.polar import operator_diagram
+from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
+from studies.paths.followed import operator_diagram
 from studies.snapshot.loop_map import draw_orders, draw_values, loop_drawer
 from studies.snapshot.source import planar
 from studies.style import (
@@ -105,7 +105,7 @@ def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
     forces = graph.normal_force, graph.shear_force
     largest = float(np.hypot(*forces).max(initial=0.0))
     draw_grains(ax, graph.x, 2.0 * graph.radii, graph.contacts, *forces, regime, largest)
-    arrows = graph.grain_count <= FEW
+    arrows = graph.grain_count <= MOST_WITH_ARROWS
     key = forces_key(largest, "force units", {Regime(int(each)) for each in regime}, arrows=arrows)
     ax.legend(handles=key, loc="upper center", bbox_to_anchor=(0.5, -0.18))
     reach = graph.radii.max() + 1.4 * graph.radii.mean()

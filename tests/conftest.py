@@ -23,4 +23,11 @@ def unsaved(monkeypatch):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Studies of paths without figures, where a test is about the rest."""
-    monkeypatch.setattr("studies.paths.run.draw", lambda *_: None)
+    leave_undrawn(monkeypatch)
+
+
+def leave_undrawn(patch):
+    """No figure of a study of paths."""
+    for name in ("diamond_figures.diamond_figures", "figures.polygon_figures"):
+        patch.setattr(f"studies.paths.{name}", lambda *_: iter(()))
+    patch.setattr("studies.paths.figures.comparison_figures", lambda *_: iter(()))

@@ -17,7 +17,6 @@ def diamond(
     phi: Annotated[float | None, typer.Option(help="Contact friction angle (degrees).")] = None,
     confine: Annotated[float | None, typer.Option(help="Isotropic strain at state A.")] = None,
     closure: Annotated[str, typer.Option(help="affine or traction.")] = "affine",
-    sliding: Annotated[str, typer.Option(help="coulomb or printed.")] = "coulomb",
     contact_on_touch: Annotated[
         str, typer.Option(help="When opposite grains meet: ignore, stop or add a contact.")
     ] = "ignore",
@@ -34,7 +33,7 @@ def diamond(
     own = {alpha0, kappa, phi, confine} != {None}
     out = out_or(out, "diamond" if own else f"diamond-table{table or 1}")
     # The options check the words themselves, and say what is expected.
-    words: Any = (closure, sliding, contact_on_touch, model)
+    words: Any = (closure, contact_on_touch, model)
     options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
     summary = run_diamond(options, out, force=force, csv=csv)
     report(summary, out, json, _diamond_lines)

@@ -113,7 +113,7 @@ def _of_snapshot(
 ) -> Any:
     """Options of one loop of a snapshot."""
     from patterns import loop_of_snapshot
-    from studies.paths.snapshot_loop import LoopOptions
+    from studies.paths.options import LoopOptions
     from studies.snapshot.source import read_planar
 
     if own:

@@ -1,6 +1,8 @@
-"""Figures of the diamond alone: determinants, both parts of K, Fig. 4, rules, added contacts."""
+"""Figures of the diamond alone: determinants, both parts of K, Fig. 4, added contacts."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,8 +11,12 @@ from matplotlib.patches import Circle
 
 from loops.arrays import Floats
 from stability import symmetric_spectrum
-from studies.paths.added_contact import isotropic_eigenvalues
-from studies.paths.diamond import FollowedDiamond
+from studies.paths.diamond import FollowedDiamond, beyond_yield
+from studies.paths.diamond_tables import (
+    isotropic_eigenvalues,
+    path_dependence_table,
+    state_diagram,
+)
 from studies.paths.figures import (
     DASHED,
     STRAIN,
@@ -21,13 +27,11 @@ from studies.paths.figures import (
     draw_stress,
     over_strain,
 )
-from studies.paths.rules import ROWS, rule_curves
-from studies.paths.tables import path_dependence_table
+from studies.paths.followed import operator_diagram
 from studies.style import (
     BLACK,
     BLUE,
     GREY,
-    LIGHT_GREY,
     ORANGE,
     SKY,
     TWO_COLUMNS,
@@ -39,40 +43,36 @@ from studies.style import (
     styled,
 )
 
-RULES = {
-    "coulomb": (BLUE, "-", r"$\dot T = s\mu\dot N$, $s = \mathrm{sign}\,T$"),
-    "printed": (VERMILION, DASHED, "(8c) as printed"),
-}
 OPPOSITE = {
     "ignored": (VERMILION, DASHED, "opposite grains ignored"),
     "added": (BLUE, "-", "contact added"),
 }
 
 
-def diamond_figures(found: FollowedDiamond, ignored: FollowedDiamond | None) -> dict[str, Figure]:
-    """Every figure of the study by its name; `ignored` is the path without added contacts.
+def diamond_figures(
+    found: FollowedDiamond, ignored: FollowedDiamond | None
+) -> Iterator[tuple[str, Figure]]:
+    """Figures of the study with their names; `ignored` is the path without added contacts.
 
-    Those of named states only where the path reaches them, `sliding_rules` only where the printed
-    rule differs, `added_contact` only with contacts added.
+    Figures of named states only where the path reaches them, `added_contact` only with contacts
+    added.
     """
-    figures = {
-        "path_dependence": draw_path_dependence(found),
-        "axial_stress": figure_of(draw_stress(found)),
-        "determinant": figure_of(draw_determinant(found)),
-        "eigenvalues": figure_of(draw_eigenvalues(found)),
-        "split": draw_split(found),
-        "cone": figure_of(draw_cone(found)),
-    }
+    yield "path_dependence", draw_path_dependence(found)
+    yield "axial_stress", figure_of(draw_stress(found))
+    yield "determinant", figure_of(draw_determinant(found))
+    yield "eigenvalues", figure_of(draw_eigenvalues(found))
+    yield "split", draw_split(found)
+    yield "cone", figure_of(draw_cone(found))
     if found.marks:
-        figures["polar"] = draw_polar_figure(found)
+        # At B every direction has the regime that it activates; beyond B all contacts slide.
+        diagrams = {name: state_diagram(found, name)[0] for name in found.marks}
+        sliding = beyond_yield(found)
+        beyond = {} if sliding is None else {"B": operator_diagram(sliding.K[0])}
+        yield "polar", draw_polar_figure(diagrams, beyond)
     if "A" in found.marks:
-        figures["loop_A"] = draw_loops(found, ["A"])
-    rules = draw_sliding_rules(found)
-    if rules is not None:
-        figures["sliding_rules"] = rules
+        yield "loop_A", draw_loops(found, ["A"])
     if ignored is not None:
-        figures["added_contact"] = draw_added_contact(found, ignored)
-    return figures
+        yield "added_contact", draw_added_contact(found, ignored)
 
 
 @styled()
@@ -93,7 +93,7 @@ def draw_split(found: FollowedDiamond) -> Figure:
     """Material and geometric part of every entry of K, and both sources of its nonsymmetry."""
     fig = new_figure(TWO_COLUMNS, 3.6, fixed=True)
     axes = fig.subplot_mosaic([["11", "12", "n"], ["21", "22", "n"]], width_ratios=[1, 1, 1.5])
-    E1, parts = found.broken(found.E1), found.operators
+    E1, parts = found.broken(found.E1), found.states
     named = (
         ("$K$", BLACK, parts.K),
         (r"$K_\mathrm{mat}$", BLUE, parts.material),
@@ -113,7 +113,7 @@ def draw_split(found: FollowedDiamond) -> Figure:
 
 def _draw_nonsymmetry(found: FollowedDiamond, ax: Axes) -> None:
     """`K12 - K21` and its two sources, (29) and (30), (31)."""
-    E1, parts = found.broken(found.E1), found.operators
+    E1, parts = found.broken(found.E1), found.states
     ax.axhline(0.0, color=GREY, linewidth=0.6)
     for label, colour, style, part in (
         ("$K$", BLACK, "-", parts.K),
@@ -127,37 +127,6 @@ def _draw_nonsymmetry(found: FollowedDiamond, ax: Axes) -> None:
     ax.set(title="nonsymmetry $K_{12} - K_{21}$ (–)", xlabel=STRAIN, xlim=(0.0, None))
     ax.margins(y=0.25)
     ax.legend(loc="best")
-
-
-@styled()
-def draw_sliding_rules(found: FollowedDiamond) -> Figure | None:
-    """Use of friction and axial stress by Coulomb's law and by (8c) as printed, from A on.
-
-    None where the rules do not differ.
-    """
-    curves = rule_curves(found.options)
-    if curves is None:
-        return None
-    fig, ((use, stress),) = new_panels(1, 2, 2.6)
-    use.axhspan(1.0, 3.0, color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
-    highest = 1.0
-    for rule, (E1, ratio, s1) in curves.items():
-        colour, style, label = RULES[rule]
-        highest = max(highest, float(np.nanmax(ratio)))
-        use.plot(E1, ratio, color=colour, linestyle=style, label=label)
-        stress.plot(E1, s1, color=colour, linestyle=style, label=label)
-    use.set(xlabel=STRAIN, ylabel=r"$|T|/(\mu N)$ (–)", ylim=(0.0, 1.08 * highest))
-    use.text(
-        0.03, 0.97, "outside Coulomb's cone", transform=use.transAxes, va="top", color=GREY,
-        fontsize=7,
-    )  # fmt: skip
-    stress.set(xlabel=STRAIN, ylabel="axial stress $s_1$ (–)")
-    E1, ratio, s1 = curves["coulomb"]
-    for ax, values in ((use, ratio), (stress, s1)):
-        for name, row in (("A", 0), ("B", ROWS)):
-            _mark(ax, name, (E1[row], values[row]))
-    use.legend(loc="lower right")
-    return fig
 
 
 @styled()
@@ -180,8 +149,9 @@ def draw_added_contact(found: FollowedDiamond, ignored: FollowedDiamond) -> Figu
         twice = "AB" if one is found else "B"
         for ax, values, marks in ((along, lowest, "AB"), (stress, one.s1, twice)):
             for mark in (mark for mark in marks if mark in one.marks):
-                row = one.marks[mark]
-                _mark(ax, mark, (one.E1[row], values[row]))
+                at = one.E1[one.marks[mark]], values[one.marks[mark]]
+                ax.plot(*at, "o", color=BLACK, zorder=3)
+                ax.annotate(mark, at, (4, 4), textcoords="offset points", fontweight="bold")
     isotropic.set(title="isotropic strain", xlabel="strain $E$ (–)")
     along.set(title="isotropic to A, then drained", xlabel=STRAIN)
     for ax in (isotropic, along):
@@ -192,11 +162,6 @@ def draw_added_contact(found: FollowedDiamond, ignored: FollowedDiamond) -> Figu
     return fig
 
 
-def _mark(ax: Axes, name: str, at: tuple[float, float]) -> None:
-    ax.plot(*at, "o", color=BLACK, zorder=3)
-    ax.annotate(name, at, (4, 4), textcoords="offset points", fontweight="bold")
-
-
 @styled()
 def draw_path_dependence(found: FollowedDiamond) -> Figure:
     """Two routes between the same two positions of a contact, and the work along each (Fig. 4).
@@ -205,7 +170,7 @@ def draw_path_dependence(found: FollowedDiamond) -> Figure:
     """
     table = path_dependence_table(found.loop)
     fig, ((geometry, works),) = new_panels(1, 2, 2.8, width_ratios=[1.0, 1.25])
-    _draw_routes(float(table["compression"][0]), geometry)
+    _draw_routes(float(table["compression"].iloc[0]), geometry)
     points = slice(None, None, 5)
     for route, colour, label in (
         ("shear_then_compress", BLUE, r"$\mathcal{E}_1$ (9): A, B, C"),
@@ -213,7 +178,7 @@ def draw_path_dependence(found: FollowedDiamond) -> Figure:
     ):
         works.plot(table["alpha_deg"], table[route], color=colour, label=label)
         works.plot(
-            table["alpha_deg"][points], table[f"{route}_integrated"][points], "o",
+            table["alpha_deg"].iloc[points], table[f"{route}_integrated"].iloc[points], "o",
             color=colour, markerfacecolor="white", markersize=3.5,
         )  # fmt: skip
     works.plot([], [], "o", color=GREY, markerfacecolor="white", label="rate law integrated")

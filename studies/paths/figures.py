@@ -1,11 +1,14 @@
-"""Figures that every path has: stress, eigenvalues, cone, polar diagrams, the loop itself."""
+"""Figures of paths: stress, eigenvalues, cone, polar diagrams, the loop; orders side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
@@ -17,11 +20,12 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from patterns.diamond import opposite_gaps
 from stability import PolarDiagram, alpha_e, restrict, spectrum, symmetric_spectrum
 from studies.paths.diamond import FollowedDiamond
-from studies.paths.followed import Followed
+from studies.paths.followed import RADIUS, Followed, operator_diagram
 from studies.paths.options import PolygonOptions
-from studies.paths.polar import RADIUS, beyond_diagram, operator_diagram, state_diagram
-from studies.paths.polygon import axial_peak
-from studies.paths.tables import plane_columns, subspace_columns
+from studies.paths.polygon import (
+    Compared,
+    axial_peak,
+)
 from studies.style import (
     BLACK,
     BLUE,
@@ -30,23 +34,26 @@ from studies.style import (
     LIGHT_GREY,
     ORANGE,
     PURPLE,
+    SEQUENTIAL,
     TWO_COLUMNS,
     VERMILION,
     axes_or_new,
     figure_of,
+    key_columns,
     new_panels,
     say_empty,
     styled,
     write_above,
 )
 
+MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
 STRAIN = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
 COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
 REGIMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
 EVENTS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
-# Line and arrow of the largest force, in points and in diameters; the most grains with arrows.
-WIDEST, ARROW, FEW = 4.0, 0.45, 12
+# Width of the largest force in points, its arrow in diameters, and the most grains with arrows.
+WIDEST, ARROW, MOST_WITH_ARROWS = 4.0, 0.45, 12
 SHARES: tuple[tuple[str, str, Any, str], ...] = (
     ("diagonal", BLUE, "-", "(11, 22)"),
     ("symmetric", VERMILION, (0, (4, 2)), r"(11, 22, (12+21)/$\sqrt{2}$)"),
@@ -54,16 +61,21 @@ SHARES: tuple[tuple[str, str, Any, str], ...] = (
 )
 
 
-def polygon_figures(found: Followed, critical: dict[str, float | None]) -> dict[str, Figure]:
-    """Every figure of one polygon by its name."""
-    return {
-        "loop": draw_loops(found, list(found.marks)),
-        "stress_strain": figure_of(draw_stress(found)),
-        "eigenvalues": figure_of(draw_eigenvalues(found)),
-        "polar": draw_polar_figure(found, critical["diagonal"]),
-        "cone": figure_of(draw_cone(found)),
-        "unstable_fraction": figure_of(draw_unstable_fraction(found)),
-    }
+def polygon_figures(found: Followed, critical: float | None) -> Iterator[tuple[str, Figure]]:
+    """Figures of one polygon with their names; `critical` is its strain in (11, 22)."""
+    yield "loop", draw_loops(found, list(found.marks))
+    yield "stress_strain", figure_of(draw_stress(found))
+    yield "eigenvalues", figure_of(draw_eigenvalues(found))
+    yield "polar", draw_polar_figure(polygon_diagrams(found, critical))
+    yield "cone", figure_of(draw_cone(found))
+    yield "unstable_fraction", figure_of(draw_unstable_fraction(found))
+
+
+def comparison_figures(compared: Compared) -> Iterator[tuple[str, Figure]]:
+    """Figures of a comparison of orders with their names."""
+    yield "critical_strain", figure_of(draw_critical_strain(compared))
+    yield "first_loss", draw_yield_and_peak(compared)
+    yield "stress_strain", figure_of(draw_stress_strain(compared))
 
 
 @styled()
@@ -114,12 +126,13 @@ def draw_eigenvalues(found: Followed, ax: Axes | None = None) -> Axes:
 def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
     """Instability cone in (11, 22) along the path, with the path's own direction (Fig. 12)."""
     ax = axes_or_new(ax, 4.2, 2.8)
-    plane, E1, first = plane_columns(found.K, found.det_K, found.det_Ks), found.E1, True
-    half = 0.5 * plane["cone_opening_deg"]
+    E1, first = found.E1, True
+    half = 0.5 * found.plane["cone_opening_deg"].to_numpy()
     half = np.where(half > 0.0, half, np.nan)
     # The paper's alphaE counts from E2 towards E1.
-    axis = np.mod(90.0 - plane["cone_axis_deg"], 180.0)
-    for part in found.smooth():
+    axis = np.mod(90.0 - found.plane["cone_axis_deg"].to_numpy(), 180.0)
+    bounds = [0, *found.jumps.tolist(), len(found.path)]
+    for part in (slice(a, b) for a, b in pairwise(bounds)):
         ax.fill_between(
             E1[part], (axis - half)[part], (axis + half)[part], facecolor="none",
             edgecolor=VERMILION, hatch="////", linewidth=0.8,
@@ -144,9 +157,9 @@ def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
 def draw_unstable_fraction(found: Followed, ax: Axes | None = None) -> Axes:
     """Share of strain directions with negative second-order work, by subspace."""
     ax = axes_or_new(ax, 4.2, 2.8)
-    table, E1 = subspace_columns(found), found.broken(found.E1)
+    table, E1 = found.subspaces, found.broken(found.E1)
     for subspace, colour, style, label in SHARES:
-        share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"])
+        share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"].to_numpy())
         ax.plot(E1, share, color=colour, linestyle=style, label=label)
     over_strain(found, ax, None, "unstable directions (%)")
     if not any(np.any(table[f"unstable_fraction_{name}"] > 0.0) for name, *_ in SHARES):
@@ -198,32 +211,32 @@ def runs(where: Flags) -> list[slice]:
 # ---- polar diagrams
 
 
-@styled()
-def draw_polar_figure(found: Followed, critical: float | None = None) -> Figure:
-    """Polar diagrams of w2 in (11, 22) at the named states, and at the critical strain.
+def polygon_diagrams(found: Followed, critical: float | None) -> dict[str, PolarDiagram]:
+    """Polar diagrams at the critical strain, if there is one, and at the named states."""
+    operators = {name: found.K[row] for name, row in found.marks.items()}
+    if critical:
+        o: PolygonOptions = found.options  # type: ignore[assignment]
+        loop, law = o.graph(critical), o.law()
+        loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
+        A = macroscopic_tangent(loop, law, o.closure, spins=o.spins).matrix
+        operators = {"critical": restrict(A, "diagonal"), **operators}
+    finite = {name: K for name, K in operators.items() if np.isfinite(K).all()}
+    return {name: operator_diagram(K) for name, K in finite.items()}
 
-    At the diamond's B every direction has the regime it activates; a dashed curve shows sliding
-    contacts in all directions, the operator of the path beyond B.
-    """
-    diagrams: dict[str, PolarDiagram] = {}
-    if isinstance(found, FollowedDiamond):
-        diagrams = {name: state_diagram(found, name)[0] for name in found.marks}
-    else:
-        known = {name: found.K[row] for name, row in found.marks.items()}
-        if critical:
-            known = {"critical": isotropic_operator(found.options, critical), **known}  # type: ignore[arg-type]
-        finite = {name: K for name, K in known.items() if np.isfinite(K).all()}
-        diagrams = {name: operator_diagram(K) for name, K in finite.items()}
+
+@styled()
+def draw_polar_figure(
+    diagrams: dict[str, PolarDiagram], beyond: dict[str, PolarDiagram] | None = None
+) -> Figure:
+    """Polar diagrams of w2 in (11, 22) by name, and those of sliding contacts dashed, `beyond`."""
     count = max(len(diagrams), 1)
     width = 0.5 + count * (TWO_COLUMNS - 0.5) / 3.0
     fig, (axes,) = new_panels(1, count, 2.75, width, sharey=True)
     for ax, (name, diagram) in zip(axes, diagrams.items(), strict=False):
         draw_polar(diagram, ax, name)
-        beyond = (
-            beyond_diagram(found) if isinstance(found, FollowedDiamond) and name == "B" else None
-        )
-        if beyond is not None:
-            closed = np.concatenate([beyond.points, beyond.points[:1]])
+        sliding = (beyond or {}).get(name)
+        if sliding is not None:
+            closed = np.concatenate([sliding.points, sliding.points[:1]])
             label = "all directions sliding"
             ax.plot(*closed.T, color=ORANGE, linewidth=0.9, linestyle=(0, (3, 2)), label=label)
             ax.legend(loc="lower center", bbox_to_anchor=(0.5, 0.98), borderaxespad=0.0)
@@ -255,14 +268,6 @@ def draw_polar(diagram: PolarDiagram, ax: Axes | None = None, name: str = "") ->
     return ax
 
 
-def isotropic_operator(options: PolygonOptions, strain: float) -> Floats:
-    """(2, 2) tangent in (11, 22) of a regular loop under isotropic strain."""
-    loop, law = options.graph(strain), options.law()
-    loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
-    tangent = macroscopic_tangent(loop, law, options.closure, spins=options.spins)
-    return restrict(tangent.matrix, "diagonal")
-
-
 # ---- the loop
 
 
@@ -275,7 +280,7 @@ def draw_loops(found: Followed, names: Sequence[str]) -> Figure:
     x, size = path.x[rows], 2.0 * found.options.graph().radii
     forces = [(path.normal_force[row], path.shear_force[row]) for row in rows]
     largest = max(float(np.hypot(*both).max()) for both in forces)
-    reach = float(np.abs(x).max()) + (1.4 if len(size) <= FEW else 0.6)
+    reach = float(np.abs(x).max()) + (1.4 if len(size) <= MOST_WITH_ARROWS else 0.6)
     for ax, name, row, at, both in zip(axes, names, rows, x, forces, strict=True):
         draw_grains(ax, at, size, path.contacts, *both, path.regime[row], largest)
         ax.set_title(f"{name}: $E_1 = {found.E1[row]:.4f}$, $E_2 = {found.E2[row]:.4f}$")
@@ -284,7 +289,7 @@ def draw_loops(found: Followed, names: Sequence[str]) -> Figure:
         ax.locator_params(nbins=6)
         ax.label_outer()
     regimes = {Regime(int(each)) for each in np.unique(path.regime[rows])}
-    key = forces_key(largest, r"$k_n l_0$", regimes, arrows=len(size) <= FEW)
+    key = forces_key(largest, r"$k_n l_0$", regimes, arrows=len(size) <= MOST_WITH_ARROWS)
     fig.legend(
         handles=key,
         loc="outside lower center",
@@ -317,7 +322,11 @@ def draw_grains(
     )  # fmt: skip
     drawn = closed | (np.arange(len(pairs)) < len(x))
     ax.add_collection(LineCollection(list(x[pairs[drawn]]), colors=LIGHT_GREY, linewidths=0.6))
-    force, largest = _forces(N, T, x[pairs]), max(largest, np.finfo(float).tiny)
+    d = x[pairs[:, 1]] - x[pairs[:, 0]]
+    n = d / np.linalg.norm(d, axis=1, keepdims=True)
+    # Forces on the second grain of every contact.
+    force = N[:, None] * n + T[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
+    largest = max(largest, np.finfo(float).tiny)
     strength = np.linalg.norm(force, axis=1)
     branch = np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=1)
     half = 0.5 * force * (branch / np.where(strength > 0.0, strength, 1.0))[:, None]
@@ -328,7 +337,7 @@ def draw_grains(
     width = WIDEST * strength / largest
     ax.add_collection(LineCollection(list(lines), colors=colours, linewidths=width))
     ax.plot(*x.T, "o", color=BLACK, markersize=1.5)
-    if len(x) > FEW:
+    if len(x) > MOST_WITH_ARROWS:
         return
     external = np.zeros_like(x)
     np.add.at(external, pairs[:, 0], force)
@@ -343,7 +352,7 @@ def draw_grains(
 
 
 def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool) -> list[Line2D]:
-    """What is drawn of the forces of a loop, and how large the widest line is."""
+    """Handles of the legend: regimes, the force of the widest line, and of the arrows."""
     key = [
         Line2D([], [], color=COLOURS[regime], linewidth=0.5 * WIDEST, label=f"{name} contact")
         for regime, name in REGIMES.items()
@@ -359,8 +368,71 @@ def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool)
     return key
 
 
-def _forces(N: Floats, T: Floats, ends: Floats) -> Floats:
-    """(C, 2) forces on the second grain of every contact."""
-    d = ends[:, 1] - ends[:, 0]
-    n = d / np.linalg.norm(d, axis=1, keepdims=True)
-    return N[:, None] * n + T[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
+# ---- orders side by side
+
+
+@styled()
+def draw_critical_strain(compared: Compared, ax: Axes | None = None) -> Axes:
+    """Critical isotropic strain over the order, by subspace, with the two thresholds."""
+    ax = axes_or_new(ax, 4.2, 2.8)
+    table, kappa = compared.table, compared.options.shared.kappa
+    for label, level in (
+        (r"$\kappa/(1+\kappa)$", kappa / (1 + kappa)),
+        (r"$(1+\kappa)/(2+\kappa)$", (1 + kappa) / (2 + kappa)),
+    ):
+        ax.axhline(level, color=GREY, linewidth=0.7, linestyle=(0, (4, 2)), zorder=0)
+        ax.annotate(
+            label, (1.0, level), (2, 0), xycoords=("axes fraction", "data"),
+            textcoords="offset points", va="center", color=GREY,
+        )  # fmt: skip
+    for subspace, colour, _, label in SHARES:
+        ax.plot(
+            table["order"], table[f"critical_strain_{subspace}"], MARKERS[subspace],
+            color=colour, markerfacecolor="none", markersize=6, label=label,
+        )  # fmt: skip
+    _order_axis(ax, table["order"])
+    ax.set(ylabel="critical isotropic strain (–)", ylim=(-0.02, None))
+    beside = key_columns(figure_of(ax), 3)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=beside, columnspacing=1.0)
+    return ax
+
+
+@styled()
+def draw_yield_and_peak(compared: Compared) -> Figure:
+    """First yield and peak of the axial stress over the order: strain and stress."""
+    fig, (axes,) = new_panels(1, 2, 2.6)
+    table = compared.table
+    for ax, key, label in zip(
+        axes, ("E1", "s1"), ("axial strain (–)", "axial stress (–)"), strict=True
+    ):
+        for name, mark, colour, said in (
+            ("first_yield", "o", BLUE, "first yield"),
+            ("peak", "x", VERMILION, "peak of $s_1$"),
+        ):
+            ax.plot(
+                table["order"], table[f"{name}_{key}"], mark, color=colour, label=said,
+                markerfacecolor="none", markersize=6,
+            )  # fmt: skip
+        _order_axis(ax, table["order"])
+        ax.set(ylabel=label)
+        ax.margins(y=0.15)
+    ax.legend(loc="best")
+    return fig
+
+
+@styled()
+def draw_stress_strain(compared: Compared, ax: Axes | None = None) -> Axes:
+    """Axial stress over axial strain, a curve an order; a ring where a path ends early."""
+    ax = axes_or_new(ax, 4.6, 3.0)
+    shades = colormaps[SEQUENTIAL](np.linspace(0.0, 0.92, len(compared.found)))
+    for order, found, shade in zip(compared.options.orders, compared.found, shades, strict=True):
+        ax.plot(found.E1, found.s1, color=shade, linewidth=1.1, label=f"{order}")
+        if found.path.status != "finished":
+            ax.plot(found.E1[-1], found.s1[-1], "o", color=shade, markerfacecolor="white")
+    ax.set(xlabel="axial strain $E_1$ (–)", ylabel="axial stress $s_1$ (–)", xlim=(0.0, None))
+    ax.legend(title="order", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return ax
+
+
+def _order_axis(ax: Axes, orders: pd.Series) -> None:
+    ax.set(xlabel="order of the loop, $n$", xticks=orders.to_numpy()[:: max(len(orders) // 10, 1)])

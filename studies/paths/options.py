@@ -1,4 +1,4 @@
-"""What the studies of paths are asked: the paper's diamond, a regular loop, loops of many orders.
+"""Options of the studies of paths: the paper's diamond, a polygon, a snapshot's loop, many orders.
 
 Angles in degrees; grains of diameter 1, `kn = 1`.
 """
@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, get_args
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from loops import (
     InputError,
     LinearFrictional,
     RollingResistance,
+    contact_state,
 )
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
@@ -25,8 +27,6 @@ from patterns.diamond import (
     TABLE_1,
     TABLE_2,
     DiamondParameters,
-    DrainedPath,
-    PrintedRule,
     diamond,
     drained_path,
 )
@@ -36,7 +36,9 @@ from stability import Programme, Stage, programmes
 from stability.paths.follow import OnTouch
 from stability.paths.path import ModelOption
 
-Sliding = Literal["coulomb", "printed"]
+if TYPE_CHECKING:
+    from patterns import Snapshot
+
 LawName = Literal["linear", "hertz"]
 ProgrammeName = Literal["drained", "isotropic", "isotropic-stress", "oedometric", "undrained"]
 PROGRAMMES: dict[str, Callable[..., Programme]] = {
@@ -50,9 +52,12 @@ TABLES = {1: TABLE_1, 2: TABLE_2}
 OWN = ("alpha0_deg", "kappa", "phi_deg", "confine")
 # Strain that the diamond is followed for after A, and at least after B.
 AFTER_A, AFTER_B = 0.3, 0.15
-# Share of the length left at A that a polygon's programme takes up, if nobody says where it ends.
-WAY = 0.4
+# Default end of a polygon's programme: share of the strain between A and 1.
+PROGRAMME_SHARE = 0.4
 LARGEST_ORDER, MOST_ORDERS = 1000, 40
+# Default end of a programme on a snapshot's loop: E1 over the mean overlap.
+PROGRAMME_OVERLAPS = 5.0
+NEWTON_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -61,8 +66,8 @@ class DiamondOptions:
 
     `table` names one of the paper's sets of parameters, instead of `alpha0_deg` in (0, 90),
     `kappa` of zero or more, `phi_deg` in [0, 90] (90: nothing slides) and `confine` in [0, 1), the
-    isotropic strain at A. `sliding` is Coulomb's law or (8c) as printed; `contact_on_touch` says
-    what follows when opposite grains meet: nothing (the paper), the end, or a contact between them.
+    isotropic strain at A. When opposite grains meet, `contact_on_touch` ignores it (as the paper
+    does), stops the path, or adds a contact between them.
     """
 
     table: int | None = None
@@ -71,7 +76,6 @@ class DiamondOptions:
     phi_deg: float | None = None
     confine: float | None = None
     closure: Closure = "affine"
-    sliding: Sliding = "coulomb"
     contact_on_touch: OnTouch = "ignore"
     model: ModelOption = "auto"
 
@@ -81,7 +85,6 @@ class DiamondOptions:
 
     def __post_init__(self) -> None:
         _check_shared(self)
-        one_of("--sliding", self.sliding, get_args(Sliding))
         one_of("--contact-on-touch", self.contact_on_touch, get_args(OnTouch))
         own = [name for name in OWN if getattr(self, name) is not None]
         if self.table is not None:
@@ -94,11 +97,6 @@ class DiamondOptions:
             expected = "30 to 60 degrees with --contact-on-touch add: elsewhere opposite grains "
             expected += "overlap from the start"
             inside("--alpha0", self.alpha0_deg, lambda a: 30.0 <= a <= 60.0, expected)
-        if self.model == "full" and self.sliding == "printed":
-            expected = "coulomb: grains free to move slide by Coulomb's law"
-            raise InputError(
-                "--sliding", "printed with --model full", expected, "Drop one of them."
-            )
 
     @property
     def parameters(self) -> DiamondParameters:
@@ -121,10 +119,9 @@ class DiamondOptions:
         return diamond(self.parameters.alpha0)
 
     def law(self) -> LinearFrictional:
-        """Coulomb's law, or (8c) as printed: the same where alpha falls, since N grows."""
+        """Linear springs with Coulomb's friction."""
         loop = self.parameters
-        printed = self.sliding == "printed" and drained_path(loop).direction > 0
-        return (PrintedRule if printed else LinearFrictional)(1.0, loop.kappa, loop.mu)
+        return LinearFrictional(1.0, loop.kappa, loop.mu)
 
     def stages(self) -> tuple[tuple[str, Stage], ...]:
         """Isotropic strain to A, then the drained biaxial test; names and stages.
@@ -137,7 +134,12 @@ class DiamondOptions:
         exact = drained_path(loop)
         if exact.status == "opening":
             return (to_A,)
-        last = last_strain(loop, exact, added=self.contact_on_touch == "add")
+        latest, least = loop.confinement, 0.0
+        # With added contacts B has no closed form.
+        if exact.status == "yield" and self.contact_on_touch != "add":
+            latest = float(exact.end.E1)
+            least = latest + AFTER_B
+        last = min(max(loop.confinement + AFTER_A, least), 0.5 * (1.0 + latest))
         return (to_A, ("drained", Stage(programmes.drained_biaxial(), "H11", last)))
 
     def described(self) -> dict[str, Any]:
@@ -196,16 +198,6 @@ class PolygonOptions:
         _check_shared(self)
         expected = f"a strain above that of A, {self.confine:g}, and below 1"
         inside("--end", self.end, lambda e: self.confine < e < 1.0, expected)
-        self._check_law()
-        if self.radii is not None:
-            for radius in self.radii:
-                inside("--radii", radius, lambda r: r > 0.0, "positive numbers")
-            if self.orientation != "vertex":
-                received, remedy = "edge with --radii", "Leave --orientation out."
-                raise InputError("--orientation", received, "grain 0 on axis 1", remedy)
-            self.graph()
-
-    def _check_law(self) -> None:
         one_of("--law", self.contact_law, get_args(LawName))
         inside("--rolling", self.rolling, lambda k: k >= 0.0, "a stiffness of zero or more")
         if self.rolling > 0.0 and self.spins != "free":
@@ -214,6 +206,13 @@ class PolygonOptions:
         if self.contact_law == "hertz":
             expected = "2 (1 - nu)/(2 - nu) of spheres, from 2/3 (nu = 0.5) to below 4/3"
             inside("--kappa", self.kappa, lambda k: 2 / 3 <= k < 4 / 3, expected)
+        if self.radii is not None:
+            for radius in self.radii:
+                inside("--radii", radius, lambda r: r > 0.0, "positive numbers")
+            if self.orientation != "vertex":
+                received, remedy = "edge with --radii", "Leave --orientation out."
+                raise InputError("--orientation", received, "grain 0 on axis 1", remedy)
+            self.graph()
 
     @property
     def keeps_shape(self) -> bool:
@@ -225,7 +224,7 @@ class PolygonOptions:
         """E1 at the end of the programme."""
         if self.end is not None:
             return self.end
-        return round(self.confine + WAY * (1.0 - self.confine), 12)
+        return round(self.confine + PROGRAMME_SHARE * (1.0 - self.confine), 12)
 
     @property
     def mu(self) -> float:
@@ -261,6 +260,84 @@ class PolygonOptions:
         own = {"law": self.contact_law, "rolling": self.rolling, "radii": self.radii}
         told = {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
         return {**values, "end": self.last_strain, **told}
+
+
+@dataclass(frozen=True)
+class LoopOptions(PolygonOptions):
+    """One loop of a snapshot, followed from the state that it is in, which is the reference.
+
+    `loop` is its number in the table of loops. Lengths are over the mean diameter of its grains,
+    stiffnesses and forces over the mean `kn` of its contacts; law, forces and regimes are the
+    snapshot's. `end` is an E1 beyond that state, five mean overlaps if left out.
+    """
+
+    snapshot: Snapshot | None = None
+    loop: int = 0
+    source: str = ""
+
+    @cached_property
+    def taken(self) -> tuple[GrainGraph, LinearFrictional, float]:
+        """The loop in these units, its law, and the largest move of a grain to fit the forces."""
+        from patterns import loop_of_snapshot
+
+        assert self.snapshot is not None
+        found = loop_of_snapshot(self.snapshot, self.loop)
+        given, law = found.graph, found.law
+        length, kn = 2.0 * given.radii.mean(), float(np.mean(law.kn))
+        law = LinearFrictional(law.kn / kn, law.kt / kn, law.mu, law.shear_increment)
+        N, T = (force / (kn * length) for force in (given.normal_force, given.shear_force))
+        radii, x0 = given.radii / length, (given.x - given.x.mean(axis=0)) / length
+        x = ring_of_lengths(x0, radii + np.roll(radii, -1) - N / law.kn)
+        graph = GrainGraph(x=x, radii=radii, contacts=given.contacts)
+        # The forces of the overlaps, which those of the file are to rounding.
+        graph = graph.replace(normal_force=law.normal_force(contact_state(graph)), shear_force=T)
+        return graph.replace(regime=found.regime), law, float(np.abs(x - x0).max())
+
+    @property
+    def keeps_shape(self) -> bool:
+        """The state is given, no isotropic strain leads to it."""
+        return False
+
+    @property
+    def last_strain(self) -> float:
+        """E1 at the end of the programme."""
+        graph, law, _ = self.taken
+        return self.end or float(f"{PROGRAMME_OVERLAPS * np.mean(graph.normal_force / law.kn):.3g}")
+
+    def graph(self, strain: Floats | float = 0.0) -> GrainGraph:
+        """The loop as the snapshot has it."""
+        return self.taken[0]
+
+    def law(self) -> LinearFrictional:
+        """The snapshot's law."""
+        return self.taken[1]
+
+    def stages(self) -> tuple[tuple[str, Stage], ...]:
+        """The programme, from the state of the snapshot on."""
+        return ((self.programme, Stage(PROGRAMMES[self.programme](), "H11", self.last_strain)),)
+
+    def described(self) -> dict[str, Any]:
+        """Every value in force, under the names of the command line."""
+        names = ("order", "closure", "spins", "programme", "model")
+        values = {name: getattr(self, name) for name in names} | {"end": self.last_strain}
+        return {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2], **values}
+
+
+def ring_of_lengths(x: Floats, lengths: Floats) -> Floats:
+    """Centres nearby whose branches (c, c + 1) have these lengths: Newton, the smallest moves.
+
+    A file that rounds positions gives overlaps that don't fit its forces.
+    """
+    x, c = x.copy(), np.arange(len(x))
+    for _ in range(NEWTON_STEPS):
+        d = np.roll(x, -1, axis=0) - x
+        size = np.hypot(*d.T)
+        if np.abs(size - lengths).max() <= 4.0 * np.finfo(float).eps * lengths.max():
+            break
+        slopes, n = np.zeros((len(c), len(c), 2)), d / size[:, None]
+        slopes[c, c], slopes[c, np.roll(c, -1)] = -n, n
+        x += np.linalg.lstsq(slopes.reshape(len(c), -1), lengths - size)[0].reshape(-1, 2)
+    return x
 
 
 @dataclass(frozen=True)
@@ -307,7 +384,7 @@ def orders_of(text: str) -> tuple[int, ...]:
 
 
 def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    """Refuse a word that is none of the choices."""
+    """Raise `InputError` for a word that is none of the choices."""
     if value not in choices:
         *others, last = (str(choice) for choice in choices)
         expected = f"{', '.join(others)} or {last}"
@@ -315,7 +392,7 @@ def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
 
 
 def _check_shared(options: DiamondOptions | PolygonOptions) -> None:
-    """Refuse what neither a diamond nor a polygon can be asked."""
+    """Check the options that a diamond and a polygon share."""
     one_of("--closure", options.closure, ("affine", "traction"))
     one_of("--model", options.model, get_args(ModelOption))
     inside("--kappa", options.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
@@ -324,16 +401,6 @@ def _check_shared(options: DiamondOptions | PolygonOptions) -> None:
 
 
 def inside(name: str, value: float | None, holds: Callable[[float], bool], expected: str) -> None:
-    """Refuse a number out of its range or not finite; None was not given."""
+    """Raise `InputError` for a number out of its range or not finite; None is not given."""
     if value is not None and not (np.isfinite(value) and holds(value)):
         raise InputError(name, f"{value:.17g}", expected, "Correct it.")
-
-
-def last_strain(loop: DiamondParameters, exact: DrainedPath, *, added: bool = False) -> float:
-    """E1 where a diamond's drained test ends: a strain after A, and beyond B if it is reached."""
-    latest, least = loop.confinement, 0.0
-    # With added contacts B has no closed form.
-    if exact.status == "yield" and not added:
-        latest = float(exact.end.E1)
-        least = latest + AFTER_B
-    return min(max(loop.confinement + AFTER_A, least), 0.5 * (1.0 + latest))

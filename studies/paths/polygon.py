@@ -1,31 +1,43 @@
-"""Regular loops of any order: the path, its peak, its thresholds and what it comes down to."""
+"""Polygons followed: path, peak, thresholds, table, summary, and several orders side by side."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import brentq
 
-from loops import ContactLaw, GrainGraph, contact_state, macroscopic_tangent
-from loops.arrays import Floats
+from loops import ContactLaw, GrainGraph, Regime, contact_state, macroscopic_tangent
+from loops.arrays import Floats, Integers
 from loops.closures import Closure, Spins
-from stability import Event, Path, judge, operator_norm, restrict, symmetric_spectrum
+from stability import (
+    COMPONENTS,
+    Event,
+    judge,
+    operator_norm,
+    restrict,
+    symmetric_spectrum,
+)
 from studies.columns import definitions
-from studies.paths.followed import SUBSPACES, Followed, follow_options
-from studies.paths.options import PolygonOptions
-from studies.paths.tables import table_rows
+from studies.paths.diamond import YIELD_RTOL
+from studies.paths.followed import SUBSPACES, Followed, follow_path
+from studies.paths.options import ComparisonOptions, PolygonOptions
 
-# Slopes of s1 over E1 below this, and steps of E1, are none.
-FLAT, STILL = 1e-10, 1e-12
-# Strains that are looked at before a root is refined: none beyond the last; so many together.
+# Slopes of s1 over E1 up to the first, and differences of E1 or s1 up to the second, are zero.
+SLOPE_ATOL, STEP_ATOL = 1e-10, 1e-12
+# Strains between which the threshold is bracketed: the first, the last, their count, and the
+# number of parts in which they are tried.
 FIRST, LAST, COUNT, CHUNKS = 1e-6, 0.99, 100, 9
-# What is printed of an event, and lines of them beyond which they are told by kind.
+# Values printed of an event, and the most lines of events; beyond, one line for each kind.
 VALUES, MOST_LINES = ("E1", "E2", "s1", "s2"), 40
-# A smallest eigenvalue at the first load that is not above this share of the norm is a loss.
-LOST = 1e-12
+# Ks is not definite if its smallest eigenvalue at the first load is at most this share of the norm.
+DEFINITE_RTOL = 1e-12
+# Grains times rows of a table.
+MOST_NUMBERS = 100_000
 
 
 def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPACES) -> Followed:
@@ -35,7 +47,7 @@ def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPAC
     >>> [(event.kind, event.subspace) for event in found.path.events][:3]
     [('det_Ks_zero', 'diagonal'), ('det_K_zero', 'diagonal'), ('det_Ks_zero', 'symmetric')]
     """
-    path = follow_options(options, subspaces)
+    path = follow_path(options, subspaces)
     confined = np.flatnonzero(path.stage == 0)
     at_A = {"A": int(confined[-1])} if options.confine > 0.0 and len(confined) else {}
     marks = {**at_A, "end": len(path) - 1}
@@ -49,7 +61,7 @@ def described(found: Followed, event: Event) -> dict[str, Any]:
         "kind": event.kind,
         "subspace": event.subspace or None,
         **dict(zip(VALUES, (event.H[0], event.H[3], event.P[0], event.P[3]), strict=True)),
-        "stage": str(found.stage_names[event.stage]),
+        "stage": found.options.stages()[event.stage][0],
         "parameter": event.parameter,
         "contacts": list(event.contacts),
         "detail": event.detail,
@@ -72,7 +84,7 @@ def axial_peak(found: Followed) -> dict[str, float] | None:
     s1 = found.s1[rows]
     k = int(np.argmax(s1))
     # Rows twice recorded, before and after a change, are one.
-    if s1[k] <= s1[0] + STILL or (s1[k] <= s1[-1] + STILL):
+    if s1[k] <= s1[0] + STEP_ATOL or (s1[k] <= s1[-1] + STEP_ATOL):
         return None
     row = int(rows[k])
     at_row = {"E1": found.E1[row], "E2": found.E2[row], "s1": found.s1[row]}
@@ -83,11 +95,15 @@ def _between(found: Followed, row: int) -> dict[str, float] | None:
     """The peak beside a row, on the side where s1 still rises; none if it is the row itself."""
     path = found.path
     rate = path.H_rate[row, 0]
-    if abs(rate) < STILL or abs(path.P_rate[row, 0] / rate) < FLAT:
+    if abs(rate) < STEP_ATOL or abs(path.P_rate[row, 0] / rate) < SLOPE_ATOL:
         return None
     a, b = (row, row + 1) if path.P_rate[row, 0] > 0.0 else (row - 1, row)
     rates, E1 = path.H_rate[[a, b]], path.H[[a, b], 0]
-    if path.stage[a] != path.stage[b] or E1[1] - E1[0] < STILL or not (rates[:, 0] > STILL).all():
+    if (
+        path.stage[a] != path.stage[b]
+        or E1[1] - E1[0] < STEP_ATOL
+        or not (rates[:, 0] > STEP_ATOL).all()
+    ):
         return None
     # Slow to load, and a diamond needs none.
     from scipy.interpolate import CubicHermiteSpline
@@ -149,26 +165,64 @@ def isotropic_threshold(
         return np.asarray(symmetric_spectrum(K)[..., 0] / np.where(norm > 0.0, norm, 1.0))
 
     # The stiffness of spheres vanishes at touching: the first load, not none at all.
-    if not float(smallest(FIRST)) > LOST:
+    if not float(smallest(FIRST)) > DEFINITE_RTOL:
         return 0.0
     below = FIRST
     for strains in np.array_split(np.linspace(0.0, LAST, COUNT)[1:], CHUNKS):
         lost = np.flatnonzero(~(smallest(strains) > 0.0))
         if len(lost):
             k = int(lost[0])
-            return _root(smallest, below if k == 0 else float(strains[k - 1]), float(strains[k]))
+            bracket = below if k == 0 else float(strains[k - 1]), float(strains[k])
+            if not np.isfinite(float(smallest(bracket[1]))):
+                return None
+            return float(brentq(lambda E: float(smallest(E)), *bracket, xtol=1e-15, rtol=1e-14))
         below = float(strains[-1])
     return None
 
 
-def _root(smallest: Callable[[Floats | float], Floats], start: float, end: float) -> float | None:
-    """Zero between two strains; none where an operator between them is not known."""
-    if not np.isfinite(float(smallest(end))):
-        return None
-    return float(brentq(lambda E: float(smallest(E)), start, end, xtol=1e-15, rtol=1e-14))
+# ---- table and summary
 
 
-# ---- summary
+def polygon_table(found: Followed) -> pd.DataFrame:
+    """Table of a polygon's path.
+
+    `stage, parameter`; `E1, E2, H12, H21`; stresses `s1, s2, s12, s21`; lists `N, T, regime` by
+    contact and `x, y` by grain; the tangent `A11_11 ..`; spectra and cone in (11, 22);
+    `lambda_min_*` and `unstable_fraction_*` of every subspace; `work` from outside and `dissipated`
+    over `kn` and the reference area, the path's `energy_error`, `imbalance`.
+    """
+    path, H, P = found.path, found.path.H, found.path.P
+    names = np.array([regime.name.lower() for regime in Regime])
+    columns: dict[str, Any] = {
+        "stage": found.stage,
+        "parameter": path.parameter,
+        **{"E1": H[:, 0], "E2": H[:, 3], "H12": H[:, 1], "H21": H[:, 2]},
+        **{"s1": P[:, 0], "s2": P[:, 3], "s12": P[:, 1], "s21": P[:, 2]},
+        "N": list(path.normal_force),
+        "T": list(path.shear_force),
+        "regime": names[path.regime].tolist(),
+        "x": list(path.x[..., 0]),
+        "y": list(path.x[..., 1]),
+        **{f"A{a}_{b}": path.A[:, i, j] for i, a in enumerate(COMPONENTS)
+           for j, b in enumerate(COMPONENTS)},
+        **found.plane,
+        **found.subspaces,
+        "work": path.work[:, 0] / path.volume,
+        "dissipated": path.work[:, 3] / path.volume,
+        "energy_error": path.energy_error,
+        "imbalance": path.imbalance,
+    }  # fmt: skip
+    return pd.DataFrame(columns).iloc[table_rows(found)]
+
+
+def table_rows(found: Followed) -> Integers:
+    """Rows of a path that its table holds: all, or of large loops the ends of stages and some."""
+    count, grains = found.path.x.shape[:2]
+    most = max(MOST_NUMBERS // grains, 2)
+    if count <= most:
+        return np.arange(count)
+    ends = np.flatnonzero(np.diff(found.path.stage))
+    return np.unique(np.concatenate([np.linspace(0, count - 1, most).astype(int), ends, ends + 1]))
 
 
 def polygon_summary(found: Followed) -> dict[str, Any]:
@@ -237,8 +291,8 @@ def _state(found: Followed, row: int) -> dict[str, Any]:
 
 
 def _verification(found: Followed, critical: dict[str, float | None]) -> dict[str, Any]:
-    """Two routes to the critical strain where the confinement passes it; drift of the path."""
-    path: Path = found.path
+    """Critical strain on the path against its root, where passed; errors of energy and balance."""
+    path = found.path
     differences: dict[str, float | None] = {}
     for subspace, wanted in critical.items():
         on_way = [
@@ -248,11 +302,11 @@ def _verification(found: Followed, critical: dict[str, float | None]) -> dict[st
         ]
         known = bool(on_way and wanted and "A" in found.marks)
         differences[subspace] = abs(on_way[0] - (wanted or 0.0)) if known else None
-    n = path.imbalance
+    imbalance = path.imbalance
     return {
         "critical_strain_path_against_root": differences,
         "energy_error_max": float(np.abs(path.energy_error).max()),
-        "imbalance_max": float(np.nanmax(n)) if np.isfinite(n).any() else None,
+        "imbalance_max": float(np.nanmax(imbalance)) if np.isfinite(imbalance).any() else None,
     }
 
 
@@ -271,7 +325,7 @@ def _notes(
         notes.append(f"the path ends early ({path.status}): {path.message}")
     if peak is None and len(rows) > 1:
         s1 = found.s1[rows]
-        falls = s1.max() <= s1[0] + STILL
+        falls = s1.max() <= s1[0] + STEP_ATOL
         notes.append("no peak: s1 " + ("falls from A on" if falls else "still rises at the end"))
     if path.of_kind("opposite_contact"):
         notes.append("grains without a contact touch on the way and overlap from there on")
@@ -280,3 +334,73 @@ def _notes(
     if path.of_kind("branching"):
         notes.append("other paths branch off: the path followed keeps the loop's symmetry")
     return notes
+
+
+# ---- orders side by side
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Loops of several orders, followed; `loops` holds a row of plain values of each."""
+
+    options: ComparisonOptions
+    found: tuple[Followed, ...]
+    loops: tuple[dict[str, Any], ...]
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """One row an order; NaN where a loop has no such state."""
+        rows = []
+        for loop in self.loops:
+            row: dict[str, Any] = {"order": loop["order"]}
+            for subspace, strain in loop["critical_strain"].items():
+                row[f"critical_strain_{subspace}"] = np.nan if strain is None else strain
+            for name in ("first_yield", "peak"):
+                values = loop[name] or {}
+                row |= {f"{name}_{key}": values.get(key, np.nan) for key in ("E1", "E2", "s1")}
+            rows.append(row | {"end_E1": loop["end"]["E1"], "status": loop["status"]})
+        return pd.DataFrame(rows)
+
+
+def compare(options: ComparisonOptions) -> Compared:
+    """Follow a loop of every order."""
+    found, rows = [], []
+    for order in options.orders:
+        one = follow_polygon(options.of(order), ("diagonal",))
+        row = {
+            "order": order,
+            "critical_strain": thresholds(options.of(order)),
+            "first_yield": first_yield(one),
+            "peak": axial_peak(one),
+            "status": one.path.status,
+            "message": one.path.message,
+            "end": {name: float(getattr(one, name)[-1]) for name in ("E1", "E2", "s1")},
+        }
+        found.append(one)
+        rows.append(row)
+    return Compared(options, tuple(found), tuple(rows))
+
+
+def curves(compared: Compared) -> pd.DataFrame:
+    """Strains, stresses, determinants and smallest eigenvalue of Ks along every path."""
+    tables = []
+    for order, found in zip(compared.options.orders, compared.found, strict=True):
+        names = ("E1", "E2", "s1", "s2", "det_K", "det_Ks")
+        columns = {"order": order, "stage": found.stage, **{n: getattr(found, n) for n in names}}
+        columns["lambda_min"] = found.path.symmetric_eigenvalues[:, 0]
+        tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True)
+
+
+def first_yield(found: Followed) -> dict[str, Any] | None:
+    """First event at which contacts reach `|T| = mu N`, a control limit where it ends the path."""
+    path, mu = found.path, np.asarray(found.options.law().mu, dtype=float)
+    for event in path.events:
+        contacts = list(event.contacts)
+        reached = event.kind == "yield"
+        if event.kind == "control_limit" and contacts:
+            N, T = path.normal_force[event.index, contacts], path.shear_force[event.index, contacts]
+            reached = bool((np.abs(T) >= mu * N * (1.0 - YIELD_RTOL)).all())
+        if reached:
+            return described(found, event)
+    return None

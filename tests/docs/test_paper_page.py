@@ -9,6 +9,7 @@ import pytest
 
 from patterns.diamond import TABLE_1
 from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
+from studies.examples import printed_rule
 from tests.docs.pages import DOCS, of_size, page, says, section, tables, unsaid
 from tests.golden.answers import run
 from tests.golden.test_golden import stored
@@ -104,14 +105,12 @@ def path_values(summary, path):
     K = path[["eigenvalue_1_real", "eigenvalue_2_real"]].to_numpy()
     gap = np.abs(np.sort(K, axis=1) - path[["lambda_1", "lambda_2"]].to_numpy()).max(axis=1)
     states = summary["states"]
-    rules = summary["sliding_rules"]
     return {
         "slopes": [slope[at_B], slope[at_B + 1], slope[drained].max()],
         "gaps": [gap[~slides].max(), gap[slides].max()],
         "loading": [path.w2_loading[~drained].min(), path.w2_loading[drained].max()],
         "opening": [states[p]["cone"]["opening_deg"] for p in "AB"]
         + [states["B"]["beyond"]["cone"]["opening_deg"]],
-        "rules": [rules[r][k] for r in ("printed", "coulomb") for k in ("shear_ratio", "s1")],
         "states": [states[p][k] for p in "IAB" for k in ("E1", "s1", "s2", "det_K", "alpha_deg")],
         "beyond": [states["B"]["beyond"][k] for k in ("det_K", "det_Ks")],
         "slope_at_A": [summary["verification"]["slope_at_A"]["closed_form"]],
@@ -143,6 +142,8 @@ def test_every_number_of_the_page_is_computed(runs):
         else:
             values += added_values(summary, path)
         assert table in TITLES
+    for row in printed_rule.compare()[1]:
+        values += [row["shear_ratio"], row["s1"]]
     D, kappa, turn = TABLE_1.confinement, TABLE_1.kappa, np.pi / 4
     routes = [w(1.0, turn, D, 1.0, kappa) for w in
               (work_shear_then_compress, work_compress_then_shear)]  # fmt: skip

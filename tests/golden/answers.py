@@ -160,7 +160,6 @@ OWN = ("--alpha0", 60, "--kappa", 0.3, "--phi", 10, "--confine", 0.05)
 CASES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "diamond-table1": on("diamond", "--table", 1),
     "diamond-table2": on("diamond", "--table", 2),
-    "diamond-table1-printed": on("diamond", "--table", 1, "--sliding", "printed"),
     "diamond-table2-add": on("diamond", "--table", 2, "--contact-on-touch", "add"),
     "diamond-own-stop": on("diamond", *OWN, "--contact-on-touch", "stop"),
     "diamond-own-traction": on("diamond", *OWN, "--closure", "traction"),
@@ -187,7 +186,6 @@ SLOW = {
         "bench-all-hard-cases",
         "diamond-own-traction",
         "diamond-table1-full",
-        "diamond-table1-printed",
     ),
     *("diamond-table2", "polygon-4-oedometric", "polygon-6-edge-free", "polygon-compare"),
 }

@@ -16,6 +16,7 @@ from studies.examples import (
     destabilising_control,
     flutter,
     larger_loops,
+    printed_rule,
     sweep,
     yade_diamond,
 )
@@ -38,7 +39,7 @@ def test_result_of_an_example(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "example", [cone_surface, destabilising_control, flutter, larger_loops, sweep]
+    "example", [cone_surface, destabilising_control, flutter, larger_loops, printed_rule, sweep]
 )
 def test_every_example_runs_whole(tmp_path, example):
     numbers = example.main(tmp_path / "out")
@@ -69,6 +70,21 @@ def test_yade_diamond():
     assert max(yade_diamond.replay_error(probe) for probe in probes) < 2e-12
     steps, errors = np.array(list(yade_diamond.step_errors().items())).T
     np.testing.assert_allclose(np.diff(np.log(errors)) / np.diff(np.log(steps)), -1, atol=1e-3)
+
+
+def test_printed_rule_leaves_coulombs_cone():
+    """Integrated from (8c) and the balance by hand: T = 2 mu N_B - mu N beyond B."""
+    curves, numbers = printed_rule.compare()
+    found = {(row["table"], row["rule"]): row for row in numbers}
+    for table, ratio in ((1, 1.1864284), (2, 1.2507328)):
+        assert found[table, "coulomb"]["shear_ratio"] == pytest.approx(1.0, abs=1e-14)
+        assert found[table, "printed"]["shear_ratio"] == pytest.approx(ratio, abs=1e-7)
+        beyond = curves[(curves.table == table) & (curves.rule == "printed")].shear_ratio
+        beyond = beyond[beyond > 1.0 + 1e-12].to_numpy()
+        assert len(beyond) > 50 and (np.diff(beyond) > -1e-15).all()
+    # T of every row against the closed forms of both rules.
+    assert max(row["error_of_T"] for row in numbers) < 2e-13
+    assert all(row["E1_end"] == pytest.approx(0.6, abs=1e-15) for row in numbers)
 
 
 def test_controls_lose_strength():

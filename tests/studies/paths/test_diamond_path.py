@@ -1,4 +1,4 @@
-"""The diamond's drained stage: point B, energies, events, both sliding rules, polar at B."""
+"""The diamond's drained stage: point B, energies, events, Coulomb's law, polar at B."""
 
 import mpmath
 import numpy as np
@@ -12,9 +12,7 @@ from stability import symmetric_part
 from studies.paths import DiamondOptions
 from studies.paths.diamond import beyond_yield, follow_diamond
 from studies.paths.diamond_summary import energy_imbalance, verification
-from studies.paths.polar import state_diagram
-from studies.paths.rules import rules_summary
-from studies.paths.tables import diamond_table, path_dependence_table
+from studies.paths.diamond_tables import path_dependence_table, state_diagram
 from tests.studies.paths.followed import followed, summary_of
 
 POINT_B = {
@@ -24,14 +22,12 @@ POINT_B = {
 SWEEP = [
     {"table": 1},
     {"table": 2},
-    {"table": 1, "sliding": "printed"},
-    {"table": 2, "sliding": "printed"},
     {"confine": 0.1},
     {"phi_deg": 0.0},
     {"phi_deg": 90.0},
     {"alpha0_deg": 10.0, "confine": 0.0, "phi_deg": 30.0},
     {"alpha0_deg": 18.0, "kappa": 1.26, "confine": 0.0, "phi_deg": 89.0},
-    {"alpha0_deg": 42.0, "confine": 0.0, "phi_deg": 43.0, "sliding": "printed"},
+    {"alpha0_deg": 42.0, "confine": 0.0, "phi_deg": 43.0},
     {"alpha0_deg": 28.0, "kappa": 1.5, "phi_deg": 6.0, "confine": 0.65},
     {"alpha0_deg": 6.0, "kappa": 6.0, "phi_deg": 85.0, "confine": 0.1},
     {"kappa": 0.0},
@@ -46,7 +42,7 @@ def shear_ratio(path):
 
 def kinds(path, stage="drained"):
     """Kinds of the events of a stage, in order."""
-    return [kind for kind, row in path.listed if path.states.stage[row] == stage]
+    return [kind for kind, row in path.listed if path.stage[row] == stage]
 
 
 def integrate_by_strain(path, rows, slip):
@@ -89,15 +85,14 @@ def test_point_B_to_20_digits(table):
     assert (state["regime"], state["beyond"]["regime"]) == ("elastic", "sliding")
 
 
-@pytest.mark.parametrize("sliding", ["coulomb", "printed"])
 @pytest.mark.parametrize("table", [1, 2])
-def test_stages_are_solutions_of_the_rate_equations(table, sliding):
-    path = followed(table=table, sliding=sliding)
+def test_stages_are_solutions_of_the_rate_equations(table):
+    path = followed(table=table)
     for slides in (False, True):
-        drained = path.states.stage == "drained"
-        rows = np.flatnonzero(drained & ((path.states.slip != 0.0) == slides))
+        drained = path.stage == "drained"
+        rows = np.flatnonzero(drained & (path.states.sliding == slides))
         assert rows.size > 20
-        E2, T = integrate_by_strain(path, rows, path.states.slip[rows[0]])
+        E2, T = integrate_by_strain(path, rows, slides * np.sign(path.states.T[rows[0]]))
         assert abs(E2 - path.states.E2[rows[-1]]) < 2e-13
         assert abs(T - path.states.T[rows[-1]]) < 2e-13
 
@@ -105,7 +100,7 @@ def test_stages_are_solutions_of_the_rate_equations(table, sliding):
 @pytest.mark.parametrize("table", [1, 2])
 def test_slope_at_A_is_det_K_over_K22(table):
     path = followed(table=table)
-    K = path.operators.K[path.marks["A"]]
+    K = path.states.K[path.marks["A"]]
     found = verification(path)["slope_at_A"]
     assert found["closed_form"] == pytest.approx(np.linalg.det(K) / K[1, 1], rel=1e-12)
     assert found["difference"] < 1e-11
@@ -113,13 +108,13 @@ def test_slope_at_A_is_det_K_over_K22(table):
 
 def test_axial_stress_follows_the_slope_everywhere():
     path = followed(table=2)
-    drained = path.states.stage == "drained"
+    drained = path.stage == "drained"
     slope = (path.det_K / path.K[:, 1, 1])[drained]
     rates = path.path.P_rate[drained, 0] / path.path.H_rate[drained, 0]
     np.testing.assert_allclose(rates, slope, rtol=2e-14)
     # And by differences, of second order over rows that are a hundredth apart.
     for slides in (False, True):
-        rows = drained & ((path.states.slip != 0.0) == slides)
+        rows = drained & (path.states.sliding == slides)
         measured = np.gradient(path.states.s1[rows], path.states.E1[rows], edge_order=2)
         np.testing.assert_allclose(measured, path.det_K[rows] / path.K[rows, 1, 1], rtol=2e-2)
 
@@ -127,7 +122,7 @@ def test_axial_stress_follows_the_slope_everywhere():
 def test_lateral_stress_is_held_and_the_path_goes_on_in_E1():
     for arguments in SWEEP:
         path = followed(**arguments)
-        drained = path.states.stage == "drained"
+        drained = path.stage == "drained"
         s2 = path.states.s2[drained]
         # Steps lengthen until the integrator's tolerance where the path is flat: 2e-13 at 0.65.
         rtol = 1e-12 if arguments.get("confine") == 0.65 else 1e-14
@@ -162,7 +157,7 @@ def test_energy_balance_closes(arguments):
 
 def test_work_of_isotropic_strain_in_closed_form():
     path = followed(table=2)
-    rows, t0 = path.states.stage == "isotropic", np.tan(np.radians(35.0))
+    rows, t0 = path.stage == "isotropic", np.tan(np.radians(35.0))
     expected = 0.5 * path.states.E1[rows] ** 2 * (t0 + 1.0 / t0)
     np.testing.assert_allclose(path.energies["work"][rows], expected, rtol=1e-14, atol=1e-18)
 
@@ -203,7 +198,8 @@ def test_sticking_again_is_an_event_and_the_path_goes_on():
     exact = drained_path(path.loop)
     # Where slip stops smoothly its zero is known to the integrator's tolerance: 2e-13.
     assert abs(path.states.alpha[row] - exact.stick_angle) < 5e-13
-    assert (path.states.slip[row], path.states.slip[row + 1]) == (-1.0, 0.0)
+    assert path.states.T[row] < 0.0
+    assert (path.states.sliding[row], path.states.sliding[row + 1]) == (True, False)
     ratio = shear_ratio(path)
     assert np.all(ratio[row + 2 :] < 1.0)
     # Nothing slips at that instant: slip stops without a kink.
@@ -222,14 +218,14 @@ def test_a_path_that_snaps_back_ends_at_B():
     assert kinds(path) == ["yield", "control_limit"]
     assert path.marks["B"] == len(path.energies["work"]) - 1
     K22 = beyond_yield_operator(path)[1, 1]
-    assert K22 < 0.0 < path.operators.K[-1, 1, 1]
+    assert K22 < 0.0 < path.states.K[-1, 1, 1]
 
 
 def test_the_limit_of_strain_control_ends_the_path():
     path = followed(alpha0_deg=6.5, kappa=4.5, phi_deg=50.0, confine=0.69)
     assert kinds(path)[-1] == "control_limit"
     assert path.listed[-1][1] == len(path.energies["work"]) - 1
-    K22 = path.operators.K[path.states.stage == "drained", 1, 1]
+    K22 = path.states.K[path.stage == "drained", 1, 1]
     assert np.all(K22[:-1] > 0.0)
     assert abs(K22[-1]) < 1e-13 * K22[0]
 
@@ -238,69 +234,48 @@ def test_determinants_that_vanish_in_the_drained_stage_are_events():
     # det K, negative at A, comes back while N falls; the shear force keeps det Ks behind it.
     path = followed(alpha0_deg=50.0, kappa=1.5, phi_deg=73.5, confine=0.634)
     assert kinds(path) == ["det_K_zero", "det_Ks_zero"]
-    rows = [row for _, row in path.listed if path.states.stage[row] == "drained"]
+    rows = [row for _, row in path.listed if path.stage[row] == "drained"]
     for kind, value in (
-        ("det_K_zero", path.operators.det_K),
-        ("det_Ks_zero", path.operators.det_Ks),
+        ("det_K_zero", path.states.det_K),
+        ("det_Ks_zero", path.states.det_Ks),
     ):
         drained = [row for name, row in path.listed if name == kind and row in rows]
-        signs = np.sign(value[path.states.stage == "drained"])
+        signs = np.sign(value[path.stage == "drained"])
         assert len(drained) == np.count_nonzero(np.diff(signs[signs != 0.0])) > 0
         assert np.all(np.abs(value[drained]) < 1e-14)
 
 
-# Sliding rules
-
-
-@pytest.mark.parametrize(("table", "ratio"), [(1, 1.1864284), (2, 1.2507328)])
-def test_printed_rule_leaves_coulombs_cone(table, ratio):
-    found = rules_summary(DiamondOptions(table=table))
-    assert found["coulomb"]["shear_ratio"] == pytest.approx(1.0, abs=1e-14)
-    # Integrated from (8c) and the balance by hand: T = 2 mu N_B - mu N beyond B.
-    assert found["printed"]["shear_ratio"] == pytest.approx(ratio, abs=1e-7)
-    path = followed(table=table, sliding="printed")
-    row, mu, N = path.marks["B"], path.loop.mu, path.states.N
-    beyond = slice(row + 1, None)
-    np.testing.assert_allclose(path.states.T[beyond], mu * (2.0 * N[row] - N[beyond]), rtol=1e-13)
-    assert np.all(np.diff(shear_ratio(path)[row:]) >= -1e-15)
+# Coulomb's law
 
 
 def test_coulombs_law_holds_beyond_B():
     for table in (1, 2):
         path = followed(table=table)
-        slides = path.states.slip != 0.0
+        slides = path.states.sliding
         np.testing.assert_allclose(shear_ratio(path)[slides], 1.0, rtol=1e-14)
         assert np.all(shear_ratio(path)[~slides][1:] <= 1.0 + 1e-14)
-
-
-def test_rules_are_one_where_nothing_slides():
-    assert rules_summary(DiamondOptions(phi_deg=90.0)) is None
-    assert rules_summary(DiamondOptions(confine=0.0)) is None
 
 
 # Operators and directions
 
 
 def beyond_yield_operator(path):
-    from studies.paths.states import operators
-
-    return operators(path.loop, beyond_yield(path)).K[0]
+    return beyond_yield(path).K[0]
 
 
 @pytest.mark.parametrize("table", [1, 2])
 def test_generic_operator_agrees_on_the_whole_path(table):
-    for arguments in ({}, {"sliding": "printed"}):
-        found = verification(followed(table=table, **arguments))
-        assert found["generic_vs_closed_form_max_relative"] < 2e-14
-        assert found["det_K_max_difference"] < 1e-14
-        assert found["bromwich_margin_min"] > -1e-15
-        assert found["generic_affine_untrusted"] == found["generic_traction_untrusted"] == 0
+    found = verification(followed(table=table))
+    assert found["generic_vs_closed_form_max_relative"] < 2e-14
+    assert found["det_K_max_difference"] < 1e-14
+    assert found["bromwich_margin_min"] > -1e-15
+    assert found["generic_affine_untrusted"] == found["generic_traction_untrusted"] == 0
 
 
 def test_loading_direction_enters_the_cone_at_A():
     for table in (1, 2):
         path = followed(table=table)
-        rows = diamond_table(path)
+        rows = path.table
         isotropic = rows["stage"] == "isotropic"
         np.testing.assert_allclose(rows["loading_alphaE_deg"][isotropic], 45.0, atol=1e-13)
         assert rows["w2_loading"][isotropic].min() > 0.0
@@ -312,11 +287,10 @@ def test_loading_direction_enters_the_cone_at_A():
 
 def test_polar_diagram_at_B_takes_the_regime_that_a_direction_activates():
     path = followed(table=2)
-    diagram, slip = state_diagram(path, "B")
-    loading = np.radians(diamond_table(path)["loading_alphaE_deg"][path.marks["B"] + 1])
+    diagram, slides = state_diagram(path, "B")
+    loading = np.radians(path.table["loading_alphaE_deg"][path.marks["B"] + 1])
     along = int(np.argmin(np.abs(diagram.angle - loading)))
-    assert slip[along] == 1.0
-    assert slip[(along + 360) % 720] == 0.0
+    assert slides[along] and not slides[(along + 360) % 720]
     # Along each direction: the stress rate of a small step by the contact law itself.
     row, loop = path.marks["B"], path.loop
     E, (N, T, a, length) = diagram.direction, (
@@ -348,7 +322,7 @@ def test_cone_beyond_B_is_that_of_the_sliding_operator():
 
 def test_works_of_both_routes_by_integration():
     table = path_dependence_table(DiamondOptions(table=2).parameters, 7)
-    alpha, D = np.radians(table["alpha_deg"]), table["compression"]
+    alpha, D = np.radians(table["alpha_deg"].to_numpy()), table["compression"].to_numpy()
     for route, closed in (
         ("shear_then_compress", shear_then_compress(1.0, alpha, D, 1.0, 0.24)),
         ("compress_then_shear", work_compress_then_shear(1.0, alpha, D, 1.0, 0.24)),

@@ -1,7 +1,5 @@
 """The diamond study under isotropic strain: events, states, verification, arguments."""
 
-from dataclasses import replace
-
 import mpmath
 import numpy as np
 import pytest
@@ -11,11 +9,9 @@ from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
 from patterns import diamond
 from stability import restrict
 from studies.paths import DiamondOptions
-from studies.paths.diamond import follow_diamond
+from studies.paths.diamond import diamond_states, follow_diamond
 from studies.paths.diamond_summary import verification
-from studies.paths.polar import operator_diagram
-from studies.paths.states import operators, states_at
-from studies.paths.tables import diamond_table
+from studies.paths.followed import operator_diagram
 from tests.studies.paths.followed import Confined, followed, summary_of
 
 
@@ -23,7 +19,7 @@ def strains(path):
     """Strain of the first event of each kind in the isotropic stage."""
     found = {}
     for kind, row in path.listed:
-        if path.states.stage[row] == "isotropic":
+        if path.stage[row] == "isotropic":
             found.setdefault(kind, float(path.states.E1[row]))
     return found
 
@@ -35,8 +31,8 @@ def confined(**options):
 
 def isotropic_rows(path):
     """Columns of the rows of the isotropic stage."""
-    rows = diamond_table(path)
-    return {key: values[rows["stage"] == "isotropic"] for key, values in rows.items()}
+    rows = path.table[path.table["stage"] == "isotropic"]
+    return {key: values.to_numpy() for key, values in rows.items()}
 
 
 def generic(alpha0, kappa, E, closure):
@@ -170,8 +166,7 @@ def test_path_follows_equations_39_and_40(table):
 
 def test_determinants_of_a_sheared_state_are_those_of_its_operator():
     loop = DiamondOptions(table=2).parameters
-    sheared = replace(states_at(loop, [0.2], [0.2]), s1=np.array([0.4]), s2=np.array([0.1]))
-    found = operators(loop, sheared)
+    found = diamond_states(loop, [0.2], [0.2], s1=np.array([0.4]), s2=np.array([0.1]))
     symmetric = 0.5 * (found.K + np.swapaxes(found.K, 1, 2))
     np.testing.assert_allclose(found.det_K, np.linalg.det(found.K), rtol=1e-13)
     np.testing.assert_allclose(found.det_Ks, np.linalg.det(symmetric), rtol=1e-13)
@@ -180,7 +175,7 @@ def test_determinants_of_a_sheared_state_are_those_of_its_operator():
 
 def test_every_event_is_a_row():
     path = followed(alpha0_deg=40.0, kappa=0.17, confine=0.31)
-    for kind, value in (("det_K_zero", path.operators.det_K), ("yield", None)):
+    for kind, value in (("det_K_zero", path.states.det_K), ("yield", None)):
         (row,) = {row for name, row in path.listed if name == kind}
         if value is None:
             value = np.abs(path.states.T) - path.loop.mu * path.states.N
@@ -251,7 +246,7 @@ def test_a_row_of_the_grid_that_rounds_to_an_event_is_not_there_twice():
     kappa = E / (1.0 - E)
     assert 0.0 < abs(kappa / (1.0 + kappa) - E) < 1e-15
     path = followed(kappa=kappa, confine=2.0 * E)
-    assert np.diff(path.states.E1[path.states.stage == "isotropic"]).min() > 1e-6
+    assert np.diff(path.states.E1[path.stage == "isotropic"]).min() > 1e-6
 
 
 # Verification
@@ -276,7 +271,7 @@ def test_closed_forms_and_generic_operators_agree():
 
 def test_verification_sees_a_wrong_operator():
     path = follow_diamond(DiamondOptions(table=1))
-    path.operators.K[5, 0, 1] += 1e-6
+    path.states.K[5, 0, 1] += 1e-6
     found = verification(path)
     assert found["generic_vs_closed_form_max_relative"] > 1e-7
     assert found["isotropic_vs_closed_form_max_relative"] > 1e-7
@@ -320,7 +315,6 @@ def test_without_arguments_the_study_is_table_1s():
         ({"phi_deg": 91.0}, "--phi", "degrees"),
         ({"confine": 1.0}, "--confine", "strain"),
         ({"closure": "voigt"}, "--closure", "affine or traction"),
-        ({"sliding": "none"}, "--sliding", "coulomb or printed"),
         ({"contact_on_touch": "go"}, "--contact-on-touch", "ignore, stop or add"),
         ({"contact_on_touch": "add", "alpha0_deg": 20.0}, "--alpha0", "30 to 60 degrees"),
     ],

@@ -29,9 +29,7 @@ def test_the_diamond_says_that_it_has_two_freedoms():
     assert (found["contact_orbits"], found["check"]) == ("1 of 4", None)
 
 
-def test_what_the_full_model_cannot_do_is_refused():
-    with pytest.raises(InputError, match="--sliding"):
-        DiamondOptions(sliding="printed", model="full")
+def test_an_unknown_model_is_refused():
     with pytest.raises(InputError, match="--model"):
         DiamondOptions(model="small")
     with pytest.raises(InputError, match="--model"):

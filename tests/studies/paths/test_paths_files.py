@@ -14,10 +14,11 @@ from loops import InputError, find_faces
 from patterns import read_snapshot
 from studies.paths import DiamondOptions, run_diamond
 from studies.paths.diamond_figures import draw_determinant
+from studies.paths.diamond_tables import snapshot_tables
 from studies.paths.figures import draw_cone, draw_eigenvalues, draw_polar, draw_stress
-from studies.paths.polar import operator_diagram
-from studies.paths.tables import snapshot_tables
+from studies.paths.followed import operator_diagram
 from studies.style import STYLE
+from tests.conftest import leave_undrawn
 from tests.studies.paths.followed import followed
 
 EVENT_KEYS = {
@@ -29,7 +30,7 @@ STATE_KEYS = {
     "generic", "work", "stored", "dissipated",
 }  # fmt: skip
 SUMMARY_KEYS = {
-    "parameters", "states", "events", "end", "model", "verification", "sliding_rules",
+    "parameters", "states", "events", "end", "model", "verification",
     "added_contact", "figures", "notes", "definitions", "provenance",
 }  # fmt: skip
 COLUMNS = {
@@ -42,7 +43,7 @@ COLUMNS = {
 }  # fmt: skip
 FIGURES = (
     "path_dependence", "axial_stress", "determinant", "eigenvalues", "split", "cone", "polar",
-    "loop_A", "sliding_rules",
+    "loop_A",
 )  # fmt: skip
 FILES = {
     "summary.json", "path.parquet", "polar.parquet", "path_dependence.parquet",
@@ -57,7 +58,7 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("diamond")
     found = {1: (folder / "1", run_diamond(DiamondOptions(table=1), folder / "1"))}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("studies.paths.run.draw", lambda *_: None)
+        leave_undrawn(patch)
         found[2] = folder / "2", run_diamond(DiamondOptions(table=2), folder / "2")
     return found
 
@@ -151,7 +152,7 @@ def test_a_path_without_named_states_is_written(tmp_path, unsaved):
     names = {file.stem for file in (tmp_path / "out").iterdir()}
     assert names == {
         "summary", "path", "polar", "path_dependence", "axial_stress", "determinant",
-        "eigenvalues", "split", "cone", "sliding_rules",
+        "eigenvalues", "split", "cone",
     }  # fmt: skip
 
 

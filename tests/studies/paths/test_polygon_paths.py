@@ -12,17 +12,16 @@ from patterns.diamond import DiamondParameters
 from patterns.diamond import drained_path as exact_drained_path
 from stability import restrict, symmetric_spectrum
 from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
-from studies.paths.comparison import first_yield
-from studies.paths.options import PROGRAMMES, orders_of
+from studies.paths.options import PROGRAMMES, LoopOptions, orders_of, ring_of_lengths
 from studies.paths.polygon import (
     axial_peak,
     event_lines,
+    first_yield,
     follow_polygon,
     polygon_summary,
+    polygon_table,
     thresholds,
 )
-from studies.paths.snapshot_loop import LoopOptions, ring_of_lengths
-from studies.paths.tables import polygon_table
 from tests.unsaved import leave_files_empty
 
 SUMMARY_KEYS = {
@@ -296,7 +295,7 @@ def first_loss(found):
 
 def test_what_is_printed_and_tabled_of_a_large_loop_is_bounded(monkeypatch):
     found = follow_polygon(PolygonOptions(6, confine=0.05, end=0.3), ("diagonal",))
-    monkeypatch.setattr("studies.paths.tables.MOST_NUMBERS", 60)
+    monkeypatch.setattr("studies.paths.polygon.MOST_NUMBERS", 60)
     table = polygon_table(found)
     ends = {0, found.marks["A"], len(found.path) - 1}
     assert 10 <= len(table["E1"]) == len(table["N"]) <= 13 < len(found.path)

@@ -1,0 +1,108 @@
+"""What does equation (8c) as printed do to a diamond whose contacts slide?
+
+Nicot et al. 2016 print the slip rule with `zeta_n = sign(un')`. A contact that slides outward while
+its normal force falls then has `T' = -s mu N'`, `s = sign(T)`: |T| grows and leaves Coulomb's cone.
+Coulomb's law, `T' = s mu N'`, keeps `|T|/(mu N)` at 1. Both rules are followed along the drained
+test of the paper's two tables, and compared with their closed forms.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from loops import LinearFrictional
+from patterns.diamond import (
+    TABLE_1,
+    TABLE_2,
+    PrintedRule,
+    diamond,
+    drained_path,
+    drained_states_after_turn,
+    printed_states_after_turn,
+)
+from patterns.diamond.geometry import angle_from_strains
+from stability import Stage, follow, programmes
+from studies.examples import run, save
+from studies.style import BLUE, GREY, LIGHT_GREY, VERMILION, new_panels, styled
+
+TABLES = {1: TABLE_1, 2: TABLE_2}
+RULES = {"coulomb": LinearFrictional, "printed": PrintedRule}
+LOOK: dict[str, Any] = {
+    "coulomb": {"color": BLUE, "label": r"$\dot T = s\mu\dot N$, $s = \mathrm{sign}\,T$"},
+    "printed": {"color": VERMILION, "linestyle": (0, (4, 3)), "label": "(8c) as printed"},
+}
+# Strain after B at which the rules are compared, and E1 at the end of the test.
+AFTER_YIELD, LAST_STRAIN = 0.1, 0.6
+
+
+def drained_test(table: int, rule: str) -> tuple[pd.DataFrame, float]:
+    """Rows from A on, `stage` 2 after the strain of comparison; largest error of T against (8)."""
+    loop = TABLES[table]
+    exact = drained_path(loop)
+    strains = (float(exact.end.E1) + AFTER_YIELD, LAST_STRAIN)
+    drained = [Stage(programmes.drained_biaxial(), "H11", E) for E in strains]
+    path = follow(
+        diamond(loop.alpha0),
+        RULES[rule](1.0, loop.kappa, loop.mu),
+        [Stage(programmes.isotropic_strain(), "H11", loop.confinement), *drained],
+        volume=2.0 * np.sin(2.0 * loop.alpha0),
+        rows=80,
+    )
+    rows = path.stage > 0
+    E1, E2 = path.H[rows, 0], path.H[rows, 3]
+    N, T = path.normal_force[rows, 0], path.shear_force[rows, 0]
+    turn = np.maximum(angle_from_strains(E1, E2, loop.alpha0) - loop.alpha0, 0.0)
+    closed = drained_states_after_turn(exact, turn)[0]
+    if rule == "printed":
+        closed = printed_states_after_turn(exact, turn)
+    columns = {"table": table, "rule": rule, "stage": path.stage[rows], "E1": E1}
+    columns |= {"shear_ratio": np.abs(T) / (loop.mu * N), "s1": path.P[rows, 0]}
+    return pd.DataFrame(columns), float(np.abs(T - closed.T).max())
+
+
+def compare() -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+    """Curves of every table and rule; their values `AFTER_YIELD` beyond B and at the end."""
+    curves, numbers = [], []
+    for table in TABLES:
+        for rule in RULES:
+            curve, error = drained_test(table, rule)
+            there, end = curve[curve.stage == 1].iloc[-1], curve.iloc[-1]
+            row = {"table": table, "rule": rule, "shear_ratio": there.shear_ratio, "s1": there.s1}
+            row |= {"shear_ratio_end": end.shear_ratio, "E1_end": end.E1, "error_of_T": error}
+            curves.append(curve)
+            numbers.append(row)
+    return pd.concat(curves, ignore_index=True), numbers
+
+
+@styled()
+def draw(curves: pd.DataFrame) -> Figure:
+    """Use of friction and axial stress from A on, Table 1."""
+    figure, ((use, stress),) = new_panels(1, 2, 2.6)
+    use.axhspan(1.0, 3.0, color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
+    for rule, curve in curves[curves.table == 1].groupby("rule"):
+        use.plot(curve.E1, curve.shear_ratio, **LOOK[rule])
+        stress.plot(curve.E1, curve.s1, **LOOK[rule])
+    highest = 1.08 * curves[curves.table == 1].shear_ratio.max()
+    use.set(xlabel="axial strain $E_1$ (–)", ylabel=r"$|T|/(\mu N)$ (–)", ylim=(0.0, highest))
+    said: Any = {"va": "top", "color": GREY, "fontsize": 7}
+    use.text(0.03, 0.97, "outside Coulomb's cone", transform=use.transAxes, **said)
+    stress.set(xlabel="axial strain $E_1$ (–)", ylabel="axial stress $s_1$ (–)")
+    use.legend(loc="lower right")
+    return figure
+
+
+def main(out: Path) -> dict[str, Any]:
+    """Follow both rules; write curves, numbers and the figure."""
+    curves, numbers = compare()
+    columns = {name: curves[name].to_numpy() for name in curves}
+    told = {"strain_after_yield": AFTER_YIELD, "rules": numbers}
+    return save(out, "printed_rule", draw(curves), told, columns)
+
+
+if __name__ == "__main__":
+    run(main)
