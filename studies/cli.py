@@ -17,7 +17,7 @@ from studies.commands import common
 from studies.commands.bench import bench
 from studies.commands.check import check
 from studies.commands.clock import clock
-from studies.commands.common import forget_output
+from studies.commands.common import forget_output, print_error
 from studies.commands.diamond import diamond
 from studies.commands.domain import domain
 from studies.commands.evolve import evolve
@@ -37,8 +37,6 @@ app = typer.Typer(
     "forces, stresses and strains positive in compression.",
 )
 WIDTH = "--figure-width="
-# No error is longer than a screen: the middle of what was received is left out.
-LONGEST = 1000
 INTERRUPTED = 130
 # Whoever shows its progress itself, or none.
 SHOWN_OTHERWISE = {"series", "bench", "--quiet", "--help", "--version"}
@@ -135,10 +133,7 @@ def _common_first(arguments: list[str]) -> list[str]:
 
 def _fail(message: str, status: int = 2) -> None:
     clock.stop()
-    line = " ".join(message.split())
-    if len(line) > LONGEST:
-        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
-    typer.echo(f"grainloops: {line}", err=True)
+    print_error(message)
     sys.exit(status)
 
 

@@ -12,7 +12,7 @@ from loops.arrays import Floats, Integers
 from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
 from loops.validation import repeated_contacts
-from patterns.snapshots.checks import Checked, check_state, same_normal_force
+from patterns.snapshots.checks import SLIDING_SHARE, Checked, Finding, check_state, same_force
 from patterns.snapshots.frame import Frame
 from patterns.snapshots.geometry import (
     Bodies,
@@ -25,9 +25,6 @@ from patterns.snapshots.geometry import (
 )
 from patterns.snapshots.snapshot import Snapshot, WallContacts
 from patterns.snapshots.tables import Table
-
-# A contact without a flag counts as sliding from this share of mu N on, as Yade's own tables do.
-SLIDING_SHARE = 0.999
 
 
 class Parameters(NamedTuple):
@@ -89,14 +86,11 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         raise
     if branches.images is not None and not branches.images.any():
         notes.append("no contact crosses the border of the periodic cell")
-    # Normals tell more than branches, which many files make of the centres.
-    given = table.optional("nx", "ny")
-    given = branches.given if given is None else given[rows]
     pushed = None if walls is None else (walls.grain, walls.force)
-    state = Checked(graph, branches.d, branches.length, law, regime, given, pushed)
-    findings = check_state(state)
-    if law is not None and table.has("fn", "fx_on_2"):
-        findings = (*findings, same_normal_force(table.column("fn")[rows], normal))
+    state = Checked(graph, branches.d, branches.length, law, regime, branches.given, pushed)
+    findings = (*frame.findings, *check_state(state))
+    if law is not None:
+        findings = (*findings, *_redundant(table, rows, branches.n, (normal, shear)))
     for found in findings:
         if strict and found.severity == "error":
             raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
@@ -158,6 +152,27 @@ def _components(force: Floats | None, rows: Integers, n: Floats) -> tuple[Floats
         return np.zeros(len(rows)), np.zeros(len(rows))
     f = some(force, rows)
     return np.einsum("ck,ck->c", f, n), n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
+
+
+def _redundant(
+    table: Table, rows: Integers, n: Floats, used: tuple[Floats, Floats]
+) -> list[Finding]:
+    """Columns of forces that the file holds besides those that are used, against these."""
+    normal, shear = used
+    scale = float(np.abs(normal).mean())
+    found = []
+    if table.has("fn"):
+        found.append(same_force("fn", table.column("fn")[rows], normal, scale))
+    if table.has("fsx", "fsy"):
+        fs = table.columns("fsx", "fsy")[rows]
+        along = n[:, 0] * fs[:, 1] - n[:, 1] * fs[:, 0]
+        found.append(same_force("fsx, fsy", along, shear, scale))
+    if table.has("ft"):
+        ft = table.column("ft")[rows]
+        # Magnitudes beside a vector have no sign.
+        wanted = shear if (ft < 0).any() else np.abs(shear)
+        found.append(same_force("ft", ft, wanted, scale))
+    return found
 
 
 def _refuse_repeated(

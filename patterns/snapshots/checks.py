@@ -1,44 +1,90 @@
-"""What is wrong with a snapshot, told from its own numbers: one family of faults a function.
+"""Checks of a snapshot against its own numbers: each function looks for one family of faults.
 
-Limits lie between what 60 snapshots of Yade, LAMMPS and LIGGGHTS show and what the faults give; the
-figures stand beside each. All sums are over all contacts, medians over a sample of them.
+Each limit lies between what 113 clean snapshots of Yade, LAMMPS and LIGGGHTS give and what the same
+snapshots give with a fault; both stand beside it. Every check looks at all contacts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, LinearFrictional, Regime
-from loops.arrays import Floats, Integers, in_threads
-from patterns.snapshots.yade.shear import on_rim
+from loops import GrainGraph, LinearFrictional, Regime, branch_vectors
+from loops.arrays import Flags, Floats, Integers, in_threads
+from loops.contact_matching import match_contacts
+
+if TYPE_CHECKING:
+    from patterns.snapshots.snapshot import Snapshot
 
 Severity = Literal["ok", "doubt", "error"]
-SAMPLE = 100_000  # contacts that medians are taken over
-LOADED = 0.1  # contacts with more than this share of the mean N tell more than rounding
-# Share of the forces along the branches: 0.97 to 1; exchanged components 0 to 0.3, signs -1.
-ALONG, PULLING = 0.4, 0.02
-# Out of balance over the mean force: to 0.063; flowing 0.27; shear of the other sign 0.2 to 1.2.
-BALANCE, TURNED = 0.1, 0.3
-# Share of loaded contacts beyond Coulomb's limit: none (one flow: 0.9 %).
+# Weaker contacts, in mean normal forces, hold mostly rounding and damping.
+LOADED = 0.1
+# Share of the forces along the branches: clean 0.97 to 1; exchanged components 0 to 0.3; signs -1.
+ALONG = 0.4
+# Share of the normal force that pulls: clean 0; damping in a flow 0.1 %.
+PULLING = 0.02
+# Residual force on a grain over the mean force (root mean square): clean 0 to 0.065; a flow 0.28.
+BALANCE = 0.1
+# Residual with the shear forces turned around over the residual as given: clean above 1.
+SHEAR_TURNED = 0.3
+# Residual left at both grains when one contact is turned, over the change: clean 0.48 and more.
+CONTACT_TURNED = 0.3
+# That change over the median residual of a grain, below which a contact can't be told.
+TOLD = 20.0
+# The same in mean normal forces, where grains are balanced to rounding.
+WEAKEST = 1e-3
+# Contacts beyond Coulomb's limit, and their share: clean none; a flow 0.9 %.
 BEYOND, BEYOND_SHARE = 1.01, 0.02
-DEGREES = (5.0, 90.0)  # no friction, but angles
-# N over kn times overlap: 1 for linear laws, 2/3 for Hertz' tangent stiffness.
-STIFF, ROUND_NUMBER = (0.6, 1.6), 0.05
-# Distances over sums of radii: 0.99 to 1; soft grains 0.7; diameters for radii 0.5.
+# Angles of friction in degrees; tangents are smaller.
+DEGREES = (5.0, 90.0)
+# Contacts at one ratio |T|/N, to this share of it, slide; at rest at most 2 of 7,000 agree so far.
+ONE_RATIO, AT_ONE_RATIO = 1e-6, 5
+# The same of a large packing, where ratios agree by chance.
+AT_ONE_RATIO_SHARE = 1e-3
+# |T| / (mu N) of a sliding contact, and the share of them below: clean 1 to 1e-6 and none.
+AT_LIMIT, FEW_BELOW = (0.95, 1.05), 0.05
+# A contact without a flag counts as sliding from this share of mu N on, as Yade's own tables do.
+SLIDING_SHARE = 0.999
+# N over kn times overlap (median): 1 for linear laws, 2/3 for Hertz' tangent stiffness.
+STIFF = (0.6, 1.6)
+# Powers of ten and ratios of 1 are recognised within this.
+NEAR_ROUND = 0.05
+# kn of one contact over the median, and N over kn times overlap as far the other way: clean 2.
+ODD_STIFFNESS = 100.0
+# Centres' distance over the sum of radii (median): clean 0.99 to 1; soft grains 0.9; diameters 0.5.
 DIAMETERS, SOFT, APART, FAR = (0.25, 0.6), 0.85, 1.02, 1.5
-GAPS = 0.01  # share of loaded contacts that may be apart: none
+# Share of loaded contacts across a gap: clean none.
+GAPS = 0.01
+# Share of the radii by which all of them are off: clean 1e-4 (kn not known), else 1e-7.
+RADII = 2e-4
+# That change must leave so much less of N - kn times overlap unexplained.
+EXPLAINED = 3.0
+# Multiples of the rounding of coordinates: for directions and radii, all overlaps, one overlap.
+ROUNDINGS, OVERLAP_ROUNDINGS, SURE_ROUNDINGS = 5.0, 2.0, 20.0
 # Directions of the file against the centres, in radians: 1e-9 if saved within a step.
-TURNED_BY = 3e-6
-# Constraints over freedoms: 1.03 and more where load is carried, 0.89 in a flow.
+DIRECTIONS = 3e-6
+# Constraints over degrees of freedom: 1.03 and more where load is carried, 0.89 in a flow.
 JAMMED, FEWEST = 0.95, 20
+# Two columns of one quantity agree to this share of the mean force: clean 5e-9, text 1e-6.
+SAME_FORCE = 1e-3
+# Share of contacts in two rows: all where rows are of grains, but for some with fixed grains.
+REPEATED = 0.5
+# Grains this near the bounding box, in mean radii, may touch a wall whose force is not known.
+RIM = 0.05
+# Change of T over kt times slip, between snapshots: clean 1 to 1e-7 in steps of 2e-5 of strain.
+KT = 0.1
+# Share of the contacts whose change of T must agree to KT before it tells kt.
+AGREEING = 0.5
+# Contacts to which unknown rotations are fitted at most, and how often they are weighted anew.
+FITTED, REWEIGHTED = 50_000, 12
 
 
 class Finding(NamedTuple):
-    """What a check found: the number that tells it, a sentence on the cause, what to do."""
+    """Result of one check: its number, a sentence with the likely cause, and the remedy."""
 
     check: str
     number: float
@@ -50,11 +96,11 @@ class Finding(NamedTuple):
         return f"{self.says}. {self.remedy}"
 
     def doubt(self, cause: str, remedy: str, holds: bool = True) -> Finding:
-        """The same as a doubt, with its likely cause, if one holds."""
+        """The finding as a doubt with its likely cause, if `holds`."""
         return self._worse("doubt", cause, remedy) if holds else self
 
     def error(self, cause: str, remedy: str) -> Finding:
-        """The same as an error, after which nothing meaningful can follow."""
+        """The finding as an error, after which no result means anything."""
         return self._worse("error", cause, remedy)
 
     def _worse(self, severity: Severity, cause: str, remedy: str) -> Finding:
@@ -62,7 +108,7 @@ class Finding(NamedTuple):
 
 
 class Checked:
-    """What the checks look at: the contacts between grains, their branches, law and regimes.
+    """Contacts between grains with their branches, law and regimes, as the checks need them.
 
     `given` (C, 2) are the branches or normals of the file, `walls` the grains that walls touch and
     the forces on them (W, 2).
@@ -87,36 +133,65 @@ class Checked:
         if graph.cell is None and walls is None:
             # Walls whose forces are not known may push on the rim.
             self.inner &= ~on_rim(self.x, self.radii, self.inner)
-        count = len(self.contacts)
-        self.rows = slice(None, None, max(1, count // SAMPLE))
+        self.reach = self.radii[self.contacts].sum(axis=1)
+        self.overlap = self.reach - length
         limit = LOADED * float(self.normal.mean())
-        self.loaded = self.normal > limit if limit > 0 else np.ones(count, dtype=bool)
+        self.loaded = self.normal > limit if limit > 0 else np.ones(len(self.normal), dtype=bool)
 
     def parameter(self, name: str) -> Floats:
         """(C,) array of `kn`, `kt` or `mu`."""
         return np.broadcast_to(getattr(self.law, name), len(self.contacts))
 
+    @cached_property
+    def parts(self) -> tuple[Floats, Floats]:
+        """Normal and shear force on grain 2 of each contact, (C, 2) each."""
+        n = self.d / self.length[:, None]
+        t = np.column_stack([-n[:, 1], n[:, 0]])
+        return self.normal[:, None] * n, self.shear[:, None] * t
+
+    def residual(self, force: Floats) -> Floats:
+        """(G, 2) array: sum of contact forces on each inner grain, less a uniform body force."""
+        one, two = self.contacts.T
+        count = len(self.x)
+        sums = [np.bincount(two, f, count) - np.bincount(one, f, count) for f in force.T]
+        rest = np.column_stack(sums)
+        if self.walls is not None:
+            np.add.at(rest, *self.walls)
+        rest[~self.inner] = 0.0
+        area = np.where(self.inner, self.radii**2, 0.0)
+        rest -= area[:, None] * ((area @ rest) / (area @ area))
+        return rest
+
+
+def on_rim(x: Floats, radii: Floats, touched: Flags) -> Flags:
+    """(G,) array: grains at the border of the box around those touched, where walls may be."""
+    low, high = x - radii[:, None], x + radii[:, None]
+    margin = RIM * radii.mean()
+    near_low = low < low[touched].min(axis=0) + margin
+    near_high = high > high[touched].max(axis=0) - margin
+    return np.asarray((near_low | near_high).any(axis=1))
+
 
 def check_state(state: Checked) -> tuple[Finding, ...]:
-    """All findings on a state, also what is as it should be."""
+    """All findings on a state, also those that are as they should be."""
     checks: list[Callable[[Checked], Finding | None]] = [distances, touching, same_snapshot]
     forces: tuple[Finding, ...] = ()
     if state.law is not None and not (state.normal.any() or state.shear.any()):
         forces = (Finding("forces", 0.0, "all contact forces are zero", "doubt", "Export them."),)
     elif state.law is not None:
-        checks += [directions, pulling, balance, friction, sliding, stiffness, jammed]
+        checks += [directions, pulling, balance, one_contact_turned, friction, one_ratio, sliding]
+        checks += [flags, stiffness, odd_stiffness, radii, jammed]
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
-    def told(check: Callable[[Checked], Finding | None]) -> Finding | None:
+    def run(check: Callable[[Checked], Finding | None]) -> Finding | None:
         return check(state)
 
-    return (*(found for found in in_threads(told, checks) if found is not None), *forces)
+    return (*(found for found in in_threads(run, checks) if found is not None), *forces)
 
 
 def distances(state: Checked) -> Finding:
-    """Distances of the centres against the radii: diameters, other units."""
-    rows = state.rows
-    reach = float(np.median(state.length[rows] / state.radii[state.contacts[rows]].sum(axis=1)))
+    """Distances of the centres against the radii: diameters for radii, other units."""
+    reach = float(np.median(state.length / state.reach))
     says = f"centres in contact are {reach:.4g} times the sum of their radii apart (median)"
     found = Finding("distances", reach, says)
     remedy = "Give radii and positions in one unit of length."
@@ -133,11 +208,10 @@ def distances(state: Checked) -> Finding:
 
 def touching(state: Checked) -> Finding | None:
     """Contacts that carry load across a gap."""
-    rows = np.flatnonzero(state.loaded)[state.rows]
-    if len(rows) == 0:
+    gap = -state.overlap[state.loaded]
+    if len(gap) == 0:
         return None
-    gap = state.length[rows] - state.radii[state.contacts[rows]].sum(axis=1)
-    share = float(np.mean(gap > rounding(state.x) + 1e-9 * state.length[rows]))
+    share = float(np.mean(gap > rounding(state.x) + 1e-9 * state.length[state.loaded]))
     says = f"{100 * share:.3g} % of the contacts that carry load are apart"
     return Finding("touching", share, says).doubt(
         ": positions and contacts of different snapshots, radii too small, or cohesion",
@@ -150,19 +224,18 @@ def same_snapshot(state: Checked) -> Finding | None:
     """Branches or normals of the file against the centres."""
     if state.given is None:
         return None
-    rows = state.rows
-    given, d = state.given[rows], state.d[rows]
+    given, d = state.given, state.d
     size = np.hypot(*given.T)
     turned = np.abs(d[:, 0] * given[:, 1] - d[:, 1] * given[:, 0])
-    off = float(np.median(turned / np.where(size > 0, size, 1.0) / state.length[rows]))
-    coarse = 2 * rounding(state.x) / float(np.median(state.length[rows]))
+    off = float(np.median(turned / np.where(size > 0, size, 1.0) / state.length))
+    coarse = 2 * rounding(state.x) / float(np.median(state.length))
     coarse += rounding(given) / float(np.median(size) or 1.0)
     says = f"contact directions are {off:.2g} rad off the lines of centres (median)"
     return Finding("same_snapshot", off, says).doubt(
         f", and the numbers are good to {coarse:.1g}: positions and contacts of different "
         "snapshots, or positions moved on before they were saved",
         "Take both tables from one snapshot.",
-        off > TURNED_BY + 5 * coarse,
+        off > DIRECTIONS + ROUNDINGS * coarse,
     )
 
 
@@ -203,33 +276,21 @@ def pulling(state: Checked) -> Finding:
 
 
 def balance(state: Checked) -> Finding | None:
-    """What the forces leave on a sample of grains, a uniform body force aside."""
-    chosen = np.flatnonzero(state.inner)[:: max(1, 5 * len(state.x) // SAMPLE)]
-    if len(chosen) < 3:
+    """Residual force on the grains, a uniform body force aside."""
+    inner = np.count_nonzero(state.inner)
+    if inner < 3:
         return None
-    place = np.full(len(state.x), len(chosen))
-    place[chosen] = np.arange(len(chosen))
-    taken = place < len(chosen)
-    one, two = state.contacts.T
-    rows = np.flatnonzero(taken[one] | taken[two])
-    ends = place[state.contacts[rows]]
-    n = state.d[rows] / state.length[rows, None]
-    push = _on_grains(ends, state.normal[rows, None] * n, len(chosen))
-    turned = np.column_stack([-n[:, 1], n[:, 0]])
-    turn = _on_grains(ends, state.shear[rows, None] * turned, len(chosen))
-    if state.walls is not None:
-        grain, force = state.walls
-        np.add.at(push, place[grain[taken[grain]]], force[taken[grain]])
-    area = state.radii[chosen] ** 2
-    mean = float(np.hypot(state.normal[state.rows], state.shear[state.rows]).mean())
-    rest = [_rest(area, push + sign * turn) / mean for sign in (1, -1)]
-    says = f"contact forces leave the grains {rest[0]:.2g} mean forces out of balance"
-    found = Finding("balance", rest[0], says)
-    if rest[0] <= BALANCE:
+    normal, shear = state.parts
+    mean = float(np.hypot(state.normal, state.shear).mean())
+    both = [state.residual(normal + sign * shear) for sign in (1, -1)]
+    rest, other = (float(np.sqrt(np.einsum("gk,gk->", r, r) / inner)) / mean for r in both)
+    says = f"contact forces leave the grains {rest:.2g} mean forces out of balance"
+    found = Finding("balance", rest, says)
+    if rest <= BALANCE:
         return found
-    if rest[1] < TURNED * rest[0] and len(chosen) >= FEWEST:
+    if other < SHEAR_TURNED * rest and inner >= FEWEST:
         return found.error(
-            f", and {rest[1]:.2g} with shear turned around: shear forces on grain 1, or id1 and "
+            f", and {other:.2g} with shear turned around: shear forces on grain 1, or id1 and "
             "id2 exchanged",
             "Turn the sign of the shear forces, or exchange id1 and id2.",
         )
@@ -239,15 +300,53 @@ def balance(state: Checked) -> Finding | None:
     )
 
 
+def one_contact_turned(state: Checked) -> Finding | None:
+    """Contacts whose force, or its normal or shear part, balances both grains with its sign turned.
+
+    A grain on the rim does not count: walls may push on it.
+    """
+    inner = np.count_nonzero(state.inner)
+    if inner < FEWEST:
+        return None
+    normal, shear = state.parts
+    rest = state.residual(normal + shear)
+    size = np.hypot(*rest.T)
+    least = max(
+        TOLD * float(np.median(size[state.inner])), WEAKEST * float(np.abs(state.normal).mean())
+    )
+    one, two = state.contacts.T
+    known = state.inner[one] | state.inner[two]
+    # What turning adds at an inner grain is what has to go there.
+    wrong = [~state.inner[end] | (size[end] > (1 - CONTACT_TURNED) * least) for end in (one, two)]
+    rows = np.flatnonzero(known & wrong[0] & wrong[1])
+    one, two = one[rows], two[rows]
+    turned = np.zeros(len(rows), dtype=bool)
+    for part in (normal[rows] + shear[rows], normal[rows], shear[rows]):
+        change = np.hypot(*part.T) * 2
+        left = [
+            np.where(state.inner[end], np.hypot(*(rest[end] - sign * part).T), 0.0)
+            for end, sign in ((one, -2), (two, 2))
+        ]
+        turned |= (change > least) & (np.maximum(*left) < CONTACT_TURNED * change)
+    count = int(np.count_nonzero(turned))
+    found = Finding("turned", count, f"{count} contacts balance their grains with the sign turned")
+    shown = ", ".join(str(row) for row in rows[turned][:3].tolist())
+    return found.doubt(
+        f": the force, or its normal or shear part, of contact {shown} (from 0)",
+        "Turn the sign of these forces, or export them again.",
+        count > 0,
+    )
+
+
 def friction(state: Checked) -> Finding | None:
     """Shear against Coulomb's limit; friction that is an angle."""
     every = state.parameter("mu")
-    typical = float(np.median(every[state.rows]))
+    typical = float(np.median(every))
     if DEGREES[0] < typical < DEGREES[1]:
         found = Finding("friction", typical, f"mu is {typical:.4g}")
         tangent = np.tan(np.radians(typical))
         return found.doubt(", as an angle in degrees", f"Give its tangent, {tangent:.4g}.")
-    rows = np.flatnonzero(state.loaded & (state.normal > 0))[state.rows]
+    rows = np.flatnonzero(state.loaded & (state.normal > 0))
     if len(rows) == 0 or not np.isfinite(every).any():
         return None
     ratio, mu = np.abs(state.shear[rows]) / state.normal[rows], every[rows]
@@ -261,60 +360,154 @@ def friction(state: Checked) -> Finding | None:
     )
 
 
+def one_ratio(state: Checked) -> Finding | None:
+    """Contacts that share one ratio |T| / (mu N) below 1: they slide, and their mu is smaller."""
+    mu = state.parameter("mu")
+    rows = np.flatnonzero(state.loaded & (state.normal > 0) & (mu > 0) & np.isfinite(mu))
+    if len(rows) == 0:
+        return None
+    ratio = np.abs(state.shear[rows]) / (mu[rows] * state.normal[rows])
+    order = np.argsort(ratio)
+    ratio = ratio[order]
+    last = np.searchsorted(ratio, (1 + ONE_RATIO) * ratio, side="right")
+    alike = np.where(ratio > 0, last - np.arange(len(ratio)), 0)
+    least = max(AT_ONE_RATIO, AT_ONE_RATIO_SHARE * len(rows))
+    start = np.flatnonzero((alike >= least) & (ratio < AT_LIMIT[0]))
+    # In a regular packing most contacts are alike.
+    regular = 2 * np.count_nonzero(alike >= least) > len(rows)
+    first = int(start[np.argmax(alike[start])]) if len(start) and not regular else None
+    if first is None:
+        return Finding("one_ratio", 0.0, "no contacts below mu N share one ratio |T|/N")
+    count = int(alike[first])
+    needed = float(ratio[first] * np.median(mu[rows[order[first : first + count]]]))
+    says = f"{count} contacts share |T| = {ratio[first]:.4g} mu N"
+    return Finding("one_ratio", float(ratio[first]), says).doubt(
+        ": they slide, and their mu is too large", f"The forces need mu = {needed:.4g} there."
+    )
+
+
 def sliding(state: Checked) -> Finding | None:
     """Contacts flagged as sliding against Coulomb's limit."""
     if state.sliding is None:
         return None
-    rows = np.flatnonzero(state.sliding)[state.rows]
-    mu = state.parameter("mu")[rows]
-    limit = mu * state.normal[rows]
-    known = np.isfinite(limit) & (limit > 0)
-    if not known.any():
+    mu = state.parameter("mu")
+    limit = mu * state.normal
+    rows = np.flatnonzero(state.sliding & state.loaded & np.isfinite(limit) & (limit > 0))
+    if len(rows) == 0:
         return None
-    ratio = float(np.median(np.abs(state.shear[rows][known]) / limit[known]))
-    found = Finding("sliding", ratio, f"sliding contacts have |T| = {ratio:.3g} mu N (median)")
-    return found.doubt(
-        f": mu too {'large' if ratio < 1 else 'small'}, or flags of another snapshot",
-        f"The forces need mu = {ratio * float(np.median(mu[known])):.3g}.",
-        abs(ratio - 1) > 0.1,
+    ratio = np.abs(state.shear[rows]) / limit[rows]
+    below, typical = ratio < AT_LIMIT[0], float(np.median(ratio))
+    share = float(np.mean(below))
+    says = f"sliding contacts have |T| = {typical:.3g} mu N (median), {100 * share:.3g} % of them "
+    found = Finding("sliding", typical, f"{says}less than mu N")
+    if share > FEW_BELOW:
+        needed = float(np.median(ratio[below])) * float(np.median(mu[rows[below]]))
+        cause, remedy = "large", f"These need mu = {needed:.3g}."
+    elif typical > AT_LIMIT[1]:
+        cause, remedy = "small", f"The forces need mu = {typical * float(np.median(mu[rows])):.3g}."
+    else:
+        return found
+    return found.doubt(f": mu too {cause}, or flags of another snapshot", remedy)
+
+
+def flags(state: Checked) -> Finding | None:
+    """Contacts at Coulomb's limit that the file does not flag as sliding."""
+    if state.sliding is None:
+        return None
+    limit = state.parameter("mu") * state.normal
+    rows = np.flatnonzero(np.isfinite(limit) & (limit > 0))
+    at_limit = np.abs(state.shear[rows]) >= SLIDING_SHARE * limit[rows]
+    count = int(np.count_nonzero(at_limit))
+    missing = int(np.count_nonzero(at_limit & ~state.sliding[rows]))
+    says = f"{missing} of {count} contacts at |T| = mu N are not flagged as sliding"
+    return Finding("flags", missing, says).doubt(
+        ": a column that was never filled, or another mu",
+        "Leave the column 'sliding' out: it follows from the forces then.",
+        missing >= AT_ONE_RATIO and 2 * missing > count,
     )
 
 
 def stiffness(state: Checked) -> Finding | None:
     """N against kn times overlap: units, exchanged stiffnesses."""
-    rows = np.flatnonzero(state.loaded)[state.rows]
-    overlap = state.radii[state.contacts[rows]].sum(axis=1) - state.length[rows]
     # Coarser coordinates, and grains that are apart, say nothing of the stiffness.
-    if len(rows) == 0 or float(np.median(overlap)) <= 2 * rounding(state.x):
+    if not state.loaded.any() or _too_coarse(state):
         return None
-    positive = overlap > 0
-    secant = state.normal[rows][positive] / overlap[positive]
-    kn, kt = (state.parameter(name)[rows][positive] for name in ("kn", "kt"))
+    rows = np.flatnonzero(state.loaded & (state.overlap > 0))
+    secant = state.normal[rows] / state.overlap[rows]
+    kn, kt = (state.parameter(name)[rows] for name in ("kn", "kt"))
     needed, exceeds = float(np.median(secant)), float(np.median(kt / kn))
     ratio, shear_ratio = float(np.median(secant / kn)), float(np.median(secant / kt))
     found = Finding("stiffness", ratio, f"N is {ratio:.4g} times kn times the overlap (median)")
-    if abs(shear_ratio - 1) < ROUND_NUMBER < abs(exceeds - 1):
+    if abs(shear_ratio - 1) < NEAR_ROUND < abs(exceeds - 1):
         cause = f" and {shear_ratio:.4g} times kt times it: kn and kt exchanged"
         return found.doubt(cause, "Exchange them.")
     if not STIFF[0] <= ratio <= STIFF[1]:
         unit = _power_of_ten(ratio)
         cause = f"units differ by {unit}, or another kn" if unit else "another kn, or units"
         return found.doubt(f": {cause}", f"Forces and overlaps need kn = {needed:.4g}.")
-    if exceeds > 1 + ROUND_NUMBER:
+    if exceeds > 1 + NEAR_ROUND:
         found = Finding("stiffness", exceeds, f"kt is {exceeds:.4g} kn")
         return found.doubt(", where grains are softer to shear", "Check kn and kt.")
     return found
 
 
+def odd_stiffness(state: Checked) -> Finding | None:
+    """Contacts whose kn is far from the others' and from what their force and overlap need."""
+    kn = state.parameter("kn")
+    rows = np.flatnonzero(state.overlap > SURE_ROUNDINGS * rounding(state.x))
+    if len(rows) == 0:
+        return None
+    stiffer = kn[rows] / np.median(kn[rows])
+    secant = np.abs(state.normal[rows]) / (kn[rows] * state.overlap[rows])
+    secant /= np.median(secant)
+    odd = (stiffer > ODD_STIFFNESS) & (secant < 1 / ODD_STIFFNESS)
+    odd |= (stiffer < 1 / ODD_STIFFNESS) & (secant > ODD_STIFFNESS)
+    count = int(np.count_nonzero(odd))
+    found = Finding("kn", count, f"{count} contacts have a kn that their force does not fit")
+    shown = ", ".join(f"{c} ({kn[c]:.3g})" for c in rows[odd][:3].tolist())
+    return found.doubt(
+        f": contact {shown}, from 0, where the median is {float(np.median(kn)):.3g}",
+        "Correct kn of these contacts.",
+        count > 0,
+    )
+
+
+def radii(state: Checked) -> Finding | None:
+    """Radii that are all off by one factor: N is then linear in the overlap but not proportional.
+
+    Least squares for `N / kn = a overlap + b (r1 + r2)`; radii too large by a share s give
+    `b = -a s`.
+    """
+    if _too_coarse(state):
+        return None
+    rows = np.flatnonzero(state.loaded & (state.overlap > 0))
+    if len(rows) < FEWEST:
+        return None
+    needed = state.normal[rows] / state.parameter("kn")[rows]
+    overlap, reach = state.overlap[rows], state.reach[rows]
+    design = np.column_stack([overlap, reach])
+    slope, offset = np.linalg.lstsq(design, needed, rcond=None)[0]
+    without = np.median(np.abs(needed - overlap * np.median(needed / overlap)))
+    left = np.median(np.abs(needed - design @ [slope, offset]))
+    share = float(-offset / slope)
+    says = f"overlaps and forces are those of radii {1 - share:.6g} times as large"
+    coarse = ROUNDINGS * rounding(state.x) / float(np.median(reach))
+    return Finding("radii", share, says).doubt(
+        ": radii of another precision or unit, or forces that are not proportional to overlaps",
+        f"Divide the radii by {1 / (1 - share):.6g}, or give kn of each contact.",
+        bool(slope > 0 and abs(share) > RADII + coarse and EXPLAINED * left < without),
+    )
+
+
 def jammed(state: Checked) -> Finding | None:
-    """Constraints of the contacts against the freedoms of the grains that carry load."""
+    """Constraints of the contacts against the degrees of freedom of the grains that carry load."""
     if state.sliding is None:
         return None
     degree = state.degree
     walls = np.zeros(len(degree))
     if state.walls is not None:
         walls += np.bincount(state.walls[0], minlength=len(degree))
-    # Two freedoms without friction, three with: shear that is zero throughout is none.
+    # Two degrees of freedom without friction, three with: shear that is zero throughout is none.
     rough = bool(state.shear.any())
     held = state.inner & (degree + walls >= (2 if rough else 3))
     if np.count_nonzero(held) < FEWEST:
@@ -328,14 +521,119 @@ def jammed(state: Checked) -> Finding | None:
     return Finding("jammed", ratio, says).doubt(cause, remedy, ratio < JAMMED)
 
 
-def same_normal_force(fn: Floats, normal: Floats) -> Finding:
-    """The column `fn` against the part of the total force along the branch."""
-    scale = float(np.abs(normal).mean()) or 1.0
-    off, turned = (float(np.median(np.abs(fn - sign * normal))) / scale for sign in (1, -1))
-    says = f"fn is {off:.2g} mean forces off the normal part of fx_on_2, fy_on_2 (median)"
-    cause = "tension positive" if turned <= 1e-3 else "of other contacts, units or snapshots"
-    found = Finding("fn", off, says)
-    return found.doubt(f", which are used: fn is {cause}", "Correct one of the two.", off > 1e-3)
+def same_force(name: str, column: Floats, used: Floats, scale: float) -> Finding:
+    """Forces in a column of the file against those that are used, contact by contact."""
+    off = np.abs(column - used) / (scale or 1.0)
+    wrong = np.flatnonzero(off > SAME_FORCE)
+    says = f"{name} is at most {float(off.max()):.2g} mean forces off the force that is used"
+    found = Finding(name, float(off.max()), says)
+    if len(wrong) == 0:
+        return found
+    turned = bool(np.median(np.abs(column + used)) <= SAME_FORCE * scale)
+    cause = "tension positive" if turned else "of other contacts, units or snapshots"
+    return found.doubt(
+        f", and more than {SAME_FORCE:g} in {len(wrong)} contacts, the first {wrong[0]}: {name} is "
+        f"{cause}",
+        "Correct one of the two.",
+    )
+
+
+def repeated(same: int, turned: int, count: int, off: Floats) -> Finding:
+    """Rows of contacts that stand in an earlier row, with the same first grain or the other one.
+
+    A list may have each of `count` contacts once from each of its grains, but for fixed grains.
+    `off` (rows,) are the forces in such rows less those in the earlier one, in mean forces.
+    """
+    says = f"{same + turned} of {count} contacts stand in an earlier row"
+    found = Finding("repeated", (same + turned) / count, says)
+    wrong = int(np.count_nonzero(off > SAME_FORCE))
+    if wrong:
+        return found.doubt(f", {wrong} of them with another force", "Dump it again.")
+    cause = ": rows of two processors, or files that were joined"
+    return found.doubt(cause, "Dump each contact once.", same > 0 or turned < REPEATED * count)
+
+
+def shear_stiffness(before: Snapshot, after: Snapshot) -> Finding | None:
+    """Changes of T between two snapshots against kt times the slip of the grains.
+
+    Contacts that are elastic in both count. Rotations that the file lacks are fitted to the same
+    contacts, with the factor on kt, by reweighted least squares.
+    """
+    if before.law is None or after.law is None or before.regime is None or after.regime is None:
+        return None
+    match = match_contacts(before.graph, before.ids, after.graph, after.ids)
+    first = match.shared
+    second = match.after[first]
+    elastic = (before.regime[first] != Regime.SLIDING) & (after.regime[second] != Regime.SLIDING)
+    first, second = first[elastic], second[elastic]
+    if len(first) < FEWEST:
+        return None
+    d = branch_vectors(before.graph)[first]
+    e = branch_vectors(after.graph)[second] * np.where(match.reversed[first], -1, 1)[:, None]
+    turn = np.arctan2(d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0], np.einsum("ck,ck->c", d, e))
+    pairs = before.graph.contacts[first]
+    arms = before.graph.radii[pairs]
+    reach = arms.sum(axis=1)
+    kt = np.broadcast_to(before.law.kt, before.graph.contact_count)[first]
+    change = after.graph.shear_force[second] - before.graph.shear_force[first]
+    needed = -change / kt
+    if before.law.shear_increment == "branch":
+        length = (np.hypot(*d.T) + np.hypot(*e.T)) / 2
+        arms, reach = arms * (length / reach)[:, None], length
+    spare = len(first)
+    if before.rotation is None or after.rotation is None:
+        strip = np.argsort(before.graph.x[pairs[:, 0], 0])[:FITTED]
+        pairs, arms, needed, kt = pairs[strip], arms[strip], needed[strip], kt[strip]
+        moved = (reach * turn)[strip]
+        spare = len(strip) - len(np.unique(pairs)) - 1
+        if spare < FEWEST:
+            return None
+        spins = _fitted_spins(pairs, arms, moved, needed)
+    else:
+        place = np.searchsorted(after.ids, before.ids)
+        spin = after.rotation[np.minimum(place, len(after.ids) - 1)] - before.rotation
+        spins, moved = np.remainder(spin + np.pi, 2 * np.pi) - np.pi, reach * turn
+    slip = moved - np.einsum("ck,ck->c", arms, spins[pairs])
+    if not slip.any():
+        return None
+    factor = float(np.median((needed / slip)[slip != 0]))
+    wrong = np.count_nonzero(np.abs(needed - factor * slip) > KT * np.abs(factor * slip))
+    agreeing = max(1 - wrong / spare, 0.0)
+    if agreeing < AGREEING:
+        says = f"T of {100 * agreeing:.3g} % of the contacts follows the motion since the snapshot "
+        return Finding("kt", agreeing, f"{says}before: too long a step to tell kt")
+    says = f"T changed by {factor:.4g} times kt times the slip since the snapshot before (median)"
+    return Finding("kt", factor, says).doubt(
+        f": kt is too {'small' if factor > 1 else 'large'}",
+        f"The forces need kt = {factor * float(np.median(kt)):.4g}.",
+        abs(factor - 1) > KT,
+    )
+
+
+def _fitted_spins(pairs: Integers, arms: Floats, moved: Floats, needed: Floats) -> Floats:
+    """Spin of each grain from `moved = arms spins + needed / factor`, outliers weighted down."""
+    import scipy.sparse as sp
+    from scipy.sparse.linalg import spsolve
+
+    grains, place = np.unique(pairs, return_inverse=True)
+    place = place.reshape(pairs.shape)
+    rows, count = np.arange(len(pairs)), len(grains)
+    size, unit = float(arms.mean()), float(np.abs(needed).mean()) or 1.0
+    values = np.concatenate([arms.T.ravel() / size, needed / unit])
+    columns = np.concatenate([*place.T, np.full(len(pairs), count)])
+    matrix = sp.csr_matrix((values, (np.tile(rows, 3), columns)), shape=(len(pairs), count + 1))
+    weight = np.ones(len(pairs))
+    for _ in range(REWEIGHTED):
+        weighted = matrix.T @ sp.diags_array(weight)
+        normal = (weighted @ matrix).tocsc()
+        # Grains in rows may turn against one another like gears: held by a millionth of a spring.
+        normal += 1e-6 * sp.diags_array(normal.diagonal())
+        found = spsolve(normal, weighted @ moved)
+        left = np.abs(moved - matrix @ found)
+        weight = 1 / (left + 1e-6 * np.abs(moved).mean())
+    spins = np.zeros(int(pairs.max()) + 1)
+    spins[grains] = found[:-1] / size
+    return spins
 
 
 def rounding(values: Floats) -> float:
@@ -351,21 +649,13 @@ def rounding(values: Floats) -> float:
     return 1e-15 * size
 
 
+def _too_coarse(state: Checked) -> bool:
+    """Whether the digits of the coordinates say nothing of the overlaps."""
+    return float(np.median(state.overlap[state.loaded])) <= OVERLAP_ROUNDINGS * rounding(state.x)
+
+
 def _power_of_ten(ratio: float) -> str:
     """The power of ten that a ratio is, as text, or nothing."""
     power = round(np.log10(ratio)) if ratio > 0 else 0
-    near = power != 0 and abs(np.log10(ratio) - power) < ROUND_NUMBER
+    near = power != 0 and abs(np.log10(ratio) - power) < NEAR_ROUND
     return f"10^{power}" if near else ""
-
-
-def _on_grains(ends: Integers, force: Floats, count: int) -> Floats:
-    """Sum on the first `count` grains of forces that act on grain 2 and back on grain 1."""
-    one, two = ends.T
-    sums = [np.bincount(two, f, count + 1) - np.bincount(one, f, count + 1) for f in force.T]
-    return np.column_stack(sums)[:count]
-
-
-def _rest(area: Any, force: Floats) -> float:
-    """Root mean square of forces on grains, less one in proportion to their areas."""
-    rest = force - area[:, None] * ((area @ force) / (area @ area))
-    return float(np.sqrt(np.einsum("gk,gk->", rest, rest) / len(rest)))

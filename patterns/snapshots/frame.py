@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.laws.frictional import ShearIncrement
+from patterns.snapshots.checks import Finding
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import beside, listed
 
@@ -64,8 +65,9 @@ class Frame:
 
     `grains` may have `z`, which must be one plane, and `theta_z` (rad); of a wall the branch starts
     at its foot, the contact point. Columns of `cell` (2, 2) are its vectors (length); `step` is the
-    code's own number, a step, iteration or time; `notes` say what was guessed or lacks, and
-    `shear_increment` what the code turns shear by, where the source tells it.
+    code's own number, a step, iteration or time; `notes` say what was guessed or lacks, `findings`
+    are those of the reader, and `shear_increment` is what the code turns shear by, where the source
+    tells it.
     """
 
     grains: Table
@@ -73,6 +75,7 @@ class Frame:
     cell: NDArray[np.float64] | None = None
     step: float | None = None
     notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     shear_increment: ShearIncrement | None = None
 
 

@@ -228,7 +228,7 @@ def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
 class ContactBranches(NamedTuple):
     """Branches of the contacts between grains: `images` (C, 2) or None, `d`, `length`, `n`.
 
-    `given` (C, 2) are the branches or normals of the file, None if it has neither.
+    `given` (C, 2) are the normals of the file, else its branches, None if it has neither.
     """
 
     images: Integers | None
@@ -246,13 +246,16 @@ def read_branches(
     Images come from the file; without them there, from the branches; else they are the nearest.
     """
     normals, branches = table.optional("nx", "ny"), table.optional("branch_x", "branch_y")
-    given = normals if branches is None else branches
-    given = None if given is None else some(given, rows)
+    of_file = {
+        name: some(values, rows)
+        for name, values in (("branch", branches), ("normal", normals))
+        if values is not None
+    }
     images = _images_of_file(table, rows, cell)
     count = len(rows)
     made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
     d, n, length, reach = (np.empty(shape) for shape in ((count, 2), (count, 2), count, count))
-    off = np.zeros(count if given is not None else 0)
+    off = {name: np.zeros(count) for name in of_file}
 
     def fill(at: int) -> None:
         part = slice(at, at + BLOCK)
@@ -260,7 +263,7 @@ def read_branches(
         gap = bodies.x[two] - bodies.x[one]
         if cell is not None and made is not None:
             if images is None:
-                near = -gap if branches is None or given is None else given[part] - gap
+                near = of_file["branch"][part] - gap if "branch" in of_file else -gap
                 made[part] = np.rint(np.linalg.solve(cell, near.T).T)
             gap += made[part] @ cell.T
         d[part] = gap
@@ -269,9 +272,9 @@ def read_branches(
         size = np.where(size > 0, size, 1.0)
         n[part] = gap / size[:, None]
         reach[part] = size / (bodies.radii[one] + bodies.radii[two])
-        if given is not None:
-            error = given[part] - (n[part] if branches is None else gap)
-            off[part] = np.hypot(error[:, 0], error[:, 1]) / (1.0 if branches is None else size)
+        for name, values in of_file.items():
+            wanted, unit = (gap, size) if name == "branch" else (n[part], 1.0)
+            off[name][part] = np.hypot(*(values[part] - wanted).T) / unit
 
     in_threads(fill, range(0, count, BLOCK))
 
@@ -283,14 +286,16 @@ def read_branches(
     of_cell = "Give --cell if the sample is periodic; else take both tables of one snapshot."
     if cell is not None:
         of_cell = "Give the cell of this snapshot."
-    if given is not None and off.max() > GEOMETRY_TOLERANCE:
-        c = int(np.argmax(off))
-        what, expected = ("branch", d) if branches is not None else ("normal", n)
-        turned = np.abs(given + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
+    for name, values in of_file.items():
+        if off[name].max() <= GEOMETRY_TOLERANCE:
+            continue
+        c = int(np.argmax(off[name]))
+        expected = d if name == "branch" else n
+        turned = np.abs(values + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
         remedy = "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
         refuse(
             c,
-            f"{what} {given[c].tolist()}",
+            f"{name} {values[c].tolist()}",
             f"{expected[c].tolist()} from the centres, grain 1 to grain 2",
             remedy if turned else of_cell,
         )
@@ -299,7 +304,8 @@ def read_branches(
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
         refuse(c, received, "grains that touch", of_cell)
-    return ContactBranches(made, d, length, n, given)
+    # Normals tell more than branches, which many files make of the centres.
+    return ContactBranches(made, d, length, n, of_file.get("normal", of_file.get("branch")))
 
 
 def some(values: Any, rows: Integers) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
+from patterns.snapshots.checks import rounding
 from patterns.snapshots.dumps.dump_files import Atoms
 from patterns.snapshots.dumps.pairs import Forces, Pairs, Space, Wall, frame_of, normals, pairs_of
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, contacts_path
@@ -128,6 +129,8 @@ def _fstat_listings(path: Path, text: Text) -> Iterator[Listing]:
 # Times of the two files print alike; normals lie along the branches to what six digits tell.
 TIME_TOLERANCE = 1e-6
 NORMAL_TOLERANCE = 1e-3
+# Overlaps fit radii and distances to this share of the sum of the radii: text of five digits.
+OVERLAP_TOLERANCE = 1e-4
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -170,6 +173,7 @@ def _frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame
     reach = atoms.radii[i[between]] + atoms.radii[j[between]] - table.column("delta")[between]
     pairs = pairs_of(atoms, space, i[between], j[between], reach[:, None] * normal)
     _check_normals(table, between, pairs, normal)
+    _check_overlaps(table, between, pairs, reach, rounding(atoms.x))
     walls = _walls(table, atoms, axes, i, j, force)
     if source.cell is None:
         notes = (*notes, "taken as not periodic: the files don't tell; --cell makes it so")
@@ -220,6 +224,22 @@ def _check_normals(table: Table, rows: Integers, pairs: Pairs, normal: Floats) -
         f"normal {(-normal[c]).tolist()}",
         f"{(-d[c]).tolist()} from the centres, the second to the first",
         "Give --cell HXX,HXY,HYX,HYY if the sample is periodic; else take both files of one run.",
+    )
+
+
+def _check_overlaps(
+    table: Table, rows: Integers, pairs: Pairs, reach: Floats, coarse: float
+) -> None:
+    """Refuse overlaps that are not the sums of the radii less the distances."""
+    off = np.abs(np.hypot(*pairs.d.T) - reach)
+    if len(off) == 0 or (off <= OVERLAP_TOLERANCE * reach + 4 * coarse).all():
+        return
+    c = int(np.argmax(off))
+    raise InputError(
+        f"{table.path}, row {rows[c]} (grains {pairs.i[c]} and {pairs.j[c]})",
+        f"an overlap delta for a distance {reach[c]:.9g} of the centres",
+        f"{np.hypot(*pairs.d[c]):.9g}, as in the .data file",
+        "Take both files of one run, with the radii that it had.",
     )
 
 

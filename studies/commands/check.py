@@ -1,4 +1,4 @@
-"""`grainloops check`: what is wrong with snapshots, before any mechanics."""
+"""`grainloops check`: faults of snapshots, before any mechanics."""
 
 from __future__ import annotations
 
@@ -26,16 +26,24 @@ def check(
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
+    cells: Annotated[
+        Path | None,
+        typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
+    ] = None,
+    exit_zero: Annotated[
+        bool, typer.Option("--exit-zero", help="Exit status 0 also where the verdict is error.")
+    ] = False,
     **how: Any,
 ) -> None:
-    """Hold each snapshot against itself: signs, units, columns, balance, jamming.
+    """Check each snapshot against its own numbers: signs, units, columns, balance, jamming.
 
-    Exit status 0 whatever is found, 2 if a file can't be read.
+    Of several snapshots each is checked against the one before it: kt against the changes of T.
+    Exit status 1 if the verdict is error, 2 if a file can't be read.
     """
     from studies.output import as_json, provenance, result_folder, write_results
 
-    rows, unread = _rows(paths, how)
-    made = provenance("check", {"paths": paths, **how}, "numbers as their text")
+    rows, unread = _rows(paths, cells, how)
+    made = provenance("check", {"paths": paths, "cells": cells, **how}, "numbers as their text")
     summary = _summary(rows, unread) | {"provenance": made}
     if out is not None:
         with result_folder(out, force=force) as folder:
@@ -45,28 +53,44 @@ def check(
         typer.echo(as_json(summary))
     elif not common.quiet:
         _print(rows, summary)
-    if unread:
-        raise unread[0]
+    for error in unread:
+        common.print_error(str(error))
+    status = 2 if unread else int(summary["verdict"] == "error" and not exit_zero)
+    raise typer.Exit(status)
 
 
 def _rows(
-    paths: list[Path], options: dict[str, Any]
+    paths: list[Path], cells: Path | None, options: dict[str, Any]
 ) -> tuple[list[dict[str, Any]], list[InputError]]:
-    """One row a finding, and what files could not be read for."""
+    """One row a finding, and the errors of the files that could not be read."""
     import numpy as np
 
     from patterns import read_frames
+    from patterns.snapshots.checks import shear_stiffness
 
-    if options["cell"] is not None:
-        options = options | {"cell": np.reshape(options["cell"], (2, 2))}
+    if options["cell"] is not None and cells is not None:
+        raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
+    if cells is not None:
+        from studies.series.plan import cells_by_number, number_of
+
+        table = cells_by_number(cells)
     rows: list[dict[str, Any]] = []
     unread: list[InputError] = []
+    before = None
     for path in paths:
         try:
-            for number, snapshot in enumerate(read_frames(path, strict=False, **options)):
+            cell = options["cell"]
+            if cells is not None and (cell := table.get(number_of(path))) is None:
+                received = f"no row with snap = {number_of(path)}, for {path.name}"
+                raise InputError(f"--cells {cells}", received, "one row a snapshot", "Add the row.")
+            read = options | {"cell": None if cell is None else np.reshape(cell, (2, 2))}
+            for number, snapshot in enumerate(read_frames(path, strict=False, **read)):
                 place = {"path": str(path), "snapshot": number}
                 found = [*snapshot.findings, _crossings(snapshot)]
+                kt = None if before is None else shear_stiffness(before, snapshot)
+                found += [] if kt is None else [kt]
                 rows += [place | one._asdict() for one in found]
+                before = snapshot
         except InputError as error:
             unread.append(error)
     return rows, unread

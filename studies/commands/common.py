@@ -78,6 +78,8 @@ DEFAULTS: dict[str, Any] = {
 WRITING: dict[str, Any] = {"force": Force, "csv": Csv, "json": Json}
 # What no name of a result folder keeps of its input's.
 ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
+# No error is longer than a screen: the middle of what was received is left out.
+LONGEST = 1000
 M_ARENA_MAX = -8  # of malloc.h
 # Whether summaries are left out: `grainloops --quiet`.
 quiet = False
@@ -231,6 +233,14 @@ def report(
         if not isinstance(error, BrokenPipeError):
             typer.echo(f"grainloops: {error.strerror}; the results are in {out}", err=True)
             raise typer.Exit(1) from None
+
+
+def print_error(message: str) -> None:
+    """Print an error on one line of stderr."""
+    line = " ".join(message.split())
+    if len(line) > LONGEST:
+        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+    typer.echo(f"grainloops: {line}", err=True)
 
 
 def forget_output() -> None:

@@ -60,6 +60,8 @@ class Tables(Deck):
         roles = {
             "force": ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2"),
             "xy": (("fsx", "fsy"), ("fx_on_2", "fy_on_2")),
+            "shear": ("fsx", "fsy"),
+            "again": "fsx",
         }
         super().__init__(roles, grains=path, contacts=contacts)
 
@@ -121,7 +123,7 @@ class Mercury(Deck):
 
     def __init__(self, grains, contacts, **options):
         self.options = options
-        roles = {"force": ("fn", "ft"), "xy": (("nx", "ny"), ("tx", "ty"))}
+        roles = {"force": ("fn", "ft"), "xy": (("nx", "ny"), ("tx", "ty")), "shear": ("ft",)}
         super().__init__(roles, grains=grains, contacts=contacts)
 
     def load(self, key, path):
@@ -148,6 +150,7 @@ class Legacy(Deck):
     def __init__(self, grains, contacts, **options):
         self.options = options
         roles = {"force": ("fnx", "fny", "fsx", "fsy"), "xy": (("fnx", "fny"), ("fsx", "fsy"))}
+        roles["shear"] = ("fsx", "fsy")
         super().__init__(roles, grains=grains, contacts=contacts)
 
     def load(self, key, path):
@@ -253,6 +256,7 @@ class Save(Deck):
     def __init__(self, path, **options):
         self.options = options
         roles = {"force": ("fnx", "fny", "fsx", "fsy"), "xy": (("fnx", "fny"), ("fsx", "fsy"))}
+        roles["shear"] = ("fsx", "fsy")
         super().__init__(roles, grains=path)
 
     def load(self, key, path):
@@ -397,6 +401,93 @@ def few_contacts(deck):
     deck.keep(rng.random(rows) > 0.45)
 
 
+def _typical(deck):
+    """Row of a contact between grains whose force is the median one; walls have no shear."""
+    force = deck.roles["force"]
+    size = np.abs(deck[force[0]])
+    sheared = np.any([deck[name] != 0 for name in deck.roles.get("shear", force)], axis=0)
+    rows = np.flatnonzero(sheared)
+    return int(rows[np.argsort(size[rows])[len(rows) // 2]])
+
+
+def _change(deck, names, rows, factor):
+    for name in names:
+        if deck.has(name):
+            values = deck[name].copy()
+            values[rows] *= factor
+            deck[name] = values
+
+
+def turn_one(deck):
+    """The force of one contact."""
+    _change(deck, deck.roles["force"], _typical(deck), -1)
+
+
+def turn_one_shear(deck):
+    """The shear force of one contact, of the larger ones."""
+    shear = deck.roles["shear"]
+    size = np.hypot(*(deck[name] for name in shear)) if len(shear) == 2 else np.abs(deck[shear[0]])
+    row = int(np.argsort(size)[9 * len(size) // 10])
+    _change(deck, shear, row, -1)
+    if deck.has("fx_on_2"):
+        for axis in "xy":
+            deck[f"f{axis}_on_2"] = deck["fn"] * deck[f"n{axis}"] + deck[f"fs{axis}"]
+
+
+def stiff_contact(deck):
+    """Stiffness kn of one contact."""
+    _change(deck, ["kn"], _typical(deck), 1e4)
+
+
+def _without_flags(deck):
+    deck.fields = {key: values for key, values in deck.fields.items() if key[1] != "sliding"}
+
+
+def rough_half(deck):
+    """Friction of every other contact, in a file without flags."""
+    _without_flags(deck)
+    deck["mu"] = np.where(np.arange(len(deck["mu"])) % 2 == 0, 1.6 * deck["mu"], deck["mu"])
+
+
+def much_friction(deck):
+    if deck.has("mu"):
+        deck["mu"] = deck["mu"] + 0.2
+    else:
+        deck.options = deck.options | {"mu": deck.options["mu"] + 0.2}
+
+
+def no_flags(deck):
+    deck["sliding"] = 0 * deck["sliding"]
+
+
+def _one_in_hundred(count):
+    return np.random.default_rng(7).choice(count, -(-count // 100), replace=False)
+
+
+def other_shear(deck):
+    """Shear forces of 1 % of the contacts, in one of two columns that hold them."""
+    name = deck.roles["again"]
+    _change(deck, [name], _one_in_hundred(len(deck[name])), 1.2)
+
+
+def other_normals(deck):
+    """Normals of 1 % of the contacts, turned by 0.01 rad."""
+    rows = _one_in_hundred(len(deck["nx"]))
+    nx, ny = deck["nx"].copy(), deck["ny"].copy()
+    nx[rows], ny[rows] = nx[rows] - 0.01 * ny[rows], ny[rows] + 0.01 * nx[rows]
+    deck["nx"], deck["ny"] = nx, ny
+
+
+def repeat(deck):
+    """Rows of 1 % of the contacts once more."""
+    rows = len(deck[deck.roles["force"][0]])
+    deck.keep(np.append(np.arange(rows), _one_in_hundred(rows)))
+
+
+def large_radii(deck):
+    deck[_radii(deck)] = 1.001 * deck[_radii(deck)]
+
+
 # Each with the checks that may notice it; an `InputError` does as well.
 FAULTS = {
     flip: {"directions"},
@@ -413,4 +504,16 @@ FAULTS = {
     other_instant: {"same_snapshot", "touching", "stiffness"},
     out_of_balance: {"balance"},
     few_contacts: {"jammed", "balance"},
+    turn_one: {"turned", "repeated"},
+    turn_one_shear: {"turned", "repeated"},
+    stiff_contact: {"kn"},
+    rough_half: {"one_ratio"},
+    much_friction: {"sliding", "one_ratio"},
+    no_flags: {"flags"},
+    other_shear: {"fsx, fsy"},
+    other_normals: set(),
+    repeat: {"repeated"},
+    large_radii: {"radii", "stiffness"},
 }
+# Signs and orders that a reader may tell from the grains.
+HEALED = {flip, exchange_ids, exchange_xy}

@@ -34,6 +34,7 @@ NONE = "none"  # what a map says of a column that the file lacks
 # Positions, sizes and directions hold to this share: dumps have six digits or more.
 TOLERANCE = 1e-3
 KNOWN = 0.5  # share of a column that must be ids of grains
+AGREEING = 0.5  # share of its rows that tells what a column holds
 # Centres of a pair are at most this many times the sum of the radii apart: pair lists may hold
 # neighbours beside contacts.
 REACH = 1.5
@@ -201,15 +202,28 @@ class ColumnSearch:
             self.find_size(size, np.hypot(*self.vector(names).T))
 
     def find_size(self, name: str, length: Floats) -> None:
-        """Add the column whose sizes are `length` (C,) to the map, if there is one."""
+        """Add the column whose sizes are `length` (C,) to the map, if there is one.
+
+        `InputError` for a column that has these sizes in most rows but not in all.
+        """
         known = self.columns.get(name)
         found = self._equal(length[self.rows], [known] if known else self.free())
-        if found is not None:
-            self.columns[name] = found
-        elif known and known != NONE:
+        if found is None and known and known != NONE:
             where = f"column {name}={known} of {self.table.path}"
             received, expected = "other sizes than those of the vectors", CONTACT_NAMES[name]
             raise InputError(where, received, expected, "Give --columns as the dump was written.")
+        if found is None:
+            return
+        self.columns[name] = found
+        off = np.abs(np.abs(self.data[found]) - length)
+        if off.max() > TOLERANCE * length.max():
+            row = int(np.argmax(off))
+            raise InputError(
+                f"column {name}={found} of {self.table.path}, row {row}",
+                f"{self.data[found][row]:g}",
+                f"{length[row]:g}, {CONTACT_NAMES[name]}, as its components and the other rows say",
+                f"Two columns of the dump disagree: dump again, or say {name}=none by --columns.",
+            )
 
     def _size_of(self, pair: tuple[str, str], size: str) -> str | None:
         known = self.columns.get(size)
@@ -217,11 +231,12 @@ class ColumnSearch:
         return self._equal(np.hypot(*self._sample(pair).T), [known] if known else free)
 
     def _equal(self, length: Floats, names: list[str]) -> str | None:
-        """The first column that holds these sizes, up to the sign."""
-        limit = TOLERANCE * float(length.max(initial=0.0))
-        for name in names:
-            if name == NONE:
-                continue
-            if np.abs(np.abs(self.data[name][self.rows]) - length).max() <= limit:
-                return name
-        return None
+        """The column that holds these sizes, up to the sign, in the most rows; at least half."""
+        limit = TOLERANCE * length + 1e-3 * TOLERANCE * float(length.max(initial=0.0))
+        shares = {
+            name: float(np.mean(np.abs(np.abs(self.data[name][self.rows]) - length) <= limit))
+            for name in names
+            if name != NONE
+        }
+        best = max(shares, key=shares.__getitem__, default=None)
+        return best if best is not None and shares[best] >= AGREEING else None

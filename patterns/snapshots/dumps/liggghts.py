@@ -232,10 +232,19 @@ def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
     kinds = [_kind(pairs, vector) for vector in vectors]
     if kinds[:1] == ["oblique"]:
         columns |= {"fx": groups[0][0], "fy": groups[0][1]}
-        total = [vectors[0] - vectors[1] - vectors[2]] if len(vectors) == 3 else []
-        if total and kinds[1:] == ["along", "across"] and _small(total[0], vectors[0]):
-            named = zip(PARTS, groups[1] + groups[2], strict=True)
-            columns |= dict(named)
+        if kinds[1:] == ["along", "across"]:
+            off = np.hypot(*(vectors[0] - vectors[1] - vectors[2]).T)
+            limit = TOLERANCE * float(np.abs(vectors[0]).max())
+            if off.max() > limit >= np.median(off):
+                every = " ".join(" ".join(group) for group in groups)
+                raise InputError(
+                    f"columns {every} of {table.path}, row {np.argmax(off)}",
+                    "a force that is not the sum of its normal and tangential part",
+                    "the sum, as in the other rows",
+                    "Columns of the dump disagree: dump again.",
+                )
+            if off.max() <= limit:
+                columns |= dict(zip(PARTS, groups[1] + groups[2], strict=True))
     elif sorted(kinds[:2]) == ["across", "along"]:
         groups = sorted(groups[:2], key=lambda group: kinds[groups.index(group)], reverse=True)
         columns |= dict(zip(PARTS, groups[0] + groups[1], strict=True))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers
 from loops.validation import repeated_contacts
+from patterns.snapshots.checks import Finding, repeated
 from patterns.snapshots.dumps.dump_files import Atoms, Box
 from patterns.snapshots.frame import Frame
 from patterns.snapshots.listing import Listing
@@ -101,24 +102,34 @@ def gaps(atoms: Atoms, pairs: Pairs) -> Floats:
 
 def contact_rows(
     atoms: Atoms, pairs: Pairs, force: Floats | None
-) -> tuple[Integers, tuple[str, ...]]:
-    """Rows of a list of pairs that are contacts, each once."""
+) -> tuple[Integers, tuple[str, ...], tuple[Finding, ...]]:
+    """Rows of a list of pairs that are contacts, each once; notes and findings on the others."""
     apart = gaps(atoms, pairs) >= 0
     if force is not None:
         apart &= (force == 0).all(axis=1)
-    again = np.zeros(len(apart), dtype=bool)
-    ends = np.column_stack([pairs.i, pairs.j])
-    again[repeated_contacts(ends, pairs.images, len(atoms.ids))[0]] = True
-    again &= ~apart
-    notes = []
+    again, first = repeated_contacts(
+        np.column_stack([pairs.i, pairs.j]), pairs.images, len(atoms.ids)
+    )
+    again, first = again[~apart[again]], first[~apart[again]]
+    once = ~apart
+    once[again] = False
+    rows, notes = np.flatnonzero(once), []
     if apart.any():
         notes.append(f"{np.count_nonzero(apart)} pairs without overlap and force are no contacts")
-    twice = np.count_nonzero(again)
-    if twice and 2 * twice == len(again):
-        notes.append(f"each contact in two rows: {len(again)} rows, {twice} contacts")
-    elif twice:
-        notes.append(f"{twice} contacts stand there twice and were taken once")
-    return np.flatnonzero(~apart & ~again), tuple(notes)
+    findings: tuple[Finding, ...] = ()
+    if len(again) == len(rows):
+        notes.append(f"each contact in two rows: {2 * len(rows)} rows, {len(rows)} contacts")
+    elif len(again):
+        notes.append(f"{len(again)} contacts stand there twice and were taken once")
+    if len(again):
+        same = pairs.i[again] == pairs.i[first]
+        off = np.zeros(1)
+        if force is not None:
+            gap = force[again] - np.where(same, 1, -1)[:, None] * force[first]
+            off = np.hypot(*gap.T) / (float(np.hypot(*force[rows].T).mean()) or 1.0)
+        twins = int(np.count_nonzero(same))
+        findings = (repeated(twins, len(again) - twins, len(rows), off),)
+    return rows, tuple(notes), findings
 
 
 class Forces(NamedTuple):
@@ -154,7 +165,7 @@ def frame_of(
     notes: Sequence[str] = (),
 ) -> Frame:
     """Plain tables of grains and of what is a contact among pairs, walls numbered below the ids."""
-    rows, said = contact_rows(atoms, pairs, forces.any)
+    rows, said, findings = contact_rows(atoms, pairs, forces.any)
     forces = Forces(*(part if part is None else part[rows] for part in forces))
     below = min(0, int(atoms.ids.min(initial=0))) - 1 - np.arange(len(walls))
     return Frame(
@@ -166,6 +177,7 @@ def frame_of(
         space.cell,
         float(listings[0].step),
         (*notes, *said),
+        findings,
     )
 
 

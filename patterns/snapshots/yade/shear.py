@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
+from patterns.snapshots.checks import on_rim
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
 
-# Grains this near the bounding box, in mean radii, may touch a wall whose force is not known.
-RIM = 0.05
 # A sign is decided if turning it adds so many squares of the residual's root mean square.
 DECIDED = 25.0
 ROUNDS = 100
@@ -83,15 +82,6 @@ def _balances(
     known[on_rim(x, radii, known[:, 0]), :2] = False
     keep = np.flatnonzero(known.ravel())
     return matrix[keep], load.ravel()[keep]
-
-
-def on_rim(x: Floats, radii: Floats, touched: Flags) -> Flags:
-    """(G,) array: grains at the border of the box around those touched, where walls may be."""
-    low, high = x - radii[:, None], x + radii[:, None]
-    margin = RIM * radii.mean()
-    near_low = low < low[touched].min(axis=0) + margin
-    near_high = high > high[touched].max(axis=0) - margin
-    return np.asarray((near_low | near_high).any(axis=1))
 
 
 def _lowest_of_both(cost: Floats, pairs: Integers, grains: int) -> Flags:

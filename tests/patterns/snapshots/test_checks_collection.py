@@ -13,7 +13,15 @@ import pytest
 from loops import InputError
 from patterns import read_frames, read_snapshot
 from tests.patterns import snapshot_faults as faults
-from tests.patterns.snapshots.test_checks import CASES, SOFT, lammps, liggghts, noticed, suspicious
+from tests.patterns.snapshots.test_checks import (
+    CASES,
+    SOFT,
+    lammps,
+    liggghts,
+    named,
+    noticed,
+    suspicious,
+)
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "none"))
 SPHERES = re.compile(r"(spheres.*\.vt[uk]|\.vtm|\.xml)(\.gz)?$")
@@ -48,7 +56,7 @@ def collection():
             if SPHERES.search(path.name) and path.name not in GARBLED:
                 yield path, {} if ".xml" in path.name else SOFT
     for path in sorted(FOLDER.glob("lammps/*/dump.atoms*")):
-        yield path, SOFT
+        yield path, SOFT | ({"mu": 0.3} if path.parent.name == "walls" else {})
     for path in sorted((FOLDER / "liggghts").glob("atoms*")):
         yield path, SOFT | {"mu": 0.3}
     for path in sorted((FOLDER / "liggghts/gravity").glob("atoms*")):
@@ -73,6 +81,12 @@ def tables(folder, ending, name):
     return faults.Tables(ending, path, **({} if cell is None else {"cell": cell}))
 
 
+# Contacts of the relaxed states of these runs share no |T|/N; a kt of the order of kn may be right.
+AT_REST = {
+    ("lammps", faults.much_friction),
+    ("liggghts", faults.much_friction),
+    ("yade-exporter", faults.exchange_stiffness),
+}
 PLAIN = ("grains", "contacts")
 PAIR = ("spheres", "intrs")
 DECKS = {
@@ -108,9 +122,11 @@ def liggghts_of(folder, step):
     return deck
 
 
-@pytest.mark.parametrize(("name", "fault"), [case for case in CASES if case.values[0] in DECKS])
+@pytest.mark.parametrize(
+    ("name", "fault"), named([case for case in CASES if case[0] in DECKS and case not in AT_REST])
+)
 def test_fault_is_noticed(name, fault, tmp_path):
-    assert noticed(DECKS[name](), fault, tmp_path)
+    assert noticed(DECKS[name], fault, tmp_path)
 
 
 @pytest.mark.parametrize("snapshot", [2, 10, 20])

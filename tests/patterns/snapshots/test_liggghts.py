@@ -197,3 +197,17 @@ def test_the_sample_of_liggghts_balances():
     np.add.at(total, graph.contacts[:, 0], -force)
     written = dump_frames(path)[0].read(("fx", "fy")).columns("fx", "fy")
     assert np.abs(total - written).max() < 1e-7 * np.abs(force).mean()
+
+
+def test_a_force_that_is_not_the_sum_of_its_parts(tmp_path):
+    """One contact's whole force with its sign turned, its parts as they were."""
+    own = packing(100)
+    _, contacts = write_liggghts(tmp_path, own, LONG)
+    lines = contacts.read_text().splitlines()
+    row = lines[9 + 30].split()
+    # After pos, vel and id comes the force.
+    row[15], row[16] = (str(-float(value)) for value in row[15:17])
+    lines[9 + 30] = " ".join(row)
+    contacts.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match="row 30: got a force that is not the sum"):
+        read(tmp_path / "atoms.0.dump")
