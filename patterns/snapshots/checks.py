@@ -149,18 +149,24 @@ class Checked:
         t = np.column_stack([-n[:, 1], n[:, 0]])
         return self.normal[:, None] * n, self.shear[:, None] * t
 
-    def residual(self, force: Floats) -> Floats:
-        """(G, 2) array: sum of contact forces on each inner grain, less a uniform body force."""
+    @cached_property
+    def residuals(self) -> tuple[Floats, Floats]:
+        """Forces that the normal forces with the walls', and the shear forces, leave on the grains.
+
+        (G, 2) each, of inner grains, less a uniform body force.
+        """
         one, two = self.contacts.T
         count = len(self.x)
-        sums = [np.bincount(two, f, count) - np.bincount(one, f, count) for f in force.T]
-        rest = np.column_stack(sums)
-        if self.walls is not None:
-            np.add.at(rest, *self.walls)
-        rest[~self.inner] = 0.0
         area = np.where(self.inner, self.radii**2, 0.0)
-        rest -= area[:, None] * ((area @ rest) / (area @ area))
-        return rest
+        found: list[Floats] = []
+        for force in self.parts:
+            sums = [np.bincount(two, f, count) - np.bincount(one, f, count) for f in force.T]
+            rest = np.column_stack(sums)
+            if not found and self.walls is not None:
+                np.add.at(rest, *self.walls)
+            rest[~self.inner] = 0.0
+            found.append(rest - area[:, None] * ((area @ rest) / (area @ area)))
+        return found[0], found[1]
 
 
 def on_rim(x: Floats, radii: Floats, touched: Flags) -> Flags:
@@ -174,19 +180,28 @@ def on_rim(x: Floats, radii: Floats, touched: Flags) -> Flags:
 
 def check_state(state: Checked) -> tuple[Finding, ...]:
     """All findings on a state, also those that are as they should be."""
-    checks: list[Callable[[Checked], Finding | None]] = [distances, touching, same_snapshot]
-    forces: tuple[Finding, ...] = ()
+    # Those of one group share what they compute, and run one after the other.
+    groups: list[tuple[Callable[[Checked], Finding | None], ...]] = [
+        (distances, touching, same_snapshot)
+    ]
+    forces: list[Finding] = []
     if state.law is not None and not (state.normal.any() or state.shear.any()):
-        forces = (Finding("forces", 0.0, "all contact forces are zero", "doubt", "Export them."),)
+        forces.append(
+            Finding("forces", 0.0, "all contact forces are zero", "doubt", "Export them.")
+        )
     elif state.law is not None:
-        checks += [directions, pulling, balance, one_contact_turned, friction, one_ratio, sliding]
-        checks += [flags, stiffness, odd_stiffness, radii, jammed]
+        groups += [
+            (balance, one_contact_turned),
+            (directions, pulling, friction, one_ratio, sliding, flags),
+            (stiffness, odd_stiffness, radii, jammed),
+        ]
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
-    def run(check: Callable[[Checked], Finding | None]) -> Finding | None:
-        return check(state)
+    def run(group: tuple[Callable[[Checked], Finding | None], ...]) -> list[Finding | None]:
+        return [check(state) for check in group]
 
-    return (*(found for found in in_threads(run, checks) if found is not None), *forces)
+    found = [one for several in in_threads(run, groups) for one in several if one is not None]
+    return (*found, *forces)
 
 
 def distances(state: Checked) -> Finding:
@@ -280,9 +295,9 @@ def balance(state: Checked) -> Finding | None:
     inner = np.count_nonzero(state.inner)
     if inner < 3:
         return None
-    normal, shear = state.parts
+    normal, shear = state.residuals
     mean = float(np.hypot(state.normal, state.shear).mean())
-    both = [state.residual(normal + sign * shear) for sign in (1, -1)]
+    both = [normal + sign * shear for sign in (1, -1)]
     rest, other = (float(np.sqrt(np.einsum("gk,gk->", r, r) / inner)) / mean for r in both)
     says = f"contact forces leave the grains {rest:.2g} mean forces out of balance"
     found = Finding("balance", rest, says)
@@ -309,7 +324,7 @@ def one_contact_turned(state: Checked) -> Finding | None:
     if inner < FEWEST:
         return None
     normal, shear = state.parts
-    rest = state.residual(normal + shear)
+    rest = np.add(*state.residuals)
     size = np.hypot(*rest.T)
     least = max(
         TOLD * float(np.median(size[state.inner])), WEAKEST * float(np.abs(state.normal).mean())
@@ -364,24 +379,26 @@ def one_ratio(state: Checked) -> Finding | None:
     """Contacts that share one ratio |T| / (mu N) below 1: they slide, and their mu is smaller."""
     mu = state.parameter("mu")
     rows = np.flatnonzero(state.loaded & (state.normal > 0) & (mu > 0) & np.isfinite(mu))
-    if len(rows) == 0:
+    least = int(max(np.ceil(AT_ONE_RATIO), np.ceil(AT_ONE_RATIO_SHARE * len(rows))))
+    if len(rows) < least:
         return None
     ratio = np.abs(state.shear[rows]) / (mu[rows] * state.normal[rows])
-    order = np.argsort(ratio)
-    ratio = ratio[order]
-    last = np.searchsorted(ratio, (1 + ONE_RATIO) * ratio, side="right")
-    alike = np.where(ratio > 0, last - np.arange(len(ratio)), 0)
-    least = max(AT_ONE_RATIO, AT_ONE_RATIO_SHARE * len(rows))
-    start = np.flatnonzero((alike >= least) & (ratio < AT_LIMIT[0]))
+    ordered = np.sort(ratio)
+    low, high = ordered[: len(rows) - least + 1], ordered[least - 1 :]
+    alike = low[(low > 0) & (high <= (1 + ONE_RATIO) * low)]
+    sharing = np.searchsorted(ordered, (1 + ONE_RATIO) * alike, side="right")
+    sharing -= np.searchsorted(ordered, alike)
     # In a regular packing most contacts are alike.
-    regular = 2 * np.count_nonzero(alike >= least) > len(rows)
-    first = int(start[np.argmax(alike[start])]) if len(start) and not regular else None
-    if first is None:
+    regular = 2 * (len(alike) + least) > len(rows)
+    below = alike < AT_LIMIT[0]
+    if regular or not below.any():
         return Finding("one_ratio", 0.0, "no contacts below mu N share one ratio |T|/N")
-    count = int(alike[first])
-    needed = float(ratio[first] * np.median(mu[rows[order[first : first + count]]]))
-    says = f"{count} contacts share |T| = {ratio[first]:.4g} mu N"
-    return Finding("one_ratio", float(ratio[first]), says).doubt(
+    count = int(sharing[below].max())
+    shared = float(alike[below][np.argmax(sharing[below])])
+    there = (ratio >= shared) & (ratio <= (1 + ONE_RATIO) * shared)
+    needed = shared * float(np.median(mu[rows[there]]))
+    says = f"{count} contacts share |T| = {shared:.4g} mu N"
+    return Finding("one_ratio", shared, says).doubt(
         ": they slide, and their mu is too large", f"The forces need mu = {needed:.4g} there."
     )
 
@@ -485,17 +502,20 @@ def radii(state: Checked) -> Finding | None:
         return None
     needed = state.normal[rows] / state.parameter("kn")[rows]
     overlap, reach = state.overlap[rows], state.reach[rows]
-    design = np.column_stack([overlap, reach])
-    slope, offset = np.linalg.lstsq(design, needed, rcond=None)[0]
-    without = np.median(np.abs(needed - overlap * np.median(needed / overlap)))
-    left = np.median(np.abs(needed - design @ [slope, offset]))
+    squares = [[overlap @ overlap, overlap @ reach], [overlap @ reach, reach @ reach]]
+    slope, offset = np.linalg.lstsq(squares, [overlap @ needed, reach @ needed], rcond=None)[0]
     share = float(-offset / slope)
     says = f"overlaps and forces are those of radii {1 - share:.6g} times as large"
-    coarse = ROUNDINGS * rounding(state.x) / float(np.median(reach))
-    return Finding("radii", share, says).doubt(
+    found = Finding("radii", share, says)
+    coarse = ROUNDINGS * rounding(state.x) / float(reach.mean())
+    if slope <= 0 or abs(share) <= RADII + coarse:
+        return found
+    without = np.median(np.abs(needed - overlap * np.median(needed / overlap)))
+    left = np.median(np.abs(needed - slope * overlap - offset * reach))
+    return found.doubt(
         ": radii of another precision or unit, or forces that are not proportional to overlaps",
         f"Divide the radii by {1 / (1 - share):.6g}, or give kn of each contact.",
-        bool(slope > 0 and abs(share) > RADII + coarse and EXPLAINED * left < without),
+        bool(EXPLAINED * left < without),
     )
 
 

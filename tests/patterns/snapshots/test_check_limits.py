@@ -98,7 +98,7 @@ def severity(found):
 def residuals(shear, size=(6, 6)):
     """Forces that these shears leave on the grains."""
     made = state(shear=shear, size=size)
-    return made.residual(made.parts[1])
+    return made.residuals[1]
 
 
 RANDOM = np.random.default_rng(1).uniform(-0.3, 0.3, COUNT)
