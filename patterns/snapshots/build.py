@@ -87,7 +87,8 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     if branches.images is not None and not branches.images.any():
         notes.append("no contact crosses the border of the periodic cell")
     pushed = None if walls is None else (walls.grain, walls.force)
-    state = Checked(graph, branches.d, branches.length, law, regime, branches.given, pushed)
+    ids = bodies.grain_ids
+    state = Checked(graph, branches.d, branches.length, law, regime, branches.given, pushed, ids)
     findings = (*frame.findings, *check_state(state))
     if law is not None:
         findings = (*findings, *_redundant(table, rows, branches.n, (normal, shear)))
@@ -162,16 +163,16 @@ def _redundant(
     scale = float(np.abs(normal).mean())
     found = []
     if table.has("fn"):
-        found.append(same_force("fn", table.column("fn")[rows], normal, scale))
+        found.append(same_force("fn", some(table.column("fn"), rows), normal, scale, rows))
     if table.has("fsx", "fsy"):
-        fs = table.columns("fsx", "fsy")[rows]
+        fs = some(table.columns("fsx", "fsy"), rows)
         along = n[:, 0] * fs[:, 1] - n[:, 1] * fs[:, 0]
-        found.append(same_force("fsx, fsy", along, shear, scale))
+        found.append(same_force("fsx, fsy", along, shear, scale, rows))
     if table.has("ft"):
-        ft = table.column("ft")[rows]
+        ft = some(table.column("ft"), rows)
         # Magnitudes beside a vector have no sign.
         wanted = shear if (ft < 0).any() else np.abs(shear)
-        found.append(same_force("ft", ft, wanted, scale))
+        found.append(same_force("ft", ft, wanted, scale, rows))
     return found
 
 

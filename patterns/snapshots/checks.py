@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from loops import GrainGraph, LinearFrictional, Regime, branch_vectors
 from loops.arrays import Flags, Floats, Integers, in_threads
-from loops.contact_matching import match_contacts
+from loops.tracking import match_contacts
 
 if TYPE_CHECKING:
     from patterns.snapshots.snapshot import Snapshot
@@ -111,7 +111,7 @@ class Checked:
     """Contacts between grains with their branches, law and regimes, as the checks need them.
 
     `given` (C, 2) are the branches or normals of the file, `walls` the grains that walls touch and
-    the forces on them (W, 2).
+    the forces on them (W, 2), `ids` (G,) those of the grains.
     """
 
     def __init__(
@@ -123,10 +123,12 @@ class Checked:
         regime: NDArray[np.int8] | None,
         given: Floats | None,
         walls: tuple[Integers, Floats] | None,
+        ids: Integers,
     ) -> None:
         self.x, self.radii, self.contacts = graph.x, graph.radii, graph.contacts
         self.normal, self.shear = graph.normal_force, graph.shear_force
         self.d, self.length, self.law, self.given, self.walls = d, length, law, given, walls
+        self.ids = ids
         self.sliding = None if regime is None else regime == Regime.SLIDING
         self.degree = np.bincount(self.contacts.ravel(), minlength=len(self.x))
         self.inner = self.degree > 0
@@ -141,6 +143,11 @@ class Checked:
     def parameter(self, name: str) -> Floats:
         """(C,) array of `kn`, `kt` or `mu`."""
         return np.broadcast_to(getattr(self.law, name), len(self.contacts))
+
+    def names(self, contacts: Integers) -> str:
+        """Grains of the first three of some contacts."""
+        pairs = self.ids[self.contacts[contacts[:3]]].tolist()
+        return ", ".join(f"{one} and {two}" for one, two in pairs) + ", ..." * (len(contacts) > 3)
 
     @cached_property
     def parts(self) -> tuple[Floats, Floats]:
@@ -345,9 +352,8 @@ def one_contact_turned(state: Checked) -> Finding | None:
         turned |= (change > least) & (np.maximum(*left) < CONTACT_TURNED * change)
     count = int(np.count_nonzero(turned))
     found = Finding("turned", count, f"{count} contacts balance their grains with the sign turned")
-    shown = ", ".join(str(row) for row in rows[turned][:3].tolist())
     return found.doubt(
-        f": the force, or its normal or shear part, of contact {shown} (from 0)",
+        f": the force, or its normal or shear part, between grains {state.names(rows[turned])}",
         "Turn the sign of these forces, or export them again.",
         count > 0,
     )
@@ -481,9 +487,8 @@ def odd_stiffness(state: Checked) -> Finding | None:
     odd |= (stiffer < 1 / ODD_STIFFNESS) & (secant > ODD_STIFFNESS)
     count = int(np.count_nonzero(odd))
     found = Finding("kn", count, f"{count} contacts have a kn that their force does not fit")
-    shown = ", ".join(f"{c} ({kn[c]:.3g})" for c in rows[odd][:3].tolist())
     return found.doubt(
-        f": contact {shown}, from 0, where the median is {float(np.median(kn)):.3g}",
+        f": between grains {state.names(rows[odd])}; the median is {float(np.median(kn)):.3g}",
         "Correct kn of these contacts.",
         count > 0,
     )
@@ -541,19 +546,19 @@ def jammed(state: Checked) -> Finding | None:
     return Finding("jammed", ratio, says).doubt(cause, remedy, ratio < JAMMED)
 
 
-def same_force(name: str, column: Floats, used: Floats, scale: float) -> Finding:
-    """Forces in a column of the file against those that are used, contact by contact."""
+def same_force(name: str, column: Floats, used: Floats, scale: float, rows: Integers) -> Finding:
+    """Forces in a column of the file, of its `rows`, against those that are used."""
     off = np.abs(column - used) / (scale or 1.0)
-    wrong = np.flatnonzero(off > SAME_FORCE)
+    wrong = off > SAME_FORCE
     says = f"{name} is at most {float(off.max()):.2g} mean forces off the force that is used"
     found = Finding(name, float(off.max()), says)
-    if len(wrong) == 0:
+    if not wrong.any():
         return found
     turned = bool(np.median(np.abs(column + used)) <= SAME_FORCE * scale)
     cause = "tension positive" if turned else "of other contacts, units or snapshots"
     return found.doubt(
-        f", and more than {SAME_FORCE:g} in {len(wrong)} contacts, the first {wrong[0]}: {name} is "
-        f"{cause}",
+        f", and more than {SAME_FORCE:g} in {np.count_nonzero(wrong)} rows, the first is "
+        f"{rows[wrong].min()}: {name} is {cause}",
         "Correct one of the two.",
     )
 
@@ -610,8 +615,9 @@ def shear_stiffness(before: Snapshot, after: Snapshot) -> Finding | None:
             return None
         spins = _fitted_spins(pairs, arms, moved, needed)
     else:
-        place = np.searchsorted(after.ids, before.ids)
-        spin = after.rotation[np.minimum(place, len(after.ids) - 1)] - before.rotation
+        order = np.argsort(after.ids)
+        place = np.searchsorted(after.ids, before.ids, sorter=order)
+        spin = after.rotation[order[np.minimum(place, len(order) - 1)]] - before.rotation
         spins, moved = np.remainder(spin + np.pi, 2 * np.pi) - np.pi, reach * turn
     slip = moved - np.einsum("ck,ck->c", arms, spins[pairs])
     if not slip.any():

@@ -77,7 +77,14 @@ def state(
         given = d @ np.array([[c, s], [-s, c]])
     walls = None if pushed is None else (np.arange(len(x)), pushed)
     return checks.Checked(
-        graph, (length * each)[:, None] * d, length * each, law, regime, given, walls
+        graph,
+        (length * each)[:, None] * d,
+        length * each,
+        law,
+        regime,
+        given,
+        walls,
+        np.arange(len(x)),
     )
 
 
@@ -292,7 +299,7 @@ LIMITS = [
     ("FEWEST", lambda size: kt(size=size), 2, 3),
     (
         "SAME_FORCE",
-        lambda off: severity(checks.same_force("fn", one(1 + off), one(1), 1.0)),
+        lambda off: severity(checks.same_force("fn", one(1 + off), one(1), 1.0, np.arange(COUNT))),
         8e-4,
         1.25e-3,
     ),
