@@ -52,10 +52,10 @@ def solve_through_null_space(
     With `size`, the sum of the sizes of the terms behind every entry of `M`, comes a bound on the
     error of `Y b`, `Y` the observed rows of the inverse, of first order in the rounding `e`:
     `|Y| (|r| + e (size |x| + |b|))`, `r` what is left over. A null vector `v` of which `p` is
-    observed adds `|p| |b_u| / s`, `s` its singular value and `b_u` what loads it: nothing if
-    either vanishes, everything if the direction was only weak. `doubt` is what else `b` may err
-    by. A system that is not finite has the
-    solution nan and an infinite residual.
+    observed adds `|p| |b_u| / s`, `s` the least that its singular value may be and `b_u` what loads
+    it; everything if `s` may be zero, but for systems with `known` null vectors, which have others
+    like them: nothing if `p` and `b_u` are rounding. `doubt` is what else `b` may err by. A system
+    that is not finite has the solution nan and an infinite residual.
     """
     batch = matrix.shape[:-2]
     matrix, rhs, observed = (_flat(a, batch) for a in (matrix, rhs, observed))
@@ -70,7 +70,14 @@ def solve_through_null_space(
     rest = np.flatnonzero(~(condition * tolerance < 1))
     if len(rest):
         inverse[rest], nullity[rest], condition[rest], ambiguity[rest], dropped[rest] = (
-            _by_singular_values(matrix[rest], rhs[rest], observed[rest], tolerance)
+            _by_singular_values(
+                matrix[rest],
+                rhs[rest],
+                observed[rest],
+                tolerance,
+                None if size is None else _flat(size, batch)[rest],
+                known is not None,
+            )
         )
     x = inverse @ rhs
     # One step of refinement: an inverse alone leaves a residual of condition times rounding.
@@ -118,19 +125,39 @@ def _bordered_inverse(matrix: Floats, known: Floats | None) -> tuple[Floats, Flo
 
 
 def _by_singular_values(
-    matrix: Floats, rhs: Floats, observed: Floats, tolerance: float
+    matrix: Floats,
+    rhs: Floats,
+    observed: Floats,
+    tolerance: float,
+    size: Floats | None,
+    mechanisms: bool,
 ) -> tuple[Floats, Integers, Floats, Floats, Floats]:
-    """Pseudo-inverse, nullity, condition, ambiguity, and what the null vectors might have added."""
+    """Pseudo-inverse, nullity, condition, ambiguity, and what the null vectors might have added.
+
+    The matrix errs by `E = e size`: so a singular value by `|u| E |v| + e s_max`, the load on its
+    vector by `|u| (E |x| + e |b|)`, and what the observed rows see of it by `|Y| E |v|`. Where the
+    singular value may vanish its vector may have added anything, unless the system has
+    `mechanisms`, which are null exactly: there load and what is seen of them are rounding.
+    """
     u, s, vt = np.linalg.svd(matrix)
     null = s <= tolerance * s[:, :1]
     scale = np.where(null, 0.0, 1.0 / np.where(null, 1.0, s))
     inverse = (np.swapaxes(vt, -1, -2) * scale[:, None, :]) @ np.swapaxes(u, -1, -2)
-    seen = np.abs(observed @ np.swapaxes(vt * null[..., None], -1, -2))
+    v, ut = np.swapaxes(vt * null[..., None], -1, -2), np.swapaxes(u * null[:, None, :], -1, -2)
+    seen, loaded = np.abs(observed @ v), np.abs(ut @ rhs)
     ambiguity = np.max(np.linalg.norm(seen, axis=-2), axis=-1)
-    loaded = np.abs(np.swapaxes(u * null[:, None, :], -1, -2) @ rhs)
-    # Singular values of this size are not known to a digit.
-    floor = 0.25 * np.maximum(s, ROUNDING * s[:, :1])
-    weight = np.where(null & (floor > 0), 1.0 / np.where(floor > 0, floor, 1.0), 0.0)
-    dropped = (seen * weight[:, None, :]) @ loaded
+    dropped = np.zeros((len(matrix), observed.shape[-2], rhs.shape[-1]))
+    if size is not None:
+        E, left, right = ROUNDING * size, np.abs(ut), np.abs(v)
+        unsure = left @ (E @ np.abs(inverse @ rhs) + ROUNDING * np.abs(rhs))
+        least = s - np.einsum("bsi,bij,bjs->bs", left, E, right) - ROUNDING * s[:, :1]
+        lost = null & (least <= 0)
+        known = null & ~lost
+        weight = np.where(known, 1.0 / np.where(known, least, 1.0), 0.0)[:, None, :]
+        reach = np.abs(observed @ inverse) @ (E @ right)
+        dropped = ((seen + reach) * weight) @ (loaded + unsure)
+        product = np.linalg.norm(seen, axis=-2) * np.linalg.norm(loaded, axis=-1)
+        harmless = mechanisms & (product <= (ROUNDING * s[:, :1]) ** 2)
+        dropped[(lost & ~harmless).any(axis=-1)] = np.inf
     smallest = np.min(np.where(null, np.inf, s), axis=-1)
     return inverse, null.sum(axis=-1), s[:, 0] / smallest, ambiguity, dropped

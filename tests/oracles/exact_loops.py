@@ -15,7 +15,8 @@ from tests.oracles.double_double import Pair, pair, solve, zeros
 class Loops(NamedTuple):
     """B loops of n grains; a loop with sliding contacts has the last one sliding.
 
-    x, x0 (B, n, 2), radii, normal, shear, regime (B, n), kn, kt, mu (B,), increment a word.
+    x, x0 (B, n, 2), radii, normal, shear, regime (B, n), kn, mu (B,), kt (B,) or (B, n), increment a
+    word.
     """
 
     x: np.ndarray
@@ -120,7 +121,8 @@ class Contact:
         self.g = (self.roll[0] + self.roll[1]) / self.length
         self.normal, self.shear = pair(loops.normal[:, i]), pair(loops.shear[:, i])
         slides = loops.regime[:, i] == 2
-        self.kn, self.kt = pair(loops.kn), pair(np.where(slides, 0.0, loops.kt))
+        kt = loops.kt if loops.kt.ndim == 1 else loops.kt[:, i]
+        self.kn, self.kt = pair(loops.kn), pair(np.where(slides, 0.0, kt))
         self.mu = pair(np.where(slides, np.sign(loops.shear[:, i]) * loops.mu, 0.0))
 
     def rates(self, d, w):

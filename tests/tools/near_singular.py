@@ -5,7 +5,8 @@
 Random loops of 3 to 12 grains: plain, flat (1 to 1e-6), stiff (N/l to 1e-8), of sizes 1:1000, away
 from their reference, partly sliding, at offsets up to 2^30. A parameter (load, kappa or friction)
 is driven to where the smallest eigenvalue of Ks vanishes, then moved off by 1e-16 to 1e-6 of
-itself. Verdicts come from the stated error alone, without the customary 1e-12 of the norm.
+itself. Verdicts come from the stated error alone, without the customary 1e-12 of the norm. With
+--spread, kt of every contact is drawn from 1e-8 to 1e3 of kn instead, and nothing is driven.
 """
 
 import argparse
@@ -82,12 +83,19 @@ def with_parameter(loops, name, value):
     )
 
 
+def with_spread(rng, loops):
+    """Loops with kt of each contact from 1e-8 to 1e3 of kn, shear forces shares of mu N."""
+    loops = with_parameter(loops, "load", np.ones(len(loops.kn)))
+    return loops._replace(kt=10.0 ** rng.uniform(-8, 3, loops.radii.shape))
+
+
 def tangent(loops, closure, spins):
     graph = GrainGraph(
         x=loops.x, x0=loops.x0, radii=loops.radii, contacts=ring(loops.radii.shape[1]),
         normal_force=loops.normal, shear_force=loops.shear, regime=loops.regime,
     )  # fmt: skip
-    law = LinearFrictional(loops.kn[:, None], loops.kt[:, None], loops.mu[:, None], loops.increment)
+    kt = loops.kt if loops.kt.ndim == 2 else loops.kt[:, None]
+    law = LinearFrictional(loops.kn[:, None], kt, loops.mu[:, None], loops.increment)
     return macroscopic_tangent(graph, law, closure, spins=spins)
 
 
@@ -162,7 +170,7 @@ def usable(loops):
     return Loops(*(a if isinstance(a, str) else a[good] for a in loops))
 
 
-def run(count, seed, mp=0, verge=True, orders=range(3, 13)):
+def run(count, seed, mp=0, verge=True, orders=range(3, 13), spread=False):
     """Yield (kind, closure, spins), counts and ratios; `verge` False takes loops as they come."""
     rng = np.random.default_rng(seed)
     for kind in KINDS:
@@ -172,7 +180,9 @@ def run(count, seed, mp=0, verge=True, orders=range(3, 13)):
                 share = max(count // (len(KINDS) * len(RULES) * len(orders)), 1)
                 increment = rng.choice(["branch", "radii"])
                 loops = usable(random_loops(rng, share, order, kind, str(increment)))
-                if verge:
+                if spread:
+                    loops = with_spread(rng, loops)
+                elif verge:
                     loops = on_the_verge(rng, loops, closure, spins)
                 else:
                     loops = with_parameter(loops, "load", np.ones(len(loops.kn)))
@@ -189,11 +199,13 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--mp", type=int, default=0, help="loops of a batch to check by mpmath")
     parser.add_argument("--as-they-come", action="store_true", help="not near the verge")
+    parser.add_argument("--spread", action="store_true", help="kt from 1e-8 to 1e3 in one loop")
     options = parser.parse_args()
     total = Counter()
     names = ("loops", "untrusted", "undetermined", "wrong signs", "broken bounds")
     print(" | ".join(("kind", "closure", "spins", *names, "error/bound: largest", "median")))
-    answers = run(options.loops, options.seed, options.mp, not options.as_they_come)
+    verge = not options.as_they_come
+    answers = run(options.loops, options.seed, options.mp, verge, spread=options.spread)
     for key, numbers, ratio in answers:
         total.update(numbers)
         cells = (*key, *(numbers[name] for name in names))

@@ -24,7 +24,7 @@ from patterns import loop_of_snapshot, random_loop, read_snapshot, sample_path
 from stability import judge
 from tests.oracles.exact_loops import Loops, exact_tangent, mp_solve
 from tests.oracles.rings import member, random_rings, ring, slide
-from tests.tools.near_singular import run
+from tests.tools.near_singular import counted, random_loops, run, usable, with_spread
 
 LAW = LinearFrictional(kn=1.3, kt=0.5, mu=0.5)
 RADII = LinearFrictional(kn=1.3, kt=0.5, mu=0.5, shear_increment="radii")
@@ -41,6 +41,23 @@ def test_no_wrong_sign_and_no_broken_bound(verge):
             assert numbers["undetermined"] == 0, (kind, *rule)
         # A bound that says something: within a factor of ten thousand of the error.
         assert not len(ratio) or np.median(ratio) > 1e-4
+
+
+@pytest.mark.parametrize(("closure", "seed"), [("affine", 1), ("traction", 4)])
+def test_bounds_hold_where_kt_spans_eleven_decades_in_one_loop(closure, seed):
+    """Even loops whose arms are shared by the contact point: soft gear modes count as null."""
+    rng, broken, largest = np.random.default_rng(seed), 0, 0.0
+    for kind in ("stiff", "all"):
+        for order in (6, 10):
+            loops = with_spread(rng, usable(random_loops(rng, 150, order, kind, "branch")))
+            numbers, ratio = counted(loops, closure, "free")
+            assert numbers["wrong signs"] == 0
+            assert numbers["untrusted"] < 0.4 * numbers["loops"]
+            broken += numbers["broken bounds"]
+            largest = max(largest, ratio.max())
+    assert broken == 0, largest
+    # Bounds that are not idle: one of these loops errs by more than half of its own.
+    assert largest > 0.5
 
 
 def test_the_oracle_has_the_digits():
