@@ -15,8 +15,8 @@ from tests.oracles.double_double import Pair, pair, solve, zeros
 class Loops(NamedTuple):
     """B loops of n grains; a loop with sliding contacts has the last one sliding.
 
-    x, x0 (B, n, 2), radii, normal, shear, regime (B, n), kn, mu (B,), kt (B,) or (B, n), increment a
-    word.
+    x, x0 (B, n, 2), radii, normal, shear, regime (B, n), kn, mu (B,), kt (B,) or (B, n), increment
+    a word.
     """
 
     x: np.ndarray
