@@ -103,9 +103,13 @@ def main() -> None:
         _fail(f"{error.format_message().rstrip('.')}. Try 'grainloops --help'.")
     except (typer.Abort, KeyboardInterrupt):
         status = INTERRUPTED
-    except (OSError, MemoryError) as error:
+    except MemoryError as error:
+        said = str(error)
+        said = said if said.startswith("out of memory") else f"out of memory. {said}"
+        _fail(said.rstrip(". "), status=1)
+    except OSError as error:
         forget_output()
-        _fail(str(error) or "out of memory", status=1)
+        _fail(str(error), status=1)
     if status == INTERRUPTED:  # typer may have turned Ctrl-C into this already
         _fail(f"interrupted; {common.interrupted}.", status=INTERRUPTED)
     sys.exit(status if isinstance(status, int) else 0)

@@ -110,6 +110,8 @@ def errors_of(out: Path) -> Iterator[None]:
         remedy = "Give the same command again."
         raise InputError(f"--out {out}", said, "a folder that stays", remedy) from None
     except OSError as error:
+        if error.errno == errno.ENOMEM:
+            raise MemoryError("out of memory") from None
         said, remedy = error.strerror or str(error), "Make room, or name another place."
         raise InputError(f"--out {out}", said, "a place to write", remedy) from None
 

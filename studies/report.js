@@ -5,7 +5,7 @@ function decoded(array) {
   const text = atob(array.data);
   const bytes = new Uint8Array(text.length);
   for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
-  const kinds = { f4: Float32Array, f8: Float64Array, i4: Int32Array };
+  const kinds = { f4: Float32Array, f8: Float64Array, i4: Int32Array, i8: BigInt64Array };
   return new kinds[array.type](bytes.buffer);
 }
 

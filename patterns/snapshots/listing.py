@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+import pyarrow
 
 from loops import InputError
 from patterns.snapshots.frame import Frame, Frames, Notes
@@ -38,13 +39,17 @@ class Listing:
         if self.span[0] < self.span[1]:
             columns = self.names if wanted is None else wanted
             body = read_body(self.where, self.text, self.span, self.names, columns)
-            table = Table(self.where, body)
+            table = Table(self.where, body, exact=self._whole)
         rows = 0 if table is None else len(table)
         if table is None or self.count not in (None, rows):
             expected = f"{self.count} as the header says" if self.count else "at least one row"
             remedy = "The frame is cut short or mixed with another one: dump or copy it again."
             raise InputError(self.where, f"{rows} rows", expected, remedy)
         return table
+
+    def _whole(self, name: str) -> pyarrow.ChunkedArray:
+        body = read_body(self.where, self.text, self.span, self.names, [name], pyarrow.int64())
+        return body.column(name)
 
 
 Found = TypeVar("Found", bound=Listing)

@@ -6,7 +6,7 @@ import math
 import tokenize
 import zipfile
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -34,20 +34,24 @@ Arrays = dict[str, NDArray[Any]]
 ARRAY_FILES = (".npz", ".h5", ".hdf5")
 TEXTS = (".csv", ".csv.gz", ".tsv", ".txt", ".dat")
 ENDINGS = (*TEXTS, ".parquet", *ARRAY_FILES)
-# Beyond these squares overflow, and a float64 no longer tells neighbouring ids apart.
+# Beyond these squares overflow, and a float64 no longer tells neighbouring whole numbers apart.
 HUGE, WHOLE = 1e150, 2.0**53
 
 
 class Table:
-    """Columns taken by name as arrays of float64; `names` may be more than were read."""
+    """Columns taken by name as arrays of float64; `names` may be more than were read.
+
+    `exact` reads a column anew as int64, where text was read as floats.
+    """
 
     def __init__(
         self,
         path: str | Path,
         columns: pyarrow.Table | Mapping[str, Any],
         names: Sequence[str] | None = None,
+        exact: Callable[[str], pyarrow.ChunkedArray] | None = None,
     ) -> None:
-        self.path = str(path)
+        self.path, self._exact = str(path), exact
         if isinstance(columns, pyarrow.Table):
             require_once(self.path, columns.column_names)
             columns = {name: columns.column(name) for name in columns.column_names}
@@ -95,6 +99,8 @@ class Table:
         where = f"column {name!r} of {self.path}"
         try:
             values = _as_floats(self._columns[name])
+        except MemoryError:
+            raise
         except (pyarrow.ArrowException, UnicodeDecodeError, TypeError, ValueError) as error:
             raise InputError(where, str(error)[:200], "numbers", "Correct the file.") from None
         # Not a number is neither above nor below.
@@ -123,27 +129,38 @@ class Table:
         return self.columns(*names) if any(name in self._known for name in names) else None
 
     def integers(self, name: str) -> Integers:
-        """Whole numbers of a column; `InputError` as `column`, and for fractions."""
+        """Whole numbers of a column, every digit; `InputError` as `column`, and for others."""
         stored = self._columns.get(name)
-        if isinstance(stored, pyarrow.ChunkedArray) and stored.type == pyarrow.int64():
-            whole = None if stored.null_count else _joined(stored)
-        else:
-            values = self.column(name)
-            whole = values.astype(np.int64)
-            whole = whole if (whole == values).all() else None
-        if whole is not None and whole.max() <= WHOLE and whole.min() >= -WHOLE:
-            return whole
+        if isinstance(stored, pyarrow.ChunkedArray) and pyarrow.types.is_integer(stored.type):
+            if not stored.null_count:
+                with suppress(pyarrow.ArrowInvalid):
+                    return _joined(stored.cast(pyarrow.int64()))
+        elif isinstance(stored, np.ndarray) and stored.dtype.kind in "iu":
+            whole = stored.astype(np.int64)
+            if (whole == stored).all() and (stored.dtype.kind == "i" or whole.min() >= 0):
+                return whole
         values = self.column(name)
-        row = int(np.argmax((np.rint(values) != values) | (np.abs(values) > WHOLE)))
+        fractions, large = np.rint(values) != values, np.abs(values) > WHOLE
+        if not (fractions.any() or large.any()):
+            return values.astype(np.int64)
+        if self._exact is not None and not fractions.any():
+            with suppress(InputError):
+                return _joined(self._exact(name))
+        row = int(np.argmax(fractions if fractions.any() else large))
         where = f"column {name!r} of {self.path}, row {row}"
-        raise InputError(where, str(values[row]), "a whole number", "Correct the file.")
+        if fractions.any():
+            raise InputError(where, str(values[row]), "a whole number", "Correct the file.")
+        expected = "a whole number below 2**63 (stored as a float: up to 2**53)"
+        remedy = "Store it as a 64-bit integer, or number the grains anew."
+        raise InputError(where, f"{values[row]:.17g}", expected, remedy)
 
 
 def _as_floats(column: Column) -> Floats:
     if isinstance(column, pyarrow.ChunkedArray):
         if pyarrow.types.is_boolean(column.type):
             column = column.cast(pyarrow.int8())
-        column = column.cast(pyarrow.float64())
+        # Whole numbers beyond 2**53 are rounded: `integers` keeps them.
+        column = column.cast(pyarrow.float64(), safe=False)
         if column.null_count or not column.num_chunks:
             column = column.to_numpy(zero_copy_only=False)
         else:

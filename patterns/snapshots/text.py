@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
 import mmap
 import os
@@ -24,6 +25,7 @@ HEAD = 4096  # bytes that tell a format
 PACKING = 1100
 SMALL = 1 << 24  # bytes that nobody counts
 SHARE = 0.5  # of the memory of the machine: more is refused
+FLOAT = pyarrow.float64()
 SHOWN = 12  # names of a list that a message shows
 
 
@@ -67,16 +69,19 @@ def beside(path: Path, *names: str) -> Path | None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[None]:
-    """Turn what libraries raise on damaged files into one `InputError`."""
+    """Turn what libraries raise on damaged files into one `InputError`; lack of memory is told."""
     try:
         yield
     except InputError:
         raise
+    except MemoryError as error:
+        raise MemoryError(f"out of memory while {path} was read ({error})") from None
     except (
         *(pyarrow.ArrowException, OSError, EOFError, zlib.error, zipfile.BadZipFile),
-        *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, MemoryError),
-        ArithmeticError,
+        *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, ArithmeticError),
     ) as error:
+        if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+            raise MemoryError(f"out of memory while {path} was read") from None
         where = str(path)
         received = f"an unreadable or truncated file ({str(error)[:200] or type(error).__name__})"
         raise InputError(where, received, "a complete file", "Export or copy it again.") from None
@@ -132,7 +137,12 @@ def require_line_end(where: str, text: Text, stop: int) -> None:
 
 
 def read_body(
-    where: str, text: Text, span: tuple[int, int], names: Sequence[str], wanted: Sequence[str]
+    where: str,
+    text: Text,
+    span: tuple[int, int],
+    names: Sequence[str],
+    wanted: Sequence[str],
+    kind: pyarrow.DataType = FLOAT,
 ) -> pyarrow.Table:
     """Columns `wanted` of lines of numbers parted by blanks, bytes `span` of the text.
 
@@ -150,12 +160,16 @@ def read_body(
     # A blank before the line end is a column without a name.
     all_names = [*names, ""] if first.endswith(b" ") else list(names)
     try:
-        return _parse(memoryview(text)[start:stop], all_names, wanted)
+        return _parse(memoryview(text)[start:stop], all_names, wanted, kind)
+    except MemoryError:
+        raise
     except (pyarrow.ArrowException, UnicodeDecodeError):
         # Columns may be padded with blanks, which costs another pass.
         pass
     try:
-        return _parse(single_blanks(text[start:stop]), list(names), wanted)
+        return _parse(single_blanks(text[start:stop]), list(names), wanted, kind)
+    except MemoryError:
+        raise
     except (pyarrow.ArrowException, UnicodeDecodeError) as error:
         received = f"lines that are no table ({str(error)[:200]})"
         raise InputError(where, received, "numbers in columns", "Dump it again.") from None
@@ -167,12 +181,14 @@ def single_blanks(body: bytes) -> bytes:
     return body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip()
 
 
-def _parse(body: bytes | memoryview, names: list[str], wanted: list[str]) -> pyarrow.Table:
+def _parse(
+    body: bytes | memoryview, names: list[str], wanted: list[str], kind: pyarrow.DataType
+) -> pyarrow.Table:
     return pyarrow.csv.read_csv(
         pyarrow.BufferReader(pyarrow.py_buffer(body)),
         read_options=pyarrow.csv.ReadOptions(column_names=names),
         parse_options=pyarrow.csv.ParseOptions(delimiter=" ", quote_char=False),
         convert_options=pyarrow.csv.ConvertOptions(
-            include_columns=wanted, column_types=dict.fromkeys(wanted, pyarrow.float64())
+            include_columns=wanted, column_types=dict.fromkeys(wanted, kind)
         ),
     )

@@ -47,7 +47,7 @@ def plan_series(
     _require_distinct(paths)
     if how["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
-    asked = [(path.resolve(), one) for path in paths for one in _frames(path, how)]
+    asked = [(path.absolute(), one) for path in paths for one in _frames(path, how)]
     planned = [PlannedSnapshot(number, *one) for number, one in enumerate(asked)]
     if cells is not None:
         table = cells_by_number(cells)

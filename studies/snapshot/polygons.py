@@ -127,8 +127,8 @@ def encoded(values: NDArray[Any]) -> dict[str, Any]:
     if np.issubdtype(values.dtype, np.floating):
         kind = "f4"
     else:
-        wide = len(values) and np.abs(values).max() >= 2**31
-        kind = "f8" if wide else "i4"
+        widest = max(int(values.max()), -int(values.min())) if len(values) else 0
+        kind = "i4" if widest < 2**31 else "f8" if widest < 2**53 else "i8"
     data = values.astype(f"<{kind}").tobytes()
     return {"type": kind, "data": base64.b64encode(data).decode("ascii")}
 

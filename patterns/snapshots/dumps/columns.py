@@ -12,7 +12,7 @@ from patterns.snapshots.dumps.dump_files import Atoms
 from patterns.snapshots.dumps.pairs import Space, pairs_of
 from patterns.snapshots.frame import require_column
 from patterns.snapshots.geometry import index_of, places_of
-from patterns.snapshots.tables import WHOLE, Table
+from patterns.snapshots.tables import Table
 from patterns.snapshots.text import listed
 
 Map = dict[str, str]
@@ -51,19 +51,24 @@ def given_columns(table: Table, given: Mapping[str, str], names: Collection[str]
     return columns
 
 
-def are_ids(values: Floats, atoms: Atoms) -> bool:
-    """Whether a column holds ids of grains.
+def ids_in(table: Table, name: str, rows: Integers, atoms: Atoms) -> Integers | None:
+    """Some rows of a column if it holds ids of grains.
 
     One unknown id is a fault to tell, a column without known ids holds something else.
     """
-    if (np.rint(values) != values).any() or (np.abs(values) > WHOLE).any():
-        return False
-    return bool(np.mean(index_of(atoms.ids, values.astype(np.int64)) >= 0) > KNOWN)
+    values = table.column(name)[rows]
+    if (np.rint(values) != values).any():
+        return None
+    try:
+        ids = table.integers(name)[rows]
+    except InputError:
+        return None
+    return ids if np.mean(index_of(atoms.ids, ids) >= 0) > KNOWN else None
 
 
-def reach_of(atoms: Atoms, space: Space, one: Floats, two: Floats) -> float:
+def reach_of(atoms: Atoms, space: Space, one: Integers, two: Integers) -> float:
     """Largest distance of the centres over the sum of the radii, the worst 10 % left out."""
-    i, j = (index_of(atoms.ids, values.astype(np.int64)) for values in (one, two))
+    i, j = index_of(atoms.ids, one), index_of(atoms.ids, two)
     known = (i >= 0) & (j >= 0)
     i, j = i[known], j[known]
     if len(i) == 0 or (i == j).any():
@@ -83,8 +88,9 @@ def find_ids(
 ) -> tuple[Integers, Integers]:
     """Grains of the pairs: adds `id1` and `id2` to the map, of the choices those nearest."""
     rows = _sample_rows(table)
-    known = {n: table.column(n)[rows] for pair in choices for n in pair}
-    known = {n: values for n, values in known.items() if are_ids(values, atoms)}
+    names = dict.fromkeys(n for pair in choices for n in pair)
+    found = {n: ids_in(table, n, rows, atoms) for n in names}
+    known = {n: ids for n, ids in found.items() if ids is not None}
     reach = [
         (reach_of(atoms, space, known[one], known[two]), (one, two))
         for one, two in choices

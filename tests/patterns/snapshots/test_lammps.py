@@ -239,3 +239,21 @@ def test_normals_of_walls_point_into_the_grains(tmp_path):
     force = table.columns("fx_on_2", "fy_on_2")[walls]
     assert walls.sum() == 61 and np.hypot(*branch.T).min() > 0
     assert np.einsum("wk,wk->w", branch, force).min() > 0
+
+
+def test_ids_of_dumps_keep_every_digit(tmp_path):
+    """Ids that are one number as floats; beyond 64 bits they are refused."""
+    own = packing()
+    own = own._replace(ids=own.ids + 2**62)
+    path, contacts = write_lammps(tmp_path, own)
+    (snapshot,) = read(path)
+    assert_same(snapshot, own, 1e-13)
+    assert np.array_equal(snapshot.ids, np.sort(own.ids))
+    longer = {str(one): f"{one}0" for one in own.ids.tolist()}
+    for file in (path, contacts):
+        text = file.read_text()
+        for one, other in longer.items():
+            text = text.replace(one, other)
+        file.write_text(text)
+    with pytest.raises(InputError, match=r"below 2\*\*63"):
+        read(path)

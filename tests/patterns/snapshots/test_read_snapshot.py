@@ -419,3 +419,60 @@ def test_walls_out_of_the_plane_and_out_of_order(tmp_path):
     for order in (range(rows), range(rows)[::-1]):
         grains = {name: [values[k] for k in order] for name, values in (GRAINS | {"z": z}).items()}
         assert read_snapshot(write(tmp_path, grains)).ids.tolist() == [10, 11, 12, 13]
+
+
+# Neighbours that are one number as floats, up to the ends of what 64 bits hold.
+LARGE = [2**53 + 1, 2**53 + 2, 2**63 - 2, 2**63 - 1, -(2**63)]
+RENUMBERED = dict(zip(GRAINS["id"], LARGE, strict=True))
+
+
+@pytest.mark.parametrize("ending", ["csv", "csv.gz", "parquet", "npz"])
+def test_ids_keep_every_digit(tmp_path, ending):
+    grains = GRAINS | {"id": LARGE}
+    pairs = {name: [RENUMBERED[one] for one in CONTACTS[name]] for name in ("id1", "id2")}
+    contacts = CONTACTS | pairs
+    if ending == "npz":
+        path = tmp_path / "grains_1.npz"
+        for name, columns in (("grains", grains), ("contacts", contacts)):
+            arrays = {key: np.array(values) for key, values in columns.items()}
+            np.savez(tmp_path / f"{name}_1.npz", **arrays)
+    else:
+        path = write(tmp_path, grains, contacts, ending)
+    snapshot, plain = read_snapshot(path), read_snapshot(write(tmp_path))
+    assert snapshot.ids.tolist() == LARGE[:4]
+    assert np.array_equal(snapshot.graph.contacts, plain.graph.contacts)
+
+
+@pytest.mark.parametrize(
+    ("ids", "ending"),
+    [
+        (np.array([10, 11, 12, 13, 2**63], dtype=np.uint64), "csv"),
+        (np.array([10, 11, 12, 13, 2**63], dtype=np.uint64), "parquet"),
+        ([10.0, 11.0, 12.0, 13.0, 2.0**53 + 2], "parquet"),
+    ],
+)
+def test_ids_that_would_lose_digits_are_refused(tmp_path, ids, ending):
+    with pytest.raises(InputError) as caught:
+        read_snapshot(write(tmp_path, GRAINS | {"id": ids}, ending=ending))
+    said = str(caught.value)
+    assert "column 'id'" in said
+    assert "row 4" in said
+    assert "below 2**63" in said
+    assert "64-bit integer" in said
+
+
+def test_want_of_memory_is_told_as_such(tmp_path, monkeypatch):
+    """Neither an unreadable file nor a damaged one, whatever part of a reader wants it."""
+    path = write(tmp_path)
+
+    def refuse(*args, **how):
+        raise pa.ArrowMemoryError("malloc of size 800 failed")
+
+    for name in ("pyarrow.csv.read_csv", "patterns.snapshots.tables._as_floats"):
+        with monkeypatch.context() as patched:
+            patched.setattr(name, refuse)
+            with pytest.raises(MemoryError, match="malloc of size 800 failed"):
+                read_snapshot(path)
+    monkeypatch.setattr("patterns.snapshots.text.gzip.open", lambda path: refuse())
+    with pytest.raises(MemoryError, match=r"out of memory while .*grains_1.csv.gz was read"):
+        read_snapshot(write(tmp_path, ending="csv.gz"))

@@ -17,6 +17,8 @@ from stability.paths.path import Event
 from studies.evolve import run_evolve
 from studies.evolve.run import _passed, stage_of
 from studies.output import as_json
+from studies.series.plan import plan_series
+from studies.snapshot.source import read_planar, reading
 from tests.packings import LAW, jammed
 from tests.studies.probe.test_run import plain
 from tests.studies.snapshot.test_run import run
@@ -221,3 +223,32 @@ def test_no_forces_and_no_cell_are_refused(tmp_path):
     with pytest.raises(InputError, match="packing: got no cell, expected a periodic packing"):
         run_evolve([plain(tmp_path / "b")], tmp_path / "out", to=1e-5)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("kind", ["files", "folder"])
+def test_companions_stand_beside_the_path_as_given(small, tmp_path, monkeypatch, kind):
+    """Links of other names in another folder, or a link to the folder: not beside their targets.
+
+    `evolve` and `series` read as planned, `snapshot` and `probe` by `read_planar`.
+    """
+    grains, snapshot = small
+    links, target = tmp_path / "links", tmp_path / "target"
+    target.mkdir()
+    if kind == "folder":
+        links.symlink_to(target, target_is_directory=True)
+    for name in ("grains_1.parquet", "contacts_1.parquet", "cell_1.json"):
+        kept = target / (name if kind == "folder" else f"blob-{name[::-1]}")
+        kept.write_bytes((grains.parent / name).read_bytes())
+        if kind == "files":
+            links.mkdir(exist_ok=True)
+            (links / name).symlink_to(kept)
+    given = links / "grains_1.parquet"
+    (planned,) = plan_series([given], None, reading())
+    for path, how in ((planned.path, planned.how), (given, {})):
+        read = read_planar(path, **how)
+        assert np.array_equal(read.graph.normal_force, snapshot.graph.normal_force)
+    assert run(monkeypatch, "check", given) == 0
+    # The digest that a series goes on by knows all three files.
+    before = planned.fingerprint
+    (target if kind == "folder" else links).joinpath("cell_1.json").unlink()
+    assert plan_series([given], None, reading())[0].fingerprint != before
