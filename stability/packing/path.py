@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -117,6 +117,7 @@ def follow_packing(
     instabilities: int,
     past: Past,
     max_steps: int,
+    progress: Callable[[float], None] | None = None,
 ) -> PackingPath:
     """Path of a packing: `stability.follow` with the packing closure."""
     solver = PackingPathSolver(graph, law, interval, past)
@@ -124,7 +125,7 @@ def follow_packing(
     for k, stage in enumerate(stages):
         if stage.fallback != (stop[0] in ("control_limit", "no_solution")):
             continue
-        stop = solver.follow(k, stage, max(rows, 1), instabilities, max_steps)
+        stop = solver.follow(k, stage, max(rows, 1), instabilities, max_steps, progress)
         if stop[0] in ("instabilities", "lost"):
             break
     return solver.path(*stop)
@@ -208,7 +209,13 @@ class PackingPathSolver:
         return share * np.kron(np.eye(2), np.linalg.inv(self.F))
 
     def follow(
-        self, number: int, stage: Stage, rows: int, instabilities: int, max_steps: int
+        self,
+        number: int,
+        stage: Stage,
+        rows: int,
+        instabilities: int,
+        max_steps: int,
+        progress: Callable[[float], None] | None,
     ) -> Stop:
         """Follow a stage to its target, or until the path ends; status and message."""
         if self.intervals:
@@ -226,6 +233,8 @@ class PackingPathSolver:
                 if stop is not None:
                     self._record()
                     return stop
+                if progress is not None:
+                    progress(self.parameter)
             self._record()
         return FINISHED
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
@@ -47,7 +47,9 @@ OF_LOOPS: dict[str, Any] = {
     "model": "auto",
 }
 # Options of packings.
-OF_PACKINGS: dict[str, Any] = {"interval": 5e-6, "instabilities": 20, "past": "viscous"}
+OF_PACKINGS: dict[str, Any] = {
+    **{"interval": 5e-6, "instabilities": 20, "past": "viscous", "progress": None}
+}
 
 
 @overload
@@ -62,6 +64,7 @@ def follow(
     interval: float = 5e-6,
     instabilities: int = 20,
     past: Past = "viscous",
+    progress: Callable[[float], None] | None = None,
 ) -> PackingPath: ...
 
 
@@ -104,6 +107,7 @@ def follow(
     interval: float = 5e-6,
     instabilities: int = 20,
     past: Past = "viscous",
+    progress: Callable[[float], None] | None = None,
 ) -> Path | PackingPath:
     """Integrate the rate equations of a graph under loading programmes, with exact events.
 
@@ -119,8 +123,8 @@ def follow(
     contacts change regime by pivots (Theory, equation (11.10)); geometry and normal forces are
     exact at their ends, so the error halves with the interval. What is out of balance at the start
     stays as a constant load.
-    Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities` and
-    `past`.
+    Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities`,
+    `past` and `progress`.
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
@@ -174,6 +178,8 @@ def follow(
         the grains of its mode until the interval ends; the equations of motion from there on, over
         the strain of an interval at an inertial number of 2.5e-7, then held until at rest (discs of
         unit density, Cundall's damping of 0.3); or the path stops there, status 'instabilities'.
+    progress : callable, optional
+        Of a packing: called after every interval with the parameter that the path has reached.
 
     Returns
     -------
@@ -228,10 +234,13 @@ def follow(
             instabilities=instabilities,
             past=past,
             max_steps=max_steps,
+            progress=progress,
         )
     _check(law, stages, closure, spins, contact_on_touch)
     remedy = "Leave it out: it is of packings, closure='packing'."
-    _refuse((interval, instabilities, past), OF_PACKINGS, f"the {closure} closure", remedy)
+    _refuse(
+        (interval, instabilities, past, progress), OF_PACKINGS, f"the {closure} closure", remedy
+    )
     number("rtol", rtol, 0.0)
     number("atol", atol, 0.0)
     number("max_step", max_step, 0.0, open_low=True)

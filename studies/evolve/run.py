@@ -27,6 +27,7 @@ from studies.snapshot.in_packing import balance_notes
 from studies.snapshot.source import read_planar, reading
 from studies.study import study
 
+INTERVALS = 20_000  # after which a path is given up
 UNITS = (
     "as the input's: stress = force/length (two dimensions), work = force times length; H and P "
     "over the cell of the first snapshot"
@@ -64,6 +65,7 @@ def run_evolve(
         "instabilities": instabilities,
         "past": past,
     }
+    require_reach(programme, to, interval)
     stage, sense = stage_of(programme, axis, to), float(np.sign(to))
     if programme.startswith("isotropic"):
         component = "P11" if programme == "isotropic-stress" else "H11"
@@ -80,6 +82,7 @@ def run_evolve(
             law,
             stage,
             closure="packing",
+            max_steps=INTERVALS,
             rows=rows,
             interval=interval,
             instabilities=instabilities,
@@ -112,6 +115,20 @@ def run_evolve(
             maps = loops_for_map(snapshot, tables["loops"])
             results.write_report(f"Path of {readable(first.name)}", summary, pictures, maps)
     return summary
+
+
+def require_reach(programme: str, to: float, interval: float) -> None:
+    """Raise `InputError` for a strain that no cell can take, or no path of `INTERVALS` reaches."""
+    if programme == "isotropic-stress":
+        return
+    if to >= 1:
+        expected = "less than 1: there the cell has no length left (compression is positive)"
+        raise InputError("--to", f"a strain of {to:g}", expected, "Give 1e-3, for example.")
+    # An interval of zero is refused with the other options of the path.
+    if abs(to) > INTERVALS * interval > 0:
+        expected = f"at most {INTERVALS * interval:g}: {INTERVALS} intervals of {interval:g}"
+        remedy = "Give a smaller strain, or larger intervals by --interval."
+        raise InputError("--to", f"a strain of {to:g}", expected, remedy)
 
 
 def stage_of(programme: str, axis: int, to: float) -> Stage:

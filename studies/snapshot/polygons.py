@@ -88,7 +88,8 @@ def packed(loops: LoopsForMap) -> str:
     """JSON of the loops for the page; arrays are little-endian bytes in base64.
 
     Corners are in single precision, relative to `origin`; so are columns of floats, which are shown
-    with six digits. Integers have four bytes, or eight-byte floats where four are too few.
+    with six digits. Integers have four bytes, where four are too few eight as floats, beyond 2**53
+    as integers.
     """
     import matplotlib as mpl
     from matplotlib.colors import to_hex

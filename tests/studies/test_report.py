@@ -187,6 +187,7 @@ def test_a_loop_that_there_is_not_is_told(tmp_path):
 
 def test_large_ids_are_not_cut_off():
     assert encoded(np.array([2**40, 1]))["type"] == "f8"
+    assert encoded(np.array([2**53 + 1, 1]))["type"] == "i8"
     assert encoded(np.array([2**31 - 1]))["type"] == "i4"
     assert encoded(np.empty(0, dtype=int)) == {"type": "i4", "data": ""}
 

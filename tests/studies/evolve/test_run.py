@@ -75,6 +75,18 @@ def test_files_and_the_dems_next_state(results):
     assert summary["negative_loops"] == np.mean(loops["W2"] < 0)
 
 
+def test_a_path_tells_how_far_it_is(small):
+    _, snapshot = small
+    reached = []
+    law, _ = snapshot.mechanics()
+    stage = Stage(programmes.isotropic_strain(), "parameter", 1e-4)
+    options = {"rows": 1, "interval": 2e-5, "progress": reached.append}
+    path = follow(snapshot.graph, law, stage, closure="packing", **options)
+    assert len(reached) == path.intervals
+    assert reached == sorted(reached)
+    assert reached[-1] == path.parameter[-1]
+
+
 def test_tables_are_the_numerics(small, tmp_path):
     grains, snapshot = small
     out = tmp_path / "out"
@@ -164,6 +176,12 @@ def test_programmes_drive_what_they_say(programme, sense, small):
     [
         (["--to", "0"], "--to: got 0, expected a finite number other than zero"),
         (["--to", "1e-5", "--programme", "odd"], "--programme: got 'odd', expected one of drained"),
+        (
+            ["--to", "1"],
+            "--to: got a strain of 1, expected less than 1: there the cell has no length",
+        ),
+        (["--to", "1e9"], "--to: got a strain of 1e+09, expected less than 1"),
+        (["--to", "-0.2"], "--to: got a strain of -0.2, expected at most 0.1: 20000 intervals of"),
         (["--to", "1e-5", "--axis", "3"], "--axis: got 3, expected 1 or 2"),
         (["--to", "1e-5", "--rows", "-1"], "rows: got -1, expected a whole number, 0 or more"),
         (["--to", "1e-5", "--interval", "0"], "interval: got 0"),
