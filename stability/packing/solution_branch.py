@@ -1,0 +1,189 @@
+"""Solutions of the rate problem over all directions of a plane, traced from one of them.
+
+Along `h = (cos a, sin a)` the contacts at yield ask for `w = Q h + M z`, `w >= 0`, `z >= 0`,
+`w.z = 0` (see `stability.packing.complementarity`). With the set of sliding contacts fixed, `z`
+and `w` are linear in `h`: a segment of the circle on which all stay positive. Where one of them
+vanishes, its contact changes regime. With `d` the diagonal entry of the principal transform of `M`
+there, the branch of solutions goes on in the same sense if `d > 0` and turns back if `d < 0`, a
+fold: two solutions on one side of that direction, none of this branch on the other. Theory,
+section 12.1 of the packing's rate problem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.linalg.blas import dger
+
+from loops.arrays import Flags, Floats, Integers
+from stability.packing.complementarity import principal_transform
+
+Status = Literal["closed", "degenerate", "too long"]
+
+TURN = 2.0 * np.pi
+# Angles closer than this are one: contacts that change regime together are exchanged in turn.
+SAME_ANGLE = 1e-11
+# A variable this close to zero, in the angle to it, is zero.
+TOUCHING = 1e-7
+# A diagonal entry below this share of its column would cost the digits of the exchange.
+PIVOT_MIN = 1e-11
+# Over the largest entry of Q: parts zeros that fall together.
+TIE_BREAK = 1e-10
+# Exchanges after which the transform is made anew from `M`.
+REFRESH = 64
+# A variable whose largest value over the circle is below this share of the largest is zero.
+ZERO_ROW = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class SolutionBranch:
+    """A branch of solutions, segment by segment.
+
+    Attributes
+    ----------
+    angle : (n, 2) array, radians
+        Where each segment begins and ends along the branch, unwrapped; it ends at a smaller angle
+        than it begins where the branch runs backwards.
+    sliding : (n, m) array of bool
+        Contacts that slide on each segment.
+    answer : (n, k, 2) array
+        `of_slip @ z = answer @ h` on each segment.
+    status : {'closed', 'degenerate', 'too long'}
+        `closed`: the branch returned to its start, nothing of it is missing. `degenerate`: it was
+        left where a contact neither goes on nor turns back to any digit. `too long`: more segments
+        than asked for.
+    """
+
+    angle: Floats
+    sliding: Flags
+    answer: Floats
+    status: Status
+
+    @property
+    def winding(self) -> int:
+        """Times that a closed branch runs around the circle; 0 if it covers only a part twice."""
+        return round(float(np.sum(self.angle[:, 1] - self.angle[:, 0])) / TURN)
+
+    @property
+    def folds(self) -> Floats:
+        """(k,) angles at which the branch turns back, in [0, 2 pi)."""
+        way = self.angle[:, 1] - self.angle[:, 0]
+        moves = np.flatnonzero(np.abs(way) > SAME_ANGLE)
+        forwards = way[moves] > 0
+        after = (
+            np.roll(forwards, -1)
+            if self.status == "closed"
+            else np.append(forwards[1:], forwards[-1:])
+        )
+        return np.mod(self.angle[moves[forwards != after], 1], TURN)
+
+    def at(self, angle: float) -> Integers:
+        """Segments that hold a solution at an angle."""
+        low, high = np.sort(self.angle, axis=1).T
+        turns = np.ceil((low - SAME_ANGLE - angle) / TURN)
+        return np.flatnonzero(angle + TURN * turns <= high + SAME_ANGLE)
+
+
+def trace_branch(
+    Q: Floats, M: Floats, of_slip: Floats, angle: float, sliding: Flags, most: int = 20_000
+) -> SolutionBranch:
+    """Follow the solution with these contacts sliding around the circle, both ways if need be.
+
+    `Q` (m, 2), `M` (m, m); `of_slip` (k, m) are the sums over the slips that are asked for. The set
+    `sliding` must solve the problem at `angle`.
+    """
+    if len(Q) == 0:
+        none, zero = np.zeros((1, 0), dtype=bool), np.zeros((1, len(of_slip), 2))
+        return SolutionBranch(np.array([[0.0, TURN]]), none, zero, "closed")
+    found = _both_ways(Q, Q, M, of_slip, angle, sliding, most)
+    if found.status == "closed":
+        return found
+    # In a symmetric packing contacts change regime together; apart by next to nothing they don't.
+    apart = np.random.default_rng(0).standard_normal(Q.shape) * np.abs(Q).max()
+    parted = _both_ways(Q + TIE_BREAK * apart, Q, M, of_slip, angle, sliding, most)
+    return parted if parted.status == "closed" else found
+
+
+def _both_ways(
+    near: Floats, Q: Floats, M: Floats, of_slip: Floats, angle: float, sliding: Flags, most: int
+) -> SolutionBranch:
+    """The branch of `near` from an angle on, and backwards where it doesn't close; slips of `Q`."""
+    both = np.hstack([near, Q])
+    segments, status = _follow(both, M, of_slip, angle, sliding, 1.0, most)
+    if status != "closed":
+        behind, _ = _follow(both, M, of_slip, angle, sliding, -1.0, most)
+        segments = [(end, begin, *rest) for begin, end, *rest in behind[::-1]] + segments
+    return SolutionBranch(
+        angle=np.array([[begin, end] for begin, end, *_ in segments]).reshape(-1, 2),
+        sliding=np.array([active for _, _, active, _ in segments]).reshape(-1, len(Q)),
+        answer=np.array([answer for *_, answer in segments]).reshape(-1, len(of_slip), 2),
+        status=status,
+    )
+
+
+def _follow(
+    Q: Floats, M: Floats, of_slip: Floats, angle: float, start: Flags, sense: float, most: int
+) -> tuple[list[tuple[float, float, Flags, Floats]], Status]:
+    """Segments from an angle on: begin, end, sliding contacts, answer.
+
+    The first two columns of `Q` (m, 4) tell where they end, the others give the slips.
+    """
+    transform = principal_transform(Q, M, start)
+    if transform is None:
+        return [], "degenerate"
+    lines, table = transform[0], np.asfortranarray(transform[1])
+    sliding, at, changed = start.copy(), angle, -1
+    first_sense, segments = sense, []
+    for step in range(most):
+        # Angle from here to the zero of every variable that is not zero all around.
+        size = np.hypot(lines[:, 0], lines[:, 1])
+        ahead = np.mod(sense * (np.arctan2(lines[:, 1], lines[:, 0]) - at) + 0.5 * np.pi, TURN)
+        ahead[ahead > TURN - TOUCHING] = 0.0
+        if changed >= 0:
+            ahead[changed] = np.pi
+        ahead[size <= ZERO_ROW * size.max()] = np.pi
+        if ahead.max() > np.pi + TOUCHING:
+            return segments, "degenerate"
+        reach = float(ahead.min())
+        answer = of_slip[:, sliding] @ lines[sliding, 2:]
+        if step > 0 and sense == first_sense and np.array_equal(sliding, start):
+            back = float(np.mod(sense * (angle - at), TURN))
+            if back <= reach + SAME_ANGLE:
+                segments.append((at, at + sense * back, sliding.copy(), answer))
+                return segments, "closed"
+        end = at + sense * reach
+        segments.append((at, end, sliding.copy(), answer))
+        ties = np.flatnonzero(ahead <= reach + SAME_ANGLE)
+        share = table[ties, ties] / np.abs(table[:, ties]).max(axis=0)
+        changed = int(ties[np.argmax(np.abs(share))])
+        if np.abs(share).max() < PIVOT_MIN:
+            return segments, "degenerate"
+        if table[changed, changed] < 0:
+            sense = -sense
+        sliding[changed] ^= True
+        at = end
+        if step % REFRESH == REFRESH - 1:
+            transform = principal_transform(Q, M, sliding)
+            if transform is None:
+                return segments, "degenerate"
+            lines, table = transform[0], np.asfortranarray(transform[1])
+        else:
+            _exchange(lines, table, changed)
+    return segments, "too long"
+
+
+def _exchange(lines: Floats, table: Floats, k: int) -> None:
+    """Exchange the variables of one contact, in place: `y = lines h + table x` solved for `x_k`.
+
+    `table` is in Fortran's order, so that BLAS adds the matrix of rank one where it stands.
+    """
+    pivot, column = table[k, k], table[:, k].copy()
+    row = table[k] / -pivot
+    row[k] = 1.0 / pivot
+    own = lines[k] / -pivot
+    column[k], table[:, k] = 0.0, 0.0
+    dger(1.0, column, row, a=table, overwrite_a=1)
+    lines += column[:, None] * own
+    table[k], lines[k] = row, own
