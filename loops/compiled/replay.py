@@ -35,6 +35,7 @@ class Motion(NamedTuple):
     moment: Floats  # (4,) forces times branches, 11, 12, 21, 22: stress times area
     work: Floats  # (3,) by the strain of the cell, lost in slip, by shear beyond the law's motion
     closer: Floats  # (1,) how much closer grains may have come since the pairs were listed
+    plane_shear: Floats  # (P, G) `T` of every grain at every plane
 
 
 class Discs(NamedTuple):
@@ -49,6 +50,12 @@ class Discs(NamedTuple):
     kn: Floats
     kt: Floats
     mu: Floats
+    # Planes at rest, each of which may touch every grain:
+    plane_normal: Floats  # (P, 2) from the plane into the sample
+    plane_offset: Floats  # (P,) `n . x` of its points
+    plane_kn: Floats  # (P, G)
+    plane_kt: Floats  # (P, G)
+    plane_mu: Floats  # (P,)
 
 
 class Servo(NamedTuple):
@@ -209,6 +216,23 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
                 slipped += mean * (stuck - shear) / discs.kt[p]
             if by_radii:
                 beyond += mean * (slip - across + arm_i * w[i] + arm_j * w[j]) * dt
+    for p in range(len(discs.plane_offset)):
+        n0, n1 = discs.plane_normal[p, 0], discs.plane_normal[p, 1]
+        for g in range(len(x)):
+            distance = n0 * x[g, 0] + n1 * x[g, 1] - discs.plane_offset[p]
+            if distance >= discs.radii[g]:
+                motion.plane_shear[p, g] = 0.0
+                continue
+            normal = discs.plane_kn[p, g] * (discs.radii[g] - distance)
+            arm = discs.radii[g] if by_radii else distance
+            slip = n0 * v[g, 1] - n1 * v[g, 0] - arm * w[g]
+            most = discs.plane_mu[p] * normal
+            shear = motion.plane_shear[p, g] - discs.plane_kt[p, g] * slip * dt
+            shear = min(max(shear, -most), most)
+            motion.plane_shear[p, g] = shear
+            resultant[g, 0] += normal * n0 - shear * n1
+            resultant[g, 1] += normal * n1 + shear * n0
+            resultant[g, 2] -= distance * shear
     motion.moment[0], motion.moment[1], motion.moment[2], motion.moment[3] = s00, s01, s10, s11
     motion.work[1] += slipped
     motion.work[2] += beyond

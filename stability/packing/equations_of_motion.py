@@ -341,6 +341,21 @@ def _affine_stiffness(state: PackingState, pairs: Pairs) -> Floats:
     return np.asarray(C.reshape(4, 4))
 
 
+class Planes(NamedTuple):
+    """Planes at rest beside a packing: normals into it, offsets `n . x`, stiffness and friction.
+
+    `normal` (P, 2), `offset` (P,), `kn` and `kt` (P, G) of every grain at every plane, `mu` (P,),
+    `shear` (P, G) the shear forces at the start.
+    """
+
+    normal: Floats
+    offset: Floats
+    kn: Floats
+    kt: Floats
+    mu: Floats
+    shear: Floats
+
+
 class Moving:
     """A packing in motion; its pairs are listed anew where grains come closer.
 
@@ -359,6 +374,7 @@ class Moving:
         velocity: ArrayLike = 0.0,
         spin: ArrayLike = 0.0,
         gradient: Floats | None = None,
+        planes: Planes | None = None,
     ) -> None:
         from loops.compiled.replay import Motion, contact_forces
 
@@ -366,6 +382,9 @@ class Moving:
         self.lightness = 1.0 / masses, 1.0 / inertias
         self.gap = LISTED_GAP * 2.0 * float(start.radii.mean())
         count = len(start.radii)
+        none = np.zeros((0, count))
+        no_planes = Planes(np.zeros((0, 2)), np.zeros(0), none, none, np.zeros(0), none)
+        self.planes = no_planes if planes is None else planes
         self.motion = Motion(
             x=np.array(start.x),
             velocity=np.array(np.broadcast_to(velocity, (count, 2)), dtype=float),
@@ -380,6 +399,7 @@ class Moving:
             moment=np.zeros(4),
             work=np.zeros(3),
             closer=np.zeros(1),
+            plane_shear=np.array(self.planes.shear),
         )
         self._list()
         contact_forces(self.motion, self.discs, 0.0, by_radii, servo.on)
@@ -398,7 +418,8 @@ class Moving:
         wraps = np.asarray(images.any(axis=1))
         grains = self.pairs.grains.astype(np.uint32)
         radii = np.array(self.start.radii)
-        self.discs = Discs(radii, *self.lightness, grains, images, wraps, *self.pairs[2:])
+        springs = (*self.pairs[2:], *self.planes[:5])
+        self.discs = Discs(radii, *self.lightness, grains, images, wraps, *springs)
 
     def load(self, load: Floats) -> None:
         """Add constant forces and moments (G, 3) on the grains, from now on."""

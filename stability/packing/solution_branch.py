@@ -20,6 +20,8 @@ from scipy.linalg.blas import dger
 from loops.arrays import Flags, Floats, Integers
 from stability.packing.complementarity import principal_transform
 
+# Begin, end, sliding contacts, answer.
+Segment = tuple[float, float, Flags, Floats]
 Status = Literal["closed", "degenerate", "too long"]
 
 TURN = 2.0 * np.pi
@@ -114,7 +116,7 @@ def _both_ways(
     segments, status = _follow(both, M, of_slip, angle, sliding, 1.0, most)
     if status != "closed":
         behind, _ = _follow(both, M, of_slip, angle, sliding, -1.0, most)
-        segments = [(end, begin, *rest) for begin, end, *rest in behind[::-1]] + segments
+        segments = [(e, b, active, answer) for b, e, active, answer in behind[::-1]] + segments
     return SolutionBranch(
         angle=np.array([[begin, end] for begin, end, *_ in segments]).reshape(-1, 2),
         sliding=np.array([active for _, _, active, _ in segments]).reshape(-1, len(Q)),
@@ -125,7 +127,7 @@ def _both_ways(
 
 def _follow(
     Q: Floats, M: Floats, of_slip: Floats, angle: float, start: Flags, sense: float, most: int
-) -> tuple[list[tuple[float, float, Flags, Floats]], Status]:
+) -> tuple[list[Segment], Status]:
     """Segments from an angle on: begin, end, sliding contacts, answer.
 
     The first two columns of `Q` (m, 4) tell where they end, the others give the slips.
@@ -135,7 +137,8 @@ def _follow(
         return [], "degenerate"
     lines, table = transform[0], np.asfortranarray(transform[1])
     sliding, at, changed = start.copy(), angle, -1
-    first_sense, segments = sense, []
+    first_sense = sense
+    segments: list[Segment] = []
     for step in range(most):
         # Angle from here to the zero of every variable that is not zero all around.
         size = np.hypot(lines[:, 0], lines[:, 1])

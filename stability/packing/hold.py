@@ -1,0 +1,341 @@
+"""A packing brought to rest by damped equations of motion before it is asked for its rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops.arrays import Floats
+from loops.closures.macro_tangent import check_choice
+from loops.errors import InputError
+from loops.graph import GrainGraph, require_one_state
+from loops.laws import ContactLaw, LinearFrictional
+from loops.packing import PlaneContacts
+from stability.arguments import number
+from stability.packing.equations_of_motion import (
+    Moving,
+    Planes,
+    lasting,
+    masses_of,
+    servo_of,
+    steered,
+    step_of,
+)
+from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength
+from stability.packing.state import PackingState, start_state
+
+HoldControl = Literal["strain", "stress"]
+Status = Literal["at rest", "not at rest", "flows"]
+
+# Steps between two looks at the unbalanced force.
+LOOK = 500
+# A sample whose cell strains by more under a held stress flows.
+FLOWS = 0.05
+# Stresses 11, 22 and the mean shear stress are held; the cell does not rotate.
+HELD_STRESS = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5, 0.5, 0], [0, 0, 0, 0.0]])
+NO_ROTATION = np.array([[0] * 4, [0] * 4, [0] * 4, [0, 1, -1, 0.0]])
+# Contacts within this share of their strength count as sliding, as in the tables of Yade.
+SLIDING_SHARE = 0.999
+# Feet on one plane: their normals and offsets agree to this share.
+SAME_PLANE = 1e-6
+# Between walls no image is met in a cell of so many times the sample.
+FAR_CELL = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPacking:
+    """A packing at rest, and what holding it changed.
+
+    Attributes
+    ----------
+    graph : GrainGraph
+        The closed contacts at rest.
+    law : LinearFrictional
+        Stiffness and friction of these contacts.
+    planes : PlaneContacts or None
+        Contacts with walls at rest.
+    plane_force : (W, 2) array
+        Force of the wall on the grain at each of these.
+    status : {'at rest', 'not at rest', 'flows'}
+        Whether the unbalanced force fell below the bound; `flows`: under a held stress the cell
+        strained by more than 0.05.
+    control : {'strain', 'stress'}
+        What was held.
+    unbalanced_before, unbalanced : float
+        Mean resultant on a grain over the mean contact force, before and after.
+    stress_before, stress : (2, 2) array
+        Cauchy stress (force per length, compression positive).
+    strain : (2, 2) array
+        Displacement gradient `H` of the cell, compression positive; zero if it was held.
+    forces_changed : float
+        `|f_after - f_before| / |f_before|` over all contacts, lost and gained ones included.
+    lost, gained : int
+        Contacts between grains that opened, and that closed.
+    sliding_before, sliding : int
+        Contacts within a thousandth of their strength.
+    spread : float
+        Difference of the stress at rest between the two dampings over its size. Beyond a few
+        percent the state at rest is one of many: what follows is about this one alone.
+    steps : int
+        Steps of the first run.
+    """
+
+    graph: GrainGraph
+    law: LinearFrictional
+    planes: PlaneContacts | None
+    plane_force: Floats
+    status: Status
+    control: HoldControl
+    unbalanced_before: float
+    unbalanced: float
+    stress_before: Floats
+    stress: Floats
+    strain: Floats
+    forces_changed: float
+    lost: int
+    gained: int
+    sliding_before: int
+    sliding: int
+    spread: float
+    steps: int
+
+    def __str__(self) -> str:
+        before, after = (np.diag(s) for s in (self.stress_before, self.stress))
+        return (
+            f"held at fixed {'cell' if self.control == 'strain' else 'stress'}: {self.status}, "
+            f"unbalanced force {self.unbalanced_before:.1e} to {self.unbalanced:.1e}, stress "
+            f"({before[0]:.4g}, {before[1]:.4g}) to ({after[0]:.4g}, {after[1]:.4g}), spread "
+            f"{100 * self.spread:.2g} %, {self.lost} contacts lost, {self.gained} gained"
+        )
+
+
+def hold(
+    graph: GrainGraph,
+    law: ContactLaw,
+    *,
+    control: HoldControl = "strain",
+    unbalanced: float = 1e-6,
+    damping: tuple[float, float] = (0.2, 0.4),
+    planes: PlaneContacts | None = None,
+    plane_force: ArrayLike | None = None,
+    volume: float | None = None,
+    mass: ArrayLike | None = None,
+    inertia: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    spin: ArrayLike | None = None,
+    most_steps: int = 200_000,
+) -> HeldPacking:
+    """Bring a packing to rest by damped equations of motion.
+
+    A state with an unbalanced force above some 5e-4 is on its way: its rates are not those of an
+    equilibrium. It is held at fixed cell, or between walls that stand still, or at fixed stress,
+    with Cundall's damping until the unbalanced force is below the bound. A second run with the
+    other damping tells how far the state at rest depends on the way there. Theory, section 12.2.
+
+    Parameters
+    ----------
+    graph : GrainGraph
+        One state: periodic, or between walls.
+    law : LinearFrictional
+        Contact law.
+    control : {'strain', 'stress'}
+        What is held: the cell or the walls; or the stress of a periodic cell (11, 22 and the mean
+        of 12 and 21).
+    unbalanced : float
+        The bound: mean resultant on a grain over the mean contact force.
+    damping : (float, float)
+        Cundall's damping of the two runs, each between 0 and 1; the first one is the answer.
+    planes : PlaneContacts, optional
+        Contacts with the walls, one at least for each wall. Grains that touch a wall later have
+        its mean stiffness over the radius, or its mean stiffness where that varies less. A contact
+        with a wall that has a shear stiffness does not slide.
+    plane_force : (W, 2) array, optional
+        Force of the wall on the grain at each of them (force); of rough walls, whose shear forces
+        are no function of the positions.
+    volume : float, optional
+        Area that the stress refers to (length squared); needed between walls.
+    mass, inertia, velocity, spin
+        As in `replay`.
+    most_steps : int
+        Steps after which a run ends although it is not at rest.
+
+    Returns
+    -------
+    HeldPacking
+
+    Raises
+    ------
+    InputError
+        If the law is another, the packing ends neither at a cell nor at walls or carries nothing,
+        stress is to be held between walls, or a number is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import GrainGraph, LinearFrictional
+    >>> row = GrainGraph(x=[[0, 0], [1.002, 0]], radii=[0.505] * 2, contacts=[[0, 1], [1, 0]],
+    ...     images=[[0, 0], [1, 0]], cell=[[2, 0], [0, 3]], normal_force=[0.008, 0.012])
+    >>> held = hold(row, LinearFrictional(1.0, 0.5, 0.5))
+    >>> held.status, held.graph.normal_force.round(6).tolist()
+    ('at rest', [0.01, 0.01])
+    """
+    check_choice("control", control, get_args(HoldControl))
+    number("unbalanced", unbalanced, 0.0, open_low=True)
+    if not all(0.0 < share < 1.0 for share in damping):
+        raise InputError("damping", f"{damping}", "two shares between 0 and 1", "Correct it.")
+    walled = planes is not None and graph.cell is None
+    in_cell = _in_far_cell(graph) if walled else graph
+    checked = require_replayable(in_cell, law)
+    masses, inertias = masses_of(graph.radii, mass, inertia)
+    pairs, start = contact_pairs(in_cell, checked), start_state(in_cell)
+    dt, by_radii = step_of(masses, pairs), checked.shear_increment == "radii"
+    walls = None
+    if planes is not None and walled:
+        if control == "stress" or volume is None:
+            received = "control='stress'" if control == "stress" else "no volume"
+            expected = "control='strain' and a volume between walls"
+            raise InputError("hold", received, expected, "Hold the walls, and give the area.")
+        walls = planes_of(graph, planes, plane_force)
+    runs = []
+    for share in damping:
+        servo = servo_of(start, pairs, masses)
+        if control == "stress":
+            servo = steered(servo, start, pairs, HELD_STRESS, NO_ROTATION, np.zeros(4))
+            servo = lasting(servo, dt)
+        moving = Moving(
+            start, pairs, masses, inertias, servo, by_radii,
+            velocity=0.0 if velocity is None else velocity, spin=0.0 if spin is None else spin,
+            planes=walls,
+        )  # fmt: skip
+        before = _unbalanced(moving, start)
+        runs.append((moving, *_rest(moving, dt, share, unbalanced, most_steps)))
+    (moving, end, status, steps), (second, other, other_status, _) = runs
+    stress, elsewhere = (
+        _stress(state, run.planes._replace(shear=run.motion.plane_shear), volume)
+        for run, state in ((moving, end), (second, other))
+    )
+    closed, count = end.closed, graph.contact_count
+    change = end.forces.copy()
+    change[:count] -= start.forces
+    kept = int(np.count_nonzero(start.closed & closed[:count]))
+    held = end.graph()
+    kn, kt, mu = (k[closed] for k in moving.pairs[2:])
+    touching = _touching(end, moving.planes._replace(shear=moving.motion.plane_shear))
+    return HeldPacking(
+        graph=held.replace(images=None, cell=None, cell0=None) if walled else held,
+        law=LinearFrictional(kn, kt, mu, checked.shear_increment),
+        planes=touching.contacts if walled else None,
+        plane_force=touching.force,
+        status=status if status != "at rest" else other_status,
+        control=control,
+        unbalanced_before=before,
+        unbalanced=_unbalanced(moving, end),
+        stress_before=_stress(start, walls, volume),
+        stress=stress,
+        strain=np.eye(2) - end.cell @ np.linalg.inv(start.cell),
+        forces_changed=float(np.linalg.norm(change) / np.linalg.norm(start.forces)),
+        lost=int(np.count_nonzero(start.closed)) - kept,
+        gained=int(np.count_nonzero(closed)) - kept,
+        sliding_before=_sliding(start, pairs),
+        sliding=_sliding(end, moving.pairs),
+        spread=float(np.linalg.norm(elsewhere - stress) / np.linalg.norm(stress)),
+        steps=steps,
+    )
+
+
+def _in_far_cell(graph: GrainGraph) -> GrainGraph:
+    """The same packing in a periodic cell so large that nothing meets its own image."""
+    require_one_state(graph)
+    side = FAR_CELL * float(np.ptp(graph.x, axis=0).max() + 2.0 * graph.radii.max())
+    none = np.zeros((graph.contact_count, 2), dtype=np.int64)
+    return graph.replace(cell=side * np.eye(2), cell0=None, images=none)
+
+
+def planes_of(graph: GrainGraph, contacts: PlaneContacts, plane_force: ArrayLike | None) -> Planes:
+    """Walls from the contacts that grains have with them: normals, offsets, stiffness."""
+    grain, count = contacts.grain, graph.grain_count
+    distance = np.linalg.norm(contacts.branch, axis=1)
+    normal = -contacts.branch / distance[:, None]
+    offset = np.sum(normal * graph.x[grain], axis=1) - distance
+    size = float(np.abs(graph.x).max() + graph.radii.max())
+    key = np.round(np.column_stack([normal, offset / size]) / SAME_PLANE).astype(np.int64)
+    _, first, wall = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    wall = wall.ravel()
+    kn, kt, shear = np.zeros((3, len(first), count))
+    for p in range(len(first)):
+        own = wall == p
+        radii = graph.radii[grain[own]]
+        for known, every in ((contacts.kn[own], kn), (contacts.kt[own], kt)):
+            per_radius = known / radii
+            # Stiffness of grains that have not touched this wall yet.
+            by_radius = np.std(per_radius) * known.mean() < np.std(known) * per_radius.mean()
+            every[p] = per_radius.mean() * graph.radii if by_radius else known.mean()
+            every[p, grain[own]] = known
+    if plane_force is not None:
+        force = np.asarray(plane_force, dtype=float)
+        shear[wall, grain] = normal[:, 0] * force[:, 1] - normal[:, 1] * force[:, 0]
+    mu = np.where((kt > 0).any(axis=1), np.inf, 0.0)
+    return Planes(normal[first], offset[first], kn, kt, mu, shear)
+
+
+class _Touching(NamedTuple):
+    """Contacts with planes, and the force of the plane on the grain at each."""
+
+    contacts: PlaneContacts
+    force: Floats
+
+
+def _touching(state: PackingState, planes: Planes) -> _Touching:
+    distance = planes.normal @ state.x.T - planes.offset[:, None]
+    overlap = state.radii - distance
+    p, grain = np.nonzero(overlap > 0)
+    n = planes.normal[p]
+    t = np.column_stack([-n[:, 1], n[:, 0]])
+    kn = planes.kn[p, grain]
+    force = (kn * overlap[p, grain])[:, None] * n + planes.shear[p, grain][:, None] * t
+    branch = -distance[p, grain][:, None] * n
+    return _Touching(PlaneContacts(grain, branch, kn, planes.kt[p, grain]), force)
+
+
+def _stress(state: PackingState, planes: Planes | None, volume: float | None) -> Floats:
+    """Cauchy stress, contacts with walls included."""
+    if planes is None or volume is None:
+        return state.stress
+    walls = _touching(state, planes)
+    return (state.forces.T @ state.branches - walls.force.T @ walls.contacts.branch) / volume
+
+
+def _unbalanced(moving: Moving, state: PackingState) -> float:
+    """Mean resultant on a grain, walls included, over the mean contact force."""
+    carried = np.linalg.norm(state.forces[state.closed], axis=1)
+    mean = carried.mean() if carried.any() else np.nan
+    return float(np.linalg.norm(moving.motion.resultant[:, :2], axis=1).mean() / mean)
+
+
+def _rest(
+    moving: Moving, dt: float, damping: float, bound: float, most_steps: int
+) -> tuple[PackingState, Status, int]:
+    """The state where a run ends, why it ended, and its steps."""
+    back, steps = np.linalg.inv(moving.start.cell), 0
+    while True:
+        ran = moving.run(LOOK, dt, damping)
+        steps += LOOK
+        state = moving.state()
+        if not ran or not np.isfinite(state.x).all():
+            found = f"grains that move {moving.gap:.2g} in one step"
+            raise InputError("hold", found, "a stable motion", "Check masses and stiffness.")
+        # Without any force left there is nothing to be in balance with.
+        if not state.closed.any() or np.linalg.norm(state.cell @ back - np.eye(2)) > FLOWS:
+            return state, "flows", steps
+        if _unbalanced(moving, state) <= bound:
+            return state, "at rest", steps
+        if steps >= most_steps:
+            return state, "not at rest", steps
+
+
+def _sliding(state: PackingState, pairs: Pairs) -> int:
+    limit = SLIDING_SHARE * strength(pairs, state.normal_force)
+    return int(np.count_nonzero(state.closed & (np.abs(state.shear_force) >= limit)))
