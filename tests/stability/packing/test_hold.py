@@ -1,13 +1,22 @@
 """Packings brought to rest: closed forms, balance by another sum, walls, held stress."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, love_weber_stress
+from loops import (
+    GrainGraph,
+    InputError,
+    LinearFrictional,
+    contact_forces,
+    love_weber_stress,
+    match_contacts,
+)
 from loops.packing import PlaneContacts
 from patterns import read_snapshot, sample_path
 from stability.packing import hold
-from studies.snapshot.mechanics import box_area
+from studies.snapshot.in_packing import box_area
 from tests.packings import jammed
 
 
@@ -203,3 +212,51 @@ def test_bad_input_is_one_clear_error(options, told):
     snapshot, walls = walled_sample()
     with pytest.raises(InputError, match=told):
         hold(snapshot.graph, snapshot.law, **(walls | options))
+
+
+def test_yade_holds_a_moving_state_to_the_same_forces():
+    # Yade 2023.02a, 2000 discs 50 steps after a restart, held at fixed cell with damping 0.4:
+    # spheres of density 2600, moments of inertia 2/5 m r^2.
+    with np.load(Path(__file__).with_name("yade_held.npz")) as stored:
+        yade = dict(stored)
+    graph = GrainGraph(
+        **{name: yade[name] for name in ("x", "radii", "images", "cell")},
+        **{name: yade[name] for name in ("contacts", "normal_force", "shear_force")},
+    )
+    at_rest = GrainGraph(
+        x=yade["x"], radii=yade["radii"], contacts=yade["held_contacts"], cell=yade["cell"],
+        images=yade["held_images"], normal_force=yade["held_normal_force"],
+        shear_force=yade["held_shear_force"],
+    )  # fmt: skip
+    mass = 4.0 / 3.0 * np.pi * 2600.0 * graph.radii**3
+    held = hold(
+        graph, LinearFrictional(1e6, 5e5, 0.5, "radii"), damping=(0.4, 0.2),
+        mass=mass, velocity=yade["velocity"], spin=yade["spin"],
+    )  # fmt: skip
+    assert held.status == "at rest"
+    assert held.unbalanced_before == pytest.approx(6.8e-3, rel=0.01)
+    ids = np.arange(graph.grain_count)
+    found, known = held.graph, at_rest
+    match = match_contacts(found, ids, known, ids)
+    both = match.shared
+    assert len(both) == found.contact_count == known.contact_count
+    sign = np.where(match.reversed[both], -1.0, 1.0)[:, None]
+    ours, theirs = contact_forces(found)[both], sign * contact_forces(known)[match.after[both]]
+    moved = np.linalg.norm(contact_forces(known) - _first_forces(graph, known, ids))
+    # Steps are alike, rounding and where the damping ends are not.
+    assert np.linalg.norm(ours - theirs) < 3e-4 * np.linalg.norm(theirs)
+    assert np.linalg.norm(ours - theirs) < 0.1 * moved
+    strength = 0.5 * known.normal_force[match.after[both]]
+    slides = np.abs(known.shear_force[match.after[both]]) >= 0.999 * strength
+    assert held.sliding == pytest.approx(np.count_nonzero(slides), abs=2)
+    assert held.stress == pytest.approx(love_weber_stress(known), rel=3e-5, abs=5e-3)
+
+
+def _first_forces(graph, known, ids):
+    """Forces of the start on the contacts that are known at the end; zero of new ones."""
+    match = match_contacts(known, ids, graph, ids)
+    forces = np.zeros((known.contact_count, 2))
+    both = match.shared
+    sign = np.where(match.reversed[both], -1.0, 1.0)[:, None]
+    forces[both] = sign * contact_forces(graph)[match.after[both]]
+    return forces
