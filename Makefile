@@ -8,7 +8,7 @@ SLOW := patterns/snapshots/sample/slow
 OUT := demo-output
 SITE := docs-output
 
-.PHONY: demo test docs lint types format clean
+.PHONY: demo test slow docs lint types format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/grainloops snapshot $(SAMPLE) --out $(OUT)/snapshot --force
@@ -28,6 +28,17 @@ demo: $(INSTALLED)
 # One thread of BLAS for each of the two processes; bytecode is kept, for them and for what they start.
 test: $(INSTALLED)
 	OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(RUN) pytest -n 2
+
+# What `make test` leaves out, with the time that each took; half an hour on two quiet cores.
+slow: $(INSTALLED)
+	@export OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=; status=0; \
+	$(RUN) pytest -n 2 --dist worksteal --durations=0 -m "slow and not collection" || status=1; \
+	if [ -d "$$GRAINLOOPS_DEM" ]; then \
+		$(RUN) pytest -n 2 --dist worksteal --durations=0 -m collection || status=1; \
+	else \
+		echo "The tests on the collection of DEM snapshots did not run: GRAINLOOPS_DEM names no folder."; \
+	fi; \
+	exit $$status
 
 docs: $(VENV)/.docs
 	$(RUN) sphinx -q -W --keep-going -E -b html docs $(SITE)

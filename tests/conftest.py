@@ -1,12 +1,26 @@
 """One setting for every property test: the same examples on each run, no clock."""
 
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 # Figures are drawn to files, with or without a screen.
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM") or "none")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Tests that need the collection of snapshots are slow, and skipped without it."""
+    for item in items:
+        if item.get_closest_marker("collection"):
+            item.add_marker("slow")
+            if not COLLECTION.is_dir():
+                item.add_marker(pytest.mark.skip(reason="GRAINLOOPS_DEM names no folder"))
+
 
 settings.register_profile("grainloops", derandomize=True, deadline=None)
 settings.load_profile("grainloops")

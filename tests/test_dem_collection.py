@@ -30,10 +30,7 @@ from stability.spectra import symmetric_spectrum
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
 PATHS = sorted(Path(FOLDER).glob("yade-*/grains_*")) if FOLDER else []
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not PATHS, reason="GRAINLOOPS_DEM names no folder of samples"),
-]
+pytestmark = pytest.mark.collection
 
 
 def macro_of(path):

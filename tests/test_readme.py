@@ -1,5 +1,6 @@
 """The README's example runs and says what the README says."""
 
+import re
 from pathlib import Path
 
 README = Path(__file__).parents[1] / "README.md"
@@ -14,10 +15,31 @@ def test_the_example_runs(capsys):
     assert "27.66 degrees wide" in printed
 
 
-def test_the_first_screen_leads_from_nothing_to_a_result():
-    first = README.read_text().split("```")[1]
-    lines = [line.split("#")[0].strip() for line in first.strip().splitlines()]
-    assert lines[:2] == ["make demo", ". .venv/bin/activate"]
+def commands(block):
+    """Lines of a block of README, without their comments."""
+    lines = README.read_text().split("```")[2 * block + 1].strip().splitlines()
+    return [line.split("#")[0].strip() for line in lines]
+
+
+def test_two_commands_do_everything_on_a_fresh_machine():
+    demo, test = commands(0)
+    assert demo == "make demo"
+    script = (README.parent / ".ci/run").read_text()
+    called = [re.split(r" 2>&1| \|", line)[0] for line in script.splitlines()]
+    assert [line for line in called if line.startswith("make ")] == [
+        test,
+        "make lint",
+        "make types",
+    ]
+    targets = (README.parent / "Makefile").read_text()
+    assert all(
+        f"\n{line.removeprefix('make ')}: $(INSTALLED)\n" in targets for line in (demo, test)
+    )
+
+
+def test_the_first_screen_leads_to_a_snapshot_of_your_own():
+    lines = commands(1)
+    assert lines[0] == ". .venv/bin/activate"
     assert lines[-1].startswith("grainloops snapshot ")
     assert len(README.read_text().split("```")[0].splitlines()) < 10
 

@@ -53,10 +53,9 @@ def test_thresholds_of_the_operators(row):
             assert found == pytest.approx(oracle(order, KAPPA, closure), abs=1e-13)
 
 
-# Free spins stick at the first load, and long loops take seconds.
+# Long loops take seconds.
 ROWS = [
-    pytest.param(row, marks=[pytest.mark.slow] * ("free" in row["closure, spins"] or k in (2, 5)))
-    for k, row in enumerate(THRESHOLDS)
+    pytest.param(row, marks=[pytest.mark.slow] * (k in (2, 5))) for k, row in enumerate(THRESHOLDS)
 ]
 
 

@@ -34,7 +34,7 @@ FORESIGHT, BY_ORDER, SOLVED = tables(LOOPS)
 WORTH = tables(section(page("series"), "## What the predictions are worth"))
 PLACE = section(page("packing"), "## The operator of a loop in place")
 slow = pytest.mark.slow
-collected = pytest.mark.skipif(not DEM.is_dir(), reason="no collection of samples")
+collected = pytest.mark.collection
 
 
 def words(text):

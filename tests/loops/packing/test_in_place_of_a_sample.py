@@ -15,7 +15,7 @@ from stability import restrict, symmetric_part
 from studies.series.plan import cells_by_number
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "")) / "yade-slow"
-COLLECTION = pytest.mark.skipif(not FOLDER.is_dir(), reason="no collection of samples")
+COLLECTION = pytest.mark.collection
 
 
 class State:
@@ -122,7 +122,7 @@ SETTINGS = [
 
 
 @pytest.mark.parametrize("how", SETTINGS, ids=lambda how: how["method"])
-@pytest.mark.parametrize("name", [pytest.param("elastic", marks=pytest.mark.slow), "flagged"])
+@pytest.mark.parametrize("name", ["elastic", "flagged"])
 def test_the_stated_error_holds(request, name, how):
     state = request.getfixturevalue(name)
     found = state.by(**how)

@@ -23,16 +23,13 @@ from tests.patterns.snapshots.test_checks import (
     suspicious,
 )
 
-FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "none"))
+FOLDER = Path(os.environ.get("GRAINLOOPS_DEM") or "none")
 SPHERES = re.compile(r"(spheres.*\.vt[uk]|\.vtm|\.xml)(\.gz)?$")
 # Flowing: not jammed and out of balance. And what Yade's recorder garbles.
 FLOWING = {"yade-periodic/grains_13.parquet"}
 GARBLED = {"s06-spheres.104685.vtu"}
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not FOLDER.is_dir(), reason="GRAINLOOPS_DEM names no folder of samples"),
-]
+pytestmark = pytest.mark.collection
 
 
 def cells_of(folder):

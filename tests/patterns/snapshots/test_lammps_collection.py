@@ -37,10 +37,7 @@ VISCOUS = {"periodic": 0.05, "liggghts": 0.05, "gravity": 0.5}
 TILT = {0: 0.0, 60000: 5.0, 120000: 10.0, 180000: 15.0}
 WIDTH = 0.67044
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not PATHS, reason="GRAINLOOPS_DEM names no folder of dumps"),
-]
+pytestmark = pytest.mark.collection
 
 
 def read(path):

@@ -68,8 +68,7 @@ def test_yade_turns_shear_by_the_radii():
     assert read_snapshot(paths[0]).law.shear_increment == "radii"
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not FOLDER, reason="GRAINLOOPS_DEM names no folder of samples")
+@pytest.mark.collection
 def test_yade_turns_shear_by_the_radii_in_the_whole_sample():
     folder = Path(FOLDER) / "yade-slow"
     with open(folder / "macro.csv") as file:

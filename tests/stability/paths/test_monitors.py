@@ -102,11 +102,9 @@ SMALL, LARGE = ("affine", 1e-3, 1e6), ("traction", 1e3, 1e-3)
 @pytest.mark.parametrize(
     ("case", "units"),
     [
-        *(("opening", SMALL), ("yield", LARGE), ("added", LARGE)),
-        *(("added at once", SMALL), ("free spins", LARGE)),
-        *(pytest.param(one, SMALL, marks=pytest.mark.slow) for one in ("yield", "added")),
-        *(pytest.param(one, LARGE, marks=pytest.mark.slow) for one in ("opening", "added at once")),
-        pytest.param("free spins", SMALL, marks=pytest.mark.slow),
+        (case, units)
+        for case in ("opening", "yield", "added", "added at once", "free spins")
+        for units in (SMALL, LARGE)
     ],
 )
 def test_events_are_the_same_in_other_units(case, units):

@@ -275,8 +275,7 @@ def test_a_wall_sample_without_walls_is_held_at_its_outline(box):
     assert -0.01 < np.median(change) < 0.05
 
 
-@pytest.mark.slow
-@pytest.mark.skipif("GRAINLOOPS_DEM" not in os.environ, reason="no folder of samples")
+@pytest.mark.collection
 @pytest.mark.parametrize("name", ["yade-small/grains_08.csv.gz", "yade-medium/grains_05.parquet"])
 def test_loops_between_walls(name):
     snapshot = read_snapshot(Path(os.environ["GRAINLOOPS_DEM"]) / name)

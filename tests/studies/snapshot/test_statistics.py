@@ -318,8 +318,7 @@ BOXES = sorted(Path(FOLDER).glob("yade-*/grains_*")) if FOLDER else []
 BOXES = [path for path in BOXES if path.parent.name not in ("yade-periodic", "yade-slow")]
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not BOXES, reason="GRAINLOOPS_DEM names no folder of samples")
+@pytest.mark.collection
 @pytest.mark.parametrize("path", BOXES, ids=[f"{p.parent.name}-{p.name[7:9]}" for p in BOXES])
 def test_stress_with_walls_is_yades(path):
     number = int(path.name.split("_")[1][:2])

@@ -25,10 +25,7 @@ RECORDED = [p for p in FILES if re.match(r"s\d+-spheres|mb\d+-\d+\.vtm|legacy\d+
 SAVED = [p for p in FILES if p.name.startswith("state_") and ".xml" in p.name]
 REFUSED = [p for p in FILES if p.name.startswith("spheres_") or ".yade" in p.name]
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not FILES, reason="GRAINLOOPS_DEM names no folder of samples"),
-]
+pytestmark = pytest.mark.collection
 
 
 def name_of(path):
