@@ -2,8 +2,8 @@
 
 A step is Cundall and Strack's as Yade does it: forces at positions, velocities half a step later
 (symplectic), shear forces from the increments of the step. Centres move by `x' = L x + c`, the
-cell by `h' = L h`; `c` is what inertia belongs to. `L` is given, or a servo steers it. Everything a
-kernel calls stands in this file.
+cell by `h' = L h`; inertia belongs to `c` alone. `L` is given, or a servo steers it. All kernels
+that a kernel calls stand in this file.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from loops.compiled.kernel import kernel
 
 
 class Motion(NamedTuple):
-    """State changed in place: centres, `c`, angles, spins, cell, and `T` of every pair."""
+    """State of the motion, changed in place."""
 
     x: Floats  # (G, 2)
-    velocity: Floats  # (G, 2)
+    velocity: Floats  # (G, 2) `c`
     angle: Floats  # (G,)
     spin: Floats  # (G,)
     cell: Floats  # (2, 2)
-    shear: Floats  # (P,)
+    shear: Floats  # (P,) `T`
     resultant: Floats  # (G, 3) forces and moments of the state
     speed: Floats  # (G, 2) `L x + c` in the last step
     gradient: Floats  # (2, 2) `L`
-    load: Floats  # (G, 3) what pulls and turns grains besides, constant
+    load: Floats  # (G, 3) constant forces and moments on the grains
     # Under a servo, else zero:
     moment: Floats  # (4,) forces times branches, 11, 12, 21, 22: stress times area
-    work: Floats  # (3,) by the strain of the cell, lost in slip, by shear beyond the law's motion
-    closer: Floats  # (1,) how much closer grains may have come since the pairs were listed
+    work: Floats  # (3,) of the cell's strain, of slip, of `T` in the law's shear less the motion's
+    closer: Floats  # (1,) largest possible approach of grains since the pairs were listed
     plane_shear: Floats  # (P, G) `T` of every grain at every plane
 
 
@@ -44,9 +44,9 @@ class Discs(NamedTuple):
     radii: Floats
     lightness: Floats  # one over masses
     slenderness: Floats  # one over moments of inertia
-    pairs: NDArray[np.uint32]  # (P, 2) unsigned: they don't count from the end
+    pairs: NDArray[np.uint32]  # (P, 2) unsigned: no index counts from the end
     images: Floats  # (P, 2)
-    wraps: Flags  # (P,) whether one isn't zero
+    wraps: Flags  # (P,) whether an image isn't zero
     kn: Floats
     kt: Floats
     mu: Floats
@@ -61,9 +61,9 @@ class Discs(NamedTuple):
 class Servo(NamedTuple):
     """Servo that steers `L` so that `stress @ (P - start) + strain @ H = rate t`.
 
-    With `r` what is left of it: `H' = gain @ (rate - r / lag - z)`, `z' = r / (2 lag)^2`,
-    critically damped where `gain` is the inverse of the true `stress @ C + strain`. With `on` False
-    `L` stays. `isochoric` is a row whose `r` is the loss of area, -1 for none.
+    With the error `r` of that, `H' = gain @ (rate - r / lag - z)`, `z' = r / (2 lag)^2`, critically
+    damped where `gain` is the inverse of the true `stress @ C + strain`. With `on` False `L` is
+    constant. `isochoric` is a row whose `r` is the loss of area, -1 for none.
     """
 
     on: bool
@@ -77,7 +77,7 @@ class Servo(NamedTuple):
     start: Floats  # (4,) nominal
     z: Floats  # (4,) changed in place
     ask: Floats  # (4,) changed in place
-    whole: float  # when the rate ends
+    whole: float  # time at which the rate ends
     clock: Floats  # (1,) changed in place
 
 
@@ -93,10 +93,9 @@ def run(
     by_radii: bool,
     reach: float,
 ) -> int:
-    """Go on for some steps, fewer where grains have come `reach` closer; the steps made.
+    """Make some steps, fewer where grains have come `reach` closer; the number of steps made.
 
-    `cundall` damps every resultant against the motion by that share, `viscous` pulls with `viscous
-    m c`.
+    `cundall` is the share by which every resultant is damped, `viscous` the drag over `m c`.
     """
     widest = 2.0 * discs.radii.max()
     for step in range(steps):
@@ -120,7 +119,7 @@ def run(
 
 @kernel
 def _damped(a: float, speed: float, dt: float, cundall: float) -> float:
-    """Change of a speed: less by `cundall` where it goes with the motion, more where against it."""
+    """Change of a speed, less by the share `cundall` if along the motion, more if against it."""
     along = a * (speed + 0.5 * dt * a)
     # Without a branch: the sign is as good as random.
     return dt * a * (1.0 - math.copysign(cundall, along))
@@ -128,7 +127,7 @@ def _damped(a: float, speed: float, dt: float, cundall: float) -> float:
 
 @kernel
 def _move(motion: Motion, discs: Discs, dt: float, cundall: float, viscous: float) -> float:
-    """Velocities, then positions and cell; the largest `|c|`."""
+    """Update velocities, then positions and cell; the largest `|c|`."""
     x, c, w, cell = motion.x, motion.velocity, motion.spin, motion.cell
     resultant, L = motion.resultant, motion.gradient
     fastest = 0.0
@@ -154,14 +153,14 @@ def _move(motion: Motion, discs: Discs, dt: float, cundall: float, viscous: floa
 
 @kernel
 def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summed: bool) -> None:
-    """Shear forces after a step of `dt` (none if zero), resultants on all grains.
+    """Update shear forces over a step of `dt`, and the resultants on all grains.
 
-    Moments and works if `summed`, the latter mean forces times increments: closed to `dt` squared.
+    If `summed`, moments and works as well: mean forces times increments, closed to `dt` squared.
     """
     x, v, w, resultant = motion.x, motion.speed, motion.spin, motion.resultant
     L00, L01, L10, L11 = motion.gradient.flat
     h00, h01, h10, h11 = motion.cell.flat
-    # What the copies of a grain go faster by.
+    # Periodic images of a grain are faster by this, times the image.
     g00, g01 = L00 * h00 + L01 * h10, L00 * h01 + L01 * h11
     g10, g11 = L10 * h00 + L11 * h10, L10 * h01 + L11 * h11
     s00 = s01 = s10 = s11 = 0.0

@@ -59,7 +59,7 @@ def strength(pairs: Pairs, N: Floats) -> Floats:
 
 
 def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
-    """The law, if its edge is piecewise linear; the graph is one periodic state."""
+    """The law; refuse all but `LinearFrictional`, and graphs that are not one periodic state."""
     require_one_state(graph)
     if not isinstance(law, LinearFrictional):
         raise InputError(
@@ -78,7 +78,7 @@ def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
 
 
 def contact_pairs(graph: GrainGraph, law: LinearFrictional) -> Pairs:
-    """The contacts of a graph."""
+    """The contacts of a graph as pairs."""
     assert graph.images is not None
     numbers = (np.broadcast_to(k, graph.contact_count) for k in (law.kn, law.kt, law.mu))
     return Pairs(graph.contacts, graph.images, *(np.array(k, dtype=float) for k in numbers))
@@ -108,9 +108,9 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> NDArray[Any]:
 
 
 def with_near(pairs: Pairs, x: Floats, cell: Floats, radii: Floats, gap: float) -> Pairs:
-    """The pairs, then all others closer than `gap`, with the medians of the given numbers."""
+    """The pairs, then all others closer than `gap`, with medians of the parameters."""
     grains, images = near_pairs(x, cell, radii, gap)
-    # A pair stands in either order: the smaller grain first, of one grain the larger image.
+    # Compared in one order: the smaller grain first, of one grain the larger image.
     known = {tuple(row) for row in np.column_stack(_ordered(pairs.grains, pairs.images)).tolist()}
     rows = np.column_stack([grains, images]).tolist()
     new = np.array([tuple(row) not in known for row in rows], dtype=bool)
@@ -131,7 +131,7 @@ def near_pairs(x: Floats, cell: Floats, radii: Floats, gap: float) -> tuple[Inte
     share = np.linalg.solve(cell, x.T).T
     home = np.floor(share).astype(np.int64)
     share = share - home
-    # Heights of the cell over its sides: how far copies reach into it, in shares.
+    # Images of grains are needed up to this distance from the cell, in shares of its sides.
     margin = reach * np.linalg.norm(np.linalg.inv(cell), axis=1)
     count = np.ceil(margin).astype(int)
     shifts = np.stack(

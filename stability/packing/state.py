@@ -1,4 +1,4 @@
-"""A packing on its way: what it has become, and what that did to every loop of the start."""
+"""The state of a packing on its path: geometry and forces."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers
 from loops.graph import GrainGraph, branches_between
 
-# In a short strain: over the mean contact force, over the mean diameter. Beyond, the path is lost.
+# Largest change in an interval: of the stress, over itself; of a centre, over the mean diameter.
 JUMP, LEAP = 0.5, 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class PackingState:
-    """One state of a packing on its way.
+    """A state of a packing on its path.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class PackingState:
     cell : (2, 2) array
         Periodic cell.
     contacts, images : (C, 2) array of int
-        Contacts of the start first, then pairs that have touched or might.
+        Contacts of the start first, then pairs that have touched since, or might.
     normal_force, shear_force : (C,) array
         `N` and `T`; zero where open.
     """
@@ -97,7 +97,7 @@ class PackingState:
 
 
 def start_state(graph: GrainGraph) -> PackingState:
-    """The state of a graph, normal forces and all as they stand."""
+    """The state of a graph, with its own forces."""
     assert graph.cell is not None and graph.images is not None
     return PackingState(
         radii=graph.radii,
@@ -112,8 +112,11 @@ def start_state(graph: GrainGraph) -> PackingState:
 
 
 def jumped(before: PackingState, after: PackingState, stress: float) -> str:
-    """What is out of measure after a short strain, if anything; `stress` is that of the start."""
-    # Near zero a stress is no measure of its change; that of the start is.
+    """The jump of the stress or of a centre in a short strain; empty if there is none.
+
+    `stress` is the norm of the stress at the start of the path.
+    """
+    # Near zero stress the change is measured by the stress of the start.
     size = max(float(np.linalg.norm(before.stress)), stress)
     change = np.linalg.norm(after.stress - before.stress) / size
     if not change < JUMP:
