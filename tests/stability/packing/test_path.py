@@ -15,7 +15,8 @@ from stability.packing import (
     packing_response,
     replay,
 )
-from stability.packing.pairs import _ordered, near_pairs
+from stability.packing import path as path_module
+from stability.packing.pairs import _ordered, near_pairs, with_near
 from stability.programmes import Programme, drained_biaxial
 from tests.packings import BRANCH, JAMMED, LAW, diamonds, jammed, packing, strained
 from tests.yade_slow import foreseen, in_collection, slow, strain_between
@@ -221,6 +222,59 @@ def test_mixed_control_holds_its_stress():
     # The same strain prescribed leads to the same stress.
     again = followed(graph, BRANCH, strained(path.H[-1]), interval=2e-5)
     np.testing.assert_allclose(again.P[-1], path.P[-1], rtol=0, atol=2e-3 * path.P[0, 0])
+
+
+def test_a_second_stage_starts_from_its_own_state():
+    """P11 and H22 driven, H12 and H21 held: all four to the parameter since the stage began."""
+    graph, law = packed(16, 2, BRANCH), BRANCH
+    P11 = np.diag([1.0, 0, 0, 0])
+    mixed = Programme("mixed", P11, np.eye(4) - P11, [2e-4, 0, 0, -5e-4])
+    stages = [strained(0.2 * H), Stage(mixed, "parameter", 0.8)]
+    path = followed(graph, law, stages, rows=4, interval=2e-5)
+    assert path.status == "finished" and path.stage.tolist() == 5 * [0] + 4 * [1]
+    assert path.parameter[4] == pytest.approx(1.0, rel=1e-12)
+    first, later = 4, slice(5, None)
+    since = path.parameter[later] - path.parameter[first]
+    np.testing.assert_allclose(since, [0.2, 0.4, 0.6, 0.8], rtol=1e-9)
+    strain = path.H[later, 1:] - path.H[first, 1:]
+    np.testing.assert_allclose(strain, since[:, None] * [0, 0, -5e-4], rtol=0, atol=2e-16)
+    # An interval is off by 7e-11, which the next one makes good: else it adds up to 2e-9.
+    stress = path.P[later, 0] - path.P[first, 0]
+    np.testing.assert_allclose(stress, 2e-4 * since, rtol=0, atol=2e-10)
+    (change,) = path.of_kind("programme_change")
+    assert (change.parameter, change.stage, change.index) == (path.parameter[4], 1, 4)
+    assert change.detail == "to mixed"
+
+
+def test_events_lie_between_their_rows():
+    """`index` is the row before, in every stage; the row at the end of a stage is that of both."""
+    stages = [strained(H), strained(-H)]
+    path = followed(packed(16, 2, BRANCH), BRANCH, stages, rows=10, interval=INTERVALS[0])
+    told = [event for event in path.events if event.kind != "programme_change"]
+    assert len(told) > 10 and {event.stage for event in told} == {0, 1}
+    rounding = 1e-9
+    for event in told:
+        before, after = path.parameter[event.index : event.index + 2]
+        assert before - rounding <= event.parameter <= after + rounding
+        assert path.stage[event.index + 1] == event.stage
+
+
+def test_pairs_are_listed_anew_before_others_can_touch(monkeypatch):
+    """Grains of diameter 1, gaps below 0.01 are listed: anew after an approach of 0.005."""
+    calls = []
+
+    def counted(*what):
+        calls.append(what)
+        return with_near(*what)
+
+    monkeypatch.setattr(path_module, "with_near", counted)
+    interval = 2e-4
+    path = followed(diamonds(), LAW, strained(0.01 * np.eye(2)), interval=interval)
+    # Two grains approach by a strain times their diameter; a strain counts by its norm.
+    assert path.intervals == pytest.approx(0.01 * np.sqrt(2) / interval, abs=1.5)
+    wanted = path.intervals // np.ceil(0.005 / interval)
+    assert len(calls) == 1 + wanted
+    assert all(gap == pytest.approx(0.01) for *_, gap in calls)
 
 
 def test_instabilities_are_told_and_end_the_path():
