@@ -36,12 +36,10 @@ def unsaved(monkeypatch):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Studies of paths without figures, where a test is about the rest."""
+    """Studies without figures, where a test is about the rest."""
     leave_undrawn(monkeypatch)
 
 
 def leave_undrawn(patch):
-    """No figure of a study of paths."""
-    for name in ("diamond_figures.diamond_figures", "figures.polygon_figures"):
-        patch.setattr(f"studies.paths.{name}", lambda *_: iter(()))
-    patch.setattr("studies.paths.figures.comparison_figures", lambda *_: iter(()))
+    """No study draws a figure."""
+    patch.setattr("studies.study.Results.save_figures", lambda *_: [])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,9 @@ from studies.style import (
     new_panels,
     styled,
 )
+
+if TYPE_CHECKING:
+    from studies.bench.run import Measured
 
 # Drawn in place of an error of zero.
 LEAST = 1e-17
@@ -41,18 +45,18 @@ MEASURES = {
 MARKERS = "osD^vPX"
 
 
-def all_figures(results: Any) -> dict[str, Figure]:
-    """Figures by name."""
-    methods, tangents = results.methods, results.tangents
-    figures: dict[str, Figure] = {}
+def all_figures(measured: Measured) -> Iterator[tuple[str, Figure]]:
+    """Figures of the groups that were measured, with their names."""
+    methods, tangents = measured.methods, measured.tangents
     if len(methods):
         fronts = methods[~methods.group.isin(OWN_FIGURE)]
-        figures |= {"pareto": pareto(fronts)} if len(fronts) else {}
+        if len(fronts):
+            yield "pareto", pareto(fronts)
         sizes = methods[methods.group == BATCHES]
-        figures |= {"batches": figure_of(batches(sizes))} if len(sizes) else {}
+        if len(sizes):
+            yield "batches", figure_of(batches(sizes))
     if len(tangents) and tangents.case.isin(STIFF).any():
-        figures["stiff"] = stiff(tangents)
-    return figures
+        yield "stiff", stiff(tangents)
 
 
 @styled()

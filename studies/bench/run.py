@@ -15,7 +15,7 @@ from studies.bench.hard_cases import loop_letters, path_rows, read_letters, tang
 from studies.bench.measure import machine
 from studies.bench.methods import GROUPS
 from studies.bench.smallest import smallest_model_rows
-from studies.output import provenance, result_folder, write_results
+from studies.study import study
 
 HARD, SMALLEST = "hard-cases", "smallest-model"
 UNITS = "seconds of processor time per item, bytes; errors relative or absolute as each row says"
@@ -25,7 +25,7 @@ ROUND_OFF = 1e-14
 ERROR_FACTOR = 10.0
 
 
-class Results(NamedTuple):
+class Measured(NamedTuple):
     """Tables of a run, and by case what the states of the hard cases say of their contacts."""
 
     methods: pd.DataFrame
@@ -45,25 +45,23 @@ def run_bench(
 ) -> dict[str, Any]:
     """Measure the methods that a user chooses between, run the hard cases, write the results."""
     names = chosen_groups(only)
-    with result_folder(out, force=force) as folder:
-        results = collect(names, quick, progress)
-        asked: dict[str, Any] = {"quick": True} if quick else {}
-        asked |= {} if only is None else {"only": only}
-        made = provenance("bench", {**machine("numpy"), **asked}, UNITS)
-        summary = summarise(results) | {"provenance": made}
+    asked: dict[str, Any] = {"quick": True} if quick else {}
+    asked |= {} if only is None else {"only": only}
+    configuration = {**machine("numpy"), **asked}
+    with study("bench", out, configuration, UNITS, force=force, csv=True) as results:
+        measured = collect(names, quick, progress)
         tables = {
-            "bench": results.methods,
-            "hard_tangents": results.tangents,
-            "hard_paths": results.paths,
-            "smallest_model": results.smallest,
+            "bench": measured.methods,
+            "hard_tangents": measured.tangents,
+            "hard_paths": measured.paths,
+            "smallest_model": measured.smallest,
         }
-        columns = {name: dict(table.items()) for name, table in tables.items()}
-        write_results(folder, summary, columns, csv=True)
-        # Drawing is loaded only when there is something to draw.
+        results.write_tables({name: table for name, table in tables.items() if len(table)})
+        summary = results.write_summary(summarise(measured))
+        # matplotlib is loaded only when there is something to draw.
         from studies.bench.figures import all_figures
-        from studies.style import save_figures
 
-        save_figures(all_figures(results), folder, made)
+        results.save_figures(all_figures(measured))
     return summary
 
 
@@ -79,7 +77,7 @@ def chosen_groups(only: str | None) -> tuple[str, ...]:
 
 def collect(
     names: tuple[str, ...], quick: bool, progress: Callable[[str], None] | None = None
-) -> Results:
+) -> Measured:
     """Run groups."""
     methods: list[dict[str, Any]] = []
     tangents: list[dict[str, Any]] = []
@@ -102,7 +100,7 @@ def collect(
             smallest += [] if quick else smallest_model_rows()
         else:
             methods += [asdict(row) for row in GROUPS[name](quick)]
-    return Results(
+    return Measured(
         methods=pd.DataFrame(methods),
         tangents=pd.DataFrame(tangents),
         paths=pd.DataFrame(paths),
@@ -111,20 +109,22 @@ def collect(
     )
 
 
-def summarise(results: Results) -> dict[str, Any]:
+def summarise(measured: Measured) -> dict[str, Any]:
     """Default and knee of every group, and the answers to the hard cases."""
     groups: dict[str, Any] = {}
-    for name, rows in results.methods.groupby("group", sort=False) if len(results.methods) else ():
+    for name, rows in (
+        measured.methods.groupby("group", sort=False) if len(measured.methods) else ()
+    ):
         defaults = rows[rows.default].to_dict("records")
         groups[str(name)] = {"knee": knee(rows).to_dict(), "defaults": defaults}
-    return {"groups": groups, "hard_cases": hard_case_summary(results)}
+    return {"groups": groups, "hard_cases": hard_case_summary(measured)}
 
 
-def hard_case_summary(results: Results) -> dict[str, Any]:
+def hard_case_summary(measured: Measured) -> dict[str, Any]:
     """Counts of wrong signs, of errors over their bound and of answers that are not expected."""
-    tangents, paths = results.tangents, results.paths
+    tangents, paths = measured.tangents, measured.paths
     told = {"cases": 0, "tangents": len(tangents), "unexpected": [], "wrong_signs": 0}
-    told |= {"over_bound": 0, "paths_missed": [], "letters": results.letters}
+    told |= {"over_bound": 0, "paths_missed": [], "letters": measured.letters}
     if len(tangents):
         wrong = tangents[tangents.answer != tangents.expected]
         judged = tangents[tangents.answer.isin(["s", "u"]) & tangents.exact.isin(["s", "u"])]

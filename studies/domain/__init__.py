@@ -4,5 +4,5 @@ From the virgin loop, a fan of straight strain programmes `E' = (cos b, sin b)`;
 state where `det Ks = 0` and where `det K = 0`, with contacts that always stick and with friction.
 """
 
-from studies.domain.parameters import DomainParameters as DomainParameters
+from studies.domain.losses import DomainParameters as DomainParameters
 from studies.domain.run import run_domain as run_domain

@@ -12,11 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from loops.arrays import Floats
 from patterns.diamond import critical_strain, isotropic_stress
 from patterns.diamond.strain_lines import line_states
-from studies.domain.losses import first_losses
-from studies.domain.parameters import Case, rows_of
+from studies.domain.losses import Case, first_losses, rows_of
 from studies.style import (
     BLACK,
     LIGHT_GREY,
@@ -29,8 +27,7 @@ from studies.style import (
     styled,
 )
 
-# Programmes drawn.
-DRAWN = 31
+DRAWN_PROGRAMMES = 31
 
 
 @styled()
@@ -44,7 +41,13 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
         own = [case for case in cases if case.alpha0 == angle]
         if near:
             draw_programmes(own[0], whole)
-            _zoom(draw_domain(table, own, near[0], _colours(cases)), table, own)
+            ax = draw_domain(table, own, near[0], _colours(cases))
+            # Limits around the curves of sticking contacts.
+            losses = pd.concat([rows_of(table, case) for case in own])
+            sticking = losses[losses.contacts == "sticking"]
+            for values, limit in ((sticking.s1, ax.set_xlim), (sticking.s2, ax.set_ylim)):
+                margin = 0.1 * (values.max() - values.min())
+                limit(values.min() - margin, values.max() + margin)
         draw_domain(table, own, whole, _colours(cases))
         phi = (
             rf"$\varphi$ = {np.degrees(own[0].phi):g}°" if np.isfinite(own[0].mu) else "no sliding"
@@ -97,7 +100,11 @@ def draw_domain(
             ax.plot(curve.s1, curve.s2, style, color=colour, linewidth=1.0)
         bound = own[(own.contacts == "frictional") & (own.kind == "det_Ks_zero")]
         ax.fill(bound.s1, bound.s2, color=colour, alpha=0.15, linewidth=0.0)
-        ax.plot(*_yielding(bound), ":", color=colour, linewidth=1.6)
+        # The part lost by sliding, up to its neighbours on the elastic side.
+        sliding = np.pad((bound.regime == "sliding").to_numpy(), 1)
+        near = sliding[:-2] | sliding[1:-1] | sliding[2:]
+        yielding = (np.where(near, values, np.nan) for values in (bound.s1, bound.s2))
+        ax.plot(*yielding, ":", color=colour, linewidth=1.6)
         s1, s2 = isotropic_stress(critical_strain(case.kappa), case.alpha0)
         ax.plot(float(s1), float(s2), "o", color=colour)
     ax.set(xlabel="$s_1$ over $k_n$ (–)", ylabel="$s_2$ over $k_n$ (–)")
@@ -109,25 +116,9 @@ def draw_domain(
 def draw_programmes(case: Case, ax: Axes | None = None) -> Axes:
     """Stresses along a few programmes, of contacts that stick, up to the loss of `det Ks`."""
     ax = axes_or_new(ax)
-    losses = first_losses(case, DRAWN, friction=False)
+    losses = first_losses(case, DRAWN_PROGRAMMES, friction=False)
     share = np.linspace(0.0, 1.0, 200)[:, None]
     start, end = losses.line.start, losses.det_Ks_zero
     states = line_states(losses.line, start + share * (end - start), case.kappa)
     ax.plot(states.s1, states.s2, color=LIGHT_GREY, linewidth=0.6, zorder=0)
     return ax
-
-
-def _yielding(bound: pd.DataFrame) -> tuple[Floats, Floats]:
-    """The part of a bound that is lost by sliding, up to its neighbours on the elastic side."""
-    sliding = np.pad((bound.regime == "sliding").to_numpy(), 1)
-    near = sliding[:-2] | sliding[1:-1] | sliding[2:]
-    return np.where(near, bound.s1, np.nan), np.where(near, bound.s2, np.nan)
-
-
-def _zoom(ax: Axes, table: pd.DataFrame, cases: Sequence[Case]) -> None:
-    """Limits around the curves of sticking contacts."""
-    own = pd.concat([rows_of(table, case) for case in cases])
-    sticking = own[own.contacts == "sticking"]
-    for values, limit in ((sticking.s1, ax.set_xlim), (sticking.s2, ax.set_ylim)):
-        margin = 0.1 * (values.max() - values.min())
-        limit(values.min() - margin, values.max() + margin)

@@ -1,4 +1,4 @@
-"""From diamonds to the table, the summary and the figure of their bifurcation domains."""
+"""The study behind `grainloops domain`: table, summary and figure of bifurcation domains."""
 
 from __future__ import annotations
 
@@ -8,24 +8,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from loops.arrays import Floats
 from patterns.diamond import (
     critical_strain,
     determinant_elastic,
     determinant_sliding,
     opposite_gaps,
 )
-from patterns.diamond.strain_lines import LineStates, line_states
+from patterns.diamond.strain_lines import line_states
 from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
 from studies.columns import definitions
-from studies.domain.losses import Losses, first_losses
-from studies.domain.parameters import Case, DomainParameters, rows_of
-from studies.output import provenance, result_folder, write_results
+from studies.domain.losses import Case, DomainParameters, Losses, first_losses, rows_of
+from studies.study import study
 
 UNITS = "dimensionless: forces over kn l0, stresses over kn; angles in degrees"
 KINDS = ("det_Ks_zero", "det_K_zero")
 # Opposite grains nearer than this, in reference branches, touch within rounding.
-TOUCHING = 1e-14
+TOUCHING_ATOL = 1e-14
 
 
 def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
@@ -34,16 +32,27 @@ def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
     for case in cases:
         for friction in (False, True) if np.isfinite(case.mu) else (False,):
             losses = first_losses(case, directions, friction=friction)
-            parts += [_rows(case, losses, kind) for kind in KINDS]
+            parts += [loss_table(case, losses, kind) for kind in KINDS]
     return pd.concat(parts, ignore_index=True)
 
 
-def _rows(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
+def loss_table(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
+    """One row for each programme with a loss of this kind: its state and determinants."""
     u = getattr(losses, kind)
     found = np.isfinite(u)
-    line, sliding = losses.line.take(found), losses.by_yielding(u)[found]
+    line, sliding = losses.line.take(found), (u == losses.yields)[found]
     state = line_states(line, u[found], case.kappa, losses.mu)
-    det_K, asymmetry = _determinant_and_asymmetry(case, state, np.where(sliding, line.sense, 0.0))
+    # (29) to (36); `line.sense` is the sign of T.
+    measures = (state.E1, state.E2, state.s1, state.s2, state.alpha)
+    sign, mu = np.where(sliding, line.sense, 1.0), case.mu if np.isfinite(case.mu) else 0.0
+    elastic, slipping = (
+        determinant_elastic(*measures, case.kappa),
+        determinant_sliding(*measures, mu, sign),
+    )
+    det_K = np.where(sliding, slipping, elastic)
+    asymmetry = np.where(sliding, material_asymmetry(mu, sign), 0.0) + geometric_asymmetry(
+        *measures
+    )
     gaps = np.minimum(*opposite_gaps(state.E1, state.E2, case.alpha0))
     columns: dict[str, Any] = {
         **case.described(),
@@ -55,38 +64,23 @@ def _rows(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
         "alpha_deg": np.degrees(state.alpha),
         "det_K": det_K,
         "det_Ks": det_K - (0.5 * asymmetry) ** 2,
-        "opposite_overlap": gaps < -TOUCHING,
+        "opposite_overlap": gaps < -TOUCHING_ATOL,
     }
     return pd.DataFrame(columns)
-
-
-def _determinant_and_asymmetry(
-    case: Case, state: LineStates, slides: Floats
-) -> tuple[Floats, Floats]:
-    """`det K` and `K12 - K21` (29) to (36), `slides` the sign of T of sliding contacts, else 0."""
-    measures = (state.E1, state.E2, state.s1, state.s2, state.alpha)
-    s, mu = np.where(slides == 0.0, 1.0, slides), case.mu if np.isfinite(case.mu) else 0.0
-    elastic = determinant_elastic(*measures, case.kappa)
-    sliding = determinant_sliding(*measures, mu, s)
-    material = np.where(slides == 0.0, 0.0, material_asymmetry(mu, s))
-    det_K = np.where(slides == 0.0, elastic, sliding)
-    return det_K, material + geometric_asymmetry(*measures)
 
 
 def run_domain(
     parameters: DomainParameters, out: Path, *, force: bool = False, csv: bool = False
 ) -> dict[str, Any]:
     """Find the bifurcation domains of diamonds, and write the table, summary and figure."""
-    with result_folder(out, force=force) as folder:
-        made = provenance("domain", parameters.described(), UNITS)
+    with study("domain", out, parameters.described(), UNITS, force=force, csv=csv) as results:
         table = domain_table(parameters.cases(), parameters.directions)
-        summary = {**domain_summary(table, parameters), "provenance": made}
-        write_results(folder, summary, {"domain": dict(table.items())}, csv=csv)
-        # Drawing is loaded only when there is something to draw.
+        results.write_tables({"domain": table})
+        summary = results.write_summary(domain_summary(table, parameters))
+        # matplotlib is loaded only when there is something to draw.
         from studies.domain.figures import domain_figure
-        from studies.style import save_figures
 
-        save_figures({"domain": domain_figure(table, parameters.cases())}, folder, made)
+        results.save_figures([("domain", domain_figure(table, parameters.cases()))])
     return summary
 
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from studies.output import as_json, provenance, result_folder, write_results
-from studies.style import save_figure
+from studies.output import as_json
+from studies.study import study
 
 
 def save(
@@ -24,11 +24,11 @@ def save(
     columns: Mapping[str, Any],
     units: str = "dimensionless",
 ) -> dict[str, Any]:
-    """Write figure, table and `summary.json`, each with what made it; the numbers again."""
-    made = provenance(f"example {name}", {}, units)
-    with result_folder(out, force=True) as folder:
-        write_results(folder, {**numbers, "provenance": made}, {name: columns}, csv=True)
-        save_figure(figure, folder, name, made)
+    """Write figure, table and `summary.json` with their provenance; return the numbers."""
+    with study(f"example {name}", out, {}, units, force=True, csv=True) as results:
+        results.write_tables({name: columns})
+        results.write_summary(numbers)
+        results.save_figures([(name, figure)])
     return dict(numbers)
 
 

@@ -99,9 +99,8 @@ def draw(curves: pd.DataFrame) -> Figure:
 def main(out: Path) -> dict[str, Any]:
     """Follow both rules; write curves, numbers and the figure."""
     curves, numbers = compare()
-    columns = {name: curves[name].to_numpy() for name in curves}
     told = {"strain_after_yield": AFTER_YIELD, "rules": numbers}
-    return save(out, "printed_rule", draw(curves), told, columns)
+    return save(out, "printed_rule", draw(curves), told, curves)
 
 
 if __name__ == "__main__":

@@ -361,6 +361,27 @@ class Compared:
             rows.append(row | {"end_E1": loop["end"]["E1"], "status": loop["status"]})
         return pd.DataFrame(rows)
 
+    def curves(self) -> pd.DataFrame:
+        """Strains, stresses, determinants and smallest eigenvalue of Ks along every path."""
+        tables, names = [], ("E1", "E2", "s1", "s2", "det_K", "det_Ks")
+        for order, found in zip(self.options.orders, self.found, strict=True):
+            columns: dict[str, Any] = {"order": order, "stage": found.stage}
+            columns |= {name: getattr(found, name) for name in names}
+            columns["lambda_min"] = found.path.symmetric_eigenvalues[:, 0]
+            tables.append(pd.DataFrame(columns))
+        return pd.concat(tables, ignore_index=True)
+
+    def summary(self) -> dict[str, Any]:
+        """Summary of the study, without its provenance."""
+        early = [str(loop["order"]) for loop in self.loops if loop["status"] != "finished"]
+        notes = [f"paths that end before their target: orders {', '.join(early)}"] if early else []
+        return {
+            "parameters": self.options.described(),
+            "loops": list(self.loops),
+            "notes": notes,
+            "definitions": definitions("polygon", "compare"),
+        }
+
 
 def compare(options: ComparisonOptions) -> Compared:
     """Follow a loop of every order."""
@@ -379,17 +400,6 @@ def compare(options: ComparisonOptions) -> Compared:
         found.append(one)
         rows.append(row)
     return Compared(options, tuple(found), tuple(rows))
-
-
-def curves(compared: Compared) -> pd.DataFrame:
-    """Strains, stresses, determinants and smallest eigenvalue of Ks along every path."""
-    tables = []
-    for order, found in zip(compared.options.orders, compared.found, strict=True):
-        names = ("E1", "E2", "s1", "s2", "det_K", "det_Ks")
-        columns = {"order": order, "stage": found.stage, **{n: getattr(found, n) for n in names}}
-        columns["lambda_min"] = found.path.symmetric_eigenvalues[:, 0]
-        tables.append(pd.DataFrame(columns))
-    return pd.concat(tables, ignore_index=True)
 
 
 def first_yield(found: Followed) -> dict[str, Any] | None:

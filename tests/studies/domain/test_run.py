@@ -16,8 +16,7 @@ from stability import Stage, follow, programmes, restrict, symmetric_part
 from studies.cli import main
 from studies.domain import DomainParameters, run_domain
 from studies.domain.figures import domain_figure
-from studies.domain.losses import first_losses, programme_fan, sticking_det_Ks
-from studies.domain.parameters import TABLES, Case
+from studies.domain.losses import TABLES, Case, first_losses, programme_fan, sticking_det_Ks
 from studies.domain.run import domain_table
 
 # The paper's diamonds, flat and tall ones, soft and stiff shear.
@@ -94,7 +93,7 @@ def test_general_path_solver_meets_the_same_losses(case, friction):
         b = losses.programme[row]
         stage = Stage(programmes.proportional_strain(np.cos(b), np.sin(b)), "parameter", 0.35)
         path = follow(diamond(case.alpha0), law, stage, volume=box)
-        kinds = ["yield"] if losses.by_yielding(losses.det_Ks_zero)[row] else list(KINDS)
+        kinds = ["yield"] if losses.det_Ks_zero[row] == losses.yields[row] else list(KINDS)
         for kind in kinds:
             u = losses.yields[row] if kind == "yield" else getattr(losses, kind)[row]
             X = losses.line.foot[row] + u * losses.line.direction[row]
@@ -160,7 +159,7 @@ def test_friction_cuts_the_domain_of_sticking_contacts():
     frictional = first_losses(TABLES[0], 201, friction=True)
     both = np.isfinite(sticking.det_Ks_zero)
     assert np.all(frictional.det_Ks_zero[both] <= sticking.det_Ks_zero[both])
-    by_yielding = frictional.by_yielding(frictional.det_Ks_zero)
+    by_yielding = frictional.det_Ks_zero == frictional.yields
     assert 100 < by_yielding.sum() < 201
     np.testing.assert_array_equal(
         frictional.det_Ks_zero[by_yielding], frictional.det_K_zero[by_yielding]

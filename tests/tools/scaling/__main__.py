@@ -9,11 +9,11 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
+import pandas as pd
 import typer
 
 from studies.bench.measure import machine
-from studies.output import provenance, result_folder, write_results
-from studies.style import save_figure
+from studies.study import study
 from tests.tools.scaling.measure import (
     FLOORS,
     command_row,
@@ -41,7 +41,9 @@ def main(
     # As the command line has it.
     os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
     sizes = [int(size) for size in grains.split(",")]
-    with result_folder(out, force=force) as folder:
+    on = machine(*PACKAGES)
+    asked = {"grains": sizes, "repeats": repeats, "slow_up_to": slow_up_to, "machine": on}
+    with study("scaling study", out, asked, UNITS, force=force, csv=True) as results:
         bandwidth, rows = triad_bandwidth(), []
         for size, ((what, how), (_, most)) in product(sizes, METHODS.items()):
             if size <= (slow_up_to if how == "shapely" else most):
@@ -52,18 +54,15 @@ def main(
             tell(rows[-1])
         least = {n: floor_seconds(n, bandwidth) for n in {row["grains"] for row in rows} - {0}}
         rows = [{**row, "floor": least.get(row["grains"], {}).get(row["what"])} for row in rows]
-        configuration = {"grains": sizes, "repeats": repeats, "slow_up_to": slow_up_to}
-        on = machine(*PACKAGES)
-        made = provenance("scaling study", {**configuration, "machine": on}, UNITS)
-        summary = {"rows": rows, "bandwidth": bandwidth, "provenance": made}
-        write_results(folder, summary, {"scaling": rows}, csv=True)
+        results.write_tables({"scaling": pd.DataFrame(rows)})
+        results.write_summary({"rows": rows, "bandwidth": bandwidth})
         floors = {what: {n: seconds[what] for n, seconds in least.items()} for what in FLOORS}
-        save_figure(scaling_figure(rows, floors), folder, "scaling", made)
-        (folder / "rows.md").write_text("\n".join(markdown(rows)) + "\n")
+        results.save_figures([("scaling", scaling_figure(rows, floors))])
+        (results.folder / "rows.md").write_text("\n".join(markdown(rows)) + "\n")
         if page is not None:
             packages = ", ".join(f"{name} {version}" for name, version in on.items())
             update(page, ABOUT.format(date.today(), 1e-9 * bandwidth, packages), rows)
-            shutil.copy(folder / "scaling.png", page / "figures")
+            shutil.copy(results.folder / "scaling.png", page / "figures")
 
 
 def tell(row: dict[str, Any]) -> None:

@@ -13,8 +13,7 @@ import typer
 from studies.bench.figures import pareto
 from studies.bench.measure import Row, machine
 from studies.bench.run import UNITS, knee
-from studies.output import provenance, result_folder, write_results
-from studies.style import save_figure
+from studies.study import study
 from tests.tools.settled.closures import closure_switch, least_squares_methods
 from tests.tools.settled.eigenvalues import eigenvalue_methods
 from tests.tools.settled.fractions import fraction_methods
@@ -39,13 +38,13 @@ def main(
     force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
 ) -> None:
     """Measure; write the table and the figure, and print the knee of every group."""
-    with result_folder(out, force=force) as folder:
+    made = ("settled choices", out, {**machine("numpy"), "quick": quick}, UNITS)
+    with study(*made, force=force, csv=True) as results:
         table = pd.DataFrame([asdict(row) for find in GROUPS.values() for row in find(quick)])
-        made = provenance("settled choices", {**machine("numpy"), "quick": quick}, UNITS)
         knees = {str(name): knee(own).to_dict() for name, own in table.groupby("group")}
-        summary = {"knees": knees, "provenance": made}
-        write_results(folder, summary, {"settled": dict(table.items())}, csv=True)
-        save_figure(pareto(table), folder, "settled", made)
+        results.write_tables({"settled": table})
+        results.write_summary({"knees": knees})
+        results.save_figures([("settled", pareto(table))])
     typer.echo(table.to_string(index=False, columns=["group", "method", "setting", "error"]))
 
 
