@@ -100,7 +100,7 @@ def add_work(
 
 @kernel
 def _velocity_gradient(strain: Floats, h: Floats, time: float) -> tuple[float, float, float, float]:
-    """Of the cell, compression positive: `H' F^-1` with `F = 1 - H`."""
+    """Velocity gradient of the cell, compression positive: `H' F^-1` with `F = 1 - H`."""
     e0, e1 = strain[0] + time * h[0], strain[1] + time * h[1]
     e2, e3 = strain[2] + time * h[2], strain[3] + time * h[3]
     det = (1.0 - e0) * (1.0 - e3) - e1 * e2

@@ -1,4 +1,4 @@
-"""What every loop of a packing does under the packing's response."""
+"""Rates of every loop of a packing under the response of the packing."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
 
 
 def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopRates:
-    """What every loop did on the way to a later state, as rates per whole way.
+    """Changes of every loop up to a later state, as rates over a unit of time.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def _of_all(parts: _Parts, faces: Faces) -> LoopRates:
 
 
 class _Parts:
-    """What a packing gives to its loops: rates of branches, forces and normal forces."""
+    """Rates of the branches, forces and normal forces of a packing's contacts."""
 
     def __init__(
         self, graph: GrainGraph, carries: Flags, strain: Floats, branch: Floats, force: Floats

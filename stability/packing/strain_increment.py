@@ -317,7 +317,7 @@ class StrainIncrement:
         # Sliding contacts have all of their strength, others at most that.
         T = np.where(regime == SLIDING, side * packing.frame["mu"] * N, self.T)
         T = np.clip(np.where(N > 0, T, 0.0), -most, most)
-        # What is cut off relaxes shear springs: by slip, or by what holds a contact.
+        # Shear springs relax by slip, or by the work of the constraint on a held contact.
         relaxed = np.divide(self.T**2 - T**2, 2 * pairs.kt, out=0 * T, where=pairs.kt > 0)
         work = self.work.copy()
         work[SLIP] += relaxed[~self.held].sum()

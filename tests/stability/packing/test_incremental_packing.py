@@ -1,4 +1,4 @@
-"""Changes of regime by columns, against a factorisation of the system as it has become."""
+"""Changes of regime by columns against a factorisation in the new regimes."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def pieces_of(graph, changes=()):
 
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
 def test_columns_are_a_factorisation_of_the_changed_system(control):
-    """The contact that opens has no force left, its grains have contacts enough without it."""
+    """One contact without force opens; its grains keep enough contacts."""
     graph = jammed(36, 5, LAW)
     changed, anew = pieces_of(graph), pieces_of(graph, CHANGES)
     for change in CHANGES:
@@ -59,7 +59,7 @@ def test_columns_are_a_factorisation_of_the_changed_system(control):
 
 
 def test_columns_solved_ahead_are_those_solved_alone():
-    """Of the pairs whose events are due: to the bit, and no more of them than a batch."""
+    """Columns of the next events are the same to the bit, and no more than a batch."""
     graph = jammed(36, 5, LAW)
     alone, ahead = pieces_of(graph), pieces_of(graph)
     ahead.time_to_event[:10] = np.arange(10.0)
@@ -74,7 +74,7 @@ def test_columns_solved_ahead_are_those_solved_alone():
 
 
 def test_edges_are_kept_by_motion():
-    """What is kept of a pair's edge is that of the motion, on either side, as columns come."""
+    """Cached rates of the yield function are those of the motion, on either side."""
     graph = jammed(36, 5, LAW)
     pieces, some = pieces_of(graph), np.array([3, 5, 20, 30])
     i, j = pieces.frame["grains"][some].T
@@ -104,7 +104,7 @@ def test_edges_are_kept_by_motion():
 
 
 def differences(graph, law, regime, size=1e-6):
-    """Slopes of forces, loads and stress by central differences: (15, ...) of unit motions."""
+    """Slopes of loads and stress under unit motions and strains, by central differences."""
     count = graph.grain_count
     found = []
     for k in range(3 * count + 4):
@@ -122,7 +122,7 @@ def differences(graph, law, regime, size=1e-6):
 
 @pytest.mark.parametrize("law", [LAW, BRANCH], ids=["radii", "branch"])
 def test_stiffness_and_stress_are_slopes_of_the_forces(law):
-    """Large forces, unequal grains: turning forces and growing arms are a tenth of the slopes."""
+    """With large forces and unequal grains the geometric terms are a tenth of the slopes."""
     graph = packing(8, seed=3, share=0.9, sliding=0.4, law=law)
     graph = graph.replace(
         normal_force=20 * graph.normal_force,
@@ -157,7 +157,7 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
 @pytest.mark.parametrize(("which", "most"), [((16, 2), 2e-7), ((36, 5), 5e-6)], ids=["16", "36"])
 def test_rates_are_those_of_a_dense_solve(which, most, control):
-    """Without springs on grains, which change the stress by 1e-7, of two contacts by more."""
+    """Ground springs change the stress by 1e-7, those of a grain with two contacts by more."""
     graph = jammed(*which)
     state, pairs = start_state(graph), contact_pairs(graph, LAW)
     regime, side = np.full(len(pairs), ELASTIC, dtype=np.int8), np.ones(len(pairs))

@@ -1,4 +1,4 @@
-"""Paths of packings against the loop's own engine, where both are asked the same question.
+"""Paths of packings against paths of loops, where both have the same solution.
 
 A grain that is a centre of symmetry stays where the cell takes it: lattices of such grains are
 affine with free spins, whatever the strain. In a honeycomb the forces follow from the stress, as
@@ -52,7 +52,7 @@ COMB, KAGOME = honeycomb_and_kagome()
 
 
 def in_order(path):
-    """Events by place, those of one place by kind and contact; places beside them."""
+    """Events sorted by place, then kind and contact; and their places."""
     rows = [
         (round(event.parameter, 3), event.kind, contact, event.parameter)
         for event in path.events
@@ -64,7 +64,7 @@ def in_order(path):
 
 @pytest.mark.parametrize("increment", ["branch", "radii"])
 def test_triangles_event_by_event(increment):
-    """Loaded, back beyond the start until a contact opens, and again: in loops of three."""
+    """Loading, unloading until a contact opens, and loading again."""
     law = LinearFrictional(1.0, 0.5, 0.2, increment)
     stages = [strained(factor * STRAIN) for factor in (1.0, -3.2, 2.0)]
     whole = follow(TRIANGLES, law, stages, closure="affine", spins="free")
@@ -86,7 +86,7 @@ def test_triangles_event_by_event(increment):
     ("graph", "most"), [(RHOMBI, 4e-5), (KAGOME, 4e-9)], ids=["rhombi", "kagome"]
 )
 def test_stresses_of_lattices(graph, most):
-    """Loops of four; of three and of six: strained to and fro, spins of their own."""
+    """Two lattices strained to and fro, with free spins."""
     law = LinearFrictional(1.0, 0.5, 0.5)
     stages = [strained(STRAIN), strained(-1.2 * STRAIN)]
     whole = follow(graph, law, stages, closure="affine", spins="free")
@@ -100,7 +100,7 @@ def test_stresses_of_lattices(graph, most):
 
 
 def test_a_honeycomb_is_a_hexagon_under_traction():
-    """Until both inclined contacts yield, which of the loop are four; half of its stress."""
+    """Up to yield of both inclined contacts, four of the loop; the stress is half of its."""
     law, strain = LinearFrictional(1.0, 0.5, 0.1), np.diag([8e-3, -4e-3])
     angles = np.radians(90 + 60 * np.arange(6))
     ring = LENGTH * np.column_stack([np.cos(angles), np.sin(angles)])
@@ -122,8 +122,8 @@ def test_a_honeycomb_is_a_hexagon_under_traction():
     assert error[0] < 2e-5 and place[0] < 2e-4
 
 
-def test_a_lattice_of_diamonds_goes_as_follow_has_it():
-    """Two grains each way: stresses to the interval, the place of yield as well."""
+def test_a_lattice_of_diamonds_follows_the_path_of_loops():
+    """Errors of stress and of the place of yield halve with the interval."""
     law, strain = LinearFrictional(1.0, 0.5, 0.2), np.diag([8e-3, -6e-3])
     whole = follow(diamonds(), law, strained(strain), closure="affine", spins="blocked")
     yields = whole.of_kind("yield")[0].parameter
@@ -144,7 +144,7 @@ def test_a_lattice_of_diamonds_goes_as_follow_has_it():
 @pytest.mark.parametrize("mirror", [1, -1], ids=["as it is", "mirrored"])
 @pytest.mark.parametrize("mu", [0.1, 0.5, np.inf], ids=["slides", "sticks", "never slides"])
 def test_a_contact_that_closes_sticks_or_slides_at_once(mu, mirror):
-    """Nearly triangles: opposite grains of a rhombus touch along their short diagonal."""
+    """Opposite grains of a rhombus touch along their short diagonal."""
     angle = 2 * np.arcsin(0.5 * 1.001 / LENGTH)
     vectors = LENGTH * np.array([[mirror, mirror * np.cos(angle)], [0, np.sin(angle)]])
     steps = [(1, 0), (0, 1), (-1, 1)]
@@ -167,8 +167,8 @@ def test_a_contact_that_closes_sticks_or_slides_at_once(mu, mirror):
     assert error[0] < 4e-6 and error[0] / error[1] == pytest.approx(2.0, rel=0.2)
 
 
-def test_a_hundred_cells_go_as_one():
-    """All contacts of a direction yield at once: more columns than one factorisation has."""
+def test_a_hundred_cells_follow_the_path_of_one():
+    """A hundred contacts of a direction yield at once, more than one factorisation has room for."""
     law = LinearFrictional(1.0, 0.5, 0.2)
     vectors = TURN @ [[1, 0.5], [0, ROOT / 2]]
     stages = [strained(STRAIN), strained(-1.5 * STRAIN)]

@@ -1,4 +1,4 @@
-"""Ways past an instability: twelve grains of which seven snap through, which all ways meet."""
+"""Ways past an instability: seven of twelve grains snap through, whatever the way."""
 
 import functools
 from dataclasses import replace
@@ -39,7 +39,7 @@ def passed(past):
 
 
 @pytest.mark.parametrize("past", ["viscous", "dynamic", "stop"])
-def test_each_way_meets_it(past):
+def test_each_way_meets_the_instability(past):
     first = passed(past).of_kind("instability")[0]
     # As the events before it: to the interval, and to the replay's rounding in the stored packing.
     assert first.contacts == (7,) and first.parameter == pytest.approx(0.98477, abs=1e-4)
@@ -62,7 +62,7 @@ def test_stop_ends_with_the_state_before():
 
 
 def test_dynamic_ends_where_a_slow_replay_ends():
-    """Dragged modes end a twentieth as near; replays of these two rates are 1e-3 apart."""
+    """The viscous way ends 20 times as far from it; replays at these two rates differ by 1e-3."""
     ends = [replay(GRAPH, BRANCH, STRAIN, duration=t, balanced=True).state for t in (2e4, 2e5)]
     slower, slow = (end.forces[: GRAPH.contact_count] for end in reversed(ends))
     size = np.linalg.norm(slower)
@@ -76,7 +76,7 @@ def test_dynamic_ends_where_a_slow_replay_ends():
 
 
 def snapped(steps, damping, drag):
-    """From the state before on, an interval's strain and as long again: by the ledger, by drag."""
+    """Energy lost in motion when an interval is strained and held: by the works, by the drag."""
     graph = passed("stop").states[-1].graph()
     pairs, start = contact_pairs(graph, BRANCH), start_state(graph)
     masses, inertias = masses_of(start.radii)
@@ -98,15 +98,15 @@ def snapped(steps, damping, drag):
     return own, 20 * dt * np.sum(powers), powers[-1] * steps * dt
 
 
-def test_the_ledger_of_a_replay_is_what_drag_takes():
-    """Work of the cell less what is stored and lost in slip, against `c m v^2` over time."""
+def test_works_of_a_replay_close_with_the_drag():
+    """Work of the cell minus stored energy and slip is the integral of `c m v^2`."""
     own, taken, still = snapped(20_000, 0.0, 0.02)
     assert still < 1e-3 * taken
     # The power is looked at every 20 steps.
     assert own == pytest.approx(taken, rel=0.01)
 
 
-def test_what_dynamic_releases_is_what_a_slower_replay_does():
+def test_released_energy_is_that_of_a_slower_replay():
     (event,) = passed("dynamic").of_kind("instability")
     told = float(event.detail.split("; ")[-1].split()[0])
     own, _, _ = snapped(100_000, 0.3, 0.0)
@@ -116,7 +116,7 @@ def test_what_dynamic_releases_is_what_a_slower_replay_does():
 
 
 def test_dynamic_under_held_stress():
-    """P11 held: the servo keeps it through the snap, the strain leaps and the balance closes."""
+    """The servo keeps P11 through the snap, the strain jumps, and the energy balance closes."""
     mixed = Programme("mixed", *HELD, [0, STRAIN[0, 1], 0, STRAIN[1, 1]])
     stages = [strained(0.98 * STRAIN), Stage(mixed, "parameter", 0.03)]
     path = followed(GRAPH, BRANCH, stages, interval=INTERVAL, past="dynamic")
@@ -128,8 +128,8 @@ def test_dynamic_under_held_stress():
     assert unaccounted(path) < 1e-9 and path.work[-1, 3] > 1e-7
 
 
-def test_a_target_within_the_leap_is_leapt_over():
-    """The stress falls at once by 1 %: whoever ends a stage there ends it after the snap."""
+def test_a_target_within_a_snap_is_passed():
+    """The stress falls at once by 1 %: a stage with its target in between ends after the snap."""
     low, high = passed("dynamic").P[-1, 0], passed("stop").P[-1, 0]
     leap = replace(strained(STRAIN), quantity="P11", target=0.5 * (low + high))
     stages = [strained(0.98 * STRAIN), leap]
@@ -142,7 +142,7 @@ def test_a_target_within_the_leap_is_leapt_over():
 
 
 def test_the_load_of_the_start_is_kept(monkeypatch):
-    """Shear forces of the start less by a hundredth: the snap begins and ends with that load."""
+    """Shear forces reduced by 1 % leave a load: the snap begins and ends with it."""
     seen = []
 
     def kept(state, pairs, load, *how):
@@ -160,7 +160,7 @@ def test_the_load_of_the_start_is_kept(monkeypatch):
 
 
 @pytest.mark.parametrize("why", ["no rest", "jumped", "leapt"])
-def test_what_runs_off_is_lost_with_the_state_before(why, monkeypatch):
+def test_a_snap_that_finds_no_rest_loses_the_path(why, monkeypatch):
     if why == "no rest":
         monkeypatch.setattr(equations_of_motion, "REST_FORCE", 0.0)
         monkeypatch.setattr(equations_of_motion, "MAX_CHECKS", 2)
@@ -188,8 +188,8 @@ def test_bad_input():
 
 
 @pytest.mark.parametrize("past", ["viscous", "dynamic"])
-def test_a_path_knows_no_units(past):
-    """Springs four times as stiff, lengths doubled: stress and energy in other units alone."""
+def test_a_path_does_not_depend_on_units(past):
+    """Stiffness times four and lengths times two change stress and energy by their units alone."""
     force, length = 4.0, 2.0
     law = LinearFrictional(force * BRANCH.kn, force * BRANCH.kt, BRANCH.mu, "branch")
     graph = GRAPH.replace(

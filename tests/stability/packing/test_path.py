@@ -49,7 +49,7 @@ def forces(case, interval):
 
 @cases
 def test_halving_the_interval_halves_the_error(case):
-    """Differences of successive refinements; the same events in the same order, as many as told."""
+    """Differences of successive refinements; the same events in the same order."""
     paths, found = zip(*(forces(case, interval) for interval in INTERVALS), strict=True)
     told = [[(event.kind, event.contacts) for event in path.events] for path in paths]
     assert told[0] == told[1] == told[2]
@@ -63,7 +63,7 @@ def test_halving_the_interval_halves_the_error(case):
 
 @cases
 def test_a_slow_replay_comes_to_the_same_state(case):
-    """Ten times slower, closer: what is left is the rate of the replay, and the path's interval."""
+    """A replay ten times slower is closer; the rest is its rate and the path's interval."""
     graph, wanted = packed(*case[:3]), forces(case, INTERVALS[-1])[1]
     error = []
     for duration in (2e4, 2e5):
@@ -73,7 +73,7 @@ def test_a_slow_replay_comes_to_the_same_state(case):
 
 
 def unaccounted(path):
-    """What the energy balance leaves open, over the work, at the end."""
+    """Error of the energy balance at the end, over the work."""
     work, *spent = path.work[-1]
     return abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) / abs(work)
 
@@ -83,15 +83,15 @@ def unaccounted(path):
     ("which", "law"), JAMMED, ids=[f"{k} of {which[0]}" for k, (which, _) in enumerate(JAMMED)]
 )
 def test_energy_is_closed_to_rounding(which, law, interval):
-    """Whatever the interval, law and events are; in one packing 3e4 times the work is stored."""
+    """For any interval, law and events; one packing stores 3e4 times the work."""
     path = followed(packed(*which, law), law, strained(H), interval=interval)
     assert path.status == "finished" and path.events
     assert unaccounted(path) < 1e-9
 
 
 @pytest.mark.parametrize("case", CASES[:2], ids=["radii", "branch"])
-def test_what_becomes_of_the_work(case):
-    """Slip, what the shear increment leaves, and next to nothing released; P:dH of the rows."""
+def test_shares_of_the_work(case):
+    """Slip, the difference of shear increments, next to nothing released; P:dH of the rows."""
     left = []
     for interval in INTERVALS[1:]:
         path, _ = forces(case, interval)
@@ -131,7 +131,7 @@ def test_a_first_step_is_the_rate_problem(case):
 
 @pytest.mark.parametrize(("short", "slides"), [(2e-6, False), (5e-7, True)])
 def test_contacts_slide_from_the_start_within_a_millionth_of_the_limit(short, slides):
-    """Then `|T| = mu N` at the end of a small strain, but for those that unload."""
+    """They have `|T| = mu N` at the end of a small strain, except those that unload."""
     graph = packed(16, 2, BRANCH)
     first = np.arange(graph.contact_count) % 4 == 0
     most = (1 - short) * BRANCH.mu * graph.normal_force * np.sign(graph.shear_force)
@@ -150,7 +150,7 @@ def test_contacts_slide_from_the_start_within_a_millionth_of_the_limit(short, sl
 
 
 def test_sliding_contacts_end_on_the_friction_limit():
-    """Those whose last event is yield: `|T| = mu N` with the exact `N`, at every row."""
+    """Contacts whose last event is yield have `|T| = mu N` with the exact `N`, at every row."""
     graph = packed(16, 2, BRANCH)
     path = followed(graph, BRANCH, strained(H), rows=5, interval=INTERVALS[0])
     seen = 0
@@ -164,7 +164,7 @@ def test_sliding_contacts_end_on_the_friction_limit():
 
 
 def test_a_path_starts_with_the_forces_of_the_geometry():
-    """Whatever normal forces are stored; shear forces within the cone, none where it is open."""
+    """Stored normal forces are ignored; shear forces are cut to the cone, zero where open."""
     graph = packed(16, 2, LAW)
     wrong = graph.replace(
         normal_force=3 * graph.normal_force,
@@ -187,7 +187,7 @@ def test_a_path_starts_with_the_forces_of_the_geometry():
 
 @pytest.mark.parametrize("case", CASES[:2], ids=["radii", "branch"])
 def test_a_mirrored_packing_goes_the_mirrored_way(case):
-    """Shear forces change their sign, and nothing else does; in another order of the contacts."""
+    """Only the signs of shear forces change, for contacts in another order as well."""
     graph, law = packed(*case[:3]), case[2]
     order, turn = np.argsort(graph.normal_force), np.diag([-1.0, 1.0])
     mirrored = GrainGraph(
@@ -225,7 +225,7 @@ def test_mixed_control_holds_its_stress():
 
 
 def test_a_second_stage_starts_from_its_own_state():
-    """P11 and H22 driven, H12 and H21 held: all four to the parameter since the stage began."""
+    """P11 and H22 are driven, H12 and H21 held, by the parameter since the stage began."""
     graph, law = packed(16, 2, BRANCH), BRANCH
     P11 = np.diag([1.0, 0, 0, 0])
     mixed = Programme("mixed", P11, np.eye(4) - P11, [2e-4, 0, 0, -5e-4])
@@ -247,7 +247,7 @@ def test_a_second_stage_starts_from_its_own_state():
 
 
 def test_events_lie_between_their_rows():
-    """`index` is the row before, in every stage; the row at the end of a stage is that of both."""
+    """`index` is the row before; the last row of a stage is the first of the next."""
     stages = [strained(H), strained(-H)]
     path = followed(packed(16, 2, BRANCH), BRANCH, stages, rows=10, interval=INTERVALS[0])
     told = [event for event in path.events if event.kind != "programme_change"]
@@ -260,7 +260,7 @@ def test_events_lie_between_their_rows():
 
 
 def test_pairs_are_listed_anew_before_others_can_touch(monkeypatch):
-    """Grains of diameter 1, gaps below 0.01 are listed: anew after an approach of 0.005."""
+    """Grains of diameter 1: gaps below 0.01 are listed, again after an approach of 0.005."""
     calls = []
 
     def counted(*what):
@@ -277,8 +277,8 @@ def test_pairs_are_listed_anew_before_others_can_touch(monkeypatch):
     assert all(gap == pytest.approx(0.01) for *_, gap in calls)
 
 
-def test_instabilities_are_told_and_end_the_path():
-    """Seven of twelve grains snap through: named, dragged, and stopped at the first."""
+def test_instabilities_are_events_and_end_the_path():
+    """Seven of twelve grains snap through: the event has them, the path stops at the first."""
     stage = strained(7.7 * H)
     path = followed(packed(12, 1, BRANCH), BRANCH, stage, interval=4e-5, instabilities=1)
     assert path.status == "instabilities" and path.parameter[-1] < 0.99
@@ -287,7 +287,7 @@ def test_instabilities_are_told_and_end_the_path():
 
 
 def test_a_path_that_leaps_is_lost_with_the_state_before():
-    """One interval across half of the packing's stress."""
+    """One interval changes the stress by more than half."""
     path = followed(packed(12, 1, LAW), LAW, strained(0.05 * np.eye(2)), interval=0.05)
     assert path.status == "lost" and "jumped" in path.message
     np.testing.assert_array_equal(path.H[-1], 0)
@@ -316,7 +316,7 @@ def test_laws_at_their_limits(law, least):
 
 @pytest.mark.parametrize("share", [0.0, 1.0], ids=["none slides", "all at yield"])
 def test_shares_at_yield(share):
-    """No shear: nothing happens at first. All at yield: each finds its regime."""
+    """Without shear forces there is no event; with all at yield each contact finds its regime."""
     graph = packed(16, 2, LAW)
     most = LAW.mu * graph.normal_force
     graph = graph.replace(shear_force=share * np.sign(graph.shear_force) * most)
@@ -327,7 +327,7 @@ def test_shares_at_yield(share):
 
 
 def test_energy_of_instabilities_is_accounted_for():
-    """All at yield, far from balance: modes run off, and what they release closes the balance."""
+    """All at yield, far from balance: the energy released by unstable modes closes the balance."""
     graph = packed(24, 3, LAW)
     most = np.sign(graph.shear_force) * LAW.mu * graph.normal_force
     graph = graph.replace(shear_force=most)
@@ -342,7 +342,7 @@ def test_energy_of_instabilities_is_accounted_for():
 
 
 def test_grains_that_come_nearer_with_the_cell_touch():
-    """Opposite grains of the diamonds, from a gap of 0.136 on; none moves against the cell."""
+    """Opposite grains of the diamonds close a gap of 0.136; all move with the cell."""
     strain, law = 0.125 * np.eye(2), LinearFrictional(1.0, 0.5, 0.5)
     path = followed(diamonds(), law, strained(strain), interval=1e-3)
     touch = 1 - 1 / (2 * 0.99 * np.sin(np.radians(35)))
@@ -361,7 +361,7 @@ def test_grains_that_come_nearer_with_the_cell_touch():
     ids=["dragged", "held"],
 )
 def test_a_contact_changes_regime_a_dozen_times_in_an_interval(which, law, why):
-    """Then the loose one of its grains is dragged, or the contact is held if neither is loose."""
+    """At the next change its loose grain is dragged, or the contact held if neither is loose."""
     strain, interval = 10 * H, 1e-4
     path = followed(packed(*which, law), law, strained(strain), interval=interval, instabilities=99)
     assert path.status == "finished"
@@ -394,7 +394,7 @@ def with_a_row_of_rattlers(graph, count, gap=1e-4):
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_rattlers_that_touch(count):
-    """Gaps close on the way: no force to speak of, and the grains lie as in a slow replay."""
+    """Their gaps close almost without force, and they end where a slow replay puts them."""
     graph, first = packed(16, 2, LAW), 16
     loose = with_a_row_of_rattlers(graph, count)
     paths = [followed(g, LAW, strained(H), interval=2e-5) for g in (graph, loose)]
@@ -426,7 +426,7 @@ def test_rattlers_that_touch(count):
 
 
 def test_a_cell_sheared_past_its_neighbours():
-    """Four grains in a cell, by 0.4: who touches at the end is who overlaps, images and all."""
+    """A shear of 0.4: the closed contacts at the end are all overlapping pairs and images."""
     shear, law = np.array([[0.0, 0.4], [0.0, 0.0]]), LinearFrictional(1.0, 0.5, np.inf, "branch")
     path = followed(diamonds(), law, strained(shear), interval=4e-3)
     end = path.states[-1]
@@ -438,7 +438,7 @@ def test_a_cell_sheared_past_its_neighbours():
 
 
 def test_a_path_that_asks_for_ever_more_strain_ends_or_falls_back():
-    """A row pulled to a tension it can't have: stopped where it opens, the state before kept."""
+    """A row of grains without tension is pulled: the path stops where it opens."""
     row = GrainGraph(
         [[0, 0], [1, 0]],
         [0.505] * 2,
@@ -458,8 +458,8 @@ def test_a_path_that_asks_for_ever_more_strain_ends_or_falls_back():
     np.testing.assert_allclose(path.H[-1] - path.H[-2], 1e-3 * H.ravel(), rtol=0.02)
 
 
-def test_what_is_taken_back_is_not_told():
-    """At the limit of the control the last interval is undone: no event of it stays."""
+def test_events_of_a_rejected_interval_are_dropped():
+    """At the control limit the last interval is undone, and its events are dropped."""
     stage = Stage(drained_biaxial(), "parameter", 0.2)
     path = followed(packing(12, seed=0), LAW, stage, interval=1e-4)
     assert path.status == "control_limit" and len(path.events)
@@ -467,7 +467,7 @@ def test_what_is_taken_back_is_not_told():
 
 
 def test_a_state_out_of_balance_keeps_its_load():
-    """One force in a hundred taken off: the drift is of what comes, not of what was there."""
+    """Shear forces are reduced: `imbalance` counts from the resultants of the start."""
     graph = packed(24, 3, LAW)
     rng = np.random.default_rng(0)
     shaken = graph.replace(shear_force=graph.shear_force * rng.uniform(0.9, 1.0, 44))
@@ -514,7 +514,7 @@ def test_options_of_packings_are_refused_by_a_loops_closure(change):
     ("numbers", "mean", "least"), [(range(4, 20, 2), 0.996, 0.98), (range(22, 28), 0.99, 0.98)]
 )
 def test_work_of_yades_loops(numbers, mean, least):
-    """Steps of 2e-5 and of 1e-4 from one snapshot and the cell's strain alone."""
+    """Strains of 2e-5 and 1e-4, from one snapshot and the strain of the cell."""
     found = []
     for number in numbers:
         (one, _), (two, _) = slow(number), slow(number + 1)
@@ -532,7 +532,7 @@ def test_work_of_yades_loops(numbers, mean, least):
 @in_collection
 @pytest.mark.parametrize("number", [10, 22])
 def test_energy_of_yades_steps_is_closed(number):
-    """Of 2e-5 and of 1e-4; rows between and past instabilities alike, each over its own work."""
+    """Strains of 2e-5 and 1e-4: the balance closes in every row, past instabilities too."""
     (one, _), (two, _) = slow(number), slow(number + 1)
     stage = strained(strain_between(one, two))
     path = followed(one.graph, one.law, stage, rows=5, instabilities=100)

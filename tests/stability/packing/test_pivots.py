@@ -29,7 +29,7 @@ def stuck_packing(seed):
 
 
 def settle(frozen, control, critical):
-    """Pivot the worst of those that disagree until none does; how many changed in each."""
+    """Pivot the worst disagreeing contact until none is left; changes of regime in each pivot."""
     counts = []
     while True:
         wrong = disagreeing(frozen, frozen.solve(*control), critical, TINY)
@@ -42,7 +42,7 @@ def settle(frozen, control, critical):
 
 @pytest.mark.parametrize("stress_held", [False, True], ids=["strain", "P11 held"])
 def test_pivots_find_the_only_solution(stress_held):
-    """The solution of `packing_response` where enumeration proves that there is one alone."""
+    """They lead to that of `packing_response` where enumeration proves that there is no other."""
     counts, compared = [], 0
     for seed in range(50):
         graph, frozen, critical = stuck_packing(seed)
@@ -64,7 +64,7 @@ def test_pivots_find_the_only_solution(stress_held):
 
 
 def stiffness(frozen):
-    """Dense stiffness in the regimes as they are, translations held."""
+    """Dense stiffness in the present regimes, with one grain held."""
     size, entries = 3 * frozen.count, 36 * len(frozen.side)
     at, values = np.empty((2, entries), dtype=np.int32), np.empty(entries)
     packing_rates.blocks(frozen.frame, frozen.regime, frozen.side, np.arange(size), at, values)

@@ -106,7 +106,7 @@ def test_stress_control_of_a_row_in_closed_form():
 
 
 def test_a_servo_holds_what_the_path_holds():
-    """Drained: the same strain and stress as the quasi-static path, the nearer the slower."""
+    """Drained: strain and stress approach those of the quasi-static path as the rate falls."""
     graph, quiet = jammed(16, 2), {"damping": 0.3, "viscous": 0.05}
     stage = Stage(drained_biaxial(2, -1.0), "H22", -2e-3)
     path = follow(graph, LAW, stage, closure="packing", interval=2e-5)
@@ -171,7 +171,7 @@ def test_bad_input(change, message):
 
 
 def test_yades_next_state_of_the_sample_series():
-    """From rest and unit density, at the rate of the run: the code's velocities aren't needed."""
+    """Started at rest with unit density at the run's rate, without the velocities of Yade."""
     cells = sample_path("slow/cells.csv")
     one, two = (
         read_snapshot(

@@ -1,4 +1,4 @@
-"""A state of a packing on its way: what is out of measure after a short strain."""
+"""States of a packing: jumps of stress and centres in a short strain."""
 
 from dataclasses import replace
 
@@ -30,13 +30,13 @@ def scaled(factor):
     ],
 )
 def test_half_of_the_stress_is_too_much(before, after, start, found):
-    """Of that before, or of that at the start of the path where this is more."""
+    """Measured by the larger of the stresses before and at the start of the path."""
     assert jumped(scaled(before), scaled(after), start * SIZE) == found
 
 
 @pytest.mark.parametrize(("contacts", "lost"), [(0, False), (1, False), (2, True)])
 def test_a_carrying_grain_moves_less_than_a_fiftieth_of_a_diameter(contacts, lost):
-    """Beyond the affine motion; a grain with fewer than two contacts may."""
+    """Measured beyond the affine motion; grains with fewer than two contacts may move more."""
     touches = (STATE.contacts == 3).any(axis=1)
     keeps = ~touches | (np.cumsum(touches) <= contacts)
     before = replace(STATE, normal_force=keeps * 1.0, shear_force=0.0 * STATE.shear_force)
