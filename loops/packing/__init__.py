@@ -4,7 +4,9 @@ from loops.packing.carrying import Carrying as Carrying
 from loops.packing.factor import Factor as Factor
 from loops.packing.factor import UpdatedFactors as UpdatedFactors
 from loops.packing.factor import factorised as factorised
+from loops.packing.in_place import METHODS as METHODS
 from loops.packing.in_place import LoopsInPlace as LoopsInPlace
+from loops.packing.in_place import Method as Method
 from loops.packing.in_place import loops_in_place as loops_in_place
 from loops.packing.system import PackingSystem as PackingSystem
 from loops.packing.system import assembled as assembled

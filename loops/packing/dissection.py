@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Flags, Floats, Integers
 
 # Grains of a leaf: small fronts cost calls, large ones arithmetic.
 LEAF = 32
@@ -24,7 +26,7 @@ class Front:
 def dissection(x: Floats, edges: Integers) -> list[Front]:
     """Fronts of the graph of `edges` (E, 2) on grains at `x` (G, 2), children before parents.
 
-    Separators are the grains on one side of a straight cut that have a neighbour on the other.
+    A separator is the smallest set of grains that touches every edge across a straight cut.
     """
     own: list[Integers] = []
     children: list[tuple[int, ...]] = []
@@ -40,9 +42,9 @@ def dissection(x: Floats, edges: Integers) -> list[Front]:
         side[grains[half[: len(half) // 2]]] = 1
         side[grains[half[len(half) // 2 :]]] = 2
         ends = side[edges]
-        across = edges[ends[:, 0] != ends[:, 1]].ravel()
-        border = [np.unique(across[side[across] == s]) for s in (1, 2)]
-        side[border[int(len(border[1]) < len(border[0]))]] = 3
+        across = edges[ends[:, 0] != ends[:, 1]]
+        first = side[across[:, 0]] == 1
+        side[_vertex_cover(np.where(first[:, None], across, across[:, ::-1]))] = 3
         ends = side[edges]
         inside = [edges[(ends == s).all(axis=1)] for s in (1, 2)]
         below = [
@@ -57,6 +59,29 @@ def dissection(x: Floats, edges: Integers) -> list[Front]:
 
     cut(np.arange(len(x)), edges)
     return _with_rests(own, children, edges, len(x))
+
+
+def _vertex_cover(edges: Integers) -> Integers:
+    """Smallest set of vertices that touches all `edges` (E, 2) from one side to the other.
+
+    By König's theorem from a maximum matching: vertices of the first side that no alternating path
+    from an unmatched one reaches, and vertices of the second side that one reaches.
+    """
+    (left, i), (right, j) = (np.unique(ends, return_inverse=True) for ends in edges.T)
+    graph = sparse.csr_array((np.ones(len(edges), dtype=np.int8), (i, j)), (len(left), len(right)))
+    partner = np.asarray(maximum_bipartite_matching(graph, perm_type="column"), dtype=np.int64)
+    back = np.full(len(right), -1)
+    back[partner[partner >= 0]] = np.flatnonzero(partner >= 0)
+    reached_left, reached_right = partner < 0, np.zeros(len(right), dtype=bool)
+    new: Flags = reached_left
+    while new.any():
+        reached = (graph.T @ new.astype(np.int64) > 0) & ~reached_right
+        reached_right |= reached
+        # Every vertex that is reached is matched: else the matching could grow.
+        new = np.zeros(len(left), dtype=bool)
+        new[back[reached]] = True
+        reached_left |= new
+    return np.concatenate([left[~reached_left], right[reached_right]])
 
 
 def _with_rests(

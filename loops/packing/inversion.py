@@ -1,4 +1,4 @@
-"""Loops in their packing: the system inverted whole, in blocks, or patch by patch."""
+"""Loops in their packing: the system inverted whole, or in blocks with grains held around them."""
 
 from __future__ import annotations
 
@@ -7,83 +7,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
-from scipy.spatial import cKDTree
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, frobenius
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
 from loops.loop_batches import loop_batches
+from loops.null_space import ROUNDING
 from loops.packing.dissection import Front, dissection
-from loops.packing.factor import regularised
-from loops.packing.selected_inverse import eliminate, inverse_on_fronts
+from loops.packing.selected_inverse import EPS, SINGULAR, FrontalLU, eliminate
+from loops.packing.spin_modes import spin_modes
 from loops.packing.system import PackingSystem, assembled
 
-# Added to the diagonal over the typical stiffness. C_in is off by about a thousand times that, by a
-# million times in the softest modes of sliding contacts; rounding shows from 1e-13 on.
-EPS = 1e-12
-# A compliance so much smaller in one direction than in another is none: a mode that nothing but EPS
-# holds is softer by EPS, a loop of one grain and its images has no strain at all.
-SINGULAR = 1e-10
-
-
-def _loads(moves: Integers, vectors: Floats, size: int) -> Floats:
-    """(size, 4) forces `B` of a loop on its grains' freedoms `moves` (n, 2)."""
-    B = np.zeros((size, 4))
-    np.add.at(B[:, :2], moves[:, 0], vectors)
-    np.add.at(B[:, 2:], moves[:, 1], vectors)
-    return B
-
-
-def _lu(matrix: sparse.sparray) -> SuperLU:
-    return splu(
-        matrix.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.001,
-        options={"SymmetricMode": True},
-    )
-
-
-def of_some(system: PackingSystem, polygons: Polygons, some: Integers) -> Floats:
-    """(L, 4, 4) `A_in` of some loops solved one by one in the whole packing, else not numbers."""
-    lu = _lu(regularised(system, assembled(system), EPS))
-    compliance = np.full((len(polygons.centre), 4, 4), np.nan)
-    for grains, vectors, area, row in zip(
-        polygons.grains, polygons.vectors, polygons.area, polygons.row, strict=True
-    ):
-        for k in np.flatnonzero(np.isin(row, some)):
-            B = _loads(system.freedom[grains[k], :2], vectors[k], system.size)
-            compliance[row[k]] = B.T @ lu.solve(B) / area[k]
-    return _inverted(compliance)
-
-
-def in_blocks(
-    system: PackingSystem, polygons: Polygons, side: float, buffer: float
-) -> tuple[Floats, Floats]:
-    """`A_in` of all loops and their distances to held grains."""
-    compliance = np.full((len(polygons.centre), 4, 4), np.nan)
-    rho = np.full(len(polygons.centre), np.nan)
-    for part in _blocks(system, polygons, side, buffer):
-        compliance[part.loops] = _compliances(system, polygons, part)
-        rho[part.loops] = part.rho
-    return _inverted(compliance), rho
-
-
-def _inverted(compliance: Floats) -> Floats:
-    """`C_in^-1`; not numbers where there is none, or where EPS alone would say what it is."""
-    size = np.linalg.svd(np.nan_to_num(compliance), compute_uv=False)
-    known = np.isfinite(compliance).all(axis=(1, 2)) & (size[:, 3] > SINGULAR * size[:, 0])
-    out = np.full_like(compliance, np.nan)
-    out[known] = np.linalg.inv(compliance[known])
-    return out
+# Random vectors from which the norms of Z^T B, Z B and R B of all loops are estimated together.
+SKETCH = 16
+# Beyond this norm of `R = 1 - K Z` the error is not of first order in it.
+LEFT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
     """Loops by order: grains (L, n), boundary vectors (L, n, 2), areas and rows of the results.
 
-    Of all loops the `centre`, and the `reach` from there to the farthest grain.
+    Of all loops the `centre`.
     """
 
     grains: list[Integers]
@@ -91,25 +37,80 @@ class Polygons:
     area: list[Floats]
     row: list[Integers]
     centre: Floats
-    reach: Floats
 
 
 def polygons_of(graph: GrainGraph, faces: Faces) -> Polygons:
     """The loops of a packing, see `Polygons`."""
     row = np.full(len(faces.kind), -1)
     row[faces.loops] = np.arange(len(faces.loops))
-    count = len(faces.loops)
-    out = Polygons([], [], [], [], np.empty((count, 2)), np.empty(count))
+    out = Polygons([], [], [], [], np.empty((len(faces.loops), 2)))
     for batch in loop_batches(graph, faces):
         x = batch.graph.x
         out.grains.append(batch.grains)
         out.vectors.append(boundary_vectors(x))
         out.area.append(polygon_area(x))
         out.row.append(row[batch.face])
-        centre = x.mean(axis=1)
-        out.centre[row[batch.face]] = centre + batch.origin
-        out.reach[row[batch.face]] = np.linalg.norm(x - centre[:, None], axis=2).max(axis=1)
+        out.centre[row[batch.face]] = x.mean(axis=1) + batch.origin
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class Inverted:
+    """`A_in` (L, 4, 4), its relative rounding error and the distance to held grains, (L,) each."""
+
+    matrix: Floats
+    error: Floats
+    rho: Floats
+
+
+def inverted(
+    system: PackingSystem, polygons: Polygons, side: float, buffer: float, threads: int = 1
+) -> Inverted:
+    """`A_in` of all loops, in blocks of about `side`; of the whole packing if it is infinite."""
+    count = len(polygons.centre)
+    rho = np.full(count, np.nan)
+    found = _Sums(np.full((count, 4, 4), np.nan), np.zeros(count), *np.zeros((3, count, 4, SKETCH)))
+    for block in _blocks(system, polygons, side, buffer):
+        rho[block.loops] = block.rho
+        _judge(system, polygons, block, found, threads)
+    matrix, error = _inverses(found)
+    return Inverted(matrix, error, rho)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Per loop: `C_in`, size of the terms behind it, and sketches of `Z^T B`, `Z B`, `R B`."""
+
+    compliance: Floats
+    terms: Floats
+    left: Floats
+    right: Floats
+    residual: Floats
+
+
+def _inverses(found: _Sums) -> tuple[Floats, Floats]:
+    """`A = C_in^-1` and a bound on its error relative to its norm.
+
+    With `R = 1 - K Z` what is left over, `dC = (1/V) B^T Z R B` and `dA = -A dC A`. Rounding of `K`
+    and of the products adds to `R`, the entries of `C` and their inversion err by rounding too.
+    """
+    known = np.isfinite(found.compliance).all(axis=(1, 2))
+    matrix = np.full_like(found.compliance, np.nan)
+    error = np.full(len(matrix), np.nan)
+    u, s, vt = np.linalg.svd(found.compliance[known])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        A = np.swapaxes(vt, 1, 2) @ (np.swapaxes(u, 1, 2) / s[:, :, None])
+        size, At = frobenius(A), np.swapaxes(A, 1, 2)
+        left, right, residual = (one[known] for one in (found.left, found.right, found.residual))
+        rest = frobenius(At @ residual) + ROUNDING * frobenius(At @ right)
+        change = frobenius(A @ left) * rest / size
+        rounding = ROUNDING * size * (found.terms[known] + s[:, 0])
+        # Twice the first order holds where dC A is small.
+        small = frobenius(left) * rest + rounding < 0.25
+        bound = np.where(small, 2.0 * (change + rounding), np.inf)
+    matrix[known], error[known] = A, bound
+    matrix[~(error < 1.0)] = np.nan
+    return matrix, error
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,6 @@ class Block:
     x: Floats
     loops: Integers
     rho: Floats
-    freedom_kept: Flags
     whole: bool
 
 
@@ -152,52 +152,13 @@ def _blocks(
             beyond = (number[row] == k) & ~free[grains].all(axis=1)
             rho[row[beyond]] = 0.0
             free[grains[beyond]] = True
-        free &= carries
-        kept = np.zeros(system.size + 1, dtype=bool)
-        kept[system.freedom[free]] = True
         yield Block(
-            free=free,
+            free=free & carries,
             x=away @ box.T,
             loops=mine,
             rho=np.full(len(mine), np.inf) if whole else rho[mine],
-            freedom_kept=kept[:-1],
             whole=whole,
         )
-
-
-def in_patches(system: PackingSystem, polygons: Polygons, radius: float) -> tuple[Floats, Floats]:
-    """`A_in` of every loop, grains further than `radius` mean diameters around it held."""
-    graph, carries = system.graph, system.carrying.grains
-    box, origin = _box(graph)
-    place, centre = (np.linalg.solve(box, (x - origin).T).T for x in (graph.x, polygons.centre))
-    # In the box stretched to its heights a circle lies within the square of its radius.
-    heights = abs(np.linalg.det(box)) / np.linalg.norm(box[:, ::-1], axis=0)
-    reach = radius * 2.0 * float(graph.radii[carries].mean())
-    wrap = np.floor if graph.cell is not None else np.zeros_like
-    who = np.flatnonzero(carries)
-    around = np.nextafter(heights, np.inf) if graph.cell is not None else None
-    tree = cKDTree((place - wrap(place))[who] * heights, boxsize=around)
-    matrix = (assembled(system) + EPS * system.unit * sparse.eye_array(system.size)).tocsr()
-    out = np.full((len(centre), 4, 4), np.nan)
-    local = np.full(system.size, -1)
-    for group, row in enumerate(polygons.row):
-        middle = centre[row]
-        size = reach + polygons.reach[row]
-        near = tree.query_ball_point((middle - wrap(middle)) * heights, size, p=np.inf)
-        for k, grains in enumerate(polygons.grains[group]):
-            moves = system.freedom[grains, :2]
-            if (moves < 0).any():
-                continue
-            square = who[near[k]]
-            off = _nearest(place[square] - middle[k], graph) @ box.T
-            inside = np.append(square[np.hypot(*off.T) <= size[k]], grains)
-            own = np.unique(system.freedom[inside])
-            own = own[own >= 0]
-            local[own] = np.arange(len(own))
-            B = _loads(local[moves], polygons.vectors[group][k], len(own))
-            lu = _lu(matrix[own][:, own])
-            out[row[k]] = B.T @ lu.solve(B) / polygons.area[group][k]
-    return _inverted(out), np.full(len(out), radius)
 
 
 def _box(graph: GrainGraph) -> tuple[Floats, Floats]:
@@ -211,39 +172,92 @@ def _nearest(offset: Floats, graph: GrainGraph) -> Floats:
     return offset if graph.cell is None else offset - np.round(offset)
 
 
-def _compliances(system: PackingSystem, polygons: Polygons, block: Block) -> Floats:
-    """(len(block.loops), 4, 4) `C_in` with all grains but the free ones held."""
+def _judge(
+    system: PackingSystem, polygons: Polygons, block: Block, found: _Sums, threads: int
+) -> None:
+    """Fill in `found` for the loops of a block, all grains but its free ones held."""
     free, grains = block.free, np.flatnonzero(block.free)
     number = np.cumsum(free) - 1
     wanted = np.zeros(len(polygons.centre), dtype=bool)
     wanted[block.loops] = True
-    fronts = dissection(block.x[grains], number[_edges(system, polygons, free, wanted)])
-    renumbered = np.append(np.cumsum(block.freedom_kept) - 1, -1)
-    freedom = renumbered[system.freedom[grains]]
-    done = eliminate(_matrix(system, block), fronts, freedom)
-    out = np.full((len(polygons.centre), 4, 4), np.nan)
-    moves = free & (system.freedom[:, :2] >= 0).all(axis=1)
+    matrix, freedom, tied = _bordered(system, block)
+    edges = np.concatenate([_edges(system, polygons, free, wanted), tied])
+    fronts = dissection(block.x[grains], number[edges])
+    lu = eliminate(matrix, fronts, freedom[grains], threads)
+    sketches = _sketches(matrix, lu)
+    moves = free & (freedom[:, :2] >= 0).all(axis=1)
     at = _fronts_of(fronts, polygons, number, moves, wanted)
-    place = np.full(int(np.count_nonzero(block.freedom_kept)) + 1, -1)
-    for k, freedoms, z in inverse_on_fronts(fronts, done):
-        place[freedoms] = np.arange(len(freedoms))
+    for group in range(len(polygons.row)):
+        _project(
+            polygons, group, np.flatnonzero(wanted[polygons.row[group]]), freedom, sketches, found
+        )
+
+    def use(k: int, freedoms: Integers, z: Floats) -> None:
+        if not at[k]:
+            return
+        order = np.argsort(freedoms)
         for group, rows in at[k]:
             v, area = polygons.vectors[group][rows], polygons.area[group][rows]
-            at_rows = place[freedom[number[polygons.grains[group][rows]], :2]]
-            out[polygons.row[group][rows]] = _in_front(z, at_rows, v, area)
-        place[freedoms] = -1
-    return out[block.loops]
+            own = freedom[polygons.grains[group][rows], :2]
+            at_rows = order[np.searchsorted(freedoms, own, sorter=order)]
+            to = polygons.row[group][rows]
+            found.compliance[to], found.terms[to] = _in_front(z, at_rows, v, area)
+
+    lu.on_fronts(use)
 
 
-def _in_front(z: Floats, place: Integers, v: Floats, area: Floats) -> Floats:
-    """`(1/V) B^T Z B` for loops whose freedoms (L, n, 2) stand at `place` in a front."""
+def _in_front(z: Floats, place: Integers, v: Floats, area: Floats) -> tuple[Floats, Floats]:
+    """`(1/V) B^T Z B` for loops whose freedoms (L, n, 2) stand at `place` in a front; its terms."""
     count, n = place.shape[:2]
     flat = place.reshape(count, 2 * n)
     block = z[flat[:, :, None], flat[:, None, :]]
     loads = np.zeros((count, n, 2, 4))
     loads[:, :, 0, :2] = loads[:, :, 1, 2:] = v
     B = loads.reshape(count, 2 * n, 4)
-    return np.swapaxes(B, 1, 2) @ block @ B / area[:, None, None]
+    terms = np.abs(block).max(axis=(1, 2)) * np.sum(np.hypot(v[..., 0], v[..., 1]), axis=1) ** 2
+    return np.swapaxes(B, 1, 2) @ block @ B / area[:, None, None], terms / area
+
+
+def _sketches(matrix: sparse.csr_array, lu: FrontalLU) -> tuple[Floats, ...]:
+    """(size, SKETCH) `Z d g`, `Z^T c g` and `R^T g / d` for random signs g over sqrt(SKETCH).
+
+    Columns of `K` have the size `c`, its rows over `c` the size `d`: rounding of `K` changes
+    `a.Kb` by about `ROUNDING |d a| |c b|`, however much its entries differ in size. Where `R` isn't
+    small there is a mode that is softer than what holds it here by up to `EPS / SINGULAR`.
+    """
+    sizes = abs(matrix)
+    c = _positive(sizes.sum(axis=0))
+    d = _positive((sizes @ sparse.diags_array(1.0 / c)).sum(axis=1))[:, None]
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (len(c), SKETCH)) / np.sqrt(SKETCH)
+    left = lu.solve(d * signs)
+    loads = np.hstack([c[:, None] * signs, matrix.T @ (signs / d)])
+    both = lu.solve(loads, transposed=True)
+    residual = signs / d - both[:, SKETCH:]
+    if not np.linalg.norm(d * residual) < LEFT:
+        residual *= EPS / SINGULAR
+    return left, both[:, :SKETCH], residual
+
+
+def _positive(sizes: Floats) -> Floats:
+    return np.where(sizes > 0, sizes, 1.0)
+
+
+def _project(
+    polygons: Polygons,
+    group: int,
+    rows: Integers,
+    freedom: Integers,
+    sketches: tuple[Floats, ...],
+    found: _Sums,
+) -> None:
+    """`B^T` of the sketches over the root of the area, for loops of one order."""
+    v, area = polygons.vectors[group][rows], polygons.area[group][rows]
+    own = freedom[polygons.grains[group][rows], :2]
+    for sketch, out in zip(sketches, (found.left, found.right, found.residual), strict=True):
+        products = np.einsum("lna,lnck->lcak", v, sketch[own], optimize=True)
+        out[polygons.row[group][rows]] = (
+            products.reshape(len(rows), 4, SKETCH) / np.sqrt(area)[:, None, None]
+        )
 
 
 def _edges(system: PackingSystem, polygons: Polygons, free: Flags, wanted: Flags) -> Integers:
@@ -278,13 +292,44 @@ def _fronts_of(
     return at
 
 
-def _matrix(system: PackingSystem, block: Block) -> sparse.csr_array:
-    """The regularised system of the free grains; what they lean on outside holds them."""
-    if block.whole:
-        return regularised(system, assembled(system), EPS).tocsr()
-    ends = np.where(np.append(block.freedom_kept, False)[system.ends], system.ends, -1)
+def _bordered(system: PackingSystem, block: Block) -> tuple[sparse.csr_array, Integers, Integers]:
+    """`K` of the free grains, made regular; (G, 4) freedoms in it; grains that modes tie, (E, 2).
+
+    What the free grains lean on outside holds them. One grain of each component that nothing holds
+    stands on springs that carry nothing. A spin that nothing resists is left out. A mode of several
+    spins is balanced by moments in proportion to it: an unknown of its own, `G` and `G^T` at the
+    border of `K`. This is the limit of `K + eps` for `eps` to zero.
+    """
+    G, size = system.graph.grain_count, system.size
+    kept = np.zeros(size + 1, dtype=bool)
+    kept[system.freedom[block.free]] = True
+    kept[-1] = False
+    ends = np.where(kept[system.ends], system.ends, -1)
     touched = (ends >= 0).any(axis=1)
     part = replace(system, ends=ends[touched], stiffness=system.stiffness[touched])
-    kept = np.flatnonzero(block.freedom_kept)
-    matrix = assembled(part).tocsr()[kept][:, kept]
-    return (matrix + EPS * system.unit * sparse.eye_array(len(kept))).tocsr()
+    diagonal = np.zeros(size)
+    if block.whole:
+        diagonal[system.freedom[system.carrying.anchors, :2].ravel()] = system.unit
+    mode, motion = spin_modes(part.stiffness, part.ends, size)
+    several = (mode >= 0) & (np.bincount(mode[mode >= 0], minlength=1)[mode] > 1)
+    kept[:-1] &= (mode < 0) | several
+    moved = np.flatnonzero(several)
+    _, first, column = np.unique(mode[moved], return_index=True, return_inverse=True)
+    border = sparse.csr_array((system.unit * motion[moved], (moved, column)), (size, len(first)))
+    whole = (
+        sparse.block_array(
+            [[assembled(part) + sparse.diags_array(diagonal), border], [border.T, None]]
+        ).tocsr()
+        if len(first)
+        else (assembled(part) + sparse.diags_array(diagonal)).tocsr()
+    )
+    own = np.concatenate([np.flatnonzero(kept[:-1]), size + np.arange(len(first))])
+    number = np.full(size + len(first) + 1, -1)
+    number[own] = np.arange(len(own))
+    grain = np.empty(size, dtype=np.int64)
+    grain[system.freedom[system.freedom[:, 2] >= 0, 2]] = np.flatnonzero(system.freedom[:, 2] >= 0)
+    freedom = np.full((G, 4), -1)
+    freedom[:, :3] = number[system.freedom]
+    freedom[grain[moved[first]], 3] = number[size + np.arange(len(first))]
+    tied = np.column_stack([grain[moved[first]][column], grain[moved]])
+    return whole[own][:, own], freedom, tied[tied[:, 0] != tied[:, 1]]

@@ -1,4 +1,4 @@
-"""Entries of the inverse of a sparse matrix where its grains meet in a front (Takahashi).
+"""Multifrontal LU of a sparse matrix: solves, and entries of its inverse (Takahashi).
 
 With a front's own freedoms J and the rest S, and `K` reduced to them by the fronts below,
 
@@ -6,12 +6,15 @@ With a front's own freedoms J and the rest S, and `K` reduced to them by the fro
     Z_JJ = F_JJ^-1 + F_JJ^-1 F_JS Z_SS F_SJ F_JJ^-1
 
 `Z_SS` is part of the parent's: one sweep up the tree factorises, one sweep down inverts. `K` need
-not be symmetric; pivots are taken within a front's own block.
+not be symmetric; pivots are taken within a front's own block. Subtrees are independent, so threads
+share them; a front is computed in the same way whatever thread does it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +22,12 @@ from scipy import sparse
 
 from loops.arrays import Floats, Integers
 from loops.packing.dissection import Front
+
+# A front without an inverse, or with one beyond 1 / SINGULAR, gets EPS on its diagonal, both over
+# the largest entry of the matrix: a mechanism that carries nothing.
+EPS, SINGULAR = 1e-12, 1e-16
+# Threads take subtrees of at most this share of the freedoms as one task.
+TASK = 1 / 32
 
 
 class Eliminated(NamedTuple):
@@ -31,51 +40,134 @@ class Eliminated(NamedTuple):
     left: Floats
 
 
-def eliminate(matrix: sparse.csr_array, fronts: list[Front], freedom: Integers) -> list[Eliminated]:
-    """Factorise front by front; `freedom` (G, 3) has -1 where a grain has no freedom."""
-    columns = matrix.tocsc()
-    place = np.full(matrix.shape[0], -1)
+@dataclass(frozen=True, eq=False)
+class FrontalLU:
+    """Factors of a matrix by fronts, children before parents."""
+
+    fronts: list[Front]
+    parts: list[Eliminated]
+    size: int
+    threads: int
+
+    def solve(self, b: Floats, *, transposed: bool = False) -> Floats:
+        """(size, k) solutions `K^-1 b`, or `K^-T b`."""
+        v = b.copy()
+        for part in self.parts:
+            v[part.rest] -= (part.right.T if transposed else part.left) @ v[part.own]
+        for part in reversed(self.parts):
+            inverse, right = part.inverse, part.right
+            if transposed:
+                inverse, right = inverse.T, part.left.T
+            v[part.own] = inverse @ v[part.own] - right @ v[part.rest]
+        return v
+
+    def on_fronts(self, use: Callable[[int, Integers, Floats], None]) -> None:
+        """Call `use(front, freedoms, inverse)` for each front, its own freedoms first.
+
+        Threads call it for several fronts at a time.
+        """
+        starts = dict(_tasks(self.fronts))
+        waiting: list[Future[None]] = []
+
+        def down(k: int, outer: Floats) -> None:
+            place = np.empty(self.size, dtype=np.int64)
+            todo = [(k, outer)]
+            while todo:
+                k, outer = todo.pop()
+                part = self.parts[k]
+                j, size = len(part.own), len(part.own) + len(part.rest)
+                z = np.empty((size, size))
+                z[j:, j:] = outer
+                z[j:, :j] = -outer @ part.left
+                z[:j, j:] = -part.right @ outer
+                z[:j, :j] = part.inverse - part.right @ z[j:, :j]
+                freedoms = np.concatenate([part.own, part.rest])
+                use(k, freedoms, z)
+                place[freedoms] = np.arange(size)
+                for child in self.fronts[k].children:
+                    at = place[self.parts[child].rest]
+                    below = (child, z[at[:, None], at])
+                    if child in starts:
+                        waiting.append(pool.submit(down, *below))
+                    else:
+                        todo.append(below)
+
+        with ThreadPoolExecutor(self.threads) as pool:
+            if self.fronts:
+                waiting.append(pool.submit(down, len(self.fronts) - 1, np.empty((0, 0))))
+            while waiting:
+                waiting.pop().result()
+
+
+def eliminate(
+    matrix: sparse.csr_array, fronts: list[Front], freedom: Integers, threads: int = 1
+) -> FrontalLU:
+    """Factorise front by front; `freedom` (G, k) has -1 where a grain has no freedom."""
+    columns, size = matrix.tocsc(), matrix.shape[0]
+    unit = _largest(matrix.data)
+    parts: dict[int, Eliminated] = {}
     updates: dict[int, Floats] = {}
-    done: list[Eliminated] = []
+
+    def up(some: range, below: list[Future[None]]) -> None:
+        for future in below:
+            future.result()
+        place = np.full(size, -1)
+        for k in some:
+            front = fronts[k]
+            own, rest = _free(freedom, front.own), _free(freedom, front.rest)
+            j, n = len(own), len(own) + len(rest)
+            place[own], place[rest] = np.arange(j), np.arange(j, n)
+            dense = np.zeros((n, n))
+            for child in front.children:
+                at = place[parts[child].rest]
+                dense[at[:, None], at] += updates.pop(child)
+            _add_lines(dense, matrix, own, place)
+            _add_lines(dense.T, columns, own, place, after=j)
+            inverse = _inverse(dense[:j, :j], unit)
+            right = inverse @ dense[:j, j:]
+            updates[k] = dense[j:, j:] - dense[j:, :j] @ right
+            parts[k] = Eliminated(own, rest, inverse, right, dense[j:, :j] @ inverse)
+            place[own], place[rest] = -1, -1
+
+    tasks: dict[int, Future[None]] = {}
+    with ThreadPoolExecutor(threads) as pool:
+        for k, first in _tasks(fronts):
+            below = [tasks[child] for child in fronts[k].children if child < first]
+            tasks[k] = pool.submit(up, range(first, k + 1), below)
+        for task in tasks.values():
+            task.result()
+    return FrontalLU(fronts, [parts[k] for k in range(len(fronts))], size, threads)
+
+
+def _tasks(fronts: list[Front]) -> list[tuple[int, int]]:
+    """Last and first front of each task: small subtrees, then one by one the fronts above them.
+
+    Children stand before their parents and a subtree is a range of fronts.
+    """
+    weight, first = np.zeros(len(fronts)), np.arange(len(fronts))
     for k, front in enumerate(fronts):
-        own, rest = _free(freedom, front.own), _free(freedom, front.rest)
-        j, size = len(own), len(own) + len(rest)
-        place[own], place[rest] = np.arange(j), np.arange(j, size)
-        dense = np.zeros((size, size))
-        for child in front.children:
-            at = place[done[child].rest]
-            dense[at[:, None], at] += updates.pop(child)
-        _add_lines(dense, matrix, own, place)
-        _add_lines(dense.T, columns, own, place, after=j)
-        inverse: Floats = np.linalg.inv(dense[:j, :j]).astype(np.float64, copy=False)
-        right = inverse @ dense[:j, j:]
-        updates[k] = dense[j:, j:] - dense[j:, :j] @ right
-        done.append(Eliminated(own, rest, inverse, right, dense[j:, :j] @ inverse))
-        place[own], place[rest] = -1, -1
-    return done
+        weight[k] = len(front.own) + weight[list(front.children)].sum()
+        first[k] = min([k, *first[list(front.children)]])
+    small = weight <= TASK * weight.max(initial=0.0)
+    inside = np.zeros(len(fronts), dtype=bool)
+    for front, whole in zip(fronts, small, strict=True):
+        inside[list(front.children)] |= whole
+    return [(k, int(first[k]) if small[k] else k) for k in np.flatnonzero(~inside).tolist()]
 
 
-def inverse_on_fronts(
-    fronts: list[Front], done: list[Eliminated]
-) -> Iterator[tuple[int, Integers, Floats]]:
-    """Each front with its freedoms (own first) and the inverse on them, parents first."""
-    stack: list[tuple[int, Floats]] = [(len(fronts) - 1, np.empty((0, 0)))] if fronts else []
-    place = np.full(1 + max((int(part.own.max(initial=-1)) for part in done), default=-1), -1)
-    while stack:
-        k, outer = stack.pop()
-        part = done[k]
-        j, size = len(part.own), len(part.own) + len(part.rest)
-        z = np.empty((size, size))
-        z[j:, j:] = outer
-        z[j:, :j] = -outer @ part.left
-        z[:j, j:] = -part.right @ outer
-        z[:j, :j] = part.inverse - part.right @ z[j:, :j]
-        freedoms = np.concatenate([part.own, part.rest])
-        yield k, freedoms, z
-        place[freedoms] = np.arange(size)
-        for child in fronts[k].children:
-            at = place[done[child].rest]
-            stack.append((child, z[at[:, None], at]))
+def _inverse(own: Floats, unit: float) -> Floats:
+    """Inverse of a front's own block, with `EPS` on its diagonal where it is singular."""
+    try:
+        inverse = np.asarray(np.linalg.inv(own), dtype=np.float64)
+        if _largest(inverse) * unit * SINGULAR < 1.0:
+            return inverse
+    except np.linalg.LinAlgError:
+        pass
+    return np.asarray(np.linalg.inv(own + EPS * unit * np.eye(len(own))))
+
+
+def _largest(a: Floats) -> float:
+    return float(max(a.max(initial=0.0), -a.min(initial=0.0)))
 
 
 def _free(freedom: Integers, grains: Integers) -> Integers:

@@ -70,8 +70,9 @@ def _around(summary: dict[str, Any]) -> list[str]:
     )
     positive = summary["surroundings_positive"]["all"]["mean"]
     error = summary["packing_error"]
-    exact = error["q75"] == 0
-    known = "exact" if exact else f"errors stated: median {_percent(error['median'])}"
+    known = (
+        f"stated errors of the operators: median {error['median']:.1g}" if error["count"] else ""
+    )
     return [
         f"surroundings' share of a loop's stiffness, median by order: {parts} "
         "(without loops undetermined when cut out)",
@@ -100,9 +101,9 @@ def snapshot(
     in_packing: Annotated[
         str | None,
         typer.Option(
-            metavar="auto|whole|blocks|R",
-            help="Judge loops in their packing too: all of it, in blocks, in patches of R mean "
-            "diameters, or as its size suggests.",
+            metavar="auto|whole|blocks",
+            help="Judge loops in their packing too: the whole packing at once, blocks of it "
+            "(less memory, larger errors), or as its size suggests.",
         ),
     ] = None,
     no_figures: NoFigures = False,
@@ -110,6 +111,5 @@ def snapshot(
 ) -> None:
     """Find the loops of a DEM snapshot and judge the stability of each."""
     share_memory()
-    if in_packing is None:
-        # The cores have threads of their own; numpy, loaded after this, would add as many.
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # The cores have threads of their own; numpy, loaded after this, would add as many.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -17,12 +17,10 @@ from studies.snapshot.statistics import Groups, share_by_group, spread, spread_b
 from studies.snapshot.table import EIGENVALUES, FREE
 
 if TYPE_CHECKING:
-    from loops.packing import PlaneContacts
+    from loops.packing import LoopsInPlace, Method, PlaneContacts
     from stability.packing.edge import YieldEdge
 
 PLACE = "packing"
-# Blocks are accurate in packings with up to 8 % of the loops unstable in place, poor from 11 %.
-MOST_UNSTABLE = 0.1
 # Unbalanced force over the mean contact force: above the first a note says so, above the second
 # the sample flows and isn't followed.
 UNBALANCED, FLOWS = 1e-3, 0.1
@@ -133,53 +131,58 @@ def balance_notes(snapshot: Snapshot) -> list[str]:
     return [f"{told}: {kept}"] if share > UNBALANCED else []
 
 
-def place_options(asked: str) -> dict[str, Any]:
-    """Options of `loops_in_place`: a method by name, or the radius of extrapolated patches."""
-    if asked in ("auto", "whole", "blocks"):
-        return {"method": asked}
-    try:
-        return {"method": "extrapolated", "radius": float(asked)}
-    except ValueError:
-        raise InputError(
-            "--in-packing",
-            repr(asked),
-            "auto, whole, blocks or a radius in mean diameters",
-            "Write --in-packing whole for example.",
-        ) from None
+def method_named(asked: str) -> Method:
+    """Method of `loops_in_place` of that name."""
+    from loops.packing import METHODS
+
+    for method in METHODS:
+        if method == asked:
+            return method
+    raise InputError(
+        "--in-packing", repr(asked), ", ".join(METHODS), "Write --in-packing whole for example."
+    )
 
 
 def add_in_packing(
-    snapshot: Snapshot, table: Columns, asked: str
+    snapshot: Snapshot, table: Columns, method: Method
 ) -> tuple[dict[str, Any], list[str]]:
     """Add to the table the columns of the loops in place; the method for the summary, and notes."""
     # Loaded only when loops are judged in place.
     from loops.packing import loops_in_place
 
-    how = place_options(asked)
     law, _ = snapshot.mechanics()
     planes, held, notes = sample_boundary(snapshot)
-    place = loops_in_place(snapshot.graph, law, snapshot.faces, planes=planes, held=held, **how)
-    kn = float(np.mean(law.kn))
-    found = loop_stability(place.matrix / kn)
-    for name, values in zip(EIGENVALUES, found.eigenvalues.T, strict=True):
-        table[f"{PLACE}_{name}"] = values
-    table[f"{PLACE}_unstable_fraction"] = found.unstable_fraction
-    table["surroundings_lambda_min"] = loop_spectra(place.surroundings / kn)[:, 0]
-    table[f"{PLACE}_error"] = np.where(np.isnan(found.eigenvalues[:, 0]), np.nan, place.error)
+    place = loops_in_place(
+        snapshot.graph, law, snapshot.faces, method=method, planes=planes, held=held
+    )
+    for name, values in place_columns(place, float(np.mean(law.kn))).items():
+        table[name] = values
     if not np.isfinite(place.matrix).any():
         notes.append(
             "no loop could be judged in the packing: each has a grain that is held or carries "
             "no force"
         )
-    unstable = np.mean(found.eigenvalues[:, 0] < 0)
-    if (place.error > 0).any() and unstable > MOST_UNSTABLE:
-        notes.append(
-            f"{100 * unstable:.0f} % of the loops are unstable in place: soft modes reach through "
-            "the whole packing, and blocks and patches say little; --in-packing whole is exact"
-        )
     carrying = place.system.carrying
     left_out = {name: getattr(carrying, name) for name in ("rattlers", "clusters", "clustered")}
-    return {**how, "boundary": place.system.boundary, **left_out}, notes
+    return {"method": method, "boundary": place.system.boundary, **left_out}, notes
+
+
+def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
+    """Eigenvalues over `kn` and the stated error; a sign within its error is not a number."""
+    found = loop_stability(place.matrix / kn)
+    sure = np.abs(found.eigenvalues) * kn > place.matrix_error[:, None]
+    columns = {
+        f"{PLACE}_{name}": np.where(own, values, np.nan)
+        for name, values, own in zip(EIGENVALUES, found.eigenvalues.T, sure.T, strict=True)
+    }
+    columns[f"{PLACE}_unstable_fraction"] = np.where(
+        sure.all(axis=1), found.unstable_fraction, np.nan
+    )
+    around = loop_spectra(place.surroundings / kn)[:, 0]
+    known = np.abs(around) * kn > place.surroundings_error
+    columns["surroundings_lambda_min"] = np.where(known, around, np.nan)
+    columns[f"{PLACE}_error"] = np.where(np.isnan(place.matrix[:, 0, 0]), np.nan, place.error)
+    return columns
 
 
 def surroundings_share(table: Columns) -> Floats:

@@ -8,7 +8,7 @@ from typing import Any
 
 from loops import force_chains
 from studies.output import readable
-from studies.snapshot.in_packing import add_in_packing, place_options
+from studies.snapshot.in_packing import add_in_packing, method_named
 from studies.snapshot.source import read_planar, reading
 from studies.snapshot.summary import chains_table, order_table, snapshot_summary
 from studies.snapshot.table import loop_table
@@ -33,13 +33,11 @@ def run_snapshot(
 ) -> dict[str, Any]:
     """Find the loops of a snapshot, judge each, write tables, figures and a report; the summary.
 
-    `how` are options of `read_planar`; `in_packing` is auto, whole, blocks or a radius in mean
-    diameters.
+    `how` are options of `read_planar`; `in_packing` is auto, whole or blocks.
     """
     configuration = {"path": path, **reading(**how)}
     if in_packing is not None:
-        place_options(in_packing)
-        configuration["in_packing"] = in_packing
+        configuration["in_packing"] = method_named(in_packing)
     with study("snapshot", out, configuration, UNITS, force=force, csv=csv) as results:
         snapshot = read_planar(path, **how)
         with ThreadPoolExecutor(1) as other:
@@ -48,7 +46,7 @@ def run_snapshot(
         chains = None if found is None else found.result()
         method, notes = None, list[str]()
         if in_packing is not None:
-            method, notes = add_in_packing(snapshot, table, in_packing)
+            method, notes = add_in_packing(snapshot, table, method_named(in_packing))
         if chains is not None:
             table["chain_contacts"] = chains.on_loops(snapshot.faces)
         # Writing a million loops takes a third of the time of the summary, on another core.

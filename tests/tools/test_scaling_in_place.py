@@ -16,11 +16,11 @@ def test_a_repeated_cell_is_the_same_packing():
     assert np.array_equal(four.regime, np.tile(one.regime, 4)) and len(laws.kn) == 4 * len(law.kn)
     loops = [len(find_faces(graph).loops) for graph in (one, four)]
     assert loops[1] == 4 * loops[0]
-    # Copies of a loop answer alike, whatever the order in which fronts take them: to 2e-6 in the
-    # softest mode of its sliding contacts.
+    # Copies of a loop answer alike within their errors, whatever the order of the fronts.
     place = loops_in_place(four, laws, find_faces(four))
     trace = np.sort(np.trace(place.matrix, axis1=1, axis2=2)).reshape(-1, 4)
-    np.testing.assert_allclose(trace, np.repeat(trace[:, :1], 4, axis=1), rtol=1e-5)
+    assert np.nanmax(place.error) < 1e-6
+    np.testing.assert_allclose(trace, np.repeat(trace[:, :1], 4, axis=1), rtol=1e-6)
 
 
 def test_a_peer_is_timed_for_all_loops():
@@ -39,6 +39,6 @@ def test_figure_of_times_and_errors():
     assert left.get_xscale() == left.get_yscale() == right.get_xscale() == "log"
     assert [line.get_label() for line in right.lines] == [
         *("whole", "blocks 100, buffer 8", "blocks 50, buffer 8", "blocks 25, buffer 4"),
-        *("extrapolated, R 8", "dense inverse", "spsolve"),
+        *("dense inverse", "spsolve"),
     ]
     assert "ms a loop" in left.get_xlabel()

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from loops import Regime, find_faces, loop_batches
+from loops.arrays import frobenius
 from loops.geometry import boundary_vectors, polygon_area
-from loops.packing import factorised, in_place, loops_in_place, packing_system
-from loops.packing.inversion import polygons_of
-from patterns import read_snapshot, sample_path
+from loops.packing import factorised, loops_in_place, packing_system
+from loops.packing.inversion import inverted, polygons_of
+from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
 from studies.series.plan import cells_by_number
 
@@ -21,9 +22,7 @@ COLLECTION = pytest.mark.collection
 class State:
     """A snapshot with its faces, and the whole packing's answer."""
 
-    def __init__(self, path, cells, number, *, sliding):
-        xx, xy, yx, yy = cells_by_number(cells)[number]
-        snapshot = read_snapshot(path, cell=[[xx, xy], [yx, yy]], shear_increment="radii")
+    def __init__(self, snapshot, *, sliding):
         self.law, graph = snapshot.law, snapshot.graph
         if not sliding:
             graph = graph.replace(regime=np.full(graph.contact_count, Regime.ELASTIC, np.int8))
@@ -35,8 +34,7 @@ class State:
         return loops_in_place(self.graph, self.law, self.faces, **how)
 
     def error(self, found):
-        size = np.linalg.norm(self.whole.matrix, axis=(1, 2))
-        return np.linalg.norm(found.matrix - self.whole.matrix, axis=(1, 2)) / size
+        return frobenius(found.matrix - self.whole.matrix) / frobenius(self.whole.matrix)
 
     def share(self):
         """Of the surroundings in the trace of `A_in`, median by order; 7 and more together."""
@@ -58,9 +56,19 @@ def smallest(matrix):
     return out
 
 
+def read(path, cells, number):
+    xx, xy, yx, yy = cells_by_number(cells)[number]
+    return read_snapshot(path, cell=[[xx, xy], [yx, yy]], shear_increment="radii")
+
+
 def sample(*, sliding):
     path = sample_path("slow/grains_10.parquet")
-    return State(path, path.parent / "cells.csv", 10, sliding=sliding)
+    return State(read(path, path.parent / "cells.csv", 10), sliding=sliding)
+
+
+def sheared_sample(*, sliding):
+    path = sample_path("grains_periodic.parquet")
+    return State(read_snapshot(path, cell=sample_cell()), sliding=sliding)
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +81,19 @@ def flagged():
     return sample(sliding=True)
 
 
-@pytest.mark.parametrize("name, bound", [("elastic", 4e-9), ("flagged", 8e-9)])
-def test_selected_inverse_is_the_direct_solve(request, name, bound):
-    """Refined solves know no regularisation; 1e-12 of it weighs more in sliders' soft modes."""
+@pytest.fixture(scope="module")
+def sheared():
+    return sheared_sample(sliding=False)
+
+
+@pytest.fixture(scope="module")
+def sheared_and_flagged():
+    return sheared_sample(sliding=True)
+
+
+@pytest.mark.parametrize("name", ["elastic", "flagged"])
+def test_selected_inverse_is_the_direct_solve(request, name):
+    """SuperLU's solves, refined until they know no regularisation."""
     state = request.getfixturevalue(name)
     system = packing_system(state.graph, state.law)
     factor = factorised(system)
@@ -87,54 +105,41 @@ def test_selected_inverse_is_the_direct_solve(request, name, bound):
             np.add.at(B[:, :2], system.freedom[batch.grains[k], 0], vectors[k])
             np.add.at(B[:, 2:], system.freedom[batch.grains[k], 1], vectors[k])
             compliance = B.T @ factor.solve(B) / area[k]
-            found = np.linalg.inv(state.whole.matrix[row[batch.face[k]]])
-            assert np.linalg.norm(found - compliance) < bound * np.linalg.norm(compliance)
+            at = row[batch.face[k]]
+            change = frobenius(state.whole.matrix[at] - np.linalg.inv(compliance))
+            assert change < state.whole.matrix_error[at]
+    # A bound that says nothing would withhold signs.
+    assert np.max(state.whole.error) < 1e-8
+    assert np.isfinite(state.whole.matrix).all()
 
 
 def test_blocks_converge_to_the_whole(elastic):
     """As R^-1.9; 0.2 is what the slope scatters by from state to state."""
-    points = []
+    system = packing_system(elastic.graph, elastic.law)
+    polygons, points = polygons_of(elastic.graph, elastic.faces), []
     for buffer in (4.0, 8.0, 12.0):
-        found = elastic.by(method="blocks", block=6.0, buffer=buffer)
-        rho = (found.error / 5.0) ** (-1 / 1.9)
-        points.append((np.log(np.median(rho)), np.log(np.median(elastic.error(found)))))
+        found = inverted(system, polygons, 6.0, buffer)
+        points.append((np.log(np.median(found.rho)), np.log(np.median(elastic.error(found)))))
     slope = np.polyfit(*np.transpose(points), 1)[0]
     assert slope == pytest.approx(-1.9, abs=0.2)
 
 
-@pytest.mark.slow
-def test_extrapolated_patches_gain_half_a_radius(elastic):
-    """Median errors in per cent at R = 4 and 8: as they are, and extrapolated."""
-    plain, better = (
-        [np.median(elastic.error(elastic.by(method=how, radius=R))) for R in (4.0, 8.0)]
-        for how in ("patches", "extrapolated")
-    )
-    assert plain == pytest.approx([0.067, 0.019], rel=0.05)
-    assert better == pytest.approx([0.034, 0.007], rel=0.05)
-
-
-SETTINGS = [
-    {"method": "blocks", "block": 25.0, "buffer": 4.0},
-    {"method": "blocks", "block": 12.0, "buffer": 8.0},
-    {"method": "patches", "radius": 4.0},
-    {"method": "extrapolated", "radius": 4.0},
-]
-
-
-@pytest.mark.parametrize("how", SETTINGS, ids=lambda how: how["method"])
-@pytest.mark.parametrize("name", ["elastic", "flagged"])
-def test_the_stated_error_holds(request, name, how):
-    state = request.getfixturevalue(name)
-    found = state.by(**how)
+@pytest.mark.parametrize("buffer", [4.0, 8.0])
+@pytest.mark.parametrize("name", ["elastic", "flagged", "sheared", "sheared and flagged"])
+def test_the_stated_error_of_blocks_holds(request, name, buffer):
+    """Sheared far, the elastic packing is no longer definite: soft modes reach through it."""
+    state = request.getfixturevalue(name.replace(" ", "_"))
+    found = state.by(method="blocks", block=25.0, buffer=buffer)
     assert (found.error > 0).all() and np.isfinite(found.error).all()
     assert np.mean(state.error(found) <= found.error) >= 0.99
-    # A bound says something only where it is not far above.
-    assert np.median(found.error / state.error(found)) < 20
+    # A bound says something only where it is not far above; soft modes leave nothing to say.
+    if "sheared" not in name:
+        assert np.median(found.error / state.error(found)) < 200
 
 
 def test_loops_across_the_border_are_judged_where_they_stand(elastic):
     """Unrolled from their first grain they were once taken to lie at the cell's corner."""
-    found = elastic.by(method="patches", radius=4.0)
+    found = elastic.by(method="blocks", block=6.0, buffer=4.0)
     error, crossing = elastic.error(found), np.zeros(len(elastic.order), dtype=bool)
     for batch in loop_batches(elastic.graph, elastic.faces):
         over = elastic.graph.images[batch.contacts].any(axis=(1, 2))
@@ -162,24 +167,18 @@ def test_what_surrounds_the_loops_of_the_slow_series():
     shares, inside, around, alone, sliding = [], [], [], [], []
     for number in (2, 7, 12, 17, 22, 27, 32):
         path, cells = FOLDER / f"grains_{number:02d}.parquet", FOLDER / "macro.csv"
-        state = State(path, cells, number, sliding=False)
+        state = State(read(path, cells, number), sliding=False)
         shares.append(state.share())
         inside.append(state.unstable(state.whole.matrix))
         around.append(state.unstable(state.whole.surroundings))
         alone.append(np.mean(smallest(state.whole.alone) < 0))
-        flags = State(path, cells, number, sliding=True)
+        flags = State(read(path, cells, number), sliding=True)
         sliding.append(flags.unstable(flags.whole.matrix))
         blocks = flags.by(method="blocks", block=25.0, buffer=8.0)
         assert np.mean(flags.error(blocks) <= blocks.error) >= 0.99
+        # Nothing is withheld for rounding's sake.
+        assert np.isfinite(flags.whole.matrix).all() and flags.whole.error.max() < 1e-6
     assert max(inside) == 0 and max(around) <= 0.003
     assert np.mean(shares, axis=0) == pytest.approx([0.22, 0.13, 0.45, 0.43, 1.0], abs=0.03)
     assert np.mean(alone) == pytest.approx(0.50, abs=0.03)
     assert 0.04 < np.mean(sliding) < 0.13
-
-
-def test_errors_stated_too_small_are_widened(flagged):
-    """Half a per cent off in every loop, stated as a millionth: widened to what it is."""
-    exact, polygons = flagged.whole, polygons_of(flagged.graph, flagged.faces)
-    stated = np.full(len(exact.matrix), 1e-6)
-    found = in_place._held_to_the_whole(exact.system, polygons, 1.005 * exact.matrix, stated)
-    assert found == pytest.approx(0.005, rel=1e-3)

@@ -1,0 +1,173 @@
+"""Loops in small packings against 90 digits: wrong signs, errors beyond the stated one.
+
+    python -m tests.tools.loops_in_place --packings 300 --seed 0
+
+Periodic packings of 9 to 36 grains: dense, near the fewest contacts that carry, lattices (gear
+modes), jammed ones; without a force, soft, stiff (N/l to 1e-8); contacts sliding from none to all;
+kt/kn from 1e-10 to 1; both shear increments.
+"""
+
+import argparse
+from collections import Counter
+
+import numpy as np
+
+from loops import InputError, LinearFrictional, Regime, find_faces, loop_batches
+from loops.arrays import frobenius
+from loops.packing import loops_in_place
+from patterns.synthetic import synthetic_network
+from stability import restrict, symmetric_part
+from studies.snapshot.in_packing import place_columns
+from tests.oracles.exact_loops import Loops, exact_tangent
+from tests.oracles.lattices import lattice
+from tests.oracles.loops_to_ninety_digits import operators
+from tests.packings import JAMMED, jammed
+
+FAMILIES = ("dense", "sparse", "flowing", "lattice", "jammed")
+SIGNS = [f"packing_lambda_{name}" for name in ("min", "mid", "max")] + ["surroundings_lambda_min"]
+
+
+def random_packing(rng, family, largest=36):
+    """Graph, law and regimes of a packing of at most so many grains."""
+    kt = 10.0 ** rng.choice([0.0, -0.3, -1, -2, -4, -6, -8, -10])
+    increment = str(rng.choice(["radii", "branch"]))
+    law = LinearFrictional(1.0, kt, float(rng.choice([0.05, 0.5])), increment)
+    if family == "jammed":
+        which = [(size, own) for size, own in JAMMED if size[0] <= max(largest, 12)]
+        size, own = which[rng.integers(len(which))]
+        graph = jammed(*size, own)
+    elif family == "lattice":
+        angle = rng.choice([np.pi / 2, np.pi / 3, 1.2])
+        vectors = np.array([[1.0, np.cos(angle)], [0.0, np.sin(angle)]])
+        branches = [[1, 0], [0, 1]] + ([[-1, 1]] if rng.random() < 0.5 else [])
+        cells = tuple(rng.integers(3, 6 if largest > 20 else 4, 2).tolist())
+        graph = lattice(vectors, branches, *np.zeros((2, len(branches))), cells=cells)
+        x = graph.x + 10.0 ** rng.uniform(-6, -2) * rng.uniform(-1, 1, graph.x.shape)
+        graph = graph.replace(x=x if rng.random() < 0.5 else graph.x)
+        if increment == "branch":
+            # Arms of equal grains make gears too, which the oracle of loops alone doesn't know.
+            graph = graph.replace(radii=graph.radii * rng.uniform(0.99, 1.01, len(x)))
+    else:
+        grains = int(rng.integers(9, largest + 1))
+        side = 1.1 * np.sqrt(grains)
+        cell = [[side, 0.3], [-0.2, side]]
+        z = {"dense": 5.0, "sparse": 3.3, "flowing": 4.2}[family] + rng.uniform(-0.4, 0.4)
+        graph = synthetic_network(
+            grains,
+            seed=int(rng.integers(2**31)),
+            cell=cell,
+            coordination=z,
+        )
+    count = graph.contact_count
+    force = rng.choice([0.0, 1e-8, 1e-6, 1e-4, 1e-2, 0.1], p=[0.1, 0.1, 0.1, 0.3, 0.3, 0.1])
+    normal = force * rng.uniform(0.3, 1.7, count)
+    share = rng.uniform(-0.95, 0.95, count)
+    sliding = 0.0 if family == "dense" else rng.choice([0.0, 0.1, 0.3, 0.6, 1.0])
+    slides = rng.random(count) < sliding
+    shear = np.where(slides, np.sign(share), share) * float(law.mu) * normal
+    graph = graph.replace(normal_force=normal, shear_force=shear)
+    regime = np.where(slides, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
+    return graph, law, regime
+
+
+def loops_alone(graph, law, faces, regime):
+    """(L, 4, 4) `A_loop` with 32 digits."""
+    out = np.empty((len(faces.loops), 4, 4))
+    row = {face: k for k, face in enumerate(faces.loops)}
+    for batch in loop_batches(graph, faces):
+        one, own = batch.graph, regime[batch.contacts]
+        # The oracle wants a sliding contact last, if there is one.
+        last = np.argmax(own == Regime.SLIDING, axis=1)
+        turned = (np.arange(own.shape[1]) + last[:, None] + 1) % own.shape[1]
+        x = np.take_along_axis(one.x, turned[..., None], axis=1)
+        fields = one.radii, one.normal_force, one.shear_force, own
+        kn, kt, mu = (np.full(len(own), float(p)) for p in (law.kn, law.kt, law.mu))
+        turned_fields = (np.take_along_axis(np.asarray(f), turned, axis=1) for f in fields)
+        loops = Loops(x, x, *turned_fields, kn, kt, mu, law.shear_increment)
+        exact = exact_tangent(loops, "traction", "free")
+        out[[row[face] for face in batch.face]] = exact.hi + exact.lo
+    return out
+
+
+def eigenvalues(matrix):
+    """(L, 3) eigenvalues of Ks in the symmetric subspace; nan where the matrix is not finite."""
+    out = np.full((len(matrix), 3), np.nan)
+    known = np.isfinite(matrix).all(axis=(1, 2))
+    out[known] = np.linalg.eigvalsh(symmetric_part(restrict(matrix[known], "symmetric")))
+    return out
+
+
+def compared(graph, law, regime):
+    """Counts, the largest error over the stated one, and the stated errors, of one packing."""
+    faces = find_faces(graph)
+    found = loops_in_place(graph, law, faces, regime=regime, method="whole")
+    # Contacts of grains that are left out carry nothing.
+    carries = found.system.carrying
+    exact = operators(graph, law, faces, np.where(carries.contacts, regime, Regime.OPEN))
+    table = place_columns(found, 1.0)
+    with np.errstate(all="ignore"):
+        error = frobenius(found.matrix - exact) / frobenius(found.matrix)
+    known = np.isfinite(found.matrix[:, 0, 0])
+    stands = np.zeros(len(faces.loops), dtype=bool)
+    row = {face: k for k, face in enumerate(faces.loops)}
+    for batch in loop_batches(graph, faces):
+        stands[[row[face] for face in batch.face]] = carries.grains[batch.grains].all(axis=1)
+    alone = loops_alone(graph, law, faces, regime)
+    around = exact - alone
+    true = [*eigenvalues(exact).T, eigenvalues(around)[:, 0]]
+    claimed = [table[name] for name in SIGNS]
+    count = Counter(
+        loops=len(exact),
+        standing=int(stands.sum()),
+        answered=int(known.sum()),
+        beyond=int(np.count_nonzero(known & ~(error <= found.error))),
+    )
+    # Gear modes softer than rounding of stiff grains that shear by the branch: the error of the
+    # loop cut out knows nothing of them, whatever its packing does.
+    with np.errstate(invalid="ignore"):
+        off = frobenius(found.alone - alone) > found.alone_error
+    count["cut out beyond"] = int(off.sum())
+    claimed[-1] = np.where(off, np.nan, claimed[-1])
+    for name, said, is_ in zip(SIGNS, claimed, true, strict=True):
+        count[f"{name} claimed"] = int(np.isfinite(said).sum())
+        count[f"{name} wrong"] = int(np.count_nonzero(np.isfinite(said) & ~(said * is_ > 0)))
+    ratio = np.where(known, error / found.error, 0.0)
+    return count, float(np.max(ratio, initial=0.0)), found.error[known]
+
+
+def campaign(packings, seed, largest=36):
+    """Totals, the largest ratio by family, and quantiles of the stated error."""
+    rng, total, ratios, stated = np.random.default_rng(seed), Counter(), Counter(), {}
+    for k in range(packings):
+        family = FAMILIES[k % len(FAMILIES)]
+        graph, law, regime = random_packing(rng, family, largest)
+        try:
+            count, ratio, errors = compared(graph, law, regime)
+        except InputError:
+            total["floating"] += 1
+            continue
+        total.update(count)
+        total[f"{family} loops"] += count["loops"]
+        ratios[family] = max(ratios[family], ratio)
+        stated.setdefault(family, []).append(errors)
+        if count["beyond"] or any(count[f"{name} wrong"] for name in SIGNS):
+            print(
+                f"packing {k}: {family}, kt {law.kt:g}, {law.shear_increment}", dict(count), ratio
+            )
+    return (
+        total,
+        dict(ratios),
+        {family: np.quantile(np.concatenate(e), [0.5, 0.9, 0.99]) for family, e in stated.items()},
+    )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--packings", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    totals, ratios, quantiles = campaign(asked.packings, asked.seed)
+    for name, value in totals.items():
+        print(f"{name}: {value}")
+    print("largest error over the stated:", ratios)
+    print("stated error, 50, 90 and 99 %:", quantiles)
