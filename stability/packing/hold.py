@@ -246,6 +246,27 @@ def hold(
     )
 
 
+def unbalanced_force(
+    graph: GrainGraph,
+    planes: PlaneContacts | None = None,
+    plane_force: ArrayLike | None = None,
+) -> float:
+    """Mean resultant on a grain over the mean contact force, of forces as they stand.
+
+    `plane_force` (W, 2) of the contacts with walls; without it each pushes by its overlap.
+    """
+    state = start_state(graph if graph.cell is not None else _in_far_cell(graph))
+    resultant = state.resultants[:, :2].copy()
+    if planes is not None:
+        distance = np.linalg.norm(planes.branch, axis=1)
+        push = planes.kn * np.maximum(graph.radii[planes.grain] - distance, 0.0) / distance
+        force = -push[:, None] * planes.branch if plane_force is None else np.asarray(plane_force)
+        np.add.at(resultant, planes.grain, force)
+    carried = np.linalg.norm(state.forces[state.closed], axis=1)
+    mean = carried.mean() if len(carried) else np.nan
+    return float(np.linalg.norm(resultant, axis=1).mean() / mean)
+
+
 def _in_far_cell(graph: GrainGraph) -> GrainGraph:
     """The same packing in a periodic cell so large that nothing meets its own image."""
     require_one_state(graph)

@@ -53,6 +53,15 @@ def evolve(
     past: Annotated[
         str, typer.Option(metavar="viscous|dynamic|stop", help="Way past such a contact.")
     ] = "viscous",
+    hold: Annotated[
+        bool,
+        typer.Option(
+            "--hold", help="Bring the state to rest first, at fixed cell or between its walls."
+        ),
+    ] = False,
+    hold_stress: Annotated[
+        bool, typer.Option("--hold-stress", help="Bring the state to rest at fixed stress.")
+    ] = False,
     cells: Annotated[
         Path | None,
         typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),

@@ -74,6 +74,15 @@ def probe(
         float | None,
         typer.Option(help="Follow each direction by events to this strain; else rates alone."),
     ] = None,
+    hold: Annotated[
+        bool,
+        typer.Option(
+            "--hold", help="Bring the state to rest first, at fixed cell or between its walls."
+        ),
+    ] = False,
+    hold_stress: Annotated[
+        bool, typer.Option("--hold-stress", help="Bring the state to rest at fixed stress.")
+    ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
     no_figures: NoFigures = False,

@@ -23,6 +23,7 @@ from studies.output import readable
 from studies.paths.options import PROGRAMMES
 from studies.series.evolution import cell_strain
 from studies.series.plan import PlannedSnapshot, plan_series
+from studies.snapshot.held import held_snapshot, hold_control
 from studies.snapshot.in_packing import balance_notes
 from studies.snapshot.source import read_planar, reading
 from studies.study import study
@@ -45,6 +46,8 @@ def run_evolve(
     interval: float = 5e-6,
     instabilities: int = 20,
     past: Past = "viscous",
+    hold: bool = False,
+    hold_stress: bool = False,
     cells: Path | None = None,
     force: bool = False,
     csv: bool = False,
@@ -54,7 +57,8 @@ def run_evolve(
 ) -> dict[str, Any]:
     """Follow the first snapshot, write tables, figures and a report; the summary.
 
-    `how` are options of `read_planar`; later snapshots are plotted for comparison.
+    `how` are options of `read_planar`; later snapshots are plotted for comparison. `hold` brings
+    the first to rest at fixed cell before it is followed, `hold_stress` at fixed stress.
     """
     asked = {
         "programme": programme,
@@ -65,16 +69,23 @@ def run_evolve(
         "instabilities": instabilities,
         "past": past,
     }
+    held_control = hold_control(hold, hold_stress)
     require_reach(programme, to, interval)
     stage, sense = stage_of(programme, axis, to), float(np.sign(to))
     if programme.startswith("isotropic"):
         component = "P11" if programme == "isotropic-stress" else "H11"
     else:
         component = f"H{axis}{axis}"
-    configuration = {"paths": [*paths], "cells": cells, **reading(**how), **asked}
+    configuration = {
+        "paths": [*paths],
+        "cells": cells,
+        **reading(**how),
+        **asked,
+        "hold": held_control,
+    }
     with study("evolve", out, configuration, UNITS, force=force, csv=csv) as results:
         first, *later = plan_series(paths, cells, reading(**how))
-        snapshot = read_planar(first.path, **first.how)
+        snapshot, held = held_snapshot(read_planar(first.path, **first.how), held_control)
         law, _ = snapshot.mechanics()
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         path = follow(
@@ -99,7 +110,7 @@ def run_evolve(
             tables["dem"] = dem_table(snapshot, later)
         results.write_tables(tables)
         found = path_summary(path, tables) | {"driven": component, "notes": notes}
-        found |= {"dem": len(later), "mean_kn": float(np.mean(law.kn))}
+        found |= {"dem": len(later), "held": held, "mean_kn": float(np.mean(law.kn))}
         summary = results.write_summary(asked | found)
         if animation:
             from studies.evolve.figures import animate_path

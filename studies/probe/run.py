@@ -24,6 +24,7 @@ from studies.columns import definitions
 from studies.output import readable
 from studies.series.tasks import one_blas_thread
 from studies.series.workers import open_runner
+from studies.snapshot.held import held_snapshot, hold_control
 from studies.snapshot.in_packing import balance_notes, sample_edge
 from studies.snapshot.source import read_planar, reading
 from studies.study import study
@@ -46,6 +47,8 @@ def run_probe(
     subspace: Subspace = "diagonal",
     yield_band: float = 0.99,
     amplitude: float | None = None,
+    hold: bool = False,
+    hold_stress: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     force: bool = False,
@@ -55,6 +58,7 @@ def run_probe(
 ) -> dict[str, Any]:
     """Probe a snapshot, write tables, figures and a report; the summary.
 
+    `hold` brings the state to rest at fixed cell or walls first, `hold_stress` at fixed stress.
     `how` are options of `read_planar`. Directions that are followed to an amplitude are shared
     among this number of processes, by default one a core, or among the workers of a Dask scheduler.
     """
@@ -70,9 +74,10 @@ def run_probe(
         "yield_band": yield_band,
         "amplitude": amplitude,
     }
-    configuration = {"path": path, **reading(**how), **asked}
+    held_control = hold_control(hold, hold_stress)
+    configuration = {"path": path, **reading(**how), **asked, "hold": held_control}
     with study("probe", out, configuration, UNITS, force=force, csv=csv) as results:
-        snapshot = read_planar(path, **how)
+        snapshot, held = held_snapshot(read_planar(path, **how), held_control)
         faces, notes = snapshot.faces, list(snapshot.notes)
         found = probe_edge(sample_edge(snapshot, yield_band), directions, control, subspace, faces)
         if amplitude is not None:
@@ -88,7 +93,7 @@ def run_probe(
             {"probe": direction_table(found), **pieces, "orders": orders, "loops": loops}
         )
         kn = float(np.mean(snapshot.mechanics()[0].kn))
-        found_values = probe_summary(found, orders) | {"mean_kn": kn, "notes": notes}
+        found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
         summary = results.write_summary(found_values | asked)
         if figures:
             from studies.probe.figures import probe_figures

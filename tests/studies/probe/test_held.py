@@ -1,0 +1,104 @@
+"""Snapshots that are brought to rest before they are probed or followed."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loops import InputError
+from patterns import read_snapshot, sample_path
+from stability.packing.hold import hold, unbalanced_force
+from studies.evolve import run_evolve
+from studies.probe import run_probe
+from studies.snapshot.held import held_snapshot, hold_control
+from studies.snapshot.in_packing import sample_boundary
+
+WALLS = sample_path()
+
+
+def test_a_sample_between_walls_is_held_and_every_direction_answered(tmp_path):
+    summary = run_probe(WALLS, tmp_path / "held", directions=24, hold=True, figures=False)
+    assert summary["undetermined"] == 0
+    held = summary["held"]
+    assert held["status"] == "at rest" and held["control"] == "strain"
+    assert held["unbalanced"] <= 1e-6 < 5e-4 < held["unbalanced_before"]
+    assert any(note.startswith("held at fixed cell") for note in summary["notes"])
+    assert not any("the state moves" in note for note in summary["notes"])
+    stored = json.loads((tmp_path / "held" / "summary.json").read_text())
+    assert stored["held"]["gained"] == held["gained"]
+    assert stored["provenance"]["configuration"]["hold"] == "strain"
+
+
+def test_a_state_that_moves_is_said_to_move(tmp_path):
+    summary = run_probe(WALLS, tmp_path / "moving", directions=1, figures=False)
+    assert summary["held"] is None
+    note = next(note for note in summary["notes"] if "the state moves" in note)
+    assert "--hold" in note
+
+
+def test_unbalanced_force_counts_walls():
+    snapshot = read_snapshot(WALLS)
+    planes, _, _ = sample_boundary(snapshot)
+    total = np.zeros((snapshot.graph.grain_count, 2))
+    graph = snapshot.graph
+    forces = np.zeros((graph.contact_count, 2))
+    for c, (i, j) in enumerate(graph.contacts):
+        n = (graph.x[j] - graph.x[i]) / np.hypot(*(graph.x[j] - graph.x[i]))
+        forces[c] = graph.normal_force[c] * n + graph.shear_force[c] * np.array([-n[1], n[0]])
+        total[j] += forces[c]
+        total[i] -= forces[c]
+    carried = np.linalg.norm(forces[graph.normal_force > 0], axis=1).mean()
+    np.add.at(total, snapshot.walls.grain, snapshot.walls.force)
+    expected = np.linalg.norm(total, axis=1).mean() / carried
+    assert unbalanced_force(graph, planes, snapshot.walls.force) == pytest.approx(expected)
+    # Springs of the walls push as the forces of the file do.
+    assert unbalanced_force(graph, planes) == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_held_snapshot_has_its_walls_its_regimes_and_its_ids():
+    before = read_snapshot(WALLS)
+    after, changes = held_snapshot(before, "strain")
+    assert (after.ids == before.ids).all()
+    assert after.wall_contacts == len(after.walls.grain) == len(after.walls.force)
+    planes, _, _ = sample_boundary(after)
+    assert unbalanced_force(after.graph, planes, after.walls.force) < 1.01e-6
+    assert changes["sliding"] == np.count_nonzero(after.regime == 2)
+    assert (
+        after.graph.contact_count
+        == before.graph.contact_count + changes["gained"] - (changes["lost"])
+    )
+    assert len(after.faces.loops) > 100
+
+
+def test_a_path_begins_at_rest(tmp_path):
+    slow = sample_path("slow")
+    summary = run_evolve(
+        [slow / "grains_10.parquet"], tmp_path / "path", to=1e-6, rows=1, hold=True, figures=False,
+        cells=slow / "cells.csv", shear_increment="radii",
+    )  # fmt: skip
+    assert summary["held"]["status"] == "at rest"
+    assert summary["status"] == "finished"
+
+
+@pytest.mark.parametrize("change", [{}, {"walls": None}])
+def test_what_cannot_be_held_is_said(change, tmp_path):
+    with pytest.raises(InputError, match="both"):
+        hold_control(True, True)
+    snapshot = read_snapshot(WALLS)
+    snapshot = type(snapshot)(**{**vars(snapshot), **change})
+    if change:
+        with pytest.raises(InputError, match="walls are not known"):
+            held_snapshot(snapshot, "strain")
+    else:
+        with pytest.raises(InputError, match="between walls"):
+            held_snapshot(snapshot, "stress")
+
+
+def test_a_sample_that_flows_is_refused_with_its_motion(monkeypatch):
+    def flowing(*given, **options):
+        return replace(hold(*given, **options, most_steps=1), status="flows")
+
+    monkeypatch.setattr("studies.snapshot.held.hold", flowing)
+    with pytest.raises(InputError, match=r"--hold: got held at fixed cell: flows, unbalanced"):
+        held_snapshot(read_snapshot(WALLS), "strain")
