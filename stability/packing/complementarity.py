@@ -10,19 +10,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky
+from scipy.linalg import LinAlgError, cholesky, lapack
 from scipy.optimize import linprog
 
 from loops.arrays import Flags, Floats
 
 # Up to this many unknowns every combination is tried.
-ENUMERATED = 10
+ENUMERATED = 12
+# Beyond, so many active sets to start from: three miss solutions that ten find.
+STARTS = 10
 # Over the largest entry of q: wrong signs within it are rounding; solutions within SAME are one.
 SIGN = 1e-9
 SAME = 1e-6
 NEWTON_STEPS = 15
-# Pivot elements below this share of their column would lose the digits.
+# Pivots below this share of their column, and blocks of this reciprocal condition, are singular.
 PIVOT = 1e-11
+# Determinant over the product of the rows' sizes below which a matrix is taken as singular.
+SINGULAR = 1e-13
+# Slip over the largest entry of q that stands for any amount.
+LARGE = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,64 +41,57 @@ class Complementarity:
 
     active: Flags
     proof: str
-    pivots: int
 
 
-def solve_complementarity(q: Floats, M: Floats, starts: int = 3) -> Complementarity:
+def solve_complementarity(q: Floats, M: Floats, starts: int = STARTS) -> Complementarity:
     """All solutions by enumeration where that is short; else Newton and Lemke from several starts.
 
     A start is an active set: none, all, those of negative `q`, then random ones.
     """
     if len(q) <= ENUMERATED:
-        number = np.arange(2 ** len(q))[:, None] >> np.arange(len(q)) & 1
-        found = [active for active in number.astype(bool) if violation(q, M, active) <= SIGN]
-        return Complementarity(_distinct(q, M, found), "enumeration", len(number))
-    certain = _positive_definite(M)
-    found, pivots = [], 0
-    for active in _starts(q, starts):
-        answer, steps = solve_from(q, M, active)
-        pivots += steps
-        found += [] if answer is None else [answer]
+        return Complementarity(_distinct(_every_solution(q, M), len(q)), "enumeration")
+    certain, found = _positive_definite(M), []
+    for start in _starts(q, starts):
+        active = solve_from(q, M, start)
+        found += [] if active is None else [active]
         if certain and found:
-            return Complementarity(np.array(found), "positive definite", pivots)
-    if not found:
-        answer, steps = lemke(q, M)
-        pivots += steps
-        found = [] if answer is None else [answer]
+            return Complementarity(np.array(found), "positive definite")
+    if not found and (active := lemke(q, M)) is not None:
+        found = [active]
     proof = "infeasible" if not found and _infeasible(q, M) else ""
-    return Complementarity(_distinct(q, M, found), proof, pivots)
+    slips = [np.where(active, basic_values(q, M, active), 0.0) for active in found]
+    return Complementarity(_distinct(list(zip(found, slips, strict=True)), len(q)), proof)
 
 
-def solve_from(q: Floats, M: Floats, active: Flags) -> tuple[Flags | None, int]:
+def solve_from(q: Floats, M: Floats, active: Flags) -> Flags | None:
     """The active set of a solution, by Newton, then by Lemke's pivots from the best set met."""
-    best, wrong, steps = _newton(q, M, active)
+    best, wrong = _newton(q, M, active)
     if wrong == 0:
-        return best, steps
+        return best
     transformed = principal_transform(q, M, best)
-    if transformed is None:
-        return None, steps
-    flips, pivots = lemke(*transformed)
+    flips = None if transformed is None else lemke(*transformed)
     if flips is None or violation(q, M, best ^ flips) > SIGN:
-        return None, steps + pivots
-    return best ^ flips, steps + pivots
+        return None
+    return best ^ flips
 
 
-def nearest_regimes(q: Floats, M: Floats, rounds: int = 30) -> Flags:
+def nearest_regimes(q: Floats, M: Floats) -> Flags:
     """Active set for a problem without a solution: a few contacts are kept from sliding.
 
-    First those that soften on their own (`M_cc <= 0`), then, as long as the others have no
-    solution, the worst third of those that disagree.
+    Those kept are the worst third of the contacts that disagree, again until the others have a
+    solution; none slides if there is no such part.
     """
-    allowed = np.diag(M) > 0
-    active = np.zeros(len(q), dtype=bool)
-    for _ in range(rounds):
+    active, allowed = np.zeros((2, len(q)), dtype=bool)
+    allowed[:] = True
+    while allowed.any():
         kept = np.flatnonzero(allowed)
         part, block = q[kept], M[np.ix_(kept, kept)]
-        found, _ = solve_from(part, block, np.zeros(len(kept), dtype=bool))
+        none = np.zeros(len(kept), dtype=bool)
+        found = solve_from(part, block, none)
         if found is not None:
             active[kept[found]] = True
             break
-        best, _, _ = _newton(part, block, np.zeros(len(kept), dtype=bool))
+        best, _ = _newton(part, block, none)
         values = np.nan_to_num(basic_values(part, block, best), nan=-np.inf)
         wrong = np.flatnonzero(values < 0)
         worst = wrong[np.argsort(values[wrong])[: max(1, len(wrong) // 3)]]
@@ -100,7 +99,7 @@ def nearest_regimes(q: Floats, M: Floats, rounds: int = 30) -> Flags:
     return active
 
 
-def lemke(q: Floats, M: Floats) -> tuple[Flags | None, int]:
+def lemke(q: Floats, M: Floats) -> Flags | None:
     """Lemke's method with the covering vector of ones: the active set, None if it ends on a ray.
 
     The tableau holds the columns of the nonbasic variables alone, so a pivot is one update of rank
@@ -108,28 +107,28 @@ def lemke(q: Floats, M: Floats) -> tuple[Flags | None, int]:
     """
     m = len(q)
     if (q >= 0).all():
-        return np.zeros(m, dtype=bool), 0
+        return np.zeros(m, dtype=bool)
     table = np.column_stack([M, np.ones(m), q / np.abs(q).max()])
     basic, nonbasic = np.arange(m), np.arange(m, 2 * m + 1)
     row, column = int(np.argmin(q)), m
-    for step in range(10 * m + 50):
+    for _ in range(10 * m + 50):
         _exchange(table, row, column)
         left = int(basic[row])
         basic[row], nonbasic[column] = nonbasic[column], left
         if left == 2 * m:
             active = np.zeros(m, dtype=bool)
             active[basic[basic >= m] - m] = True
-            return active, step
+            return active
         column = int(np.flatnonzero(nonbasic == (left + m if left < m else left - m))[0])
         falling = table[:, column]
         rows = np.flatnonzero(falling < -PIVOT * np.abs(falling).max())
         if len(rows) == 0:
-            return None, step
+            return None
         ratio = table[rows, -1] / -falling[rows]
         ties = rows[ratio <= ratio.min() + 1e-13]
         last = ties[basic[ties] == 2 * m]
         row = int(last[0] if len(last) else ties[np.argmin(falling[ties])])
-    return None, 10 * m + 50
+    return None
 
 
 def principal_transform(q: Floats, M: Floats, active: Flags) -> tuple[Floats, Floats] | None:
@@ -152,12 +151,19 @@ def principal_transform(q: Floats, M: Floats, active: Flags) -> tuple[Floats, Fl
 def basic_values(q: Floats, M: Floats, active: Flags) -> Floats:
     """`z` where active, `w` elsewhere; not numbers where the active block is singular."""
     values = np.full(len(q), np.nan)
-    try:
-        values[active] = np.linalg.solve(M[np.ix_(active, active)], -q[active])
-    except np.linalg.LinAlgError:
+    if singular(block := M[np.ix_(active, active)]):
         return values
+    values[active] = np.linalg.solve(block, -q[active])
     values[~active] = q[~active] + M[np.ix_(~active, active)] @ values[active]
     return values
+
+
+def singular(matrix: Floats) -> bool:
+    """Whether the reciprocal condition of a matrix, in the 1-norm, is rounding."""
+    if not matrix.size:
+        return False
+    factors, _, info = lapack.dgetrf(matrix)
+    return bool(info > 0 or lapack.dgecon(factors, np.linalg.norm(matrix, 1))[0] < PIVOT)
 
 
 def violation(q: Floats, M: Floats, active: Flags) -> float:
@@ -167,19 +173,56 @@ def violation(q: Floats, M: Floats, active: Flags) -> float:
     return np.inf if np.isnan(worst) else worst / scale if scale > 0 else 0.0
 
 
-def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int, int]:
+def _every_solution(q: Floats, M: Floats) -> list[tuple[Flags, Floats]]:
+    """Active sets and slips of all solutions.
+
+    A set with a singular matrix has none or a continuum: its smallest one, and one more where there
+    would be no other.
+    """
+    m, scale = len(q), float(np.abs(q).max(initial=0.0)) or 1.0
+    actives = (np.arange(2**m)[:, None] >> np.arange(m) & 1).astype(bool)
+    matrices = np.where(actives[:, None, :], M, -np.eye(m))
+    sizes = np.linalg.norm(matrices, axis=2).prod(axis=1)
+    regular = np.abs(np.linalg.det(matrices)) > SINGULAR * sizes
+    values = np.linalg.solve(matrices[regular], np.broadcast_to(-q, (regular.sum(), m))[..., None])
+    agrees = values[..., 0].min(axis=1, initial=0.0) >= -SIGN * scale
+    found = [
+        (active, np.where(active, x, 0.0))
+        for active, x in zip(actives[regular][agrees], values[agrees, :, 0], strict=True)
+    ]
+    rest = matrices[~regular]
+    inverse = np.linalg.pinv(rest, rcond=PIVOT)
+    smallest = -inverse @ q
+    carried = np.abs(rest @ smallest[..., None] + q[:, None]).max(axis=(1, 2), initial=0.0)
+    fixed = np.einsum("kij,kji->ki", inverse, rest) > 1.0 - SIGN
+    wrong = smallest < -SIGN * scale
+    possible = np.flatnonzero((carried <= SIGN * scale) & ~(wrong & fixed).any(axis=1))
+    singular_sets = actives[~regular]
+    for k in possible[~wrong[possible].any(axis=1)]:
+        found.append((singular_sets[k], np.where(singular_sets[k], smallest[k], 0.0)))
+    for k in possible:
+        if len(_distinct(found, m)) > 1:
+            break
+        # The bound keeps the answer finite where any amount of slip agrees.
+        answer = linprog(-np.ones(m), A_eq=rest[k], b_eq=-q / scale, bounds=(0.0, LARGE))
+        if answer.status == 0:
+            found.append((singular_sets[k], np.where(singular_sets[k], scale * answer.x, 0.0)))
+    return found
+
+
+def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
     """Flip every wrong sign until none is left or nothing improves; the best set, what is wrong."""
-    best, least, poor, steps = active, len(q) + 1, 0, 0
+    best, least, poor = active, len(q) + 1, 0
     for _ in range(NEWTON_STEPS):
         values = basic_values(q, M, active)
         wrong = ~(values >= -SIGN * np.abs(q).max())
         if (count := int(np.count_nonzero(wrong))) < least:
             best, least, poor = active, count, 0
-        poor, steps = poor + 1, steps + 1
+        poor += 1
         if count == 0 or poor > 5 or np.isnan(values).any():
             break
         active = active ^ wrong
-    return best, least, steps
+    return best, least
 
 
 def _starts(q: Floats, count: int) -> list[Flags]:
@@ -214,12 +257,11 @@ def _infeasible(q: Floats, M: Floats) -> bool:
     return bool(answer.status == 2)
 
 
-def _distinct(q: Floats, M: Floats, found: list[Flags]) -> Flags:
-    """Sets whose slips differ, by increasing slip."""
-    slips = [np.where(active, basic_values(q, M, active), 0.0) for active in found]
-    kept: list[int] = []
-    for k in sorted(range(len(found)), key=lambda k: float(np.linalg.norm(slips[k]))):
-        size = SAME * np.linalg.norm(slips[k])
-        if all(np.linalg.norm(slips[k] - slips[other]) > size for other in kept):
-            kept.append(k)
-    return np.array([found[k] for k in kept], dtype=bool).reshape(len(kept), len(q))
+def _distinct(found: list[tuple[Flags, Floats]], count: int) -> Flags:
+    """Active sets whose slips differ, by increasing slip."""
+    kept: list[tuple[Flags, Floats]] = []
+    for active, slip in sorted(found, key=lambda one: float(np.linalg.norm(one[1]))):
+        size = SAME * np.linalg.norm(slip)
+        if all(np.linalg.norm(slip - other) > size for _, other in kept):
+            kept.append((active, slip))
+    return np.array([active for active, _ in kept], dtype=bool).reshape(len(kept), count)

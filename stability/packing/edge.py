@@ -36,6 +36,9 @@ from loops.packing import (
 # H' = e_i (x) e_j for the four components in the order 11, 12, 21, 22.
 UNIT_STRAINS: Floats = np.moveaxis(np.eye(4).reshape(4, 2, 2), 0, -1)
 
+# Shear force over strength from which a contact is at yield and not only near: rounding.
+AT_YIELD = 1.0 - 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class YieldEdge:
@@ -43,8 +46,9 @@ class YieldEdge:
 
     `rows` (m,) are their places among the system's contacts, `gauge` (m, 4) the vectors `g`,
     `push` (m, 4) the contact forces of a unit of `s T'`, `sliding` (m, 4, 4) their blocks when
-    they slide. `settled` counts contacts within the band that are no candidates: both contacts of
-    a grain with two carry the same force, so their ratio `T/N` is one of the geometry.
+    they slide. `of_two` (m,) marks candidates on a grain with two contacts. Both carry the same
+    force, so their ratio `T/N` is one of the geometry and hardly changes: those that the yield band
+    alone would make candidates, `settled` in number, are inside the cone and stick.
     """
 
     system: PackingSystem
@@ -52,14 +56,20 @@ class YieldEdge:
     gauge: Floats
     push: Floats
     sliding: Floats
+    of_two: Flags
     settled: int
 
 
 @dataclass(frozen=True, eq=False)
 class LinearAnswer:
-    """Answer of the packing to unit `H'` with given regimes, `(..., 4)` in 11, 12, 21, 22."""
+    """Answer of the packing to unit `H'` with given regimes, `(..., 4)` in 11, 12, 21, 22.
+
+    `loads` (size, 4) are the forces of the affine motion, `unbalanced` what no motion balances.
+    """
 
     factor: Factor
+    loads: Floats
+    unbalanced: Floats
     motion: Floats
     relative: Floats
     forces: Floats
@@ -88,7 +98,10 @@ def yield_edge(
     at_yield = (state.shear_force != 0) & (regimes == Regime.SLIDING)
     base = np.where(at_yield, Regime.ELASTIC, regimes).astype(np.int8)
     system = packing_system(graph, law, regime=base, planes=planes, held=held, volume=volume)
-    settled = at_yield & _of_two_contact_grains(system)
+    of_two = _of_two_contact_grains(system)
+    elastic_or_flagged = regimes != Regime.OPEN
+    full = edge_of(law, state, elastic_or_flagged, max(yield_band, AT_YIELD)).at_yield
+    settled = at_yield & of_two & ~full
     rows = np.flatnonzero((at_yield & ~settled)[system.contacts])
     c = system.contacts[rows]
     sign = np.sign(state.shear_force[c])
@@ -108,6 +121,7 @@ def yield_edge(
         sign[:, None] * gauge * scale,
         sign[:, None] * push * scale,
         scale[:, None] * sliding * scale,
+        of_two[c],
         int(np.count_nonzero(settled[system.contacts])),
     )
 
@@ -134,17 +148,25 @@ def linear_answer(
     system, blocks = edge.system, stiffness_of(edge, active)
     factor = factor or factorised(system, blocks)
     affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
-    motion = factor.solve(balancing_forces(system, blocks @ affine), refinements=refinements)
+    loads = balancing_forces(system, blocks @ affine)
+    motion = factor.solve(loads, refinements=refinements)
     relative = relative_motion(system, motion, UNIT_STRAINS)
     forces = -blocks @ relative
     stress = stress_rate(system, forces).reshape(4, 4)
-    return LinearAnswer(factor, motion, relative, forces, stress)
+    return LinearAnswer(
+        factor, loads, loads - factor.matrix @ motion, motion, relative, forces, stress
+    )
 
 
-def slip_motion(edge: YieldEdge, answer: LinearAnswer, chosen: Integers) -> Floats:
-    """(size, k) motion that a unit taken off each chosen candidate's `s T'` sets off."""
-    loads = -in_freedoms(edge.system, edge.rows[chosen], edge.push[chosen]).T
-    return answer.factor.solve(loads.toarray(), refinements=0)
+def slip_motion(edge: YieldEdge, answer: LinearAnswer, chosen: Integers) -> tuple[Floats, Floats]:
+    """(size, k) motion that a unit taken off each chosen candidate's `s T'` sets off.
+
+    Beside it (k,) the share of each load that no motion balances: a mechanism.
+    """
+    loads = -in_freedoms(edge.system, edge.rows[chosen], edge.push[chosen]).T.toarray()
+    motion = answer.factor.solve(loads)
+    left = np.linalg.norm(loads - answer.factor.matrix @ motion, axis=0)
+    return motion, left / np.linalg.norm(loads, axis=0)
 
 
 def updated_factor(

@@ -11,6 +11,7 @@ from stability.cones import plane_cone
 from stability.directional.edge import plane_directions, works
 from stability.packing.edge import sided
 from stability.packing.response import (
+    SOLVED,
     HeldAndDriven,
     PackingRates,
     PackingResponse,
@@ -77,7 +78,7 @@ class Pieces:
         """Answer along a unit direction."""
         solved = self.rates.solved(self.control(direction), self.starts)
         response = solved.response
-        if response.status not in ("unique", "several found"):
+        if response.status not in SOLVED:
             return At(response, np.nan, np.nan, -1)
         strain = self.basis @ response.strain_rate.ravel()
         stress = self.basis @ response.stress_rate.ravel()

@@ -18,6 +18,7 @@ from loops.packing import PackingSystem, PlaneContacts
 from stability.arguments import whole_number
 from stability.destabilising import LinearControl, control_along, no_control
 from stability.directional.edge import plane_directions, unit_directions
+from stability.packing.complementarity import STARTS
 from stability.packing.edge import YieldEdge, yield_edge
 from stability.packing.pieces import NEUTRAL, TURN, Cones, Driven, Pieces, Subspace, cones
 from stability.packing.response import PackingRates, PackingResponse
@@ -84,7 +85,8 @@ class Probe:
     area : (L,) array
         Area of each loop.
     candidates, settled : int
-        Contacts that might slide, and that stand at yield by the geometry of a grain with two.
+        Contacts that might slide; those of grains with two contacts that are within the yield band
+        and inside the cone: they stick.
     system : PackingSystem
         The carrying part.
     """
@@ -154,7 +156,7 @@ def probe(
     held: ArrayLike | None = None,
     volume: float | None = None,
     faces: Faces | None = None,
-    starts: int = 3,
+    starts: int = STARTS,
 ) -> Probe:
     """Probe a packing: its response in many directions from one state.
 
@@ -218,7 +220,7 @@ def probe_edge(
     control: Driven = "strain",
     subspace: Subspace = "diagonal",
     faces: Faces | None = None,
-    starts: int = 3,
+    starts: int = STARTS,
 ) -> Probe:
     """`probe` of a rate problem that is set up already."""
     check_choice("control", control, get_args(Driven))

@@ -14,8 +14,10 @@ from loops.graph import GrainGraph, branch_vectors
 from loops.laws.protocol import ContactLaw, Regime
 from loops.packing import PackingSystem, PlaneContacts, balancing_forces
 from stability.packing.complementarity import (
+    STARTS,
     Complementarity,
     nearest_regimes,
+    singular,
     solve_complementarity,
     solve_from,
 )
@@ -31,7 +33,13 @@ from stability.packing.edge import (
     yield_edge,
 )
 
-Status = Literal["unique", "none", "several found", "not converged"]
+Status = Literal["unique", "one found", "several", "none", "none found", "not converged"]
+SOLVED: tuple[Status, ...] = ("unique", "one found", "several")
+
+# In place of a proof: a mechanism moves under the strain or under slip with all contacts sticking.
+MECHANISM = "mechanism"
+# In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
+HELD_STUCK = "two-contact grains stick"
 
 # Wrong signs below this share of the largest rate are rounding.
 AGREEMENT = 1e-7
@@ -42,8 +50,6 @@ CONDENSED = 600
 ROUNDS = 14
 # Loads on the grains below this share of the contacts' forces are nothing to be in balance with.
 IDLE = 1e-8
-# An updated factorisation that leaves more out of balance is made anew.
-BALANCED = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,17 +58,21 @@ class PackingResponse:
 
     Attributes
     ----------
-    status : {'unique', 'none', 'several found', 'not converged'}
-        `unique`: every start of the search led to this solution (one start alone beyond 600
-        contacts at yield). `several found`: they led to more than one; this one slips least.
-        `none`: proved, by enumeration or by a linear programme, that no combination of regimes
-        agrees. `not converged`: none was found, without a proof, or forces stay out of balance
-        because a mechanism carries nothing. In the last two the rates are those of the best regimes
-        met: a few contacts, `disagreeing`, are kept from sliding. They have softened so far that
-        nothing quasi-static holds them.
+    status : {'unique', 'one found', 'several', 'none', 'none found', 'not converged'}
+        `unique`: a solution, and a proof that there is no other. `one found`: a solution; every
+        start of the search led to it, or failed (one start alone beyond 600 contacts at yield).
+        `several`: more than one solution; this one slips least. `none`: a proof that no combination
+        of regimes agrees. `none found`: every start failed, without a proof. `not converged`: a
+        mechanism moves, forces stay out of balance.
+
+        In the last three the rates are those of the best regimes met: a few contacts,
+        `disagreeing`, are kept from sliding. They have softened so far that nothing quasi-static
+        holds them.
     proof : str
-        What stands behind the number of solutions: 'enumeration', 'positive definite',
-        'infeasible', or '' for the starts alone.
+        Proof behind `unique` and `none`: 'enumeration' (up to 12 contacts at yield), 'positive
+        definite', 'infeasible'. Otherwise '', or what limits the answer:
+        'two-contact grains stick' (no solution was found until their contacts were kept from
+        sliding, an assumption), 'mechanism' (with all contacts sticking a mechanism moves).
     residual : float
         Out-of-balance force rate with every contact in the regime that its own rates ask for, over
         that of the affine motion.
@@ -79,10 +89,10 @@ class PackingResponse:
     regime : (C,) array of int8
         `Regime` taken by each contact.
     sliding, candidates, settled : int
-        Contacts that slide, that might, and that stand at yield by the geometry of a grain with
-        two contacts: they stick.
+        Contacts that slide, that might, and those of grains with two contacts that stick: they are
+        within the yield band and inside the cone, or kept from sliding (see `proof`).
     solutions : int
-        Distinct solutions found.
+        Distinct solutions found; of a continuum some.
     system : PackingSystem
         The carrying part; `system.carrying` counts rattlers and floating clusters.
     """
@@ -136,8 +146,10 @@ class PackingRates:
         self.none = np.zeros(len(edge.rows), dtype=bool)
         self.every = np.arange(len(edge.rows))
         self.elastic = linear_answer(edge, self.none)
+        self.slips_left = 0.0
         if self.small:
-            self.slips = slip_motion(edge, self.elastic, self.every)
+            self.slips, left = slip_motion(edge, self.elastic, self.every)
+            self.slips_left = float(left.max(initial=0.0))
             self.whole = condensed(edge, self.none, self.elastic, self.every, self.slips)
         self.last = (self.none, self.elastic)
 
@@ -147,47 +159,118 @@ class PackingRates:
         return len(self.every) <= CONDENSED
 
     def response(
-        self, strain_rate: ArrayLike, stress_rate: ArrayLike | None = None, starts: int = 3
+        self, strain_rate: ArrayLike, stress_rate: ArrayLike | None = None, starts: int = STARTS
     ) -> PackingResponse:
         """Answer one programme, see `packing_response`."""
         return self.solved(component_control(strain_rate, stress_rate), starts).response
 
-    def solved(self, control: HeldAndDriven, starts: int = 3) -> Solved:
+    def solved(self, control: HeldAndDriven, starts: int = STARTS) -> Solved:
         """Answer one control."""
+        free = ~self.edge.of_two
         if not self.small:
-            active, answer, done = regimes_by_parts(self.edge, control)
-            found = Complementarity(active[None][: int(done)], "", 0)
-            return Solved(_response(self.edge, answer, active, found, control), active, answer)
+            first = self._by_parts(control, ~self.none, "")
+            if first.response.status in SOLVED or free.all():
+                return first
+            second = self._by_parts(control, free, HELD_STUCK)
+            return second if second.response.status in SOLVED else first
         q, M = controlled(self.edge, self.none, self.elastic, self.every, self.whole, control)
         found = solve_complementarity(q, M, starts)
+        if not len(found.active) and not found.proof and not free.all():
+            others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
+            if len(others):
+                sets = np.zeros((len(others), len(q)), dtype=bool)
+                sets[:, free] = others
+                found = Complementarity(sets, HELD_STUCK)
         active = found.active[0] if len(found.active) else nearest_regimes(q, M)
         answer = self._answer(active)
-        response = _response(self.edge, answer, active, found, control)
-        if len(found.active) and response.residual > BALANCED and active.any():
-            answer = linear_answer(self.edge, active)
-            response = _response(self.edge, answer, active, found, control)
-        return Solved(response, active, answer)
+        return Solved(self._response(answer, active, found, control), active, answer)
+
+    def _by_parts(self, control: HeldAndDriven, free: Flags, proof: str) -> Solved:
+        active, answer, done = regimes_by_parts(self.edge, control, free)
+        found = Complementarity(active[None][: int(done)], proof if done else "")
+        return Solved(self._response(answer, active, found, control), active, answer)
 
     def _answer(self, active: Flags) -> LinearAnswer:
-        """The answer with these candidates sliding, from the factorisation with none."""
+        """The answer with these candidates sliding, from the factorisation with none.
+
+        Where they slide without resistance the packing is factorised anew, with its regularisation.
+        """
         if not np.array_equal(active, self.last[0]):
-            factor = updated_factor(self.edge, self.elastic, active, self.slips, self.whole[0])
+            factor = None
+            if not singular(self.whole[0][np.ix_(active, active)]):
+                factor = updated_factor(self.edge, self.elastic, active, self.slips, self.whole[0])
             self.last = (active, linear_answer(self.edge, active, factor=factor))
         return self.last[1]
 
+    def _response(
+        self, answer: LinearAnswer, active: Flags, found: Complementarity, control: HeldAndDriven
+    ) -> PackingResponse:
+        edge = self.edge
+        system, graph = edge.system, edge.system.graph
+        H = controlled_strain(answer, control).reshape(2, 2)
+        relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
+        wrong = sided(edge, active, relative)
+        scale = np.abs(wrong).max(initial=0.0)
+        disagreeing = wrong < -AGREEMENT * scale
+        if found.proof == HELD_STUCK:
+            disagreeing &= ~edge.of_two
+        lawful = stiffness_of(edge, active ^ disagreeing)
+        left = balancing_forces(system, -np.einsum("eij,ej->ei", lawful, relative))
+        affine = system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
+        size = float(np.linalg.norm(balancing_forces(system, affine)))
+        # Where grains move affinely, as in a lattice, both are rounding.
+        size = max(size, IDLE * float(np.linalg.norm(affine)))
+        size = size if size > 0 else 1.0
+        residual = float(np.linalg.norm(left)) / size
+        # With all contacts sticking: otherwise q and M are those of the regularised packing.
+        moves = float(np.linalg.norm(self.elastic.unbalanced @ H.ravel())) / size
+        proof = found.proof if max(moves, self.slips_left) <= TRUSTED else MECHANISM
+        v = np.append(answer.motion @ H.ravel(), 0.0)[system.freedom]
+        n = len(system.contacts)
+        branch_rate = -branch_vectors(graph) @ H.T
+        branch_rate[system.contacts] = relative[:n, :2]
+        force_rate = np.zeros((graph.contact_count, 2))
+        force_rate[system.contacts] = forces[:n, :2]
+        regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+        regime[system.contacts] = system.regime[:n]
+        regime[system.contacts[edge.rows[active]]] = Regime.SLIDING
+        return PackingResponse(
+            status=_status(len(found.active), proof, residual),
+            proof=proof,
+            residual=residual,
+            disagreeing=int(np.count_nonzero(disagreeing)),
+            strain_rate=H,
+            stress_rate=(answer.stress @ H.ravel()).reshape(2, 2),
+            motion=v[:, :2],
+            spin=v[:, 2] / system.length,
+            branch_rate=branch_rate,
+            force_rate=force_rate,
+            regime=regime,
+            sliding=int(np.count_nonzero(active)),
+            candidates=len(edge.rows),
+            settled=edge.settled
+            + int(found.proof == HELD_STUCK) * int(np.count_nonzero(edge.of_two)),
+            solutions=len(found.active),
+            system=system,
+        )
 
-def regimes_by_parts(edge: YieldEdge, control: HeldAndDriven) -> tuple[Flags, LinearAnswer, bool]:
+
+def regimes_by_parts(
+    edge: YieldEdge, control: HeldAndDriven, free: Flags
+) -> tuple[Flags, LinearAnswer, bool]:
     """Regimes of too many candidates to condense, the answer, and whether the two agree.
+
+    Candidates that are not `free` stick whatever their rates are.
 
     Newton's flips from all sliding, each with a factorisation; when few candidates are left wrong,
     a complementarity problem of these and those near them, with the others as they are.
     """
-    active = np.ones(len(edge.rows), dtype=bool)
+    active = free.copy()
     best, least = active, len(active) + 1
     for _ in range(ROUNDS):
         answer = linear_answer(edge, active, refinements=1)
         values = sided(edge, active, answer.relative @ controlled_strain(answer, control))
-        wrong = values < -AGREEMENT * np.abs(values).max(initial=0.0)
+        wrong = free & (values < -AGREEMENT * np.abs(values).max(initial=0.0))
         count = int(np.count_nonzero(wrong))
         improves = count < 0.7 * least
         if count < least:
@@ -195,13 +278,13 @@ def regimes_by_parts(edge: YieldEdge, control: HeldAndDriven) -> tuple[Flags, Li
         if count == 0:
             return active, linear_answer(edge, active, factor=answer.factor), True
         active = active.copy()
-        chosen = _near(edge, wrong)
+        chosen = np.intersect1d(_near(edge, wrong), np.flatnonzero(free))
         if improves or len(chosen) > CONDENSED // 2:
             active[wrong] ^= True
             continue
-        pair = condensed(edge, active, answer, chosen, slip_motion(edge, answer, chosen))
+        pair = condensed(edge, active, answer, chosen, slip_motion(edge, answer, chosen)[0])
         q, M = controlled(edge, active, answer, chosen, pair, control)
-        flips, _ = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
+        flips = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
         active[chosen] ^= nearest_regimes(q, M) if flips is None else flips
     return best, linear_answer(edge, best), False
 
@@ -246,7 +329,7 @@ def packing_response(
     planes: PlaneContacts | None = None,
     held: ArrayLike | None = None,
     volume: float | None = None,
-    starts: int = 3,
+    starts: int = STARTS,
 ) -> PackingResponse:
     """Rates of all grains and contacts of a packing, spins free, under a strain rate.
 
@@ -276,7 +359,7 @@ def packing_response(
     volume : float, optional
         Area that stresses refer to; that of the cell if left out.
     starts : int
-        Starts of the search for solutions.
+        Starts of the search for solutions beyond 12 contacts at yield.
 
     Returns
     -------
@@ -336,56 +419,10 @@ def controlled_strain(answer: LinearAnswer, control: HeldAndDriven) -> Floats:
     return np.asarray(held + B.T @ np.linalg.solve(B @ answer.stress @ B.T, imposed))
 
 
-def _response(
-    edge: YieldEdge,
-    answer: LinearAnswer,
-    active: Flags,
-    found: Complementarity,
-    control: HeldAndDriven,
-) -> PackingResponse:
-    system, graph = edge.system, edge.system.graph
-    H = controlled_strain(answer, control).reshape(2, 2)
-    relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
-    wrong = sided(edge, active, relative)
-    scale = np.abs(wrong).max(initial=0.0)
-    disagreeing = wrong < -AGREEMENT * scale
-    lawful = stiffness_of(edge, active ^ disagreeing)
-    left = balancing_forces(system, -np.einsum("eij,ej->ei", lawful, relative))
-    affine = system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
-    size = float(np.linalg.norm(balancing_forces(system, affine)))
-    # Where grains move affinely, as in a lattice, both are rounding.
-    size = max(size, IDLE * float(np.linalg.norm(affine)))
-    residual = float(np.linalg.norm(left)) / size if size > 0 else 0.0
-    v = np.append(answer.motion @ H.ravel(), 0.0)[system.freedom]
-    n = len(system.contacts)
-    branch_rate = -branch_vectors(graph) @ H.T
-    branch_rate[system.contacts] = relative[:n, :2]
-    force_rate = np.zeros((graph.contact_count, 2))
-    force_rate[system.contacts] = forces[:n, :2]
-    regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
-    regime[system.contacts] = system.regime[:n]
-    regime[system.contacts[edge.rows[active]]] = Regime.SLIDING
-    return PackingResponse(
-        status=_status(found, residual),
-        proof=found.proof,
-        residual=residual,
-        disagreeing=int(np.count_nonzero(disagreeing)),
-        strain_rate=H,
-        stress_rate=(answer.stress @ H.ravel()).reshape(2, 2),
-        motion=v[:, :2],
-        spin=v[:, 2] / system.length,
-        branch_rate=branch_rate,
-        force_rate=force_rate,
-        regime=regime,
-        sliding=int(np.count_nonzero(active)),
-        candidates=len(edge.rows),
-        settled=edge.settled,
-        solutions=len(found.active),
-        system=system,
-    )
-
-
-def _status(found: Complementarity, residual: float) -> Status:
-    if len(found.active) and residual <= TRUSTED:
-        return "unique" if len(found.active) == 1 else "several found"
-    return "none" if found.proof else "not converged"
+def _status(solutions: int, proof: str, residual: float) -> Status:
+    if solutions and residual <= TRUSTED:
+        proved = proof in ("enumeration", "positive definite")
+        return "several" if solutions > 1 else "unique" if proved else "one found"
+    if solutions or proof == MECHANISM:
+        return "not converged"
+    return "none" if proof else "none found"

@@ -2,7 +2,7 @@
 
 The strain of the sample over the interval is put on the earlier snapshot (`packing_response`), in
 units of the interval: works are per interval, times are shares of it. Where the solution can't be
-trusted (`packing_status` is neither 'unique' nor 'several found') nothing is foretold.
+trusted (`packing_status` is none of 'unique', 'one found', 'several') nothing is foretold.
 
 As an upper bound stands the grains' own motion beside it: where a motion of all centres and spins
 that is exactly right is put through the same tangents, what is left is the tangents' fault.
@@ -35,6 +35,7 @@ from stability.packing import (
     replay,
 )
 from stability.packing.edge import YieldEdge, forces_of_motion
+from stability.packing.response import SOLVED
 from studies.series.evolution import sample_strain
 from studies.snapshot.in_packing import balance_notes, sample_boundary, sample_edge
 
@@ -59,7 +60,6 @@ BY_EVENTS = {
 OWN = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
 # A path goes on past any number of instabilities in practice.
 PASSED = 1000
-SOLVED = ("unique", "several found")
 
 
 def foretold(

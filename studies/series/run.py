@@ -18,6 +18,7 @@ from loops.arrays import Integers
 from loops.tracking import ExchangeCounts, Fate
 from stability.arguments import whole_number
 from stability.packing.edge import checked_band
+from stability.packing.response import SOLVED
 from studies.columns import definitions
 from studies.output import (
     SERIES,
@@ -42,7 +43,6 @@ from studies.series.dataset import (
 from studies.series.evolution import evolution_table
 from studies.series.fates import survival_summary, write_fates
 from studies.series.kinetics import kinetics_of, kinetics_summary, kinetics_tables
-from studies.series.packing import SOLVED
 from studies.series.plan import PlannedSnapshot, plan_series
 from studies.series.skill import skill_tables, summarised
 from studies.series.tasks import Failure, Series

@@ -30,7 +30,7 @@ def test_rates_are_the_slope_of_the_packings_own_path(increment, sliding):
     law = LinearFrictional(1.0, 0.5, 0.5, increment)
     graph = packing(24, seed=3, sliding=sliding)
     found = packing_response(graph, law, H, yield_band=1.0)
-    assert found.status == "unique" and found.residual < 1e-9
+    assert found.status == ("one found" if sliding else "unique") and found.residual < 1e-9
     assert (found.sliding > 0) == (sliding > 0)
     guess = np.column_stack([found.motion, found.spin])
     errors = []
@@ -122,7 +122,7 @@ def test_stress_control_meets_the_strain_that_it_causes():
     mixed = packing_response(
         graph, LAW, [[np.nan, 0.0], [0.0, 1.0]], stress_rate=[[0.25, 9.0], [9.0, 9.0]]
     )
-    assert mixed.status == "unique" and mixed.sliding > 0
+    assert mixed.status == "one found" and mixed.sliding > 0
     assert mixed.stress_rate[0, 0] == pytest.approx(0.25, abs=1e-9)
     again = packing_response(graph, LAW, mixed.strain_rate)
     assert np.allclose(again.force_rate, mixed.force_rate, atol=1e-9)
@@ -134,7 +134,7 @@ def test_large_packings_are_solved_in_parts_to_the_same_end(monkeypatch):
     monkeypatch.setattr(response, "CONDENSED", 5)
     parts = packing_response(graph, LAW, H)
     assert whole.candidates > 20 and 5 < whole.sliding < whole.candidates
-    assert parts.status == "unique" and parts.residual < 1e-12
+    assert parts.status == "one found" and parts.residual < 1e-12
     assert np.allclose(parts.force_rate, whole.force_rate, atol=1e-9)
 
 
@@ -195,8 +195,7 @@ def test_contacts_that_all_stand_at_yield():
     graph = packing(30, seed=2, sliding=1.0)
     found = packing_response(graph, LAW, H)
     assert found.candidates + found.settled == len(found.system.contacts)
-    assert found.status in ("unique", "several found", "none", "not converged")
-    assert found.disagreeing == 0 or found.status in ("none", "not converged")
+    assert found.status == "none found" and 0 < found.disagreeing < found.candidates
 
 
 def test_what_floats_or_has_no_area_is_refused():

@@ -1,0 +1,103 @@
+"""Statuses of the packing's rate problem, held to a brute force over all regimes."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from loops import GrainGraph, InputError, LinearFrictional
+from loops.packing.carrying import carrying_grains
+from patterns.synthetic import synthetic_network
+from stability.packing import packing_response, probe, response
+from stability.packing.edge import yield_edge
+from stability.packing.response import PackingRates
+from tests.oracles.regimes import solutions
+
+STRAINS = [np.diag([1.0, 0.0]), np.diag([1.0, -1.0]), np.array([[0.3, 0.5], [0.2, -0.6]])]
+AT_YIELD = 1.0 - 1e-9
+
+
+def small(grains, seed, share, force=0.03, kt=0.1):
+    """The carrying contacts of a small periodic packing, a share of them at yield; its law."""
+    graph = synthetic_network(grains, seed=seed, cell=[[3.0, 0.2], [-0.2, 2.8]], coordination=3.6)
+    rng = np.random.default_rng(seed)
+    count, law = graph.contact_count, LinearFrictional(1.0, kt, 0.5)
+    normal, on = np.full(count, force), rng.random(count) < share
+    side = np.sign(rng.normal(size=count))
+    shear = law.mu * normal * np.where(on, side, rng.uniform(-0.8, 0.8, count))
+    closed, free = np.ones(count, dtype=bool), np.zeros(grains, dtype=int)
+    kept = carrying_grains(graph, closed, free).contacts
+    return GrainGraph(
+        x=graph.x,
+        radii=graph.radii,
+        contacts=graph.contacts[kept],
+        images=graph.images[kept],
+        cell=graph.cell,
+        normal_force=normal[kept],
+        shear_force=shear[kept],
+    ), law
+
+
+def at_yield(graph, law):
+    strength = law.mu * graph.normal_force
+    return np.flatnonzero(np.abs(graph.shear_force) >= AT_YIELD * strength)
+
+
+def held_to_brute_force(cases, most):
+    """Compare the statuses of packings that have up to `most` contacts at yield; how many."""
+    expected = {0: "none", 1: "unique"}
+    seen = dict.fromkeys(("none", "unique", "several"), 0)
+    for grains, seed, share, force, kt in cases:
+        try:
+            graph, law = small(grains, seed, share, force, kt)
+        except InputError:
+            continue
+        rows = at_yield(graph, law)
+        if not 1 <= len(rows) <= most:
+            continue
+        H = STRAINS[seed % 3]
+        found = packing_response(graph, law, H, yield_band=AT_YIELD)
+        count = len(solutions(graph, law, H, rows))
+        assert found.status == expected.get(count, "several"), (grains, seed, share, force, kt)
+        assert found.proof == "enumeration" and found.settled == 0
+        seen[found.status] += 1
+    return seen
+
+
+def test_statuses_are_those_of_a_brute_force_over_all_regimes():
+    cases = product((8, 12), range(25), (0.15, 0.4), (0.03,), (0.1, 0.5))
+    seen = held_to_brute_force(cases, 5)
+    assert seen["none"] > 10 and seen["several"] > 10 and seen["unique"] > 50
+
+
+@pytest.mark.slow
+def test_statuses_of_a_thousand_packings_are_those_of_a_brute_force():
+    cases = product((8, 10, 12, 16), range(40), (0.15, 0.4, 0.7), (0.003, 0.03), (0.1, 0.5))
+    seen = held_to_brute_force(cases, 8)
+    assert sum(seen.values()) > 1000 and min(seen.values()) > 100
+
+
+def test_a_packing_whose_contacts_at_yield_all_soften_has_no_solution():
+    graph = synthetic_network(8, seed=0, cell=[[3.0, 0.2], [-0.2, 2.8]], coordination=3.6)
+    normal = np.full(graph.contact_count, 0.03)
+    shear = np.where(np.arange(len(normal)) == 0, 0.5 * normal, 0.0)
+    graph = graph.replace(normal_force=normal, shear_force=shear)
+    law = LinearFrictional(1.0, 0.1, 0.5)
+    found = packing_response(graph, law, STRAINS[0])
+    assert (found.status, found.candidates, found.proof) == ("none", 1, "enumeration")
+    assert (np.diag(PackingRates(yield_edge(graph, law, yield_band=0.99)).whole[0]) < 0).all()
+    assert (probe(graph, law, 8).status == "none").any()
+
+
+@pytest.mark.parametrize("control", ["strain", "stress"])
+def test_hundreds_of_small_packings_are_answered_under_either_control(control):
+    count = 0
+    for grains, seed, share in product((8, 12), range(20), (0.1, 0.6)):
+        try:
+            graph, law = small(grains, seed, share)
+        except InputError:
+            continue
+        found = probe(graph, law, 2, control=control)
+        assert (found.determined == np.isin(found.status, response.SOLVED)).all()
+        count += 2
+    assert count > 100
