@@ -77,7 +77,7 @@ def test_many_contacts_keep_all_digits():
     # More exchanges than the transform is kept for.
     rng, m = np.random.default_rng(3), 200
     Q, M = rng.standard_normal((m, 2)), 0.5 * rng.standard_normal((m, m)) / np.sqrt(m) + np.eye(m)
-    start, _ = solve_from(Q @ unit(0.4), M, np.zeros(m, dtype=bool))
+    start = solve_from(Q @ unit(0.4), M, np.zeros(m, dtype=bool))
     branch = trace_branch(Q, M, np.eye(m), 0.4, start)
     assert branch.status == "closed" and branch.winding == 1
     assert len(branch.angle) > 2 * m
