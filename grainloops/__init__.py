@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from stability import statuses as statuses
     from stability import symmetric_spectrum as symmetric_spectrum
     from stability import unstable_fraction as unstable_fraction
+    from stability.packing import hold as hold
     from studies.frames import chain_table as chain_table
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from studies.plots import plot_loop as plot_loop
     from studies.plots import plot_map as plot_map
     from studies.plots import plot_path as plot_path
+    from studies.probe.run import probe as probe
     from studies.snapshot.source import planar as planar
     from studies.style import figure_width as figure_width
     from studies.version import __version__ as __version__

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError
 from loops.laws import ContactLaw
@@ -17,6 +18,7 @@ from patterns import Snapshot
 from stability import COMPONENTS, Stage, follow
 from stability.arguments import number
 from stability.packing import PackingPath, Probe
+from stability.packing.hold import HoldControl
 from stability.packing.pieces import Driven, Subspace
 from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
@@ -103,6 +105,59 @@ def run_probe(
             title, maps = f"Probes of {readable(path.name)}", loops_for_map(snapshot, loops)
             results.write_report(title, summary, pictures, maps)
     return summary
+
+
+def probe(
+    snapshot: Snapshot,
+    directions: ArrayLike = 72,
+    *,
+    control: Driven = "strain",
+    subspace: Subspace = "diagonal",
+    yield_band: float = 0.99,
+    hold: HoldControl | None = None,
+) -> Probe:
+    """Probe a snapshot: the response of its packing in many directions, from this one state.
+
+    The sample ends at its periodic cell or at its walls, which are planes that move with the
+    strain; without either the grains of the outline follow the strain. Theory, section 11.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        A snapshot with forces.
+    directions : int or (D, m) array_like
+        How many, evenly spread; or the directions themselves (m = 2, or 3 with shear).
+    control : {'strain', 'stress'}
+        Whether the directions are those of `H'` or of `P'`, compression positive.
+    subspace : {'diagonal', 'symmetric'}
+        Components (11, 22), or (11, 22, (12 + 21)/sqrt 2).
+    yield_band : float
+        Contacts with `|T| >= yield_band mu N` may slide, 0 to 1.
+    hold : {'strain', 'stress'}, optional
+        Bring the sample to rest first, at a fixed cell (between walls that stand still) or at
+        fixed stress.
+
+    Returns
+    -------
+    Probe
+        Rates, second-order work and status of every direction; see `stability.packing.Probe`.
+
+    Raises
+    ------
+    InputError
+        If the snapshot has no forces, an option is unknown, or the sample does not come to rest.
+
+    Examples
+    --------
+    >>> import grainloops as gl
+    >>> snapshot = gl.read_snapshot(gl.sample_path())
+    >>> found = gl.probe(snapshot, 8, hold="strain")
+    >>> int(found.determined.sum())
+    8
+    """
+    at_rest, _ = held_snapshot(snapshot, hold)
+    edge = sample_edge(at_rest, yield_band)
+    return probe_edge(edge, directions, control, subspace, at_rest.faces)
 
 
 @dataclass(frozen=True, eq=False)
