@@ -59,6 +59,8 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     frictionless = not table.column("mu").any() if table.has("mu") else parameters.mu == 0
     force = _force_on_second(table, _normals(table, rows, branches.n), frictionless)
     normal, shear = _components(force, rows, branches.n)
+    if force is None and table.has("fn"):
+        normal = some(table.column("fn"), rows)
     walls = _walls(table, bodies, every, force)
     notes = list(frame.notes)
     law: LinearFrictional | None = None

@@ -46,8 +46,8 @@ class Snapshot(Shown):
         Grains and the contacts between them; forces compression positive; the reference is the
         current configuration; periodic if there is a cell.
     law : LinearFrictional or None
-        Stiffness and friction of each contact; None if the file has no forces: then the forces of
-        the graph are zero and mean nothing.
+        Stiffness and friction of each contact; None if the file lacks forces or their shear part:
+        then the graph has the normal forces of the file, else zeros, and no shear forces.
     regime : (C,) array of int8 or None
         `Regime` of each contact, sliding where the file flags it; None with the law.
     ids : (G,) array of int

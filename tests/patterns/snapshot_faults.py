@@ -206,39 +206,6 @@ class Legacy(Deck):
         self.raw["contacts"] = name, parts
 
 
-class Recorder(Deck):
-    """VTKRecorder's ASCII files: arrays by their names."""
-
-    ARRAY = re.compile(r'(<DataArray[^>]*Name="(\w+)"[^>]*>)([^<]*)')
-
-    def __init__(self, grains, contacts, **options):
-        self.options = options
-        super().__init__({"force": ("forceN",), "xy": ()}, grains=grains, contacts=contacts)
-
-    def load(self, key, path):
-        text = self.contents(path).decode()
-        for match in self.ARRAY.finditer(text):
-            if match.group(2) in ("forceN", "radii", "Points"):
-                values = np.array(match.group(3).split(), dtype=float)
-                if match.group(2) != "Points":
-                    self.fields[key, match.group(2)] = values
-                elif key == "grains":
-                    x, y, z = values.reshape(-1, 3).T.copy()
-                    self.fields |= {(key, "x"): x, (key, "y"): y, (key, "z"): z}
-        return text
-
-    def dump(self, own, text):
-        def values(match):
-            name = match.group(2)
-            if name == "Points" and "x" in own:
-                own[name] = np.column_stack([own["x"], own["y"], own["z"]]).ravel()
-            if name not in own:
-                return match.group(0)
-            return match.group(1) + " ".join(f"{v:.17g}" for v in own[name]) + "\n"
-
-        return self.ARRAY.sub(values, text).encode()
-
-
 class Save(Deck):
     """Yade's XML."""
 

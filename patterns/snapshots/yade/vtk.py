@@ -17,11 +17,7 @@ from patterns.snapshots.frame import Frame, Frames, Source, contacts_path, with_
 from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import open_text
-from patterns.snapshots.yade.shear import shear_signs
 from patterns.snapshots.yade.vtk_files import LEGACY, VtkData, read_vtk
-
-# Beyond this residual of the balances (over the mean normal force) signs of shear are a guess.
-BALANCED = 0.05
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -87,41 +83,14 @@ def _recorder_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
     ]
     ids = grains["id"]
     contacts: Columns = {"id1": ids[ends[:, 0]], "id2": ids[ends[:, 1]]}
-    normal, size = (lines.lines_data.get(name) for name in ("forceN", "absForceT"))
-    if normal is not None and size is not None and len(ends):
-        found, note = _shear(lines, spheres, ends, normal, size)
-        contacts |= {"fn": normal, **found}
-        notes.append(note)
+    normal = lines.lines_data.get("forceN")
+    if normal is not None and len(ends):
+        if normal.ndim != 1 or not np.isfinite(normal).all():
+            received = "values that are no finite forces"
+            raise InputError(str(lines.path), received, "one forceN a line", "Record again.")
+        contacts["fn"] = normal
+        notes.append(f"VTKRecorder has the size of shear forces without their direction. {SNIPPET}")
     return make_frame(source, (spheres, lines), grains, contacts, notes)
-
-
-def _shear(
-    lines: VtkData, spheres: VtkData, ends: Integers, normal: Floats, components: Floats
-) -> tuple[Columns, str]:
-    """Shear force on grain 2, its sign from the balance of the grains; none if that is no guide."""
-    x, radii = spheres.points[:, :2], spheres.points_data["radii"]
-    numbers = (x, radii, normal, components)
-    if components.ndim != 2 or normal.ndim != 1 or not all(np.isfinite(a).all() for a in numbers):
-        received = "values that are no finite forces"
-        raise InputError(str(lines.path), received, "forceN, absForceT", "Record again.")
-    size = np.hypot(components[:, 0], components[:, 1])
-    found = shear_signs(x, radii, ends, normal, size)
-    share = f"{100 * found.residual:.2g} % of the mean normal force"
-    if found.residual > BALANCED:
-        return {}, (
-            "shear forces left out: the file has their size without direction, and forces in the "
-            f"file leave the grains unbalanced by {share} (gravity, motion, walls inside?)"
-        )
-    d = x[ends[:, 1]] - x[ends[:, 0]]
-    t = np.column_stack([-d[:, 1], d[:, 0]]) / np.hypot(*d.T)[:, None]
-    vector = (found.sign * size)[:, None] * t
-    doubtful = ~found.decided & (size > 0)
-    largest = size[doubtful].max(initial=0.0) / (np.abs(normal).mean() or 1.0)
-    return {"fsx": vector[:, 0], "fsy": vector[:, 1], "shear_undecided": doubtful}, (
-        "shear forces: the file has their size without direction; signs found from the balance of "
-        f"the grains, which they leave unbalanced by {share}; {np.count_nonzero(doubtful)} of "
-        f"{len(size)} undecided, of at most {100 * largest:.2g} % of the mean normal force"
-    )
 
 
 Columns = dict[str, NDArray[np.generic]]

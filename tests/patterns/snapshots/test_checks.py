@@ -58,17 +58,11 @@ DECKS = {
     "yade-exporter": lambda: faults.Legacy(
         BOX / "exporter-spheres-00000000.vtk", BOX / "exporter-intrs-00000000.vtk.gz", mu=0.5
     ),
-    "yade-recorder": lambda: faults.Recorder(
-        BOX / "ascii-spheres.77504.vtu", BOX / "ascii-intrs.77504.vtp", **BOX_LAW
-    ),
 }
-# Columns that a format has not got: the recorder has neither ids nor signs of shear, ...
+# Columns that a format has not got: VTKExporter has no flags, ...
 NO_COLUMN = {"stiff_contact", "rough_half", "no_flags", "other_shear", "other_normals"}
 ROUGH = {"much_friction"}  # can't be told where no contacts share one |T|/N
 NOT = {
-    "yade-recorder": NO_COLUMN
-    | {"exchange_ids", "exchange_xy", "turn_fn", "turn_shear", "few_contacts", "turn_one_shear"}
-    | {"repeat", "large_radii"},
     "yade-exporter": NO_COLUMN | {"turn_fn", "repeat", "large_radii"},
     "yade-xml": {"turn_fn", "no_flags", "other_shear", "other_normals", "repeat"},
     "lammps": (NO_COLUMN - {"other_shear"}) | {"turn_fn", "turn_shear"},
@@ -77,7 +71,7 @@ NOT = {
 }
 # Contacts of the sample of these formats that slide: too few or none.
 AT_REST = {"yade-xml": ROUGH | {"rough_half"}} | {
-    name: ROUGH for name in ("yade-recorder", "yade-exporter", "lammps", "liggghts", "mercury")
+    name: ROUGH for name in ("yade-exporter", "lammps", "liggghts", "mercury")
 }
 CASES = [
     (name, fault)
@@ -152,8 +146,6 @@ def noticed(make, fault, folder):
 def test_fault_is_noticed(name, fault, tmp_path):
     if name == "h5":
         pytest.importorskip("h5py")
-    if name == "yade-recorder":
-        pytest.importorskip("vtkmodules")
     assert noticed(DECKS[name], fault, tmp_path)
 
 

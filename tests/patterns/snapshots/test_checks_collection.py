@@ -25,7 +25,7 @@ from tests.patterns.snapshots.test_checks import (
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM") or "none")
 SPHERES = re.compile(r"(spheres.*\.vt[uk]|\.vtm|\.xml)(\.gz)?$")
-# Flowing: not jammed and out of balance. And what Yade's recorder garbles.
+# A flow: not jammed and out of balance. And a file that Yade's recorder garbles.
 FLOWING = {"yade-periodic/grains_13.parquet"}
 GARBLED = {"s06-spheres.104685.vtu"}
 

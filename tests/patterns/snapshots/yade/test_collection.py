@@ -53,12 +53,11 @@ def test_recorded(path):
     normal = by_pair(table, table.graph.normal_force)
     scale = normal.max()
     assert np.abs(by_pair(found, found.graph.normal_force) - normal).max() < exact * scale
-    shear, right = (by_pair(s, s.graph.shear_force) for s in (found, table))
-    assert np.abs(np.abs(shear) - np.abs(right)).max() < exact * scale
-    # Every shear force that matters has its sign; together the wrong ones are 0.2 % of all.
-    wrong = np.sign(shear) != np.sign(right)
-    assert not wrong[np.abs(right) > 0.05 * normal.mean()].any()
-    assert np.abs(right[wrong]).sum() < 2e-3 * np.abs(right).sum()
+    if path.name.startswith("legacy"):
+        shear, right = (by_pair(s, s.graph.shear_force) for s in (found, table))
+        assert np.abs(shear - right).max() < exact * scale
+    else:
+        assert found.law is None and not found.graph.shear_force.any()
 
 
 @pytest.mark.parametrize("path", [p for p in RECORDED if "periodic" in str(p)], ids=name_of)

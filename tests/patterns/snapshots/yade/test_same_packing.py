@@ -80,7 +80,7 @@ def test_walls_hold_the_grains():
 
 
 @pytest.mark.parametrize("path", RECORDED, ids=names)
-def test_recorder_has_the_forces_of_the_tables(path):
+def test_recorder_has_the_normal_forces_of_the_tables(path):
     table, recorded = table_of(BOX), snapshot_of(yade_vtk, path)
     assert cycles(recorded) == cycles(table)
     assert (pairs_of(recorded) == pairs_of(table)).all()
@@ -88,11 +88,7 @@ def test_recorder_has_the_forces_of_the_tables(path):
     # Sizes are in double precision; Yade's shear force leans out of the tangent by 1e-9 of N.
     normal = by_pair(recorded, recorded.graph.normal_force)
     assert np.abs(normal - expected).max() < 2e-9 * expected.max()
-    shear, right = (by_pair(s, s.graph.shear_force) for s in (recorded, table))
-    assert np.abs(np.abs(shear) - np.abs(right)).max() < 2e-9 * expected.max()
-    large = np.abs(right) > 1e-6 * expected.mean()
-    assert large.sum() > 40
-    assert (np.sign(shear) == np.sign(right))[large].all()
+    assert recorded.law is None and not recorded.graph.shear_force.any()
     # Centres in single precision.
     assert 0 < np.abs(recorded.graph.x - table.graph.x).max() < 2**-24
 
@@ -102,7 +98,8 @@ def test_recorder_says_what_it_lacks():
     assert recorded.wall_contacts == 0
     assert recorded.step == 77504
     text = "; ".join(recorded.notes)
-    for words in ("no stiffness", "no wall contacts", "single precision", "signs found", "--kn"):
+    lacks = "the size of shear forces without their direction"
+    for words in ("no stiffness", "no wall contacts", "single precision", lacks, "docs/yade.md"):
         assert words in text
 
 

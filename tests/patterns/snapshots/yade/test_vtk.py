@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from loops import InputError
+from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.yade import vtk as yade_vtk
 from patterns.snapshots.yade.vtk_files import read_vtk
 from tests.patterns.snapshots.yade_samples import (
@@ -175,20 +176,15 @@ def test_forces_that_are_no_numbers(tmp_path):
 
 
 def test_without_forces_the_geometry_is_left(tmp_path):
-    copy = changed(TEXT, tmp_path, b'"absForceT"', b'"something"')
+    copy = changed(TEXT, tmp_path, b'"forceN"', b'"something"')
     found = snapshot_of(yade_vtk, SPHERES, contacts=copy)
     assert cycles(found) == cycles(table_of(BOX))
-    assert found.law is None
+    assert found.law is None and not found.graph.normal_force.any()
 
 
-def test_forces_out_of_balance_leave_the_shear_out(tmp_path):
-    """One force ten times too large: the grains tell nothing of the signs."""
-    lines = TEXT.read_bytes().split(b"\n")
-    row = next(k for k, line in enumerate(lines) if b'Name="forceN"' in line) + 1
-    worse = b" ".join([b"90000", *lines[row].split()[1:]])
-    frame = frame_of(yade_vtk, SPHERES, contacts=changed(TEXT, tmp_path, lines[row], worse))
-    assert not frame.contacts.has("fsx")
-    assert any("shear forces left out" in note for note in frame.notes)
+def test_frictionless_grains_have_all_their_forces():
+    found = build_snapshot(frame_of(yade_vtk, SPHERES), Parameters(kn=4e5, kt=2e5, mu=0.0))
+    assert found.law is not None and found.graph.normal_force.any()
 
 
 @pytest.mark.parametrize("path", [TEXT, LINES, SPHERES], ids=lambda path: path.name)
