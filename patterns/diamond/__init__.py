@@ -5,6 +5,7 @@ Forces, stresses and strains are positive in compression, angles are radians, `T
 """
 
 from patterns.diamond.drained import DrainedPath as DrainedPath
+from patterns.diamond.drained import PrintedRule as PrintedRule
 from patterns.diamond.drained import drained_path as drained_path
 from patterns.diamond.drained import drained_states_after_turn as drained_states_after_turn
 from patterns.diamond.drained import printed_states_after_turn as printed_states_after_turn
@@ -16,10 +17,9 @@ from patterns.diamond.geometry import diamond as diamond
 from patterns.diamond.geometry import external_forces as external_forces
 from patterns.diamond.geometry import opposite_gaps as opposite_gaps
 from patterns.diamond.geometry import overlap_ratio as overlap_ratio
-from patterns.diamond.printed_rule import PrintedRule as PrintedRule
-from patterns.diamond.tables import TABLE_1 as TABLE_1
-from patterns.diamond.tables import TABLE_2 as TABLE_2
-from patterns.diamond.tables import DiamondParameters as DiamondParameters
+from patterns.diamond.tangents import TABLE_1 as TABLE_1
+from patterns.diamond.tangents import TABLE_2 as TABLE_2
+from patterns.diamond.tangents import DiamondParameters as DiamondParameters
 from patterns.diamond.tangents import critical_strain as critical_strain
 from patterns.diamond.tangents import determinant_elastic as determinant_elastic
 from patterns.diamond.tangents import determinant_sliding as determinant_sliding

@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 from loops import GrainGraph, InputError, polygon_centroid
 from loops.arrays import Flags, Floats, Integers
 from patterns.arguments import finite, nonnegative, positive, whole
-from patterns.polygons.ring import compressed_ring
-from patterns.polygons.shapes import cyclic_directions
+from patterns.polygons.shapes import compressed_ring, cyclic_directions
 
 STEPS = 60  # of the walk from the polygon on a circle
 ROUNDS = 50  # of walks for loops that have not come out

@@ -10,7 +10,7 @@ import numpy as np
 from loops import GrainGraph, InputError, LinearFrictional, Regime, branch_vectors
 from loops.arrays import Integers, Regimes
 from loops.shown import Shown
-from patterns.polygons.ring import ring_contacts
+from patterns.polygons.shapes import ring_contacts
 
 if TYPE_CHECKING:
     from patterns.snapshots.snapshot import Snapshot

@@ -1,4 +1,4 @@
-"""The formats of snapshots: which one a file is in, and what is read from it."""
+"""The formats of snapshots: told by the content of a file, and read."""
 
 from __future__ import annotations
 
@@ -10,19 +10,16 @@ from numpy.typing import ArrayLike
 
 from loops import InputError
 from loops.laws.frictional import ShearIncrement, checked_increment
-from patterns.snapshots import mercury as mercury_dpm
-from patterns.snapshots import plain
+from patterns.snapshots import lammps, liggghts, mercury, plain, yade_save, yade_vtk
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.dumps import lammps, liggghts
 from patterns.snapshots.frame import Frame, Frames, Source
 from patterns.snapshots.geometry import as_cell
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.text import head_of, require_file
-from patterns.snapshots.yade import text, vtk, xml_save
 
 
 class Format(Protocol):
-    """A module that reads one format."""
+    """A reader of one format: a module with these two functions."""
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether a file of this name that begins so is in this format."""
@@ -34,15 +31,33 @@ class Format(Protocol):
         """
 
 
+class YadeText:
+    """Lists of spheres by Yade's `export.text` and `export.textExt`: recognised, and refused."""
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Whether this is such a list."""
+        return head.startswith(b"#format ")
+
+    def frames(self, source: Source) -> Frames:
+        """Refuse: these files have no contacts, and six digits are too few to find them."""
+        raise InputError(
+            str(source.path),
+            "spheres without contacts (export.text)",
+            "contacts and their forces",
+            "Contacts can't be found again: six digits of the centres are too coarse for overlaps. "
+            "Export tables from inside Yade instead, see docs/yade.md.",
+        )
+
+
 # The first one that recognises a file takes it.
 FORMATS: dict[str, Format] = {
-    "yade-vtk": vtk,
-    "yade-xml": xml_save,
-    "yade-text": text,
+    "yade-vtk": yade_vtk,
+    "yade-xml": yade_save,
+    "yade-text": YadeText(),
     # Their dumps of atoms look alike: LIGGGHTS is told by the contacts beside them.
     "liggghts": liggghts,
     "lammps": lammps,
-    "mercury": mercury_dpm,
+    "mercury": mercury,
     "table": plain,
 }
 

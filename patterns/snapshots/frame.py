@@ -1,19 +1,22 @@
-"""One saved state as plain tables: what every format is translated into, and where it stands."""
+"""One saved state as plain tables, to which every format is translated, and its rows in a text."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
+import pyarrow
 from numpy.typing import NDArray
 
 from loops import InputError
 from loops.laws.frictional import ShearIncrement
 from patterns.snapshots.checks import Finding
 from patterns.snapshots.tables import Table
-from patterns.snapshots.text import beside, listed
+from patterns.snapshots.text import Text, beside, listed, read_body
 
 GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius", "theta_z")
 CONTACT_COLUMNS = (
@@ -142,3 +145,88 @@ def with_aliases(table: Table, plain: Sequence[str]) -> tuple[Table, list[str]]:
 
 # What a format finds in a file: as many snapshots as it has, each to be read by a call.
 Frames = Sequence[Callable[[], Frame]]
+
+
+@dataclass(frozen=True, eq=False)
+class Listing:
+    """Where the rows of one snapshot stand: so many, if the header tells; `step` or time."""
+
+    where: str
+    step: float
+    names: tuple[str, ...]
+    text: Text
+    span: tuple[int, int]
+    count: int | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there are no rows, and the header says nothing else."""
+        return self.span[0] == self.span[1] and not self.count
+
+    def read(self, wanted: Sequence[str] | None = None) -> Table:
+        """Columns of the rows, all of them if not told which."""
+        table = None
+        if self.span[0] < self.span[1]:
+            columns = self.names if wanted is None else wanted
+            body = read_body(self.where, self.text, self.span, self.names, columns)
+            table = Table(self.where, body, exact=self._whole)
+        rows = 0 if table is None else len(table)
+        if table is None or self.count not in (None, rows):
+            expected = f"{self.count} as the header says" if self.count else "at least one row"
+            remedy = "The frame is cut short or mixed with another one: dump or copy it again."
+            raise InputError(self.where, f"{rows} rows", expected, remedy)
+        return table
+
+    def _whole(self, name: str) -> pyarrow.ChunkedArray:
+        body = read_body(self.where, self.text, self.span, self.names, [name], pyarrow.int64())
+        return body.column(name)
+
+
+Found = TypeVar("Found", bound=Listing)
+ReadPair = Callable[[Found, Found, Notes], Frame]
+
+
+def paired(
+    grains: Iterable[Found | InputError],
+    contacts: Iterable[Found | InputError],
+    read: ReadPair[Found],
+    contacts_path: Path,
+    by: str,
+    tolerance: float = 0.0,
+    notes: Notes = (),
+) -> Frames:
+    """Snapshots of grains with their contacts, `by` step or time; what is wrong is told on reading.
+
+    Those without contacts, as before the grains meet, are left out.
+    """
+    found = list(contacts)
+    good = [one for one in found if not isinstance(one, InputError)]
+    damaged = [one for one in found if isinstance(one, InputError)]
+    steps = np.array([one.step for one in good], dtype=float)
+    readers: list[Callable[[], Frame]] = []
+    empty = 0
+    for own in grains:
+        if isinstance(own, InputError):
+            readers.append(partial(_refuse, own))
+            continue
+        same = np.flatnonzero(np.abs(steps - own.step) <= tolerance * abs(own.step))
+        if not len(same):
+            shown = ", ".join(f"{step:.15g}" for step in steps[:3]) + (", ..." * (len(steps) > 3))
+            received = f"{by}s {shown}" if good else f"no {by}"
+            expected = f"{by} {own.step:.15g} of {own.where}"
+            remedy = f"Take both files from the same {by}s of one run."
+            missing = InputError(str(contacts_path), received, expected, remedy)
+            readers.append(partial(_refuse, damaged[0] if damaged else missing))
+        elif good[same[0]].is_empty:
+            empty += 1
+        else:
+            said = (f"{empty} earlier snapshots without contacts left out",) if empty else ()
+            readers.append(partial(read, own, good[same[0]], (*notes, *said)))
+    if not readers:
+        where = str(contacts_path)
+        raise InputError(where, "no contacts in any snapshot", "contacts", "Check the export.")
+    return readers
+
+
+def _refuse(error: InputError) -> Frame:
+    raise error

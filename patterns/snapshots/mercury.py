@@ -12,11 +12,18 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.checks import rounding
-from patterns.snapshots.dumps.dump_files import Atoms
-from patterns.snapshots.dumps.pairs import Forces, Pairs, Space, Wall, frame_of, normals, pairs_of
-from patterns.snapshots.frame import Frame, Frames, Notes, Source, contacts_path
+from patterns.snapshots.dump_files import (
+    Atoms,
+    Forces,
+    Pairs,
+    Space,
+    Wall,
+    frame_of,
+    normals,
+    pairs_of,
+)
+from patterns.snapshots.frame import Frame, Frames, Listing, Notes, Source, contacts_path, paired
 from patterns.snapshots.geometry import PLANE_TOLERANCE
-from patterns.snapshots.listing import Listing, paired
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import Text, line_at, open_text
 

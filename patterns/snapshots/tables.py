@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers, in_threads
-from patterns.snapshots.layout import layout_of, rows_of
 from patterns.snapshots.text import (
+    layout_of,
     listed,
     open_text,
     require_file,
     require_line_end,
     require_room,
+    rows_of,
     whole_file,
 )
 

@@ -9,8 +9,7 @@ import pytest
 from loops import affine_tangent, traction_tangent
 from patterns import synthetic_network
 from patterns.diamond import TABLE_1, tangent
-from patterns.hard_cases import hard_case
-from patterns.hard_cases.scenes import parallel_half_edges
+from patterns.hard_cases import hard_case, parallel_half_edges
 from stability import imhof_fraction, restrict, symmetric_spectrum
 from studies.bench.measure import Row
 from studies.bench.methods import POINT_B, error_at_b, random_rings

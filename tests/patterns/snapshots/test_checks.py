@@ -13,7 +13,7 @@ import pytest
 from loops import InputError
 from patterns import read_snapshot, sample_cell, sample_path
 from patterns.snapshots.checks import rounding
-from patterns.snapshots.sample_data import SAMPLE
+from patterns.snapshots.snapshot import SAMPLE
 from tests.patterns import snapshot_faults as faults
 from tests.patterns.dump_writers import Packing, write_lammps, write_liggghts
 from tests.patterns.snapshots.yade_samples import BOX, LAW

@@ -17,9 +17,9 @@ from loops import (
     outline_area,
 )
 from patterns import read_snapshot, sample_path
+from patterns.snapshots import lammps
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_files import dump_frames
+from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (

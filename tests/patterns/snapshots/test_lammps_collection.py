@@ -19,9 +19,9 @@ from loops import (
     love_weber_stress,
     outline_area,
 )
+from patterns.snapshots import lammps, liggghts
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.dumps import lammps, liggghts
-from patterns.snapshots.dumps.dump_files import dump_frames
+from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from loops import InputError, branch_vectors
+from patterns.snapshots import lammps
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_files import dump_frames
+from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from tests.patterns.dump_writers import Packing, assert_same, lammps_columns, write_lammps
 from tests.patterns.snapshots.test_lammps import LAW, notes, packing, read

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from loops import InputError
+from patterns.snapshots import lammps
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.dumps import lammps
-from patterns.snapshots.dumps.dump_files import contact_names, dump_frames
+from patterns.snapshots.dump_files import contact_names, dump_frames
 from patterns.snapshots.frame import Source
 from patterns.snapshots.text import beside
 from patterns.synthetic import synthetic_network

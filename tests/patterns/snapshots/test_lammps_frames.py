@@ -8,7 +8,7 @@ import pytest
 
 from loops import GrainGraph, InputError
 from patterns import count_frames, read_frames, read_snapshot
-from patterns.snapshots import listing
+from patterns.snapshots import frame as listing
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,

@@ -6,9 +6,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from loops import InputError
+from patterns.snapshots import lammps, liggghts
 from patterns.snapshots import mercury as mercury
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.dumps import lammps, liggghts
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, write_lammps, write_liggghts, write_mercury

@@ -5,9 +5,9 @@ import pytest
 
 from loops import InputError, contact_forces, euler_check, find_faces, love_weber_stress
 from patterns import sample_path
+from patterns.snapshots import lammps, liggghts
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.dumps import lammps, liggghts
-from patterns.snapshots.dumps.dump_files import dump_frames
+from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import GROUPS, LATER, Packing, assert_same, write_liggghts

@@ -7,9 +7,9 @@ import pytest
 
 from loops import GrainGraph, InputError
 from patterns import read_snapshot, sample_path
+from patterns.snapshots import lammps, liggghts
 from patterns.snapshots import mercury as mercury
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.dumps import lammps, liggghts
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (

@@ -15,8 +15,9 @@ import pytest
 
 from loops import InputError, Regime
 from patterns import read_snapshot, write_snapshot
+from patterns.snapshots import yade_save as xml_save
+from patterns.snapshots import yade_vtk as vtk
 from patterns.snapshots.tables import read_table
-from patterns.snapshots.yade import vtk, xml_save
 from tests.patterns.snapshots.yade_samples import BOX, PERIODIC, frame_of
 
 SAMPLES = Path(__file__).parent / "samples"

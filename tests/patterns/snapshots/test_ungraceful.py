@@ -14,8 +14,8 @@ import pytest
 
 from loops import InputError
 from patterns import read_snapshot, sample_path, write_snapshot
+from patterns.snapshots import yade_vtk as vtk
 from patterns.snapshots.tables import read_table
-from patterns.snapshots.yade import vtk
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, write, write_arrays
 from tests.patterns.snapshots.yade_samples import BOX, frame_of
 

@@ -9,7 +9,7 @@ from loops import find_faces
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.formats import read_snapshot
 from patterns.snapshots.frame import Source
-from patterns.snapshots.sample_data import SAMPLE
+from patterns.snapshots.snapshot import SAMPLE
 
 NATIVE = SAMPLE / "yade_native"
 BOX, PERIODIC = NATIVE / "box", NATIVE / "periodic"

@@ -8,7 +8,7 @@ import pyarrow.parquet
 import pytest
 
 from patterns import sample_path
-from patterns.snapshots.sample_data import SAMPLE
+from patterns.snapshots.snapshot import SAMPLE
 from studies.cli import main
 from tests.patterns import snapshot_faults as faults
 

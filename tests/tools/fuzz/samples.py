@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from patterns import read_snapshot, sample_path, write_snapshot
-from patterns.snapshots.sample_data import SAMPLE
+from patterns.snapshots.snapshot import SAMPLE
 
 
 class Sample(NamedTuple):

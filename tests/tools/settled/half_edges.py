@@ -12,7 +12,7 @@ from loops import GrainGraph, branch_vectors
 from loops.arrays import Integers
 from loops.faces import next_half_edge
 from patterns import synthetic_network
-from patterns.hard_cases.scenes import parallel_half_edges
+from patterns.hard_cases import parallel_half_edges
 from studies.bench.measure import Rows
 
 ORACLE = "orientation by fractions"

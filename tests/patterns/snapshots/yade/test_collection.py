@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from loops import InputError, love_weber_stress
-from patterns.snapshots.formats import read_snapshot
-from patterns.snapshots.yade import text as yade_text
-from patterns.snapshots.yade import vtk as yade_vtk
-from patterns.snapshots.yade import xml_save as yade_xml
+from patterns.snapshots import yade_save as yade_xml
+from patterns.snapshots import yade_vtk as yade_vtk
+from patterns.snapshots.formats import FORMATS, read_snapshot
 from tests.patterns.snapshots.yade_samples import by_pair, cycles, frame_of, snapshot_of
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
@@ -86,6 +85,6 @@ def test_saved(path):
 def test_refused(path):
     content = path.read_bytes()
     head = (gzip.decompress(content) if path.suffix == ".gz" else content)[:4096]
-    (module,) = [m for m in (yade_text, yade_vtk, yade_xml) if m.recognises(path, head)]
+    (module,) = [m for m in (FORMATS["yade-text"], yade_vtk, yade_xml) if m.recognises(path, head)]
     with pytest.raises(InputError, match=r"docs/yade\.md"):
         frame_of(module, path)

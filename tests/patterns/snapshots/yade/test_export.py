@@ -12,8 +12,8 @@ import pytest
 
 from patterns import read_snapshot
 from patterns.snapshots.tables import read_table
-from patterns.snapshots.yade.xml_save import read_save
-from patterns.snapshots.yade.yade_export import export_tables
+from patterns.snapshots.yade_export import export_tables
+from patterns.snapshots.yade_save import read_save
 from tests.patterns.snapshots.yade_samples import BOX, PERIODIC, cycles, table_of
 
 Box = types.SimpleNamespace
@@ -190,7 +190,7 @@ def test_what_can_not_be_exported_is_refused_before_writing(yade, tmp_path):
 
 def test_a_crash_while_writing_leaves_no_table_of_grains(yade, tmp_path, monkeypatch):
     yade.O = stand_in(BOX)
-    import patterns.snapshots.yade.yade_export as module
+    import patterns.snapshots.yade_export as module
 
     def fail(source, target):
         raise OSError("disk full")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from loops import InputError
+from patterns.snapshots import yade_vtk as yade_vtk
 from patterns.snapshots.text import open_text
-from patterns.snapshots.yade import vtk as yade_vtk
-from patterns.snapshots.yade.vtk_files import read_vtk
+from patterns.snapshots.yade_vtk import read_vtk
 from tests.patterns.snapshots.yade_samples import BOX, changed, cycles, frame_of, snapshot_of
 
 pytest.importorskip("vtkmodules")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from loops import euler_check, find_faces, love_weber_stress
-from patterns.snapshots.yade import vtk as yade_vtk
-from patterns.snapshots.yade import xml_save as yade_xml
+from patterns.snapshots import yade_save as yade_xml
+from patterns.snapshots import yade_vtk as yade_vtk
 from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from loops import InputError
+from patterns.snapshots import yade_save as yade_xml
+from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.frame import Source
-from patterns.snapshots.yade import text as yade_text
-from patterns.snapshots.yade import xml_save as yade_xml
-from patterns.snapshots.yade.xml_save import read_save
+from patterns.snapshots.yade_save import read_save
 from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
@@ -24,6 +24,8 @@ from tests.patterns.snapshots.yade_samples import (
 
 SAVE = BOX / "state.xml.gz"
 TEXT = gzip.decompress(SAVE.read_bytes())
+
+YADE_TEXT = FORMATS["yade-text"]
 
 
 def saved(folder, text, name="state.xml"):
@@ -222,7 +224,7 @@ def test_damaged_saves_raise_the_one_error_or_read(tmp_path):
 
 def test_list_of_spheres_is_refused_with_the_reason():
     path = BOX / "spheres.txt"
-    assert yade_text.recognises(path, path.read_bytes()[:4096])
-    assert not yade_text.recognises(path, b"id,x,y\n")
+    assert YADE_TEXT.recognises(path, path.read_bytes()[:4096])
+    assert not YADE_TEXT.recognises(path, b"id,x,y\n")
     with pytest.raises(InputError, match=r"six digits.*docs/yade\.md"):
-        frame_of(yade_text, path)
+        frame_of(YADE_TEXT, path)

@@ -10,7 +10,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats
-from patterns.snapshots.dumps.columns import (
+from patterns.snapshots.dump_columns import (
     AS_WRITTEN,
     NONE,
     TOLERANCE,
@@ -20,24 +20,22 @@ from patterns.snapshots.dumps.columns import (
     named,
     shares,
 )
-from patterns.snapshots.dumps.dump_files import (
+from patterns.snapshots.dump_files import (
     ATOM_NAMES,
     Atoms,
     DumpFrame,
-    contact_names,
-    first_frame,
-    frames_of_dumps,
-    is_dump,
-    read_atoms,
-)
-from patterns.snapshots.dumps.pairs import (
     Forces,
     Pairs,
     Space,
+    contact_names,
+    first_frame,
     frame_of,
+    frames_of_dumps,
     gaps,
+    is_dump,
     normals,
     pairs_of,
+    read_atoms,
     space_of,
 )
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names

@@ -1,4 +1,4 @@
-"""Which columns of a dump of contacts hold what: told from the grains, or given by the user."""
+"""Columns of a dump of contacts: told from the grains, or given by the user."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.dumps.dump_files import Atoms
-from patterns.snapshots.dumps.pairs import Space, pairs_of
+from patterns.snapshots.dump_files import Atoms, Space, pairs_of
 from patterns.snapshots.frame import require_column
 from patterns.snapshots.geometry import index_of, places_of
 from patterns.snapshots.tables import Table

@@ -1,4 +1,4 @@
-"""Yade's own saves, `O.save("state.xml.gz")`, streamed."""
+"""Saves of Yade, `O.save("state.xml.gz")`, streamed."""
 
 from __future__ import annotations
 

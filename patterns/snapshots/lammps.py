@@ -11,7 +11,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.dumps.columns import (
+from patterns.snapshots.dump_columns import (
     CONTACT_NAMES,
     NONE,
     REACH,
@@ -22,22 +22,20 @@ from patterns.snapshots.dumps.columns import (
     given_columns,
     shares,
 )
-from patterns.snapshots.dumps.dump_files import (
+from patterns.snapshots.dump_files import (
     ATOM_NAMES,
     Atoms,
     DumpFrame,
-    frames_of_dumps,
-    is_dump,
-    read_atoms,
-)
-from patterns.snapshots.dumps.pairs import (
     Forces,
     Pairs,
     Space,
     Wall,
     frame_of,
+    frames_of_dumps,
+    is_dump,
     normals,
     pairs_of,
+    read_atoms,
     space_of,
 )
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names

@@ -1,1 +1,0 @@
-"""Text dumps of LAMMPS and LIGGGHTS."""
