@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 
 # Drawn in place of an error of zero.
 LEAST = 1e-17
-EPS = float(np.finfo(float).eps)
-# The group that has a figure of its own, and all that are no panel of `pareto`.
-BATCHES = "batch or one by one"
-OWN_FIGURE = (BATCHES, "compiled or plain")
-STIFF = {
+UNIT_ROUND_OFF = float(np.finfo(float).eps)
+# The group with a figure of its own, and the groups without a panel in `pareto`.
+BATCH_GROUP = "batch or one by one"
+OWN_FIGURE = (BATCH_GROUP, "compiled or plain")
+STIFF_CASES = {
     "stiff-grains": "hexagon, elastic",
     "stiff-sliding-grains": "hexagon, all sliding",
     "stiff-sliding-diamond": "diamond, all sliding",
 }
-MEASURES = {
+ERROR_LABELS = {
     "operator_error": "operator",
     "eigenvalue_error": "eigenvalues of Ks",
     "cone_error": "cone's edges (rad)",
@@ -52,10 +52,10 @@ def all_figures(measured: Measured) -> Iterator[tuple[str, Figure]]:
         fronts = methods[~methods.group.isin(OWN_FIGURE)]
         if len(fronts):
             yield "pareto", pareto(fronts)
-        sizes = methods[methods.group == BATCHES]
+        sizes = methods[methods.group == BATCH_GROUP]
         if len(sizes):
             yield "batches", figure_of(batches(sizes))
-    if len(tangents) and tangents.case.isin(STIFF).any():
+    if len(tangents) and tangents.case.isin(STIFF_CASES).any():
         yield "stiff", stiff(tangents)
 
 
@@ -84,7 +84,7 @@ def _draw_front(ax: Axes, name: str, rows: pd.DataFrame) -> None:
     default = rows[rows.default]
     at = default.seconds_per_item, default.error.clip(lower=LEAST)
     ax.plot(*at, "o", markersize=9, markerfacecolor="none", color=BLACK, zorder=5)
-    ax.axhline(EPS, color=GREY, linewidth=0.7, linestyle=":")
+    ax.axhline(UNIT_ROUND_OFF, color=GREY, linewidth=0.7, linestyle=":")
     ax.set(title=name, xlabel="time per item (s)", ylim=(0.3 * LEAST, 9.0))
     # From a power of ten to a power of ten: labels of narrow ranges would overlap.
     low, high = rows.seconds_per_item.min(), rows.seconds_per_item.max()
@@ -110,11 +110,11 @@ def batches(rows: pd.DataFrame, ax: Axes | None = None) -> Axes:
 def stiff(rows: pd.DataFrame) -> Figure:
     """Errors over the overlap: elastic and sliding loops, both closures."""
     figure, axes = new_panels(3, 2, 6.2, sharex=True, sharey=True)
-    for down, (case, what) in enumerate(STIFF.items()):
+    for down, (case, what) in enumerate(STIFF_CASES.items()):
         for across, closure in enumerate(("affine", "traction")):
             own = rows[(rows.case == case) & (rows.closure == closure)]
             ax = axes[down, across]
-            for k, (name, label) in enumerate(MEASURES.items()):
+            for k, (name, label) in enumerate(ERROR_LABELS.items()):
                 at = own.value, own[name].clip(lower=LEAST)
                 ax.loglog(*at, MARKERS[k] + "-", color=LINE_COLOURS[k], label=label)
             ax.loglog(own.value, own.bound, "--", color=GREY, label="stated bound of the operator")

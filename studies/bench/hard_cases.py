@@ -35,7 +35,7 @@ ZERO_50 = 1e-40
 MEASURES = (
     "condition", "bound", "operator_error", "eigenvalue_error", "cone_error", "fraction_error"
 )  # fmt: skip
-PROGRAMMES: dict[str, Callable[[], Programme]] = {
+CASE_PROGRAMMES: dict[str, Callable[[], Programme]] = {
     "drained_biaxial": programmes.drained_biaxial,
     "force_control": lambda: programmes.proportional_stress(1.0, 0.0),
     "isotropic_strain": programmes.isotropic_strain,
@@ -52,7 +52,7 @@ class Exact(NamedTuple):
 
 
 def tangent_rows(case: HardCase, every: int = 1) -> list[dict[str, Any]]:
-    """Every value of a hard case under both closures, one row each."""
+    """One row for each value of a hard case and each closure."""
     rows = []
     for k, value in list(enumerate(case.values))[::every]:
         for closure in CLOSURES:
@@ -144,7 +144,7 @@ def _evaluated(case: HardCase, value: float, closure: str) -> dict[str, Any]:
 
 
 def path_rows(case: HardCase) -> list[dict[str, Any]]:
-    """Every value of a hard path under the affine closure, one row each."""
+    """One row for each value of a hard path, under the affine closure."""
     return [_path_row(case, value) for value in case.values]
 
 
@@ -166,7 +166,7 @@ def loop_letters(case: HardCase) -> str:
 
 def followed(scene: Scene, closure: Any = "affine") -> Path:
     """The path of a scene."""
-    stages = [Stage(PROGRAMMES[name](), quantity, end) for name, quantity, end in scene.stages]
+    stages = [Stage(CASE_PROGRAMMES[name](), quantity, end) for name, quantity, end in scene.stages]
     law: Any = scene.law
     return follow(scene.graph, law, stages, closure=closure, spins=scene.spins)
 

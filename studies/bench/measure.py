@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-# Runs go on until they take this long together, seconds; the fastest counts.
+# Least total time of the repeated runs in seconds; the fastest run counts.
 LONG_ENOUGH, LONG_ENOUGH_QUICK = 0.15, 0.01
-# Memory is traced in a run of its own, which slows Python down: not for calls longer than this.
+# Calls longer than this (seconds) are not run again for their memory: tracing slows Python down.
 TRACED = 2.0
 
 
 @dataclass(frozen=True)
 class Row:
-    """One method at one setting."""
+    """Time, error and memory of one method at one setting."""
 
     group: str
     method: str
@@ -58,7 +58,7 @@ class Rows(list[Row]):
 
 
 def least_seconds(call: Callable[[], Any], *, quick: bool) -> float:
-    """Processor time of the fastest of several runs; other work on the machine counts least so."""
+    """Processor time of the fastest of several runs, the least disturbed by other work."""
     enough = LONG_ENOUGH_QUICK if quick else LONG_ENOUGH
     times: list[float] = []
     while sum(times) < enough or (len(times) < 3 and times[0] < enough):
@@ -69,7 +69,7 @@ def least_seconds(call: Callable[[], Any], *, quick: bool) -> float:
 
 
 def peak_bytes(call: Callable[[], Any]) -> float:
-    """Peak of the memory asked for during a call, above what was there before."""
+    """Peak of the memory that a call asks for, beyond the memory held before."""
     tracemalloc.start()
     try:
         call()

@@ -39,9 +39,9 @@ POINT_B = (0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503)
 # Increase of E1 from A to a strain beyond B.
 SPAN = 0.11
 TOLERANCES, DEFAULT_RTOL = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12), 1e-12
-PATHS = (1, 100, 10_000)
-DIRECTIONS = (36, 360, 3600, 36_000)
-BATCHES = (1, 10, 100, 1000, 10_000)
+PATH_COUNTS = (1, 100, 10_000)
+DIRECTION_COUNTS = (36, 360, 3600, 36_000)
+BATCH_SIZES = (1, 10, 100, 1000, 10_000)
 # Names of `compiled=False` and `compiled=True`.
 WAYS = ("numpy", "compiled")
 KN, KT, MU, SLIDING_SHARE = 1.0, 0.4, 0.5, 0.2
@@ -56,7 +56,7 @@ def path_methods(quick: bool) -> Rows:
     for rtol in TOLERANCES[:: 4 if quick else 1]:
         call, default = partial(path_solver, rtol), rtol == DEFAULT_RTOL
         rows.add("path solver", f"rtol {rtol:g}", call, error_at_b(call()), 1, default)
-    for paths in PATHS[:: 4 if quick else 1]:
+    for paths in PATH_COUNTS[:: 4 if quick else 1]:
         call = partial(exact_solver, paths)
         rows.add("exact solver", f"paths {paths}", call, error_at_b(call()), paths)
     return rows
@@ -174,11 +174,11 @@ def relative_error(found: Floats, exact: Floats) -> float:
 def batch_sizes(quick: bool) -> Rows:
     """Time of a hexagon's tangent over the number of hexagons in one call."""
     rows = Rows("batch or one by one", "50 digits, first loop", quick)
-    whole = random_rings(BATCHES[-1], 6, seed=9)
+    whole = random_rings(BATCH_SIZES[-1], 6, seed=9)
     closures: tuple[Closure, ...] = ("affine", "traction")
     for closure in closures:
         exact = whole.exact(0, closure)[None]
-        for size in BATCHES[: 3 if quick else None]:
+        for size in BATCH_SIZES[: 3 if quick else None]:
             call = partial(whole.first(size).tangents, closure)
             error = relative_error(call(), exact)
             rows.add(f"{closure} tangent", f"{size:,} at once", call, error, size)
@@ -196,7 +196,7 @@ def direction_methods(quick: bool) -> Rows:
     operators, exact = operators[open_cone], exact[open_cone]
     ways: list[tuple[str, str, Callable[[], Floats]]] = [
         ("sampled", f"{count:,} directions", partial(cone_by_directions, operators, count))
-        for count in DIRECTIONS[: 2 if quick else None]
+        for count in DIRECTION_COUNTS[: 2 if quick else None]
     ]
     ways.append(("closed", "plane_cone, eigvalsh", partial(cone_in_closed_form, operators)))
     rows = Rows("directions", "cone in closed form, 50 digits", quick)

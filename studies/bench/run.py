@@ -20,13 +20,13 @@ from studies.study import study
 HARD, SMALLEST = "hard-cases", "smallest-model"
 UNITS = "seconds of processor time per item, bytes; errors relative or absolute as each row says"
 # Methods with an error below this, rounding, are ranked by their time alone.
-ROUND_OFF = 1e-14
+KNEE_ERROR = 1e-14
 # Where none is below, methods within this factor of the least error are.
-ERROR_FACTOR = 10.0
+KNEE_FACTOR = 10.0
 
 
 class Measured(NamedTuple):
-    """Tables of a run, and by case what the states of the hard cases say of their contacts."""
+    """Tables of a run, and the letters of the hard cases by case."""
 
     methods: pd.DataFrame
     tangents: pd.DataFrame
@@ -78,7 +78,7 @@ def chosen_groups(only: str | None) -> tuple[str, ...]:
 def collect(
     names: tuple[str, ...], quick: bool, progress: Callable[[str], None] | None = None
 ) -> Measured:
-    """Run groups."""
+    """Measure the groups of these names; `progress` is called with each name."""
     methods: list[dict[str, Any]] = []
     tangents: list[dict[str, Any]] = []
     paths: list[dict[str, Any]] = []
@@ -141,6 +141,6 @@ def hard_case_summary(measured: Measured) -> dict[str, Any]:
 
 def knee(rows: pd.DataFrame) -> pd.Series:
     """The cheapest row of a group that reaches round-off, or comes near the least error."""
-    accurate = rows[rows.error <= max(ROUND_OFF, ERROR_FACTOR * rows.error.min())]
+    accurate = rows[rows.error <= max(KNEE_ERROR, KNEE_FACTOR * rows.error.min())]
     cheapest: pd.Series = accurate.loc[accurate.seconds_per_item.idxmin()]
     return cheapest

@@ -1,4 +1,4 @@
-"""Paths by the smallest and by the full model: their cost, and how far they lie apart."""
+"""Paths by the smallest and by the full model: their cost and largest difference."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ FAMILIES = (
 
 
 def smallest_model_rows() -> list[dict[str, Any]]:
-    """A row for every loop: see `compared`."""
+    """One row for each family and order."""
     return [compared(family, order) for family in FAMILIES for order in family.orders]
 
 
 def compared(family: Family, order: int) -> dict[str, Any]:
-    """One loop by both models."""
+    """Cost of one loop by both models, and their largest difference."""
     small, seconds_small = _timed(family, order, "auto")
     full, seconds_full = _timed(family, order, "full")
     unknowns, of_all = small.model.unknowns.split(" of ")

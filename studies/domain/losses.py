@@ -27,7 +27,7 @@ from patterns.diamond.strain_lines import (
     yield_position,
 )
 
-# Points of a line among which the first change of sign of det Ks is looked for.
+# Points of a programme among which the first change of sign of det Ks is bracketed.
 POINTS = 256
 
 
@@ -44,7 +44,7 @@ class Case(NamedTuple):
         return float(np.tan(self.phi)) if self.phi < 0.5 * np.pi else float("inf")
 
     def described(self) -> dict[str, float]:
-        """The diamond as the table and the summary name it, angles in degrees."""
+        """Columns of the table and the summary that name the diamond, angles in degrees."""
         alpha0, phi = (round(float(np.degrees(angle)), 12) for angle in (self.alpha0, self.phi))
         return {"alpha0_deg": alpha0, "kappa": self.kappa, "phi_deg": phi}
 
@@ -60,7 +60,7 @@ TABLES = tuple(Case(table.alpha0, table.kappa, table.phi) for table in (TABLE_1,
 
 @dataclass(frozen=True)
 class DomainParameters:
-    """Arguments of the study. Angles in degrees."""
+    """Options of `grainloops domain`; angles in degrees."""
 
     alpha0_deg: tuple[float, ...] | None = None
     kappa: tuple[float, ...] | None = None
@@ -87,7 +87,7 @@ class DomainParameters:
         return tuple(Case(float(a), k, phi) for a, k in product(angles, ratios))
 
     def described(self) -> dict[str, Any]:
-        """Every value in force, under the names of the command line."""
+        """Value of every option by its name on the command line."""
         cases = [case.described() for case in self.cases()]
         return {"cases": cases, "directions": self.directions}
 
@@ -143,7 +143,7 @@ def first_losses(case: Case, directions: int, *, friction: bool) -> Losses:
         programme=programme,
         line=line,
         mu=mu,
-        # fmin: a programme without one of the two meets the other.
+        # fmin takes the other where one of the two is NaN.
         det_Ks_zero=np.fmin(lost_Ks, yields),
         det_K_zero=np.fmin(lost_K, yields),
         yields=yields,
@@ -151,7 +151,7 @@ def first_losses(case: Case, directions: int, *, friction: bool) -> Losses:
 
 
 def sticking_det_K_zero(line: StrainLine, kappa: float) -> Floats:
-    """`u` where `l = 1/(1 + kappa)`, the zero of (35); NaN on lines that keep further off."""
+    """`u` where `l = 1/(1 + kappa)`, the zero of (35); NaN on lines that never come so close."""
     with np.errstate(invalid="ignore"):
         return -np.sqrt((1.0 + kappa) ** -2 - line.distance**2)
 
@@ -159,7 +159,7 @@ def sticking_det_K_zero(line: StrainLine, kappa: float) -> Floats:
 def sticking_det_Ks(line: StrainLine, u: Floats, kappa: float) -> Floats:
     """`det Ks = kappa - N/l - (T/2l)^2` of sticking contacts."""
     length = np.hypot(line.distance, u)
-    # At the limit of a radial line the branch vanishes: no state of interest.
+    # The branch vanishes at the limit of a radial line: avoid a division by zero there.
     length = np.maximum(length, np.finfo(float).tiny)
     T = sticking_shear(line, u, kappa)
     return kappa + 1.0 - 1.0 / length - (0.5 * T / length) ** 2

@@ -21,9 +21,9 @@ from studies.domain.losses import Case, DomainParameters, Losses, first_losses, 
 from studies.study import study
 
 UNITS = "dimensionless: forces over kn l0, stresses over kn; angles in degrees"
-KINDS = ("det_Ks_zero", "det_K_zero")
+LOSSES = ("det_Ks_zero", "det_K_zero")
 # Opposite grains nearer than this, in reference branches, touch within rounding.
-TOUCHING_ATOL = 1e-14
+OVERLAP_ATOL = 1e-14
 
 
 def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
@@ -32,7 +32,7 @@ def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
     for case in cases:
         for friction in (False, True) if np.isfinite(case.mu) else (False,):
             losses = first_losses(case, directions, friction=friction)
-            parts += [loss_table(case, losses, kind) for kind in KINDS]
+            parts += [loss_table(case, losses, kind) for kind in LOSSES]
     return pd.concat(parts, ignore_index=True)
 
 
@@ -64,7 +64,7 @@ def loss_table(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
         "alpha_deg": np.degrees(state.alpha),
         "det_K": det_K,
         "det_Ks": det_K - (0.5 * asymmetry) ** 2,
-        "opposite_overlap": gaps < -TOUCHING_ATOL,
+        "opposite_overlap": gaps < -OVERLAP_ATOL,
     }
     return pd.DataFrame(columns)
 
@@ -104,7 +104,7 @@ def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> dict[st
 
 
 def _contacts(table: pd.DataFrame) -> dict[str, Any]:
-    first, last = (table[table.kind == kind].set_index("programme_deg") for kind in KINDS)
+    first, last = (table[table.kind == kind].set_index("programme_deg") for kind in LOSSES)
     # Along one programme the strains grow in proportion.
     size = [np.hypot(own.E1, own.E2) for own in (first, last)]
     return {

@@ -1,9 +1,9 @@
 """Which loops of a packing does its own rate problem foresee?
 
-Four snapshots of a slow biaxial compression (Yade, 2000 discs, steps of 2e-5): what
-`grainloops series --in-packing` says of them, here from a script. The packing's answer to the
-cell's strain, loop by loop, against what the loops did until the next snapshot; beside it a loop
-cut out of its packing, its order, and what it did the step before.
+Four snapshots of a slow biaxial compression (Yade, 2000 discs, steps of 2e-5), by the functions
+behind `grainloops series --in-packing`. The rate problem of the packing under the strain of its
+cell predicts the work of every loop until the next snapshot. Its skill is compared with that of
+loops cut out of the packing, of their order, and of their work in the step before.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from studies.series.skill_figures import skill_by_predictor
 
 
 def main(out: Path) -> dict[str, Any]:
-    """Follow the series, and keep what its predictions are worth."""
+    """Follow the series; write the skill of every predictor and the figure."""
     cells = sample_path("slow/cells.csv")
     with TemporaryDirectory() as folder:
         summary = run_series(

@@ -17,8 +17,6 @@ from matplotlib.figure import Figure
 
 from loops import LinearFrictional
 from patterns.diamond import (
-    TABLE_1,
-    TABLE_2,
     PrintedRule,
     diamond,
     drained_path,
@@ -28,11 +26,11 @@ from patterns.diamond import (
 from patterns.diamond.geometry import angle_from_strains
 from stability import Stage, follow, programmes
 from studies.examples import run, save
+from studies.paths.options import TABLES
 from studies.style import BLUE, GREY, LIGHT_GREY, VERMILION, new_panels, styled
 
-TABLES = {1: TABLE_1, 2: TABLE_2}
 RULES = {"coulomb": LinearFrictional, "printed": PrintedRule}
-LOOK: dict[str, Any] = {
+RULE_LOOKS: dict[str, Any] = {
     "coulomb": {"color": BLUE, "label": r"$\dot T = s\mu\dot N$, $s = \mathrm{sign}\,T$"},
     "printed": {"color": VERMILION, "linestyle": (0, (4, 3)), "label": "(8c) as printed"},
 }
@@ -85,8 +83,8 @@ def draw(curves: pd.DataFrame) -> Figure:
     figure, ((use, stress),) = new_panels(1, 2, 2.6)
     use.axhspan(1.0, 3.0, color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
     for rule, curve in curves[curves.table == 1].groupby("rule"):
-        use.plot(curve.E1, curve.shear_ratio, **LOOK[rule])
-        stress.plot(curve.E1, curve.s1, **LOOK[rule])
+        use.plot(curve.E1, curve.shear_ratio, **RULE_LOOKS[rule])
+        stress.plot(curve.E1, curve.s1, **RULE_LOOKS[rule])
     highest = 1.08 * curves[curves.table == 1].shear_ratio.max()
     use.set(xlabel="axial strain $E_1$ (–)", ylabel=r"$|T|/(\mu N)$ (–)", ylim=(0.0, highest))
     said: Any = {"va": "top", "color": GREY, "fontsize": 7}

@@ -30,7 +30,7 @@ STRESS = ["sig2d_xx", "sig2d_xy", "sig2d_yx", "sig2d_yy"]
 
 
 def state(name: str) -> tuple[Snapshot, pd.DataFrame]:
-    """A state, and what Yade's probes made of it: stress increments, compression positive."""
+    """A state, and the stress increments of Yade's probes from it, compression positive."""
     table = pd.read_csv(sample_path(f"probe/probes_{name}.csv.gz"))
     start, rows = table.iloc[0], table.iloc[1:].sort_values(["amplitude", "theta_deg"])
     rows[STRESS] = start[STRESS].to_numpy(float) - rows[STRESS]
@@ -40,7 +40,7 @@ def state(name: str) -> tuple[Snapshot, pd.DataFrame]:
 
 
 def convected(H: Floats, stress: Floats) -> Floats:
-    """What the Cauchy stress gains beyond the nominal one: `tr(H') S - S H'^T`."""
+    """Difference of the rates of Cauchy and nominal stress: `tr(H') S - S H'^T`."""
     return np.trace(H, axis1=1, axis2=2)[:, None, None] * stress - stress @ np.swapaxes(H, 1, 2)
 
 
@@ -79,7 +79,7 @@ PARTS = {"11": (0, 0), "12": (0, 1), "21": (1, 0), "22": (1, 1)}
 
 
 def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
-    """Contacts that reach their cone, and that open, on the way: by the first rates, a direction.
+    """Number of contacts that yield and that open by an amplitude, if the first rates went on.
 
     Means over the directions.
     """
@@ -103,7 +103,7 @@ def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
 
 
 def summed(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Errors over the directions in percent, and how often the sign of W2 agrees."""
+    """Errors over the directions in per cent, and the share of right signs of W2."""
     out = []
     for key, part in rows.groupby(["state", "band", "amplitude"], sort=False):
         error = 100 * part["error"]

@@ -45,8 +45,8 @@ from studies.paths.options import DiamondOptions
 
 NAMED = {"det_K_zero": "I", "programme_change": "A", "yield": "B"}
 DETERMINANTS = ("det_Ks_zero", "det_K_zero")
-# Kinds of events in the summary; the others of a path follow from these.
-KINDS = (
+# Kinds of events in the summary; the remaining events of a path follow from these.
+LISTED_KINDS = (
     "opposite_contact", *DETERMINANTS, "programme_change", "yield", "unloading", "opening",
     "control_limit",
 )  # fmt: skip
@@ -94,7 +94,7 @@ class DiamondStates:
         return np.where(self.sliding, "sliding", "elastic")
 
     def take(self, rows: NDArray[np.intp] | Sequence[int] | slice) -> DiamondStates:
-        """The picked rows."""
+        """States at these rows."""
         return DiamondStates(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
@@ -256,7 +256,7 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
 def listed_events(
     options: DiamondOptions, path: Path, states: DiamondStates
 ) -> tuple[tuple[str, int], ...]:
-    """Events of the study as (kind, row), each once; A always has its own."""
+    """Events of the summary as (kind, row), each once; A is among them however the path ends."""
     loop, listed = options.parameters, list[tuple[str, int]]()
     apart = np.array(touching_strains(loop)) >= 0.0
     for event in path.events:
@@ -264,7 +264,7 @@ def listed_events(
         if event.kind == "opposite_contact" and not apart[event.contacts[0]]:
             continue
         jumps = event.kind in DETERMINANTS and event.detail.startswith("jump")
-        if event.kind not in KINDS or jumps or (event.kind, row) in listed:
+        if event.kind not in LISTED_KINDS or jumps or (event.kind, row) in listed:
             continue
         at_yield = abs(states.T[row]) >= loop.mu * states.N[row] * (1.0 - YIELD_RTOL)
         if event.kind == "control_limit" and event.contacts and at_yield:
@@ -282,7 +282,7 @@ def listed_events(
 
 
 def beyond_yield(found: FollowedDiamond) -> DiamondStates | None:
-    """State B with the contacts sliding, as the path goes on; None where it has no B."""
+    """State B with sliding contacts, as they are beyond it; None if the path has no B."""
     if "B" not in found.marks:
         return None
     row, states = found.marks["B"], found.states

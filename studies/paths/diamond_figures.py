@@ -19,7 +19,7 @@ from studies.paths.diamond_tables import (
 )
 from studies.paths.figures import (
     DASHED,
-    STRAIN,
+    STRAIN_LABEL,
     draw_cone,
     draw_eigenvalues,
     draw_loops,
@@ -43,7 +43,7 @@ from studies.style import (
     styled,
 )
 
-OPPOSITE = {
+CONTACT_LOOKS = {
     "ignored": (VERMILION, DASHED, "opposite grains ignored"),
     "added": (BLUE, "-", "contact added"),
 }
@@ -105,7 +105,7 @@ def draw_split(found: FollowedDiamond) -> Figure:
         for label, colour, part in named:
             ax.plot(E1, found.broken(part[:, i, j]), color=colour, label=label)
         ax.set(title=f"entry {i + 1}{j + 1} (–)", xlim=(0.0, None))
-        ax.set(xlabel=STRAIN if i == 1 else "")
+        ax.set(xlabel=STRAIN_LABEL if i == 1 else "")
     fig.legend(*axes["11"].get_legend_handles_labels(), loc="outside lower left", ncols=3)
     _draw_nonsymmetry(found, axes["n"])
     return fig
@@ -124,7 +124,7 @@ def _draw_nonsymmetry(found: FollowedDiamond, ax: Axes) -> None:
         ax.plot(E1, found.broken(skew), color=colour, linestyle=style, label=label)
     for row in found.jumps:
         ax.axvline(found.E1[row], color=SKY, linewidth=0.6, zorder=0)
-    ax.set(title="nonsymmetry $K_{12} - K_{21}$ (–)", xlabel=STRAIN, xlim=(0.0, None))
+    ax.set(title="nonsymmetry $K_{12} - K_{21}$ (–)", xlabel=STRAIN_LABEL, xlim=(0.0, None))
     ax.margins(y=0.25)
     ax.legend(loc="best")
 
@@ -137,7 +137,7 @@ def draw_added_contact(found: FollowedDiamond, ignored: FollowedDiamond) -> Figu
     """
     fig, ((isotropic, along, stress),) = new_panels(1, 3, 2.7)
     for name, one in (("ignored", ignored), ("added", found)):
-        colour, style, label = OPPOSITE[name]
+        colour, style, label = CONTACT_LOOKS[name]
         E, eigenvalues = isotropic_eigenvalues(found.loop, added=name == "added")
         isotropic.plot(E, eigenvalues[:, 0], color=colour, linestyle=style, label=label)
         lowest = symmetric_spectrum(one.K)[:, 0]
@@ -145,7 +145,7 @@ def draw_added_contact(found: FollowedDiamond, ignored: FollowedDiamond) -> Figu
             one.broken(one.E1), one.broken(lowest), color=colour, linestyle=style, label=label
         )
         stress.plot(one.E1, one.s1, color=colour, linestyle=style)
-        # Both paths reach A at nearly one stress: it is named once.
+        # Both paths reach A at nearly the same stress: one name is enough.
         twice = "AB" if one is found else "B"
         for ax, values, marks in ((along, lowest, "AB"), (stress, one.s1, twice)):
             for mark in (mark for mark in marks if mark in one.marks):
@@ -153,11 +153,11 @@ def draw_added_contact(found: FollowedDiamond, ignored: FollowedDiamond) -> Figu
                 ax.plot(*at, "o", color=BLACK, zorder=3)
                 ax.annotate(mark, at, (4, 4), textcoords="offset points", fontweight="bold")
     isotropic.set(title="isotropic strain", xlabel="strain $E$ (–)")
-    along.set(title="isotropic to A, then drained", xlabel=STRAIN)
+    along.set(title="isotropic to A, then drained", xlabel=STRAIN_LABEL)
     for ax in (isotropic, along):
         ax.axhline(0.0, color=GREY, linewidth=0.6)
         ax.set(ylabel=r"$\lambda_\min(K_s)$ (–)", xlim=(0.0, None))
-    stress.set(title="axial stress", xlabel=STRAIN, ylabel="$s_1$ (–)", xlim=(0.0, None))
+    stress.set(title="axial stress", xlabel=STRAIN_LABEL, ylabel="$s_1$ (–)", xlim=(0.0, None))
     fig.legend(*isotropic.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return fig
 
@@ -189,7 +189,7 @@ def draw_path_dependence(found: FollowedDiamond) -> Figure:
 
 
 def _draw_routes(compression: float, ax: Axes) -> None:
-    """The centre of sphere 2 about that of sphere 1: A to C by B, or by D."""
+    """Draw both routes of the centre of sphere 2 around sphere 1: A, B, C and A, D, C."""
     alpha, start = np.radians(40.0), np.radians(20.0)
     arc: Floats = start + np.linspace(0.0, alpha, 60)
     for radius, colour in ((1.0, BLUE), (1.0 - compression, VERMILION)):

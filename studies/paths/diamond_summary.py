@@ -42,7 +42,7 @@ from studies.paths.diamond import (
 )
 from studies.paths.diamond_tables import added_summary
 
-STATES = ("I", "A", "B")
+NAMED_STATES = ("I", "A", "B")
 EVENT_VALUES = ("E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks")
 STATE_VALUES = ("E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2", "det_K", "det_Ks")
 
@@ -53,14 +53,14 @@ def diamond_summary(found: FollowedDiamond) -> dict[str, Any]:
     `states` are null where not reached; `added_contact` where none is added.
     """
     options, table = found.options, found.table
-    # Which file holds which of the paper's figures; any diamond but Table 2 stands for Table 1.
+    # Files by the number of the paper's figure; those of Table 1 for diamonds of other parameters.
     stress, determinant = ("8", "9") if options.table == 2 else ("6", "7")
     figures = {"4": "path_dependence", stress: "axial_stress", determinant: "determinant"}
     figures |= {"10": "eigenvalues", **({"11": "polar"} if found.marks else {}), "12": "cone"}
     end = table.iloc[-1]
     return {
         "parameters": options.described(),
-        "states": {name: _state(found, name) for name in STATES},
+        "states": {name: _state(found, name) for name in NAMED_STATES},
         "events": [
             {"kind": kind, **{key: float(table[key][row]) for key in EVENT_VALUES}}
             for kind, row in found.listed
@@ -155,20 +155,34 @@ def verification(found: FollowedDiamond) -> dict[str, Any]:
     `det_K_zero_by_root`: (41) against a root search; `energy_balance`: work less stored energy and
     heat; `slope_at_A`: see there.
     """
-    K, norm = found.K, operator_norm(found.K)
+    loop, states, K, norm = found.loop, found.states, found.K, operator_norm(found.K)
     errors, untrusted = [], {}
     for closure in ("affine", "traction"):
-        generic = generic_tangent(found.loop, found.states, closure)
+        generic = generic_tangent(loop, states, closure)
         error = operator_norm(restrict(generic, "diagonal") - K) / norm
         errors.append(float(np.nanmax(error)))
         untrusted[f"generic_{closure}_untrusted"] = int(np.count_nonzero(np.isnan(error)))
+    rows = (found.stage == "isotropic") & ~states.added.any(axis=1) & ~states.sliding
+    closed = isotropic_tangent(states.E1[rows], loop.alpha0, loop.kappa)
+    isotropic = operator_norm(closed - K[rows]) / norm[rows]
+    root, at_I = None, found.marks.get("I")
+    if at_I is not None and loop.kappa > 0.0 and not states.added[at_I].any():
+        strain = float(found.E1[at_I])
+
+        def det(E: float) -> float:
+            A = generic_tangent(loop, diamond_states(loop, E, E), "affine")[0]
+            return float(np.linalg.det(restrict(A, "diagonal")))
+
+        eps = float(np.finfo(float).eps)
+        exact = brentq(det, 0.0, 0.5 * (1.0 + strain), xtol=1e-15, rtol=4 * eps)
+        root = abs(float(exact) - strain)
     return {
         "generic_vs_closed_form_max_relative": max(errors),
         **untrusted,
-        "isotropic_vs_closed_form_max_relative": _isotropic_error(found),
+        "isotropic_vs_closed_form_max_relative": float(np.max(isotropic, initial=0.0)),
         "det_K_max_difference": float(np.max(np.abs(np.linalg.det(K) - found.det_K))),
         "bromwich_margin_min": float(np.min(bromwich_margin(K))),
-        "det_K_zero_by_root_difference": _root_difference(found),
+        "det_K_zero_by_root_difference": root,
         "energy_balance_max_relative": energy_imbalance(found),
         "slope_at_A": slope_at_A(found),
         "states": len(K),
@@ -204,32 +218,6 @@ def slope_at_A(found: FollowedDiamond) -> dict[str, float] | None:
     return {"differences": float(s1 / E1), "closed_form": closed, "difference": difference}
 
 
-def _isotropic_error(found: FollowedDiamond) -> float:
-    """(38) against (26) over the norm, in the isotropic stage before contacts are added."""
-    states = found.states
-    rows = (found.stage == "isotropic") & ~states.added.any(axis=1) & ~states.sliding
-    if not rows.any():
-        return 0.0
-    K = found.K[rows]
-    closed = isotropic_tangent(states.E1[rows], found.loop.alpha0, found.loop.kappa)
-    return float(np.max(operator_norm(closed - K) / operator_norm(K)))
-
-
-def _root_difference(found: FollowedDiamond) -> float | None:
-    """(41) against the root of the determinant of any loop's operator; None without I."""
-    loop, row = found.loop, found.marks.get("I")
-    if row is None or loop.kappa == 0.0 or found.states.added[row].any():
-        return None
-    at_I = float(found.E1[row])
-
-    def det(E: float) -> float:
-        A = generic_tangent(loop, diamond_states(loop, E, E), "affine")[0]
-        return float(np.linalg.det(restrict(A, "diagonal")))
-
-    eps = float(np.finfo(float).eps)
-    return abs(float(brentq(det, 0.0, 0.5 * (1.0 + at_I), xtol=1e-15, rtol=4 * eps)) - at_I)
-
-
 def model_summary(found: FollowedDiamond) -> dict[str, Any]:
     """The model in words; with `--model full` its differences from the smallest model."""
     model = asdict(found.path.model)
@@ -237,7 +225,7 @@ def model_summary(found: FollowedDiamond) -> dict[str, Any]:
         return {**model, "check": None}
     small = follow_diamond(replace(found.options, model="auto"))
     differences = {}
-    for name in (name for name in STATES if name in found.marks and name in small.marks):
+    for name in (name for name in NAMED_STATES if name in found.marks and name in small.marks):
         ours, theirs = (
             np.array([values[path.marks[name]] for values in (path.E1, path.E2, path.s1, path.s2)])
             for path in (found, small)

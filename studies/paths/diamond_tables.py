@@ -21,7 +21,7 @@ from stability import (
 from studies.paths.diamond import FollowedDiamond, diamond_states, touching_strains
 from studies.paths.followed import operator_diagram
 
-# Compression of Fig. 4 where the study has no confinement to take it from; its largest turn.
+# Compression of Fig. 4 if the confinement is zero, and its largest turn of the branch.
 COMPRESSION, LAST_ANGLE = 0.2, np.pi / 4
 ROUTES = {
     "shear_then_compress": ("shear", "compress"),
@@ -33,7 +33,7 @@ ADDED_COLUMNS = [
     "chord_1", "chord_2",
 ]  # fmt: skip
 # Strains of a curve between two meetings of opposite grains.
-SAMPLES = 401
+CURVE_STRAINS = 401
 
 
 def diamond_tables(
@@ -102,9 +102,9 @@ def polar_table(found: FollowedDiamond) -> pd.DataFrame:
 
 
 def state_diagram(found: FollowedDiamond, name: str) -> tuple[PolarDiagram, Flags]:
-    """Polar diagram at a named state, and in which directions its contacts slide.
+    """Polar diagram at a named state, and whether the contacts slide along each direction.
 
-    At B every direction has the regime that it activates, elastic or sliding.
+    At B the direction decides on the regime, elastic or sliding.
     """
     path, row, loop = found.path, found.marks[name], found.loop
     closed = path.regime[row] != Regime.OPEN
@@ -141,7 +141,7 @@ def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataF
         "compress_then_shear": work_compress_then_shear(1.0, alpha, D, 1.0, loop.kappa),
     }
     for route, legs in ROUTES.items():
-        # The rate law (8a), (8b), all angles at once: length, N, T and work.
+        # Integrate the rate law (8a), (8b) for all angles at once: length, N, T and work.
         y = np.stack([np.ones_like(alpha), *np.zeros((3, alpha.size))])
         for leg in legs:
             stretching, turning = (0.0, alpha) if leg == "shear" else (-D, 0.0)
@@ -198,14 +198,14 @@ def definite_intervals(loop: DiamondParameters, *, added: bool) -> list[tuple[fl
 
 
 def isotropic_eigenvalues(loop: DiamondParameters, *, added: bool) -> tuple[Floats, Floats]:
-    """Strains (n,) and eigenvalues of Ks (n, 2) under isotropic strain until both have lost it.
+    """Strains (n,) and eigenvalues of Ks (n, 2) under isotropic strain, past the last stable one.
 
-    NaN between two strains where a contact comes in.
+    NaN separates the parts of the path where a contact is added.
     """
     last = 1.05 * definite_intervals(loop, added=True)[-1][1]
     strains, eigenvalues = [], []
     for start, end, contacts in _between_meetings(loop, last, added):
-        E = np.linspace(start, end, SAMPLES)
+        E = np.linspace(start, end, CURVE_STRAINS)
         K = diamond_states(loop, E, E, added=contacts).K
         strains += [E, np.full(1, np.nan)]
         eigenvalues += [symmetric_spectrum(K), np.full((1, 2), np.nan)]
@@ -215,7 +215,7 @@ def isotropic_eigenvalues(loop: DiamondParameters, *, added: bool) -> tuple[Floa
 def _between_meetings(
     loop: DiamondParameters, last: float, added: bool
 ) -> list[tuple[float, float, tuple[bool, bool]]]:
-    """Parts of the isotropic path, and the contacts that opposite grains share on each."""
+    """Start and end of each part of the isotropic path, and the contacts added on axis 1 and 2."""
     on1, on2 = touching_strains(loop)
     meetings = sorted({E for E in (on1, on2) if 0.0 < E < last}) if added else []
     return [

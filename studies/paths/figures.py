@@ -46,15 +46,15 @@ from studies.style import (
     write_above,
 )
 
-MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
-STRAIN = r"axial strain $E_1$ (–)"
+SUBSPACE_MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
+STRAIN_LABEL = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
-COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
-REGIMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
-EVENTS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
+REGIME_COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
+REGIME_NAMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
+EVENT_MARKS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
 # Width of the largest force in points, its arrow in diameters, and the most grains with arrows.
 WIDEST, ARROW, MOST_WITH_ARROWS = 4.0, 0.45, 12
-SHARES: tuple[tuple[str, str, Any, str], ...] = (
+SUBSPACE_LOOKS: tuple[tuple[str, str, Any, str], ...] = (
     ("diagonal", BLUE, "-", "(11, 22)"),
     ("symmetric", VERMILION, (0, (4, 2)), r"(11, 22, (12+21)/$\sqrt{2}$)"),
     ("full", GREEN, (0, (1, 1)), "all four components"),
@@ -98,7 +98,7 @@ def draw_stress(found: Followed, ax: Axes | None = None) -> Axes:
     if peak is not None:
         ax.plot(peak["E1"], peak["s1"], "o", color=BLACK, markerfacecolor="white", label="peak")
     if not diamond:  # whose B is the yield of all contacts
-        for kind, (marker, label) in EVENTS.items():
+        for kind, (marker, label) in EVENT_MARKS.items():
             at = [event.index for event in found.path.events if event.kind == kind]
             if at:
                 ax.plot(E1[at], found.s1[at], marker, color=GREY, markersize=3.5, label=label)
@@ -147,7 +147,7 @@ def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
         if name != "end":
             ax.axvline(E1[row], color=GREY, linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
             write_above(ax, E1[row], name, fontweight="bold")
-    ax.set(xlabel=STRAIN, ylabel=r"$\alpha_E$ (degrees)", xlim=(0.0, None), ylim=(0.0, 180.0))
+    ax.set(xlabel=STRAIN_LABEL, ylabel=r"$\alpha_E$ (degrees)", xlim=(0.0, None), ylim=(0.0, 180.0))
     ax.set_yticks(np.arange(0, 181, 45))
     ax.legend(loc="lower left")
     return ax
@@ -158,11 +158,11 @@ def draw_unstable_fraction(found: Followed, ax: Axes | None = None) -> Axes:
     """Share of strain directions with negative second-order work, by subspace."""
     ax = axes_or_new(ax, 4.2, 2.8)
     table, E1 = found.subspaces, found.broken(found.E1)
-    for subspace, colour, style, label in SHARES:
+    for subspace, colour, style, label in SUBSPACE_LOOKS:
         share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"].to_numpy())
         ax.plot(E1, share, color=colour, linestyle=style, label=label)
     over_strain(found, ax, None, "unstable directions (%)")
-    if not any(np.any(table[f"unstable_fraction_{name}"] > 0.0) for name, *_ in SHARES):
+    if not any(np.any(table[f"unstable_fraction_{name}"] > 0.0) for name, *_ in SUBSPACE_LOOKS):
         say_empty(ax, "no unstable direction on this path")
         ax.set_ylim(top=10.0)
     ax.set_ylim(bottom=-1.0)
@@ -173,7 +173,7 @@ def draw_unstable_fraction(found: Followed, ax: Axes | None = None) -> Axes:
 def over_strain(
     found: Followed, ax: Axes, marked: Floats | None, ylabel: str, margin: float = 0.05
 ) -> None:
-    """Axes over the axial strain: named states on one curve, opposite grains, titles."""
+    """Label the axes, mark the named states on one curve, shade where opposite grains overlap."""
     for name, row in found.marks.items():
         at = found.E1[row]
         if marked is None or name == "end":
@@ -186,14 +186,14 @@ def over_strain(
         text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
     if isinstance(found, FollowedDiamond):
         _shade_overlap(found, ax)
-    ax.set(xlabel=STRAIN, ylabel=ylabel, xlim=(0.0, None))
+    ax.set(xlabel=STRAIN_LABEL, ylabel=ylabel, xlim=(0.0, None))
     ax.margins(y=margin)
 
 
 def _shade_overlap(found: FollowedDiamond, ax: Axes) -> None:
-    """Shade where opposite grains overlap; say so above the axes, where no curve runs."""
+    """Shade the strains at which opposite grains overlap, with a note above the axes."""
     overlap = np.minimum(*opposite_gaps(found.E1, found.E2, found.loop.alpha0)) < 0.0
-    parts, E1 = runs(overlap), found.E1
+    parts, E1 = true_runs(overlap), found.E1
     for part in parts:
         ax.axvspan(E1[part][0], E1[part][-1], color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
     if parts:
@@ -202,8 +202,8 @@ def _shade_overlap(found: FollowedDiamond, ax: Axes) -> None:
         write_above(ax, middle, f"opposite grains {said}", color=GREY, fontsize=7)
 
 
-def runs(where: Flags) -> list[slice]:
-    """Runs of True."""
+def true_runs(where: Flags) -> list[slice]:
+    """Slices of consecutive True values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int64), [0]])))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
@@ -228,7 +228,7 @@ def polygon_diagrams(found: Followed, critical: float | None) -> dict[str, Polar
 def draw_polar_figure(
     diagrams: dict[str, PolarDiagram], beyond: dict[str, PolarDiagram] | None = None
 ) -> Figure:
-    """Polar diagrams of w2 in (11, 22) by name, and those of sliding contacts dashed, `beyond`."""
+    """Polar diagrams of w2 in (11, 22) by name; dashed those of sliding contacts, `beyond`."""
     count = max(len(diagrams), 1)
     width = 0.5 + count * (TWO_COLUMNS - 0.5) / 3.0
     fig, (axes,) = new_panels(1, count, 2.75, width, sharey=True)
@@ -254,8 +254,8 @@ def draw_polar(diagram: PolarDiagram, ax: Axes | None = None, name: str = "") ->
     closed = np.concatenate([diagram.points, diagram.points[:1]])
     angle = np.append(diagram.angle, 2.0 * np.pi)
     circle = RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    for part in runs(np.append(diagram.work, diagram.work[0]) < 0.0):
-        # One point beyond either end, where the curves meet.
+    for part in true_runs(np.append(diagram.work, diagram.work[0]) < 0.0):
+        # Up to the neighbouring points, where the curves meet.
         part = slice(max(part.start - 1, 0), part.stop + 1)
         outline = np.concatenate([closed[part], circle[part][::-1]])
         ax.fill(*outline.T, facecolor=VERMILION, alpha=0.35, linewidth=0.0)
@@ -308,7 +308,7 @@ def draw_grains(
     regime: Regimes,
     largest: float,
 ) -> None:
-    """Grains of the diameters `size`, the force of every contact as a line along it.
+    """Draw grains of the diameters `size`, and the force of every contact as a line along it.
 
     Its width is in proportion, the widest of the force `largest`; for few grains arrows show the
     forces from outside that hold the contacts in balance, in proportion as well.
@@ -333,7 +333,7 @@ def draw_grains(
     first = size[pairs[:, :1]] / size[pairs].sum(axis=1, keepdims=True)
     contact = x[pairs[:, 0]] + first * (x[pairs[:, 1]] - x[pairs[:, 0]])
     lines = np.stack([contact - half, contact + half], axis=1)
-    colours = [COLOURS[Regime(int(each))] for each in regime]
+    colours = [REGIME_COLOURS[Regime(int(each))] for each in regime]
     width = WIDEST * strength / largest
     ax.add_collection(LineCollection(list(lines), colors=colours, linewidths=width))
     ax.plot(*x.T, "o", color=BLACK, markersize=1.5)
@@ -354,8 +354,10 @@ def draw_grains(
 def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool) -> list[Line2D]:
     """Handles of the legend: regimes, the force of the widest line, and of the arrows."""
     key = [
-        Line2D([], [], color=COLOURS[regime], linewidth=0.5 * WIDEST, label=f"{name} contact")
-        for regime, name in REGIMES.items()
+        Line2D(
+            [], [], color=REGIME_COLOURS[regime], linewidth=0.5 * WIDEST, label=f"{name} contact"
+        )
+        for regime, name in REGIME_NAMES.items()
         if regime in regimes
     ]
     width = f"contact force, widest: {largest:.3g} {unit}"
@@ -385,9 +387,9 @@ def draw_critical_strain(compared: Compared, ax: Axes | None = None) -> Axes:
             label, (1.0, level), (2, 0), xycoords=("axes fraction", "data"),
             textcoords="offset points", va="center", color=GREY,
         )  # fmt: skip
-    for subspace, colour, _, label in SHARES:
+    for subspace, colour, _, label in SUBSPACE_LOOKS:
         ax.plot(
-            table["order"], table[f"critical_strain_{subspace}"], MARKERS[subspace],
+            table["order"], table[f"critical_strain_{subspace}"], SUBSPACE_MARKERS[subspace],
             color=colour, markerfacecolor="none", markersize=6, label=label,
         )  # fmt: skip
     _order_axis(ax, table["order"])

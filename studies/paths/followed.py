@@ -31,7 +31,7 @@ SUBSPACES = ("diagonal", "symmetric", "full")
 TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
 # A path of so many steps is given up with the status `lost`.
 MOST_STEPS = 2000
-# Of a polar diagram: its directions, and the radius at which the second-order work is zero.
+# Directions of a polar diagram, and its radius where the second-order work is zero.
 DIRECTIONS, RADIUS = 720, 2.0
 
 
@@ -104,7 +104,7 @@ class Followed:
         return np.flatnonzero((regime[1:] != regime[:-1]).any(axis=1)) + 1
 
     def broken(self, values: Floats) -> Floats:
-        """A column, or several side by side, with a NaN at each jump: no line joins its ends."""
+        """One column or several with a NaN at each jump, which interrupts a drawn line."""
         return np.insert(np.asarray(values, dtype=float), self.jumps, np.nan, axis=0)
 
     @cached_property

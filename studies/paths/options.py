@@ -49,20 +49,20 @@ PROGRAMMES: dict[str, Callable[..., Programme]] = {
     "undrained": programmes.undrained,
 }
 TABLES = {1: TABLE_1, 2: TABLE_2}
-OWN = ("alpha0_deg", "kappa", "phi_deg", "confine")
-# Strain that the diamond is followed for after A, and at least after B.
+DIAMOND_PARAMETERS = ("alpha0_deg", "kappa", "phi_deg", "confine")
+# Strain of the diamond's path after A, and its least strain after B.
 AFTER_A, AFTER_B = 0.3, 0.15
 # Default end of a polygon's programme: share of the strain between A and 1.
 PROGRAMME_SHARE = 0.4
 LARGEST_ORDER, MOST_ORDERS = 1000, 40
 # Default end of a programme on a snapshot's loop: E1 over the mean overlap.
 PROGRAMME_OVERLAPS = 5.0
-NEWTON_STEPS = 20
+RING_NEWTON_STEPS = 20
 
 
 @dataclass(frozen=True)
 class DiamondOptions:
-    """Options of `grainloops diamond`; what is left out is Table 1's.
+    """Options of `grainloops diamond`; parameters left out are those of Table 1.
 
     `table` names one of the paper's sets of parameters, instead of `alpha0_deg` in (0, 90),
     `kappa` of zero or more, `phi_deg` in [0, 90] (90: nothing slides) and `confine` in [0, 1), the
@@ -80,13 +80,13 @@ class DiamondOptions:
     model: ModelOption = "auto"
 
     spins: ClassVar[Spins] = "blocked"
-    # Of a stage at least, so that curves through them have no corners.
+    # Least number of rows of a stage: curves through them look smooth.
     rows: ClassVar[int] = 80
 
     def __post_init__(self) -> None:
         _check_shared(self)
         one_of("--contact-on-touch", self.contact_on_touch, get_args(OnTouch))
-        own = [name for name in OWN if getattr(self, name) is not None]
+        own = [name for name in DIAMOND_PARAMETERS if getattr(self, name) is not None]
         if self.table is not None:
             one_of("--table", self.table, tuple(TABLES))
             if own:
@@ -143,7 +143,7 @@ class DiamondOptions:
         return (to_A, ("drained", Stage(programmes.drained_biaxial(), "H11", last)))
 
     def described(self) -> dict[str, Any]:
-        """Every value in force, under the names of the command line."""
+        """Value of every option by its name on the command line."""
         loop = self.parameters
         return {
             **vars(self),
@@ -254,7 +254,7 @@ class PolygonOptions:
         return (*first, (self.programme, loading))
 
     def described(self) -> dict[str, Any]:
-        """Every value in force, under the names of the command line."""
+        """Value of every option by its name on the command line."""
         names = ("order", "orientation", "kappa", "phi_deg", "mu", "closure", "spins", "confine")
         values = {name: getattr(self, name) for name in (*names, "programme", "model")}
         own = {"law": self.contact_law, "rolling": self.rolling, "radii": self.radii}
@@ -264,7 +264,7 @@ class PolygonOptions:
 
 @dataclass(frozen=True)
 class LoopOptions(PolygonOptions):
-    """One loop of a snapshot, followed from the state that it is in, which is the reference.
+    """One loop of a snapshot, followed from its state there, which is the reference.
 
     `loop` is its number in the table of loops. Lengths are over the mean diameter of its grains,
     stiffnesses and forces over the mean `kn` of its contacts; law, forces and regimes are the
@@ -289,13 +289,13 @@ class LoopOptions(PolygonOptions):
         radii, x0 = given.radii / length, (given.x - given.x.mean(axis=0)) / length
         x = ring_of_lengths(x0, radii + np.roll(radii, -1) - N / law.kn)
         graph = GrainGraph(x=x, radii=radii, contacts=given.contacts)
-        # The forces of the overlaps, which those of the file are to rounding.
+        # Forces of the overlaps; they agree with the file's to rounding.
         graph = graph.replace(normal_force=law.normal_force(contact_state(graph)), shear_force=T)
         return graph.replace(regime=found.regime), law, float(np.abs(x - x0).max())
 
     @property
     def keeps_shape(self) -> bool:
-        """The state is given, no isotropic strain leads to it."""
+        """False: the state is that of the snapshot, no isotropic strain leads to it."""
         return False
 
     @property
@@ -317,19 +317,19 @@ class LoopOptions(PolygonOptions):
         return ((self.programme, Stage(PROGRAMMES[self.programme](), "H11", self.last_strain)),)
 
     def described(self) -> dict[str, Any]:
-        """Every value in force, under the names of the command line."""
+        """Value of every option by its name on the command line."""
         names = ("order", "closure", "spins", "programme", "model")
         values = {name: getattr(self, name) for name in names} | {"end": self.last_strain}
         return {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2], **values}
 
 
 def ring_of_lengths(x: Floats, lengths: Floats) -> Floats:
-    """Centres nearby whose branches (c, c + 1) have these lengths: Newton, the smallest moves.
+    """Centres whose branches (c, c + 1) have these lengths, with the smallest moves (Newton).
 
     A file that rounds positions gives overlaps that don't fit its forces.
     """
     x, c = x.copy(), np.arange(len(x))
-    for _ in range(NEWTON_STEPS):
+    for _ in range(RING_NEWTON_STEPS):
         d = np.roll(x, -1, axis=0) - x
         size = np.hypot(*d.T)
         if np.abs(size - lengths).max() <= 4.0 * np.finfo(float).eps * lengths.max():
@@ -342,7 +342,7 @@ def ring_of_lengths(x: Floats, lengths: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class ComparisonOptions:
-    """Orders to compare, and all that the loops share; the order of `shared` plays no part."""
+    """Orders to compare, and the other options of all loops; the order of `shared` is not used."""
 
     orders: tuple[int, ...]
     shared: PolygonOptions
@@ -360,7 +360,7 @@ class ComparisonOptions:
         return replace(self.shared, order=order)
 
     def described(self) -> dict[str, Any]:
-        """Every value in force, under the names of the command line."""
+        """Value of every option by its name on the command line."""
         described = self.shared.described()
         del described["order"]
         return {"compare": list(self.orders), **described}

@@ -36,12 +36,12 @@ FIRST, LAST, COUNT, CHUNKS = 1e-6, 0.99, 100, 9
 VALUES, MOST_LINES = ("E1", "E2", "s1", "s2"), 40
 # Ks is not definite if its smallest eigenvalue at the first load is at most this share of the norm.
 DEFINITE_RTOL = 1e-12
-# Grains times rows of a table.
+# Most numbers in a list column of a table, grains times rows.
 MOST_NUMBERS = 100_000
 
 
 def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPACES) -> Followed:
-    """Confine a polygon and load it; `marks` are A and end. Spectra are watched in the subspaces.
+    """Confine a polygon and load it; `marks` are A and end. Spectral events are of the subspaces.
 
     >>> found = follow_polygon(PolygonOptions(4, confine=0.2, end=0.25))
     >>> [(event.kind, event.subspace) for event in found.path.events][:3]
@@ -55,7 +55,7 @@ def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPAC
         return Followed(options, path, marks, path.K, path.det_K, path.det_Ks)
 
 
-def described(found: Followed, event: Event) -> dict[str, Any]:
+def event_values(found: Followed, event: Event) -> dict[str, Any]:
     """An event as plain values; `subspace` is null where it depends on none."""
     return {
         "kind": event.kind,
@@ -83,7 +83,7 @@ def axial_peak(found: Followed) -> dict[str, float] | None:
         return None
     s1 = found.s1[rows]
     k = int(np.argmax(s1))
-    # Rows twice recorded, before and after a change, are one.
+    # A state recorded twice, before and after a change of regime, counts once.
     if s1[k] <= s1[0] + STEP_ATOL or (s1[k] <= s1[-1] + STEP_ATOL):
         return None
     row = int(rows[k])
@@ -92,7 +92,7 @@ def axial_peak(found: Followed) -> dict[str, float] | None:
 
 
 def _between(found: Followed, row: int) -> dict[str, float] | None:
-    """The peak beside a row, on the side where s1 still rises; none if it is the row itself."""
+    """Peak between a row and its neighbour on the rising side; None if it is the row itself."""
     path = found.path
     rate = path.H_rate[row, 0]
     if abs(rate) < STEP_ATOL or abs(path.P_rate[row, 0] / rate) < SLOPE_ATOL:
@@ -105,7 +105,7 @@ def _between(found: Followed, row: int) -> dict[str, float] | None:
         or not (rates[:, 0] > STEP_ATOL).all()
     ):
         return None
-    # Slow to load, and a diamond needs none.
+    # Slow to import, and not needed by the diamond.
     from scipy.interpolate import CubicHermiteSpline
 
     axial = CubicHermiteSpline(E1, path.P[[a, b], 0], path.P_rate[[a, b], 0] / rates[:, 0])
@@ -121,7 +121,7 @@ def _between(found: Followed, row: int) -> dict[str, float] | None:
 
 
 def thresholds(options: PolygonOptions) -> dict[str, float | None]:
-    """Isotropic threshold by subspace; the confinement plays no part.
+    """Isotropic threshold by subspace, from the barely touching loop on.
 
     None as well where isotropic strain doesn't keep the loop's shape.
     """
@@ -164,7 +164,7 @@ def isotropic_threshold(
         norm = operator_norm(K)
         return np.asarray(symmetric_spectrum(K)[..., 0] / np.where(norm > 0.0, norm, 1.0))
 
-    # The stiffness of spheres vanishes at touching: the first load, not none at all.
+    # Spheres have no stiffness where they just touch: take the first load instead.
     if not float(smallest(FIRST)) > DEFINITE_RTOL:
         return 0.0
     below = FIRST
@@ -184,7 +184,7 @@ def isotropic_threshold(
 
 
 def polygon_table(found: Followed) -> pd.DataFrame:
-    """Table of a polygon's path.
+    """Table of a polygon's path, one row a state.
 
     `stage, parameter`; `E1, E2, H12, H21`; stresses `s1, s2, s12, s21`; lists `N, T, regime` by
     contact and `x, y` by grain; the tangent `A11_11 ..`; spectra and cone in (11, 22);
@@ -216,7 +216,7 @@ def polygon_table(found: Followed) -> pd.DataFrame:
 
 
 def table_rows(found: Followed) -> Integers:
-    """Rows of a path that its table holds: all, or of large loops the ends of stages and some."""
+    """Rows of the table: all of the path, or for large loops the ends of stages and a selection."""
     count, grains = found.path.x.shape[:2]
     most = max(MOST_NUMBERS // grains, 2)
     if count <= most:
@@ -233,7 +233,7 @@ def polygon_summary(found: Followed) -> dict[str, Any]:
     return {
         "parameters": options.described(),
         "critical_strain": critical,
-        "events": [described(found, event) for event in path.events],
+        "events": [event_values(found, event) for event in path.events],
         "peak": peak,
         "states": {name: _state(found, row) for name, row in found.marks.items()},
         "status": path.status,
@@ -412,5 +412,5 @@ def first_yield(found: Followed) -> dict[str, Any] | None:
             N, T = path.normal_force[event.index, contacts], path.shear_force[event.index, contacts]
             reached = bool((np.abs(T) >= mu * N * (1.0 - YIELD_RTOL)).all())
         if reached:
-            return described(found, event)
+            return event_values(found, event)
     return None
