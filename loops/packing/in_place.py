@@ -21,10 +21,10 @@ from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 from loops.loop_batches import loop_batches
-from loops.packing.factor import factorised
-from loops.packing.inversion import Polygons, inverted, polygons_of
-from loops.packing.system import PackingSystem, packing_system
-from loops.packing.walls import PlaneContacts
+from loops.packing.blocks import Polygons, polygons_of
+from loops.packing.boundary import PlaneContacts
+from loops.packing.inversion import inverted
+from loops.packing.system import PackingSystem, factorised, packing_system
 
 Method = Literal["auto", "whole", "blocks"]
 METHODS = get_args(Method)
@@ -156,7 +156,7 @@ def _truncation(system: PackingSystem, polygons: Polygons, matrix: Floats, rho: 
             B = np.zeros((system.size, 4))
             np.add.at(B[:, :2], system.freedom[grains[k], 0], vectors[k])
             np.add.at(B[:, 2:], system.freedom[grains[k], 1], vectors[k])
-            whole = np.linalg.inv(B.T @ factor.solve(B, refinements=1) / area[k])
+            whole = np.linalg.inv(B.T @ factor.solve(B, refinements=0) / area[k])
             change = frobenius(matrix[row[k]] - whole) / frobenius(whole)
             true.append(change / shape[row[k]])
     return np.where(shape > 0, MARGIN * float(np.max(true)) * shape, 0.0)

@@ -1,62 +1,30 @@
-"""Loops in their packing: the system inverted whole, or in blocks with grains held around them."""
+"""Operators of loops in their packing, by inversion of its matrix, with a bound on their errors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from loops.arrays import Flags, Floats, Integers, frobenius
-from loops.faces import Faces
-from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import GrainGraph
-from loops.loop_batches import loop_batches
 from loops.null_space import ROUNDING
-from loops.packing.dissection import Front, dissection
-from loops.packing.selected_inverse import EPS, SINGULAR, FrontalLU, eliminate
-from loops.packing.spin_modes import spin_modes
+from loops.packing.blocks import Block, Polygons, packing_blocks
+from loops.packing.multifrontal import EPS, SINGULAR, Front, FrontalLU, dissection, eliminate
 from loops.packing.system import PackingSystem, assembled
 
-# Random vectors from which the norms of Z^T B, Z B and R B of all loops are estimated together.
+# Number of random vectors that norms are estimated with, for all loops at once.
 SKETCH = 16
-# Beyond this norm of `R = 1 - K Z` the error is not of first order in it.
-LEFT = 0.1
+# Above this norm of the residual `R = 1 - K Z` errors are not of first order in it.
+LARGEST_RESIDUAL = 0.1
+# Relative tolerance of a ring of gears: its ratios of radii, multiplied around it, return to 1.
+GEAR_RTOL = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
-class Polygons:
-    """Loops by order: grains (L, n), boundary vectors (L, n, 2), areas and rows of the results.
-
-    Of all loops the `centre`.
-    """
-
-    grains: list[Integers]
-    vectors: list[Floats]
-    area: list[Floats]
-    row: list[Integers]
-    centre: Floats
-
-
-def polygons_of(graph: GrainGraph, faces: Faces) -> Polygons:
-    """The loops of a packing, see `Polygons`."""
-    row = np.full(len(faces.kind), -1)
-    row[faces.loops] = np.arange(len(faces.loops))
-    out = Polygons([], [], [], [], np.empty((len(faces.loops), 2)))
-    for batch in loop_batches(graph, faces):
-        x = batch.graph.x
-        out.grains.append(batch.grains)
-        out.vectors.append(boundary_vectors(x))
-        out.area.append(polygon_area(x))
-        out.row.append(row[batch.face])
-        out.centre[row[batch.face]] = x.mean(axis=1) + batch.origin
-    return out
-
-
-@dataclass(frozen=True, eq=False)
-class Inverted:
-    """`A_in` (L, 4, 4), its relative rounding error and the distance to held grains, (L,) each."""
+class InvertedLoops:
+    """`A_in` (L, 4, 4), its relative rounding error (L,) and distance to held grains `rho` (L,)."""
 
     matrix: Floats
     error: Floats
@@ -65,271 +33,239 @@ class Inverted:
 
 def inverted(
     system: PackingSystem, polygons: Polygons, side: float, buffer: float, threads: int = 1
-) -> Inverted:
-    """`A_in` of all loops, in blocks of about `side`; of the whole packing if it is infinite."""
+) -> InvertedLoops:
+    """Invert in blocks of about `side`, or the whole packing if `side` is infinite."""
     count = len(polygons.centre)
-    rho = np.full(count, np.nan)
-    found = _Sums(np.full((count, 4, 4), np.nan), np.zeros(count), *np.zeros((3, count, 4, SKETCH)))
-    for block in _blocks(system, polygons, side, buffer):
+    matrix, error, rho = np.empty((count, 4, 4)), np.empty(count), np.empty(count)
+    for block in packing_blocks(system, polygons, side, buffer):
         rho[block.loops] = block.rho
-        _judge(system, polygons, block, found, threads)
-    matrix, error = _inverses(found)
-    return Inverted(matrix, error, rho)
+        own = polygons.take(block.loops)
+        matrix[block.loops], error[block.loops] = _operators(system, own, block, threads)
+    return InvertedLoops(matrix, error, rho)
 
 
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """Per loop: `C_in`, size of the terms behind it, and sketches of `Z^T B`, `Z B`, `R B`."""
+def _operators(
+    system: PackingSystem, polygons: Polygons, block: Block, threads: int
+) -> tuple[Floats, Floats]:
+    """`A_in` and relative error of the loops of a block; all grains but its free ones are held."""
+    free, grains = block.free, np.flatnonzero(block.free)
+    number = np.cumsum(free) - 1
+    matrix, freedom, coupled = _regular_matrix(system, block)
+    edges = np.concatenate([_edges(system, polygons, free), coupled])
+    fronts = dissection(block.x[grains], number[edges])
+    lu = eliminate(matrix, fronts, freedom[grains], threads)
+    loops_at = _loops_by_front(fronts, polygons, number, free & (freedom[:, :2] >= 0).all(axis=1))
+    count = len(polygons.centre)
+    compliance, terms = np.full((count, 4, 4), np.nan), np.zeros(count)
 
-    compliance: Floats
-    terms: Floats
-    left: Floats
-    right: Floats
-    residual: Floats
+    def use(k: int, freedoms: Integers, z: Floats) -> None:
+        order = np.argsort(freedoms)
+        for group, rows in loops_at[k]:
+            moves = freedom[polygons.grains[group][rows], :2]
+            place = order[np.searchsorted(freedoms, moves, sorter=order)]
+            v, area = polygons.vectors[group][rows], polygons.area[group][rows]
+            loops = polygons.row[group][rows]
+            compliance[loops], terms[loops] = _compliances(z, place, v, area)
+
+    lu.on_fronts(use)
+    known = np.isfinite(compliance).all(axis=(1, 2))
+    sketches = [_projected(polygons, freedom, one)[known] for one in _sketches(matrix, lu)]
+    operator, error = np.full((count, 4, 4), np.nan), np.full(count, np.nan)
+    operator[known], error[known] = _inverses(compliance[known], terms[known], *sketches)
+    return operator, error
 
 
-def _inverses(found: _Sums) -> tuple[Floats, Floats]:
-    """`A = C_in^-1` and a bound on its error relative to its norm.
+def _inverses(
+    C: Floats, terms: Floats, left: Floats, right: Floats, residual: Floats
+) -> tuple[Floats, Floats]:
+    """`A = C^-1` and a bound on its relative error; not numbers where the bound is not below 1.
 
-    With `R = 1 - K Z` what is left over, `dC = (1/V) B^T Z R B` and `dA = -A dC A`. Rounding of `K`
-    and of the products adds to `R`, the entries of `C` and their inversion err by rounding too.
+    With the residual `R = 1 - K Z`, `dC = (1/V) B^T Z R B` and `dA = -A dC A`. Rounding of `K` adds
+    to `R`; rounding of the products and of the inversion adds to `dC`. `left`, `right`, `residual`
+    (L, 4, SKETCH) have the norms of `B^T Z`, `B^T Z^T`, `B^T R^T` over the root of V.
     """
-    known = np.isfinite(found.compliance).all(axis=(1, 2))
-    matrix = np.full_like(found.compliance, np.nan)
-    error = np.full(len(matrix), np.nan)
-    u, s, vt = np.linalg.svd(found.compliance[known])
+    u, s, vt = np.linalg.svd(C)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         A = np.swapaxes(vt, 1, 2) @ (np.swapaxes(u, 1, 2) / s[:, :, None])
         size, At = frobenius(A), np.swapaxes(A, 1, 2)
-        left, right, residual = (one[known] for one in (found.left, found.right, found.residual))
-        rest = frobenius(At @ residual) + ROUNDING * frobenius(At @ right)
-        change = frobenius(A @ left) * rest / size
-        rounding = ROUNDING * size * (found.terms[known] + s[:, 0])
-        # Twice the first order holds where dC A is small.
-        small = frobenius(left) * rest + rounding < 0.25
-        bound = np.where(small, 2.0 * (change + rounding), np.inf)
-    matrix[known], error[known] = A, bound
-    matrix[~(error < 1.0)] = np.nan
-    return matrix, error
+        remaining = frobenius(At @ residual) + ROUNDING * frobenius(At @ right)
+        rounding = ROUNDING * size * (terms + s[:, 0])
+        error = frobenius(A @ left) * remaining / size + rounding
+        # Twice the first order is a bound where dC A is small.
+        small = frobenius(left) * remaining + rounding < 0.25
+    error = np.where(small, 2.0 * error, np.inf)
+    A[~(error < 1.0)] = np.nan
+    return A, error
 
 
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Free grains, where they lie, the loops judged with them and their distances to held grains.
-
-    Distances `rho` are in mean diameters, infinite where no grain is held.
-    """
-
-    free: Flags
-    x: Floats
-    loops: Integers
-    rho: Floats
-    whole: bool
-
-
-def _blocks(
-    system: PackingSystem, polygons: Polygons, side: float, buffer: float
-) -> Iterator[Block]:
-    """Cut the box into blocks of about `side`, each with its buffer."""
-    graph, carries = system.graph, system.carrying.grains
-    box, origin = _box(graph)
-    heights = abs(np.linalg.det(box)) / np.linalg.norm(box[:, ::-1], axis=0)
-    extent = heights / (2.0 * float(graph.radii[carries].mean()))
-    place, centre = (np.linalg.solve(box, (x - origin).T).T for x in (graph.x, polygons.centre))
-    counts = np.maximum(1, np.round(extent / side)).astype(np.int64)
-    home = np.floor((centre - np.floor(centre)) * counts).astype(np.int64).clip(0, counts - 1)
-    number = home[:, 0] * counts[1] + home[:, 1]
-    for k in range(int(counts.prod())):
-        middle = (np.array(divmod(k, int(counts[1]))) + 0.5) / counts
-        reach = 0.5 / counts + buffer / extent
-        away, off = (_nearest(f - middle, graph) for f in (place, centre))
-        free = carries & (np.abs(away) <= reach).all(axis=1)
-        whole = bool(free[carries].all())
-        mine = np.flatnonzero(number == k)
-        rho = ((reach - np.abs(off)) * extent).min(axis=1)
-        for grains, row in zip(polygons.grains, polygons.row, strict=True):
-            # A loop that reaches beyond the buffer is freed, and nothing is said of its error.
-            beyond = (number[row] == k) & ~free[grains].all(axis=1)
-            rho[row[beyond]] = 0.0
-            free[grains[beyond]] = True
-        yield Block(
-            free=free & carries,
-            x=away @ box.T,
-            loops=mine,
-            rho=np.full(len(mine), np.inf) if whole else rho[mine],
-            whole=whole,
-        )
-
-
-def _box(graph: GrainGraph) -> tuple[Floats, Floats]:
-    if graph.cell is not None:
-        return graph.cell, np.zeros(2)
-    low, high = graph.x.min(axis=0), graph.x.max(axis=0)
-    return np.diag(np.maximum(high - low, 1e-9 * np.abs(graph.radii).max())), low
-
-
-def _nearest(offset: Floats, graph: GrainGraph) -> Floats:
-    return offset if graph.cell is None else offset - np.round(offset)
-
-
-def _judge(
-    system: PackingSystem, polygons: Polygons, block: Block, found: _Sums, threads: int
-) -> None:
-    """Fill in `found` for the loops of a block, all grains but its free ones held."""
-    free, grains = block.free, np.flatnonzero(block.free)
-    number = np.cumsum(free) - 1
-    wanted = np.zeros(len(polygons.centre), dtype=bool)
-    wanted[block.loops] = True
-    matrix, freedom, tied = _bordered(system, block)
-    edges = np.concatenate([_edges(system, polygons, free, wanted), tied])
-    fronts = dissection(block.x[grains], number[edges])
-    lu = eliminate(matrix, fronts, freedom[grains], threads)
-    sketches = _sketches(matrix, lu)
-    moves = free & (freedom[:, :2] >= 0).all(axis=1)
-    at = _fronts_of(fronts, polygons, number, moves, wanted)
-    for group in range(len(polygons.row)):
-        _project(
-            polygons, group, np.flatnonzero(wanted[polygons.row[group]]), freedom, sketches, found
-        )
-
-    def use(k: int, freedoms: Integers, z: Floats) -> None:
-        if not at[k]:
-            return
-        order = np.argsort(freedoms)
-        for group, rows in at[k]:
-            v, area = polygons.vectors[group][rows], polygons.area[group][rows]
-            own = freedom[polygons.grains[group][rows], :2]
-            at_rows = order[np.searchsorted(freedoms, own, sorter=order)]
-            to = polygons.row[group][rows]
-            found.compliance[to], found.terms[to] = _in_front(z, at_rows, v, area)
-
-    lu.on_fronts(use)
-
-
-def _in_front(z: Floats, place: Integers, v: Floats, area: Floats) -> tuple[Floats, Floats]:
-    """`(1/V) B^T Z B` for loops whose freedoms (L, n, 2) stand at `place` in a front; its terms."""
+def _compliances(z: Floats, place: Integers, v: Floats, area: Floats) -> tuple[Floats, Floats]:
+    """`C_in = (1/V) B^T Z B` of loops whose freedoms have `place` (L, n, 2) in `z`; its terms."""
     count, n = place.shape[:2]
     flat = place.reshape(count, 2 * n)
-    block = z[flat[:, :, None], flat[:, None, :]]
+    entries = z[flat[:, :, None], flat[:, None, :]]
     loads = np.zeros((count, n, 2, 4))
     loads[:, :, 0, :2] = loads[:, :, 1, 2:] = v
     B = loads.reshape(count, 2 * n, 4)
-    terms = np.abs(block).max(axis=(1, 2)) * np.sum(np.hypot(v[..., 0], v[..., 1]), axis=1) ** 2
-    return np.swapaxes(B, 1, 2) @ block @ B / area[:, None, None], terms / area
+    terms = np.abs(entries).max(axis=(1, 2)) * np.sum(np.hypot(v[..., 0], v[..., 1]), axis=1) ** 2
+    return np.swapaxes(B, 1, 2) @ entries @ B / area[:, None, None], terms / area
 
 
-def _sketches(matrix: sparse.csr_array, lu: FrontalLU) -> tuple[Floats, ...]:
+def _sketches(matrix: sparse.csr_array, lu: FrontalLU) -> tuple[Floats, Floats, Floats]:
     """(size, SKETCH) `Z d g`, `Z^T c g` and `R^T g / d` for random signs g over sqrt(SKETCH).
 
-    Columns of `K` have the size `c`, its rows over `c` the size `d`: rounding of `K` changes
-    `a.Kb` by about `ROUNDING |d a| |c b|`, however much its entries differ in size. Where `R` isn't
-    small there is a mode that is softer than what holds it here by up to `EPS / SINGULAR`.
+    Scalar products with such vectors estimate norms. Columns of `K` have the size `c` and its
+    rows, over `c`, the size `d`: rounding of `K` changes `a.Kb` by about `ROUNDING |d a| |c b|`,
+    even where its entries differ much in size.
     """
     sizes = abs(matrix)
-    c = _positive(sizes.sum(axis=0))
-    d = _positive((sizes @ sparse.diags_array(1.0 / c)).sum(axis=1))[:, None]
+    c = np.where(sizes.sum(axis=0) > 0, sizes.sum(axis=0), 1.0)
+    d = np.where(sizes.sum(axis=1) > 0, sizes @ (1.0 / c), 1.0)[:, None]
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (len(c), SKETCH)) / np.sqrt(SKETCH)
-    left = lu.solve(d * signs)
     loads = np.hstack([c[:, None] * signs, matrix.T @ (signs / d)])
-    both = lu.solve(loads, transposed=True)
-    residual = signs / d - both[:, SKETCH:]
-    if not np.linalg.norm(d * residual) < LEFT:
+    right, back = np.hsplit(lu.solve(loads, transposed=True), 2)
+    residual = signs / d - back
+    if not np.linalg.norm(d * residual) < LARGEST_RESIDUAL:
+        # A mode may be softer than EPS lets it appear, down to what counts as singular.
         residual *= EPS / SINGULAR
-    return left, both[:, :SKETCH], residual
+    return lu.solve(d * signs), right, residual
 
 
-def _positive(sizes: Floats) -> Floats:
-    return np.where(sizes > 0, sizes, 1.0)
+def _projected(polygons: Polygons, freedom: Integers, sketch: Floats) -> Floats:
+    """(L, 4, SKETCH) `B^T` times a sketch over the root of the area."""
+    out = np.empty((len(polygons.centre), 4, SKETCH))
+    for grains, v, area, row in zip(
+        polygons.grains, polygons.vectors, polygons.area, polygons.row, strict=True
+    ):
+        products = np.einsum("lna,lnck->lcak", v, sketch[freedom[grains, :2]], optimize=True)
+        out[row] = products.reshape(len(row), 4, SKETCH) / np.sqrt(area)[:, None, None]
+    return out
 
 
-def _project(
-    polygons: Polygons,
-    group: int,
-    rows: Integers,
-    freedom: Integers,
-    sketches: tuple[Floats, ...],
-    found: _Sums,
-) -> None:
-    """`B^T` of the sketches over the root of the area, for loops of one order."""
-    v, area = polygons.vectors[group][rows], polygons.area[group][rows]
-    own = freedom[polygons.grains[group][rows], :2]
-    for sketch, out in zip(sketches, (found.left, found.right, found.residual), strict=True):
-        products = np.einsum("lna,lnck->lcak", v, sketch[own], optimize=True)
-        out[polygons.row[group][rows]] = (
-            products.reshape(len(rows), 4, SKETCH) / np.sqrt(area)[:, None, None]
-        )
-
-
-def _edges(system: PackingSystem, polygons: Polygons, free: Flags, wanted: Flags) -> Integers:
-    """Pairs of free grains that a contact or a wanted loop joins, each once."""
+def _edges(system: PackingSystem, polygons: Polygons, free: Flags) -> Integers:
+    """(E, 2) pairs of free grains with a contact or a loop in common, each once."""
     pairs = [system.graph.contacts[system.contacts]]
-    for grains, row in zip(polygons.grains, polygons.row, strict=True):
+    for grains in polygons.grains:
         i, j = np.triu_indices(grains.shape[1], 1)
-        some = grains[wanted[row]]
-        pairs.append(np.stack([some[:, i], some[:, j]], axis=-1).reshape(-1, 2))
+        pairs.append(np.stack([grains[:, i], grains[:, j]], axis=-1).reshape(-1, 2))
     every = np.concatenate(pairs)
     every = np.sort(every[free[every].all(axis=1) & (every[:, 0] != every[:, 1])], axis=1)
     code = np.unique(every[:, 0] * len(free) + every[:, 1])
     return np.column_stack([code // len(free), code % len(free)])
 
 
-def _fronts_of(
-    fronts: list[Front], polygons: Polygons, number: Integers, moves: Flags, wanted: Flags
+def _loops_by_front(
+    fronts: list[Front], polygons: Polygons, number: Integers, moves: Flags
 ) -> list[list[tuple[int, Integers]]]:
-    """Loops, by order, that each front holds: the front of their first eliminated grain."""
-    turn = np.empty(len(number), dtype=np.int64)
+    """Loops of each front as (order's group, rows): all grains of a loop are in its first front."""
+    turn = np.empty(int(number[-1]) + 1, dtype=np.int64)
     for k, front in enumerate(fronts):
         turn[front.own] = k
     at: list[list[tuple[int, Integers]]] = [[] for _ in fronts]
-    for group, (grains, row) in enumerate(zip(polygons.grains, polygons.row, strict=True)):
-        rows = np.flatnonzero(wanted[row] & moves[grains].all(axis=1))
+    for group, grains in enumerate(polygons.grains):
+        rows = np.flatnonzero(moves[grains].all(axis=1))
         first = turn[number[grains[rows]]].min(axis=1)
         order = np.argsort(first, kind="stable")
         where, start = np.unique(first[order], return_index=True)
-        ends = np.append(start[1:], len(rows))
-        for k, low, high in zip(where.tolist(), start, ends, strict=False):
-            at[k].append((group, rows[order[low:high]]))
+        for k, some in zip(where.tolist(), np.split(rows[order], start[1:]), strict=False):
+            at[k].append((group, some))
     return at
 
 
-def _bordered(system: PackingSystem, block: Block) -> tuple[sparse.csr_array, Integers, Integers]:
-    """`K` of the free grains, made regular; (G, 4) freedoms in it; grains that modes tie, (E, 2).
+def _regular_matrix(
+    system: PackingSystem, block: Block
+) -> tuple[sparse.csr_array, Integers, Integers]:
+    """Nonsingular `K` of the free grains, (G, 4) freedoms in it, (E, 2) pairs of coupled grains.
 
-    What the free grains lean on outside holds them. One grain of each component that nothing holds
-    stands on springs that carry nothing. A spin that nothing resists is left out. A mode of several
-    spins is balanced by moments in proportion to it: an unknown of its own, `G` and `G^T` at the
-    border of `K`. This is the limit of `K + eps` for `eps` to zero.
+    Other grains are held. One grain of each component that nothing holds is on springs without
+    load. A spin that no contact resists is left out. A gear mode of several spins is balanced by
+    moments in proportion to it, an unknown of its own (the fourth freedom of one grain), with the
+    mode as row and column at the border of `K`. This is the limit of `K + eps` for `eps` to zero.
     """
-    G, size = system.graph.grain_count, system.size
+    grains, size = system.graph.grain_count, system.size
     kept = np.zeros(size + 1, dtype=bool)
     kept[system.freedom[block.free]] = True
     kept[-1] = False
     ends = np.where(kept[system.ends], system.ends, -1)
     touched = (ends >= 0).any(axis=1)
     part = replace(system, ends=ends[touched], stiffness=system.stiffness[touched])
-    diagonal = np.zeros(size)
+    springs = np.zeros(size)
     if block.whole:
-        diagonal[system.freedom[system.carrying.anchors, :2].ravel()] = system.unit
+        springs[system.freedom[system.carrying.anchors, :2].ravel()] = system.unit
     mode, motion = spin_modes(part.stiffness, part.ends, size)
-    several = (mode >= 0) & (np.bincount(mode[mode >= 0], minlength=1)[mode] > 1)
-    kept[:-1] &= (mode < 0) | several
-    moved = np.flatnonzero(several)
-    _, first, column = np.unique(mode[moved], return_index=True, return_inverse=True)
-    border = sparse.csr_array((system.unit * motion[moved], (moved, column)), (size, len(first)))
-    whole = (
-        sparse.block_array(
-            [[assembled(part) + sparse.diags_array(diagonal), border], [border.T, None]]
-        ).tocsr()
-        if len(first)
-        else (assembled(part) + sparse.diags_array(diagonal)).tocsr()
-    )
+    gears = (mode >= 0) & (np.bincount(mode[mode >= 0], minlength=1)[mode] > 1)
+    kept[:-1] &= (mode < 0) | gears
+    spins = np.flatnonzero(gears)
+    _, first, column = np.unique(mode[spins], return_index=True, return_inverse=True)
+    border = sparse.csr_array((system.unit * motion[spins], (spins, column)), (size, len(first)))
+    matrix = sparse.vstack(
+        [
+            sparse.hstack([assembled(part) + sparse.diags_array(springs), border]),
+            sparse.hstack([border.T, sparse.csr_array((len(first), len(first)))]),
+        ]
+    ).tocsr()
     own = np.concatenate([np.flatnonzero(kept[:-1]), size + np.arange(len(first))])
     number = np.full(size + len(first) + 1, -1)
     number[own] = np.arange(len(own))
-    grain = np.empty(size, dtype=np.int64)
-    grain[system.freedom[system.freedom[:, 2] >= 0, 2]] = np.flatnonzero(system.freedom[:, 2] >= 0)
-    freedom = np.full((G, 4), -1)
+    grain_of = np.empty(size, dtype=np.int64)
+    turning = np.flatnonzero(system.freedom[:, 2] >= 0)
+    grain_of[system.freedom[turning, 2]] = turning
+    freedom = np.full((grains, 4), -1)
     freedom[:, :3] = number[system.freedom]
-    freedom[grain[moved[first]], 3] = number[size + np.arange(len(first))]
-    tied = np.column_stack([grain[moved[first]][column], grain[moved]])
-    return whole[own][:, own], freedom, tied[tied[:, 0] != tied[:, 1]]
+    freedom[grain_of[spins[first]], 3] = number[size + np.arange(len(first))]
+    coupled = np.column_stack([grain_of[spins[first]][column], grain_of[spins]])
+    return matrix[own][:, own], freedom, coupled[coupled[:, 0] != coupled[:, 1]]
+
+
+def spin_modes(stiffness: Floats, ends: Integers, size: int) -> tuple[Integers, Floats]:
+    """(size,) number of the mode that moves each freedom, -1 for none, and how far it does so.
+
+    A contact whose shear both spins make couples them, `S_w_i w_i + S_w_j w_j = 0`; one that
+    resists a single spin, or both apart, stops them. Coupled spins are a mode where none is
+    stopped and all ratios agree. Modes are null vectors of `K`; no two share a freedom.
+    """
+    i, j = ends[:, 4], ends[:, 5]
+    a, b = stiffness[:, :, 2], stiffness[:, :, 3]
+    of_i, of_j = ((np.abs(s).max(axis=1) > 0) & (w >= 0) for s, w in ((a, i), (b, j)))
+    both = of_i & of_j & (i != j)
+    square = np.where(both, np.sum(b * b, axis=1), 1.0)
+    ratio = -np.sum(a * b, axis=1) / square
+    apart = np.abs(a + ratio[:, None] * b).max(axis=1) > GEAR_RTOL * np.abs(a).max(axis=1)
+    both &= ~apart & (ratio != 0)
+    stopped = np.concatenate([i[of_i & ~both], j[of_j & ~both]])
+    i, j, ratio = i[both], j[both], ratio[both]
+
+    spin = np.zeros(size + 1, dtype=bool)
+    spin[ends[:, 4:]] = True
+    spins = np.flatnonzero(spin[:size])
+    # One entry a couple: contacts of one pair through several images are compared below.
+    low, high = np.minimum(i, j), np.maximum(i, j)
+    _, first = np.unique(low * size + high, return_index=True)
+    rows, columns = np.concatenate([i[first], j[first]]), np.concatenate([j[first], i[first]])
+    turns = np.concatenate([ratio[first], 1.0 / ratio[first]])
+    coupled = sparse.csr_array((turns, (rows, columns)), (size, size))
+    _, label = connected_components(coupled, directed=False)
+    _, starts = np.unique(label[spins], return_index=True)
+    # A root that reaches one spin of each component makes one tree of all.
+    roots = spins[starts]
+    to_roots = sparse.csr_array(
+        (np.ones(len(roots)), (np.zeros(len(roots), dtype=np.int64), roots)), (1, size)
+    )
+    tree = sparse.block_array([[coupled, sparse.csr_array((size, 1))], [to_roots, None]]).tocsr()
+    order, before = breadth_first_order(tree, size)
+    inner = order[1:]
+    factor = np.asarray(tree[before[inner], inner]).ravel().tolist()
+    motion = np.zeros(size + 1)
+    motion[size] = 1.0
+    for node, parent, turn in zip(inner.tolist(), before[inner].tolist(), factor, strict=True):
+        motion[node] = turn * motion[parent]
+
+    locked = np.zeros(label.max(initial=-1) + 1, dtype=bool)
+    locked[label[stopped]] = True
+    off = np.abs(motion[j] - ratio * motion[i]) > GEAR_RTOL * np.abs(motion[j])
+    locked[label[i[off]]] = True
+    mode = np.full(size, -1)
+    free = spins[~locked[label[spins]]]
+    mode[free] = np.unique(label[free], return_inverse=True)[1]
+    largest = np.zeros(mode.max(initial=-1) + 2)
+    np.maximum.at(largest, mode[free], np.abs(motion[free]))
+    return mode, np.where(mode >= 0, motion[:size] / np.where(mode >= 0, largest[mode], 1.0), 0.0)

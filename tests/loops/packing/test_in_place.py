@@ -19,10 +19,9 @@ from loops import (
 from loops.arrays import frobenius
 from loops.geometry import boundary_vectors, polygon_area
 from loops.packing import loops_in_place, packing_system
-from loops.packing.dissection import _vertex_cover, dissection
-from loops.packing.inversion import inverted, polygons_of
-from loops.packing.selected_inverse import eliminate
-from loops.packing.spin_modes import spin_modes
+from loops.packing.blocks import polygons_of
+from loops.packing.inversion import inverted, spin_modes
+from loops.packing.multifrontal import _vertex_cover, dissection, eliminate
 from patterns.synthetic import synthetic_network
 from tests.packings import LAW, packing, with_idle_triangle
 from tests.tools.loops_in_place import SIGNS, campaign
@@ -130,6 +129,10 @@ def test_gears_and_free_spins_are_found():
     for a, b in pairs[:5]:
         assert (1 + a) * motion[a] + (1 + b) * motion[b] == pytest.approx(0, abs=1e-15)
     assert np.abs(motion).max() == 1.0 and (motion[6:9] == 0).all()
+    # A ring whose ratios miss by a billionth locks, though softly.
+    off = blocks.copy()
+    off[1, 2:, 2] *= 1.0 + 1e-9
+    assert (spin_modes(off, ends, 12)[0][2:6] == -1).all()
     ends[0, 5] = -1  # against a wall nothing turns
     assert spin_modes(blocks, ends, 12)[0].tolist() == [-1, -1, 0, 0, 0, 0, -1, -1, -1, 1, -1, -1]
 

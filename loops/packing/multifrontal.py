@@ -1,13 +1,14 @@
-"""Multifrontal LU of a sparse matrix: solves, and entries of its inverse (Takahashi).
+"""Multifrontal LU of a packing's matrix: solves, and entries of its inverse (Takahashi).
 
-With a front's own freedoms J and the rest S, and `K` reduced to them by the fronts below,
+Nested dissection orders the grains into a tree of fronts, dense matrices. With a front's own
+freedoms J and the remaining S, and `K` reduced to them by the fronts below,
 
     Z_SJ = -Z_SS F_SJ F_JJ^-1,  Z_JS = -F_JJ^-1 F_JS Z_SS,
     Z_JJ = F_JJ^-1 + F_JJ^-1 F_JS Z_SS F_SJ F_JJ^-1
 
-`Z_SS` is part of the parent's: one sweep up the tree factorises, one sweep down inverts. `K` need
-not be symmetric; pivots are taken within a front's own block. Subtrees are independent, so threads
-share them; a front is computed in the same way whatever thread does it.
+`Z_SS` is a part of the parent's inverse: one sweep up the tree factorises, one sweep down inverts.
+`K` may be nonsymmetric; pivots are taken within a front's own block. Subtrees are independent, so
+threads share them; each front is computed in the same way by any thread.
 """
 
 from __future__ import annotations
@@ -19,15 +20,106 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from loops.arrays import Floats, Integers
-from loops.packing.dissection import Front
+from loops.arrays import Flags, Floats, Integers
 
-# A front without an inverse, or with one beyond 1 / SINGULAR, gets EPS on its diagonal, both over
-# the largest entry of the matrix: a mechanism that carries nothing.
+# Grains in a leaf: smaller fronts cost more calls, larger ones more arithmetic.
+LEAF = 32
+# A mechanism that carries nothing makes a front singular: where its inverse exceeds 1 / SINGULAR,
+# EPS is added to its diagonal, both relative to the largest entry of the matrix.
 EPS, SINGULAR = 1e-12, 1e-16
-# Threads take subtrees of at most this share of the freedoms as one task.
+# Largest subtree that is one task of a thread, as a share of all grains.
 TASK = 1 / 32
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """Grains that a front eliminates (`own`) or leaves to its parent (`rest`), and its children."""
+
+    own: Integers
+    rest: Integers
+    children: tuple[int, ...]
+
+
+def dissection(x: Floats, edges: Integers) -> list[Front]:
+    """Fronts of the graph of `edges` (E, 2) on grains at `x` (G, 2), children before parents.
+
+    A separator is the smallest set of grains that touches every edge across a straight cut.
+    """
+    own: list[Integers] = []
+    children: list[tuple[int, ...]] = []
+
+    def cut(grains: Integers, edges: Integers) -> int | None:
+        if len(grains) == 0:
+            return None
+        if len(grains) <= LEAF:
+            return place(grains, ())
+        along = x[grains, int(np.argmax(np.ptp(x[grains], axis=0)))]
+        side = np.zeros(len(x), dtype=np.int8)
+        half = np.argsort(along, kind="stable")
+        side[grains[half[: len(half) // 2]]] = 1
+        side[grains[half[len(half) // 2 :]]] = 2
+        ends = side[edges]
+        across = edges[ends[:, 0] != ends[:, 1]]
+        first = side[across[:, 0]] == 1
+        side[_vertex_cover(np.where(first[:, None], across, across[:, ::-1]))] = 3
+        ends = side[edges]
+        inside = [edges[(ends == s).all(axis=1)] for s in (1, 2)]
+        below = [
+            cut(grains[side[grains] == s], part) for s, part in zip((1, 2), inside, strict=True)
+        ]
+        return place(grains[side[grains] == 3], tuple(k for k in below if k is not None))
+
+    def place(grains: Integers, below: tuple[int, ...]) -> int:
+        own.append(grains)
+        children.append(below)
+        return len(own) - 1
+
+    cut(np.arange(len(x)), edges)
+    return _with_rests(own, children, edges, len(x))
+
+
+def _vertex_cover(edges: Integers) -> Integers:
+    """Smallest set of vertices that touches all `edges` (E, 2) from one side to the other.
+
+    By König's theorem from a maximum matching: vertices of the first side that no alternating path
+    from an unmatched one reaches, and vertices of the second side that one reaches.
+    """
+    (left, i), (right, j) = (np.unique(ends, return_inverse=True) for ends in edges.T)
+    graph = sparse.csr_array((np.ones(len(edges), dtype=np.int8), (i, j)), (len(left), len(right)))
+    partner = np.asarray(maximum_bipartite_matching(graph, perm_type="column"), dtype=np.int64)
+    back = np.full(len(right), -1)
+    back[partner[partner >= 0]] = np.flatnonzero(partner >= 0)
+    reached_left, reached_right = partner < 0, np.zeros(len(right), dtype=bool)
+    new: Flags = reached_left
+    while new.any():
+        reached = (graph.T @ new.astype(np.int64) > 0) & ~reached_right
+        reached_right |= reached
+        # Every vertex that is reached is matched: else the matching could grow.
+        new = np.zeros(len(left), dtype=bool)
+        new[back[reached]] = True
+        reached_left |= new
+    return np.concatenate([left[~reached_left], right[reached_right]])
+
+
+def _with_rests(
+    own: list[Integers], children: list[tuple[int, ...]], edges: Integers, count: int
+) -> list[Front]:
+    """Fronts with the grains they pass on: neighbours, of theirs or their children's, later on."""
+    turn = np.empty(count, dtype=np.int64)
+    for k, grains in enumerate(own):
+        turn[grains] = k
+    pairs = np.concatenate([edges, edges[:, ::-1]])
+    pairs = pairs[turn[pairs[:, 0]] < turn[pairs[:, 1]]]
+    pairs = pairs[np.argsort(turn[pairs[:, 0]], kind="stable")]
+    start = np.searchsorted(turn[pairs[:, 0]], np.arange(len(own) + 1))
+    fronts: list[Front] = []
+    for k, grains in enumerate(own):
+        later = [pairs[start[k] : start[k + 1], 1]]
+        later += [fronts[c].rest[turn[fronts[c].rest] > k] for c in children[k]]
+        fronts.append(Front(grains, np.unique(np.concatenate(later)), children[k]))
+    return fronts
 
 
 class Eliminated(NamedTuple):

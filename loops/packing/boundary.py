@@ -1,4 +1,4 @@
-"""Where a packing ends: contacts with walls, or an outline whose grains are held."""
+"""Boundary of a packing: walls, held outlines, and the grains that carry load between them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,66 @@ from loops.errors import InputError
 from loops.faces import FaceKind, Faces
 from loops.graph import GrainGraph
 from loops.laws.protocol import Regime
+from loops.pruning import component_labels, winding_ranks
+
+
+@dataclass(frozen=True, eq=False)
+class Carrying:
+    """Grains and contacts that carry load, and counts of those that do not.
+
+    `anchors`: one grain of each component that nothing holds, whose translations are fixed.
+    `rattlers`: number of grains with fewer than two contacts, pruned recursively. `clusters`,
+    `clustered`: number of components, and of their grains, that touch no wall and no held grain
+    and do not wind around the cell.
+    """
+
+    grains: Flags
+    contacts: Flags
+    anchors: Integers
+    rattlers: int
+    clusters: int
+    clustered: int
+
+
+def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Carrying:
+    """Prune rattlers and floating clusters; `supports` (G,): wall contacts, 2 for a held grain."""
+    kept, contacts = _pruned(graph, closed, supports)
+    count, label = component_labels(graph.grain_count, graph.contacts[contacts], kept)
+    held = np.bincount(label[kept], weights=supports[kept], minlength=count) > 0
+    winds = np.zeros(count, dtype=bool)
+    if graph.images is not None:
+        winds = winding_ranks(graph.contacts[contacts], graph.images[contacts], label, count) > 0
+    good = held | winds
+    if not good.any():
+        raise InputError(
+            "packing",
+            f"{count} clusters that float" if count else "grains that all float",
+            "contacts that span the periodic cell, walls, or grains that are held",
+            "Give the cell or the walls, or hold the outline's grains.",
+        )
+    grains = kept & np.append(good, False)[label]
+    free = np.flatnonzero(good & ~held)
+    first = np.full(count, graph.grain_count)
+    np.minimum.at(first, label[kept], np.flatnonzero(kept))
+    return Carrying(
+        grains=grains,
+        contacts=contacts & grains[graph.contacts[:, 0]],
+        anchors=first[free],
+        rattlers=int(np.count_nonzero(~kept)),
+        clusters=int(np.count_nonzero(~good)),
+        clustered=int(np.count_nonzero(kept & ~grains)),
+    )
+
+
+def _pruned(graph: GrainGraph, closed: Flags, supports: Integers) -> tuple[Flags, Flags]:
+    kept, contacts = np.ones(graph.grain_count, dtype=bool), closed.copy()
+    while True:
+        degree = supports + np.bincount(graph.contacts[contacts].ravel(), minlength=len(kept))
+        loose = kept & (degree < 2)
+        if not loose.any():
+            return kept, contacts
+        kept &= ~loose
+        contacts &= kept[graph.contacts].all(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
