@@ -1,4 +1,4 @@
-"""Where grain graphs come from: the diamond, polygons, DEM snapshots, synthetic networks."""
+"""Grain graphs of the diamond, of polygons, of DEM snapshots and of synthetic networks."""
 
 from typing import TYPE_CHECKING
 

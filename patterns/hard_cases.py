@@ -13,7 +13,7 @@ from loops import ContactLaw, GrainGraph, InputError, LinearFrictional, Regime
 from patterns.diamond import TABLE_1, DiamondParameters, diamond, drained_path
 from patterns.polygons import polydisperse_polygon, regular_polygon
 
-# A row of answers, one letter a value.
+# Letters of an answer, one for each value.
 LETTERS = dict(s="stable", u="unstable", e="error", y="yes", n="no") | {"?": "undetermined"}
 
 
@@ -125,7 +125,7 @@ def coincident_grains(distance: float) -> Scene:
     d = np.roll(x, -1, axis=0) - x
     overlap = np.maximum(1.0 - np.hypot(d[:, 0], d[:, 1]), 0.0)
     graph = GrainGraph(x, ring.radii, ring.contacts, normal_force=overlap)
-    # Flagged in contact: the branch that grew longer stays.
+    # All contacts are elastic, also the one whose branch grew longer.
     return Scene(graph, LAW, regime=np.full(5, Regime.ELASTIC))
 
 

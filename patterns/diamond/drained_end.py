@@ -47,7 +47,7 @@ _PANEL = 0.5
 
 @dataclass(frozen=True, eq=False)
 class DrainedEnd:
-    """Where the elastic part of drained paths ends; arrays (...).
+    """End of the elastic part of drained paths; arrays (...).
 
     `status`: 'yield', where all four contacts reach `|T| = mu N`, point B; 'opening', where without
     confinement and with `phi <= alpha0` the contacts never carry force, and the state is A;

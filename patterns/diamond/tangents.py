@@ -225,7 +225,7 @@ _CHECKS = {
 
 @dataclass(frozen=True)
 class DiamondParameters:
-    """What fixes a drained biaxial test: shape, contact law, confinement. Dimensionless, radians.
+    """Shape, contact law and confinement of a drained biaxial test. Dimensionless, radians.
 
     `alpha0` in (0, pi/2), `kappa = kt/kn` in [0, 1000], friction angle `phi` in [0, pi/2] (pi/2:
     nothing slides), isotropic strain `confinement` at A in [0, 1); else an `InputError`.

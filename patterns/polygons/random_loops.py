@@ -137,7 +137,7 @@ def _walk(rng: np.random.Generator, radii: Floats, convex: bool) -> tuple[Floats
     for _ in range(STEPS):
         trial = _closed(directions + _wave(rng, order, count), sides)
         other = _fault(trial, sides, radii, pairs, convex)
-        # Free to wander where nothing is wrong, else towards less wrong.
+        # Accept any step where the loop is as wanted, else only steps that reduce the distance.
         accepted = (other == 0) | (other < fault)
         directions = np.where(accepted, trial, directions)
         fault = np.where(accepted, other, fault)
@@ -154,7 +154,7 @@ def _wave(rng: np.random.Generator, order: int, count: int) -> Floats:
 def _fault(
     directions: Floats, sides: Floats, radii: Floats, pairs: tuple[Integers, Integers], convex: bool
 ) -> Floats:
-    """How far loops are from what is wanted, 0 where they are; inf if open or not turning once."""
+    """Distance of loops from the wanted ones: 0 if reached, inf if open or not turning once."""
     edges = sides * np.exp(1j * directions)
     closed = np.abs(edges.sum(axis=0)) <= CLOSED * sides.sum(axis=0)
     turns = np.roll(directions, -1, axis=0) - directions

@@ -44,7 +44,7 @@ class SnapshotLoop(Shown):
     contacts: Integers
 
     def facts(self) -> dict[str, object]:
-        """What the prompt and a notebook show."""
+        """Facts that the prompt and a notebook show."""
         sliding = int(np.count_nonzero(self.regime == Regime.SLIDING))
         return {"grains": self.ids.tolist(), "contacts sliding": sliding}
 

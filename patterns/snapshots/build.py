@@ -1,4 +1,4 @@
-"""From the plain tables of one saved state to a snapshot: forces, law, walls, checks."""
+"""A snapshot from its plain tables: forces, law, walls, checks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from patterns.snapshots.tables import Table
 
 
 class Parameters(NamedTuple):
-    """What the user says of the law: `kn`, `kt`, `mu` for columns that a file lacks."""
+    """Parameters of the law given by the user: `kn`, `kt`, `mu` for columns that a file lacks."""
 
     kn: float | None = None
     kt: float | None = None
@@ -40,7 +40,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     """Check the tables of one saved state and make the snapshot of them.
 
     Without forces, or with normal forces alone on frictional grains, only the geometry. Findings
-    after which nothing meaningful can follow are refused if `strict`; doubts become notes.
+    that leave no meaningful result are refused if `strict`; doubts become notes.
     """
     table = frame.contacts
     load_ahead(len(table))
@@ -231,7 +231,7 @@ def _law(
     told: ShearIncrement | None,
     notes: list[str],
 ) -> tuple[LinearFrictional, NDArray[np.int8]]:
-    """Law and regime of every contact; what had to be assumed goes to the notes.
+    """Law and regime of every contact; assumptions are added to the notes.
 
     A contact is sliding where the table flags it, else from the forces.
     """

@@ -50,7 +50,7 @@ AT_LIMIT, FEW_BELOW = (0.95, 1.05), 0.05
 # A contact without a flag counts as sliding from this share of mu N on, as Yade's own tables do.
 SLIDING_SHARE = 0.999
 # N over kn times overlap (median): 1 for linear laws, 2/3 for Hertz' tangent stiffness.
-STIFF = (0.6, 1.6)
+STIFF_RATIO = (0.6, 1.6)
 # Powers of ten and ratios of 1 are recognised within this.
 NEAR_ROUND = 0.05
 # kn of one contact over the median, and N over kn times overlap as far the other way: clean 2.
@@ -60,13 +60,13 @@ DIAMETERS, SOFT, APART, FAR = (0.25, 0.6), 0.85, 1.02, 1.5
 # Share of loaded contacts across a gap: clean none.
 GAPS = 0.01
 # Share of the radii by which all of them are off: clean 1e-4 (kn not known), else 1e-7.
-RADII = 2e-4
+RADII_OFF = 2e-4
 # That change must leave so much less of N - kn times overlap unexplained.
 EXPLAINED = 3.0
 # Multiples of the rounding of coordinates: for directions and radii, all overlaps, one overlap.
 ROUNDINGS, OVERLAP_ROUNDINGS, SURE_ROUNDINGS = 5.0, 2.0, 20.0
 # Directions of the file against the centres, in radians: 1e-9 if saved within a step.
-DIRECTIONS = 3e-6
+DIRECTIONS_OFF = 3e-6
 # Constraints over degrees of freedom: 1.03 and more where load is carried, 0.89 in a flow.
 JAMMED, FEWEST = 0.95, 20
 # Two columns of one quantity agree to this share of the mean force: clean 5e-9, text 1e-6.
@@ -257,7 +257,7 @@ def same_snapshot(state: Checked) -> Finding | None:
         f", and the numbers are good to {coarse:.1g}: positions and contacts of different "
         "snapshots, or positions moved on before they were saved",
         "Take both tables from one snapshot.",
-        off > DIRECTIONS + ROUNDINGS * coarse,
+        off > DIRECTIONS_OFF + ROUNDINGS * coarse,
     )
 
 
@@ -464,7 +464,7 @@ def stiffness(state: Checked) -> Finding | None:
     if abs(shear_ratio - 1) < NEAR_ROUND < abs(exceeds - 1):
         cause = f" and {shear_ratio:.4g} times kt times it: kn and kt exchanged"
         return found.doubt(cause, "Exchange them.")
-    if not STIFF[0] <= ratio <= STIFF[1]:
+    if not STIFF_RATIO[0] <= ratio <= STIFF_RATIO[1]:
         unit = _power_of_ten(ratio)
         cause = f"units differ by {unit}, or another kn" if unit else "another kn, or units"
         return found.doubt(f": {cause}", f"Forces and overlaps need kn = {needed:.4g}.")
@@ -513,7 +513,7 @@ def radii(state: Checked) -> Finding | None:
     says = f"overlaps and forces are those of radii {1 - share:.6g} times as large"
     found = Finding("radii", share, says)
     coarse = ROUNDINGS * rounding(state.x) / float(reach.mean())
-    if slope <= 0 or abs(share) <= RADII + coarse:
+    if slope <= 0 or abs(share) <= RADII_OFF + coarse:
         return found
     without = np.median(np.abs(needed - overlap * np.median(needed / overlap)))
     left = np.median(np.abs(needed - slope * overlap - offset * reach))
@@ -578,7 +578,7 @@ def repeated(same: int, turned: int, count: int, off: Floats) -> Finding:
     return found.doubt(cause, "Dump each contact once.", same > 0 or turned < REPEATED * count)
 
 
-def shear_stiffness(before: Snapshot, after: Snapshot) -> Finding | None:
+def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     """Changes of T between two snapshots against kt times the slip of the grains.
 
     Contacts that are elastic in both count. Rotations that the file lacks are fitted to the same

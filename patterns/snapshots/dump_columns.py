@@ -1,4 +1,4 @@
-"""Columns of a dump of contacts: told from the grains, or given by the user."""
+"""Columns of a dump of contacts: recognised from the grains, or given by the user."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from patterns.snapshots.tables import Table
 from patterns.snapshots.text import listed
 
 Map = dict[str, str]
-# Plain names of the contacts' columns of LAMMPS, and what they hold.
+# Plain names of the columns of contacts of LAMMPS, and their contents.
 CONTACT_NAMES = {
     "id1": "id of atom 1",
     "id2": "id of atom 2",
@@ -29,16 +29,16 @@ CONTACT_NAMES = {
     "p2": "y of the tangential force on atom 1",
     "p4": "size of the tangential force",
 }
-NONE = "none"  # what a map says of a column that the file lacks
-# Positions, sizes and directions hold to this share: dumps have six digits or more.
+NONE = "none"  # entry of a column map for a column that the file lacks
+# Relative tolerance of positions, sizes and directions: dumps have six digits or more.
 TOLERANCE = 1e-3
 KNOWN = 0.5  # share of a column that must be ids of grains
 AGREEING = 0.5  # share of its rows that tells what a column holds
 # Centres of a pair are at most this many times the sum of the radii apart: pair lists may hold
 # neighbours beside contacts.
-REACH = 1.5
+PAIR_REACH = 1.5
 AS_WRITTEN = "Give --columns as the dump was written, and both dumps of one step."
-SAMPLE = 4096  # rows that are looked at to tell columns apart; all are checked at the end
+SAMPLE_ROWS = 4096  # rows used to recognise columns; all rows are checked at the end
 
 
 def given_columns(table: Table, given: Mapping[str, str], names: Collection[str]) -> Map:
@@ -96,7 +96,7 @@ def find_ids(
         if one in known and two in known
     ]
     best = min(reach, default=(np.inf, ("", "")), key=lambda item: item[0])
-    if best[0] > REACH:
+    if best[0] > PAIR_REACH:
         given = ", ".join(f"{n}={columns[n]}" for n in ("id1", "id2") if n in columns)
         raise InputError(
             f"columns {listed(table.names)} of {table.path}",
@@ -111,7 +111,7 @@ def find_ids(
 
 
 def _sample_rows(table: Table) -> Integers:
-    return np.unique(np.linspace(0, len(table) - 1, SAMPLE).astype(np.int64))
+    return np.unique(np.linspace(0, len(table) - 1, SAMPLE_ROWS).astype(np.int64))
 
 
 def named(columns: Map, names: Iterable[str]) -> str:
@@ -128,7 +128,7 @@ def shares(vector: Floats, n: Floats) -> tuple[float, float]:
 
 
 class ColumnSearch:
-    """Columns that nothing explains yet, and the search for two that form a vector."""
+    """Columns not yet recognised, and the search for two of them that form a vector."""
 
     def __init__(self, table: Table, columns: Map) -> None:
         self.table, self.columns, self.rows = table, columns, _sample_rows(table)

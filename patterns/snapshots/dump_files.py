@@ -49,7 +49,7 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DumpFrame(Listing):
-    """Where one frame stands in a dump, of what, and its box."""
+    """Place of one frame in a dump, the kind of its rows, and its box."""
 
     label: str = ""
     box: Box | None = None
@@ -88,7 +88,7 @@ def _walk(path: Path, text: Text) -> Iterator[DumpFrame | InputError]:
         except InputError as error:
             if text[at:].strip():
                 yield error
-            # The damaged header has a TIMESTEP of its own, perhaps after UNITS.
+            # Skip the TIMESTEP of the damaged header, which may follow UNITS.
             if is_dump(text[at : at + len(START)]):
                 at = text.find(START, at) + 1 or len(text)
             at = text.find(START, at)
@@ -171,7 +171,7 @@ def _edges(rows: Floats) -> tuple[Floats, Floats, float]:
     low, high = rows[:, 0].copy(), rows[:, 1].copy()
     xy = 0.0
     if rows.shape[1] == 3:
-        # The header has the bounds of the tilted box: take the tilt off them.
+        # The header has the bounds of the tilted box: subtract the tilt.
         xy, xz, yz = rows[:, 2]
         corners = (0.0, xy, xz, xy + xz)
         low -= [min(corners), min(0.0, yz), 0.0]
@@ -185,7 +185,7 @@ ATOM_WORDS = ("atoms", "atom", "grains", "particles")
 CONTACT_WORDS = ("contacts", "contact", "local", "pairs", "pair")
 # Plain names of the atoms' columns that a column map may give.
 ATOM_NAMES = ("id", "x", "y", "z", "radius")
-# Boxes of one step agree to what six digits print.
+# Boxes of both dumps of a step agree to six printed digits.
 BOX_TOLERANCE = 1e-5
 
 
@@ -199,7 +199,7 @@ class Atoms(NamedTuple):
 
 
 def contact_names(path: Path) -> list[str]:
-    """What the dump of contacts beside that of the atoms may be called."""
+    """Possible names of the dump of contacts beside that of the atoms."""
     words = [word for word in ATOM_WORDS if word in path.name]
     return [path.name.replace(word, other) for word in words for other in CONTACT_WORDS]
 
@@ -291,7 +291,7 @@ def _find(frame: DumpFrame, columns: Mapping[str, str], name: str) -> str | None
     return next((column for column in (name, *others) if column in frame.names), None)
 
 
-FAR = 1e9  # cells that a grain may have wandered; beyond it digits are lost
+MOST_CELLS = 1e9  # cells that a grain may have left behind; beyond it digits are lost
 
 
 class Space(NamedTuple):
@@ -305,10 +305,12 @@ class Space(NamedTuple):
         if self.cell is None:
             return np.zeros(gap.shape, dtype=np.int64)
         nearest = np.rint(gap @ np.linalg.inv(self.cell).T)
-        if np.abs(nearest).max(initial=0.0) > FAR:
+        if np.abs(nearest).max(initial=0.0) > MOST_CELLS:
             received = f"centres {np.abs(nearest).max():.3g} periodic cells apart"
             remedy = "Check the cell and the positions."
-            raise InputError("positions of the grains", received, f"at most {FAR:.3g}", remedy)
+            raise InputError(
+                "positions of the grains", received, f"at most {MOST_CELLS:.3g}", remedy
+            )
         return np.where(self.periodic, nearest, 0.0).astype(np.int64)
 
     def shift(self, images: Integers) -> Floats:
@@ -414,7 +416,7 @@ class Forces(NamedTuple):
 
     @property
     def any(self) -> Floats | None:
-        """What there is."""
+        """The total forces, else the normal forces, else None."""
         return self.normal if self.total is None else self.total
 
 
@@ -429,7 +431,7 @@ class Wall(NamedTuple):
     branch: Floats
 
 
-def frame_of(
+def frame_of_pairs(
     listings: tuple[Listing, Listing],
     atoms: Atoms,
     space: Space,
@@ -438,7 +440,7 @@ def frame_of(
     walls: Sequence[Wall] = (),
     notes: Sequence[str] = (),
 ) -> Frame:
-    """Plain tables of grains and of what is a contact among pairs, walls numbered below the ids."""
+    """Plain tables of grains and of the pairs that are contacts; ids of walls are below theirs."""
     rows, said, findings = contact_rows(atoms, pairs, forces.any)
     forces = Forces(*(part if part is None else part[rows] for part in forces))
     below = min(0, int(atoms.ids.min(initial=0))) - 1 - np.arange(len(walls))

@@ -54,7 +54,7 @@ FORMATS: dict[str, Format] = {
     "yade-vtk": yade_vtk,
     "yade-xml": yade_save,
     "yade-text": YadeText(),
-    # Their dumps of atoms look alike: LIGGGHTS is told by the contacts beside them.
+    # Dumps of atoms of both codes look alike: LIGGGHTS is recognised by its dump of contacts.
     "liggghts": liggghts,
     "lammps": lammps,
     "mercury": mercury,
@@ -100,14 +100,14 @@ def read_snapshot(
         Stiffness (force per length) and friction where the file lacks them; a column of the file
         comes first.
     shear_increment : {'branch', 'radii'}, optional
-        What the code turns shear by (see `LinearFrictional`); if left out, what the source tells:
+        Shear increment of the code (see `LinearFrictional`); by default that of the source:
         `radii` for Yade, else `branch`.
     format : str
         A key of `FORMATS`, or 'auto': the first format that recognises the file.
     columns : mapping of str to str, optional
         Plain name to the column that holds it.
     strict : bool
-        Whether a finding after which nothing meaningful can follow is refused; if not, it stands
+        Whether a finding that leaves no meaningful result is refused; if not, it stands
         in the notes and in `Snapshot.findings`.
     frame : int, optional
         Which snapshot of a file with several, from 0; -1 is the last one.

@@ -23,9 +23,9 @@ CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
     *("fn", "ft", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
 )
-Notes = tuple[str, ...]  # what was guessed, what a file lacks
+Notes = tuple[str, ...]  # guesses, and data that a file lacks
 PLAIN_NAMES = GRAIN_COLUMNS + CONTACT_COLUMNS
-# What the columns are called elsewhere; case does not matter.
+# Other names of the columns; case does not matter.
 ALIASES: dict[str, tuple[str, ...]] = {
     "id": ("grain", "grain_id", "particle", "particle_id", "body", "body_id"),
     "x": ("pos_x", "x_pos", "posx", "position_x"),
@@ -46,7 +46,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What the user gave."""
+    """Files, cell and column map given by the user."""
 
     path: Path
     contacts: Path | None = None
@@ -68,7 +68,7 @@ class Frame:
 
     `grains` may have `z`, which must be one plane, and `theta_z` (rad); of a wall the branch starts
     at its foot, the contact point. Columns of `cell` (2, 2) are its vectors (length); `step` is the
-    code's own number, a step, iteration or time; `notes` say what was guessed or lacks, `findings`
+    code's own number, a step, iteration or time; `notes` name guesses and missing data, `findings`
     are those of the reader, and `shear_increment` is what the code turns shear by, where the source
     tells it.
     """
@@ -143,13 +143,13 @@ def with_aliases(table: Table, plain: Sequence[str]) -> tuple[Table, list[str]]:
     return table.renamed(found) if found else table, notes
 
 
-# What a format finds in a file: as many snapshots as it has, each to be read by a call.
+# Snapshots that a format finds in a file, each read by a call.
 Frames = Sequence[Callable[[], Frame]]
 
 
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """Where the rows of one snapshot stand: so many, if the header tells; `step` or time."""
+    """Place of the rows of one snapshot in a text; `count` of them if the header has it."""
 
     where: str
     step: float

@@ -14,17 +14,17 @@ from patterns.snapshots.tables import HUGE, Table
 WALL = 1
 # Centres leave their plane by less than this share of the smallest radius: text is that coarse.
 PLANE_TOLERANCE = 1e-3
-# Ids up to so many times their number are looked up in a table, others by bisection.
+# Ids up to this many times their number are looked up in a table, others by bisection.
 SPARSE = 8
 # Branches or normals of the file may differ from the centres by this share of the branch: text
 # with six digits is that coarse, a wrong cell or image is far beyond.
 GEOMETRY_TOLERANCE = 1e-3
-# Discs pack to 0.91 of the area without overlap; beyond this the cell belongs to something else.
+# Discs without overlap fill at most 0.91 of the area; a cell filled more is that of other grains.
 SOLID_LIMIT = 1.5
 # Grains this many times the sum of their radii apart touch in no contact law.
-REACH = 2.0
+TOUCHING_REACH = 2.0
 FAR = 32.0  # mean spacings between successive grains, grains between successive contacts
-BLOCK = 1 << 15  # contacts that are looked at together: what is passed on stays in the cache
+BRANCH_BLOCK = 1 << 15  # contacts processed together, so that their arrays stay in the cache
 
 
 class Bodies(NamedTuple):
@@ -129,7 +129,7 @@ def index_of(ids: Integers, named: Integers) -> Integers:
         known = (place >= 0) & (place <= high - low)
         every = bool(known.all())
         place = place if every else np.where(known, place, 0)
-        # The usual ids, consecutive ones, are places themselves.
+        # Consecutive ids are places themselves.
         if high - low >= len(ids) or (ids[1:] < ids[:-1]).any():
             at = np.full(high - low + 1, -1)
             at[ids - low] = np.arange(len(ids))
@@ -241,7 +241,7 @@ class ContactBranches(NamedTuple):
 def read_branches(
     table: Table, rows: Integers, pairs: Integers, bodies: Bodies, cell: Floats | None
 ) -> ContactBranches:
-    """Branches of the contacts in some rows of the table, held against those of the file.
+    """Branches of the contacts in some rows of the table, compared with those of the file.
 
     Images come from the file; without them there, from the branches; else they are the nearest.
     """
@@ -258,7 +258,7 @@ def read_branches(
     off = {name: np.zeros(count) for name in of_file}
 
     def fill(at: int) -> None:
-        part = slice(at, at + BLOCK)
+        part = slice(at, at + BRANCH_BLOCK)
         one, two = pairs[part].T
         gap = bodies.x[two] - bodies.x[one]
         if cell is not None and made is not None:
@@ -276,7 +276,7 @@ def read_branches(
             wanted, unit = (gap, size) if name == "branch" else (n[part], 1.0)
             off[name][part] = np.hypot(*(values[part] - wanted).T) / unit
 
-    in_threads(fill, range(0, count, BLOCK))
+    in_threads(fill, range(0, count, BRANCH_BLOCK))
 
     def refuse(c: int, received: str, expected: str, remedy: str) -> NoReturn:
         one, two = bodies.grain_ids[pairs[c]].tolist()
@@ -299,12 +299,12 @@ def read_branches(
             f"{expected[c].tolist()} from the centres, grain 1 to grain 2",
             remedy if turned else of_cell,
         )
-    # Where all are apart, the radii are in question: the checks tell why.
-    if reach.max() > REACH and np.median(reach) < REACH:
+    # Where all grains are apart, the radii may be wrong: the checks explain it.
+    if reach.max() > TOUCHING_REACH and np.median(reach) < TOUCHING_REACH:
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
         refuse(c, received, "grains that touch", of_cell)
-    # Normals tell more than branches, which many files make of the centres.
+    # Normals come first: branches of many files are computed from the centres.
     return ContactBranches(made, d, length, n, of_file.get("normal", of_file.get("branch")))
 
 

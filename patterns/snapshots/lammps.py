@@ -14,7 +14,7 @@ from loops.arrays import Floats, Integers
 from patterns.snapshots.dump_columns import (
     CONTACT_NAMES,
     NONE,
-    REACH,
+    PAIR_REACH,
     TOLERANCE,
     ColumnSearch,
     Map,
@@ -30,7 +30,7 @@ from patterns.snapshots.dump_files import (
     Pairs,
     Space,
     Wall,
-    frame_of,
+    frame_of_pairs,
     frames_of_dumps,
     is_dump,
     normals,
@@ -42,7 +42,7 @@ from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import listed
 
-MOST = 100  # columns among which vectors are looked for
+MOST_COLUMNS = 100  # columns among which vectors are looked for
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be told apart"
 
 
@@ -75,23 +75,23 @@ def _frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Fr
     told = f"columns{'' if given else ' guessed'}: {shown}"
     told += "" if given else "; give --columns to overrule"
     said = (told, *notes, *cell_notes, *force_notes, *wall_notes)
-    return frame_of((own, local), atoms, space, pairs, forces, walls, said)
+    return frame_of_pairs((own, local), atoms, space, pairs, forces, walls, said)
 
 
 def guess_columns(
     table: Table, atoms: Atoms, space: Space, given: Mapping[str, str]
 ) -> tuple[Map, Pairs, Floats | None, Floats | None]:
-    """Tell the columns of a dump of contacts apart: ids of grains that touch, distances, forces.
+    """Recognise the columns of a dump of contacts: ids of grains that touch, distances, forces.
 
     The normal force is a vector along the branch, the tangential one across it; sizes are others.
     """
     columns = given_columns(table, given, CONTACT_NAMES)
     columns |= {name: name for name in CONTACT_NAMES if table.has(name) and name not in given}
-    if len(table.names) > MOST and not {"id1", "id2", "fx", "fy"} <= set(columns):
+    if len(table.names) > MOST_COLUMNS and not {"id1", "id2", "fx", "fy"} <= set(columns):
         raise InputError(
             table.path,
             f"{len(table.names)} columns",
-            f"at most {MOST} to tell apart",
+            f"at most {MOST_COLUMNS} to tell apart",
             "Name them: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN,p1=COLUMN,p2=COLUMN.",
         )
     free = [name for name in table.names if name != "index"]
@@ -110,8 +110,8 @@ def _branches(search: ColumnSearch, atoms: Atoms, space: Space, i: Integers, j: 
     reach = atoms.radii[i] + atoms.radii[j]
 
     def error(vector: Floats, rows: Integers) -> float:
-        # Whole cells off are another image; the sign is the dump's own.
-        if (np.hypot(*vector.T) > 2 * REACH * reach[rows]).any():
+        # A difference of whole cells is another image; either sign is accepted.
+        if (np.hypot(*vector.T) > 2 * PAIR_REACH * reach[rows]).any():
             return np.inf
         off = [vector - sign * near.d[rows] for sign in (1, -1)]
         off = [gap - space.shift(space.images(gap)) for gap in off]
@@ -145,7 +145,7 @@ def _told_forces(search: ColumnSearch, pairs: Pairs) -> tuple[Floats | None, Flo
     if normal is None:
         _require_nothing_left(search)
         return None, None
-    # The size tells repulsion; else most contacts push. What pulls on atom 1 is that on atom 2.
+    # Without a size, which is positive in repulsion, most contacts push.
     if np.sum((1.0 if push is None else push) * np.einsum("ck,ck->c", normal, n)) > 0:
         normal, shear = -normal, None if shear is None else -shear
     return normal, shear
@@ -179,9 +179,9 @@ def _forces(normal: Floats | None, shear: Floats | None) -> tuple[Forces, Notes]
 
 # Columns of the fix: flag, force on the atom, contact point.
 WALL_NAMES = ("wall_flag", "wall_fx", "wall_fy", "wall_x", "wall_y")
-NUMBERS = ("1", "2", "3", "5", "6")
-# A foot lies within the radius of its grain, up to what text rounds.
-ROUNDING = 1e-3
+WALL_NUMBERS = ("1", "2", "3", "5", "6")
+# Share of its radius by which the foot on a wall may lie outside a grain: rounding of text.
+FOOT_TOLERANCE = 1e-3
 
 
 def read_walls(
@@ -194,7 +194,7 @@ def read_walls(
     """
     mapped = [columns[name] for name in WALL_NAMES if name in columns]
     found = [match for name in frame.names if (match := re.fullmatch(r"(f_\w+)\[\d+\]", name))]
-    each = {match[1]: [f"{match[1]}[{k}]" for k in NUMBERS] for match in found}
+    each = {match[1]: [f"{match[1]}[{k}]" for k in WALL_NUMBERS] for match in found}
     sets = {fix: names for fix, names in each.items() if set(names) <= set(frame.names)}
     if mapped:
         if len(mapped) < len(WALL_NAMES) or not set(mapped) <= set(frame.names):
@@ -224,7 +224,7 @@ def _wall(frame: DumpFrame, atoms: Atoms, names: list[str]) -> Wall | None:
     force = np.column_stack([fx, fy])[grains]
     branch = atoms.x[grains] - np.column_stack([x, y])[grains]
     length = np.hypot(*branch.T)
-    inside = (length > 0) & (length <= (1 + ROUNDING) * atoms.radii[grains])
+    inside = (length > 0) & (length <= (1 + FOOT_TOLERANCE) * atoms.radii[grains])
     if (flag < 0).any() or not inside.all() or np.sum(force * branch) < 0:
         return None
     return Wall(grains, force, branch)

@@ -29,7 +29,7 @@ from patterns.snapshots.dump_files import (
     Space,
     contact_names,
     first_frame,
-    frame_of,
+    frame_of_pairs,
     frames_of_dumps,
     gaps,
     is_dump,
@@ -44,7 +44,7 @@ from patterns.snapshots.text import beside, head_of
 
 # Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
 COARSE = 9
-STEPS = 5  # of Newton's method for the cell; it converges in two
+CELL_STEPS = 5  # of Newton's method for the cell; it converges in two
 # Overlaps must fit the cell to this share of its size, better than the header.
 FIT = 1e-7
 PRECISE = 1e-6  # overlaps are small: they are told from other columns by more
@@ -54,11 +54,11 @@ PRECISE = 1e-6  # overlaps are small: they are told from other columns by more
 # model), contactArea, delta, heatFlux, contactPoint (3), ms_id (2); a group left out leaves no gap.
 # So the ids come first, or after 6 or 12 columns, and the forces follow them.
 LIGGGHTS_NAMES = ("id1", "id2", "fx", "fy", "fnx", "fny", "ftx", "fty", "delta")
-PARTS = ("fnx", "fny", "ftx", "fty")  # of the force on atom 1; fx, fy are all of it
+FORCE_PARTS = ("fnx", "fny", "ftx", "fty")  # of the force on atom 1; fx, fy are all of it
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether the contacts beside this dump are columns of one compute, as LIGGGHTS' are."""
+    """Whether the dump of contacts has the numbered columns of one compute, as LIGGGHTS writes."""
     if not is_dump(head):
         return False
     contacts = beside(path, *contact_names(path))
@@ -76,8 +76,9 @@ def recognises(path: Path, head: bytes) -> bool:
 def frames(source: Source) -> Frames:
     """Frames of a dump of atoms with all columns of `compute pair/gran/local` (docs/lammps.md).
 
-    Which hold the forces is told from the grains, or by a map of `LIGGGHTS_NAMES`. Headers have six
-    digits: the cell is found from the overlaps of the contacts that cross its border.
+    The columns of the forces are recognised by their directions, or given by a map of
+    `LIGGGHTS_NAMES`. Headers have six digits: the cell is found from the overlaps of the contacts
+    that cross its border.
     """
     check_names(source, (*ATOM_NAMES, *LIGGGHTS_NAMES))
     return frames_of_dumps(source, partial(_frame, source))
@@ -97,7 +98,7 @@ def _frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Fr
     if not all(space.periodic):
         said = (*said, "contacts with walls are not in the dumps: their share is unknown")
     forces = Forces(None if contacts.force is None else -contacts.force)
-    return frame_of((own, local), atoms, space, pairs, forces, notes=said)
+    return frame_of_pairs((own, local), atoms, space, pairs, forces, notes=said)
 
 
 def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, str]:
@@ -117,7 +118,7 @@ def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, s
     edges = np.diag(cell).copy()
     # An edge that no contact crosses stays as it is.
     crossed = pairs.images.any(axis=0)
-    for _ in range(STEPS):
+    for _ in range(CELL_STEPS):
         d = raw + pairs.images * edges
         distance = np.hypot(*d.T)
         slope = (normals(d) * pairs.images)[:, crossed]
@@ -142,9 +143,9 @@ class Contacts(NamedTuple):
 
 
 def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Contacts:
-    """Tell ids, forces and overlaps in the columns of `pair/gran/local`."""
+    """Recognise ids, forces and overlaps among the columns of `pair/gran/local`."""
     columns = given_columns(table, given, LIGGGHTS_NAMES)
-    # Behind the ids stands the flag of the periodic border.
+    # The flag of the periodic border follows the ids.
     places = [names for at in (0, 6, 12) if len(names := table.names[at : at + 3]) == 3]
     choices = [(a, b) for a, b, flag in places if np.isin(table.column(flag), (0, 1)).all()]
     if "id1" in columns and "id2" in columns:
@@ -186,14 +187,17 @@ def _force(table: Table, pairs: Pairs, columns: Map, first: int) -> Floats | Non
         _find_force(table, pairs, columns, first)
     if NONE in (columns.get("fx"), columns.get("fnx")):
         return None
-    for group in (("fx", "fy"), PARTS):
+    for group in (("fx", "fy"), FORCE_PARTS):
         found = [name for name in group if name in columns]
         if found and len(found) < len(group):
             where = f"--columns for the force of {table.path}"
             raise InputError(where, ", ".join(found), ", ".join(group), "Give the others as well.")
     if "fnx" in columns:
         normal, shear = (table.columns(columns[f"f{p}x"], columns[f"f{p}y"]) for p in "nt")
-        for names, vector, wanted in ((PARTS[:2], normal, "along"), (PARTS[2:], shear, "across")):
+        for names, vector, wanted in (
+            (FORCE_PARTS[:2], normal, "along"),
+            (FORCE_PARTS[2:], shear, "across"),
+        ):
             kind = _kind(pairs, vector)
             if kind not in (wanted, "zero"):
                 raise InputError(
@@ -242,10 +246,10 @@ def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
                     "Columns of the dump disagree: dump again.",
                 )
             if off.max() <= limit:
-                columns |= dict(zip(PARTS, groups[1] + groups[2], strict=True))
+                columns |= dict(zip(FORCE_PARTS, groups[1] + groups[2], strict=True))
     elif sorted(kinds[:2]) == ["across", "along"]:
         groups = sorted(groups[:2], key=lambda group: kinds[groups.index(group)], reverse=True)
-        columns |= dict(zip(PARTS, groups[0] + groups[1], strict=True))
+        columns |= dict(zip(FORCE_PARTS, groups[0] + groups[1], strict=True))
     elif kinds[:2] == ["along", "along"] and _small(vectors[0] - vectors[1], vectors[0]):
         columns |= {"fx": groups[0][0], "fy": groups[0][1]}
     elif kinds[:1] == ["along"]:

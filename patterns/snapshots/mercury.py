@@ -18,7 +18,7 @@ from patterns.snapshots.dump_files import (
     Pairs,
     Space,
     Wall,
-    frame_of,
+    frame_of_pairs,
     normals,
     pairs_of,
 )
@@ -40,7 +40,7 @@ FSTAT_COLUMNS = (
     *("time", "i", "j", "cx", "cy", "cz", "delta", "delta_t", "fn", "ft"),
     *("nx", "ny", "nz", "tx", "ty", "tz"),
 )
-COMMENTS = 3  # lines before the rows of a frame in .fstat
+COMMENT_LINES = 3  # lines before the rows of a frame in .fstat
 
 
 class Head(NamedTuple):
@@ -72,7 +72,7 @@ def _until_fault(blocks: Iterator[Listing]) -> list[Listing | InputError]:
 
 
 def _data_listings(path: Path, text: Text) -> Iterator[Listing]:
-    # A frame has no mark but its length: the ends of all lines tell where it stops.
+    # The end of a frame follows from its number of rows alone: find the ends of all lines.
     ends = np.flatnonzero(np.frombuffer(text, dtype=np.uint8) == ord("\n"))
     line = 0
     while line < len(ends):
@@ -121,12 +121,12 @@ def _fstat_listings(path: Path, text: Text) -> Iterator[Listing]:
             raise InputError(
                 str(path), repr(first[:60]), "a comment '# time ...'", "Give MercuryDPM's .fstat."
             ) from None
-        for _ in range(COMMENTS - 1):
+        for _ in range(COMMENT_LINES - 1):
             line, at = line_at(text, at)
             if not line.startswith(b"#") or text[at - 1 : at] != b"\n":
                 where, remedy = f"{path}, time {time:g}", "The file is cut short: write it again."
                 received = "a header that breaks off"
-                raise InputError(where, received, f"{COMMENTS} lines of comments", remedy)
+                raise InputError(where, received, f"{COMMENT_LINES} lines of comments", remedy)
         stop = text.find(b"#", at)
         stop = len(text) if stop < 0 else stop
         yield Listing(f"{path}, time {time:g}", time, FSTAT_COLUMNS, text, (at, stop))
@@ -171,7 +171,7 @@ def _frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame
     table = fstat.read(FSTAT_COLUMNS[1:])
     i, j = table.integers("i"), table.integers("j")
     _require_known(table, atoms, i, j)
-    # On the first body of each row; with walls on the grain the opposite.
+    # Force on the first body of each row; at walls its sign follows from the contact point.
     n, t = (table.columns(*(f"{v}{a}" for a in axes)) for v in "nt")
     force = table.column("fn")[:, None] * n + table.column("ft")[:, None] * t
     between = np.flatnonzero(j >= 0)
@@ -190,7 +190,7 @@ def _frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame
         counts = ", ".join(f"{-1 - k} ({len(w.grains)} contacts)" for k, w in enumerate(walls))
         notes = (*notes, f"walls: {counts}")
     forces = Forces(-force[between])
-    return frame_of((data, fstat), atoms, space, pairs, forces, walls, notes)
+    return frame_of_pairs((data, fstat), atoms, space, pairs, forces, walls, notes)
 
 
 def _atoms(listing: Listing) -> tuple[Atoms, str]:

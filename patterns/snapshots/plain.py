@@ -38,7 +38,7 @@ from patterns.snapshots.tables import (
     table_of_arrays,
 )
 
-# Yade's tables give the force twice, in its parts and as a whole; no other source does.
+# Only Yade's tables have the force both in its parts and as a whole.
 YADE_COLUMNS = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks")
 
 
@@ -200,7 +200,7 @@ def _contacts(snapshot: Snapshot) -> dict[str, NDArray[np.generic]]:
 def _law(law: LinearFrictional, count: int) -> dict[str, NDArray[np.generic]]:
     columns = {"kn": law.kn, "ks": law.kt, "mu": law.mu}
     full = {name: np.broadcast_to(values, count) for name, values in columns.items()}
-    # Without friction on record it stands for infinite, and no file holds that.
+    # Friction that the file lacked is infinite here, which no file holds.
     return {name: values for name, values in full.items() if np.isfinite(values).all()}
 
 
@@ -208,7 +208,7 @@ def _write(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
     table = pyarrow.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
     partial = path.with_name(f".{path.name}.partial")
     write = pyarrow.parquet.write_table if path.suffix == ".parquet" else pyarrow.csv.write_csv
-    # Opened here, since names that are no UTF-8 are nothing that pyarrow takes.
+    # Opened here, since pyarrow takes no file names that are not UTF-8.
     with open(partial, "wb") as file:
         write(table, file)
     os.replace(partial, path)

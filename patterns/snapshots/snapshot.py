@@ -57,13 +57,13 @@ class Snapshot(Shown):
     wall_contacts : int
         Number of contacts with walls, which belong to no loop.
     notes : tuple of str
-        What was assumed or left out, for the reader of the results.
+        Assumptions and omissions, for the reader of the results.
     walls : WallContacts or None
         Forces of the walls, None if the file does not tell them.
     step : float or None
         The code's own number of the snapshot.
     findings : tuple of Finding
-        What the checks told, also where nothing is wrong; doubts stand in the notes as well.
+        Results of the checks, also where nothing is wrong; doubts are repeated in the notes.
     rotation : (G,) array or None
         Angle that each grain has turned by, up to full turns (rad); None if the file lacks it.
     """
@@ -85,7 +85,7 @@ class Snapshot(Shown):
         return find_faces(self.graph)
 
     def facts(self) -> dict[str, object]:
-        """What the prompt and a notebook show."""
+        """Facts that the prompt and a notebook show."""
         told = {**self.graph.facts(), "contacts with walls": self.wall_contacts}
         return {**told, "forces": "known" if self.mechanical else "none", "notes": len(self.notes)}
 

@@ -26,7 +26,7 @@ from patterns.snapshots.text import (
     require_file,
     require_line_end,
     require_room,
-    rows_of,
+    table_rows,
     whole_file,
 )
 
@@ -35,7 +35,7 @@ Arrays = dict[str, NDArray[Any]]
 ARRAY_FILES = (".npz", ".h5", ".hdf5")
 TEXTS = (".csv", ".csv.gz", ".tsv", ".txt", ".dat")
 ENDINGS = (*TEXTS, ".parquet", *ARRAY_FILES)
-# Beyond these squares overflow, and a float64 no longer tells neighbouring whole numbers apart.
+# Squares of numbers beyond HUGE overflow; a float64 rounds whole numbers beyond WHOLE.
 HUGE, WHOLE = 1e150, 2.0**53
 
 
@@ -104,7 +104,7 @@ class Table:
             raise
         except (pyarrow.ArrowException, UnicodeDecodeError, TypeError, ValueError) as error:
             raise InputError(where, str(error)[:200], "numbers", "Correct the file.") from None
-        # Not a number is neither above nor below.
+        # NaN fails both comparisons.
         if not (values.max() <= HUGE and values.min() >= -HUGE):
             row = int(np.argmin(np.abs(values) <= HUGE))
             received, expected = str(values[row]), f"a finite number, at most {HUGE:g}"
@@ -112,7 +112,7 @@ class Table:
         return values
 
     def read_ahead(self) -> None:
-        """Read what is no list of ids, all columns at once; what is wrong is said when asked."""
+        """Read all columns but those of ids in threads; errors are raised when a column is used."""
 
         def read(name: str) -> None:
             with suppress(InputError):
@@ -285,7 +285,7 @@ def _read_hdf5(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
         names.append(name)
         if _is_wanted(name, wanted):
             sizes.append(int(item.size) * max(8, item.dtype.itemsize))
-            # Chunks that were never written take no place in the file.
+            # Chunks that were never written take no space in the file.
             require_room(path, sum(sizes), path.stat().st_size)
             arrays[name] = item[()]
 
@@ -295,7 +295,7 @@ def _read_hdf5(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
 
 
 def _read_parquet(path: Path, wanted: Collection[str] | None) -> Table:
-    # Opened here, since names that are no UTF-8 are nothing that pyarrow takes.
+    # Opened here, since pyarrow takes no file names that are not UTF-8.
     with whole_file(path), open(path, "rb") as raw:
         file = pyarrow.parquet.ParquetFile(raw)
         names = file.schema_arrow.names
@@ -303,7 +303,7 @@ def _read_parquet(path: Path, wanted: Collection[str] | None) -> Table:
         read = names if wanted is None else [name for name in names if name in set(wanted)]
         require_room(path, 8 * len(read) * file.metadata.num_rows, path.stat().st_size)
         table = file.read(columns=read)
-        # Rows without a column that is wanted.
+        # The table has rows but none of the wanted columns.
         none: dict[str, Any] = {} if file.metadata.num_rows else {"": np.zeros(0)}
         return Table(path, table if read else none, names)
     raise AssertionError
@@ -315,7 +315,7 @@ def _read_text(path: Path, wanted: Collection[str] | None) -> Table:
     with whole_file(path):
         layout = layout_of(path, text)
         require_once(str(path), layout.names)
-        body = rows_of(text, layout)
+        body = table_rows(text, layout)
         if not bytes(body[:1000]).strip():
             return Table(path, {})
         read = None if wanted is None else [name for name in layout.names if name in set(wanted)]

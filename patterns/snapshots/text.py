@@ -20,15 +20,15 @@ import pyarrow.csv
 
 from loops import InputError
 
-# What is searched and sliced alike: the map of a file, or what a gzip file holds.
+# Content of a text file: memory-mapped, or unpacked from gzip.
 Text = bytes | mmap.mmap
-HEAD = 4096  # bytes that tell a format
-# No file of a packing unpacks to so many times its size: positions have digits of their own.
+HEAD = 4096  # first bytes of a file, by which its format is recognised
+# Highest accepted compression ratio, a guard against zip bombs.
 PACKING = 1100
-SMALL = 1 << 24  # bytes that nobody counts
-SHARE = 0.5  # of the memory of the machine: more is refused
+UNCOUNTED_BYTES = 1 << 24  # up to this size the ratio is not checked
+SHARE = 0.5  # largest share of the memory of the machine that a file may need
 FLOAT = pyarrow.float64()
-SHOWN = 12  # names of a list that a message shows
+SHOWN = 12  # number of names in a message
 
 
 def require_file(path: Path) -> None:
@@ -45,7 +45,7 @@ def require_file(path: Path) -> None:
 def require_room(path: str | Path, size: int, packed: int) -> None:
     """Raise `InputError` for `size` bytes of numbers: too many, or more than `packed` can mean."""
     room = int(SHARE * _memory())
-    if size <= min(room, max(SMALL, PACKING * packed)):
+    if size <= min(room, max(UNCOUNTED_BYTES, PACKING * packed)):
         return
     limit = f"{PACKING} times the {packed} of the file" if size <= room else f"{room / 1e9:.3g}e9"
     expected = f"at most {limit} bytes (half of this machine's memory at most)"
@@ -71,7 +71,7 @@ def beside(path: Path, *names: str) -> Path | None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[None]:
-    """Turn what libraries raise on damaged files into one `InputError`; lack of memory is told."""
+    """Turn errors of libraries on damaged files into one `InputError`; lack of memory is named."""
     try:
         yield
     except InputError:
@@ -196,7 +196,7 @@ def _parse(
     )
 
 
-COMMENTS = (b"#", b"%", b"//", b"sep=")  # the last is Excel's
+COMMENT_MARKS = (b"#", b"%", b"//", b"sep=")  # the last is Excel's
 NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
 
 
@@ -220,7 +220,7 @@ def layout_of(path: Path, text: Text) -> Layout:
     while start < len(text):
         line, after = line_at(text, start)
         line = line.removeprefix(b"\xef\xbb\xbf").strip()
-        if line and not line.startswith(COMMENTS):
+        if line and not line.startswith(COMMENT_MARKS):
             break
         comment, start = line or comment, after
     header = _decoded(path, line)
@@ -269,12 +269,12 @@ def _decimal(path: Path, names: list[str], first: str, delimiter: str) -> str:
     return "," if any("," in word for word in split(first, delimiter)) else "."
 
 
-def rows_of(text: Text, layout: Layout) -> bytes | memoryview:
+def table_rows(text: Text, layout: Layout) -> bytes | memoryview:
     """The rows below the header, one delimiter between columns; comments are left out."""
     body: bytes | memoryview = memoryview(text)[layout.start :]
-    if any(text.find(b"\n" + mark, max(layout.start - 1, 0)) >= 0 for mark in COMMENTS):
+    if any(text.find(b"\n" + mark, max(layout.start - 1, 0)) >= 0 for mark in COMMENT_MARKS):
         lines = bytes(body).splitlines(keepends=True)
-        body = b"".join(line for line in lines if not line.lstrip().startswith(COMMENTS))
+        body = b"".join(line for line in lines if not line.lstrip().startswith(COMMENT_MARKS))
     if layout.delimiter == " ":
         body = single_blanks(bytes(body))
     return body

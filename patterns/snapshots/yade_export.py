@@ -71,7 +71,7 @@ def export_tables(folder: str, number: int | None = None) -> str:
 
 
 def _is_piece(body: Any) -> bool:
-    """Whether the body is a row of the table; clumps are refused."""
+    """Test whether a body is a row of the table; clumps are refused."""
     if body.isClump or body.isClumpMember:
         raise ValueError(f"body {body.id} belongs to a clump: loops are of single grains")
     return body.shape is not None

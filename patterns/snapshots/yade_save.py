@@ -22,18 +22,18 @@ from patterns.snapshots.text import require_file, whole_file
 
 ROOT = b"<boost_serialization"
 BINARY = b"serialization::archive"
-HEAD = 65536
-SNIPPET = "Load it in Yade, O.load(...), and export the tables from there: see docs/yade.md."
+DECLARATION_BYTES = 65536
+LOAD_IN_YADE = "Load it in Yade, O.load(...), and export the tables from there: see docs/yade.md."
 
 
 @dataclass(eq=False)
 class Save:
-    """What a save holds, as far as it is asked for: takes the objects, `<px>`, as they end."""
+    """Bodies, interactions and cell of a save, collected from its objects `<px>` one by one."""
 
     # Id, shape by Yade's class name, x, y, z, and the radius of a sphere, else 0.
     bodies: list[tuple[int, str, float, float, float, float]] = field(default_factory=list)
-    # Real ones: id1, id2, then x and y of normal, contact point, normal force, shear force on body
-    # 2 and image of body 2; kn, ks; friction, nan without.
+    # Real interactions: id1, id2, then x and y of normal, contact point, normal force, shear force
+    # on body 2 and image of body 2; kn, ks; friction, nan without.
     interactions: list[list[float]] = field(default_factory=list)
     cell: list[float] = field(default_factory=list)  # hSize in the plane, by rows
     periodic: bool = False
@@ -113,7 +113,7 @@ class Save:
 
 
 def read_save(path: Path) -> Save:
-    """Read what a save holds of bodies, interactions and cell.
+    """Read bodies, interactions and cell of a save.
 
     Memory is that of the rows, not of the file: elements are dropped once they are read.
     """
@@ -135,16 +135,16 @@ def read_save(path: Path) -> Save:
         ) from None
     except _MissingError as error:
         raise InputError(
-            str(path), f"another serialisation, {error}", "a save of Yade 2023", SNIPPET
+            str(path), f"another serialisation, {error}", "a save of Yade 2023", LOAD_IN_YADE
         ) from None
     if not done or not save.complete or (save.periodic and not save.cell):
         received = "no <cell>" if done and save.complete else "no <scene>"
-        raise InputError(str(path), received, "a save of Yade, O.save(...)", SNIPPET)
+        raise InputError(str(path), received, "a save of Yade, O.save(...)", LOAD_IN_YADE)
     return save
 
 
 class _MissingError(Exception):
-    """What an element lacks. No ValueError, which would pass for a damaged file."""
+    """An element that is missing; not a ValueError, which means a damaged file."""
 
 
 def opened(path: Path) -> BinaryIO:
@@ -157,7 +157,7 @@ def opened(path: Path) -> BinaryIO:
 
 def _check_head(path: Path, file: BinaryIO) -> None:
     """Declarations stand before the root: Yade writes none, and entities may expand endlessly."""
-    head = file.read(HEAD)
+    head = file.read(DECLARATION_BYTES)
     file.seek(0)
     start = head.find(ROOT)
     if start >= 0 and b"<!ENTITY" not in head[:start]:
@@ -165,7 +165,7 @@ def _check_head(path: Path, file: BinaryIO) -> None:
     received = "declarations of entities" if start >= 0 else "no <boost_serialization>"
     if start < 0 and BINARY in head[:64]:
         received = "Yade's binary save, readable by the build of Yade that wrote it"
-    raise InputError(str(path), received, 'XML as O.save("....xml.gz") writes it', SNIPPET)
+    raise InputError(str(path), received, 'XML as O.save("....xml.gz") writes it', LOAD_IN_YADE)
 
 
 def _number(parent: ET.Element | None, name: str, where: str = "") -> float:
@@ -205,7 +205,7 @@ def frames(source: Source) -> Frames:
 
 
 def frame_of_save(source: Source, save: Save) -> Frame:
-    """Plain tables of what a save holds."""
+    """Plain tables of a save."""
     if not save.interactions or not save.bodies:
         remedy = "Save after a step, without resetting the interactions."
         raise InputError(str(source.path), "no interaction with forces", "contacts", remedy)

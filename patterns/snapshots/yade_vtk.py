@@ -35,7 +35,7 @@ ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
 
 @dataclass(frozen=True, eq=False)
 class VtkData:
-    """What a VTK file holds."""
+    """Points, lines and arrays of a VTK file."""
 
     path: Path
     points: Floats
@@ -95,7 +95,7 @@ def _check_legacy(path: Path, content: bytes) -> tuple[int, int, int]:
         raise InputError(str(path), received, "polydata as export.VTKExporter writes it", remedy)
     words = re.findall(rb"^([A-Z_]{4,})\b", content, re.M)
     counts = {kind: numbers.split() for kind, numbers in COUNTS.findall(content)}
-    # Of points the type follows.
+    # After the number of points follows their type.
     whole = [
         n for kind, found in counts.items() for n in (found[:1] if kind != b"LINES" else found)
     ]
@@ -107,7 +107,7 @@ def _check_legacy(path: Path, content: bytes) -> tuple[int, int, int]:
 
 
 def _read_with_vtk(path: Path, content: bytes, polydata: bool, legacy: bool) -> Any:
-    """Dataset of a file; vtk reports on the screen, here its silence and the counts must do."""
+    """Dataset of a file; messages of vtk are kept off the screen, damage is found by the counts."""
     try:
         from vtkmodules.vtkCommonCore import vtkObject
         from vtkmodules.vtkIOLegacy import vtkPolyDataReader
@@ -135,7 +135,7 @@ def _read_with_vtk(path: Path, content: bytes, polydata: bool, legacy: bool) -> 
 
 
 def _promised(path: Path, content: bytes) -> tuple[int, int]:
-    """Points and lines that the header speaks of."""
+    """Numbers of points and lines in the header."""
     piece = re.search(rb"<Piece\b([^>]*)>", content)
     counts = [
         re.search(rb"\b" + name + rb'="(\d{1,15})\s*"', piece.group(1)) if piece else None
@@ -150,7 +150,7 @@ def _promised(path: Path, content: bytes) -> tuple[int, int]:
 
 
 def _check_arrays(path: Path, content: bytes, points: int, lines: int) -> None:
-    """Compare what arrays hold with the counts: vtk takes what it needs, or allocates at will."""
+    """Compare the lengths of arrays with the counts, which vtk itself trusts."""
     wanted = {b"PointData": points, b"Points": points, b"CellData": lines}
     section = b""
     for match in TAG.finditer(content.partition(b"<AppendedData")[0]):
@@ -182,7 +182,7 @@ def _refuse_rows(path: Path, section: bytes, rows: int, wanted: int, name: bytes
 
 
 def _numbers(content: bytes, attributes: dict[bytes, bytes], body: bytes) -> int:
-    """How many numbers an array holds, from the header of its block."""
+    """Number of values in an array, from the header of its block."""
     if attributes.get(b"format") == b"ascii":
         return len(body.split())
     start = re.search(rb"<VTKFile\b([^>]*)>", content)
@@ -279,12 +279,14 @@ def _recorder_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
             received = "values that are no finite forces"
             raise InputError(str(lines.path), received, "one forceN a line", "Record again.")
         contacts["fn"] = normal
-        notes.append(f"VTKRecorder has the size of shear forces without their direction. {SNIPPET}")
+        notes.append(
+            f"VTKRecorder has the size of shear forces without their direction. {EXPORT_TABLES}"
+        )
     return make_frame(source, (spheres, lines), grains, contacts, notes)
 
 
 Columns = dict[str, NDArray[np.generic]]
-SNIPPET = "Export tables from inside Yade instead, see docs/yade.md."
+EXPORT_TABLES = "Export tables from inside Yade instead, see docs/yade.md."
 
 
 def grains_of(piece: VtkData, radius: str) -> tuple[Columns, list[str]]:
@@ -329,7 +331,7 @@ def refuse_strays(lines: VtkData, ends: Integers) -> None:
             f"{strays} of {len(ends)} lines that end at no sphere",
             "contacts between spheres of the other file",
             "Contacts across a periodic border or with walls can't be told apart here, and files "
-            f"of two snapshots look like this too. {SNIPPET}",
+            f"of two snapshots look like this too. {EXPORT_TABLES}",
         )
 
 

@@ -66,7 +66,7 @@ def _rows(
     import numpy as np
 
     from patterns import read_frames
-    from patterns.snapshots.checks import shear_stiffness
+    from patterns.snapshots.checks import check_kt
 
     if options["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
@@ -87,7 +87,7 @@ def _rows(
             for number, snapshot in enumerate(read_frames(path, strict=False, **read)):
                 place = {"path": str(path), "snapshot": number}
                 found = [*snapshot.findings, _crossings(snapshot)]
-                kt = None if before is None else shear_stiffness(before, snapshot)
+                kt = None if before is None else check_kt(before, snapshot)
                 found += [] if kt is None else [kt]
                 rows += [place | one._asdict() for one in found]
                 before = snapshot

@@ -69,7 +69,7 @@ def write_atoms(path, packing, step=0, *, digits=17, mode="a", extra=None, flags
 
 
 def lammps_columns(packing):
-    """What `property/local` and `pair/local` give, by their keywords."""
+    """Columns of `property/local` and `pair/local` by their keywords."""
     graph = packing.graph
     d, force = branch_vectors(graph), -contact_forces(graph)
     length = np.hypot(*d.T)

@@ -1,4 +1,4 @@
-"""What no pattern is made of: one clear error, before anything is computed."""
+"""Arguments out of range raise one clear error before anything is computed."""
 
 import numpy as np
 import pytest

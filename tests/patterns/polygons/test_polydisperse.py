@@ -97,7 +97,7 @@ def test_four_discs_are_brahmaguptas_quadrilateral(radii, outside):
 
 
 def test_no_loop_of_the_same_discs_is_larger():
-    """Of all polygons with given sides the one on a circle has the largest area."""
+    """The polygon on a circle has the largest area of all with the same sides."""
     for convex in (True, False):
         loops = random_loop(7, seed=3, convex=convex, polydispersity=0.4, size=200)
         largest = polygon_area(polydisperse_polygon(loops.radii).x)

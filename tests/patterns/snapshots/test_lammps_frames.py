@@ -206,6 +206,6 @@ def test_mercury_instants_without_contacts_are_not_counted(tmp_path, parsed):
 
 
 def test_a_series_knows_its_instants_by_their_headers(dumps, parsed):
-    """What `grainloops series` asks of a file: how many, then one after the other."""
+    """The number of snapshots in a file, then one after the other, as `grainloops series` reads."""
     steps = [read(dumps[0], number).step for number in range(count_frames(dumps[0]))]
     assert steps == list(range(COUNT)) and len(parsed) == 2 * COUNT

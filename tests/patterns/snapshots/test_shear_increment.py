@@ -1,4 +1,4 @@
-"""What Yade turns shear by, told from its own grains: T from one snapshot to the next.
+"""Yade's shear increment, measured on its own grains from one snapshot to the next.
 
 Between snapshots 2e-5 of strain apart, `T` of a contact that does not slide changes by `-kt` times
 the tangential displacement of its grains, positions and rotations taken from the tables. With
