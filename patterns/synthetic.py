@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Integers
 from loops.errors import InputError
 from loops.graph import GrainGraph
 from patterns.arguments import whole
@@ -80,30 +80,53 @@ def synthetic_network(
     grains, seed = whole("grains", grains, 2), whole("seed", seed, 0)
     _check(coordination, jitter, friction)
     rng = np.random.default_rng(seed)
-    periodic = periodic or cell is not None
-    box = None if cell is None else _checked_cell(cell)
-    rows, columns = _lattice_size(grains, 1.0 if box is None else _aspect(box))
+    aspect = 1.0  # length of the first cell vector over the height of the cell above it
+    if cell is not None:
+        box = np.asarray(cell, dtype=float)
+        if box.shape != (2, 2) or not np.isfinite(box).all() or np.linalg.det(box) == 0:
+            expected = "two independent cell vectors as columns"
+            raise InputError("cell", str(cell), expected, "Correct the cell.")
+        aspect, periodic = float(box[:, 0] @ box[:, 0] / abs(np.linalg.det(box))), True
+
+    # The smallest lattice that holds the grains, with an even number of rows to close periodically.
+    columns = max(1, round(np.sqrt(grains * aspect * ROW_HEIGHT)))
+    rows = -(-grains // columns)
+    rows += rows % 2
+    columns = -(-grains // rows)
     kept = np.sort(rng.choice(rows * columns, grains, replace=False))
-    x = _sites(kept, columns) + _in_disc(rng, grains, jitter)
+    row, column = np.divmod(kept, columns)
+    r, angle = jitter * np.sqrt(rng.random(grains)), 2 * np.pi * rng.random(grains)
+    moved = np.column_stack([r * np.cos(angle), r * np.sin(angle)])
+    x = np.column_stack([column + 0.5 * (row % 2), ROW_HEIGHT * row]) + moved
+
     contacts, images = _neighbours(rows, columns, periodic)
-    contacts, images = _between(kept, rows * columns, contacts, images)
+    grain = np.full(rows * columns, -1)
+    grain[kept] = np.arange(grains)
+    contacts = grain[contacts]
+    present = (contacts >= 0).all(axis=1)
+    contacts, images = contacts[present], images[present]
     wanted = min(round(coordination * grains / 2), len(contacts))
     drawn = np.sort(rng.choice(len(contacts), wanted, replace=False))
     contacts, images = contacts[drawn], images[drawn]
 
     lattice = np.diag([columns, rows * ROW_HEIGHT])
-    stretch = np.eye(2) if box is None else box @ np.linalg.inv(lattice)
+    stretch = np.eye(2) if cell is None else box @ np.linalg.inv(lattice)
     x = x @ stretch.T
-    box = lattice @ stretch.T if box is None else box
+    if cell is None:
+        box = lattice @ stretch.T
     d = x[contacts[:, 1]] - x[contacts[:, 0]] + images @ box.T
     branch = np.hypot(d[:, 0], d[:, 1])
-    normal, shear = _forces(rng, branch, friction)
+    mean = branch.mean() if len(branch) else 1.0
+    radii = np.full(grains, 0.25 * mean)
+    np.maximum.at(radii, contacts, 0.5 * branch[:, None])
+    normal = rng.exponential(MEAN_FORCE * mean, len(branch))
+    mobilised = np.clip(1.25 * rng.uniform(-1, 1, len(branch)), -1, 1)
     return GrainGraph(
         x=x,
-        radii=_radii(grains, contacts, branch),
+        radii=1.001 * radii,
         contacts=contacts,
         normal_force=normal,
-        shear_force=shear,
+        shear_force=mobilised * (friction * normal),
         images=images if periodic else None,
         cell=box if periodic else None,
     )
@@ -119,39 +142,6 @@ def _check(coordination: float, jitter: float, friction: float) -> None:
             raise InputError(name, str(value), expected, "Change the argument.")
 
 
-def _checked_cell(cell: ArrayLike) -> Floats:
-    box = np.asarray(cell, dtype=float)
-    if box.shape != (2, 2) or not np.isfinite(box).all() or np.linalg.det(box) == 0:
-        raise InputError(
-            "cell", str(cell), "two independent cell vectors as columns", "Correct the cell."
-        )
-    return box
-
-
-def _aspect(cell: Floats) -> float:
-    """First cell vector's length over the cell's height above it."""
-    return float(cell[:, 0] @ cell[:, 0] / abs(np.linalg.det(cell)))
-
-
-def _lattice_size(grains: int, aspect: float) -> tuple[int, int]:
-    """Rows (even, so that they close periodically) and columns of the smallest lattice."""
-    columns = max(1, round(np.sqrt(grains * aspect * ROW_HEIGHT)))
-    rows = -(-grains // columns)
-    rows += rows % 2
-    return rows, -(-grains // rows)
-
-
-def _sites(site: Integers, columns: int) -> Floats:
-    row, column = np.divmod(site, columns)
-    return np.column_stack([column + 0.5 * (row % 2), ROW_HEIGHT * row])
-
-
-def _in_disc(rng: np.random.Generator, count: int, radius: float) -> Floats:
-    r = radius * np.sqrt(rng.random(count))
-    angle = 2 * np.pi * rng.random(count)
-    return np.column_stack([r * np.cos(angle), r * np.sin(angle)])
-
-
 def _neighbours(rows: int, columns: int, periodic: bool) -> tuple[Integers, Integers]:
     """Each site with its neighbours to the right, above right and above left."""
     row, column = np.divmod(np.arange(rows * columns), columns)
@@ -165,28 +155,3 @@ def _neighbours(rows: int, columns: int, periodic: bool) -> tuple[Integers, Inte
     images = np.column_stack([image_column.ravel(), image_row.ravel()])
     inside = slice(None) if periodic else ~images.any(axis=1)
     return contacts[inside], images[inside]
-
-
-def _between(
-    kept: Integers, sites: int, contacts: Integers, images: Integers
-) -> tuple[Integers, Integers]:
-    """Contacts between kept sites, renumbered as grains."""
-    grain = np.full(sites, -1)
-    grain[kept] = np.arange(len(kept))
-    contacts = grain[contacts]
-    present = (contacts >= 0).all(axis=1)
-    return contacts[present], images[present]
-
-
-def _radii(grains: int, contacts: Integers, branch: Floats) -> Floats:
-    mean = branch.mean() if len(branch) else 1.0
-    radii = np.full(grains, 0.25 * mean)
-    np.maximum.at(radii, contacts, 0.5 * branch[:, None])
-    return 1.001 * radii
-
-
-def _forces(rng: np.random.Generator, branch: Floats, friction: float) -> tuple[Floats, Floats]:
-    mean = branch.mean() if len(branch) else 1.0
-    normal = rng.exponential(MEAN_FORCE * mean, len(branch))
-    mobilised = np.clip(1.25 * rng.uniform(-1, 1, len(branch)), -1, 1)
-    return normal, mobilised * (friction * normal)

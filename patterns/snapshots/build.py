@@ -58,8 +58,12 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     branches = read_branches(table, rows, pairs, bodies, cell)
     frictionless = not table.column("mu").any() if table.has("mu") else parameters.mu == 0
     force = _force_on_second(table, _normals(table, rows, branches.n), frictionless)
-    normal, shear = _components(force, rows, branches.n)
-    if force is None and table.has("fn"):
+    normal, shear = np.zeros(len(rows)), np.zeros(len(rows))
+    if force is not None:
+        f, n = some(force, rows), branches.n
+        normal = np.einsum("ck,ck->c", f, n)
+        shear = n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
+    elif table.has("fn"):
         normal = some(table.column("fn"), rows)
     walls = _walls(table, bodies, every, force)
     notes = list(frame.notes)
@@ -147,14 +151,6 @@ def _force_on_second(table: Table, n: Floats, frictionless: bool) -> Floats | No
     if table.has("fn") and frictionless:
         return table.column("fn")[:, None] * n
     return None
-
-
-def _components(force: Floats | None, rows: Integers, n: Floats) -> tuple[Floats, Floats]:
-    """`N` and `T` of the contacts between grains."""
-    if force is None:
-        return np.zeros(len(rows)), np.zeros(len(rows))
-    f = some(force, rows)
-    return np.einsum("ck,ck->c", f, n), n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
 
 
 def _redundant(

@@ -170,7 +170,12 @@ class ColumnSearch:
         found = sized or found
         if not found:
             return False
-        if any(not self._same(found[0], other) for other in found[1:]):
+        first = self._sample(found[0])
+        for other in map(self._sample, found[1:]):
+            # Other columns of the same vector, up to its sign, will do.
+            off = min(np.abs(first - other).max(), np.abs(first + other).max())
+            if off <= TOLERANCE * np.abs(first).max():
+                continue
             raise InputError(
                 f"columns of {self.table.path}",
                 f"several that may be {names[0]}, {names[1]}: "
@@ -182,12 +187,6 @@ class ColumnSearch:
         self._check(names, error(self.vector(names), np.arange(len(self.table))))
         self._size(names, size)
         return True
-
-    def _same(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
-        """Whether two vectors are one, up to its sign."""
-        a, b = self._sample(one), self._sample(other)
-        off = min(np.abs(a - b).max(), np.abs(a + b).max())
-        return bool(off <= TOLERANCE * np.abs(a).max())
 
     def _sample(self, pair: tuple[str, str]) -> Floats:
         return np.column_stack([self.data[column][self.rows] for column in pair])

@@ -65,7 +65,14 @@ def _frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Fr
     atoms = read_atoms(own, source.columns)
     space, cell_notes = space_of(own.box, atoms, source.cell)
     columns, pairs, normal, shear = guess_columns(local.read(), atoms, space, source.columns)
-    forces, force_notes = _forces(normal, shear)
+    # On grain 2: the opposite of the forces on atom 1.
+    forces = Forces(None)
+    force_notes: Notes = ()
+    if normal is not None and shear is not None:
+        forces, force_notes = Forces(-(normal + shear)), (DAMPING,)
+    elif normal is not None:
+        missing = "no tangential force (p1, p2) among the columns; --mu 0 for frictionless grains"
+        forces, force_notes = Forces(None, -normal), (DAMPING, missing)
     walls, wall_notes = read_walls(own, atoms, source.columns)
     if not walls and not all(space.periodic):
         wall_notes = ("no columns of walls: their forces are unknown",)
@@ -165,16 +172,6 @@ def _require_nothing_left(search: ColumnSearch) -> None:
         "Name them: --columns fx=COLUMN,fy=COLUMN,p1=COLUMN,p2=COLUMN, or force=COLUMN; fx=none "
         "for the geometry alone; for a file of LIGGGHTS --format liggghts.",
     )
-
-
-def _forces(normal: Floats | None, shear: Floats | None) -> tuple[Forces, Notes]:
-    """Forces on grain 2, the opposite of what LAMMPS gives for atom 1."""
-    if normal is None:
-        return Forces(None), ()
-    if shear is None:
-        missing = "no tangential force (p1, p2) among the columns; --mu 0 for frictionless grains"
-        return Forces(None, -normal), (DAMPING, missing)
-    return Forces(-(normal + shear)), (DAMPING,)
 
 
 # Columns of the fix: flag, force on the atom, contact point.

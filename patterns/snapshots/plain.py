@@ -14,7 +14,7 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from loops import InputError, LinearFrictional, Regime, branch_vectors, contact_forces
+from loops import InputError, Regime, branch_vectors, contact_forces
 from loops.arrays import Floats
 from loops.laws.frictional import ShearIncrement, checked_increment
 from patterns.snapshots.frame import (
@@ -31,7 +31,6 @@ from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import (
     ARRAY_FILES,
     ENDINGS,
-    Arrays,
     Table,
     read_arrays,
     read_table,
@@ -63,7 +62,14 @@ def _frame(source: Source) -> Frame:
     if source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES):
         names, arrays = read_arrays(source.path, wanted | {"cell"})
         if any(name.startswith("contacts/") for name in names):
-            tables = [_group(source, names, arrays, group) for group in ("grains", "contacts")]
+            tables = [
+                table_of_arrays(
+                    f"{group[:-1]} of {source.path}",
+                    [name.removeprefix(group) for name in names if name.startswith(group)],
+                    {n.removeprefix(group): v for n, v in arrays.items() if n.startswith(group)},
+                )
+                for group in ("grains/", "contacts/")
+            ]
             cell, step, increment = arrays.get("cell"), None, None
     if not tables:
         contacts_path = source.contacts or contacts_beside(source.path)
@@ -81,15 +87,6 @@ def _frame(source: Source) -> Frame:
         step=step,
         shear_increment=increment,
         notes=(*other_grains, *other_contacts),
-    )
-
-
-def _group(source: Source, names: Sequence[str], arrays: Arrays, group: str) -> Table:
-    start = f"{group}/"
-    return table_of_arrays(
-        f"{group} of {source.path}",
-        [name.removeprefix(start) for name in names if name.startswith(start)],
-        {name.removeprefix(start): v for name, v in arrays.items() if name.startswith(start)},
     )
 
 
@@ -192,16 +189,13 @@ def _contacts(snapshot: Snapshot) -> dict[str, NDArray[np.generic]]:
         law, regime = snapshot.mechanics()
         force = contact_forces(graph)
         columns |= {"fx_on_2": force[:, 0], "fy_on_2": force[:, 1]}
-        columns |= _law(law, graph.contact_count)
+        full = {"kn": law.kn, "ks": law.kt, "mu": law.mu}
+        for name, values in full.items():
+            # Friction that the file lacked is infinite here, which no file holds.
+            if np.isfinite(values).all():
+                columns[name] = np.broadcast_to(values, graph.contact_count)
         columns["sliding"] = (regime == Regime.SLIDING).astype(np.int8)
     return columns
-
-
-def _law(law: LinearFrictional, count: int) -> dict[str, NDArray[np.generic]]:
-    columns = {"kn": law.kn, "ks": law.kt, "mu": law.mu}
-    full = {name: np.broadcast_to(values, count) for name, values in columns.items()}
-    # Friction that the file lacked is infinite here, which no file holds.
-    return {name: values for name, values in full.items() if np.isfinite(values).all()}
 
 
 def _write(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
