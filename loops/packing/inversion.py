@@ -11,13 +11,14 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from loops.arrays import Flags, Floats, Integers, frobenius
 from loops.null_space import ROUNDING
 from loops.packing.blocks import Block, Polygons, packing_blocks
-from loops.packing.multifrontal import EPS, SINGULAR, Front, FrontalLU, dissection, eliminate
+from loops.packing.multifrontal import EPS, Front, FrontalLU, dissection, eliminate
 from loops.packing.system import PackingSystem, assembled
 
 # Number of random vectors that norms are estimated with, for all loops at once.
 SKETCH = 16
-# Above this norm of the residual `R = 1 - K Z` errors are not of first order in it.
-LARGEST_RESIDUAL = 0.1
+# Above this norm of the residual `R = 1 - K Z` errors are not of first order in it: a mode may be
+# softer than EPS lets it appear, down to SOFTEST.
+LARGEST_RESIDUAL, SOFTEST = 0.1, 1e-16
 # Relative tolerance of a ring of gears: its ratios of radii, multiplied around it, return to 1.
 GEAR_RTOL = 1e-11
 
@@ -125,8 +126,7 @@ def _sketches(matrix: sparse.csr_array, lu: FrontalLU) -> tuple[Floats, Floats, 
     right, back = np.hsplit(lu.solve(loads, transposed=True), 2)
     residual = signs / d - back
     if not np.linalg.norm(d * residual) < LARGEST_RESIDUAL:
-        # A mode may be softer than EPS lets it appear, down to what counts as singular.
-        residual *= EPS / SINGULAR
+        residual *= EPS / SOFTEST
     return lu.solve(d * signs), right, residual
 
 

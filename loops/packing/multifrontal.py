@@ -26,9 +26,9 @@ from loops.arrays import Flags, Floats, Integers
 
 # Grains in a leaf: smaller fronts cost more calls, larger ones more arithmetic.
 LEAF = 32
-# A mechanism that carries nothing makes a front singular: where its inverse exceeds 1 / SINGULAR,
-# EPS is added to its diagonal, both relative to the largest entry of the matrix.
-EPS, SINGULAR = 1e-12, 1e-16
+# Added to the diagonal of a front without an inverse, over the largest entry of the matrix: a
+# mechanism that carries nothing.
+EPS = 1e-12
 # Largest subtree that is one task of a thread, as a share of all grains.
 TASK = 1 / 32
 
@@ -196,7 +196,7 @@ def eliminate(
 ) -> FrontalLU:
     """Factorise front by front; `freedom` (G, k) has -1 where a grain has no freedom."""
     columns, size = matrix.tocsc(), matrix.shape[0]
-    unit = _largest(matrix.data)
+    unit = float(np.abs(matrix.data).max(initial=0.0))
     parts: dict[int, Eliminated] = {}
     updates: dict[int, Floats] = {}
 
@@ -248,18 +248,11 @@ def _tasks(fronts: list[Front]) -> list[tuple[int, int]]:
 
 
 def _inverse(own: Floats, unit: float) -> Floats:
-    """Inverse of a front's own block, with `EPS` on its diagonal where it is singular."""
+    """Inverse of a front's own block, with `EPS` on its diagonal if it has none."""
     try:
-        inverse = np.asarray(np.linalg.inv(own), dtype=np.float64)
-        if _largest(inverse) * unit * SINGULAR < 1.0:
-            return inverse
+        return np.asarray(np.linalg.inv(own), dtype=np.float64)
     except np.linalg.LinAlgError:
-        pass
-    return np.asarray(np.linalg.inv(own + EPS * unit * np.eye(len(own))))
-
-
-def _largest(a: Floats) -> float:
-    return float(max(a.max(initial=0.0), -a.min(initial=0.0)))
+        return np.asarray(np.linalg.inv(own + EPS * unit * np.eye(len(own))), dtype=np.float64)
 
 
 def _free(freedom: Integers, grains: Integers) -> Integers:

@@ -20,7 +20,7 @@ from loops.arrays import frobenius
 from loops.geometry import boundary_vectors, polygon_area
 from loops.packing import loops_in_place, packing_system
 from loops.packing.blocks import polygons_of
-from loops.packing.inversion import inverted, spin_modes
+from loops.packing.inversion import _inverses, _sketches, inverted, spin_modes
 from loops.packing.multifrontal import _vertex_cover, dissection, eliminate
 from patterns.synthetic import synthetic_network
 from tests.packings import LAW, packing, with_idle_triangle
@@ -112,6 +112,62 @@ def test_a_hinged_triangle_changes_nothing_else():
     found = inverted(system, polygons_of(graph, find_faces(graph)), np.inf, np.inf)
     change = frobenius(found.matrix - alone.matrix) / frobenius(alone.matrix)
     assert (change < 1e-9).all() and (change < found.error).all() and (found.error < 1e-2).all()
+
+
+def plain_lu(dense):
+    """Factors of a small matrix in one front."""
+    count = len(dense)
+    fronts = dissection(np.zeros((count, 2)), np.empty((0, 2), dtype=int))
+    return eliminate(sparse.csr_array(dense), fronts, np.arange(count)[:, None])
+
+
+def test_a_front_without_an_inverse_gets_one():
+    """One freedom that nothing resists: the others answer as without it."""
+    dense = np.diag([2.0, 0.0, 4.0])
+    b = np.array([[1.0], [0.0], [1.0]])
+    found = plain_lu(dense).solve(b)
+    assert np.allclose(found, [[0.5], [0.0], [0.25]], rtol=1e-10)
+
+
+def test_norms_are_estimated_from_random_vectors():
+    rng = np.random.default_rng(0)
+    dense = 6.0 * np.eye(30) + rng.normal(size=(30, 30))
+    inverse, sizes = np.linalg.inv(dense), np.abs(dense)
+    c = sizes.sum(axis=0)
+    d = (sizes / c).sum(axis=1)
+    left, right, _ = _sketches(sparse.csr_array(dense), plain_lu(dense))
+    for sketch, exact in ((left, inverse * d), (right, inverse.T * c)):
+        ratio = np.linalg.norm(sketch, axis=1) / np.linalg.norm(exact, axis=1)
+        assert 0.4 < ratio.min() and ratio.max() < 1.7
+
+
+def test_a_mode_softer_than_its_regularisation_leaves_doubt():
+    """Factors of `K + 1e-12`, a mode of 1e-15 in K: the compliance errs by nearly 1e15."""
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(6, 6)))[0]
+    soft = turn @ np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 1e-15]) @ turn.T
+    left, _, residual = _sketches(sparse.csr_array(soft), plain_lu(soft + 1e-12 * np.eye(6)))
+    load = turn[:, 5]
+    assert np.linalg.norm(load @ left) * np.linalg.norm(load @ residual) > 1e15
+    # Nothing is amplified where all is stiff.
+    stiff = turn @ np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.5]) @ turn.T
+    residual = _sketches(sparse.csr_array(stiff), plain_lu(stiff))[2]
+    assert np.linalg.norm(residual) < 1e-13
+
+
+def test_the_bound_is_that_of_first_order_or_none():
+    """Hand-made norms: `2 (|A left| (|A^T residual| + u |A^T right|) / |A| + u |A| (t + |C|))`."""
+    C = np.diag([1.0, 1.0, 1.0, 1e8])[None]
+    left, right, residual = np.zeros((3, 1, 4, 2))
+    left[0, 0, 0], right[0, 1, 0], residual[0, 2, 0] = 3.0, 1e4, 1e-9
+    A, error = _inverses(C, np.array([7.0]), left, right, residual)
+    size, u = np.sqrt(3.0 + 1e-16), 8 * np.finfo(float).eps
+    first = 3.0 * (1e-9 + u * 1e4) / size + u * size * (7.0 + 1e8)
+    assert error[0] == pytest.approx(2 * first, rel=1e-12)
+    assert np.allclose(A[0], np.diag([1.0, 1.0, 1.0, 1e-8]), rtol=1e-14)
+    # In the soft direction first order is small, the change of C times A is not.
+    left[0, 0, 0], left[0, 3, 0] = 0.0, 1e9
+    A, error = _inverses(C, np.array([7.0]), left, right, residual)
+    assert np.isinf(error[0]) and np.isnan(A).all()
 
 
 def test_gears_and_free_spins_are_found():
