@@ -63,15 +63,17 @@ def solve_through_null_space(
     every = bool(finite.all())
     if not every:
         matrix = np.where(finite[:, None, None], matrix, 0.0)
-    inverse, condition = _bordered_inverse(matrix, known)
+    # Where other singular values are as small the known null vectors mix with theirs.
+    bordered = matrix if known is None else matrix + known @ np.swapaxes(known, -1, -2)
+    inverse, condition = _inverse(bordered)
     nullity = np.full(len(matrix), 0 if known is None else known.shape[-1])
     ambiguity = np.zeros(len(matrix))
     dropped = np.zeros((len(matrix), observed.shape[-2], rhs.shape[-1]))
     rest = np.flatnonzero(~(condition * tolerance < 1))
     if len(rest):
-        inverse[rest], nullity[rest], condition[rest], ambiguity[rest], dropped[rest] = (
+        inverse[rest], others, condition[rest], ambiguity[rest], dropped[rest] = (
             _by_singular_values(
-                matrix[rest],
+                bordered[rest],
                 rhs[rest],
                 observed[rest],
                 tolerance,
@@ -79,6 +81,7 @@ def solve_through_null_space(
                 known is not None,
             )
         )
+        nullity[rest] += others
     x = inverse @ rhs
     # One step of refinement: an inverse alone leaves a residual of condition times rounding.
     x += inverse @ (rhs - matrix @ x)
@@ -113,14 +116,13 @@ def _flat(a: Floats, batch: tuple[int, ...]) -> Floats:
     return own.reshape(-1, *a.shape[-2:])
 
 
-def _bordered_inverse(matrix: Floats, known: Floats | None) -> tuple[Floats, Floats]:
-    """Inverse of `M + Z Z^T` and its condition number, infinite where there is none."""
-    bordered = matrix if known is None else matrix + known @ np.swapaxes(known, -1, -2)
+def _inverse(matrix: Floats) -> tuple[Floats, Floats]:
+    """Inverses and condition numbers, infinite where there is none."""
     try:
-        inverse: Floats = np.asarray(np.linalg.inv(bordered), dtype=float)
+        inverse: Floats = np.asarray(np.linalg.inv(matrix), dtype=float)
     except np.linalg.LinAlgError:
         return np.zeros_like(matrix), np.full(len(matrix), np.inf)
-    condition = frobenius(bordered) * frobenius(inverse)
+    condition = frobenius(matrix) * frobenius(inverse)
     return inverse, np.where(np.isfinite(condition), condition, np.inf)
 
 
