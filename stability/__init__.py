@@ -1,4 +1,4 @@
-"""What a tangent tells: spectra, second-order work, cones, the unstable fraction, verdicts.
+"""Stability of a tangent: spectra, second-order work, cones, the unstable fraction, verdicts.
 
 Every function takes plain arrays with leading batch axes: a macroscopic tangent `A (..., 4, 4)` in
 the component order (11, 12, 21, 22), or an operator `K (..., m, m)` already restricted.

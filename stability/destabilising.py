@@ -217,7 +217,7 @@ def _leading_positive(vector: Floats) -> Floats:
 
 
 def no_control(status: ControlStatus, m: int) -> LinearControl:
-    """What stands for a control where there is none."""
+    """Placeholder for a control where there is none."""
     empty = np.full(m, np.nan)
     rest = np.full((max(m - 2, 0), m), np.nan)
     return LinearControl(status, empty, empty, rest, float("nan"), float("nan"))

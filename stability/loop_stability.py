@@ -1,4 +1,4 @@
-"""What the tangents of many loops tell, in one go: modes, unstable directions, cones."""
+"""Stability of many loops at once: modes, unstable directions, cones of their tangents."""
 
 from __future__ import annotations
 

@@ -137,6 +137,16 @@ class Stage:
                 "target of a stage", str(self.target), "a finite number", "Say where it ends."
             )
 
+    def value(self, H: Floats, P: Floats, parameter: float) -> float:
+        """Value of the quantity at `H` and `P`, (4,), `parameter` counted from the stage's start.
+
+        Of their rates it is the rate of the quantity.
+        """
+        if self.quantity == "parameter":
+            return parameter
+        tensor = H if self.quantity[0] == "H" else P
+        return float(tensor[COMPONENTS.index(self.quantity[1:])])
+
     def approaches(self, sense: float) -> bool:
         """Whether the quantity moves towards its target, as far as the programme fixes its rate."""
         if self.quantity == "parameter":

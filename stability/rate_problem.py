@@ -1,4 +1,4 @@
-"""The rate problem of contacts at the edge of their law: which regime follows which direction.
+"""The rate problem of contacts at the edge of their law: regimes that agree with their rates.
 
 A contact inside Coulomb's cone has one regime. At yield it may slide or stick, just touching it may
 part, stick or slide to either side, and the motion decides, while the motion depends on all the
@@ -19,13 +19,14 @@ from loops.arrays import Floats
 from loops.laws.protocol import Regime
 
 Status = Literal["unique", "none", "several"]
-# Up to this number of combinations of regimes all are tried; beyond it, pivoting.
+# Number of combinations of regimes up to which all are tried; beyond it, pivoting.
 ENUMERATION_LIMIT = 256
-# Where pivoting finds nothing all are tried up to this number.
+# Number of combinations up to which all are tried if pivoting finds nothing.
 SEARCH_LIMIT = 8192
-# Relative to the largest rate: sign conditions, and when two solutions are the same.
+# Rounding of rates in sign conditions, over the largest rate.
 SIGN_TOLERANCE = 1e-10
-SAME_RATES = 1e-8
+# Difference within which two solutions are the same, over their norm.
+SOLUTION_RTOL = 1e-8
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Choice:
 
 OPEN, ELASTIC = Choice(Regime.OPEN), Choice(Regime.ELASTIC)
 LEFT, RIGHT = Choice(Regime.SLIDING, 1.0), Choice(Regime.SLIDING, -1.0)
-# What a contact inside its cone is asked when all are: only sticking can agree.
+# Options of a contact inside its cone where all contacts are tried: only sticking can agree.
 INSIDE = (ELASTIC, LEFT, RIGHT)
 
 
@@ -240,7 +241,7 @@ def _pivots(
 
 
 def _natural(can: Sequence[Choice], edge: EdgeRates, k: int, choice: Choice) -> Choice:
-    """What a contact would do under the given rates."""
+    """Regime that a contact takes under the given rates."""
     if OPEN in can and edge.un[k] > 0:
         return OPEN
     for other in can:
@@ -270,7 +271,7 @@ def _matches(found: RateSolution[AnyTrial], preferred: Sequence[Choice]) -> int:
 
 
 def _same(a: Floats, b: Floats) -> bool:
-    return bool(np.linalg.norm(a - b) <= SAME_RATES * max(np.linalg.norm(a), np.linalg.norm(b)))
+    return bool(np.linalg.norm(a - b) <= SOLUTION_RTOL * max(np.linalg.norm(a), np.linalg.norm(b)))
 
 
 def _rank(

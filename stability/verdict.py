@@ -22,7 +22,7 @@ _Array = TypeVar("_Array", bound=np.ndarray[Any, Any])
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verdict(Shown):
-    """What a tangent tells about stability on a named subspace.
+    """Verdict on the stability of a tangent on a named subspace.
 
     `status` speaks of second-order work (44): stable if W2 > 0 in every direction. `divergence` and
     `flutter` speak of the spectrum of K, the loss under dead loads. Bromwich's inequality keeps a
@@ -68,7 +68,7 @@ class Verdict(Shown):
         return "flutter" if self.flutter else "none"
 
     def facts(self) -> dict[str, object]:
-        """What the prompt and a notebook show."""
+        """Facts shown at the prompt and in a notebook."""
         return {"status": self.status, "subspace": self.subspace, "lambda_min/|K|": self.margin,
                 "tolerance": self.tolerance, "loss in the spectrum of K": self.mode}  # fmt: skip
 

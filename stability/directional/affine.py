@@ -31,7 +31,7 @@ from stability.subspaces import restrict, subspace_basis
 
 
 class _Picked(NamedTuple):
-    """What contacts at the edge do, (..., D, E), and the side on which they slide."""
+    """Regimes of the contacts at the edge, (..., D, E), and the side on which they slide."""
 
     opens: Flags
     slides: Flags
@@ -95,7 +95,7 @@ class AffineBranches:
         return _Sticking(*(np.einsum("...em,...dm->...de", row, directions) for row in self.rows))
 
     def _pick(self, rates: _Sticking) -> _Picked:
-        """What every contact does, given its rates as if it stuck."""
+        """Regime of every contact, given its rates as if it stuck."""
         edge, which = self.edge, self.which
         touching, slides = edge.touching[..., None, which], edge.slides[..., None, which]
         yields, side = edge.at_yield[..., None, which], edge.side[..., None, which]

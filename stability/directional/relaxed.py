@@ -31,7 +31,7 @@ from loops.contact_tangent import contact_kinematics
 from loops.graph import require_one_state
 from stability.cones import plane_cone
 from stability.directional.edge import SIGN_TOLERANCE, Answer, EdgeContacts, line_angles, works
-from stability.rate_problem import SAME_RATES, Choice, edge_options
+from stability.rate_problem import SOLUTION_RTOL, Choice, edge_options
 from stability.subspaces import restrict, subspace_basis
 
 # All combinations of regimes are tried: eight contacts at yield.
@@ -119,14 +119,14 @@ class RelaxedBranches:
         return np.asarray(agrees.all(axis=-1) & self.trusted)
 
     def _differ(self, agrees: Flags, first: Integers, stress: Floats, directions: Floats) -> Flags:
-        """Where some solution has other rates than the first: neutral contacts don't count."""
+        """Directions in which a solution has other rates than the first; neutral contacts aside."""
         rates = [stress]
         rates += [np.einsum("rem,dm->dre", own, directions) for own in (self.closing, self.shear)]
         every = np.concatenate(rates, axis=-1)
         chosen = np.take_along_axis(every, first[:, None, None], axis=1)
         gap = np.linalg.norm(every - chosen, axis=-1)
         size = np.maximum(np.linalg.norm(every, axis=-1), np.linalg.norm(chosen, axis=-1))
-        return np.asarray((agrees & (gap > SAME_RATES * size)).any(axis=-1))
+        return np.asarray((agrees & (gap > SOLUTION_RTOL * size)).any(axis=-1))
 
 
 def relaxed_branches(

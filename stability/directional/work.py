@@ -21,7 +21,7 @@ STATUSES = np.array(["none", "unique", "several"])
 
 
 class Branches(Protocol):
-    """What answers the rate problem in any direction."""
+    """Answers of the rate problem in any direction."""
 
     @property
     def singular(self) -> int:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, get_args, overload
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,43 +13,42 @@ from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import check_choice
+from loops.contact_state import ContactState
 from loops.laws.protocol import require_law
 from stability.arguments import number, whole_number
-from stability.paths.edge import EdgeTrial, edge_problem
-from stability.paths.model import PathModel, compressed, path_model
-from stability.paths.path import ModelOption, Past, Path, PathStatus
-from stability.paths.record import Record, model_choice
-from stability.paths.stage import walk_stage
-from stability.paths.state import initial_state, pack, unpack
-from stability.paths.walk import Walk, start_mode
+from stability.paths.loop_path import LoopOptions, LoopPathSolver
+from stability.paths.model import START_MISMATCH, PathModel, compressed, path_model
+from stability.paths.path import Past, Path, run_stages
+from stability.paths.record import model_choice
+from stability.paths.regimes import EdgeTrial, edge_problem
+from stability.paths.state import Mode, initial_state, pack, unpack
 from stability.programmes import Programme, Stage
 from stability.rate_problem import RateProblem
-from stability.subspaces import subspace_basis
 
 if TYPE_CHECKING:
     from stability.packing.path import PackingPath
 
+Options = TypeVar("Options")
 # Isotropic strain at which a path starts where its law has no stiffness at first touch.
 FIRST_STRAIN = 1e-8
 # Absolute tolerance of such a path over that strain, by which its start is off. Loops with free
 # spins are all but mechanisms there: rounding of their rates is beyond tighter ones.
 FIRST_ATOL = 1e-4
-OnTouch = Literal["ignore", "stop", "add"]
-# Options of loops, as they stand if left out.
-OF_LOOPS: dict[str, Any] = {
-    "spins": "blocked",
-    "subspace": "diagonal",
-    "volume": None,
-    "contact_on_touch": "ignore",
-    "rtol": 1e-12,
-    "atol": 1e-14,
-    "max_step": 0.05,
-    "model": "auto",
-}
-# Options of packings.
-OF_PACKINGS: dict[str, Any] = {
-    **{"interval": 5e-6, "instabilities": 20, "past": "viscous", "progress": None}
-}
+
+
+@dataclass(frozen=True)
+class PackingOptions:
+    """Options of `follow` under the packing closure, see there."""
+
+    interval: float = 5e-6
+    instabilities: int = 20
+    past: Past = "viscous"
+    progress: Callable[[float], None] | None = None
+
+    def __post_init__(self) -> None:
+        number("interval", self.interval, 0.0, open_low=True)
+        whole_number("instabilities", self.instabilities, 1)
+        check_choice("past", self.past, get_args(Past))
 
 
 @overload
@@ -61,10 +60,7 @@ def follow(
     closure: Literal["packing"],
     rows: int = 0,
     max_steps: int = 20_000,
-    interval: float = 5e-6,
-    instabilities: int = 20,
-    past: Past = "viscous",
-    progress: Callable[[float], None] | None = None,
+    **options: Any,
 ) -> PackingPath: ...
 
 
@@ -75,16 +71,9 @@ def follow(
     stages: Sequence[Stage] | Stage,
     *,
     closure: Closure = "affine",
-    spins: Spins = "blocked",
-    subspace: str | Sequence[str] = "diagonal",
-    volume: ArrayLike | None = None,
-    contact_on_touch: OnTouch = "ignore",
-    rtol: float = 1e-12,
-    atol: float = 1e-14,
-    max_step: float = 0.05,
-    max_steps: int = 20_000,
     rows: int = 0,
-    model: ModelOption = "auto",
+    max_steps: int = 20_000,
+    **options: Any,
 ) -> Path: ...
 
 
@@ -94,20 +83,9 @@ def follow(
     stages: Sequence[Stage] | Stage,
     *,
     closure: Closure | Literal["packing"] = "affine",
-    spins: Spins = "blocked",
-    subspace: str | Sequence[str] = "diagonal",
-    volume: ArrayLike | None = None,
-    contact_on_touch: OnTouch = "ignore",
-    rtol: float = 1e-12,
-    atol: float = 1e-14,
-    max_step: float = 0.05,
-    max_steps: int = 20_000,
     rows: int = 0,
-    model: ModelOption = "auto",
-    interval: float = 5e-6,
-    instabilities: int = 20,
-    past: Past = "viscous",
-    progress: Callable[[float], None] | None = None,
+    max_steps: int = 20_000,
+    **options: Any,
 ) -> Path | PackingPath:
     """Integrate the rate equations of a graph under loading programmes, with exact events.
 
@@ -210,81 +188,60 @@ def follow(
     (0.166666666667, (0, 1, 2, 3))
     """
     stages = [stages] if isinstance(stages, Stage) else list(stages)
-    if closure == "packing":
-        given = (spins, subspace, volume, contact_on_touch, rtol, atol, max_step, model)
-        _check_stages(stages)
-        remedy = "Leave it out: a packing's spins are free, its events those of contacts."
-        _refuse(given, OF_LOOPS, "the packing closure", remedy)
-        number("interval", interval, 0.0, open_low=True)
-        for name, value, least in (
-            ("instabilities", instabilities, 1),
-            ("max_steps", max_steps, 1),
-            ("rows", rows, 0),
-        ):
-            whole_number(name, value, least)
-        check_choice("past", past, get_args(Past))
-        from stability.packing.path import follow_packing
-
-        return follow_packing(
-            graph,
-            law,
-            stages,
-            rows=rows,
-            interval=interval,
-            instabilities=instabilities,
-            past=past,
-            max_steps=max_steps,
-            progress=progress,
-        )
-    _check(law, stages, closure, spins, contact_on_touch)
-    remedy = "Leave it out: it is of packings, closure='packing'."
-    _refuse(
-        (interval, instabilities, past, progress), OF_PACKINGS, f"the {closure} closure", remedy
-    )
-    number("rtol", rtol, 0.0)
-    number("atol", atol, 0.0)
-    number("max_step", max_step, 0.0, open_low=True)
+    if not stages or stages[0].fallback:
+        received = "no stage" if not stages else "a fallback as the first stage"
+        raise InputError("stages", received, "at least one stage to start with", "Give a Stage.")
+    check_choice("closure", closure, (*get_args(Closure), "packing"))
     whole_number("max_steps", max_steps, 1)
     whole_number("rows", rows, 0)
-    subspaces = (subspace,) if isinstance(subspace, str) else tuple(subspace)
-    for each in subspaces:
-        subspace_basis(each)
-    if not subspaces:
-        raise InputError("subspace", "none", "one at least", "Name 'diagonal', say.")
-    check_choice("model", model, get_args(ModelOption))
-    full = path_model(graph, law, closure, spins, volume)
-    full, y, lifted = _first_state(full, graph)
-    walk = Walk(
-        model=replace(full, search_all=model == "full"),
+    if closure == "packing":
+        from stability.packing.path import follow_packing
+
+        given = vars(_options(PackingOptions, options, closure))
+        return follow_packing(graph, law, stages, rows=rows, max_steps=max_steps, **given)
+    checked = _options(LoopOptions, options, closure)
+    require_law(law)
+    contacts = contact_state(graph)
+    model = path_model(graph, contacts, law, closure, checked.spins, checked.volume)
+    model, y, lifted = _first_state(model, graph, contacts)
+    solver = LoopPathSolver(
+        model=replace(model, search_all=checked.model == "full"),
         y=y,
-        mode=start_mode(full, graph),
-        record=Record(),
-        subspaces=subspaces,
-        on_touch=contact_on_touch,
-        rtol=rtol,
-        atol=max(atol, FIRST_ATOL * FIRST_STRAIN) if lifted else atol,
-        max_step=max_step,
+        mode=start_mode(model, contacts),
+        options=checked,
+        atol=max(checked.atol, FIRST_ATOL * FIRST_STRAIN) if lifted else checked.atol,
         rows=rows,
         steps_left=max_steps,
         programmes=tuple(stage.programme for stage in stages),
-        choice=model,
         periodic=graph.cell is not None,
     )
-    walk.find_symmetry()
-    start = walk.model
-    status, message = _walk_all(walk, stages)
-    chosen = model_choice(start, model, walk.searches, walk.kept)
-    return walk.record.path(walk.model, status, message, subspaces[0], chosen)
+    solver.find_symmetry()
+    start = solver.model
+    status, message = run_stages(solver, stages)
+    chosen = model_choice(start, checked.model, solver.searches, solver.symmetry_kept)
+    return solver.record.path(solver.model, status, message, checked.subspaces[0], chosen)
 
 
-def _first_state(model: PathModel, graph: GrainGraph) -> tuple[PathModel, Floats, bool]:
-    """The graph's state; where no contact has any stiffness that at a first overlap, its scale.
+def _options(kind: type[Options], given: dict[str, Any], closure: str) -> Options:
+    """Options of a closure, checked; those of other closures are refused."""
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    for name in given:
+        if name not in names:
+            received = f"{given[name]!r} with the {closure} closure"
+            raise InputError(name, received, f"one of {', '.join(names)}", "Leave it out.")
+    return kind(**given)
 
-    Whether it is at a first overlap comes last.
+
+def _first_state(
+    model: PathModel, graph: GrainGraph, contacts: ContactState
+) -> tuple[PathModel, Floats, bool]:
+    """State at the start, and whether it was lifted to a first overlap.
+
+    That is where no contact has any stiffness yet; the scale of the stiffness follows it.
     """
     y = initial_state(model, graph)
     elastic = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
-    stiffness = model.law.local_stiffness(contact_state(graph), elastic)[:, 0, 0]
+    stiffness = model.law.local_stiffness(contacts, elastic)[:, 0, 0]
     if not graph.contact_count or (stiffness > 0.0).any():
         return model, y, False
     state = unpack(model, y)
@@ -292,58 +249,30 @@ def _first_state(model: PathModel, graph: GrainGraph) -> tuple[PathModel, Floats
         place = state.place + FIRST_STRAIN * (np.eye(2).ravel() - state.place)
     else:
         place = state.place - FIRST_STRAIN * (model.x0 + state.place)
-    pressed = compressed(contact_state(graph), model.law, 1.0 - FIRST_STRAIN)
+    pressed = compressed(contacts, model.law, 1.0 - FIRST_STRAIN)
     kn = float(model.law.local_stiffness(pressed, elastic)[:, 0, 0].mean())
     # Between the first stiffness, for what is singular, and the later ones, for tolerances.
     model = replace(model, stiffness=float(np.sqrt(kn * model.stiffness)))
     return model, pack(place, state.shear_force, state.parameter, state.work), True
 
 
-def _walk_all(walk: Walk, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
-    status: PathStatus = "finished"
-    message = "every stage reached its target"
-    for k, stage in enumerate(stages):
-        limited = status in ("control_limit", "no_solution")
-        if stage.fallback != limited:
-            if limited:
-                break
-            continue
-        if walk.record.rows:
-            walk.record.event(
-                "programme_change", walk.parameter, detail=f"to {stage.programme.name}"
-            )
-        walk.record.stage = k
-        walk.enter(stage.programme)
-        status, message = walk_stage(walk, stage)
-        if status in ("opposite_contact", "no_load", "lost"):
-            break
-    return status, message
-
-
-def _check(law: object, stages: Sequence[Stage], closure: str, spins: str, on_touch: str) -> None:
-    require_law(law)
-    check_choice("closure", closure, (*get_args(Closure), "packing"))
-    check_choice("spins", spins, get_args(Spins))
-    check_choice("contact_on_touch", on_touch, get_args(OnTouch))
-    _check_stages(stages)
-
-
-def _refuse(given: Sequence[Any], others: dict[str, Any], closure: str, remedy: str) -> None:
-    """Options of other closures, unless they stand as if left out."""
-    for value, (name, default) in zip(given, others.items(), strict=True):
-        if not np.array_equal(value, default):
-            expected = f"nothing but {default!r}"
-            raise InputError(name, f"{value!r} with {closure}", expected, remedy)
-
-
-def _check_stages(stages: Sequence[Stage]) -> None:
-    if not stages or stages[0].fallback:
-        raise InputError(
-            "stages",
-            "no stage" if not stages else "a fallback as the first stage",
-            "at least one stage to start with",
-            "Give a Stage.",
-        )
+def start_mode(model: PathModel, contacts: ContactState) -> Mode:
+    """Regimes of the initial contacts; their shear forces must be within their strength."""
+    regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
+    strength = np.where(regime == Regime.OPEN, 0.0, model.law.strength(contacts))
+    limit = strength + START_MISMATCH * model.stiffness * model.length
+    wrong = np.abs(contacts.shear_force) > limit
+    if wrong.any():
+        c = int(wrong.argmax())
+        where, expected = f"shear force of contact {c}", f"at most its strength {strength[c]:.6g}"
+        received = f"{contacts.shear_force[c]:.6g}"
+        raise InputError(where, received, expected, "Correct it, or raise mu.")
+    # Without friction a closed contact slides, whichever way.
+    frictionless = (model.mu == 0) & (regime != Regime.OPEN)
+    return Mode(
+        np.where(frictionless, Regime.SLIDING, regime).astype(np.int8),
+        np.where(frictionless, 1.0, side),
+    )
 
 
 def rates_at(
@@ -397,8 +326,7 @@ def rates_at(
     require_law(law)
     check_choice("closure", closure, get_args(Closure))
     check_choice("spins", spins, get_args(Spins))
-    model = path_model(graph, law, closure, spins, volume)
-    state = unpack(model, initial_state(model, graph))
-    return edge_problem(
-        model, state, start_mode(model, graph), programme, preferred={}, direction=None
-    )
+    contacts = contact_state(graph)
+    model = path_model(graph, contacts, law, closure, spins, volume)
+    mode, state = start_mode(model, contacts), unpack(model, initial_state(model, graph))
+    return edge_problem(model, state, mode, programme, preferred={}, direction=None)

@@ -1,28 +1,145 @@
-"""What stays the same along a path: contacts, reference, law, closure and scales."""
+"""Constants of a path: contacts, reference, law, closure, scales, unknowns of the equations."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from loops import ContactLaw, GrainGraph, InputError, Regime, boundary_vectors, polygon_area
 from loops.arrays import Flags, Floats, Integers
 from loops.assembly import motions
 from loops.closures import Closure, Spins
 from loops.closures.system import ClosureForm, closure_form, drive
-from loops.contact_state import ContactState, contact_state
+from loops.contact_state import ContactState
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
 from loops.graph import branch_vectors, reference_branch_vectors, require_one_state
-from loops.symmetry import PointGroup
-from stability.paths.unknowns import Kind, UnknownSets
+from loops.symmetry import PointGroup, invariant_fields
 
-# Rounding of coordinates, in units of r_i + r_j.
+# Rounding of coordinates, in units of r_i + r_j: gaps within it are none.
 JUST_TOUCHING = 8 * float(np.finfo(float).eps)
-# Normal forces of the initial graph against those of its overlaps, in units of kn (r_i + r_j).
-FORCE_MISMATCH = 1e-9
+# Largest accepted mismatch of the initial forces: N against that of the overlaps in units of
+# kn (r_i + r_j), T beyond its strength in units of kn times length, branch vectors over length.
+START_MISMATCH = 1e-9
+Kind = Literal["affine", "ring", "saddle"]
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Meaning of the unknown numbers `z` (r,) of a solve.
+
+    `strains`: Number of strains, which come first; as many stresses follow; `count`: Number r of
+    unknowns; `fields` (8 + m, r): For each number a displacement gradient, a stress over `kn` and
+    the rest: displacements of the centres over the length scale, free spins times radii, or a
+    ring's redundant force; `rows` (r - strains, 4 + m): Combinations of the closure's equations
+    that determine these fields. Fields and rows are None for all unknowns and all equations.
+    """
+
+    strains: int
+    count: int
+    fields: Floats | None = None
+    rows: Floats | None = None
+
+    def of(self, equations: Floats) -> Floats:
+        """The closure's equations (4 + m, 8 + m) for these numbers."""
+        if self.rows is None or self.fields is None:
+            return equations
+        return np.asarray(self.rows @ equations @ self.fields)
+
+    @cached_property
+    def tensors(self) -> Floats:
+        """(8, r) `H` and `P` per number."""
+        return np.eye(8, self.count) if self.fields is None else self.fields[:8]
+
+    def values(self, z: Floats) -> Floats:
+        """(8 + m,) the fields themselves."""
+        return z if self.fields is None else self.fields @ z
+
+
+def symmetric_unknowns(
+    kind: Kind, group: PointGroup, character: Floats, free_spins: bool
+) -> Unknowns:
+    """Displacement fields that transform under the symmetry group with the given character.
+
+    The character 1 stands for the fields that the symmetry leaves as they are. A mirror changes the
+    sign of spins: they vanish on its axis and are paired off it.
+    """
+    sign = character * group.parity
+    alone = np.zeros((group.order, 1), dtype=np.int64)
+    pairs = np.einsum("s,sik,sjl->sijkl", character, group.maps, group.maps).reshape(-1, 4, 4)
+    tensor = invariant_fields(alone, pairs)[0]
+    moving = []
+    if kind == "saddle":
+        place = invariant_fields(group.grains, character[:, None, None] * group.maps)
+        moving.append(place.reshape(-1, place.shape[2]))
+    if kind == "ring":
+        # Read against the contact's direction, which a mirror turns round.
+        moving.append(invariant_fields(alone, sign[:, None, None] * group.maps)[0])
+    elif free_spins:
+        moving.append(invariant_fields(group.grains, sign[:, None, None])[:, 0])
+    # The equations change as the fields do: strain or stress, then balance and moments.
+    rows, fields = block_diag(tensor, *moving).T, block_diag(tensor, tensor, *moving)
+    return Unknowns(tensor.shape[1], fields.shape[1], fields, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownSets:
+    """The unknowns of one kind of equations that a model needs.
+
+    `kind`: Equations; `moving`: Number m of unknowns besides strain and stress; `free_spins`:
+    Whether spins are unknown; `group`: Symmetry of state and control that the path keeps.
+    """
+
+    kind: Kind
+    moving: int
+    free_spins: bool
+    group: PointGroup | None
+
+    @cached_property
+    def everything(self) -> Unknowns:
+        """All unknowns, without symmetry."""
+        return Unknowns(4, 8 + self.moving)
+
+    @property
+    def used(self) -> PointGroup | None:
+        """Symmetry group used to reduce the unknowns; None if the reduction does not pay.
+
+        The affine closure without free spins has eight unknowns at any length, and nothing in it
+        relaxes: leaving some out costs more than it saves. A ring has ten; without its redundant
+        force it passes the states in which that is not determined.
+        """
+        return self.group if self.moving else None
+
+    @cached_property
+    def rates(self) -> Unknowns:
+        """Unknowns of the path's rates, which are as symmetric as its state."""
+        if self.used is None:
+            return self.everything
+        ones = np.ones(self.used.order)
+        return symmetric_unknowns(self.kind, self.used, ones, self.free_spins)
+
+    @cached_property
+    def tangent(self) -> tuple[Unknowns, ...]:
+        """Unknowns of all four columns of the tangent, in blocks that do not mix.
+
+        Mirrors in the axes keep `H11` and `H22` and turn the sign of `H12` and `H21`: the fields
+        of either kind answer to themselves alone, so both blocks together are the full tangent.
+        """
+        if self.used is None:
+            return (self.everything,)
+        axes = self.used.along_axes()
+        if axes.order == 1:
+            return (self.everything,)
+        even = self.rates
+        if axes.order < self.used.order:
+            even = symmetric_unknowns(self.kind, axes, np.ones(axes.order), self.free_spins)
+        if (axes.parity > 0).all():
+            return (even,)
+        return even, symmetric_unknowns(self.kind, axes, axes.parity, self.free_spins)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,14 +230,14 @@ class PathModel:
 
     @cached_property
     def form(self) -> ClosureForm:
-        """Geometry of the closure, without the spins that turn with the loop."""
+        """Geometry of the closure; spins that turn with the loop are added later."""
         x0, d0 = (self.x0, None) if self.closure == "traction" else (None, self.d0)
         volume = np.asarray(self.volume)
         return closure_form(self.spins, self.contacts, self.radii, volume, x0=x0, d0=d0)
 
     @cached_property
     def motion(self) -> Floats:
-        """(C, 4, 8 + m) motions of the contacts per unknown, see `Equations`, spins likewise."""
+        """(C, 4, 8 + m) motions of the contacts per unknown, see `Equations`."""
         moving = motions(np.eye(self.form.size), self.form.ends)
         prescribed = drive(self.form)
         return np.concatenate([prescribed, np.zeros_like(prescribed), moving], axis=-1)
@@ -128,12 +245,13 @@ class PathModel:
 
 def path_model(
     graph: GrainGraph,
+    contacts: ContactState,
     law: ContactLaw,
     closure: Closure,
     spins: Spins,
     volume: ArrayLike | None,
 ) -> PathModel:
-    """Gather the constants of a path from its initial graph."""
+    """Gather the constants of a path from its initial graph and the state of its contacts."""
     require_one_state(graph)
     v0 = float(reference_volume(graph) if volume is None else np.asarray(volume))
     if not (np.isfinite(v0) and v0 > 0):
@@ -156,10 +274,10 @@ def path_model(
         watches_pairs=graph.cell is None,
         met=np.array([], dtype=np.int64),
         length=float(np.sqrt(v0)),
-        stiffness=law_scale(graph, law),
+        stiffness=law_scale(contacts, law),
     )
     model = without_pairs(model, graph.contacts)
-    _check_normal_forces(contact_state(graph), model)
+    _check_normal_forces(contacts, model)
     if closure == "affine":
         _check_affine(graph, model)
     return model
@@ -183,7 +301,7 @@ def without_pairs(model: PathModel, pairs: Integers) -> PathModel:
 
 
 def pair_keys(model: PathModel, pairs: Integers) -> Integers:
-    """(Q,) one number for each pair of grains."""
+    """(Q,) a number for each pair of grains, the same in either order."""
     low, high = np.sort(pairs, axis=1).T
     return np.asarray(low * model.grain_count + high)
 
@@ -198,7 +316,7 @@ def _boundary(x0: Floats, volume: float) -> tuple[Floats, Floats]:
 def _check_affine(graph: GrainGraph, model: PathModel) -> None:
     expected = model.d0 + model.d0 @ np.linalg.lstsq(model.d0, branch_vectors(graph) - model.d0)[0]
     mismatch = np.abs(branch_vectors(graph) - expected).max(axis=1, initial=0.0) / model.length
-    if mismatch.size and mismatch.max() > FORCE_MISMATCH:
+    if mismatch.size and mismatch.max() > START_MISMATCH:
         c = int(mismatch.argmax())
         raise InputError(
             f"branch vector of contact {c}",
@@ -212,7 +330,7 @@ def _check_normal_forces(state: ContactState, model: PathModel) -> None:
     expected = model.law.normal_force(state)
     scale = model.stiffness * state.touching_length
     mismatch = np.abs(state.normal_force - expected) / scale
-    if mismatch.size and mismatch.max() > FORCE_MISMATCH:
+    if mismatch.size and mismatch.max() > START_MISMATCH:
         c = int(mismatch.argmax())
         raise InputError(
             f"normal force of contact {c}",
@@ -222,10 +340,9 @@ def _check_normal_forces(state: ContactState, model: PathModel) -> None:
         )
 
 
-def law_scale(graph: GrainGraph, law: ContactLaw) -> float:
+def law_scale(state: ContactState, law: ContactLaw) -> float:
     """Mean `kn` of the contacts in their state; of a tenth of overlap where they have none yet."""
-    state = contact_state(graph)
-    elastic = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+    elastic = np.full(len(state.length), Regime.ELASTIC, dtype=np.int8)
     kn = law.local_stiffness(state, elastic)[..., 0, 0]
     if not kn.mean() > 0.0:
         kn = law.local_stiffness(compressed(state, law, 0.9), elastic)[..., 0, 0]

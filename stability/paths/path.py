@@ -1,18 +1,19 @@
-"""A path and its events, as arrays."""
+"""A path and its events, as arrays, and the run through the stages of a programme."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers, Regimes
 from loops.shown import Shown
-from stability.paths.state import WORK_TERMS
+from stability.programmes import Stage
 from stability.spectra import spectrum, symmetric_part, symmetric_spectrum
 from stability.subspaces import COMPONENTS, restrict
 
@@ -40,15 +41,18 @@ PathStatus = Literal[
     "lost",
 ]
 ModelOption = Literal["auto", "full"]
+# Terms of the work along a path, see `Path.work`.
+WORK_TERMS = ("external_work", "moment_work", "tangential_work", "dissipation")
+FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target")
 # Ways past an instability of a packing.
 Past = Literal["viscous", "dynamic", "stop"]
 
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """What was modelled, and what was left out; counts as 'part of whole'.
+    """Model of a path: what was left out for its symmetry; counts as 'part of whole'.
 
-    `choice`: The smallest model that was found, or all of it as asked; `symmetry`: Point group that
+    `choice`: 'auto' for the smallest model, 'full' for all of it; `symmetry`: Point group that
     the path keeps, 'D2 (order 4)' for example, or 'none'; `freedoms`: Independent displacements of
     the centres; `spins`: Independent spins, or why there are none; `unknowns`: Size of the linear
     system of the rates, control included; `contact_orbits`: Contacts that differ; `branch_search`:
@@ -72,7 +76,7 @@ class ModelChoice:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happens on a path.
+    """Event of a path.
 
     Attributes
     ----------
@@ -94,9 +98,9 @@ class Event:
     contacts : tuple of int
         Contacts concerned, or the two grains that touch, pair by pair where many do at once.
     detail : str
-        What else there is to say.
+        Further facts in words.
     subspace : str
-        Of a zero of the spectra, the subspace where it is.
+        Subspace whose spectrum passes zero; empty for other events.
     H, P : tuple of float
         Displacement gradient and nominal stress (11, 12, 21, 22) at the event itself, whatever the
         rows are; empty in a packing.
@@ -115,7 +119,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Path(Shown):
-    """What following a programme returns: a row at every event and, as `rows` asks, between.
+    """Path that `follow` returns for a loop: a row at every event and, as `rows` asks, between.
 
     Components in the order (11, 12, 21, 22); forces, stresses and strains positive in compression.
     Contacts that were added on the way are open before.
@@ -167,7 +171,7 @@ class Path(Shown):
     subspace : str
         Where K is taken.
     model : ModelChoice
-        What was modelled: see `follow`.
+        Model that was solved, see `follow`.
     """
 
     status: PathStatus
@@ -199,7 +203,7 @@ class Path(Shown):
         return len(self.parameter)
 
     def facts(self) -> dict[str, object]:
-        """What the prompt and a notebook show."""
+        """Facts shown at the prompt and in a notebook."""
         kinds = dict(Counter(event.kind for event in self.events))
         return {"status": self.status, "rows": len(self), "events": kinds}
 
@@ -230,7 +234,7 @@ class Path(Shown):
 
     @cached_property
     def energy_error(self) -> Floats:
-        """(R,) what is missing in the balance of work, over the largest term of the path.
+        """(R,) error of the balance of work, over the largest term of the path.
 
         External work and the work of the moments against the energy of the normal springs, which
         follows from the state, and the work on shear, which does not (9), (10).
@@ -276,3 +280,31 @@ class Path(Shown):
         table["energy_error"], table["imbalance"] = self.energy_error, self.imbalance
         table["condition"] = self.condition
         return table
+
+
+class StageSolver(Protocol):
+    """Solver that follows one stage after the other, of a loop or of a packing."""
+
+    def start_stage(self, number: int, stage: Stage) -> None:
+        """Record the change of programme; strains and stresses are measured from this state."""
+        ...
+
+    def run_stage(self, stage: Stage) -> tuple[PathStatus, str]:
+        """Follow the stage to its target, or to where it ends: the status, and why."""
+        ...
+
+
+def run_stages(solver: StageSolver, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
+    """Follow stages in turn: a fallback where the one before met a limit, and only there."""
+    outcome = FINISHED
+    for number, stage in enumerate(stages):
+        limited = outcome[0] in ("control_limit", "no_solution")
+        if limited and not stage.fallback:
+            break
+        if stage.fallback and not limited:
+            continue
+        solver.start_stage(number, stage)
+        outcome = solver.run_stage(stage)
+        if outcome[0] in ("opposite_contact", "no_load", "instabilities", "lost"):
+            break
+    return outcome

@@ -1,17 +1,18 @@
-"""Rows and events of a path while it is followed."""
+"""Record of a path while it is followed: rows, events, what was modelled."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from loops.arrays import Flags, Floats, Integers
 from loops.laws.protocol import Regime
 from loops.symmetry import invariant_fields
-from stability.paths.look import Look
-from stability.paths.model import PathModel
+from stability.paths.event_functions import SPECTRAL, eigenvalue_kind
+from stability.paths.model import Kind, PathModel
 from stability.paths.path import (
     Event,
     EventKind,
@@ -20,45 +21,53 @@ from stability.paths.path import (
     Path,
     PathStatus,
 )
-from stability.paths.rates import shear_stiffness
-from stability.paths.symmetry import symmetry_or_identity
-from stability.paths.unknowns import Kind
-from stability.rate_problem import RateProblem
+from stability.paths.path_segment import SegmentEnd
+from stability.paths.regimes import EdgeTrial, symmetry_or_identity
+from stability.paths.state import Mode, shear_stiffness
+from stability.paths.state_rates import StateRates
+from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, Choice, RateProblem
+from stability.spectra import RTOL, operator_norm, symmetric_spectrum
+from stability.subspaces import restrict
+
+CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
+SINGULAR = "the controlled system is singular"
+# More pairs of grains than these that touch at once are one event.
+MANY_PAIRS = 12
 
 
 @dataclass
 class Record:
-    """Collects rows and events, and makes a `Path` of them."""
+    """Rows and events of a path."""
 
     rows: list[dict[str, Any]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     stage: int = 0
 
-    def row(self, model: PathModel, seen: Look) -> None:
+    def row(self, model: PathModel, here: StateRates) -> None:
         """Append a row."""
-        contacts = seen.contacts
+        contacts = here.contacts
         kt = shear_stiffness(model, contacts)
-        shear, closed = contacts.shear_force, seen.mode.regime != Regime.OPEN
+        shear, closed = contacts.shear_force, here.mode.regime != Regime.OPEN
         stored = np.where(closed, model.law.normal_energy(contacts), 0.0)
         self.rows.append(
             {
-                "parameter": seen.state.parameter,
+                "parameter": here.state.parameter,
                 "stage": self.stage,
-                "H": seen.H,
-                "P": seen.P,
-                "x": seen.x,
+                "H": here.H,
+                "P": here.P,
+                "x": here.x,
                 "normal_force": contacts.normal_force,
                 "shear_force": shear,
-                "regime": seen.mode.regime,
-                "A": seen.A,
-                "H_rate": seen.rates.H,
-                "P_rate": seen.rates.P,
-                "parameter_rate": seen.rates.parameter,
-                "work": seen.state.work,
+                "regime": here.mode.regime,
+                "A": here.A,
+                "H_rate": here.rates.H,
+                "P_rate": here.rates.P,
+                "parameter_rate": here.rates.parameter,
+                "work": here.state.work,
                 "normal_energy": float(stored.sum()),
                 "tangential_energy": float((shear**2 / (2 * kt)).sum()),
-                "imbalance": seen.imbalance,
-                "condition": seen.rates.condition,
+                "imbalance": here.imbalance,
+                "condition": here.rates.condition,
             }
         )
 
@@ -77,12 +86,12 @@ class Record:
             Event(kind, float(parameter), self.stage, index, contacts, detail, subspace, H, P)
         )
 
-    def branching(self, seen: Look) -> None:
-        """Append a place between two rows where other paths branch off: it may have no rates."""
-        H, P, index = tuple(seen.H.tolist()), tuple(seen.P.tolist()), len(self.rows) - 1
+    def branching(self, here: StateRates) -> None:
+        """Append an event between two rows where other paths branch off; it may have no rates."""
+        H, P, index = tuple(here.H.tolist()), tuple(here.P.tolist()), len(self.rows) - 1
         detail = f"other paths branch off at H11 = {H[0]:.15g}, H22 = {H[3]:.15g}"
         self.events.append(
-            Event("branching", seen.state.parameter, self.stage, index, detail=detail, H=H, P=P)
+            Event("branching", here.state.parameter, self.stage, index, detail=detail, H=H, P=P)
         )
 
     def path(
@@ -93,7 +102,7 @@ class Record:
         subspace: str,
         chosen: ModelChoice,
     ) -> Path:
-        """The path so far; contacts added on the way are padded as open."""
+        """Path of the rows and events; contacts are open before they were added."""
         count = model.contact_count
         table = {name: [row[name] for row in self.rows] for name in self.rows[0]}
         for name in ("normal_force", "shear_force", "regime"):
@@ -171,3 +180,99 @@ def _spins(model: PathModel) -> str:
     group = symmetry_or_identity(model)
     fields = invariant_fields(group.grains, group.parity[:, None, None])
     return f"{fields.shape[-1]} of {model.grain_count}"
+
+
+def record_fired(record: Record, end: SegmentEnd, subspaces: tuple[str, ...]) -> None:
+    """Record the events of a segment's end; regimes change later, see `record_changes`."""
+    parameter = end.here.state.parameter
+    for k, subspace in enumerate(subspaces):
+        for kind in SPECTRAL:
+            items = [item % 4 for fired, item in end.fired if fired == kind and item // 4 == k]
+            kinds = [
+                eigenvalue_kind(end.here.A, subspace, item) if kind == "det_K_zero" else kind
+                for item in items
+            ]
+            for each in dict.fromkeys(kinds):
+                count = kinds.count(each)
+                detail = f"{count} eigenvalues at once" if count > 1 else ""
+                record.event(cast(EventKind, each), parameter, detail=detail, subspace=subspace)
+    touched = touched_pairs(end)
+    if len(touched) > MANY_PAIRS:
+        detail = f"{len(touched)} pairs of grains at once"
+        record.event("opposite_contact", parameter, tuple(touched.ravel().tolist()), detail)
+    else:
+        for pair in touched.tolist():
+            record.event("opposite_contact", parameter, tuple(pair))
+    if ("control_limit", -1) in end.fired:
+        detail = "the loading parameter has an extremum"
+        record.event("control_limit", parameter, detail=detail)
+    if ("singular", -1) in end.fired:
+        record.event("control_limit", parameter, detail=SINGULAR)
+    if ("stage_end", -1) in end.fired:
+        for change in CHANGES:
+            contacts = tuple(item for fired, item in end.fired if fired == change)
+            if contacts:
+                record.event(change, parameter, contacts, "at the end of the stage")
+
+
+def record_changes(
+    record: Record, old: Mode, new: Mode, parameter: float, problem: RateProblem[EdgeTrial]
+) -> None:
+    """Record changes of regime, and whether the rate problem has several solutions."""
+    detail = ""
+    if problem.status == "several":
+        detail = f"the rate problem has {len(problem.solutions)} solutions"
+    was_open, is_open = old.regime == Regime.OPEN, new.regime == Regime.OPEN
+    groups: list[tuple[EventKind, Flags]] = [
+        ("yield", (new.regime == Regime.SLIDING) & (old.regime == Regime.ELASTIC)),
+        ("unloading", (new.regime == Regime.ELASTIC) & (old.regime == Regime.SLIDING)),
+        ("opening", is_open & ~was_open),
+        ("closing", was_open & ~is_open),
+    ]
+    for kind, mask in groups:
+        if mask.any():
+            contacts = tuple(np.flatnonzero(mask).tolist())
+            record.event(kind, parameter, contacts, detail)
+
+
+def record_start(record: Record, model: PathModel, mode: Mode) -> None:
+    """Record the contacts that slide from the start of the path."""
+    sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & (model.mu > 0))
+    if len(sliding):
+        record.event("yield", 0.0, tuple(sliding.tolist()), "from the start")
+
+
+def record_jumps(
+    record: Record, before: Floats, after: Floats, parameter: float, subspaces: tuple[str, ...]
+) -> None:
+    """Record where eigenvalues or determinants jump over zero as regimes change."""
+    if not (np.isfinite(before).all() and np.isfinite(after).all()):
+        return
+    for subspace in subspaces:
+        K = restrict(np.stack([before, after]), subspace)
+        below = (symmetric_spectrum(K) < -RTOL * operator_norm(K)[:, None]).sum(axis=1)
+        if below[0] != below[1]:
+            detail = f"jump: {below[0]} to {below[1]} negative eigenvalues"
+            record.event("det_Ks_zero", parameter, detail=detail, subspace=subspace)
+        det = np.linalg.det(K)
+        if det[0] * det[1] < 0:
+            detail = f"jump: from {det[0]:.3g} to {det[1]:.3g}"
+            record.event("det_K_zero", parameter, detail=detail, subspace=subspace)
+
+
+def expected_choices(end: SegmentEnd) -> dict[int, Choice]:
+    """Regimes expected of the contacts whose events fired: they decide between solutions."""
+    side = np.sign(end.here.contacts.shear_force)
+    after = {
+        "yield": lambda c: LEFT if side[c] > 0 else RIGHT,
+        "unloading": lambda c: ELASTIC,
+        "opening": lambda c: OPEN,
+        "closing": lambda c: ELASTIC,
+    }
+    return {item: after[kind](item) for kind, item in end.fired if kind in after}
+
+
+def touched_pairs(end: SegmentEnd) -> Integers:
+    """(A, 2) pairs of grains without a contact that have come to touch."""
+    rows = [item for kind, item in end.fired if kind == "opposite_contact"]
+    return end.pairs[rows]

@@ -33,7 +33,7 @@ from patterns.diamond import (
 from patterns.polygons import polydisperse_polygon, regular_polygon
 from patterns.polygons.shapes import Orientation
 from stability import Programme, Stage, programmes
-from stability.paths.follow import OnTouch
+from stability.paths.loop_path import OnTouch
 from stability.paths.path import ModelOption
 
 if TYPE_CHECKING:

@@ -1,7 +1,5 @@
 """`docs/packing-paths.md`: settings and numbers are those of the code and of the series."""
 
-import inspect
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,6 +14,7 @@ from stability.packing import (
     state,
     strain_increment,
 )
+from stability.paths.follow import PackingOptions
 from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.packings import strained
 from tests.yade_slow import foreseen, in_collection, slow, strain_between
@@ -128,9 +127,9 @@ def test_probes():
 
 
 def test_settings():
-    usual = inspect.signature(follow).parameters
-    assert f"Intervals of strain {usual['interval'].default:.0e}".replace("e-06", "e-6") in PAGE
-    assert f"At {usual['instabilities'].default} unstable contacts" in PAGE
+    usual = PackingOptions()
+    assert f"Intervals of strain {usual.interval:.0e}".replace("e-06", "e-6") in PAGE
+    assert f"At {usual.instabilities} unstable contacts" in PAGE
     assert f"gap below {path.LISTED_GAP} mean diameters" in PAGE
     assert f"Beyond {incremental_packing.RANK} columns" in PAGE
     springs = incremental_packing.RATTLERS, incremental_packing.PAIRED, incremental_packing.GEARS

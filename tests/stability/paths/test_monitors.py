@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Regime, macroscopic_tangent
+from loops import GrainGraph, LinearFrictional, Regime, contact_state, macroscopic_tangent
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes
-from stability.paths.events import record_changes, record_jumps
+from stability.paths.event_functions import _spectra, area_ratio
 from stability.paths.model import path_model
-from stability.paths.monitors import _area_ratio, _spectra
+from stability.paths.record import record_changes, record_jumps
+from stability.paths.regimes import path_symmetry
 from stability.paths.state import Mode, initial_state
-from stability.paths.symmetry import path_symmetry
 from stability.spectra import symmetric_spectrum
 from stability.subspaces import restrict
 
@@ -69,12 +69,12 @@ def test_symmetric_part_vanishes_where_contacts_carry_shear(
     assert smallest(path, np.flatnonzero(path.stage == 1)[-1]) > 0 > smallest(path, -1)
 
 
-def test_area_ratio_is_the_determinant_of_a_sheared_loop():
+def testarea_ratio_is_the_determinant_of_a_sheared_loop():
     for H in np.random.default_rng(3).uniform(-0.9, 0.9, (5, 4)):
         expected = np.linalg.det(np.eye(2) - H.reshape(2, 2))
-        assert _area_ratio(H) == pytest.approx(expected, abs=1e-15)
+        assert area_ratio(H) == pytest.approx(expected, abs=1e-15)
     # F = ((1, -1), (-1, 1)) is a line.
-    assert _area_ratio(np.array([0.0, 1.0, 1.0, 0.0])) == 0.0
+    assert area_ratio(np.array([0.0, 1.0, 1.0, 0.0])) == 0.0
 
 
 def scaled(graph, length):
@@ -187,7 +187,7 @@ def test_watched_eigenvalues_are_over_the_size_of_the_operator(subspace):
 
 
 def group_of(graph, law, shear=0.0, side=None):
-    model = path_model(graph, law, "affine", "blocked", None)
+    model = path_model(graph, contact_state(graph), law, "affine", "blocked", None)
     y = initial_state(model, graph.replace(shear_force=np.array([shear, 0.0, 0.0, 0.0])))
     kind = Regime.ELASTIC if side is None else Regime.SLIDING
     mode = Mode(np.full(4, kind, dtype=np.int8), np.zeros(4) if side is None else np.array(side))

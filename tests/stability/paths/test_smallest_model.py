@@ -7,7 +7,7 @@ from loops import InputError, LinearFrictional
 from loops.symmetry import loop_symmetry
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
-from stability.paths.symmetry import keeps_control
+from stability.paths.regimes import keeps_control
 from stability.rate_problem import ELASTIC, LEFT, RIGHT, EdgeRates, solve_rate_problem
 
 CLOSURES = ("affine", "traction")

@@ -6,12 +6,11 @@ import pytest
 from loops import InputError, LinearFrictional, Regime, contact_state
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes, rates_at
-from stability.paths.equations import UNIT_PARAMETER, closure_kind
-from stability.paths.look import Look
+from stability.paths.event_functions import eigenvalue_kind, near_pairs
 from stability.paths.model import path_model
-from stability.paths.monitors import eigenvalue_kind, near_pairs
+from stability.paths.regimes import keeps_control
 from stability.paths.state import Mode, initial_state, unpack
-from stability.paths.symmetry import keeps_control
+from stability.paths.state_rates import UNIT_PARAMETER, StateRates, closure_kind
 
 LAW = LinearFrictional(kn=1.0, kt=0.2, mu=0.3)
 
@@ -22,12 +21,12 @@ def isotropic(E):
 
 def elastic_state(graph, law=LAW, closure="traction"):
     """The state of a graph whose contacts all stick, under isotropic strain."""
-    model = path_model(graph, law, closure, "blocked", None)
+    model = path_model(graph, contact_state(graph), law, closure, "blocked", None)
     mode = Mode(
         np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8), np.zeros(len(model.mu))
     )
     state = unpack(model, initial_state(model, graph))
-    return Look(model, state, mode, programmes.isotropic_strain(), UNIT_PARAMETER)
+    return StateRates(model, state, mode, programmes.isotropic_strain(), UNIT_PARAMETER)
 
 
 @pytest.mark.parametrize(("order", "events"), [(12, 12), (13, 1)])
@@ -44,7 +43,7 @@ def test_many_pairs_of_grains_that_touch_at_once_are_one_event(order, events):
 
 @pytest.mark.parametrize("order", [60, 61])
 def test_long_loops_are_not_searched_for_branching(order):
-    number = elastic_state(regular_polygon(order, strain=0.05)).branching
+    number = elastic_state(regular_polygon(order, strain=0.05)).balance_determinant
     assert np.isfinite(number) == (order <= 60)
 
 
@@ -65,7 +64,7 @@ def test_forces_that_do_not_fit_the_overlaps_are_refused(off, refused):
 def test_grains_whose_gap_is_rounding_touch(gap, touches):
     graph = regular_polygon(4)
     apart = graph.replace(x=graph.x * (1 + gap), x0=graph.x0 * (1 + gap))
-    overlap = path_model(apart, LAW, "affine", "blocked", None).overlap0
+    overlap = path_model(apart, contact_state(apart), LAW, "affine", "blocked", None).overlap0
     assert (overlap == 0.0).all() == touches
 
 
@@ -83,7 +82,7 @@ def test_an_eigenvalue_is_real_within_the_rounding_of_a_double_one(imaginary, ki
 def test_pairs_of_grains_are_watched_when_they_come_near(gap, watched):
     # Opposite grains of a flat diamond, (1, 3), over r_i + r_j = 1.
     graph = diamond(np.arcsin(0.5 * (1.0 + gap)))
-    model = path_model(graph, LAW, "affine", "blocked", None)
+    model = path_model(graph, contact_state(graph), LAW, "affine", "blocked", None)
     assert len(near_pairs(model, [graph.x])) == watched
 
 

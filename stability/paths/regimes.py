@@ -1,25 +1,139 @@
-"""The symmetry that a path keeps: that of its state and of everything that controls it."""
+"""Regimes of contacts at yield or just touching: options, symmetry, the rate problem."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import prod
 
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import ContactState
+from loops.laws.frictional import edge_of, edge_rates
 from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup, identity, point_group
 from stability.paths.model import PathModel, compressed
-from stability.paths.state import Mode, centres, contacts_of, unpack
+from stability.paths.state import Mode, PathState, Rates, centres, contacts_of, unpack
+from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme
-from stability.rate_problem import Choice
+from stability.rate_problem import (
+    INSIDE,
+    Choice,
+    EdgeRates,
+    RateProblem,
+    edge_options,
+    solve_rate_problem,
+)
 
 # Lengths over r_i + r_j at which the laws of contacts are compared.
 PROBES = (0.9, 0.99)
-# Row spaces of a control that differ by less are the same.
-SAME_CONTROL = 1e-12
+# Row spaces of two controls that differ by less are the same.
+CONTROL_RTOL = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeTrial:
+    """Rates of the model for one combination of regimes, see `rate_problem.Trial`."""
+
+    mode: Mode
+    rates: Rates
+    edge: EdgeRates
+    vector: Floats
+    trusted: bool
+
+
+def edge_choices(
+    model: PathModel, state: PathState, mode: Mode, fired: dict[int, Choice]
+) -> dict[int, tuple[Choice, ...]]:
+    """Contacts with more than one possible regime, and their options.
+
+    Contacts whose event has `fired` are at the edge, however few digits their forces have left.
+    """
+    contacts = contacts_of(model, state, mode)
+    closed = mode.regime != Regime.OPEN
+    normal = np.where(closed, contacts.normal_force, model.law.closed_force(contacts))
+    edge = edge_of(model.law, replace(contacts, normal_force=normal), closed)
+    touching, at_yield = edge.touching.copy(), edge.at_yield.copy()
+    for c, choice in fired.items():
+        touching[c] |= choice.regime == Regime.OPEN or not closed[c]
+        at_yield[c] |= choice.regime == Regime.SLIDING and not edge.apex[c]
+    options: dict[int, tuple[Choice, ...]] = {}
+    for c in np.flatnonzero(touching | at_yield).tolist():
+        options[c] = edge_options(
+            touching=bool(touching[c]),
+            at_yield=bool(at_yield[c]),
+            apex=bool(edge.apex[c]),
+            frictionless=bool(model.mu[c] == 0.0),
+            side=float(contacts.shear_force[c]),
+        )
+    if model.search_all:
+        for c in np.flatnonzero(closed & model.has_cone).tolist():
+            options.setdefault(c, INSIDE)
+    return dict(sorted(options.items()))
+
+
+def edge_problem(
+    model: PathModel,
+    state: PathState,
+    mode: Mode,
+    programme: Programme,
+    *,
+    preferred: dict[int, Choice],
+    direction: Floats | None,
+    gauge: Floats = UNIT_PARAMETER,
+) -> RateProblem[EdgeTrial]:
+    """Rate problem of one state under a unit rate of the loading parameter.
+
+    Contacts that the model's symmetry maps on each other take the same regime, so that only motions
+    that keep the symmetry are found.
+    """
+    options = edge_choices(model, state, mode, preferred)
+    orbits = edge_orbits(model, options)
+    closed = Mode(np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8), mode.side)
+    contacts = contacts_of(model, state, closed)
+    inside = np.array([each == INSIDE for each in orbits.options], dtype=bool)
+
+    def rates_for(choices: tuple[Choice, ...]) -> EdgeTrial:
+        chosen = orbits.applied(mode, choices)
+        rates = StateRates(model, state, chosen, programme, gauge).raw_rates
+        edge = _edge_rates(model, contacts, chosen, rates, orbits.asked, inside)
+        return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted)
+
+    hints = asked_first(model, orbits, preferred)
+    first = [hints.get(int(c), _current(mode, int(c))) for c in orbits.asked]
+    first = [
+        choice if choice in can else can[0]
+        for can, choice in zip(orbits.options, first, strict=True)
+    ]
+    found = solve_rate_problem(orbits.options, rates_for, preferred=first, direction=direction)
+    return replace(found, combinations=prod(float(len(can)) for can in options.values()))
+
+
+def rate_vector(model: PathModel, rates: Rates) -> Floats:
+    """(8 + 2 C,) `H'`, `P'`, `N'` and `T'` in comparable units, by which solutions are compared."""
+    force = model.stiffness * model.length
+    forces = np.concatenate([rates.normal_force, rates.shear_force]) / force
+    return np.concatenate([rates.H, rates.P / model.stiffness, forces])
+
+
+def _current(mode: Mode, c: int) -> Choice:
+    regime = Regime(int(mode.regime[c]))
+    return Choice(regime, float(mode.side[c]) if regime == Regime.SLIDING else 0.0)
+
+
+def _edge_rates(
+    model: PathModel,
+    state: ContactState,
+    mode: Mode,
+    rates: Rates,
+    contacts: Integers,
+    inside: Flags,
+) -> EdgeRates:
+    _, shear, strength = edge_rates(model.law, state, mode.side, rates.un, rates.ut)
+    # A contact that never slides has no strength to compare with.
+    strength = np.where(inside, np.inf, np.where(np.isfinite(model.mu), strength, 0.0)[contacts])
+    return EdgeRates(model.stiffness * rates.un[contacts], shear[contacts], strength)
 
 
 def path_symmetry(
@@ -49,7 +163,7 @@ def path_symmetry(
 
 
 def law_marks(model: PathModel, contacts: ContactState) -> list[Floats]:
-    """What the law says of each contact in a few states, (C,) each: equal contacts, equal laws."""
+    """Values of the law in a few states, (C,) each: contacts of equal values have equal laws."""
     law, unit, marks = model.law, model.stiffness, []
     elastic = np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8)
     for length in PROBES:
@@ -80,21 +194,21 @@ def keeps_control(programme: Programme, maps: Floats) -> Flags:
     image = rows @ turn
     basis, _ = np.linalg.qr(rows.T)
     left = image - image @ basis @ basis.T
-    return np.asarray(np.abs(left).max(axis=(1, 2)) <= SAME_CONTROL)
+    return np.asarray(np.abs(left).max(axis=(1, 2)) <= CONTROL_RTOL)
 
 
 def symmetry_or_identity(model: PathModel) -> PointGroup:
-    """The symmetry that the model keeps, the identity for None."""
+    """Symmetry of the model, the identity for None."""
     return model.symmetry or identity(model.grain_count, model.contact_count)
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeOrbits:
-    """Contacts at the edge in orbits: one of each is asked, the others follow.
+    """Orbits of contacts at the edge: one contact of each takes a choice, the others follow.
 
     `asked` (m,): First contact of every orbit; `options`: Its regimes; `contacts` (E,): All
-    contacts of these orbits,; `orbit` (E,): the orbit of each, and; `sign` (E,): what turns the
-    side of the first into its own.
+    contacts of these orbits; `orbit` (E,): Orbit of each; `sign` (E,): Factor from the side of the
+    orbit's first contact to its own.
     """
 
     asked: Integers
@@ -114,7 +228,7 @@ class EdgeOrbits:
 
 
 def edge_orbits(model: PathModel, options: Mapping[int, tuple[Choice, ...]]) -> EdgeOrbits:
-    """Gather contacts at the edge by the model's symmetry; each by itself without one."""
+    """Orbits of the contacts at the edge under the model's symmetry, if it has one."""
     at_edge = np.array(list(options), dtype=np.int64)
     if model.symmetry is None:
         each = np.arange(len(at_edge))
@@ -134,7 +248,7 @@ def edge_orbits(model: PathModel, options: Mapping[int, tuple[Choice, ...]]) -> 
 def asked_first(
     model: PathModel, orbits: EdgeOrbits, preferred: Mapping[int, Choice]
 ) -> dict[int, Choice]:
-    """Preferred choices of any contact of an orbit, as the one that is asked has them."""
+    """Preferred choices of any contact of an orbit, as choices of its first contact."""
     if model.symmetry is None:
         return dict(preferred)
     first: dict[int, Choice] = {}
@@ -146,7 +260,7 @@ def asked_first(
 
 
 def _carried(can: tuple[Choice, ...], parity: float) -> tuple[Choice, ...]:
-    """Options as the first contact of the orbit has them; on a mirror nothing slides."""
+    """Options as those of the orbit's first contact; on a mirror nothing slides."""
     return tuple(
         Choice(each.regime, parity * each.side) for each in can if each.side == 0.0 or parity != 0.0
     )

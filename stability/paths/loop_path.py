@@ -1,0 +1,425 @@
+"""Solver of a loop's path: segments of fixed regimes, joined by rate problems at the events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops.arrays import Floats
+from loops.closures import Spins
+from loops.closures.macro_tangent import check_choice
+from loops.errors import InputError
+from loops.laws.frictional import TOUCHING
+from loops.laws.protocol import Regime
+from loops.symmetry import PointGroup
+from stability.arguments import number
+from stability.paths.event_functions import event_functions
+from stability.paths.model import PathModel, with_contact, without_pairs
+from stability.paths.path import FINISHED, ModelOption, PathStatus
+from stability.paths.path_segment import Segment, SegmentEnd, follow_segment
+from stability.paths.record import (
+    SINGULAR,
+    Record,
+    Searches,
+    expected_choices,
+    record_changes,
+    record_fired,
+    record_jumps,
+    record_start,
+    touched_pairs,
+)
+from stability.paths.regimes import EdgeTrial, edge_problem, path_symmetry, rate_vector
+from stability.paths.state import (
+    Mode,
+    contacts_of,
+    overlaps,
+    pack,
+    relative_displacements,
+    scales,
+    shear_stiffness,
+    unpack,
+)
+from stability.paths.state_rates import UNIT_PARAMETER, StateRates
+from stability.programmes import Programme, Stage
+from stability.rate_problem import ELASTIC, SEARCH_LIMIT, Choice, RateProblem
+from stability.subspaces import subspace_basis
+
+# Steps that a stage takes at least, if it is as long as its start promises.
+STEPS = 8
+# Rate problems in a row without progress after which no regime is said to hold.
+CHATTER = 12
+# Longest steps to try, over that asked for, where a singular state is in the way.
+RETRIES = (1.0, 0.86, 0.74, 0.62)
+# A target this close, in strain or in stress over kn, is reached.
+REACHED = 1e-15
+# Change of H within which nothing has moved.
+NO_STRAIN = 1e-13
+# Force that a parting contact may drop, over kn times length.
+RELEASE = 1e-9
+# Status of a path that kept its symmetry to the end.
+SYMMETRY_KEPT = "to the end"
+OnTouch = Literal["ignore", "stop", "add"]
+
+
+@dataclass(frozen=True, eq=False)
+class LoopOptions:
+    """Options of `follow` under the affine and traction closures, see there."""
+
+    spins: Spins = "blocked"
+    subspace: str | Sequence[str] = "diagonal"
+    volume: ArrayLike | None = None
+    contact_on_touch: OnTouch = "ignore"
+    rtol: float = 1e-12
+    atol: float = 1e-14
+    max_step: float = 0.05
+    model: ModelOption = "auto"
+
+    def __post_init__(self) -> None:
+        check_choice("spins", self.spins, get_args(Spins))
+        check_choice("contact_on_touch", self.contact_on_touch, get_args(OnTouch))
+        check_choice("model", self.model, get_args(ModelOption))
+        number("rtol", self.rtol, 0.0)
+        number("atol", self.atol, 0.0)
+        number("max_step", self.max_step, 0.0, open_low=True)
+        for subspace in self.subspaces:
+            subspace_basis(subspace)
+        if not self.subspaces:
+            raise InputError("subspace", "none", "one at least", "Name 'diagonal', say.")
+
+    @property
+    def subspaces(self) -> tuple[str, ...]:
+        """Subspaces whose spectra are watched."""
+        return (self.subspace,) if isinstance(self.subspace, str) else tuple(self.subspace)
+
+
+@dataclass
+class LoopPathSolver:
+    """State of a path, and how it goes on; `run_stages` leads it through its stages.
+
+    `y` (Y,): Integrated variables; `atol`: Tolerance in natural units; `rows`: Rows of a stage;
+    `steps_left`: Steps until the path is given up; `common`: Symmetry that all programmes keep;
+    `symmetry_kept`: How far the symmetry served.
+    """
+
+    model: PathModel
+    y: Floats
+    mode: Mode
+    options: LoopOptions
+    atol: float
+    rows: int
+    steps_left: int
+    programmes: tuple[Programme, ...]
+    periodic: bool
+    record: Record = field(default_factory=Record)
+    searches: Searches = field(default_factory=Searches)
+    common: PointGroup | None = None
+    symmetry_kept: str = SYMMETRY_KEPT
+
+    @property
+    def parameter(self) -> float:
+        """Loading parameter."""
+        return unpack(self.model, self.y).parameter
+
+    def at(self, programme: Programme, gauge: Floats = UNIT_PARAMETER) -> StateRates:
+        """The present state."""
+        return StateRates(self.model, unpack(self.model, self.y), self.mode, programme, gauge)
+
+    # ---- symmetry
+
+    def find_symmetry(self) -> None:
+        """Find the symmetry of the state and of all that follows, if the model may be smaller."""
+        if self.options.model == "auto":
+            self.common = self._symmetry(self.programmes)
+            self.model = replace(self.model, symmetry=self.common)
+
+    def _symmetry(self, programmes: Iterable[Programme]) -> PointGroup | None:
+        return path_symmetry(self.model, self.y, self.mode, programmes, self.periodic)
+
+    # ---- stages
+
+    def start_stage(self, number: int, stage: Stage) -> None:
+        """Record the change of programme, and take on the symmetry of the stage.
+
+        By itself a stage may keep a larger symmetry than all of them do: fewer freedoms are left to
+        go singular. Those of a ring do so together at a threshold.
+        """
+        if self.record.rows:
+            detail = f"to {stage.programme.name}"
+            self.record.event("programme_change", self.parameter, detail=detail)
+        self.record.stage = number
+        several = len(self.programmes) > 1
+        if self.options.model == "auto" and self.symmetry_kept == SYMMETRY_KEPT and several:
+            own = self._symmetry([stage.programme])
+            larger = own is not None and own.order > (self.common.order if self.common else 1)
+            self.model = replace(self.model, symmetry=own if larger else self.common)
+
+    def run_stage(self, stage: Stage) -> tuple[PathStatus, str]:
+        """Follow one stage to its target or to where it ends."""
+        start, name = self.parameter, stage.programme.name
+        here = self.at(stage.programme)
+        way = stage.target - stage.value(here.H, here.P, 0.0)
+        unit = self.model.stiffness if stage.quantity.startswith("P") else 1.0
+        if self.record.rows and abs(way) <= REACHED * unit:
+            return FINISHED
+        sense = float(np.sign(way))
+        expected: dict[int, Choice] = {}
+        before: StateRates | None = None
+        idle, reach = 0, np.inf
+        while True:
+            problem = self._rate_problem(stage, expected, before)
+            if problem.status == "none":
+                # Zero force at the start of loading is not a separation.
+                if self.record.rows and self._carries_nothing():
+                    return self._came_apart()
+                return self._no_continuation(stage, problem, expected)
+            here = self._take_regimes(stage, problem, before)
+            if sense == 0.0:
+                return FINISHED
+            if before is None:
+                if not stage.approaches(sense):
+                    return "lost", f"{name} leads away from {stage.quantity}'s target"
+                # Length of the stage in the space of H, judged from its start.
+                rate = abs(stage.value(here.rates.H, here.rates.P, here.rates.parameter))
+                left = abs(stage.target - stage.value(here.H, here.P, 0.0))
+                reach = float(left / rate) if rate > 0 else np.inf
+            end = self._run_segment(stage, start, sense, reach, here)
+            self.y, self.steps_left = end.y, self.steps_left - end.steps
+            if not end.fired:
+                if self._carries_nothing():
+                    return self._came_apart()
+                return "lost", f"{name} to {stage.quantity}: {end.message}"
+            self.record.row(self.model, end.here)
+            record_fired(self.record, end, self.options.subspaces)
+            outcome = self._outcome(stage, end)
+            if outcome is not None:
+                return outcome
+            expected, before = expected_choices(end), end.here
+            self._take_on_contacts(end, expected)
+            moved = float(np.abs(end.here.H - here.H).max()) > NO_STRAIN
+            idle = 0 if moved else idle + 1
+            if idle > CHATTER:
+                if self._carries_nothing():
+                    return self._came_apart()
+                contacts = tuple(sorted(expected))
+                reason = (
+                    f"contacts {list(contacts)} leave at once every regime that agrees with its"
+                    " rates"
+                )
+                self.record.event("control_limit", self.parameter, contacts, reason)
+                return "no_solution", f"{name} at parameter {self.parameter:.15g}: {reason}"
+
+    # ---- from an event on
+
+    def _rate_problem(
+        self, stage: Stage, expected: dict[int, Choice], before: StateRates | None
+    ) -> RateProblem[EdgeTrial]:
+        """Rate problem of the state; of the full model where no symmetric motion goes on."""
+        direction = None
+        if before is not None and len(before.mode.regime) == self.model.contact_count:
+            direction = rate_vector(self.model, before.rates)
+        problem = self._solve(self.model, stage, expected, direction)
+        if problem.status == "none" and self.model.symmetry is not None:
+            full = replace(self.model, symmetry=None)
+            problem = self._solve(full, stage, expected, direction)
+            if problem.status != "none":
+                self.model = full
+                self.symmetry_kept = (
+                    f"given up at parameter {self.parameter:.15g}: no symmetric motion goes on"
+                )
+        return problem
+
+    def _solve(
+        self,
+        model: PathModel,
+        stage: Stage,
+        expected: dict[int, Choice],
+        direction: Floats | None,
+    ) -> RateProblem[EdgeTrial]:
+        state = unpack(model, self.y)
+        problem = edge_problem(
+            model, state, self.mode, stage.programme, preferred=expected, direction=direction
+        )
+        self.searches.add(problem)
+        return problem
+
+    def _take_regimes(
+        self, stage: Stage, problem: RateProblem[EdgeTrial], before: StateRates | None
+    ) -> StateRates:
+        """Take the regimes of the rate problem's solution, and record what changes.
+
+        Forces are those of the regimes, exactly on the friction limit; what a parting contact drops
+        is dissipated.
+        """
+        model, trial, old = self.model, problem.taken.rates, self.mode
+        self.mode = trial.mode
+        state = unpack(model, self.y)
+        shear = contacts_of(model, state, self.mode).shear_force
+        parting = (self.mode.regime == Regime.OPEN) & (old.regime != Regime.OPEN)
+        work = state.work
+        if parting.any():
+            closed = contacts_of(model, state, old)
+            elastic = state.shear_force**2 / (2 * shear_stiffness(model, closed))
+            stored = model.law.normal_energy(closed)
+            lost = np.where(parting, stored, 0.0).sum()
+            work = work + np.array([0.0, 0.0, lost, lost + np.where(parting, elastic, 0.0).sum()])
+        self.y = pack(state.place, shear, state.parameter, work)
+        here = self.at(stage.programme, trial.rates.gauge)
+        if not self.record.rows:
+            self.record.row(model, here)
+            record_start(self.record, model, self.mode)
+            return here
+        record_changes(self.record, old, self.mode, self.parameter, problem)
+        if before is not None:
+            jump = before.A, here.A
+            record_jumps(self.record, *jump, self.parameter, self.options.subspaces)
+        if before is None or (old.regime != self.mode.regime).any():
+            self.record.row(model, here)
+        return here
+
+    def _run_segment(
+        self, stage: Stage, start: float, sense: float, reach: float, here: StateRates
+    ) -> SegmentEnd:
+        """Integrate to the next event; where strain alone drives, step over a singular point.
+
+        The closure's system may be singular in a single state. Steps of other lengths pass it.
+        """
+        strain = float(np.abs(here.H).max())
+        size = min(max(reach if np.isfinite(reach) else 1.0, strain), 1.0)
+        about = self.model, self.mode, stage
+        functions = event_functions(*about, start, sense, size, self.options.subspaces)
+        segment = Segment(
+            *about,
+            functions,
+            rtol=self.options.rtol,
+            atol=self.atol * size * scales(self.model),
+            max_step=min(self.options.max_step, reach / STEPS),
+            row_step=min(reach, 1.0) / self.rows if self.rows else np.inf,
+            size=size,
+        )
+        rows, events = len(self.record.rows), len(self.record.events)
+        for shorter in RETRIES:
+            end = follow_segment(
+                replace(segment, max_step=shorter * segment.max_step),
+                self.y,
+                here.gauge,
+                lambda row: self.record.row(self.model, row),
+                self.record.branching,
+                self.steps_left,
+            )
+            stuck = not end.fired or ("singular", -1) in end.fired
+            if not stuck or stage.programme.stress.any():
+                break
+            if shorter != RETRIES[-1]:
+                del self.record.rows[rows:], self.record.events[events:]
+        return end
+
+    def _take_on_contacts(self, end: SegmentEnd, expected: dict[int, Choice]) -> None:
+        """Grains that have come to touch overlap from now on, or get a contact."""
+        pairs = touched_pairs(end)
+        if len(pairs) == 0:
+            return
+        self.model = without_pairs(self.model, pairs)
+        if self.options.contact_on_touch != "add":
+            return
+        state, old, new = unpack(self.model, self.y), self.mode, len(pairs)
+        for k in range(new):
+            expected[self.model.contact_count + k] = ELASTIC
+        self.model = with_contact(self.model, pairs)
+        shear = np.concatenate([state.shear_force, np.zeros(new)])
+        self.y = pack(state.place, shear, state.parameter, state.work)
+        overlap = overlaps(self.model, relative_displacements(self.model, state.place))[-new:]
+        # Grains that overlap from the start press on each other at once.
+        pressed = overlap > TOUCHING * self.model.touching[-new:]
+        regime = np.where(pressed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
+        self.mode = Mode(
+            np.concatenate([old.regime, regime]), np.concatenate([old.side, np.zeros(new)])
+        )
+        self.find_symmetry()
+
+    # ---- how a stage ends
+
+    def _outcome(self, stage: Stage, end: SegmentEnd) -> tuple[PathStatus, str] | None:
+        """Status if the events end the stage."""
+        kinds, name = {kind for kind, _ in end.fired}, stage.programme.name
+        if "collapse" in kinds:
+            return "lost", f"the loop collapses to a line at parameter {self.parameter:.15g}"
+        if "stage_end" in kinds:
+            return FINISHED
+        if "singular" in kinds:
+            return "control_limit", f"{name} at parameter {self.parameter:.15g}: {SINGULAR}"
+        if "control_limit" in kinds:
+            return (
+                "control_limit",
+                f"{name}: the loading parameter has an extremum at {self.parameter:.15g}; "
+                f"{stage.quantity} = {stage.target:.6g} was not reached",
+            )
+        if "opposite_contact" in kinds and self.options.contact_on_touch == "stop":
+            return "opposite_contact", f"grains {touched_pairs(end).tolist()} touch"
+        if self.model.closure == "affine":
+            return None
+        # A force that a parting contact still carries would have to be balanced at once.
+        limit = RELEASE * self.model.stiffness * self.model.length
+        contacts = end.here.contacts
+        force = np.maximum(np.abs(contacts.shear_force), np.abs(contacts.normal_force))
+        torn = [c for kind, c in end.fired if kind == "opening" and force[c] > limit]
+        if torn:
+            message = f"contacts {torn} part while they carry a force: the loop is out of balance"
+            return "lost", message
+        return None
+
+    def _carries_nothing(self) -> bool:
+        """Whether every contact force is below `RELEASE`."""
+        contacts = contacts_of(self.model, unpack(self.model, self.y), self.mode)
+        force = np.maximum(np.abs(contacts.normal_force), np.abs(contacts.shear_force))
+        return bool(force.max(initial=0.0) <= RELEASE * self.model.stiffness * self.model.length)
+
+    def _came_apart(self) -> tuple[PathStatus, str]:
+        parted = int((self.mode.regime == Regime.OPEN).sum())
+        return (
+            "no_load",
+            f"the loop comes apart at parameter {self.parameter:.15g}: its contacts carry no force"
+            f" ({parted} of {self.model.contact_count} open) and nothing resists the control",
+        )
+
+    def _no_continuation(
+        self, stage: Stage, problem: RateProblem[EdgeTrial], expected: dict[int, Choice]
+    ) -> tuple[PathStatus, str]:
+        """End of a stage where no regimes agree with the control: a limit of it, or no solution."""
+        status: PathStatus = "control_limit"
+        if expected and self._turns_back(stage, expected):
+            reason = "the loading parameter has an extremum where the regimes change"
+        elif problem.singular:
+            reason = "the controlled system is singular"
+        else:
+            status = "no_solution"
+            reason = "no choice of regimes agrees with the rates it causes"
+        if not problem.exhaustive:
+            reason += (
+                f" (of {problem.combinations:.3g} combinations pivoting from three starts found"
+                f" none; more than {SEARCH_LIMIT} are not all tried)"
+            )
+        if not self.record.rows:
+            # No direction is known.
+            self.record.row(self.model, self.at(stage.programme))
+        self.record.event("control_limit", self.parameter, tuple(sorted(expected)), reason)
+        return status, f"{stage.programme.name} at parameter {self.parameter:.15g}: {reason}"
+
+    def _turns_back(self, stage: Stage, expected: dict[int, Choice]) -> bool:
+        """Whether the expected regimes agree with a falling loading parameter."""
+        back = edge_problem(
+            self.model,
+            unpack(self.model, self.y),
+            self.mode,
+            stage.programme,
+            preferred=expected,
+            direction=None,
+            gauge=-UNIT_PARAMETER,
+        )
+        return any(
+            all(int(found.rates.mode.regime[c]) == choice.regime for c, choice in expected.items())
+            for found in back.solutions
+        )

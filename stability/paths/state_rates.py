@@ -1,0 +1,316 @@
+"""Rates of a state under a control: the closure's linear equations, their solution, the tangent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from loops.arrays import Floats, Regimes
+from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
+from loops.closures.spins import LoopSpin, spin_of_gradient
+from loops.closures.system import closure_matrix, contact_springs, drive
+from loops.closures.traction import ring_equations
+from loops.contact_state import ContactState
+from loops.contact_tangent import translational_blocks, translational_compliances
+from loops.laws.frictional import edge_rates
+from loops.laws.protocol import Regime
+from loops.null_space import LeastSquares, solve_through_null_space
+from stability.paths.model import Kind, PathModel, Unknowns
+from stability.paths.state import (
+    Mode,
+    PathState,
+    Rates,
+    centres,
+    contact_rates,
+    contacts_of,
+    displacement_gradient,
+    forces,
+    pack,
+    power,
+    stress,
+    velocities,
+    with_signs,
+)
+from stability.programmes import Programme
+
+# Loops longer than this are not searched for branching points.
+MOST_GRAINS = 60
+# Below this determinant of a contact's block, in units of kn^2, its compliance is not used: the
+# rates would carry a noise of 1e-16 over it, which the integrator can't tell from their change.
+# In long loops, where the other equations cost the cube of the length, some noise is put up with.
+SOFT_BLOCK, SOFT_BLOCK_LONG, LONG = 0.1, 1e-3, 24
+# Gauge in which the loading parameter grows by one per unit of time, see `StateRates`.
+UNIT_PARAMETER: Floats = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class StateRates:
+    """State and regimes under a programme; derived quantities are computed on first use.
+
+    The gauge fixes the unit of time of the rates: its product with `(H', parameter')` is one.
+    """
+
+    model: PathModel
+    state: PathState
+    mode: Mode
+    programme: Programme
+    gauge: Floats
+
+    @cached_property
+    def H(self) -> Floats:
+        """(4,) displacement gradient."""
+        return displacement_gradient(self.model, self.state.place)
+
+    @cached_property
+    def P(self) -> Floats:
+        """(4,) nominal stress."""
+        return stress(self.model, self.contacts)
+
+    @cached_property
+    def x(self) -> Floats:
+        """(G, 2) centres."""
+        return centres(self.model, self.state.place)
+
+    @cached_property
+    def contacts(self) -> ContactState:
+        """Contacts with their forces."""
+        return contacts_of(self.model, self.state, self.mode)
+
+    @cached_property
+    def sided(self) -> ContactState:
+        """Contacts whose `T` has the sign of the side on which they slide."""
+        return with_signs(self.contacts, self.mode)
+
+    @cached_property
+    def kind(self) -> Kind:
+        """Kind of equations that serve the state, see `closure_kind`."""
+        return closure_kind(self.model, self.sided, self.mode.regime)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """Equations of the closure."""
+        return self._equations(self.kind)
+
+    def _equations(self, kind: Kind) -> Equations:
+        return closure_equations(self.model, self.H, self.sided, self.mode.regime, kind)
+
+    @cached_property
+    def raw_rates(self) -> Rates:
+        """Rates in the unit of time of the gauge.
+
+        The loading parameter is an unknown like the others, so a limit of the control
+        (`parameter' = 0`) is an ordinary point unless the gauge is that parameter.
+        """
+        model, law, equations = self.model, self.model.law, self.equations
+        unknowns, control = model.unknowns[self.kind].rates, self.programme.equations(self.H)
+        z, parameter, found = solve_rates(model, equations.matrix, unknowns, control, self.gauge)
+        motion = model.length * (equations.motion @ z)
+        if model.spins != "blocked":
+            motion[:, 2:] /= model.radii[model.contacts]
+        D = law.local_stiffness(self.sided, self.mode.regime)
+        return Rates(
+            z[:4],
+            z[4:8] * model.stiffness,
+            parameter,
+            *contact_rates(model, self.contacts, D, motion),
+            motion,
+            np.inf if found is None else float(found.condition),
+            is_trusted(found),
+        )
+
+    @cached_property
+    def rates(self) -> Rates:
+        """Rates per unit length of the path in the space of `H`, `|H'| = 1`.
+
+        The arc length is a regular parameter where the loading parameter turns back.
+        """
+        return self.raw_rates.scaled(1.0 / float(np.linalg.norm(self.raw_rates.H)))
+
+    @cached_property
+    def y_rates(self) -> Floats:
+        """Right-hand side `y'` per unit length of the path; not numbers if it is not trusted."""
+        model, rates = self.model, self.rates
+        place = rates.H if model.closure == "affine" else velocities(model, rates)
+        work = power(model, self.mode, self.contacts, rates)
+        y = pack(place, rates.shear_force, rates.parameter, work)
+        return y if rates.trusted else np.full_like(y, np.nan)
+
+    @cached_property
+    def A(self) -> Floats:
+        """(4, 4) macroscopic tangent, `P' = A H'`, in these regimes; nan if not trusted."""
+        blocks = self.model.unknowns[self.kind].tangent
+        parts = [stress_of_strain(self.equations.matrix, unknowns) for unknowns in blocks]
+        return np.asarray(sum(parts[1:], parts[0]) * self.model.stiffness)
+
+    @cached_property
+    def slip(self) -> Floats:
+        """(C,) how fast contacts at yield would leave the cone if they stuck.
+
+        Positive when a contact must slide, negative when it must not; minus infinity where it never
+        slides.
+        """
+        side = np.where(self.mode.side != 0.0, self.mode.side, np.sign(self.contacts.shear_force))
+        rates, law = self.rates, self.model.law
+        _, sticking, strength = edge_rates(law, self.sided, side, rates.un, rates.ut)
+        return np.asarray(np.where(side == 0.0, 1.0, side) * sticking - strength)
+
+    @cached_property
+    def balance_determinant(self) -> float:
+        """Number that changes its sign where other paths branch off.
+
+        The determinant of the grains' balance, control and gauge together, its root of the order of
+        their number. At a limit of the control it does not vanish.
+        """
+        model = self.model
+        small = model.grain_count <= MOST_GRAINS and (self.mode.regime != Regime.OPEN).all()
+        if model.closure == "affine" or model.spins == "free" or not small:
+            return np.nan
+        matrix, everything = self._equations("saddle").matrix, model.unknowns["saddle"].everything
+        control = self.programme.equations(self.H)
+        system, _ = control_system(model, matrix, everything, control, self.gauge)
+        sign, size = np.linalg.slogdet(system)
+        return float(sign * np.exp(size / len(system)))
+
+    @cached_property
+    def imbalance(self) -> float:
+        """Largest force on a grain that `-P b_i` leaves unbalanced, over `kn` times length.
+
+        Not a number under the affine closure, which does not balance the grains.
+        """
+        model = self.model
+        if model.closure == "affine":
+            return np.nan
+        i, j = model.contacts.T
+        f = forces(self.contacts)
+        unbalanced = -model.b @ self.P.reshape(2, 2).T
+        np.add.at(unbalanced, i, -f)
+        np.add.at(unbalanced, j, f)
+        return float(np.abs(unbalanced).max() / (model.stiffness * model.length))
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Closure equations of all unknowns `(H', P'/kn, v)`, see `loops.closures.system`.
+
+    `matrix` (4 + m, 8 + m); four control equations complete it; `motion` (C, 4, 8 + m): Motions of
+    the contacts, branch rates and spins times radii, over the length scale.
+    """
+
+    matrix: Floats
+    motion: Floats
+
+
+def closure_kind(model: PathModel, contacts: ContactState, regime: Regimes) -> Kind:
+    """Kind of equations that serve a state: those of a ring need every contact's compliance."""
+    if model.closure == "affine":
+        return "affine"
+    if model.is_plain_ring:
+        k = translational_blocks(contacts, model.law, regime)
+        soft = SOFT_BLOCK if model.grain_count <= LONG else SOFT_BLOCK_LONG
+        if (np.abs(np.linalg.det(k)) > soft * model.stiffness**2).all():
+            return "ring"
+    return "saddle"
+
+
+def closure_equations(
+    model: PathModel, H: Floats, contacts: ContactState, regime: Regimes, kind: Kind
+) -> Equations:
+    """Equations of the model's closure in one state."""
+    if kind == "ring":
+        compliance = translational_compliances(contacts, model.law, regime) * model.stiffness
+        return Equations(*ring_equations(compliance, model.m / model.length))
+    form, motion = model.form, model.motion
+    if model.spins == "affine":
+        row = spin_of_gradient(np.eye(2) - H.reshape(2, 2))
+        form = replace(form, spin=LoopSpin(row, np.zeros(4)))
+        motion = motion.copy()
+        motion[:, :, :4] = drive(form)
+    S = contact_springs(contacts, model.law, regime, model.spins) / model.stiffness
+    matrix = closure_matrix(form, S, motion[:, :, :4])
+    if kind == "saddle":
+        # The mean displacement is free: held at zero.
+        for first in (4, 5):
+            centres = slice(first, 4 + 2 * model.grain_count, 2)
+            matrix[centres, 4:][:, centres] += 1.0 / model.grain_count
+    return Equations(matrix, motion)
+
+
+def solve_rates(
+    model: PathModel,
+    matrix: Floats,
+    unknowns: Unknowns,
+    control: tuple[Floats, Floats, Floats],
+    gauge: Floats,
+) -> tuple[Floats, float, LeastSquares | None]:
+    """Unknowns of a state (8 + m,) and the rate of the loading parameter under a control.
+
+    In the unit of time of the gauge. The status of the solve is None if the system is not finite.
+    """
+    system, unit = control_system(model, unknowns.of(matrix), unknowns, control, gauge)
+    size = system.shape[1] - 1
+    if not np.isfinite(system).all():
+        return np.full(matrix.shape[1], np.nan), np.nan, None
+    scale = np.abs(system[-1]).max()
+    system[-1] /= scale
+    rhs = np.zeros((len(system), 1))
+    rhs[-1] = 1.0 / scale
+    here = np.zeros((9, size + 1))
+    here[:8, :size] = unknowns.tensors
+    here[8, size] = 1.0
+    found = solve_through_null_space(system, rhs, here)
+    z = found.x[:, 0]
+    return unknowns.values(z[:size]), float(z[size] * unit), found
+
+
+def control_system(
+    model: PathModel,
+    matrix: Floats,
+    unknowns: Unknowns,
+    control: tuple[Floats, Floats, Floats],
+    gauge: Floats,
+) -> tuple[Floats, float]:
+    """Closure, control and gauge as one system, and the unit of the loading parameter.
+
+    In a symmetric state only as many combinations of the control are kept as there are strains. The
+    other rows agree with them, and near a singular state they hold nothing but the rounding of the
+    forces times the compliance.
+    """
+    stress, strain, rate = control
+    stress = stress * model.stiffness
+    weight = np.maximum(np.abs(stress).max(axis=1), np.abs(strain).max(axis=1))
+    drive = rate / weight
+    unit = 1.0 / np.abs(drive).max()
+    H, P = unknowns.tensors[:4], unknowns.tensors[4:]
+    held = np.column_stack([(strain @ H + stress @ P) / weight[:, None], -drive * unit])
+    if unknowns.rows is not None:
+        # As many combinations of the control's equations are left as strains; they are alike.
+        held = np.linalg.svd(held)[0][:, : unknowns.strains].T @ held
+    rows, size = matrix.shape
+    system = np.zeros((rows + len(held) + 1, size + 1))
+    system[:rows, :size] = matrix
+    system[rows:-1] = held
+    system[-1, :size] = gauge[:4] @ H
+    system[-1, size] = gauge[4] * unit
+    return system, float(unit)
+
+
+def stress_of_strain(matrix: Floats, unknowns: Unknowns) -> Floats:
+    """(4, 4) stress over `kn` per strain of these unknowns; nan if not trusted."""
+    if matrix.shape == (4, 8):
+        # Affine, spins not free: they read A H' - P' = 0.
+        return matrix[:, :4]
+    E, t = unknowns.of(matrix), unknowns.strains
+    strain, stress = unknowns.tensors[:4, :t], unknowns.tensors[4:, t:]
+    found = solve_through_null_space(E[:, t:], -E[:, :t], stress)
+    if not is_trusted(found):
+        return np.full((4, 4), np.nan)
+    return np.asarray(stress @ found.x @ strain.T)
+
+
+def is_trusted(found: LeastSquares | None) -> bool:
+    """Whether a solve has exactly one answer."""
+    if found is None:
+        return False
+    return bool(found.residual <= RESIDUAL_LIMIT and found.ambiguity <= AMBIGUITY_LIMIT)
