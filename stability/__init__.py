@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from stability import programmes as programmes
     from stability.cones import PlaneCone as PlaneCone
     from stability.cones import plane_cone as plane_cone
-    from stability.control_programmes import strain_driven as strain_driven
-    from stability.control_programmes import stress_driven as stress_driven
     from stability.destabilising import LinearControl as LinearControl
     from stability.destabilising import destabilising_control as destabilising_control
     from stability.destabilising import softening_control as softening_control
+    from stability.destabilising import strain_driven as strain_driven
+    from stability.destabilising import stress_driven as stress_driven
     from stability.directional import BranchFraction as BranchFraction
     from stability.directional import DirectionalWork as DirectionalWork
     from stability.directional import branch_fraction as branch_fraction

@@ -1,6 +1,6 @@
 """Second-order work in every direction, in the contact regimes that this direction activates."""
 
-from stability.directional.edge import EdgeContacts as EdgeContacts
+from stability.directional.edge import YieldingContacts as YieldingContacts
 from stability.directional.edge import edge_contacts as edge_contacts
 from stability.directional.fraction import BranchFraction as BranchFraction
 from stability.directional.fraction import branch_fraction as branch_fraction

@@ -21,7 +21,7 @@ from loops.geometry import reference_volume
 from stability.cones import plane_cone
 from stability.directional.edge import (
     Answer,
-    EdgeContacts,
+    YieldingContacts,
     line_angles,
     middles,
     one_answer,
@@ -53,11 +53,11 @@ class AffineBranches:
 
     `K` (..., m, m) has all contacts at the edge elastic; `which` (E,) are those at the edge
     somewhere in the batch; `nu`, `tau` (..., E, m) are `n (x) d0` and `t (x) d0` in the subspace,
-    the stress rate per `N'` and `T'` times `volume`; `rows` as `EdgeContacts.rows`.
+    the stress rate per `N'` and `T'` times `volume`; `rows` as `YieldingContacts.rows`.
     """
 
     K: Floats
-    edge: EdgeContacts
+    edge: YieldingContacts
     which: Integers
     nu: Floats
     tau: Floats
@@ -150,7 +150,7 @@ class AffineBranches:
 def affine_branches(
     graph: GrainGraph,
     law: ContactLaw,
-    edge: EdgeContacts,
+    edge: YieldingContacts,
     spins: Spins,
     subspace: str,
     volume: ArrayLike | None,

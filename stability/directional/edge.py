@@ -12,14 +12,12 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.laws.frictional import edge_of, with_sides
 from loops.laws.protocol import require_law
 
-# Rates this small against the largest of their direction decide nothing.
-SIGN_TOLERANCE = 1e-10
 # Arcs this short separate angles that are the same up to rounding.
 NO_ARC = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeContacts:
+class YieldingContacts:
     """Contacts at the edge of their law, batch axes `...` first.
 
     `regime` has those at the edge elastic: the branch on which nothing slides and touching contacts
@@ -62,7 +60,7 @@ class EdgeContacts:
 
 def edge_contacts(
     graph: GrainGraph, law: ContactLaw, regime: ArrayLike | None = None
-) -> EdgeContacts:
+) -> YieldingContacts:
     """Find the contacts at the edge of their law.
 
     At yield is a closed contact that carries its strength, or one that is flagged sliding; touching
@@ -91,7 +89,9 @@ def edge_contacts(
     unit = float(np.abs(stick[..., 0, 0]).mean()) or 1.0
     wide = (*shape, 2, 2)
     stick, slide = np.broadcast_to(stick, wide), np.broadcast_to(slide, wide)
-    return EdgeContacts(state, base, at_yield, touching, apex, slides, side, stick, slide, mu, unit)
+    return YieldingContacts(
+        state, base, at_yield, touching, apex, slides, side, stick, slide, mu, unit
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,8 +30,8 @@ from loops.closures.system import contact_springs, drive, form_of, relax, spring
 from loops.contact_tangent import contact_kinematics
 from loops.graph import require_one_state
 from stability.cones import plane_cone
-from stability.directional.edge import SIGN_TOLERANCE, Answer, EdgeContacts, line_angles, works
-from stability.rate_problem import SOLUTION_RTOL, Choice, edge_options
+from stability.directional.edge import Answer, YieldingContacts, line_angles, works
+from stability.rate_problem import SIGN_TOLERANCE, SOLUTION_RTOL, Choice, edge_options
 from stability.subspaces import restrict, subspace_basis
 
 # All combinations of regimes are tried: eight contacts at yield.
@@ -44,7 +44,7 @@ class RelaxedBranches:
 
     `K` (R, m, m) are the operators, NaN where the equations have no single answer; `regime` (R, C)
     the regimes of all contacts. Of the E contacts at the edge, in the motion of each combination:
-    `closing`, `shear` and `strength` (R, E, m) as in `EdgeContacts.rows`; `chosen` (R, E) the
+    `closing`, `shear` and `strength` (R, E, m) as in `YieldingContacts.rows`; `chosen` (R, E) the
     regime, `side` (R, E) the sign of `T` where it slides or would; and (E,) what they may do:
     `touching` (open), `yields` (slide to one side), `slides`, `frictional`.
     """
@@ -132,7 +132,7 @@ class RelaxedBranches:
 def relaxed_branches(
     graph: GrainGraph,
     law: ContactLaw,
-    edge: EdgeContacts,
+    edge: YieldingContacts,
     closure: Closure,
     spins: Spins,
     subspace: str,
@@ -174,7 +174,7 @@ def relaxed_branches(
     )
 
 
-def _combinations(graph: GrainGraph, edge: EdgeContacts) -> list[tuple[Choice, ...]]:
+def _combinations(graph: GrainGraph, edge: YieldingContacts) -> list[tuple[Choice, ...]]:
     require_one_state(graph)
     options = [_options(edge, int(c)) for c in edge.anywhere]
     count = float(np.prod([float(len(each)) for each in options]))
@@ -188,7 +188,7 @@ def _combinations(graph: GrainGraph, edge: EdgeContacts) -> list[tuple[Choice, .
     return list(product(*options))
 
 
-def _options(edge: EdgeContacts, c: int) -> tuple[Choice, ...]:
+def _options(edge: YieldingContacts, c: int) -> tuple[Choice, ...]:
     return edge_options(
         touching=bool(edge.touching[c]),
         at_yield=bool(edge.at_yield[c]),

@@ -13,7 +13,7 @@ from loops.arrays import Floats, Regimes
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import check_choice
 from stability.directional.affine import affine_branches
-from stability.directional.edge import Answer, EdgeContacts, edge_contacts, unit_directions
+from stability.directional.edge import Answer, YieldingContacts, edge_contacts, unit_directions
 from stability.directional.relaxed import relaxed_branches
 from stability.subspaces import subspace_basis
 
@@ -54,7 +54,7 @@ class DirectionalWork:
         `w2`, W2 over the sizes of both rates (45), of the same two solutions.
     regime : (..., D, C) array of int8
         `Regime` of every contact in the solution with the smallest W2; -1 if there is none.
-    edge : EdgeContacts
+    edge : YieldingContacts
         Contacts at the edge of their law.
     singular : int
         Combinations of regimes whose equations have no single answer, a mechanism for instance.
@@ -66,7 +66,7 @@ class DirectionalWork:
     work: Floats
     normalised: Floats
     regime: Regimes
-    edge: EdgeContacts
+    edge: YieldingContacts
     singular: int
 
 
@@ -154,7 +154,7 @@ def branches_of(
     subspace: str,
     regime: ArrayLike | None,
     volume: ArrayLike | None,
-) -> tuple[Branches, EdgeContacts]:
+) -> tuple[Branches, YieldingContacts]:
     """Branches of a graph under its closure, and its contacts at the edge."""
     check_choice("closure", closure, get_args(Closure))
     check_choice("spins", spins, get_args(Spins))

@@ -7,13 +7,14 @@ from loops import InputError, LinearFrictional, macroscopic_tangent
 from patterns import regular_polygon
 from patterns.diamond import TABLE_1, TABLE_2, diamond, elastic_moduli, isotropic_stress, tangent
 from stability import Stage, follow, plane_cone, restrict, symmetric_modes, symmetric_spectrum
-from stability.control_programmes import strain_driven, stress_driven
 from stability.destabilising import (
     constrained_tangent,
     control_matrix,
     control_status,
     destabilising_control,
     softening_control,
+    strain_driven,
+    stress_driven,
 )
 
 
