@@ -161,7 +161,9 @@ def solve_rate_problem(
             rates = rates_for(choices)
             trials += 1
             if not rates.trusted:
-                singular += _admissible(choices, rates.edge)
+                # The state itself forbids regimes in which a contact slides inside its cone.
+                slides = [choice.regime == Regime.SLIDING for choice in choices]
+                singular += not np.isposinf(rates.edge.strength[slides]).any()
             elif all(_agreement(options, choices, rates.edge)):
                 agreeing.append(RateSolution(choices, rates))
 
@@ -178,12 +180,6 @@ def solve_rate_problem(
     distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
     status: Status = "none" if not distinct else "unique" if len(distinct) == 1 else "several"
     return RateProblem(status, tuple(distinct), exhaustive, singular, trials, count)
-
-
-def _admissible(choices: tuple[Choice, ...], edge: EdgeRates) -> bool:
-    """Whether the state itself allows the regimes: nothing slides inside its cone."""
-    slides = [choice.regime == Regime.SLIDING for choice in choices]
-    return not np.isposinf(edge.strength[slides]).any()
 
 
 def _agreement(
@@ -257,7 +253,9 @@ def _distinct(
     groups: list[list[RateSolution[AnyTrial]]] = []
     for found in agreeing:
         for group in groups:
-            if _same(group[0].rates.vector, found.rates.vector):
+            a, b = group[0].rates.vector, found.rates.vector
+            size = max(np.linalg.norm(a), np.linalg.norm(b))
+            if np.linalg.norm(a - b) <= SOLUTION_RTOL * size:
                 group.append(found)
                 break
         else:
@@ -268,10 +266,6 @@ def _distinct(
 
 def _matches(found: RateSolution[AnyTrial], preferred: Sequence[Choice]) -> int:
     return sum(a == b for a, b in zip(found.choices, preferred, strict=True))
-
-
-def _same(a: Floats, b: Floats) -> bool:
-    return bool(np.linalg.norm(a - b) <= SOLUTION_RTOL * max(np.linalg.norm(a), np.linalg.norm(b)))
 
 
 def _rank(

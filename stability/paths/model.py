@@ -259,7 +259,10 @@ def path_model(
     b = m = np.zeros((0, 2))
     if closure == "traction":
         require_loop(graph)
-        b, m = _boundary(graph.x0, v0)
+        ratio = v0 / abs(float(polygon_area(graph.x0)))
+        centred = from_centroid(graph.x0)
+        midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
+        b, m = ratio * boundary_vectors(graph.x0), ratio * outward(graph.x0, midpoints)
     model = PathModel(
         law=law,
         closure=closure,
@@ -304,13 +307,6 @@ def pair_keys(model: PathModel, pairs: Integers) -> Integers:
     """(Q,) a number for each pair of grains, the same in either order."""
     low, high = np.sort(pairs, axis=1).T
     return np.asarray(low * model.grain_count + high)
-
-
-def _boundary(x0: Floats, volume: float) -> tuple[Floats, Floats]:
-    ratio = volume / abs(float(polygon_area(x0)))
-    centred = from_centroid(x0)
-    midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
-    return ratio * boundary_vectors(x0), ratio * outward(x0, midpoints)
 
 
 def _check_affine(graph: GrainGraph, model: PathModel) -> None:

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers
 from loops.laws.protocol import Regime
-from loops.symmetry import invariant_fields
+from loops.symmetry import identity, invariant_fields
 from stability.paths.event_functions import SPECTRAL, eigenvalue_kind
 from stability.paths.model import Kind, PathModel
 from stability.paths.path import (
@@ -22,7 +21,7 @@ from stability.paths.path import (
     PathStatus,
 )
 from stability.paths.path_segment import SegmentEnd
-from stability.paths.regimes import EdgeTrial, symmetry_or_identity
+from stability.paths.regimes import EdgeTrial
 from stability.paths.state import Mode, shear_stiffness
 from stability.paths.state_rates import StateRates
 from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, Choice, RateProblem
@@ -107,7 +106,10 @@ class Record:
         table = {name: [row[name] for row in self.rows] for name in self.rows[0]}
         for name in ("normal_force", "shear_force", "regime"):
             fill = Regime.OPEN if name == "regime" else 0.0
-            table[name] = [_padded(np.asarray(value), count, fill) for value in table[name]]
+            table[name] = [
+                np.pad(value, (0, count - len(value)), constant_values=fill)
+                for value in table[name]
+            ]
         return Path(
             status=status,
             message=message,
@@ -118,10 +120,6 @@ class Record:
             model=chosen,
             **{name: np.array(values) for name, values in table.items()},
         )
-
-
-def _padded(values: NDArray[np.generic], count: int, fill: float) -> NDArray[np.generic]:
-    return np.pad(values, (0, count - len(values)), constant_values=fill)
 
 
 @dataclass
@@ -154,17 +152,21 @@ def model_choice(
     model: PathModel, choice: ModelOption, searches: Searches, kept: str
 ) -> ModelChoice:
     """Describe the model of a path."""
-    group = symmetry_or_identity(model)
+    group = model.symmetry or identity(model.grain_count, model.contact_count)
     freedoms = invariant_fields(group.grains, group.maps).shape[-1]
     kind: Kind = "affine"
     if model.closure == "traction":
         kind = "ring" if model.is_plain_ring else "saddle"
     sets = model.unknowns[kind]
+    spins = "none: blocked" if model.spins == "blocked" else "none: tied to the loop"
+    if model.spins == "free":
+        independent = invariant_fields(group.grains, group.parity[:, None, None]).shape[-1]
+        spins = f"{independent} of {model.grain_count}"
     return ModelChoice(
         choice=choice,
         symmetry="none" if group.order == 1 else f"{group.name} (order {group.order})",
         freedoms=f"{freedoms} of {2 * model.grain_count}",
-        spins=_spins(model),
+        spins=spins,
         unknowns=f"{sets.rates.count + 1} of {sets.everything.count + 1}",
         contact_orbits=f"{len(np.unique(group.contact_orbits))} of {model.contact_count}",
         branch_search=str(searches),
@@ -172,14 +174,6 @@ def model_choice(
         kernels="plain",
         kept=kept,
     )
-
-
-def _spins(model: PathModel) -> str:
-    if model.spins != "free":
-        return "none: blocked" if model.spins == "blocked" else "none: tied to the loop"
-    group = symmetry_or_identity(model)
-    fields = invariant_fields(group.grains, group.parity[:, None, None])
-    return f"{fields.shape[-1]} of {model.grain_count}"
 
 
 def record_fired(record: Record, end: SegmentEnd, subspaces: tuple[str, ...]) -> None:

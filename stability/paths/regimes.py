@@ -12,7 +12,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.contact_state import ContactState
 from loops.laws.frictional import edge_of, edge_rates
 from loops.laws.protocol import Regime
-from loops.symmetry import PointGroup, identity, point_group
+from loops.symmetry import PointGroup, point_group
 from stability.paths.model import PathModel, compressed
 from stability.paths.state import Mode, PathState, Rates, centres, contacts_of, unpack
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
@@ -195,11 +195,6 @@ def keeps_control(programme: Programme, maps: Floats) -> Flags:
     basis, _ = np.linalg.qr(rows.T)
     left = image - image @ basis @ basis.T
     return np.asarray(np.abs(left).max(axis=(1, 2)) <= CONTROL_RTOL)
-
-
-def symmetry_or_identity(model: PathModel) -> PointGroup:
-    """Symmetry of the model, the identity for None."""
-    return model.symmetry or identity(model.grain_count, model.contact_count)
 
 
 @dataclass(frozen=True, eq=False)
