@@ -31,7 +31,7 @@ from stability.packing.strain_increment import (
     MixedControl,
     StrainIncrement,
 )
-from stability.paths.path import Event, Past, PathStatus
+from stability.paths.path import FINISHED, Event, Past, PathStatus, follow_stages
 from stability.programmes import Stage
 from stability.subspaces import COMPONENTS
 
@@ -40,7 +40,6 @@ LISTED_GAP = 0.01
 # Largest strain speed over the smallest of the stage; beyond, the control has met its limit.
 MAX_SPEED_RATIO = 1e3
 Stop = tuple[PathStatus, str]
-FINISHED: Stop = ("finished", "every stage reached its target")
 
 
 class RejectedError(Exception):
@@ -121,13 +120,12 @@ def follow_packing(
 ) -> PackingPath:
     """Path of a packing: `stability.follow` with the packing closure."""
     solver = PackingPathSolver(graph, law, interval, past)
-    stop: Stop = FINISHED
-    for k, stage in enumerate(stages):
-        if stage.fallback != (stop[0] in ("control_limit", "no_solution")):
-            continue
-        stop = solver.follow(k, stage, max(rows, 1), instabilities, max_steps, progress)
-        if stop[0] in ("instabilities", "lost"):
-            break
+    stop = follow_stages(
+        lambda number, stage: solver.follow(
+            number, stage, max(rows, 1), instabilities, max_steps, progress
+        ),
+        stages,
+    )
     return solver.path(*stop)
 
 
@@ -240,10 +238,7 @@ class PackingPathSolver:
 
     def _quantity(self, stage: Stage) -> float:
         """The quantity whose target ends the stage."""
-        if stage.quantity == "parameter":
-            return self.parameter - self.stage_start
-        values = self.H if stage.quantity[0] == "H" else self.P
-        return float(values[COMPONENTS.index(stage.quantity[1:])])
+        return stage.value(self.H, self.P, self.parameter - self.stage_start)
 
     def _reached(self, stage: Stage, target: float, way: float) -> bool:
         """Whether the target is reached, to a millionth of an interval, or has been leapt over."""

@@ -18,7 +18,7 @@ from loops.laws.protocol import require_law
 from stability.arguments import number, whole_number
 from stability.paths.loop_path import LoopOptions, LoopPathSolver
 from stability.paths.model import START_MISMATCH, PathModel, compressed, path_model
-from stability.paths.path import Past, Path, run_stages
+from stability.paths.path import Past, Path, follow_stages
 from stability.paths.record import model_choice
 from stability.paths.regimes import EdgeTrial, edge_problem
 from stability.paths.state import Mode, initial_state, pack, unpack
@@ -217,7 +217,7 @@ def follow(
     )
     solver.find_symmetry()
     start = solver.model
-    status, message = run_stages(solver, stages)
+    status, message = follow_stages(solver.follow_stage, stages)
     chosen = model_choice(start, checked.model, solver.searches, solver.symmetry_kept)
     return solver.record.path(solver.model, status, message, checked.subspaces[0], chosen)
 

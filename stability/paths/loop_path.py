@@ -98,7 +98,7 @@ class LoopOptions:
 
 @dataclass
 class LoopPathSolver:
-    """State of a path, and how it goes on; `run_stages` leads it through its stages.
+    """State of a path, and how it goes on; `follow_stages` leads it through its stages.
 
     `y` (Y,): Integrated variables; `atol`: Tolerance in natural units; `rows`: Rows of a stage;
     `steps_left`: Steps until the path is given up; `common`: Symmetry that all programmes keep;
@@ -141,7 +141,7 @@ class LoopPathSolver:
 
     # ---- stages
 
-    def start_stage(self, number: int, stage: Stage) -> None:
+    def _start_stage(self, number: int, stage: Stage) -> None:
         """Record the change of programme, and take on the symmetry of the stage.
 
         By itself a stage may keep a larger symmetry than all of them do: fewer freedoms are left to
@@ -157,8 +157,9 @@ class LoopPathSolver:
             larger = own is not None and own.order > (self.common.order if self.common else 1)
             self.model = replace(self.model, symmetry=own if larger else self.common)
 
-    def run_stage(self, stage: Stage) -> tuple[PathStatus, str]:
+    def follow_stage(self, number: int, stage: Stage) -> tuple[PathStatus, str]:
         """Follow one stage to its target or to where it ends."""
+        self._start_stage(number, stage)
         start, name = self.parameter, stage.programme.name
         here = self.at(stage.programme)
         way = stage.target - stage.value(here.H, here.P, 0.0)

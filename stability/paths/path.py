@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -282,20 +282,14 @@ class Path(Shown):
         return table
 
 
-class StageSolver(Protocol):
-    """Solver that follows one stage after the other, of a loop or of a packing."""
+def follow_stages(
+    follow_stage: Callable[[int, Stage], tuple[PathStatus, str]], stages: Sequence[Stage]
+) -> tuple[PathStatus, str]:
+    """Follow stages in turn; a fallback where the stage before met a limit, and only there.
 
-    def start_stage(self, number: int, stage: Stage) -> None:
-        """Record the change of programme; strains and stresses are measured from this state."""
-        ...
-
-    def run_stage(self, stage: Stage) -> tuple[PathStatus, str]:
-        """Follow the stage to its target, or to where it ends: the status, and why."""
-        ...
-
-
-def run_stages(solver: StageSolver, stages: Sequence[Stage]) -> tuple[PathStatus, str]:
-    """Follow stages in turn: a fallback where the one before met a limit, and only there."""
+    `follow_stage` goes through one of them, given with its number, from where the path stands and
+    returns its status and message. The path of a loop and that of a packing are both led by this.
+    """
     outcome = FINISHED
     for number, stage in enumerate(stages):
         limited = outcome[0] in ("control_limit", "no_solution")
@@ -303,8 +297,7 @@ def run_stages(solver: StageSolver, stages: Sequence[Stage]) -> tuple[PathStatus
             break
         if stage.fallback and not limited:
             continue
-        solver.start_stage(number, stage)
-        outcome = solver.run_stage(stage)
+        outcome = follow_stage(number, stage)
         if outcome[0] in ("opposite_contact", "no_load", "instabilities", "lost"):
             break
     return outcome

@@ -97,15 +97,23 @@ def edge_problem(
     def rates_for(choices: tuple[Choice, ...]) -> EdgeTrial:
         chosen = orbits.applied(mode, choices)
         rates = StateRates(model, state, chosen, programme, gauge).raw_rates
-        edge = _edge_rates(model, contacts, chosen, rates, orbits.asked, inside)
+        _, shear, strength = edge_rates(model.law, contacts, chosen.side, rates.un, rates.ut)
+        # A contact that never slides has no strength to compare with.
+        strength = np.where(np.isfinite(model.mu), strength, 0.0)[orbits.asked]
+        edge = EdgeRates(
+            model.stiffness * rates.un[orbits.asked],
+            shear[orbits.asked],
+            np.where(inside, np.inf, strength),
+        )
         return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted)
 
-    hints = asked_first(model, orbits, preferred)
-    first = [hints.get(int(c), _current(mode, int(c))) for c in orbits.asked]
-    first = [
-        choice if choice in can else can[0]
-        for can, choice in zip(orbits.options, first, strict=True)
-    ]
+    wanted = first_choices(model, orbits, preferred)
+    first = []
+    for c, can in zip(orbits.asked.tolist(), orbits.options, strict=True):
+        regime = Regime(int(mode.regime[c]))
+        present = Choice(regime, float(mode.side[c]) if regime == Regime.SLIDING else 0.0)
+        choice = wanted.get(c, present)
+        first.append(choice if choice in can else can[0])
     found = solve_rate_problem(orbits.options, rates_for, preferred=first, direction=direction)
     return replace(found, combinations=prod(float(len(can)) for can in options.values()))
 
@@ -115,25 +123,6 @@ def rate_vector(model: PathModel, rates: Rates) -> Floats:
     force = model.stiffness * model.length
     forces = np.concatenate([rates.normal_force, rates.shear_force]) / force
     return np.concatenate([rates.H, rates.P / model.stiffness, forces])
-
-
-def _current(mode: Mode, c: int) -> Choice:
-    regime = Regime(int(mode.regime[c]))
-    return Choice(regime, float(mode.side[c]) if regime == Regime.SLIDING else 0.0)
-
-
-def _edge_rates(
-    model: PathModel,
-    state: ContactState,
-    mode: Mode,
-    rates: Rates,
-    contacts: Integers,
-    inside: Flags,
-) -> EdgeRates:
-    _, shear, strength = edge_rates(model.law, state, mode.side, rates.un, rates.ut)
-    # A contact that never slides has no strength to compare with.
-    strength = np.where(inside, np.inf, np.where(np.isfinite(model.mu), strength, 0.0)[contacts])
-    return EdgeRates(model.stiffness * rates.un[contacts], shear[contacts], strength)
 
 
 def path_symmetry(
@@ -240,7 +229,7 @@ def edge_orbits(model: PathModel, options: Mapping[int, tuple[Choice, ...]]) -> 
     return EdgeOrbits(asked, tuple(allowed.values()), contacts, orbit, parity[contacts])
 
 
-def asked_first(
+def first_choices(
     model: PathModel, orbits: EdgeOrbits, preferred: Mapping[int, Choice]
 ) -> dict[int, Choice]:
     """Preferred choices of any contact of an orbit, as choices of its first contact."""
