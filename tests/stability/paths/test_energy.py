@@ -125,7 +125,7 @@ def test_two_orders_of_loading_one_contact(gap):
     assert abs(press_first.shear_force[-1, 0]) == pytest.approx(kt * (1 - D) * angle, abs=1e-14)
 
 
-def test_what_a_parting_contact_still_held_is_dissipated():
+def test_energy_left_in_a_parting_contact_is_dissipated():
     """Without a friction limit contacts part with shear force left in their springs."""
     stages = [
         Stage(programmes.isotropic_strain(), "H11", 0.05),

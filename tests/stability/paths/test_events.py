@@ -269,7 +269,7 @@ def test_collapse_and_exhausted_steps_are_lost_not_silent():
     assert "number of steps" in short.message
 
 
-def test_a_target_that_the_programme_leads_away_from_is_told_at_once():
+def test_a_programme_that_leads_away_from_its_target_ends_at_once():
     for stage in (
         isotropic(-0.1),
         Stage(programmes.oedometric(), "H22", 0.1),

@@ -177,8 +177,8 @@ def test_a_wrapped_law_goes_everywhere_the_plain_one_does(closure, spins):
             np.testing.assert_allclose(a, b, atol=1e-12)
 
 
-class Toothless:
-    """A law as it was before laws had an edge."""
+class LawWithoutEdge:
+    """Law without the methods that describe its edge."""
 
     def regime(self, state, rates=None):
         raise AssertionError("nothing is computed")
@@ -187,14 +187,14 @@ class Toothless:
 
 
 def test_a_law_without_an_edge_is_refused_before_anything_is_computed():
-    graph, law = regular_polygon(4), Toothless()
+    graph, law = regular_polygon(4), LawWithoutEdge()
     for call in (
         lambda: follow(graph, law, isotropic(0.1)),
         lambda: rates_at(graph, law, programmes.isotropic_strain()),
         lambda: directional_work(graph, law, [[1.0, 0.0]]),
         lambda: RollingResistance(law, k_r=0.1),
     ):
-        with pytest.raises(InputError, match=r"Toothless without .*strength"):
+        with pytest.raises(InputError, match=r"LawWithoutEdge without .*strength"):
             call()
 
 

@@ -175,7 +175,7 @@ def test_branching_is_where_the_balance_of_the_grains_is_singular(
 
 
 def _controlled_determinant(path, row, law, graph):
-    """Of balance, gradient and drained control for (u, P, H), mean displacement zero."""
+    """Determinant of balance, gradient and drained control for (u, P, H), mean motion zero."""
     state, m = state_of(path, row, graph), 2 * graph.grain_count
     K = assemble_tangent(state, law, regime=path.regime[row])
     B, V = boundary_vectors(graph.x0), path.volume

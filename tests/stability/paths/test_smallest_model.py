@@ -45,7 +45,7 @@ def events(path):
 
 
 def largest_difference(small, full):
-    """Over events and the end; up to where the full model meets a state that the other passes.
+    """Largest difference over events and the end, up to a state that only the small model passes.
 
     That is the singular one where other paths branch off, and rounding decides.
     """
@@ -233,7 +233,7 @@ def test_one_solve_where_no_contact_has_a_choice():
 
 
 def test_contacts_inside_their_cone_stick_whatever_the_rates():
-    """Of three regimes each that are tried, sliding is refused by the state, not by the rates."""
+    """Three regimes of each contact are tried; the state refuses sliding, not the rates."""
 
     class Trial:
         edge = EdgeRates(np.zeros(2), np.array([5.0, -5.0]), np.full(2, np.inf))

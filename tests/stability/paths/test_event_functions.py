@@ -69,7 +69,7 @@ def test_symmetric_part_vanishes_where_contacts_carry_shear(
     assert smallest(path, np.flatnonzero(path.stage == 1)[-1]) > 0 > smallest(path, -1)
 
 
-def testarea_ratio_is_the_determinant_of_a_sheared_loop():
+def test_area_ratio_is_the_determinant_of_a_sheared_loop():
     for H in np.random.default_rng(3).uniform(-0.9, 0.9, (5, 4)):
         expected = np.linalg.det(np.eye(2) - H.reshape(2, 2))
         assert area_ratio(H) == pytest.approx(expected, abs=1e-15)
@@ -115,9 +115,9 @@ def test_events_are_the_same_in_other_units(case, units):
     )
     law = LinearFrictional(kn=kn, kt=0.2 * kn, mu=mu)
     path = follow(scaled(graph, length), law, stages, closure=closure, **options)
-    told = [(event.kind, event.contacts) for event in path.events]
-    assert told == [(event.kind, event.contacts) for event in plain.events]
-    assert case != "yield" or "yield" in [kind for kind, _ in told]
+    found = [(event.kind, event.contacts) for event in path.events]
+    assert found == [(event.kind, event.contacts) for event in plain.events]
+    assert case != "yield" or "yield" in [kind for kind, _ in found]
     assert np.abs(path.energy_error).max() < 1e-12
     for event, other in zip(path.events, plain.events, strict=True):
         np.testing.assert_allclose(path.H[event.index], plain.H[other.index], atol=1e-11)
@@ -141,37 +141,37 @@ def test_a_loop_off_the_origin_has_the_same_path(closure):
     assert [e.kind for e in path.events] == [e.kind for e in plain.events]
 
 
-class Noted:
-    """A record that keeps what it is told."""
+class EventList:
+    """Record of events alone."""
 
     def __init__(self):
-        self.told = []
+        self.events = []
 
     def event(self, kind, parameter, contacts=(), detail="", subspace=""):
-        self.told.append((kind, contacts, detail))
+        self.events.append((kind, contacts, detail))
 
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
 def test_a_jump_counts_negative_eigenvalues(size):
     before, after = size * np.diag([1.0, 2, 3, 4]), size * np.diag([-1.0, 2, 3, 4])
-    record = Noted()
+    record = EventList()
     record_jumps(record, before, after, 0.0, ("full",))
-    assert [kind for kind, _, _ in record.told] == ["det_Ks_zero", "det_K_zero"]
-    assert record.told[0][2] == "jump: 0 to 1 negative eigenvalues"
-    record_jumps(quiet := Noted(), before, 2 * before, 0.0, ("full",))
+    assert [kind for kind, _, _ in record.events] == ["det_Ks_zero", "det_K_zero"]
+    assert record.events[0][2] == "jump: 0 to 1 negative eigenvalues"
+    record_jumps(quiet := EventList(), before, 2 * before, 0.0, ("full",))
     record_jumps(quiet, before, size * np.diag([0.0, 2, 3, 4]), 0.0, ("full",))
-    assert quiet.told == []
+    assert quiet.events == []
 
 
 @pytest.mark.parametrize(
     ("status", "detail"), [("unique", ""), ("several", "the rate problem has 2 solutions")]
 )
-def test_several_solutions_are_told(status, detail):
+def test_several_solutions_are_stated_in_the_event(status, detail):
     old = Mode(np.array([Regime.ELASTIC] * 2, dtype=np.int8), np.zeros(2))
     new = Mode(np.array([Regime.ELASTIC, Regime.SLIDING], dtype=np.int8), np.array([0.0, 1.0]))
     problem = SimpleNamespace(status=status, solutions=[None, None])
-    record_changes(record := Noted(), old, new, 0.0, problem)
-    assert record.told == [("yield", (1,), detail)]
+    record_changes(record := EventList(), old, new, 0.0, problem)
+    assert record.events == [("yield", (1,), detail)]
 
 
 @pytest.mark.parametrize("subspace", ["diagonal", "symmetric", "full"])
