@@ -80,7 +80,7 @@ class Trial(Protocol):
 
     @property
     def vector(self) -> Floats:
-        """(q,) rates that tell solutions apart: `H'`, then the rest in comparable units."""
+        """(q,) rates by which solutions are compared: `H'`, then the rest in comparable units."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""The verdict on one tangent: an object that says how sure it is and along which direction."""
+"""Verdict on one tangent: its status, how far it is from the limit, and the direction."""
 
 from __future__ import annotations
 

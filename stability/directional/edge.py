@@ -21,7 +21,7 @@ class YieldingContacts:
     """Contacts at the edge of their law, batch axes `...` first.
 
     `regime` has those at the edge elastic: the branch on which nothing slides and touching contacts
-    stick. `at_yield`, `touching` and `apex` are as in `loops.laws.frictional.Edge`; `slides` says
+    stick. `at_yield`, `touching` and `apex` are as in `loops.laws.frictional.Edge`; `slides` marks
     which may slide at all, `side` is the sign of `T` at yield, else 0. `stick` and `slide`
     (..., C, 2, 2) are the law's stiffnesses in either regime, `unit` their size.
     """

@@ -83,10 +83,10 @@ def directional_work(
 ) -> DirectionalWork:
     """Second-order work along directions, branch by branch.
 
-    A contact at yield slides or sticks, a touching one parts, sticks or slides, as the direction
-    asks. Under the affine closure with spins blocked or affine each
-    contact decides by itself; a closure that relaxes makes it a complementarity problem, solved by
-    trying all combinations of regimes.
+    A contact at yield slides or sticks, a touching one parts, sticks or slides, depending on the
+    direction. Under the affine closure with spins blocked or affine the contacts are independent of
+    each other; under a closure that relaxes they make a complementarity problem, solved by trying
+    all combinations of regimes.
 
     Parameters
     ----------

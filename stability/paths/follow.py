@@ -122,7 +122,7 @@ def follow(
     spins : {'blocked', 'affine', 'free'}
         What the grains' spins do.
     subspace : {'diagonal', 'symmetric', 'full'}, or several of them
-        Where the spectra are taken: `Event.subspace` says which; the first is that of `Path.K`.
+        Where the spectra are taken: `Event.subspace` names it; the first is that of `Path.K`.
     volume : float, optional
         Reference area V0; the cell's or the polygon's if left out. The diamond of Nicot et al.
         2016 uses `L10 L20`, twice its polygon.
@@ -143,9 +143,9 @@ def follow(
     model : {'auto', 'full'}
         The smallest model that serves: rates in the fields that the symmetry of state and
         programmes leaves, and one contact of an orbit in the branch search; or all unknowns, and a
-        search over all contacts. `Path.model` says which. The tangents are full in either, so the
+        search over all contacts. `Path.model` describes it. The tangents are full in either, so the
         losses of stability are those of all motions. Motions that break the symmetry are not
-        looked for where a symmetric one goes on: 'branching' events tell where they set in, with
+        looked for where a symmetric one goes on: 'branching' events mark where they set in, with
         spins that are not free.
     interval : float
         Of a packing: strain of an interval, the norm of the change of `H`.

@@ -50,9 +50,9 @@ from stability.subspaces import subspace_basis
 
 # Steps that a stage takes at least, if it is as long as its start promises.
 STEPS = 8
-# Rate problems in a row without progress after which no regime is said to hold.
+# Rate problems in a row without progress after which the stage ends without a solution.
 CHATTER = 12
-# Longest steps to try, over that asked for, where a singular state is in the way.
+# Longest steps to try, over the option, where a singular state is in the way.
 RETRIES = (1.0, 0.86, 0.74, 0.62)
 # A target this close, in strain or in stress over kn, is reached.
 REACHED = 1e-15

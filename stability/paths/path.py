@@ -119,7 +119,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Path(Shown):
-    """Path that `follow` returns for a loop: a row at every event and, as `rows` asks, between.
+    """Path that `follow` returns for a loop: a row at every event and, with `rows`, between.
 
     Components in the order (11, 12, 21, 22); forces, stresses and strains positive in compression.
     Contacts that were added on the way are open before.
@@ -129,7 +129,7 @@ class Path(Shown):
     status : str
         'finished'; 'control_limit': the control has no continuation where the loading parameter
         reaches an extremum; 'no_solution': the rate problem has none; 'no_load': the loop has come
-        apart and carries no force; 'opposite_contact': stopped there as asked; 'lost': the
+        apart and carries no force; 'opposite_contact': stopped there, by the option; 'lost': the
         integration failed, see `message`.
     message : str
         The status in words.

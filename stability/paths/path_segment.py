@@ -34,12 +34,12 @@ SAMPLES = np.linspace(0.0, 1.0, 5)
 ILL_CONDITIONED = 1e6
 # Steps after which the integrator has found its step size.
 SETTLED = 4
-# Longest step, over the size of the strains, at which the integrator is said to stall.
+# Longest step, over the size of the strains, at which the integrator stalls.
 STALLED = 1e-7
 # Evaluations after which a step is given up: forty sizes, each at most a fifth of the one before.
 EVALUATIONS = 480
-# Integrating a part of a step again takes a few steps; one below this share of the way tells of a
-# singular point.
+# Integrating a part of a step again takes a few steps; one below this share of the way is due
+# to a singular point.
 CREEPS = 1e-2
 # Event functions this close to zero where another event is located have their event there too.
 SIMULTANEOUS = 1e-11

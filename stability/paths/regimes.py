@@ -99,17 +99,17 @@ def edge_problem(
         rates = StateRates(model, state, chosen, programme, gauge).raw_rates
         _, shear, strength = edge_rates(model.law, contacts, chosen.side, rates.un, rates.ut)
         # A contact that never slides has no strength to compare with.
-        strength = np.where(np.isfinite(model.mu), strength, 0.0)[orbits.asked]
+        strength = np.where(np.isfinite(model.mu), strength, 0.0)[orbits.representatives]
         edge = EdgeRates(
-            model.stiffness * rates.un[orbits.asked],
-            shear[orbits.asked],
+            model.stiffness * rates.un[orbits.representatives],
+            shear[orbits.representatives],
             np.where(inside, np.inf, strength),
         )
         return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted)
 
     wanted = first_choices(model, orbits, preferred)
     first = []
-    for c, can in zip(orbits.asked.tolist(), orbits.options, strict=True):
+    for c, can in zip(orbits.representatives.tolist(), orbits.options, strict=True):
         regime = Regime(int(mode.regime[c]))
         present = Choice(regime, float(mode.side[c]) if regime == Regime.SLIDING else 0.0)
         choice = wanted.get(c, present)
@@ -167,7 +167,7 @@ def law_marks(model: PathModel, contacts: ContactState) -> list[Floats]:
 
 
 def keeps_control(programme: Programme, maps: Floats) -> Flags:
-    """Orthogonal maps (S, 2, 2) under which a programme asks for the same, (S,).
+    """Orthogonal maps (S, 2, 2) under which a programme controls the same, (S,).
 
     `H'` and `P'` turn as tensors; the equations of the programme, rates included, must span the
     same rows. The row of constant area does so by itself: `det F` is no matter of the frame.
@@ -190,12 +190,12 @@ def keeps_control(programme: Programme, maps: Floats) -> Flags:
 class EdgeOrbits:
     """Orbits of contacts at the edge: one contact of each takes a choice, the others follow.
 
-    `asked` (m,): First contact of every orbit; `options`: Its regimes; `contacts` (E,): All
-    contacts of these orbits; `orbit` (E,): Orbit of each; `sign` (E,): Factor from the side of the
-    orbit's first contact to its own.
+    `representatives` (m,): First contact of every orbit; `options`: Its regimes; `contacts` (E,):
+    All contacts of these orbits; `orbit` (E,): Orbit of each; `sign` (E,): Factor from the side of
+    the orbit's first contact to its own.
     """
 
-    asked: Integers
+    representatives: Integers
     options: tuple[tuple[Choice, ...], ...]
     contacts: Integers
     orbit: Integers
@@ -223,10 +223,10 @@ def edge_orbits(model: PathModel, options: Mapping[int, tuple[Choice, ...]]) -> 
     allowed: dict[int, tuple[Choice, ...]] = {}
     for c, can in options.items():
         allowed.setdefault(int(first[c]), _carried(can, float(parity[c])))
-    asked = np.array(list(allowed), dtype=np.int64)
-    contacts = np.flatnonzero(np.isin(first, asked))
-    orbit = np.argsort(asked)[np.searchsorted(np.sort(asked), first[contacts])]
-    return EdgeOrbits(asked, tuple(allowed.values()), contacts, orbit, parity[contacts])
+    representatives = np.array(list(allowed), dtype=np.int64)
+    contacts = np.flatnonzero(np.isin(first, representatives))
+    orbit = np.argsort(representatives)[np.searchsorted(np.sort(representatives), first[contacts])]
+    return EdgeOrbits(representatives, tuple(allowed.values()), contacts, orbit, parity[contacts])
 
 
 def first_choices(
@@ -239,7 +239,9 @@ def first_choices(
     for c, k, sign in zip(orbits.contacts, orbits.orbit, orbits.sign, strict=True):
         choice = preferred.get(int(c))
         if choice is not None:
-            first.setdefault(int(orbits.asked[k]), Choice(choice.regime, sign * choice.side))
+            first.setdefault(
+                int(orbits.representatives[k]), Choice(choice.regime, sign * choice.side)
+            )
     return first
 
 

@@ -38,7 +38,7 @@ from stability.programmes import Programme
 # Loops longer than this are not searched for branching points.
 MOST_GRAINS = 60
 # Below this determinant of a contact's block, in units of kn^2, its compliance is not used: the
-# rates would carry a noise of 1e-16 over it, which the integrator can't tell from their change.
+# rates would carry a noise of 1e-16 over it, which the integrator takes for their change.
 # In long loops, where the other equations cost the cube of the length, some noise is put up with.
 SOFT_BLOCK, SOFT_BLOCK_LONG, LONG = 0.1, 1e-3, 24
 # Gauge in which the loading parameter grows by one per unit of time, see `StateRates`.
