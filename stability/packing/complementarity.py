@@ -78,11 +78,10 @@ def solve_from(q: Floats, M: Floats, active: Flags) -> Flags | None:
 def nearest_regimes(q: Floats, M: Floats) -> Flags:
     """Active set for a problem without a solution: a few contacts are kept from sliding.
 
-    Those kept are the worst third of the contacts that disagree, again until the others have a
-    solution; none slides if there is no such part.
+    First those that soften on their own (`M_cc <= 0`), then the worst third of those that disagree,
+    again until the others have a solution; none slides if no others are left.
     """
-    active, allowed = np.zeros((2, len(q)), dtype=bool)
-    allowed[:] = True
+    active, allowed = np.zeros(len(q), dtype=bool), np.diag(M) > 0
     while allowed.any():
         kept = np.flatnonzero(allowed)
         part, block = q[kept], M[np.ix_(kept, kept)]
@@ -211,15 +210,14 @@ def _every_solution(q: Floats, M: Floats) -> list[tuple[Flags, Floats]]:
 
 
 def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
-    """Flip every wrong sign until none is left or nothing improves; the best set, what is wrong."""
-    best, least, poor = active, len(q) + 1, 0
+    """Flip every wrong sign until none is left; the best set met, how many signs are wrong."""
+    best, least = active, len(q) + 1
     for _ in range(NEWTON_STEPS):
         values = basic_values(q, M, active)
         wrong = ~(values >= -SIGN * np.abs(q).max())
         if (count := int(np.count_nonzero(wrong))) < least:
-            best, least, poor = active, count, 0
-        poor += 1
-        if count == 0 or poor > 5 or np.isnan(values).any():
+            best, least = active, count
+        if count == 0 or np.isnan(values).any():
             break
         active = active ^ wrong
     return best, least

@@ -141,15 +141,13 @@ def stiffness_of(edge: YieldEdge, active: Flags) -> Floats:
     return blocks
 
 
-def linear_answer(
-    edge: YieldEdge, active: Flags, refinements: int = 8, factor: Factor | None = None
-) -> LinearAnswer:
+def linear_answer(edge: YieldEdge, active: Flags, factor: Factor | None = None) -> LinearAnswer:
     """Answer the four unit strains with the active candidates sliding; factorise unless given."""
     system, blocks = edge.system, stiffness_of(edge, active)
     factor = factor or factorised(system, blocks)
     affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
     loads = balancing_forces(system, blocks @ affine)
-    motion = factor.solve(loads, refinements=refinements)
+    motion = factor.solve(loads)
     relative = relative_motion(system, motion, UNIT_STRAINS)
     forces = -blocks @ relative
     stress = stress_rate(system, forces).reshape(4, 4)

@@ -14,6 +14,7 @@ from loops.graph import GrainGraph, branch_vectors
 from loops.laws.protocol import ContactLaw, Regime
 from loops.packing import PackingSystem, PlaneContacts, balancing_forces
 from stability.packing.complementarity import (
+    SIGN,
     STARTS,
     Complementarity,
     nearest_regimes,
@@ -41,8 +42,6 @@ MECHANISM = "mechanism"
 # In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
 HELD_STUCK = "two-contact grains stick"
 
-# Wrong signs below this share of the largest rate are rounding.
-AGREEMENT = 1e-7
 # Forces left out of balance beyond this share: a mechanism that no regime stops.
 TRUSTED = 1e-6
 # Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
@@ -211,7 +210,7 @@ class PackingRates:
         relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
         wrong = sided(edge, active, relative)
         scale = np.abs(wrong).max(initial=0.0)
-        disagreeing = wrong < -AGREEMENT * scale
+        disagreeing = wrong < -SIGN * scale
         if found.proof == HELD_STUCK:
             disagreeing &= ~edge.of_two
         lawful = stiffness_of(edge, active ^ disagreeing)
@@ -268,15 +267,15 @@ def regimes_by_parts(
     active = free.copy()
     best, least = active, len(active) + 1
     for _ in range(ROUNDS):
-        answer = linear_answer(edge, active, refinements=1)
+        answer = linear_answer(edge, active)
         values = sided(edge, active, answer.relative @ controlled_strain(answer, control))
-        wrong = free & (values < -AGREEMENT * np.abs(values).max(initial=0.0))
+        wrong = free & (values < -SIGN * np.abs(values).max(initial=0.0))
         count = int(np.count_nonzero(wrong))
         improves = count < 0.7 * least
         if count < least:
             best, least = active, count
         if count == 0:
-            return active, linear_answer(edge, active, factor=answer.factor), True
+            return active, answer, True
         active = active.copy()
         chosen = np.intersect1d(_near(edge, wrong), np.flatnonzero(free))
         if improves or len(chosen) > CONDENSED // 2:

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from stability.packing.complementarity import lemke, solve_complementarity, solve_from, violation
+from stability.packing import complementarity
+from stability.packing.complementarity import (
+    basic_values,
+    lemke,
+    nearest_regimes,
+    solve_complementarity,
+    solve_from,
+    violation,
+)
 
 
 def random_problem(m, seed):
@@ -52,3 +60,45 @@ def test_two_solutions_are_found_from_different_starts():
     found = solve_complementarity(q, M)
     assert len(found.active) == 2 and found.proof == ""
     assert not found.active[0][-1] and found.active[1][-1]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 4, 9])
+def test_only_the_contact_that_softens_is_kept_from_sliding(seed):
+    """Its slip would load all others, whose own problem has a solution."""
+    q, M = random_problem(20, seed)
+    q, M = np.append(q, -1.0), np.pad(M, (0, 1))
+    M[-1, -1], M[:-1, -1] = -0.5, 2 * np.random.default_rng(seed).normal(size=20)
+    values = basic_values(q, M, nearest_regimes(q, M))
+    assert values[-1] == pytest.approx(-1.0) and (values[:-1] >= 0).all()
+
+
+def test_where_every_contact_softens_none_slides():
+    active = nearest_regimes(np.array([-1.0, 0.5]), np.array([[-1.0, 0.2], [0.0, -0.5]]))
+    assert not active.any()
+
+
+@pytest.mark.parametrize("enumerated", [12, 0])
+def test_a_wrong_sign_within_a_billionth_is_rounding(enumerated, monkeypatch):
+    monkeypatch.setattr(complementarity, "ENUMERATED", enumerated)
+    for wrong, slides in ((1e-10, False), (1e-8, True)):
+        found = solve_complementarity(np.array([1.0, -wrong]), np.eye(2), 1)
+        assert found.active.tolist()[0] == [False, slides]
+
+
+def test_a_continuum_of_solutions_is_several():
+    """Two contacts share one slip; a pair that slides freely, whose other end is open."""
+    shared = solve_complementarity(-np.ones(2), np.ones((2, 2)))
+    assert len(shared.active) == 3 and shared.active[0].all()
+    free = solve_complementarity(np.array([0.0, 0.0, 1.0]), np.diag([0.0, 0.0, 1.0]))
+    assert len(free.active) > 1
+    none = solve_complementarity(np.array([-1.0, 1.0]), np.ones((2, 2)) - 1.0)
+    assert len(none.active) == 0 and none.proof == "enumeration"
+
+
+def test_a_singular_block_is_no_solution_of_the_search():
+    """What slides there would slide without end, kept by rounding alone."""
+    block = np.array([[1.0, -1.0], [-1.0, 1.0 + 1e-13]])
+    q, M = np.append(np.ones(11), [-1.0, -1.0]), np.eye(13)
+    M[-2:, -2:] = block
+    assert solve_from(q, M, np.append(np.zeros(11, bool), [True, True])) is None
+    assert len(solve_complementarity(q, M).active) == 0

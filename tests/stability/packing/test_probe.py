@@ -272,6 +272,13 @@ def test_pieces_hold_up_to_the_ends_of_their_arcs_and_join_there(control):
         assert np.allclose((answer(next_) - answer(own)) @ at_angle(arc[1])[0], 0, atol=1e-4)
 
 
+def test_a_rate_that_vanishes_at_the_end_of_an_arc_agrees_with_either_regime():
+    graph = packing(30, seed=6, sliding=0.3)
+    ends = probe(graph, LAW, 36).arcs[:, 1]
+    found = probe(graph, LAW, np.column_stack([np.cos(ends), np.sin(ends)]))
+    assert found.determined.all() and (found.disagreeing == 0).all() and len(ends) > 20
+
+
 def test_where_there_is_no_solution_nothing_is_said():
     found = probe(under_load(0, 0.3), LAW, 72)
     unknown = ~found.determined

@@ -17,6 +17,7 @@ from loops import (
     contact_state,
     contact_tangent,
 )
+from loops.packing import PlaneContacts
 from stability.packing import packing_response, response
 from tests.oracles.cohesive import Cohesive
 from tests.packings import LAW, balanced, packing, step
@@ -173,22 +174,76 @@ def test_what_carries_nothing_changes_nothing():
     assert (two.force_rate[-2:] == 0).all()
 
 
-def test_a_mechanism_is_never_called_a_solution():
-    # Frictionless and below four contacts a grain: most strains move grains that nothing holds.
-    graph = packing(30, seed=2)
-    loose = graph.replace(shear_force=np.zeros(graph.contact_count))
-    kept = np.sort(np.random.default_rng(0).permutation(graph.contact_count)[:45])
-    thin = GrainGraph(
-        x=loose.x,
-        radii=loose.radii,
-        contacts=loose.contacts[kept],
-        normal_force=loose.normal_force[kept],
-        images=loose.images[kept],
-        cell=loose.cell,
+@pytest.mark.parametrize("mu", [0.25, np.inf])
+def test_a_strain_that_moves_a_mechanism_is_not_converged(mu):
+    """A square lattice of large and small discs: turning by turns, they load no contact."""
+    number = np.arange(16).reshape(4, 4)
+    pairs = [(number, np.roll(number, -1, axis)) for axis in (0, 1)]
+    images = [np.zeros((4, 4, 2), dtype=int) for _ in pairs]
+    images[0][-1, :, 0] = images[1][:, -1, 1] = 1
+    i, j = np.divmod(number.ravel(), 4)
+    graph = GrainGraph(
+        x=0.98 * np.column_stack([i, j]),
+        radii=np.where((i + j) % 2, 0.6, 0.4),
+        contacts=np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in pairs]),
+        images=np.concatenate(images).reshape(-1, 2),
+        cell=0.98 * 4 * np.eye(2),
+        normal_force=np.full(32, 0.02),
+        shear_force=np.repeat([0.005, -0.005], 16),
     )
-    found = packing_response(thin, LinearFrictional(1.0, 0.5, 0.0), H)
-    assert found.residual < 1e-6 or found.status == "not converged"
-    assert np.isfinite(found.force_rate).all()
+    law = LinearFrictional(1.0, 0.5, mu)
+    for strain in (np.diag([1.0, 0.0]), H):
+        found = packing_response(graph, law, strain)
+        assert (found.status, found.proof) == ("not converged", "mechanism")
+        assert found.residual > 1e-3
+    assert found.candidates == (32 if mu == 0.25 else 0)
+
+
+def with_ratio(graph, contact, share):
+    """The packing with one contact at a share of its strength, the others without shear force."""
+    shear = np.zeros(graph.contact_count)
+    shear[contact] = share * LAW.mu * graph.normal_force[contact]
+    return graph.replace(shear_force=shear)
+
+
+def test_contacts_of_a_grain_with_two_are_candidates_from_their_full_strength_on():
+    graph = packing(24, seed=0)
+    degree = np.bincount(graph.contacts.ravel())
+    grain = int(np.flatnonzero(degree == 2)[0])
+    of_two = int(np.flatnonzero((graph.contacts == grain).any(axis=1))[0])
+    of_more = int(np.flatnonzero((degree[graph.contacts] > 2).all(axis=1))[0])
+    for contact, share, counts in (
+        (of_more, 0.995, (1, 0)),
+        (of_two, 0.995, (0, 1)),
+        (of_two, 1.0 - 1e-7, (1, 0)),
+        (of_two, 1.0 - 1e-5, (0, 1)),
+    ):
+        found = packing_response(with_ratio(graph, contact, share), LAW, H)
+        assert (found.candidates, found.settled) == counts
+    # A wall is a third contact.
+    wall = PlaneContacts(np.array([grain]), np.array([[0.0, 0.4]]), np.ones(1), np.zeros(1))
+    found = packing_response(with_ratio(graph, of_two, 0.995), LAW, H, planes=wall)
+    assert (found.candidates, found.settled) == (1, 0)
+
+
+@pytest.mark.parametrize("condensed", [600, 5])
+def test_contacts_of_a_grain_with_two_stick_where_nothing_is_found_otherwise(
+    condensed, monkeypatch
+):
+    monkeypatch.setattr(response, "CONDENSED", condensed)
+    graph = packing(30, seed=3, sliding=0.3)
+    found = packing_response(graph, LAW, H)
+    assert (found.status, found.proof) == ("one found", "two-contact grains stick")
+    assert (found.candidates, found.settled, found.disagreeing) == (18, 2, 0)
+    degree = np.bincount(graph.contacts.ravel())
+    of_two = (degree[graph.contacts] == 2).any(axis=1)
+    assert (found.regime[of_two] == Regime.ELASTIC).all()
+    # Without them it is a solution like any other.
+    shear = np.where(of_two, 0.9, 1.0) * graph.shear_force
+    stuck = packing_response(graph.replace(shear_force=shear), LAW, H)
+    proved = ("unique", "positive definite") if condensed == 600 else ("one found", "")
+    assert (stuck.status, stuck.proof, stuck.settled) == (*proved, 0)
+    assert np.array_equal(stuck.regime, found.regime)
 
 
 def test_contacts_that_all_stand_at_yield():
