@@ -5,7 +5,7 @@ import pytest
 
 from loops import LinearFrictional, branch_vectors, find_faces, love_weber_stress
 from stability.packing import loop_rates, packing_response
-from tests.packings import LAW, balanced, packing, with_idle_triangle
+from tests.packings import LAW, balanced, packing, touching_lattice, with_idle_triangle
 
 H = np.array([[0.8, 0.3], [-0.1, -0.5]])
 
@@ -69,6 +69,18 @@ def test_times_of_opening_and_closing_are_those_of_straight_motion():
             assert len(times) > 1 or gap < 0 or np.isinf(loops.closing[row])
     assert np.isfinite(loops.closing).sum() > 3 and np.isfinite(loops.opening).sum() > 3
     assert np.isinf(loops.closing[np.diff(faces.offsets)[faces.loops] == 3]).all()
+
+
+@pytest.mark.parametrize(("degrees", "closes"), [(35.0, True), (29.0, False)])
+def test_grains_that_overlap_without_a_contact_have_no_gap_to_close(degrees, closes):
+    half = np.radians(degrees)
+    sides = [[np.cos(half)] * 2, [np.sin(half), -np.sin(half)]]
+    graph = touching_lattice(sides, [(1, 0), (0, 1)], (2, 2))
+    found = packing_response(graph, LAW, np.diag([-1.0, 1.0]))
+    closing = loop_rates(found, find_faces(graph)).closing
+    height = 2 * 0.99 * np.sin(half)
+    # Affine: the height of the diamond shrinks by its own length in the unit of time.
+    assert np.allclose(closing, (height - 1.0) / height if closes else np.inf)
 
 
 def test_loops_of_what_carries_nothing_have_no_rates():
