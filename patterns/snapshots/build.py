@@ -224,7 +224,7 @@ def _law(
     rows: Integers,
     forces: tuple[Floats, Floats],
     parameters: Parameters,
-    told: ShearIncrement | None,
+    of_source: ShearIncrement | None,
     notes: list[str],
 ) -> tuple[LinearFrictional, NDArray[np.int8]]:
     """Law and regime of every contact; assumptions are added to the notes.
@@ -252,14 +252,14 @@ def _law(
         if sliding.any():
             notes.append("no column 'mu': friction of sliding contacts taken as |T|/N")
     given = parameters.shear_increment
-    increment = given or told or "branch"
-    if given is None and told == "radii":
+    increment = given or of_source or "branch"
+    if given is None and of_source == "radii":
         notes.append(
             "shear increment 'radii', Yade's default: --shear-increment branch if the simulation "
             "had avoidGranularRatcheting=False"
         )
-    elif given is not None and "radii" in (given, told):
-        other = "" if told in (None, given) else f", not {told!r}"
+    elif given is not None and "radii" in (given, of_source):
+        other = "" if of_source in (None, given) else f", not {of_source!r}"
         notes.append(f"shear increment {given!r} as given{other}")
     regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
     return LinearFrictional(kn=kn, kt=kt, mu=mu, shear_increment=increment), regime

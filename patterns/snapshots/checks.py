@@ -33,7 +33,7 @@ BALANCE = 0.1
 SHEAR_TURNED = 0.3
 # Residual left at both grains when one contact is turned, over the change: clean 0.48 and more.
 CONTACT_TURNED = 0.3
-# That change over the median residual of a grain, below which a contact can't be told.
+# That change over the median residual of a grain, below which a contact is not judged.
 TOLD = 20.0
 # The same in mean normal forces, where grains are balanced to rounding.
 WEAKEST = 1e-3
@@ -77,7 +77,7 @@ REPEATED = 0.5
 RIM = 0.05
 # Change of T over kt times slip, between snapshots: clean 1 to 1e-7 in steps of 2e-5 of strain.
 KT = 0.1
-# Share of the contacts whose change of T must agree to KT before it tells kt.
+# Share of the contacts whose change of T must agree to KT for a judgement on kt.
 AGREEING = 0.5
 # Contacts to which unknown rotations are fitted at most, and how often they are weighted anew.
 FITTED, REWEIGHTED = 50_000, 12
@@ -627,7 +627,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     agreeing = max(1 - wrong / spare, 0.0)
     if agreeing < AGREEING:
         says = f"T of {100 * agreeing:.3g} % of the contacts follows the motion since the snapshot "
-        return Finding("kt", agreeing, f"{says}before: too long a step to tell kt")
+        return Finding("kt", agreeing, f"{says}before: the step is too long to check kt")
     says = f"T changed by {factor:.4g} times kt times the slip since the snapshot before (median)"
     return Finding("kt", factor, says).doubt(
         f": kt is too {'small' if factor > 1 else 'large'}",

@@ -33,7 +33,7 @@ NONE = "none"  # entry of a column map for a column that the file lacks
 # Relative tolerance of positions, sizes and directions: dumps have six digits or more.
 TOLERANCE = 1e-3
 KNOWN = 0.5  # share of a column that must be ids of grains
-AGREEING = 0.5  # share of its rows that tells what a column holds
+AGREEING = 0.5  # least share of rows that fit, by which a column is recognised
 # Centres of a pair are at most this many times the sum of the radii apart: pair lists may hold
 # neighbours beside contacts.
 PAIR_REACH = 1.5

@@ -396,7 +396,7 @@ def contact_rows(
     if len(again) == len(rows):
         notes.append(f"each contact in two rows: {2 * len(rows)} rows, {len(rows)} contacts")
     elif len(again):
-        notes.append(f"{len(again)} contacts stand there twice and were taken once")
+        notes.append(f"{len(again)} contacts are in two rows and were taken once")
     if len(again):
         same = pairs.i[again] == pairs.i[first]
         off = np.zeros(1)

@@ -1,4 +1,4 @@
-"""The formats of snapshots: told by the content of a file, and read."""
+"""The formats of snapshots: recognised by the content of a file, and read."""
 
 from __future__ import annotations
 
@@ -122,8 +122,8 @@ def read_snapshot(
     ------
     InputError
         For a missing, empty or truncated file, a missing column, a value that is no finite
-        number, coincident grains, an id that is unknown or stands there twice, a radius that is
-        not positive, a contact that stands there twice, a cell that does not fit, no contacts, a
+        number, coincident grains, an id that is unknown or repeated, a radius that is
+        not positive, a repeated contact, a cell that does not fit, no contacts, a
         packing in three dimensions, forces without a stiffness, several snapshots and no `frame`.
 
     Examples

@@ -69,8 +69,7 @@ class Frame:
     `grains` may have `z`, which must be one plane, and `theta_z` (rad); of a wall the branch starts
     at its foot, the contact point. Columns of `cell` (2, 2) are its vectors (length); `step` is the
     code's own number, a step, iteration or time; `notes` name guesses and missing data, `findings`
-    are those of the reader, and `shear_increment` is what the code turns shear by, where the source
-    tells it.
+    are those of the reader, and `shear_increment` is that of the code, if the source has it.
     """
 
     grains: Table
@@ -164,7 +163,7 @@ class Listing:
         return self.span[0] == self.span[1] and not self.count
 
     def read(self, wanted: Sequence[str] | None = None) -> Table:
-        """Columns of the rows, all of them if not told which."""
+        """Columns of the rows, those `wanted` or all."""
         table = None
         if self.span[0] < self.span[1]:
             columns = self.names if wanted is None else wanted
@@ -195,7 +194,7 @@ def paired(
     tolerance: float = 0.0,
     notes: Notes = (),
 ) -> Frames:
-    """Snapshots of grains with their contacts, `by` step or time; what is wrong is told on reading.
+    """Snapshots of grains with their contacts, `by` step or time; errors are raised on reading.
 
     Those without contacts, as before the grains meet, are left out.
     """

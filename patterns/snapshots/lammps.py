@@ -43,7 +43,7 @@ from patterns.snapshots.tables import Table
 from patterns.snapshots.text import listed
 
 MOST_COLUMNS = 100  # columns among which vectors are looked for
-DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be told apart"
+DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be separated"
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -54,8 +54,8 @@ def recognises(path: Path, head: bytes) -> bool:
 def frames(source: Source) -> Frames:
     """Frames of a dump of atoms with the dump of their contacts, as docs/lammps.md has them.
 
-    Columns of contacts are told from the grains, or by a map of `CONTACT_NAMES`; walls are the
-    per-atom columns of `fix wall/gran ... contacts`.
+    Columns of contacts are recognised from the grains, or given by a map of `CONTACT_NAMES`; walls
+    are the per-atom columns of `fix wall/gran ... contacts`.
     """
     check_names(source, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
     return frames_of_dumps(source, partial(_frame, source))
@@ -79,9 +79,9 @@ def _frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Fr
     found = [(name, columns[name]) for name in CONTACT_NAMES if name in columns]
     shown = ", ".join(f"{name}={column}" for name, column in found if column != NONE)
     given = all(name in source.columns or name == column for name, column in found)
-    told = f"columns{'' if given else ' guessed'}: {shown}"
-    told += "" if given else "; give --columns to overrule"
-    said = (told, *notes, *cell_notes, *force_notes, *wall_notes)
+    columns_note = f"columns{'' if given else ' guessed'}: {shown}"
+    columns_note += "" if given else "; give --columns to overrule"
+    said = (columns_note, *notes, *cell_notes, *force_notes, *wall_notes)
     return frame_of_pairs((own, local), atoms, space, pairs, forces, walls, said)
 
 
@@ -98,7 +98,7 @@ def guess_columns(
         raise InputError(
             table.path,
             f"{len(table.names)} columns",
-            f"at most {MOST_COLUMNS} to tell apart",
+            f"at most {MOST_COLUMNS} to recognise columns in",
             "Name them: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN,p1=COLUMN,p2=COLUMN.",
         )
     free = [name for name in table.names if name != "index"]
@@ -108,7 +108,7 @@ def guess_columns(
     ids = find_ids(table, atoms, space, columns, choices, expected, "")
     search = ColumnSearch(table, columns)
     pairs = _branches(search, atoms, space, *ids)
-    return columns, pairs, *_told_forces(search, pairs)
+    return columns, pairs, *_find_forces(search, pairs)
 
 
 def _branches(search: ColumnSearch, atoms: Atoms, space: Space, i: Integers, j: Integers) -> Pairs:
@@ -136,7 +136,7 @@ def _branches(search: ColumnSearch, atoms: Atoms, space: Space, i: Integers, j: 
     return pairs
 
 
-def _told_forces(search: ColumnSearch, pairs: Pairs) -> tuple[Floats | None, Floats | None]:
+def _find_forces(search: ColumnSearch, pairs: Pairs) -> tuple[Floats | None, Floats | None]:
     """Normal and tangential force on atom 1, None for what the dump lacks."""
     n = normals(pairs.d)
 
@@ -159,7 +159,7 @@ def _told_forces(search: ColumnSearch, pairs: Pairs) -> tuple[Floats | None, Flo
 
 
 def _require_nothing_left(search: ColumnSearch) -> None:
-    """Raise `InputError` if columns that may be forces are left, and nobody said they aren't."""
+    """Raise `InputError` if columns may be forces and the map does not exclude them."""
     rest = [
         name for name in search.free() if (np.rint(search.data[name]) != search.data[name]).any()
     ]

@@ -47,7 +47,7 @@ COARSE = 9
 CELL_STEPS = 5  # of Newton's method for the cell; it converges in two
 # Overlaps must fit the cell to this share of its size, better than the header.
 FIT = 1e-7
-PRECISE = 1e-6  # overlaps are small: they are told from other columns by more
+PRECISE = 1e-6  # tolerance of overlaps, small numbers that other columns may come near
 # LIGGGHTS' `pair/gran/local`: columns have no names, but an order, whatever that of the keywords:
 # pos (6), vel (6), id (3: two ids and the periodic flag), force (3), force_normal (3),
 # force_tangential (3), torque (3), torque_normal (3), torque_tangential (3), history (as the
@@ -220,7 +220,7 @@ def _force(table: Table, pairs: Pairs, columns: Map, first: int) -> Floats | Non
 
 
 def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
-    """Add the columns of the force to the map, told by their directions."""
+    """Add the columns of the force to the map, recognised by their directions."""
     names = table.names
     groups = [names[at : at + 2] for at in (first, first + 3, first + 6) if at + 2 < len(names)]
     vectors = [table.columns(*group) for group in groups]
@@ -277,7 +277,7 @@ def _small(vector: Floats, scale: Floats) -> bool:
 
 
 def _overlap(table: Table, atoms: Atoms, pairs: Pairs, columns: Map, first: int) -> Floats | None:
-    """Overlaps of the contacts, told by those that cross no border."""
+    """Overlaps of the contacts; their column is recognised by contacts that cross no border."""
     if columns.get("delta") == NONE:
         return None
     inside = ~pairs.images.any(axis=1)

@@ -255,8 +255,8 @@ def _walls(
 ) -> tuple[Wall, ...]:
     """Contacts with walls by their numbers; the normal runs into the wall, or out of it.
 
-    MercuryDPM turns normal and tangent of walls around; which way they point is told by the
-    contact point, and the force with them.
+    MercuryDPM turns normal and tangent of walls around: their sense, and that of the force, follows
+    from the contact point.
     """
     rows = np.flatnonzero(j < 0)
     if len(rows) == 0:

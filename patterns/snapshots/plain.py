@@ -110,10 +110,10 @@ def _cell_beside(path: Path) -> tuple[Floats | None, float | None, ShearIncremen
     if not file.is_file():
         return None, None, None
     try:
-        told = json.loads(file.read_text())
-        cell = None if told["cell"] is None else np.array(told["cell"], dtype=float)
-        step = None if told.get("iteration") is None else float(told["iteration"])
-        increment = told.get("shear_increment")
+        given = json.loads(file.read_text())
+        cell = None if given["cell"] is None else np.array(given["cell"], dtype=float)
+        step = None if given.get("iteration") is None else float(given["iteration"])
+        increment = given.get("shear_increment")
         return cell, step, None if increment is None else checked_increment(increment)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError) as error:
         raise InputError(
@@ -162,15 +162,15 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
     _write(path, grains)
     _write(path.with_name(path.name.replace("grains", "contacts")), _contacts(snapshot))
     cell = path.with_name(path.name.replace("grains", "cell").removesuffix(path.suffix) + ".json")
-    told: dict[str, object] = {"cell": None if graph.cell is None else graph.cell.tolist()}
+    given: dict[str, object] = {"cell": None if graph.cell is None else graph.cell.tolist()}
     if snapshot.law is not None and snapshot.law.shear_increment != "branch":
-        told["shear_increment"] = snapshot.law.shear_increment
-    if told == {"cell": None}:
+        given["shear_increment"] = snapshot.law.shear_increment
+    if given == {"cell": None}:
         # The cell of an earlier snapshot of this name would be taken for this one's.
         cell.unlink(missing_ok=True)
     else:
         partial = cell.with_name(f".{cell.name}.partial")
-        partial.write_text(json.dumps(told) + "\n")
+        partial.write_text(json.dumps(given) + "\n")
         os.replace(partial, cell)
 
 

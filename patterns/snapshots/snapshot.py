@@ -28,7 +28,7 @@ class WallContacts:
     branch : (W, 2) array
         From the foot on the wall to the centre of the grain (length).
     kn, kt : (W,) array, optional
-        Stiffness, where the file tells it; `kt` is zero where nothing sticks to the wall.
+        Stiffness, if the file has it; `kt` is zero where nothing sticks to the wall.
     """
 
     grain: NDArray[np.int64]
@@ -59,7 +59,7 @@ class Snapshot(Shown):
     notes : tuple of str
         Assumptions and omissions, for the reader of the results.
     walls : WallContacts or None
-        Forces of the walls, None if the file does not tell them.
+        Forces of the walls, None if the file has none.
     step : float or None
         The code's own number of the snapshot.
     findings : tuple of Finding
@@ -86,8 +86,8 @@ class Snapshot(Shown):
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
-        told = {**self.graph.facts(), "contacts with walls": self.wall_contacts}
-        return {**told, "forces": "known" if self.mechanical else "none", "notes": len(self.notes)}
+        facts = {**self.graph.facts(), "contacts with walls": self.wall_contacts}
+        return {**facts, "forces": "known" if self.mechanical else "none", "notes": len(self.notes)}
 
     @property
     def mechanical(self) -> bool:

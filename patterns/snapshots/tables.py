@@ -178,7 +178,7 @@ def _joined(column: pyarrow.ChunkedArray) -> NDArray[Any]:
 
 
 def require_once(path: str, names: Sequence[str]) -> None:
-    """Raise `InputError` for a name that stands there twice."""
+    """Raise `InputError` for a repeated name."""
     if len(set(names)) == len(names):
         return
     repeated = next(name for name, count in Counter(names).items() if count > 1)

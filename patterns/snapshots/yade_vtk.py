@@ -91,7 +91,7 @@ def _check_legacy(path: Path, content: bytes) -> tuple[int, int, int]:
     require_line_end(str(path), content, len(content))
     if b"\nASCII\n" not in content[:512].replace(b"\r", b""):
         received = "no ASCII legacy VTK file"
-        remedy = "Write .vtu and .vtp by VTKRecorder, or see docs/yade.md."
+        remedy = "Write it as text, see docs/yade.md."
         raise InputError(str(path), received, "polydata as export.VTKExporter writes it", remedy)
     words = re.findall(rb"^([A-Z_]{4,})\b", content, re.M)
     counts = {kind: numbers.split() for kind, numbers in COUNTS.findall(content)}
@@ -176,7 +176,7 @@ def _refuse_rows(path: Path, section: bytes, rows: int, wanted: int, name: bytes
         f"{wanted} lines and {values}",
         "a value a line",
         "In a periodic cell Yade's recorder writes two values for a contact across the border and "
-        "no line, so that values and lines can't be told apart: export tables from inside Yade, "
+        "no line, so that values can't be assigned to lines: export tables from inside Yade, "
         "see docs/yade.md.",
     )
 
@@ -330,7 +330,7 @@ def refuse_strays(lines: VtkData, ends: Integers) -> None:
             str(lines.path),
             f"{strays} of {len(ends)} lines that end at no sphere",
             "contacts between spheres of the other file",
-            "Contacts across a periodic border or with walls can't be told apart here, and files "
+            "Contacts across a periodic border or with walls can't be recognised here, and files "
             f"of two snapshots look like this too. {EXPORT_TABLES}",
         )
 

@@ -105,7 +105,7 @@ def test_decimal_commas_between_commas_are_named(tmp_path):
         read_snapshot(tmp_path / "grains_1.csv")
 
 
-def test_a_table_without_a_header_says_so(tmp_path):
+def test_table_without_a_header_is_refused(tmp_path):
     path = deck(tmp_path, change=lambda written: written.partition("\n")[2])
     with pytest.raises(InputError, match=r"first line of .*numbers, 10,0,0.0.*id,x,y,radius"):
         read_snapshot(path)
@@ -116,13 +116,13 @@ def test_a_folder_is_no_snapshot(tmp_path):
         read_snapshot(tmp_path)
 
 
-def test_contacts_of_another_instant_are_refused(tmp_path):
+def test_contacts_of_another_snapshot_are_refused(tmp_path):
     path = write(tmp_path, GRAINS | {"x": [0.0, 3.0, 3.0, 0.0, -0.5]})
     with pytest.raises(InputError, match="take both tables of one snapshot"):
         read_snapshot(path)
 
 
-def test_scalar_shear_with_the_other_sign_is_told_by_the_balance(tmp_path):
+def test_scalar_shear_with_the_other_sign_is_found_by_the_balance(tmp_path):
     grains, contacts = (pd.read_csv(sample_path(f"{name}_biaxial.csv.gz")) for name in TABLES)
     contacts["ft"] = contacts["ny"] * contacts["fsx"] - contacts["nx"] * contacts["fsy"]
     grains.to_csv(tmp_path / "grains_1.csv", index=False, sep=";", decimal=",")

@@ -59,7 +59,7 @@ def symbolic_operator(operator, L1, L2, L10, L20, alpha, F1, F2, kn, kappa, mu, 
 
 
 @pytest.mark.parametrize("regime", ["elastic", "sliding"])
-def test_force_tangent_is_what_sympy_derives(regime):
+def test_force_tangent_equals_the_derivative_by_sympy(regime):
     alpha0, E1, E2, T, kappa, mu, s = random_diamonds(10, 1000)
     L1, L2, L10, L20, alpha, F1, F2 = sides_and_forces(alpha0, E1, E2, T)
     kn = np.linspace(0.5, 3.0, 1000)
@@ -72,7 +72,7 @@ def test_force_tangent_is_what_sympy_derives(regime):
 
 
 @pytest.mark.parametrize("regime", ["elastic", "sliding"])
-def test_tangent_is_what_sympy_derives(regime):
+def test_tangent_equals_the_derivative_by_sympy(regime):
     alpha0, E1, E2, T, kappa, mu, s = random_diamonds(11, 1000)
     L1, L2, L10, L20, alpha, F1, F2 = sides_and_forces(alpha0, E1, E2, T)
     s1, s2 = stresses(F1, F2, L10, L20)

@@ -50,7 +50,7 @@ def test_regimes_are_read_as_expected(case):
         assert {"oes"[r] for r in regime} == {letter}
 
 
-def test_overlaps_of_stiff_grains_are_what_they_say():
+def test_overlaps_of_stiff_grains_equal_the_value_of_the_case():
     for name in ("stiff-grains", "stiff-sliding-grains", "stiff-sliding-diamond"):
         case = hard_case(name)
         for value in case.values:
@@ -60,7 +60,7 @@ def test_overlaps_of_stiff_grains_are_what_they_say():
             np.testing.assert_allclose(graph.normal_force / touching, value, rtol=1e-14)
 
 
-def test_spokes_a_rounding_apart_make_slivers_and_are_told_apart():
+def test_spokes_a_rounding_apart_are_distinguished():
     case = hard_case("parallel-half-edges")
     for value, letter in zip(case.values, case.expected["loops"], strict=True):
         graph = case.build(value).graph

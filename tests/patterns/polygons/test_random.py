@@ -35,7 +35,7 @@ def turns(loops):
 
 
 @pytest.mark.parametrize(("order", "convex", "polydispersity"), KINDS)
-def test_loops_are_what_they_claim(order, convex, polydispersity):
+def test_loops_have_the_requested_properties(order, convex, polydispersity):
     loops = random_loop(
         order, seed=order, convex=convex, polydispersity=polydispersity, radius=2.0, size=30
     )

@@ -358,7 +358,7 @@ def test_every_limit_has_its_examples():
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.5])
-def test_kt_is_told_without_rotations(factor, monkeypatch):
+def test_kt_is_found_without_rotations(factor, monkeypatch):
     """A contact in fifty slid in between: least squares that weigh it down find the factor."""
     pair = snapshots(factor, 0.02, size=12, rotations=False)
     found = checks.check_kt(*pair)
@@ -372,7 +372,7 @@ def test_kt_is_told_without_rotations(factor, monkeypatch):
     assert checks.check_kt(*pair).number == pytest.approx(factor, rel=1e-2)
 
 
-def test_kt_is_not_told_of_other_grains_or_of_one_state():
+def test_kt_is_not_checked_between_other_grains_or_equal_states():
     before, after = snapshots()
     assert checks.check_kt(before, before) is None
     moved = dataclasses.replace(after, ids=after.ids + 1000)

@@ -155,7 +155,7 @@ def test_fault_of_a_sheared_sample_is_noticed(name, fault, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["directions", "balance", "distances"])
-def test_what_leaves_nothing_meaningful_is_refused(name, tmp_path):
+def test_snapshots_without_meaningful_results_are_refused(name, tmp_path):
     fault = {
         "directions": faults.flip,
         "balance": faults.turn_shear,
@@ -181,7 +181,7 @@ def test_doubts_are_notes(tmp_path):
     assert note.startswith("N is 1e+04 times") and "units differ by 10^4" in note
 
 
-def test_tables_of_two_close_instants(tmp_path):
+def test_tables_of_two_close_snapshots(tmp_path):
     """Contacts 2e-5 of strain after the grains: their normals have 15 digits and tell."""
     folder = Path(__file__).parent / "samples"
     one, two = (folder / f"contacts_slow_0{k}.csv.gz" for k in (2, 3))
@@ -246,7 +246,7 @@ def test_no_alarm_on_samples(path, options):
 
 
 @pytest.mark.parametrize("magnitude", [1.0, 1e-3, 1e6])
-def test_rounding_is_told(magnitude):
+def test_rounding_of_numbers_is_found(magnitude):
     values = magnitude * np.random.default_rng(0).random(500)
     assert rounding(values) < 2e-15 * magnitude
     assert rounding(values.astype(np.float32).astype(float)) == pytest.approx(

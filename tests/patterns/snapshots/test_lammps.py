@@ -50,7 +50,7 @@ def notes(path, **source):
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.2, -0.15])
-def test_what_is_written_is_read_back(tmp_path, tilt):
+def test_written_files_are_read_back(tmp_path, tilt):
     own = packing(tilt=tilt)
     path, _ = write_lammps(tmp_path, own)
     (snapshot,) = read(path)

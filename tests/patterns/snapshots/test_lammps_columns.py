@@ -87,7 +87,7 @@ def test_pairs_written_twice_and_neighbours_are_dropped(tmp_path):
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("adhesion", [False, True])
-def test_whose_force_it_is_is_told_by_its_direction(tmp_path, sign, adhesion):
+def test_grain_of_a_force_is_found_by_its_direction(tmp_path, sign, adhesion):
     """Vectors of atom 2 are turned round; the size says that a packing under tension pulls."""
     own = packing(100)
     if adhesion:

@@ -161,7 +161,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_a_wrong_map_is_told(dumps, case):
+def test_wrong_column_map_is_refused(dumps, case):
     names, taken, message = WRONG[case]
     columns = {name: COLUMN[column] for name, column in zip(names, taken, strict=True)}
     with pytest.raises(InputError, match=message):
@@ -238,7 +238,7 @@ def test_a_damaged_gzip_file(dumps):
             read(zipped, contacts=dumps[1])
 
 
-def test_instants_without_contacts_are_left_out(dumps):
+def test_snapshots_without_contacts_are_left_out(dumps):
     def empty(rows):
         rows[3] = "0"
         del rows[9 : body_of(rows, 1) - 9]

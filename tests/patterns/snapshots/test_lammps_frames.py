@@ -88,7 +88,7 @@ def test_counting_parses_nothing(dumps, parsed):
 
 
 @pytest.mark.parametrize("frame", [0, 2, -1, -COUNT])
-def test_one_instant_is_parsed_alone(dumps, parsed, frame):
+def test_one_snapshot_is_parsed_alone(dumps, parsed, frame):
     snapshot = read(dumps[0], frame)
     step = frame % COUNT
     assert snapshot.step == step
@@ -138,7 +138,7 @@ def test_gzip(dumps, parsed):
 
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.99])
-def test_a_last_instant_cut_short(dumps, which, share):
+def test_last_snapshot_cut_short(dumps, which, share):
     """From within its header to within its last number: the others are read, it is refused."""
     text = dumps[which].read_text()
     start = [match.start() for match in re.finditer(START[dumps[0].name, which], text)][-1]
@@ -180,7 +180,7 @@ def test_a_damaged_header_among_others(tmp_path, which, old):
         read(dumps[0], 1)
 
 
-def test_instants_without_contacts_are_not_counted(tmp_path, parsed):
+def test_snapshots_without_contacts_are_not_counted(tmp_path, parsed):
     dumps = write_each("lammps", tmp_path)
     frames = dumps[1].read_text().split("ITEM: TIMESTEP\n")[1:]
     for number in (0, 2):
@@ -194,7 +194,7 @@ def test_instants_without_contacts_are_not_counted(tmp_path, parsed):
     assert "1 earlier snapshots without contacts left out" in read(dumps[0], 0).notes
 
 
-def test_mercury_instants_without_contacts_are_not_counted(tmp_path, parsed):
+def test_mercury_snapshots_without_contacts_are_not_counted(tmp_path, parsed):
     dumps = write_each("mercury", tmp_path)
     frames = re.split(r"(?m)^(?=# \d 1$)", dumps[1].read_text())[1:]
     frames[0] = "".join(frames[0].splitlines(keepends=True)[:3])
@@ -205,7 +205,7 @@ def test_mercury_instants_without_contacts_are_not_counted(tmp_path, parsed):
     assert "1 earlier snapshots without contacts left out" in first.notes
 
 
-def test_a_series_knows_its_instants_by_their_headers(dumps, parsed):
+def test_snapshots_of_a_series_are_found_by_their_headers(dumps, parsed):
     """The number of snapshots in a file, then one after the other, as `grainloops series` reads."""
     steps = [read(dumps[0], number).step for number in range(count_frames(dumps[0]))]
     assert steps == list(range(COUNT)) and len(parsed) == 2 * COUNT

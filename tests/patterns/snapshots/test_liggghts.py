@@ -45,7 +45,7 @@ def sets_of_keywords():
 
 
 @pytest.mark.parametrize("groups", sorted(set(sets_of_keywords())), ids=" ".join)
-def test_what_is_written_is_read_back(tmp_path, groups):
+def test_written_files_are_read_back(tmp_path, groups):
     own = packing(100)
     path, _ = write_liggghts(tmp_path, own, groups, box_digits=17)
     assert liggghts.recognises(path, HEAD)
@@ -149,7 +149,7 @@ def test_dumps_without_forces_or_ids(tmp_path):
         read(path)
 
 
-def test_contacts_of_another_instant(tmp_path):
+def test_contacts_of_another_snapshot(tmp_path):
     path, _ = write_liggghts(tmp_path, packing(100), LONG)
     moved = packing(100)
     moved = Packing(moved.graph.replace(x=moved.graph.x + 0.01), moved.ids)

@@ -43,7 +43,7 @@ def read(path, **source):
 
 
 @pytest.mark.parametrize("layout", [8, 14])
-def test_what_is_written_is_read_back(tmp_path, layout):
+def test_written_files_are_read_back(tmp_path, layout):
     own = packing()
     path, _ = write_mercury(tmp_path, own, layout=layout)
     assert mercury.recognises(path, path.read_bytes()[:4096])
@@ -235,7 +235,7 @@ def test_other_files_are_not_taken(tmp_path, head):
     assert not mercury.recognises(tmp_path / "a.data", head)
 
 
-def test_what_the_stiffness_is_must_be_said(tmp_path):
+def test_stiffness_must_be_given(tmp_path):
     own = packing()
     path, _ = write_mercury(tmp_path, own)
     frame = mercury.frames(Source(path, cell=own.graph.cell))[0]()
@@ -251,7 +251,7 @@ def test_three_dimensions_are_refused(tmp_path):
         read(path, cell=own.graph.cell)
 
 
-def test_instants_without_contacts_are_left_out(tmp_path):
+def test_snapshots_without_contacts_are_left_out(tmp_path):
     own = packing()
     path, contacts = write_mercury(tmp_path, own)
     contacts.write_text("# 0 1\n# 0 0 0 1 1 1\n# 0.1 0.2 0 0 0 0\n")

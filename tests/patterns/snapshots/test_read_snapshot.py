@@ -82,7 +82,7 @@ def test_total_force_on_grain_two_serves_as_well(tmp_path):
     np.testing.assert_allclose(graph.shear_force, [0.2, 0.3, 0.4, -0.5], rtol=1e-15)
 
 
-def test_what_is_optional_costs_only_what_depends_on_it(tmp_path):
+def test_missing_optional_columns_cost_only_what_depends_on_them(tmp_path):
     contacts = changed(CONTACTS, sliding=None)
     snapshot = read_snapshot(write(tmp_path, contacts=contacts))
     assert snapshot.regime.tolist() == [1, 1, 1, 1]
@@ -213,7 +213,7 @@ def test_bad_tables(tmp_path, grains, contacts, words):
         assert word in message
 
 
-def test_files_that_are_not_there_or_not_whole(tmp_path):
+def test_missing_and_truncated_files(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_snapshot(tmp_path / "grains_none.csv")
     (tmp_path / "positions.csv").write_text("id,x,y\n1,0,0\n")
@@ -461,7 +461,7 @@ def test_ids_that_would_lose_digits_are_refused(tmp_path, ids, ending):
     assert "64-bit integer" in said
 
 
-def test_want_of_memory_is_told_as_such(tmp_path, monkeypatch):
+def test_lack_of_memory_is_named(tmp_path, monkeypatch):
     """Neither an unreadable file nor a damaged one, whatever part of a reader wants it."""
     path = write(tmp_path)
 

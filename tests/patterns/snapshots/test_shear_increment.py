@@ -94,16 +94,16 @@ def test_yade_turns_shear_by_the_radii_in_the_whole_sample():
         frame_of(vtk, BOX / "exporter-spheres-00000000.vtk"),
     ],
 )
-def test_files_of_yade_say_radii(frame):
+def test_files_of_yade_have_the_increment_radii(frame):
     assert frame.shear_increment == "radii"
 
 
-def test_a_recorder_says_radii():
+def test_recorder_has_the_increment_radii():
     pytest.importorskip("vtkmodules")
     assert frame_of(vtk, BOX / "appended-spheres.77504.vtu").shear_increment == "radii"
 
 
-def test_a_save_without_the_default_says_branch(tmp_path):
+def test_save_without_the_default_has_the_increment_branch(tmp_path):
     import gzip
 
     text = gzip.decompress((BOX / "state.xml.gz").read_bytes())
@@ -135,7 +135,7 @@ def test_written_snapshots_keep_it(tmp_path):
     assert snapshot.law.shear_increment == "radii"
 
 
-def test_other_tables_say_nothing(tmp_path):
+def test_other_tables_have_the_increment_branch(tmp_path):
     lines = ["id,x,y,radius", "1,0,0,1", "2,1.99,0,1", "3,1,1.72,1"]
     (tmp_path / "grains_1.csv").write_text("\n".join(lines) + "\n")
     rows = ["id1,id2,fn,fsx,fsy", "1,2,1,0,0.1", "2,3,1,0,0", "3,1,1,0,0"]

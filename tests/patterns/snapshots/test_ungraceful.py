@@ -153,7 +153,7 @@ def test_cells_beyond_numbers(tmp_path, size):
 
 @pytest.mark.parametrize("column", ["x", "radius", "kn", "fn", "mu"])
 @pytest.mark.parametrize("value", [1e308, -1e308, 1e200, 5e-324, 0.0])
-def test_numbers_that_overflow_say_so_or_pass(tmp_path, column, value):
+def test_numbers_that_overflow_are_refused_or_read(tmp_path, column, value):
     """No warning of numpy: the tests turn them into errors."""
     grains, contacts = dict(GRAINS), dict(CONTACTS)
     table = grains if column in grains else contacts

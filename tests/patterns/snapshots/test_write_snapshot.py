@@ -8,7 +8,7 @@ from patterns import read_snapshot, sample_cell, sample_path, write_snapshot
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
 @pytest.mark.parametrize("periodic", [True, False])
-def test_what_is_written_is_read_again(tmp_path, ending, periodic):
+def test_written_files_are_read_back(tmp_path, ending, periodic):
     name = "grains_periodic.parquet" if periodic else "grains_biaxial.csv.gz"
     first = read_snapshot(sample_path(name), cell=sample_cell() if periodic else None)
     path = tmp_path / f"grains_7.{ending}"

@@ -115,7 +115,7 @@ def test_cells_of_other_snapshots(monkeypatch, capsys):
     assert "--cell, --cells" in capsys.readouterr().err
 
 
-def test_snapshot_refuses_what_check_calls_an_error(monkeypatch, capsys, tmp_path):
+def test_snapshot_refuses_an_error_of_check(monkeypatch, capsys, tmp_path):
     deck = faults.Tables("csv", sample_path())
     faults.flip(deck)
     path = deck.write(tmp_path)

@@ -122,7 +122,7 @@ def test_numbers_go_on_where_the_folder_ends(yade, tmp_path):
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_walls_come_first_whatever_yades_order(yade, tmp_path):
+def test_walls_come_first_in_any_order_of_yade(yade, tmp_path):
     yade.O = stand_in(BOX)
     for i in yade.O.interactions:
         n = i.geom.normal
@@ -172,7 +172,7 @@ def test_friction_is_left_out_where_a_law_has_none(yade, tmp_path):
     assert not read_table(tmp_path / "contacts_00.csv.gz").has("mu")
 
 
-def test_what_can_not_be_exported_is_refused_before_writing(yade, tmp_path):
+def test_scenes_without_export_are_refused_before_writing(yade, tmp_path):
     yade.O = stand_in(BOX)
     del yade.O.interactions[3].phys.ks
     with pytest.raises(ValueError, match="lacks kn, ks or shearForce"):
@@ -202,7 +202,7 @@ def test_a_crash_while_writing_leaves_no_table_of_grains(yade, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(("switch", "told"), [(True, "radii"), (False, "branch"), (None, "radii")])
-def test_the_cell_says_what_shear_turns_by(yade, tmp_path, switch, told):
+def test_cell_file_has_the_shear_increment(yade, tmp_path, switch, told):
     yade.O = stand_in(PERIODIC)
     functor = type("Ig2_Sphere_Sphere_ScGeom", (), {"avoidGranularRatcheting": switch})()
     if switch is not None:

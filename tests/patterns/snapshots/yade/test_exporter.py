@@ -28,7 +28,7 @@ def test_arrays_of_other_names_come_by_the_column_map(tmp_path):
         frame_of(yade_vtk, SPHERES, columns={"kn": "no_such"})
 
 
-def test_without_the_force_vector_walls_are_not_told_from_images(tmp_path):
+def test_without_the_force_vector_walls_and_images_look_alike(tmp_path):
     copy = changed(LINES, tmp_path, b"VECTORS fn", b"VECTORS other")
     with pytest.raises(InputError, match="18 of 75 lines that end at no sphere"):
         frame_of(yade_vtk, SPHERES, contacts=copy)
@@ -52,7 +52,7 @@ def test_images_beyond_a_periodic_border_are_refused(tmp_path):
         frame_of(yade_vtk, SPHERES, contacts=copy)
 
 
-def test_files_of_two_instants(tmp_path):
+def test_files_of_two_snapshots(tmp_path):
     text = bytes(open_text(LINES)).replace(b"0.", b"1.")
     (tmp_path / "other-intrs.vtk").write_bytes(text)
     with pytest.raises(InputError, match=r"one snapshot|no sphere"):

@@ -93,7 +93,7 @@ def test_recorder_has_the_normal_forces_of_the_tables(path):
     assert 0 < np.abs(recorded.graph.x - table.graph.x).max() < 2**-24
 
 
-def test_recorder_says_what_it_lacks():
+def test_recorder_notes_name_missing_data():
     recorded = snapshot_of(yade_vtk, RECORDED[0])
     assert recorded.wall_contacts == 0
     assert recorded.step == 77504

@@ -122,7 +122,7 @@ def test_ids_are_those_of_the_file_not_its_order(tmp_path):
     assert (shuffled.ids == np.sort(order)).all()
 
 
-def test_files_of_two_instants(tmp_path):
+def test_files_of_two_snapshots(tmp_path):
     with pytest.raises(InputError, match=r"end at none of the spheres.*same iteration"):
         frame_of(yade_vtk, PERIODIC / "appended-spheres.134672.vtu", contacts=LINES)
 

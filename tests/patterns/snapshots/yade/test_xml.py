@@ -50,7 +50,7 @@ def test_step_and_notes():
     assert frame_of(yade_xml, PERIODIC / "state.xml.gz").notes == ()
 
 
-def test_positions_of_another_instant_are_noted(tmp_path):
+def test_positions_of_another_snapshot_are_noted(tmp_path):
     position = TEXT[TEXT.index(b"<position>") : TEXT.index(b"</position>")]
     x = position[position.index(b"<x>") + 3 : position.index(b"</x>")]
     moved = position.replace(x, f"{float(x) + 1e-7:.17e}".encode())
@@ -111,7 +111,7 @@ def test_binary_save_is_refused_with_the_way_out(tmp_path):
         ("isPeriodic", "periodic", "no <scene>"),
     ],
 )
-def test_other_serialisations_name_what_is_missing(tmp_path, old, new, message):
+def test_errors_of_other_serialisations_name_the_missing_element(tmp_path, old, new, message):
     with pytest.raises(InputError, match=message) as error:
         renamed = re.sub(rf"(</?){old}\b".encode(), rf"\1{new}".encode(), TEXT)
         frame_of(yade_xml, saved(tmp_path, renamed))
@@ -165,7 +165,7 @@ def test_shared_shapes(tmp_path):
         frame_of(yade_xml, saved(tmp_path, TEXT[:start] + lost + TEXT[stop:]))
 
 
-def test_walls_come_first_whatever_the_order_in_the_file(tmp_path):
+def test_walls_come_first_in_any_order_of_the_file(tmp_path):
     """Swap the two bodies of a wall contact and turn all its vectors."""
     scene = read_save(SAVE)
     walls = {body[0] for body in scene.bodies if body[1] == "Wall"}
