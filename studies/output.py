@@ -312,7 +312,9 @@ def as_arrow(values: Any) -> Any:
     """Column of a table; arrays keep their memory, which loads no pandas."""
     if isinstance(values, (pa.Array, pa.ChunkedArray)):
         return values
-    if hasattr(values, "to_numpy"):  # a column of a data frame, without loading pandas
+    if hasattr(values, "to_numpy"):  # a column of a data frame
+        if hasattr(values.dtype, "pyarrow_dtype"):
+            return values.array.__arrow_array__()
         values = values.to_numpy()
     if isinstance(values, list) and values:
         kinds = {type(value) for value in values}

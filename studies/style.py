@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any, cast
 
 import matplotlib as mpl
 from cycler import cycler
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -31,6 +33,8 @@ SEQUENTIAL, DIVERGING = "cividis", "PuOr"
 # Widths of one and of two columns of a journal, 86 and 178 mm, in inches; the height of a page.
 ONE_COLUMN, TWO_COLUMNS, PAGE = 86 / 25.4, 178 / 25.4, 9.3
 WIDTHS = {"single": ONE_COLUMN, "double": TWO_COLUMNS}
+# Of an animation.
+FRAMES_PER_SECOND, FRAME_DPI = 4, 110
 # Lower than this, labels of an axis are cut.
 LOWEST = 2.4
 # More panels than these don't stand one below the other on a page.
@@ -193,3 +197,23 @@ def save_figures(figures: Mapping[str, Figure], folder: Path, source: Mapping[st
     """`save_figure` for each by its name."""
     for name, figure in figures.items():
         save_figure(figure, folder, name, source)
+
+
+def write_animation(
+    folder: Path, figure: Figure, changes: Iterable[None], source: Mapping[str, Any]
+) -> list[Path]:
+    """Write `animation.gif`, and `animation.mp4` if the program ffmpeg is installed.
+
+    The first frame is the figure as it is; one more follows each of the changes to it.
+    """
+    writers: dict[str, AbstractMovieWriter] = {"animation.gif": PillowWriter(FRAMES_PER_SECOND)}
+    if FFMpegWriter.isAvailable():
+        metadata = {"comment": as_json(source)}
+        writers["animation.mp4"] = FFMpegWriter(FRAMES_PER_SECOND, metadata=metadata)
+    with ExitStack() as stack:
+        for name, writer in writers.items():
+            stack.enter_context(writer.saving(figure, str(folder / name), FRAME_DPI))
+        for _ in chain([None], changes):
+            for writer in writers.values():
+                writer.grab_frame()
+    return [folder / name for name in writers]

@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 
 from loops.arrays import Floats
 from patterns import Snapshot
-from studies.series.animation import write_animation
 from studies.snapshot.loop_map import draw_values, loop_drawer
-from studies.style import BLUE, DIVERGING, GREY, VERMILION, new_panels, styled
+from studies.style import BLUE, DIVERGING, GREY, VERMILION, new_panels, styled, write_animation
 
 STRESSES = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
 
@@ -74,7 +73,7 @@ def _change(driven: str) -> str:
 @styled()
 def animate_path(
     snapshot: Snapshot, works: Floats, path: pd.DataFrame, summary: dict[str, Any], folder: Path
-) -> list[str]:
+) -> list[Path]:
     """Animate the loops' normalised work since the start, (rows, loops), beside the stresses."""
     figure, ((left, right),) = new_panels(1, 2, 3.4)
     draw, colours = loop_drawer(snapshot), (mpl.colormaps[DIVERGING], Normalize(-1.0, 1.0))

@@ -25,7 +25,7 @@ from studies.series.evolution import cell_strain
 from studies.series.plan import PlannedSnapshot, plan_series
 from studies.snapshot.held import held_snapshot, hold_control
 from studies.snapshot.in_packing import balance_notes
-from studies.snapshot.source import read_planar, reading
+from studies.snapshot.source import reading
 from studies.study import study
 
 INTERVALS = 20_000  # after which a path is given up
@@ -85,7 +85,7 @@ def run_evolve(
     }
     with study("evolve", out, configuration, UNITS, force=force, csv=csv) as results:
         first, *later = plan_series(paths, cells, reading(**how))
-        snapshot, held = held_snapshot(read_planar(first.path, **first.how), held_control)
+        snapshot, held = held_snapshot(first.read(), held_control)
         law, _ = snapshot.mechanics()
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         path = follow(
@@ -236,7 +236,7 @@ def dem_table(snapshot: Snapshot, later: Sequence[PlannedSnapshot]) -> pd.DataFr
     assert start is not None
     strains, stresses = [], []
     for one in later:
-        after = read_planar(one.path, **one.how)
+        after = one.read()
         after.mechanics()
         if after.graph.cell is None:
             raise InputError(one.name, "no cell", "the cell of a later state", "Give --cells.")

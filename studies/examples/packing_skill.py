@@ -38,7 +38,7 @@ def main(out: Path) -> dict[str, Any]:
     columns = {name: skill[name].tolist() for name in COLUMNS}
     kept = ("packing", "skill", "skill_of_targets", "skill_by_order")
     numbers = {name: summary[name] for name in kept}
-    return save(out, "packing_skill", skill_by_predictor(columns), numbers, columns)
+    return save(out, "packing_skill", skill_by_predictor(skill), numbers, columns)
 
 
 if __name__ == "__main__":

@@ -24,8 +24,7 @@ from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
 from studies.columns import definitions
 from studies.output import readable
-from studies.series.tasks import one_blas_thread
-from studies.series.workers import open_runner
+from studies.series.workers import one_blas_thread, open_runner
 from studies.snapshot.held import held_snapshot, hold_control
 from studies.snapshot.in_packing import balance_notes, sample_edge
 from studies.snapshot.source import read_planar, reading

@@ -1,6 +1,6 @@
-"""The folder of a series: which series it holds, and the parts of its two datasets.
+"""The folder of a series: the series that it holds, and the parts of its datasets.
 
-Each part is written whole or not at all, and recognised when it is finished.
+A part is written whole or not at all; its metadata identify a finished one.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from studies.output import (
 )
 
 KEY = b"grainloops"
-# Readers of a folder of Parquet files pass over names that begin with a dot.
+# Readers of a folder of Parquet files skip names that begin with a dot.
 UNFINISHED = ".unfinished"
 
 
 def open_folder(out: Path, read: Mapping[str, Any], names: Sequence[str], *, force: bool) -> None:
-    """Begin a series in a folder, or take up the one that an earlier run began there.
+    """Start a series in a folder, or continue the one that an earlier run started there.
 
-    The same series, read in the same way, goes on; snapshots may follow after its last one. With
-    `force` what any command wrote there before is removed.
+    The series and the options of reading must be the same; more snapshots may follow the last one.
+    With `force` the results of any command in the folder are removed.
     """
     contents = {"read": dict(read), "snapshots": list(names)}
     if any(out.iterdir()):
@@ -54,7 +54,7 @@ def open_folder(out: Path, read: Mapping[str, Any], names: Sequence[str], *, for
 
 
 def has_parts(out: Path) -> bool:
-    """Whether anything is finished in the folder of a series."""
+    """Whether the folder of a series has a finished part."""
     return any(out.glob("*/part-*.parquet"))
 
 
@@ -66,7 +66,7 @@ def _require_same(out: Path, contents: dict[str, Any]) -> None:
         raise InputError(
             f"--out {out}",
             "a folder that holds other files",
-            "a new or empty folder, or one that a series was begun in",
+            "a new or empty folder, or one in which a series was started",
             "Name another place, or give --force to replace results of the same names.",
         ) from None
     now = json.loads(as_json(contents))
@@ -77,7 +77,7 @@ def _require_same(out: Path, contents: dict[str, Any]) -> None:
     ]
     if now["snapshots"][: len(names)] != names:
         differing.append("other snapshots")
-    # Where nothing is finished there is nothing to lose: a first try with a wrong option.
+    # Without a finished part nothing is lost: the first try had a wrong option.
     if differing and has_parts(out):
         raise InputError(
             f"--out {out}",
@@ -88,11 +88,11 @@ def _require_same(out: Path, contents: dict[str, Any]) -> None:
 
 
 def write_part(path: Path, columns: Mapping[str, Any], about: Mapping[str, Any]) -> None:
-    """Write one part under a temporary name, then give it its own."""
+    """Write one part under a temporary name, then rename it."""
     arrays = {name: pa.array(values) for name, values in columns.items()}
     table = described_table(f"series/{path.parent.name}", arrays, {KEY: as_json(about).encode()})
     path.parent.mkdir(parents=True, exist_ok=True)
-    # Two workers may be at the same part when one was given up for lost.
+    # Two workers may write the same part if one of them was believed lost.
     partial = path.with_name(f"{UNFINISHED}-{uuid.uuid4().hex}")
     try:
         with open(partial, "wb") as file:
@@ -105,7 +105,7 @@ def write_part(path: Path, columns: Mapping[str, Any], about: Mapping[str, Any])
 
 
 def read_about(path: Path) -> dict[str, Any] | None:
-    """What was kept in a part's metadata; None if there is no such part, or no whole one."""
+    """Metadata of a part; None if it is missing or incomplete."""
     try:
         metadata = pyarrow.parquet.read_schema(path).metadata or {}
         about: dict[str, Any] = json.loads(metadata[KEY])
@@ -115,7 +115,7 @@ def read_about(path: Path) -> dict[str, Any] | None:
 
 
 def require_about(path: Path) -> dict[str, Any]:
-    """As `read_about`, of a part that must be there."""
+    """Metadata of a part; `FileNotFoundError` if it is missing."""
     about = read_about(path)
     if about is None:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
@@ -123,21 +123,16 @@ def require_about(path: Path) -> dict[str, Any]:
 
 
 def is_finished(path: Path, fingerprint: str) -> bool:
-    """Whether the part is there and was made from the same input by the same configuration."""
+    """Whether the part exists and was made from the same input with the same configuration."""
     about = read_about(path)
     return about is not None and about.get("fingerprint") == fingerprint
 
 
 def keep_only(folder: Path, parts: set[str]) -> None:
-    """Remove parts of other names, and what interrupted runs left."""
+    """Remove parts with other names, and unfinished files of interrupted runs."""
     for path in folder.glob("part-*.parquet"):
         if path.name not in parts:
             path.unlink()
-    remove_unfinished(folder)
-
-
-def remove_unfinished(folder: Path) -> None:
-    """Remove what interrupted runs left in a dataset."""
     for path in folder.glob(f"{UNFINISHED}-*"):
         path.unlink(missing_ok=True)
 

@@ -1,48 +1,51 @@
-"""The numbers of a series: one row a snapshot, one row an interval, and the two put together.
-
-How the pieces of a series chain: `evolution_row` sums a snapshot up. For two neighbours
-`track_loops` says what became of every loop, `increments` what the survived ones went through,
-`interval_row` sums both up and `exchange_counts` counts orders. Snapshots and intervals are
-independent tasks; `evolution_table` joins their rows, adding up the strain, and `draw_series` and
-`animate_series` draw the result.
-"""
+"""Summaries of one snapshot and of one interval of a series, each a row of `evolution`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
 
-from loops import Regime, euler_check, love_weber_stress, outline_area
-from loops.arrays import Floats, Integers
-from loops.loop_strain import best_fit_strain, rotation_and_stretch
+from loops import InputError, Regime, euler_check, love_weber_stress, outline_area
+from loops.arrays import Floats
+from loops.loop_strain import best_fit_strain
 from loops.tracking import Fate, LoopFates
 from patterns import Snapshot
 from stability import COMPONENTS, RTOL
+from stability.packing.probe import probe_edge
 from studies.series.increments import PREDICTIONS
+from studies.snapshot.in_packing import sample_edge
 from studies.snapshot.statistics import LAST_ORDER
 from studies.snapshot.summary import judges
 
+CONE = ("probe_cone_begin_deg", "probe_cone_end_deg")
+PROBE = ("probe_w2", "probe_theta_deg", "probe_unstable_fraction", *CONE, "probe_undetermined")
+
 
 def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> dict[str, Any]:
-    """Sum up one snapshot of a series; None where there is no such number.
+    """Sum up one snapshot of a series; unknown values are None.
 
     Orders from 8 on count as 8. With forces also the Love-Weber stress `S11..S22` over the area,
     and the shares of loops with a negative eigenvalue of Ks, by each judge of the table.
     """
-    graph = state.graph
-    euler, area = euler_check(graph, state.faces), outline_area(graph, state.faces)
+    graph, faces = state.graph, state.faces
+    order, loop_area = np.asarray(table["order"]), np.asarray(table["area"])
+    euler, area = euler_check(graph, faces), outline_area(graph, faces)
     row: dict[str, Any] = {
         "step": state.step,
         "grains": graph.grain_count,
         "contacts": graph.contact_count,
-        "loops": len(state.faces.loops),
+        "loops": len(faces.loops),
         "area": area,
         "coordination": _ratio(2 * euler.edges, euler.vertices),
-        "mean_order": _ratio(float(np.sum(table["order"])), len(table["order"])),
-        **_shares(np.asarray(table["order"]), np.asarray(table["area"])),
+        "mean_order": _ratio(float(np.sum(order)), len(order)),
     }
+    groups = {n: np.minimum(order, LAST_ORDER) == n for n in range(3, LAST_ORDER + 1)}
+    for n, rows in groups.items():
+        row[f"share_{n}"] = _ratio(int(np.count_nonzero(rows)), len(order))
+    for n, rows in groups.items():
+        row[f"area_share_{n}"] = _ratio(float(loop_area[rows].sum()), float(loop_area.sum()))
     if state.regime is None:
         return row
     stress = love_weber_stress(graph, area).ravel().tolist() if area > 0 else [None] * 4
@@ -52,18 +55,38 @@ def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> dict[str, Any]:
     for judge in judges(table):
         smallest = np.asarray(table[f"{judge}_lambda_min"])
         known = smallest[np.isfinite(smallest)]
-        unstable = int(np.count_nonzero(known < -RTOL))
-        row[f"{judge}_unstable"] = _ratio(unstable, len(known))
+        row[f"{judge}_unstable"] = _ratio(int(np.count_nonzero(known < -RTOL)), len(known))
     return row
+
+
+def probe_row(
+    state: Snapshot, directions: int, yield_band: float
+) -> tuple[dict[str, Any], list[str]]:
+    """Columns of the probes of one snapshot (None if unknown) and notes."""
+    row: dict[str, Any] = dict.fromkeys(PROBE)
+    try:
+        edge = sample_edge(state, yield_band)
+    except InputError as error:
+        return row, [f"not probed: {error}"]
+    found = probe_edge(edge, directions, faces=state.faces)
+    row["probe_undetermined"] = int(np.count_nonzero(~found.determined))
+    if found.softest is not None:
+        row["probe_w2"] = float(found.normalised[found.softest])
+        row["probe_theta_deg"] = float(np.degrees(found.theta[found.softest]))
+        row["probe_unstable_fraction"] = found.unstable_fraction
+    if len(found.cones):
+        widest = np.degrees(found.cones[np.argmax(np.ptp(found.cones, axis=1))])
+        row |= dict(zip(CONE, widest.tolist(), strict=True))
+    return row, []
 
 
 def interval_row(
     before: Snapshot, after: Snapshot, fates: LoopFates, table: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Sum up what happened between two snapshots: strain, contacts, loops by fate.
+    """Sum up one interval: strain, opened and closed contacts, number of loops by fate.
 
-    With forces also the survived loops of negative corotated work, and for every prediction loops
-    by the sign of the actual, then of the predicted work.
+    With forces also the number of survived loops of negative corotated work and, for every
+    prediction, numbers of loops by the sign of the actual and of the predicted work.
     """
     H, source = sample_strain(before, after)
     row: dict[str, Any] = dict(
@@ -74,18 +97,23 @@ def interval_row(
         loops = fates.after if fate == Fate.BORN else fates.before
         row[fate.name.lower()] = int(np.count_nonzero(loops == fate))
     if "W2" in table:
-        row["negative_W2"] = int(np.count_nonzero(table["W2"] < 0))
+        actual = np.asarray(table["W2"])
+        row["negative_W2"] = int(np.count_nonzero(actual < 0))
         for name in PREDICTIONS:
-            row |= _signs(name, np.asarray(table["W2"]), np.asarray(table[name]))
+            predicted = np.asarray(table[name])
+            known = np.isfinite(predicted) & (actual != 0)
+            for a, own in (("negative", actual < 0), ("positive", actual >= 0)):
+                for p, told in (("negative", predicted < 0), ("positive", predicted >= 0)):
+                    row[f"{name}_{a}_{p}"] = int(np.count_nonzero(known & own & told))
     return row
 
 
 def sample_strain(
     before: Snapshot, after: Snapshot
 ) -> tuple[Floats, Literal["cell", "grains", "unknown"]]:
-    """Displacement gradient of the sample between two snapshots, and where it is known from.
+    """Displacement gradient of the sample between two snapshots, and its source.
 
-    From the periodic cell, else the best fit to the motion of the grains that both have.
+    The source is the periodic cell, else the best fit to the motion of the grains in both.
     """
     one, two = before.graph, after.graph
     if one.cell is not None and two.cell is not None:
@@ -105,63 +133,5 @@ def cell_strain(before: Floats, after: Floats) -> Floats:
     return np.asarray(np.eye(2) - after @ lattice @ np.linalg.inv(before))
 
 
-def evolution_table(
-    rows: Sequence[Mapping[str, Any]], intervals: Sequence[Mapping[str, Any]]
-) -> dict[str, list[Any]]:
-    """Join the rows of a series to one table, one row a snapshot.
-
-    Adds `H11..H22`, the displacement gradient since the first snapshot (`F = F_n ... F_1`),
-    `shear_strain`, the sum of `(e1 - e2)/2` of the intervals' stretches, and the interval that led
-    to each snapshot.
-    """
-    joined = [dict(row) for row in rows]
-    F, shear = np.eye(2), 0.0
-    for k, row in enumerate(joined):
-        interval: Mapping[str, Any] = intervals[k - 1] if k else {}
-        if interval:
-            H = np.array([_number(interval[f"dH{ij}"]) for ij in COMPONENTS]).reshape(2, 2)
-            F = (np.eye(2) - H) @ F
-            shear += _shear(H)
-        total = (np.eye(2) - F).ravel().tolist()
-        row |= {f"H{ij}": value for ij, value in zip(COMPONENTS, total, strict=True)}
-        row["shear_strain"] = float(shear)
-        row |= interval
-    names = dict.fromkeys(name for row in joined for name in row)
-    return {name: [row.get(name) for row in joined] for name in names}
-
-
-def _shear(H: Floats) -> float:
-    """Half the difference of the principal stretches."""
-    _, e = rotation_and_stretch(H)
-    return float(np.hypot(0.5 * (e[0, 0] - e[1, 1]), e[0, 1]))
-
-
-def _number(value: float | None) -> float:
-    # JSON has no number for what is unknown.
-    return np.nan if value is None else value
-
-
 def _ratio(part: float, whole: float) -> float | None:
     return part / whole if whole else None
-
-
-def _shares(order: Integers, area: Floats) -> dict[str, float | None]:
-    pooled = np.minimum(order, LAST_ORDER)
-    row: dict[str, float | None] = {}
-    for n in range(3, LAST_ORDER + 1):
-        row[f"share_{n}"] = _ratio(int(np.count_nonzero(pooled == n)), len(order))
-    for n in range(3, LAST_ORDER + 1):
-        row[f"area_share_{n}"] = _ratio(float(area[pooled == n].sum()), float(area.sum()))
-    return row
-
-
-def _signs(name: str, actual: Floats, predicted: Floats) -> dict[str, int]:
-    """Loops by the signs of actual and predicted work; without either a loop is left out."""
-    known = np.isfinite(predicted) & (actual != 0)
-    a, p = actual < 0, predicted < 0
-    return {
-        f"{name}_negative_negative": int(np.count_nonzero(known & a & p)),
-        f"{name}_negative_positive": int(np.count_nonzero(known & a & ~p)),
-        f"{name}_positive_negative": int(np.count_nonzero(known & ~a & p)),
-        f"{name}_positive_positive": int(np.count_nonzero(known & ~a & ~p)),
-    }

@@ -1,46 +1,44 @@
-"""Figures of a series: orders, fates and stress over strain, the exchange of orders."""
+"""Figures over a series: orders, fates, stress, probes, exchange of orders, survival, kinetics."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from numpy.typing import NDArray
+from matplotlib.ticker import NullLocator
 
 from loops.arrays import Floats
-from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
-from patterns import Snapshot
-from studies.snapshot.loop_map import loop_drawer
+from loops.tracking import ExchangeCounts, exchange_matrix
+from studies.series.survival import ALL, VERDICTS, pooled
+from studies.snapshot.figures import TITLES as JUDGES
 from studies.snapshot.statistics import GROUPS, LAST_ORDER
 from studies.style import (
     BLACK,
     BLUE,
-    DIVERGING,
+    GREEN,
     GREY,
     LIGHT_GREY,
     ORANGE,
     ORDER_COLOURS,
     PURPLE,
     SEQUENTIAL,
+    SKY,
     TWO_COLUMNS,
     VERMILION,
     axes_or_new,
     figure_of,
+    key_columns,
     new_panels,
-    save_figures,
     say_empty,
     styled,
 )
 
-Columns = Mapping[str, Sequence[Any]]
 STRAIN_LABEL = r"accumulated shear strain, $\Sigma\,(\varepsilon_1 - \varepsilon_2)/2$"
 MARKERS = "os^DvP"
 FATES = {
@@ -49,50 +47,14 @@ FATES = {
     "changed": PURPLE,
     "died": BLACK,
 }
-TITLES = {
-    "affine_W2": "affine closure, spins blocked",
-    "affine_free_W2": "affine closure, spins free",
-    "traction_W2": "traction closure, spins blocked",
-    "traction_free_W2": "traction closure, spins free",
-}
-
-
-class MappedInterval(NamedTuple):
-    """An interval to draw a map of; what the packing foretells is of all earlier loops."""
-
-    before: Snapshot
-    fates: LoopFates
-    increments: Mapping[str, NDArray[Any]]
-    foretold: Mapping[str, NDArray[Any]] = MappingProxyType({})
-
-
-def draw_series(
-    folder: Path,
-    evolution: Columns,
-    exchange: ExchangeCounts,
-    increments: Mapping[str, NDArray[Any]],
-    mapped: MappedInterval | None,
-    source: dict[str, Any],
-) -> list[str]:
-    """Draw a series as PNG and SVG."""
-    figures = {"orders_over_strain": orders_over_strain(evolution)}
-    if len(evolution["shear_strain"]) > 1:
-        figures["fates"] = figure_of(fates_over_strain(evolution))
-        figures["exchange"] = figure_of(exchange_heatmap(exchange))
-    if "S11" in evolution:
-        figures["stress_strain"] = stress_strain(evolution)
-    if "probe_w2" in evolution:
-        figures["probes"] = probes_over_strain(evolution)
-    if len(increments.get("W2", ())):
-        figures["work_signs"] = work_signs(increments)
-    if mapped is not None and "W2" in mapped.increments:
-        figures["work_map"] = figure_of(work_map(mapped))
-    save_figures(figures, folder, source)
-    return list(figures)
+LOOKS = dict(zip(VERDICTS, ((BLUE, "o"), (VERMILION, "s"), (GREY, "^")), strict=True))
+# Largest order in the figure of kinetics, and colours of the merged loops by order.
+LAST_DRAWN = 12
+MERGED = dict(zip(range(4, 9), (SKY, BLUE, GREEN, ORANGE, VERMILION), strict=True))
 
 
 @styled()
-def orders_over_strain(evolution: Columns) -> Figure:
+def orders_over_strain(evolution: pd.DataFrame) -> Figure:
     """Shares of the loops by order along the series, in number and in area."""
     figure, (axes,) = new_panels(1, 2, 2.6, sharey=True)
     strain = _column(evolution, "shear_strain")
@@ -115,8 +77,8 @@ def orders_over_strain(evolution: Columns) -> Figure:
 
 
 @styled()
-def fates_over_strain(evolution: Columns, ax: Axes | None = None) -> Axes:
-    """What became of the loops of each interval that did not survive it, stacked."""
+def fates_over_strain(evolution: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Shares of the loops of each interval that did not survive it, by fate, stacked."""
     ax = axes_or_new(ax, TWO_COLUMNS, 2.6)
     counts = {name: _column(evolution, name)[1:] for name in FATES}
     total = np.maximum(_column(evolution, "survived")[1:] + sum(counts.values()), 1)
@@ -129,7 +91,7 @@ def fates_over_strain(evolution: Columns, ax: Axes | None = None) -> Axes:
     ax.plot(place, born, "x", color=VERMILION, label="born, over\nearlier loops")
     if not bottom.any() and not born.any():
         say_empty(ax, "every loop survived every interval")
-    # A bar is no wider than one of eight.
+    # Fewer than eight bars keep the width of eight.
     wide = max(8 - np.ptp(place), 1) / 2
     ax.set(xlim=(place[0] - wide, place[-1] + wide), ylim=(0, None))
     ax.set_xticks(place[:: len(place) // 12 + 1])
@@ -147,7 +109,7 @@ def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
     counts = matrix[np.ix_(orders, orders)]
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     palette = mpl.colormaps[SEQUENTIAL].with_extremes(bad="white")
-    # Few loops change their order: the colours tell one in a thousand from none.
+    # Few loops change their order: the colours must show one in a thousand.
     image = ax.imshow(np.ma.masked_equal(share, 0), cmap=palette, norm=LogNorm(1e-3, 1))
     for (row, column), number in np.ndenumerate(counts):
         if number:
@@ -163,7 +125,7 @@ def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
 
 
 @styled()
-def stress_strain(evolution: Columns) -> Figure:
+def stress_strain(evolution: pd.DataFrame) -> Figure:
     """Stress of the sample along the series, and the unstable and sliding shares below it."""
     figure, ((left, right),) = new_panels(1, 2, 2.8)
     strain = _column(evolution, "shear_strain")
@@ -175,15 +137,22 @@ def stress_strain(evolution: Columns) -> Figure:
     left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     left.set(xlabel=STRAIN_LABEL, ylabel="stress (force/length of the input)")
     left.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
-    for label, values, style in _shares(evolution):
-        right.plot(strain, values, label=label, **style)
+    unstable = _column(evolution, "traction_unstable")
+    right.plot(strain, unstable, "s-", color=VERMILION, label="loops unstable, traction closure")
+    sliding = _column(evolution, "sliding_fraction")
+    right.plot(strain, sliding, "^-", color=GREY, label="contacts sliding")
+    if "negative_W2" in evolution:
+        with np.errstate(invalid="ignore"):
+            worked = _column(evolution, "negative_W2") / _column(evolution, "survived")
+        label = r"survived loops with $W_2 < 0$ in the interval"
+        right.plot(strain, worked, "o-", color=BLUE, label=label)
     right.set(xlabel=STRAIN_LABEL, ylabel="share", ylim=(0, None))
     right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
 
 
 @styled()
-def probes_over_strain(evolution: Columns) -> Figure:
+def probes_over_strain(evolution: pd.DataFrame) -> Figure:
     """Smallest second-order work and the share of unstable directions, above the stress ratio."""
     figure, ((left, right),) = new_panels(1, 2, 2.6)
     strain = _column(evolution, "shear_strain")
@@ -196,77 +165,108 @@ def probes_over_strain(evolution: Columns) -> Figure:
     return figure
 
 
-def _shares(evolution: Columns) -> list[tuple[str, Floats, dict[str, str]]]:
-    shares = [
-        (
-            "loops unstable, traction closure",
-            _column(evolution, "traction_unstable"),
-            {"color": VERMILION, "marker": "s"},
-        ),
-        (
-            "contacts sliding",
-            _column(evolution, "sliding_fraction"),
-            {"color": GREY, "marker": "^"},
-        ),
-    ]
-    if "negative_W2" in evolution:
-        with np.errstate(invalid="ignore"):
-            worked = _column(evolution, "negative_W2") / _column(evolution, "survived")
-        style = {"color": BLUE, "marker": "o"}
-        shares.append((r"survived loops with $W_2 < 0$ in the interval", worked, style))
-    return shares
-
-
-def _column(evolution: Columns, name: str) -> Floats:
-    """A column as numbers, None as not a number."""
-    return np.array(evolution[name], dtype=float)
+def _column(evolution: pd.DataFrame, name: str) -> Floats:
+    """A column as numbers, nan where it is missing."""
+    return evolution[name].to_numpy(dtype=float, na_value=np.nan)
 
 
 @styled()
-def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
-    """Loops of the earlier snapshot by their normalised actual second-order work."""
-    before, fates, increments, _ = mapped
-    ax = axes_or_new(ax, 4.6, 4.0)
-    work = np.full(len(fates.before), np.nan)
-    work[increments["loop_before"]] = increments["w2"]
-    palette = mpl.colormaps[DIVERGING].with_extremes(bad=LIGHT_GREY)
-    draw = loop_drawer(before)
-    colours = draw(ax, work, palette, Normalize(-1.0, 1.0))
-    bar = figure_of(ax).colorbar(colours, ax=ax, shrink=0.8)
-    bar.set_label(r"actual $w_2 = dP:dH/(|dP||dH|)$, corotated")
-    handle = Patch(color=LIGHT_GREY, label="did not survive the interval")
-    ax.legend(handles=[handle], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
-    return ax
+def survival_by_verdict(table: pd.DataFrame) -> Figure:
+    """Share of the loops that survive, a row a judge: interval by interval, and order by order.
 
-
-@styled()
-def work_signs(increments: Mapping[str, NDArray[Any]]) -> Figure:
-    """Distribution of the actual work by the sign of its prediction."""
-    figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)
-    actual, bins = increments["w2"], np.linspace(-1, 1, 41)
-    for ax, (name, title) in zip(axes.ravel(), TITLES.items(), strict=True):
-        predicted = increments[name]
-        known = np.isfinite(predicted) & (actual != 0)
-        parts = actual[known & (predicted < 0)], actual[known & (predicted >= 0)]
-        labels = [rf"predicted $W_2 {sign} 0$" for sign in ("<", r"\geq")]
-        ax.hist(parts, bins, stacked=True, color=[VERMILION, BLUE], label=labels)
-        ax.axvline(0, color=GREY, linewidth=0.8)
-        ax.set_title(f"{title}\nright: {_rate(*parts)}")
-    for ax in axes[1]:
-        ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
-    for ax in axes[:, 0]:
-        ax.set_ylabel("survived loops")
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    Bars are Wilson's 95 % intervals: the uncertainty of so few loops, not the spread between
+    intervals.
+    """
+    present, numbers = table["judge"].unique(), table["snapshot_after"].unique()
+    figure, panels = new_panels(len(present), 2, 0.6 + 1.5 * len(present), sharey=True)
+    orders = range(3, 3 + len(GROUPS))
+    for judge, (left, right) in zip(present, panels, strict=True):
+        for shift, (verdict, look) in zip((-0.12, 0.12, 0.0), LOOKS.items(), strict=True):
+            own = table[(table["judge"] == judge) & (table["verdict"] == verdict)]
+            whole = own[own["order"] == ALL]
+            _draw_shares(left, whole["snapshot_after"] + shift, whole, look, verdict)
+            found = {n: pooled(table, judge, verdict, n) for n in orders}
+            shares = pd.DataFrame({n: one for n, one in found.items() if one is not None}).T
+            _draw_shares(right, shares.index + shift, shares, look, verdict)
+        left.set_xticks(numbers[:: len(numbers) // 12 + 1])
+        left.set_xlim(numbers[0] - 0.5, numbers[-1] + 0.5)
+        right.set_xticks(orders, labels=GROUPS)
+        right.set_xlim(2.5, 2.5 + len(GROUPS))
+        left.set_ylabel(f"{JUDGES[judge]}\nshare that survives")
+    keys = [ax.get_legend_handles_labels() for ax in figure.axes]
+    shown = {label: handle for key in keys for handle, label in zip(*key, strict=True)}
+    figure.legend(list(shown.values()), list(shown), loc="outside upper center", ncols=3)
+    low = table["share_low"].min()
+    figure.axes[0].set_ylim(low - 0.05 * (1.0 - low), 1.0 + 0.05 * (1.0 - low))
+    left.set_xlabel("interval, by its later snapshot")
+    right.set_xlabel("order before, all intervals together")
     return figure
 
 
-def _rate(negative: Floats, positive: Floats) -> str:
-    """Shares of the loops of either actual sign that were predicted so."""
-    found = []
-    for right, wrong, sign in (
-        (np.sum(negative < 0), np.sum(positive < 0), "<"),
-        (np.sum(positive > 0), np.sum(negative > 0), ">"),
+def _draw_shares(
+    ax: Axes, place: Any, rows: pd.DataFrame, look: tuple[str, str], name: str
+) -> None:
+    """Draw the shares of survived loops with their intervals."""
+    if rows.empty:
+        return
+    share, low, high = (
+        rows[key].to_numpy(dtype=float) for key in ("share", "share_low", "share_high")
+    )
+    colour, marker = look
+    ax.errorbar(
+        place, share, (share - low, high - share), fmt=marker,
+        color=colour, markersize=3.5, elinewidth=0.9, label=name,
+    )  # fmt: skip
+
+
+@styled()
+def kinetics_figure(tables: Mapping[str, pd.DataFrame]) -> Figure:
+    """Openings against closings of every pair of orders; steady state and observed orders."""
+    figure, ((left, right),) = new_panels(1, 2, 3.4)
+    _balance(left, tables["kinetics"])
+    key, beside = left.get_legend_handles_labels(), key_columns(figure, 6)
+    figure.legend(*key, title="merged loop", loc="outside lower center", ncols=beside)
+    orders = tables["kinetics_orders"]
+    shown = orders["order"] <= LAST_DRAWN
+    order, share = orders["order"][shown], orders["steady_share"][shown]
+    right.plot(order, orders["observed_share"][shown], "o", color=BLUE, label="observed, mean")
+    known = bool(np.isfinite(share).any())
+    right.errorbar(
+        order + 0.15, share, orders["steady_error"][shown], fmt="s", color=VERMILION,
+        markersize=3.5, elinewidth=0.8, capsize=2.0,
+        label="steady state of the rates" if known else "steady state: too few events",
+    )  # fmt: skip
+    right.set(yscale="log", xlabel="loop order (number of grains)", ylabel="share of the loops")
+    least = orders["observed_share"][shown]
+    right.set_ylim(0.3 * least[least > 0].min(), 1.0)
+    right.legend()
+    return figure
+
+
+def _balance(ax: Axes, table: pd.DataFrame) -> None:
+    """Draw openings against closings, a colour for each order of the merged loop."""
+    opened, closed = table["openings"], table["closings"]
+    last = max(MERGED)
+    merged = np.minimum(table["order_merged"], last)
+    top = 2.0 * max(opened.max(), closed.max(), 1)
+    ax.plot([0, top], [0, top], color=GREY, linewidth=0.8, label="balance")
+    for order, colour in MERGED.items():
+        rows = merged == order
+        ax.errorbar(
+            closed[rows], opened[rows], np.sqrt(opened[rows]), np.sqrt(closed[rows]), fmt="o",
+            color=colour, markersize=3.5, elinewidth=0.6,
+            label=f"order {order}{'+' if order == last else ''}",
+        )  # fmt: skip
+    for m, n, x, y, p in zip(
+        table["order_1"], table["order_2"], closed, opened, table["balance_p"], strict=True
     ):
-        share = f"{right / (right + wrong):.0%}" if right + wrong else "none"
-        found.append(rf"{share} of $w_2 {sign} 0$")
-    return ", ".join(found)
+        if p < 0.01 and x > 0 and y > 0:
+            ax.annotate(f"{m}+{n}", (x, y), (3, 3), textcoords="offset points", color=BLACK,
+                        fontsize=6)  # fmt: skip
+    ax.set(xscale="symlog", yscale="symlog", xlim=(0, top), ylim=(0, top), aspect="equal")
+    ticks = [0] + [k for k in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10000) if k <= top]
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_ticks(ticks if len(ticks) < 9 else [0, *(10**k for k in range(5) if 10**k <= top)])
+        axis.set_major_formatter("{x:.0f}")
+        axis.set_minor_locator(NullLocator())
+    ax.set(xlabel="contacts that closed (splits)", ylabel="contacts that opened (mergers)")

@@ -1,4 +1,4 @@
-"""What every loop that survived an interval went through: strain, stress, second-order work.
+"""Fates of all loops over an interval; strain, stress and second-order work of those that survive.
 
 Let `x0` be the centres of a loop at the earlier snapshot, `V0` the area of its polygon and `d0` its
 branches. Over the interval
@@ -26,13 +26,12 @@ the work of loops that roll.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pyarrow as pa
 
 from loops import (
-    GrainGraph,
     LoopBatch,
     Regime,
     branch_vectors,
@@ -47,8 +46,9 @@ from loops.loop_strain import loop_strain, rotation_and_stretch, rotation_minus_
 from loops.tracking import Fate, LoopFates, loop_fates, match_contacts
 from patterns import Snapshot
 from stability import COMPONENTS
+from studies.columns import Columns
 
-# Column of a prediction: its closure and what the spins do.
+# Closure and spins of each column of predictions.
 PREDICTIONS: dict[str, tuple[Closure, Spins]] = {
     "affine_W2": ("affine", "blocked"),
     "affine_free_W2": ("affine", "free"),
@@ -64,9 +64,35 @@ WORK = (
 
 
 def track_loops(before: Snapshot, after: Snapshot) -> LoopFates:
-    """Say what became of every loop between two snapshots, by the contacts that they share."""
+    """Fate of every loop between two snapshots, by the contacts that they share."""
     contacts = match_contacts(before.graph, before.ids, after.graph, after.ids)
     return loop_fates(contacts, before.faces, after.faces)
+
+
+def fate_columns(fates: LoopFates) -> dict[str, Any]:
+    """Table of fates: one row an earlier loop, then one row a born loop.
+
+    `loop_before`, `fate`, `successor` (the one that shares most half-edges), `successors` (all that
+    share any), `order_before`, `order_after` (of the successor). A born loop has no earlier number
+    (-1) and order (0).
+    """
+    born = np.flatnonzero(fates.after == Fate.BORN)
+    count = np.bincount(fates.links[:, 0], minlength=len(fates.before))
+    ends = np.cumsum([0, *count, *np.ones_like(born)], dtype=np.int32)
+    successors = np.concatenate([fates.links[:, 1], born])
+    none = np.full(len(born), -1)
+    # A loop without successor (-1) finds the order 0 at the end.
+    order = np.append(fates.order_after, 0)
+    successor = np.concatenate([fates.successor, born])
+    names = np.array([fate.name.lower() for fate in Fate])
+    return {
+        "loop_before": np.concatenate([np.arange(len(fates.before)), none]),
+        "fate": names[np.concatenate([fates.before, fates.after[born]])],
+        "successor": successor,
+        "successors": pa.ListArray.from_arrays(pa.array(ends), pa.array(successors)),
+        "order_before": np.concatenate([fates.order_before, np.zeros_like(born)]),
+        "order_after": order[successor],
+    }
 
 
 def increments(before: Snapshot, after: Snapshot, fates: LoopFates) -> dict[str, Any]:
@@ -87,71 +113,45 @@ def increments(before: Snapshot, after: Snapshot, fates: LoopFates) -> dict[str,
         **{name: np.empty(len(survived)) for name in names},
         **({"sliding_contacts": np.empty(len(survived), dtype=np.int64)} if mechanical else {}),
     }
+    match, c = fates.contacts, fates.contacts.shared
+    branches, forces = branch_vectors(before.graph), contact_forces(before.graph)
+    # Contacts that opened are nan at the later snapshot.
+    later_branches, later_forces = (np.full_like(branches, np.nan) for _ in range(2))
+    sign = np.where(match.reversed[c], -1.0, 1.0)[:, None]
+    later_branches[c] = sign * branch_vectors(after.graph)[match.after[c]]
+    later_forces[c] = sign * contact_forces(after.graph)[match.after[c]]
     chosen = before.faces.loops[survived]
     row = np.full(len(before.faces.kind), -1)
     row[chosen] = np.arange(len(survived))
-    contacts = _both_times(before.graph, after.graph, fates)
     for loops in loop_batches(before.graph, before.faces, loops=chosen):
-        columns, H = _strain(loops, contacts)
+        at, x = loops.contacts, loops.graph.x
+        # Signs (L, n, 1): +1 for a contact along the loop's side, -1 against it.
+        sides = np.roll(x, -1, axis=1) - x
+        along = np.sign(np.sum(sides * branches[at], axis=2, keepdims=True))
+        # Both polygons are summed from their sides: a loop that didn't move has exactly no strain.
+        start, end = (np.cumsum(along * d[at], axis=1) for d in (branches, later_branches))
+        H = loop_strain(start, end)
+        columns = _components("H", H)
+        columns["area"] = polygon_area(start)
+        columns["rotation"] = np.degrees(rotation_and_stretch(H)[0])
         if mechanical:
-            columns |= _work(before, loops, H, contacts)
+            columns |= _work(before, loops, H, branches[at], (forces[at], later_forces[at]))
         for name, values in columns.items():
             table[name][row[loops.face]] = values
     return table
 
 
-class _Contacts(NamedTuple):
-    """Branches and forces of the earlier contacts, then and later; not numbers if opened."""
-
-    branches: Floats
-    later_branches: Floats
-    forces: Floats
-    later_forces: Floats
-
-
-def _both_times(before: GrainGraph, after: GrainGraph, fates: LoopFates) -> _Contacts:
-    match = fates.contacts
-    later_branches, later_forces = (np.full((before.contact_count, 2), np.nan) for _ in range(2))
-    c = match.shared
-    sign = np.where(match.reversed[c], -1.0, 1.0)[:, None]
-    later_branches[c] = sign * branch_vectors(after)[match.after[c]]
-    later_forces[c] = sign * contact_forces(after)[match.after[c]]
-    return _Contacts(branch_vectors(before), later_branches, contact_forces(before), later_forces)
-
-
-def _along(loops: LoopBatch, contacts: _Contacts) -> Floats:
-    """(L, n, 1) signs: whether a loop's sides run along its contacts or against them."""
-    x = loops.graph.x
-    sides = np.roll(x, -1, axis=1) - x
-    return np.sign(np.sum(sides * contacts.branches[loops.contacts], axis=2, keepdims=True))
-
-
-def _strain(loops: LoopBatch, contacts: _Contacts) -> tuple[dict[str, Floats], Floats]:
-    along = _along(loops, contacts)
-    # Both polygons from their sides alone: what didn't move has no strain, not even by rounding.
-    start, end = (
-        np.cumsum(along * branches[loops.contacts], axis=1)
-        for branches in (contacts.branches, contacts.later_branches)
-    )
-    H = loop_strain(start, end)
-    angle, _ = rotation_and_stretch(H)
-    columns = _components("H", H)
-    return columns | {"area": polygon_area(start), "rotation": np.degrees(angle)}, H
-
-
 def _work(
-    snapshot: Snapshot, loops: LoopBatch, H: Floats, contacts: _Contacts
-) -> dict[str, NDArray[Any]]:
+    snapshot: Snapshot, loops: LoopBatch, H: Floats, branches: Floats, forces: tuple[Floats, Floats]
+) -> Columns:
+    """Second-order work of a batch of loops, actual and predicted."""
     volume = polygon_area(loops.graph.x)[:, None, None]
-    c = loops.contacts
     # A contact against the loop has both its force and its branch reversed.
-    branches = contacts.branches[c]
-    P0 = 0.5 * np.swapaxes(contacts.forces[c], 1, 2) @ branches / volume
-    change = contacts.later_forces[c] - contacts.forces[c]
-    dP = 0.5 * np.swapaxes(change, 1, 2) @ branches / volume
+    P0 = 0.5 * np.swapaxes(forces[0], 1, 2) @ branches / volume
+    dP = 0.5 * np.swapaxes(forces[1] - forces[0], 1, 2) @ branches / volume
     angle, e = rotation_and_stretch(H)
     turned = dP + rotation_minus_one(-angle) @ (P0 + dP)
-    columns: dict[str, NDArray[Any]] = _components("dP", dP)
+    columns = _components("dP", dP)
     columns["hill_work"], columns["hill_cosine"] = _product(dP, H)
     columns["W2"], columns["w2"] = _product(turned, e)
     assert snapshot.law is not None and snapshot.regime is not None  # a mechanical snapshot
@@ -164,7 +164,7 @@ def _work(
     return columns
 
 
-def _components(name: str, values: Floats) -> dict[str, Floats]:
+def _components(name: str, values: Floats) -> Columns:
     flat = values.reshape(len(values), 4)
     return {f"{name}{ij}": flat[:, k] for k, ij in enumerate(COMPONENTS)}
 

@@ -1,11 +1,11 @@
-"""What the packing's own rate problem makes every loop do over an interval, and what it did.
+"""Predictions of the packing for every loop over an interval, and the actual non-affinity.
 
 The strain of the sample over the interval is put on the earlier snapshot (`packing_response`), in
-units of the interval: works are per interval, times are shares of it. Where the solution can't be
-trusted (`packing_status` is none of 'unique', 'one found', 'several') nothing is foretold.
+units of the interval: works are per interval, times are shares of it. If the solution can't be
+trusted (`packing_status` is none of 'unique', 'one found', 'several') there is no prediction.
 
-As an upper bound stands the grains' own motion beside it: where a motion of all centres and spins
-that is exactly right is put through the same tangents, what is left is the tangents' fault.
+The grains' own motion gives an upper bound: the motion of all centres and spins is exact there, and
+only the tangents are in error.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import InputError, loop_batches
 from loops.arrays import Floats
@@ -36,12 +35,12 @@ from stability.packing import (
 )
 from stability.packing.edge import YieldEdge, forces_of_motion
 from stability.packing.response import SOLVED
+from studies.columns import Columns
 from studies.series.evolution import sample_strain
 from studies.snapshot.in_packing import balance_notes, sample_boundary, sample_edge
 
-Columns = dict[str, NDArray[Any]]
-# Columns of the increments, and of the packing's own dataset, by the field of `LoopRates`.
-FORETOLD = {
+# Field of `LoopRates` of each column of predictions.
+PREDICTED = {
     "packing_W2": "second_order_work",
     "packing_w2": "normalised_work",
     "packing_work": "additive_work",
@@ -58,28 +57,27 @@ BY_EVENTS = {
     )
 }
 OWN = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
-# A path goes on past any number of instabilities in practice.
+# Largest number of instabilities that a path passes: more than occur.
 PASSED = 1000
 
 
-def foretold(
+def packing_predictions(
     before: Snapshot,
     after: Snapshot,
     fates: LoopFates,
     yield_band: float,
     by_events: bool = False,
 ) -> tuple[Columns, dict[str, Any], list[str]]:
-    """What is foretold of every earlier loop and what became of it; how it was solved; notes.
+    """Predictions and fates of all earlier loops, columns of the interval, notes.
 
-    A packing without a rate problem, as one that floats, is `refused` and the notes say why;
-    without forces there is nothing to foretell at all (`InputError`). With `by_events` its path and
-    its replay foretell as well.
+    A packing without a rate problem, as one that floats, is `refused` and a note says why; without
+    forces there is an `InputError`. With `by_events` the packing's path and replay predict too.
     """
     graph, (law, _) = before.graph, before.mechanics()
     H, source = sample_strain(before, after)
     columns = _facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
-    columns |= {name: blank for name in (*FORETOLD, *OWN, "packing_lambda_min")}
+    columns |= {name: blank for name in (*PREDICTED, *OWN, "packing_lambda_min")}
     columns |= {name: blank for name in BY_EVENTS if by_events}
     try:
         if source == "unknown":
@@ -89,7 +87,7 @@ def foretold(
         return columns, {"packing_status": "refused"}, [f"no packing response: {error}"]
     response = PackingRates(edge).response(H)
     if response.status in SOLVED:
-        columns |= _picked(loop_rates(response, before.faces), FORETOLD)
+        columns |= _picked(loop_rates(response, before.faces), PREDICTED)
     own = _own_motion(before, after, edge, response)
     if own is not None:
         columns |= _picked(loop_rates(own, before.faces), OWN)
@@ -112,7 +110,7 @@ def foretold(
 
 
 def _by_events(before: Snapshot, H: Floats) -> tuple[Columns, list[str]]:
-    """What the packing's path and its replay from rest make of the loops; why one did not."""
+    """Predictions of the packing's path and of its replay from rest; notes on failures."""
     graph, (law, _) = before.graph, before.mechanics()
     strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
     ends, notes = {}, list[str]()
@@ -139,7 +137,7 @@ def _picked(rates: LoopRates, names: dict[str, str]) -> Columns:
 
 
 def _facts(before: Snapshot, fates: LoopFates) -> Columns:
-    """What every earlier loop was and what became of it."""
+    """Order, fate, lost contacts and smallest force of every earlier loop."""
     graph, faces = before.graph, before.faces
     lost = np.ones(graph.contact_count, dtype=bool)
     lost[fates.contacts.shared] = False
@@ -163,14 +161,14 @@ def _facts(before: Snapshot, fates: LoopFates) -> Columns:
 def _own_motion(
     before: Snapshot, after: Snapshot, edge: YieldEdge, response: PackingResponse
 ) -> PackingResponse | None:
-    """The packing with the motion that the grains really had; None where no rotations are known."""
+    """The packing under the grains' actual motion; None if rotations are unknown."""
     if before.rotation is None or after.rotation is None:
         return None
     graph = before.graph
     _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
     x, spin = np.full((graph.grain_count, 2), np.nan), np.full(graph.grain_count, np.nan)
     x[here] = after.graph.x[there]
-    # Codes tell angles up to a turn, and no grain makes half of one in an interval.
+    # Codes give angles up to a full turn; a grain turns by less than half of one in an interval.
     turned = after.rotation[there] - before.rotation[here]
     spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
     i, j = graph.contacts.T
@@ -185,10 +183,8 @@ def _own_motion(
     return replace(response, branch_rate=rate, force_rate=forces_of_motion(edge, rate, spin))
 
 
-def gained(
-    table: Mapping[str, NDArray[Any]], row: Mapping[str, Any], columns: Columns
-) -> dict[str, Any]:
-    """Columns that the increments gain, and the actual `nonaffinity` beside what is foretold."""
+def increment_columns(table: Columns, row: Mapping[str, Any], columns: Columns) -> dict[str, Any]:
+    """Columns of the increments with `--in-packing`: actual non-affinity and predictions."""
     H, whole = (
         np.stack([values[f"{name}{ij}"] for ij in COMPONENTS], axis=-1).reshape(-1, 2, 2)
         for name, values in (("H", table), ("dH", row))
@@ -198,6 +194,6 @@ def gained(
         size = np.linalg.norm(sample)
         nonaffinity = np.linalg.norm(own - sample, axis=(1, 2)) / size
     at = table["loop_before"]
-    foreseen = {name: columns[name][at] for name in FORETOLD}
+    predicted = {name: columns[name][at] for name in PREDICTED}
     status = np.full(len(at), row["packing_status"])
-    return {"nonaffinity": nonaffinity} | foreseen | {"packing_status": status}
+    return {"nonaffinity": nonaffinity} | predicted | {"packing_status": status}

@@ -1,4 +1,4 @@
-"""What a series consists of: its snapshots in order, and what each was made from."""
+"""Plan of a series: its snapshots in order, each with a digest of everything it depends on."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from loops import InputError
-from patterns import count_frames
+from patterns import Snapshot, count_frames
 from patterns.snapshots.tables import read_table
 from studies.output import as_json, code_version, provenance, readable
+from studies.snapshot.source import read_planar
 
 Cell = tuple[float, float, float, float]
 COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
-# Files of one snapshot are named alike but for what they hold and for their endings.
+# Names of the files of one snapshot differ in these words and in their endings only.
 CONTENTS = re.compile(
     "grains|atoms?|spheres|contacts?|local|pairs?|intrs?|cell|walls?|data|fstat", re.IGNORECASE
 )
@@ -26,7 +27,7 @@ ENDINGS = re.compile(r"(\.(csv|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz))+$", re.
 
 @dataclass(frozen=True)
 class PlannedSnapshot:
-    """One snapshot of a series: its place, its file, the options of `read_planar`."""
+    """One snapshot of a series: its number, its file, the options of `read_planar`."""
 
     number: int
     path: Path
@@ -35,9 +36,13 @@ class PlannedSnapshot:
 
     @property
     def name(self) -> str:
-        """File, and place in a file of several, for messages and tables."""
+        """Name of the file, and number in a file of several, for messages and tables."""
         frame = self.how["frame"]
         return readable(self.path.name) + (f", frame {frame}" if frame is not None else "")
+
+    def read(self) -> Snapshot:
+        """Read the snapshot and find its faces; `InputError` as `read_planar`."""
+        return read_planar(self.path, **self.how)
 
 
 def plan_series(
@@ -73,7 +78,7 @@ def _require_distinct(paths: Sequence[Path]) -> None:
 
 
 def _frames(path: Path, how: dict[str, Any]) -> list[dict[str, Any]]:
-    """Options for each snapshot of a file; what can't be read is left to its task."""
+    """Options for each snapshot of a file; an unreadable file is left to its task."""
     try:
         count = count_frames(path, format=how["format"], columns=how["columns"])
     except InputError:
@@ -107,7 +112,7 @@ def _cell_of(snapshot: PlannedSnapshot, cells: dict[int, Cell], table: Path) -> 
 
 
 def number_of(path: Path, frame: int | None = None) -> int:
-    """Number in a table of cells: the place in a file of several, else the last in the name."""
+    """Number of a snapshot in a table of cells: its frame, else the last number in the name."""
     if frame is not None:
         return frame
     found = re.findall(r"\d+", ENDINGS.sub("", path.name))
@@ -122,7 +127,7 @@ def number_of(path: Path, frame: int | None = None) -> int:
 
 
 def with_fingerprints(planned: Sequence[PlannedSnapshot]) -> list[PlannedSnapshot]:
-    """With a digest of what each depends on: its place, the code, the options, its files."""
+    """Add the digest of each snapshot's number, code, options and files."""
     folders = {folder: _by_name(folder) for folder in {one.path.parent for one in planned}}
     return [
         replace(one, fingerprint=_digest(one, folders[one.path.parent].get(_common(one.path), [])))
@@ -138,7 +143,7 @@ def _digest(one: PlannedSnapshot, files: list[Path]) -> str:
 
 
 def _by_name(folder: Path) -> dict[str, list[Path]]:
-    """Files of a folder by what the names of one snapshot's files have in common."""
+    """Files of a folder by the common part of the names of one snapshot's files."""
     found: dict[str, list[Path]] = defaultdict(list)
     for path in sorted(folder.iterdir()):
         if path.is_file():

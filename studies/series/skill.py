@@ -1,29 +1,75 @@
-"""How well each prediction foresees what the loops really did: the rows of `skill.parquet`."""
+"""Skill of predictions: targets of an interval, predictors, and how well each ranks the loops.
+
+Targets of survived loops are negative second-order work and, with the packing, the upper tenth of
+the actual non-affinity; targets of all earlier loops, with the packing, are the loss of a contact
+and any change of topology.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import pyarrow.parquet
+from scipy.stats import rankdata, spearmanr
 
-from loops.arrays import Flags, Floats
-from studies.series.targets import OTHERS, TARGET, part_columns, targets
+from loops.arrays import Floats, Integers
+from loops.loop_strain import rotation_and_stretch
+from studies.columns import Columns
 from studies.snapshot.statistics import LAST_ORDER
 
-Table = dict[str, list[Any]]
 MEASURES = ("base", "coverage", "agreement", "precision", "recall", "auc", "rank_correlation")
 COLUMNS = ("snapshot_before", "snapshot_after", "predictor", "target", *MEASURES, "loops")
 ORDERS = range(3, LAST_ORDER + 1)
+TARGET, *OTHERS = ("W2_negative", "nonaffine", "contact_lost", "topology")
+# Predictors by their source; a higher score predicts the target. Closures predict from the strain
+# of the loop over the interval; `*_lambda_min` and the counts know the earlier snapshot only,
+# persistence the interval before. The grains' own motion over the interval is an upper bound.
+OF_INCREMENTS = {
+    "affine": "affine_W2",
+    "affine_free": "affine_free_W2",
+    "traction": "traction_W2",
+    "traction_free": "traction_free_W2",
+}
+OF_LOOPS = (
+    *("affine_lambda_min", "traction_lambda_min", "traction_free_lambda_min"),
+    "packing_lambda_min",
+)
+# The strain of a loop that came apart is unknown: closures have no prediction there.
+OF_SURVIVED = ("W2_negative", "nonaffine")
+BY_EVENTS = {"packing_path": "path", "replay": "replay"}
+EVENTS = ("packing", "own_motion", "persistence")
+# Predictors whose score is positive where they predict the target.
+SIGNED: dict[str, tuple[str, ...]] = {
+    "W2_negative": (*EVENTS, *BY_EVENTS, *OF_INCREMENTS, *OF_LOOPS),
+    "nonaffine": (),
+    "contact_lost": (*EVENTS, *BY_EVENTS),
+    "topology": (*EVENTS, *BY_EVENTS),
+}
+TIMES = {"packing": "packing", "own_motion": "own", **BY_EVENTS}
+STRAIN = ("H11", "H12", "H21", "H22")
+READ = (
+    *("snapshot_before", "snapshot_after", "loop_before", "loop_after", "order", "w2"),
+    *("nonaffinity", "sliding_contacts", "smallest_N", "fate", "contact_lost"),
+    *("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing"),
+    *("path_w2", "path_nonaffinity", "path_opening", "path_closing"),
+    *("replay_w2", "replay_nonaffinity", "replay_opening", "replay_closing"),
+    *("own_w2", "own_opening", "own_closing", *STRAIN, *OF_INCREMENTS.values(), *OF_LOOPS),
+)
+# Shortest time to an event, over the interval: the score of an earlier event is finite.
+SOONEST = 1e-12
 
 
 def skill_tables(
     loops: Sequence[Path], increments: Sequence[Path], packing: Sequence[Path] = ()
-) -> tuple[Table, Table]:
-    """One row an interval, predictor and target, from the parts of a series; the same by `order`.
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Tables of skill from the parts of a series: a row an interval, predictor and target.
 
-    Empty without forces; by order only where the packing foretells.
+    The second table has a row for each order as well; it is empty unless the packing predicts. Both
+    are empty without forces.
     """
     rows: list[dict[str, Any]] = []
     by_order: list[dict[str, Any]] = []
@@ -35,45 +81,132 @@ def skill_tables(
         state |= part_columns(packing[k]) if packing else {}
         order = np.minimum(state["order"], ORDERS[-1])
         for target, predictor, score, value, signed in targets(own, state, earlier):
-            numbers = [own[name][0] for name in COLUMNS[:2]] if len(own["w2"]) else []
-            if not numbers:
+            if not len(own["w2"]):
                 continue
+            numbers = [own[name][0] for name in COLUMNS[:2]]
             place = dict(zip(COLUMNS[:4], (*numbers, predictor, target), strict=True))
             rows.append(place | skill(score, value, signed=signed))
             for n in ORDERS if packing else ():
                 some = skill(score[order == n], value[order == n], signed=signed)
                 by_order.append(place | {"order": n} | some)
         earlier = own
-    return _table(rows, COLUMNS), _table(by_order, (*COLUMNS[:4], "order", *COLUMNS[4:]))
+    ordered = [*COLUMNS[:4], "order", *COLUMNS[4:]]
+    return pd.DataFrame(rows, columns=list(COLUMNS)), pd.DataFrame(by_order, columns=ordered)
 
 
-def _table(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> Table:
-    return {name: [row[name] for row in rows] for name in names}
+def part_columns(part: Path) -> Columns:
+    """Columns of `READ` that a part of any dataset has."""
+    there = pyarrow.parquet.read_schema(part).names
+    names = [name for name in READ if name in there]
+    table = pyarrow.parquet.read_table(part, columns=names)
+    return {name: table.column(name).to_numpy() for name in names}
+
+
+def targets(
+    own: Columns, state: Columns, earlier: Columns | None
+) -> Iterator[tuple[str, str, Floats, Floats, bool]]:
+    """Target, predictor, score, value, and whether the sign of the score is a prediction.
+
+    The value is negative where the target came true; there is one score and value for each loop.
+    `own` are the increments of an interval, `state` the table of its earlier snapshot and the
+    packing's predictions, `earlier` the increments of the interval before.
+    """
+    # Over the square of the strain: a larger step has more work of either sign.
+    H = np.stack([own[name] for name in STRAIN], axis=1).reshape(-1, 2, 2)
+    square = np.sum(rotation_and_stretch(H)[1] ** 2, axis=(1, 2))
+    size = np.where(square > 0, square, np.nan)
+    closures = {
+        name: _of_all(state, -own[column] / size, own["loop_before"])
+        for name, column in OF_INCREMENTS.items()
+    }
+    known = {name: -state[name] for name in OF_LOOPS if name in state}
+    counts = {"order": state["order"].astype(float)}
+    counts["sliding"] = state["sliding_contacts"].astype(float)
+    if "smallest_N" in state:
+        counts["smallest_N"] = -state["smallest_N"]
+    for target, value, predicted, past in _predicted(own, state, earlier):
+        strained = closures if target in OF_SURVIVED else {}
+        scores = predicted | strained | known | {"persistence": past} | counts
+        for name, score in scores.items():
+            yield target, name, score, value, name in SIGNED[target]
+
+
+def _predicted(
+    own: Columns, state: Columns, earlier: Columns | None
+) -> Iterator[tuple[str, Floats, dict[str, Floats], Floats]]:
+    """Target, value, scores of the packing and of the grains' own motion, and score of the past."""
+    at = own["loop_before"]
+    unknown = np.full(len(state["order"]), np.nan)
+
+    def past(name: str) -> Floats:
+        return unknown if earlier is None else _of_all(state, earlier[name], earlier["loop_after"])
+
+    packed = "fate" in state
+    work = {"packing": -state["packing_w2"], "own_motion": -state["own_w2"]} if packed else {}
+    walked = {name: column for name, column in BY_EVENTS.items() if f"{column}_w2" in state}
+    work |= {name: -state[f"{column}_w2"] for name, column in walked.items()}
+    yield TARGET, _of_all(state, own["w2"], at), work, -past("w2")
+    if not packed:
+        return
+    moved = own["nonaffinity"]
+    tenth = np.quantile(moved, 0.9) - moved if len(moved) else moved
+    nonaffinity = {"packing": state["packing_nonaffinity"]}
+    nonaffinity |= {name: state[f"{column}_nonaffinity"] for name, column in walked.items()}
+    yield "nonaffine", _of_all(state, tenth, at), nonaffinity, past("nonaffinity")
+    # Persistence: a loop that was not there before the last interval changes again.
+    new = unknown if earlier is None else np.where(np.isnan(past("w2")), 1.0, -1.0)
+    opening, closing = (
+        {
+            name: state[f"{column}_{what}"]
+            for name, column in TIMES.items()
+            if f"{column}_{what}" in state
+        }
+        for what in ("opening", "closing")
+    )
+    soon = {name: _soon(time) for name, time in opening.items()}
+    yield "contact_lost", np.where(state["contact_lost"], -1.0, 1.0), soon, new
+    soon = {name: _soon(np.minimum(opening[name], closing[name])) for name in opening}
+    yield "topology", np.where(state["fate"] == "survived", 1.0, -1.0), soon, new
+
+
+def _of_all(state: Columns, values: Floats, rows: Integers) -> Floats:
+    """Values of some loops, nan for the others."""
+    every = np.full(len(state["order"]), np.nan)
+    every[rows] = values
+    return every
+
+
+def _soon(time: Floats) -> Floats:
+    """Score of a time to an event: positive within the interval, larger for earlier events."""
+    return 1.0 / np.maximum(time, SOONEST) - 1.0
 
 
 def skill(score: Floats, value: Floats, *, signed: bool) -> dict[str, Any]:
-    """Hits of a score over one interval; not a number where there is nothing to divide by.
+    """Skill of a score over one interval; nan where a share has no denominator.
 
-    `base`: share of the loops with `value < 0` among those that have one, not zero; `coverage`:
-    share of these that have a score, over which the rest is taken; `agreement`, `precision`,
-    `recall`: of the sign; `auc`: chance that of two loops of either sign the negative one has the
-    higher score, one half for ties (Mann and Whitney); `rank_correlation`: Spearman's, of the score
-    with -value.
+    `base`: share of the loops with `value < 0` among those with a value other than zero;
+    `coverage`: share of these that have a score; all others are over loops with both. `agreement`,
+    `precision`, `recall`: of the sign; `auc`: chance that of two loops of either sign the negative
+    one has the higher score, one half for ties (Mann and Whitney); `rank_correlation`: Spearman's,
+    of the score with -value.
     """
     moved = np.isfinite(value) & (value != 0)
     known = moved & np.isfinite(score)
-    actual, foretold = value[known] < 0, score[known] > 0
-    hits = np.count_nonzero(actual & foretold)
-    ranks = _ranks(score[known])
+    scores, values = score[known], value[known]
+    actual, predicted = values < 0, scores > 0
+    hits, negative = np.count_nonzero(actual & predicted), int(np.count_nonzero(actual))
+    # Rank sum of the negative loops, less its least value: the number of pairs ranked rightly.
+    pairs = float(rankdata(scores)[actual].sum()) - 0.5 * negative * (negative + 1)
+    constant = not len(scores) or np.ptp(scores) == 0 or np.ptp(values) == 0
     return {
         "base": _share(np.count_nonzero(value[moved] < 0), np.count_nonzero(moved)),
-        "coverage": _share(np.count_nonzero(known), np.count_nonzero(moved)),
-        "agreement": _share(np.count_nonzero(actual == foretold) if signed else None, len(actual)),
-        "precision": _share(hits if signed else None, np.count_nonzero(foretold)),
-        "recall": _share(hits if signed else None, np.count_nonzero(actual)),
-        "auc": _auc(ranks, actual),
-        "rank_correlation": _correlation(ranks, _ranks(-value[known])),
-        "loops": int(np.count_nonzero(known)),
+        "coverage": _share(len(scores), np.count_nonzero(moved)),
+        "agreement": _share(np.count_nonzero(actual == predicted) if signed else None, len(actual)),
+        "precision": _share(hits if signed else None, np.count_nonzero(predicted)),
+        "recall": _share(hits if signed else None, negative),
+        "auc": _share(pairs, negative * (len(actual) - negative)),
+        "rank_correlation": float("nan") if constant else spearmanr(scores, -values).statistic,
+        "loops": len(scores),
     }
 
 
@@ -81,58 +214,29 @@ def _share(part: Any, whole: Any) -> float:
     return float("nan") if part is None or not whole else float(part / whole)
 
 
-def _ranks(values: Floats) -> Floats:
-    """Ranks from 1, the mean rank for ties."""
-    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
-    ranks: Floats = (np.cumsum(count) - 0.5 * (count - 1))[place]
-    return ranks
-
-
-def _auc(ranks: Floats, actual: Flags) -> float:
-    positive = int(np.count_nonzero(actual))
-    pairs = positive * (len(actual) - positive)
-    return _share(float(ranks[actual].sum()) - 0.5 * positive * (positive + 1), pairs)
-
-
-def _correlation(a: Floats, b: Floats) -> float:
-    a, b = a - a.mean() if len(a) else a, b - b.mean() if len(b) else b
-    return _share(float(a @ b), float(np.sqrt((a @ a) * (b @ b))))
-
-
-def mean_skill(table: Mapping[str, Sequence[Any]], target: str = TARGET) -> dict[str, Any]:
-    """Means over the intervals by predictor, each weighted by its loops; the spread of the AUC."""
+def mean_skill(table: pd.DataFrame, target: str = TARGET) -> dict[str, Any]:
+    """Means over the intervals by predictor, weighted by loops, and the range of the AUC."""
     found: dict[str, dict[str, Any]] = {}
-    loops, of_target = np.array(table["loops"], dtype=float), np.array(table["target"]) == target
-    predictor = np.array(table["predictor"])
-    for name in dict.fromkeys(predictor[of_target].tolist()):
-        own = of_target & (predictor == name) & (loops > 0)
-        row: dict[str, Any] = {"loops": int(loops[own].sum())}
+    for name, every in table[table["target"] == target].groupby("predictor", sort=False):
+        rows = every[every["loops"] > 0]
+        row: dict[str, Any] = {"loops": int(rows["loops"].sum())}
         for key in MEASURES:
-            row[key] = _mean(np.array(table[key], dtype=float)[own], loops[own])
-        auc = np.array(table["auc"], dtype=float)[own]
-        auc = auc[np.isfinite(auc)]
+            known = rows[rows[key].notna()]
+            mean = np.average(known[key], weights=known["loops"]) if len(known) else None
+            row[key] = None if mean is None else float(mean)
+        auc = rows["auc"].dropna()
         row |= {"auc_min": float(auc.min()), "auc_max": float(auc.max())} if len(auc) else {}
-        found[name] = row
+        found[str(name)] = row
     return found
 
 
-def _mean(values: Floats, weights: Floats) -> float | None:
-    known = np.isfinite(values)
-    return float(np.average(values[known], weights=weights[known])) if known.any() else None
-
-
-def summarised(table: Table, by_order: Table) -> dict[str, Any]:
+def skill_summary(table: pd.DataFrame, by_order: pd.DataFrame) -> dict[str, Any]:
     """Skill for the summary: means over the intervals by target, and by order."""
     summary: dict[str, Any] = {"skill": mean_skill(table)}
-    if not by_order["order"]:
-        return summary
-    summary["skill_of_targets"] = {target: mean_skill(table, target) for target in OTHERS}
-    order = np.array(by_order["order"])
-    parts = {
-        n: {name: np.array(values)[order == n] for name, values in by_order.items()} for n in ORDERS
-    }
-    means = {n: mean_skill(part) for n, part in parts.items()}
-    summary["skill_by_order"] = {
-        name: {f"order_{n}": means[n][name]["auc"] for n in ORDERS} for name in means[ORDERS[0]]
-    }
+    if len(by_order):
+        summary["skill_of_targets"] = {target: mean_skill(table, target) for target in OTHERS}
+        means = {n: mean_skill(by_order[by_order["order"] == n]) for n in ORDERS}
+        summary["skill_by_order"] = {
+            name: {f"order_{n}": means[n][name]["auc"] for n in ORDERS} for name in means[ORDERS[0]]
+        }
     return summary

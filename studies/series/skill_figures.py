@@ -1,26 +1,29 @@
-"""Figures of a series that its packings foretell: what that is worth, and a map of one interval."""
+"""Figures of predictions in a series: second-order work, skill of each predictor, maps."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from loops.arrays import Floats
-from studies.series.figures import MappedInterval
-from studies.series.targets import BY_EVENTS, OTHERS, TARGET
+from loops.tracking import LoopFates
+from patterns import Snapshot
+from studies.series.skill import BY_EVENTS, OTHERS, TARGET
 from studies.snapshot.loop_map import loop_drawer
 from studies.style import (
     BLACK,
     BLUE,
+    DIVERGING,
     GREEN,
     GREY,
     LIGHT_GREY,
@@ -29,6 +32,7 @@ from studies.style import (
     SEQUENTIAL,
     SKY,
     VERMILION,
+    axes_or_new,
     figure_of,
     key_columns,
     new_panels,
@@ -60,7 +64,7 @@ NAMES = {
     "sliding": "number sliding",
     "smallest_N": "smallest N",
 }
-# Followed from interval to interval; the others are told by their spread alone.
+# Predictors drawn from interval to interval; the figure of all predictors shows the others.
 FOLLOWED = {
     "packing": (BLUE, "o"),
     "own_motion": (GREEN, "^"),
@@ -69,11 +73,75 @@ FOLLOWED = {
     "order": (PURPLE, "v"),
     "smallest_N": (SKY, "P"),
 }
-Table = Mapping[str, Sequence[Any]]
+CLOSURES = {
+    "affine_W2": "affine closure, spins blocked",
+    "affine_free_W2": "affine closure, spins free",
+    "traction_W2": "traction closure, spins blocked",
+    "traction_free_W2": "traction closure, spins free",
+}
+
+
+class MappedInterval(NamedTuple):
+    """An interval to draw maps of; the packing's predictions are for all earlier loops."""
+
+    before: Snapshot
+    fates: LoopFates
+    increments: Mapping[str, Any]
+    predicted: Mapping[str, Any]
 
 
 @styled()
-def skill_by_predictor(table: Table) -> Figure:
+def work_signs(increments: Mapping[str, Any]) -> Figure:
+    """Distribution of the actual work by the sign of its prediction."""
+    figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)
+    actual, bins = np.asarray(increments["w2"]), np.linspace(-1, 1, 41)
+    for ax, (name, title) in zip(axes.ravel(), CLOSURES.items(), strict=True):
+        predicted = np.asarray(increments[name])
+        known = np.isfinite(predicted) & (actual != 0)
+        parts = actual[known & (predicted < 0)], actual[known & (predicted >= 0)]
+        labels = [rf"predicted $W_2 {sign} 0$" for sign in ("<", r"\geq")]
+        ax.hist(parts, bins, stacked=True, color=[VERMILION, BLUE], label=labels)
+        ax.axvline(0, color=GREY, linewidth=0.8)
+        ax.set_title(f"{title}\nright: {_rate(*parts)}")
+    for ax in axes[1]:
+        ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
+    for ax in axes[:, 0]:
+        ax.set_ylabel("survived loops")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+def _rate(negative: Floats, positive: Floats) -> str:
+    """Shares of the loops of negative and of positive work whose sign was predicted rightly."""
+    found = []
+    for right, wrong, sign in (
+        (np.sum(negative < 0), np.sum(positive < 0), "<"),
+        (np.sum(positive > 0), np.sum(negative > 0), ">"),
+    ):
+        share = f"{right / (right + wrong):.0%}" if right + wrong else "none"
+        found.append(rf"{share} of $w_2 {sign} 0$")
+    return ", ".join(found)
+
+
+@styled()
+def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
+    """Loops of the earlier snapshot by their normalised actual second-order work."""
+    before, fates, increments, _ = mapped
+    ax = axes_or_new(ax, 4.6, 4.0)
+    work = np.full(len(fates.before), np.nan)
+    work[increments["loop_before"]] = increments["w2"]
+    palette = mpl.colormaps[DIVERGING].with_extremes(bad=LIGHT_GREY)
+    draw = loop_drawer(before)
+    colours = draw(ax, work, palette, Normalize(-1.0, 1.0))
+    bar = figure_of(ax).colorbar(colours, ax=ax, shrink=0.8)
+    bar.set_label(r"actual $w_2 = dP:dH/(|dP||dH|)$, corotated")
+    handle = Patch(color=LIGHT_GREY, label="did not survive the interval")
+    ax.legend(handles=[handle], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    return ax
+
+
+@styled()
+def skill_by_predictor(table: pd.DataFrame) -> Figure:
     """AUC of every predictor, a dot an interval and the mean of them, for each target."""
     walked = set(table["predictor"])
     names = [name for name in NAMES if name in walked or name not in BY_EVENTS]
@@ -87,7 +155,7 @@ def skill_by_predictor(table: Table) -> Figure:
             ax.plot(auc, np.full(len(auc), place), "o", color=colour, alpha=0.35, markersize=3)
             if not len(auc):
                 ax.annotate(
-                    "says nothing of it", (0.03, place), xycoords=("axes fraction", "data"),
+                    "not applicable", (0.03, place), xycoords=("axes fraction", "data"),
                     va="center", color=GREY, fontsize=6,
                     bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
                 )  # fmt: skip
@@ -106,14 +174,20 @@ def skill_by_predictor(table: Table) -> Figure:
 
 
 @styled()
-def skill_by_interval(table: Table) -> Figure:
+def skill_by_interval(table: pd.DataFrame) -> Figure:
     """AUC of the main predictors from interval to interval, above the base rate."""
     figure, axes = new_panels(2, 2, 4.4, sharex=True, sharey=True)
     axes = axes.ravel()
     for ax, target in zip(axes, TARGETS, strict=True):
         for name, (colour, marker) in FOLLOWED.items():
-            _follow(ax, table, target, name, color=colour, marker=marker, label=NAMES[name])
-        after, base = _interval(table, target, "order"), _column(table, "base", target, "order")
+            auc = _column(table, "auc", target, name)
+            if np.isfinite(auc).any():
+                look: Any = {"marker": marker, "markersize": 3.5, "linewidth": 0.9}
+                after = _column(table, "snapshot_after", target, name)
+                ax.plot(after, auc, color=colour, label=NAMES[name], **look)
+        after, base = (
+            _column(table, column, target, "order") for column in ("snapshot_after", "base")
+        )
         ax.fill_between(after, base, color=LIGHT_GREY, step="mid", label="base rate", zorder=0)
         ax.axhline(0.5, color=GREY, linewidth=0.7, zorder=0)
         ax.set(title=TITLES[target], ylim=(0, 1.02))
@@ -131,25 +205,13 @@ def skill_by_interval(table: Table) -> Figure:
     return figure
 
 
-def _follow(ax: Axes, table: Table, target: str, name: str, **style: Any) -> None:
-    auc = _column(table, "auc", target, name)
-    if np.isfinite(auc).any():
-        ax.plot(_interval(table, target, name), auc, markersize=3.5, linewidth=0.9, **style)
+def _column(table: pd.DataFrame, column: str, target: str, name: str) -> Floats:
+    rows = (table["target"] == target) & (table["predictor"] == name)
+    return table.loc[rows, column].to_numpy(dtype=float)
 
 
-def _rows(table: Table, target: str, name: str) -> Any:
-    return (np.array(table["target"]) == target) & (np.array(table["predictor"]) == name)
-
-
-def _column(table: Table, column: str, target: str, name: str) -> Floats:
-    return np.array(table[column], dtype=float)[_rows(table, target, name)]
-
-
-def _interval(table: Table, target: str, name: str) -> Floats:
-    return _column(table, "snapshot_after", target, name)
-
-
-def _base(table: Table, target: str) -> str:
+def _base(table: pd.DataFrame, target: str) -> str:
+    """Mean and range of the base rate over the intervals."""
     base = _column(table, "base", target, "order")
     base = base[np.isfinite(base)]
     if not len(base):
@@ -159,8 +221,8 @@ def _base(table: Table, target: str) -> str:
 
 @styled()
 def nonaffinity_map(mapped: MappedInterval) -> Figure:
-    """Non-affinity that the packing foretells of every loop beside the actual one."""
-    before, fates, increments, foretold = mapped
+    """Non-affinity of every loop: predicted by the packing, and actual."""
+    before, fates, increments, predicted = mapped
     actual = np.full(len(fates.before), np.nan)
     actual[increments["loop_before"]] = increments["nonaffinity"]
     figure, (axes,) = new_panels(1, 2, 3.6)
@@ -170,7 +232,7 @@ def nonaffinity_map(mapped: MappedInterval) -> Figure:
     scale = LogNorm(low, high)
     palette = mpl.colormaps[SEQUENTIAL].with_extremes(bad=LIGHT_GREY)
     draw = loop_drawer(before)
-    panels = {"foretold by the packing": foretold["packing_nonaffinity"], "actual": actual}
+    panels = {"predicted by the packing": predicted["packing_nonaffinity"], "actual": actual}
     for ax, (title, values) in zip(axes, panels.items(), strict=True):
         colours = draw(ax, values, palette, scale)
         ax.set_title(title)
@@ -179,6 +241,6 @@ def nonaffinity_map(mapped: MappedInterval) -> Figure:
     bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks], minor=False)
     bar.minorticks_off()
     bar.set_label(r"non-affinity, $|\varepsilon_l - \varepsilon|\,/\,|\varepsilon|$")
-    handle = Patch(color=LIGHT_GREY, label="carries nothing; did not survive the interval")
+    handle = Patch(color=LIGHT_GREY, label="carries no force; did not survive the interval")
     figure.legend(handles=[handle], loc="outside lower center")
     return figure

@@ -1,10 +1,9 @@
-"""The two tasks of a series: the loops of one snapshot, and what became of them by the next."""
+"""Tasks of a series: the loops of one snapshot, and their fates and changes until the next."""
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -12,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.linalg import _fblas as fblas
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from loops import InputError
 from loops.kinetics import order_events
@@ -20,26 +20,17 @@ from loops.tracking import LoopFates, exchange_counts
 from patterns import Snapshot
 from studies.output import DATASETS
 from studies.series.dataset import is_finished, write_part
-from studies.series.evolution import evolution_row, interval_row
-from studies.series.fates import fate_columns
-from studies.series.increments import increments, track_loops
-from studies.series.packing import foretold, gained
+from studies.series.evolution import evolution_row, interval_row, probe_row
+from studies.series.increments import fate_columns, increments, track_loops
+from studies.series.packing import increment_columns, packing_predictions
 from studies.series.plan import PlannedSnapshot
-from studies.series.probing import probe_row
-from studies.snapshot.source import read_planar
+from studies.series.workers import Runner, one_blas_thread
 from studies.snapshot.table import loop_table
-
-# How OpenBLAS calls its number of threads, in numpy's wheels and elsewhere.
-BLAS = tuple(
-    (f"{prefix}openblas_get_num_threads{suffix}", f"{prefix}openblas_set_num_threads{suffix}")
-    for prefix in ("scipy_", "")
-    for suffix in ("64_", "")
-)
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a task could not be done: an `InputError` in parts that travel between processes."""
+    """Reason of a failed task: the parts of an `InputError`, to send between processes."""
 
     number: int
     name: str
@@ -50,7 +41,7 @@ class Failure:
     skippable: bool = True
 
     def error(self) -> InputError:
-        """Return the error itself, to raise where the tasks are handed out."""
+        """Return the error to raise in the main process."""
         skip = "; --skip-bad goes on without this one" if self.skippable else ""
         return InputError(
             f"snapshot {self.number} ({self.name}): {self.where}",
@@ -62,7 +53,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class PartTask:
-    """One part to write: the loops of a snapshot, or what became of them by the next one.
+    """Task that writes the loops of one snapshot, or the changes between two successive ones.
 
     With `directions` the snapshot is probed as well.
     """
@@ -75,29 +66,29 @@ class PartTask:
 
     @property
     def part(self) -> Path:
-        """Where the result goes, below the absolute result folder."""
+        """File of the result, in a dataset of the absolute result folder."""
         return self._part(DATASETS[len(self.snapshots) - 1])
 
     @property
     def packing_part(self) -> Path:
-        """Where what the packing foretells goes."""
+        """File of the packing's predictions."""
         return self._part(DATASETS[2])
 
     @property
     def fates_part(self) -> Path:
-        """Where the fates of all loops go."""
+        """File of the fates of all loops."""
         return self._part(DATASETS[3])
 
     @property
     def fingerprint(self) -> str:
-        """Of what the result depends on."""
+        """Digest of everything that the result depends on."""
         how = self.yield_band, self.directions
         band = [repr(one) for one in how if one is not None] + ["events"] * self.by_events
         return "-".join([*(one.fingerprint for one in self.snapshots), *band])
 
     @property
     def finished(self) -> bool:
-        """Whether all it writes is there, made from the same."""
+        """Whether all its files exist and have its fingerprint."""
         parts = [self.part]
         if len(self.snapshots) > 1:
             parts += [self.fates_part, *([] if self.yield_band is None else [self.packing_part])]
@@ -105,7 +96,7 @@ class PartTask:
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """Name of the snapshots, for messages."""
         return " to ".join(one.name for one in self.snapshots)
 
     def _part(self, dataset: str) -> Path:
@@ -115,9 +106,9 @@ class PartTask:
 
 @dataclass(frozen=True)
 class Series:
-    """A series as it was asked for: its snapshots, the result folder, who else tells of them.
+    """Planned snapshots, result folder and optional extra predictors of a series.
 
-    With `yield_band` the packing foretells each interval, with `by_events` its path and its replay
+    With `yield_band` the packing predicts each interval, with `by_events` its path and its replay
     too; `probe` are the yield band and the number of directions of the probes of each snapshot.
     """
 
@@ -140,8 +131,37 @@ class Series:
         return [PartTask(pair, *asked, by_events=self.by_events) for pair in pairs]
 
 
+def do_tasks(
+    runner: Runner, tasks: Sequence[PartTask], title: str, *, skip_bad: bool
+) -> list[Failure]:
+    """Do the tasks that are not finished yet, with a progress bar; failures that may be skipped."""
+    open_tasks = [task for task in tasks if not task.finished]
+    if not open_tasks:
+        return []
+    console = Console(stderr=True)
+    if len(open_tasks) < len(tasks):
+        done = len(tasks) - len(open_tasks)
+        console.print(f"{title}: {done} of {len(tasks)} were finished before", highlight=False)
+    failures = []
+    columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn(), TimeRemainingColumn())
+    hidden = not console.is_terminal
+    with (
+        Progress(*columns, console=console, transient=True, disable=hidden) as bar,
+        # However the loop ends, tasks that have not started are dropped.
+        closing(runner(do_task, open_tasks)) as answers,
+    ):
+        row = bar.add_task(title, total=len(tasks), completed=len(tasks) - len(open_tasks))
+        for answer in answers:
+            bar.advance(row)
+            if answer is not None and not (skip_bad and answer.skippable):
+                raise answer.error()
+            if answer is not None:
+                failures.append(answer)
+    return sorted(failures, key=lambda failure: failure.number)
+
+
 def do_task(task: PartTask) -> Failure | None:
-    """Write a part, or say why it could not be done; doing it again writes the same."""
+    """Write the files of a task, or return why it failed; a repetition writes the same bytes."""
     last = task.snapshots[-1]
     try:
         with one_blas_thread():
@@ -150,17 +170,17 @@ def do_task(task: PartTask) -> Failure | None:
         parts = error.where, error.received, error.expected, error.remedy
         return Failure(last.number, last.name, *parts)
     except OSError as error:
-        # What goes wrong with reading is an InputError already.
+        # Errors of reading are InputErrors already.
         parts = str(task.part), error.strerror or str(error), "a place to write", "Make room."
         return Failure(last.number, last.name, *parts, skippable=False)
     return None
 
 
 def _write_snapshot(task: PartTask) -> None:
-    """The loops, one row each, with the row of the series beside them."""
+    """Write the table of loops; its metadata keeps the row of the snapshot in `evolution`."""
     (planned,) = task.snapshots
-    state = state_of(planned)
-    # Tasks run side by side, each on one core.
+    state = planned.read()
+    # Tasks run at the same time, each on one core.
     table = loop_table(state, threads=1)
     row, notes = evolution_row(state, table), list(state.notes)
     if task.directions is not None and task.yield_band is not None:
@@ -176,7 +196,7 @@ def _write_snapshot(task: PartTask) -> None:
 
 
 def _write_pair(task: PartTask) -> None:
-    """What became of the loops, one row a survived one, and the exchange of orders."""
+    """Write the tables of fates and increments; metadata keep the row of the interval."""
     before, after, fates = tracked(task)
     table = increments(before, after, fates)
     own = {"fingerprint": task.fingerprint}
@@ -189,12 +209,12 @@ def _write_pair(task: PartTask) -> None:
         "events": order_events(fates)._asdict(),
     }
     if task.yield_band is not None:
-        columns, row, about["notes"] = foretold(
+        columns, row, about["notes"] = packing_predictions(
             before, after, fates, task.yield_band, task.by_events
         )
         about["row"] |= row
-        table |= gained(table, about["row"], columns)
-        # The increments come last: they are what a restart finds finished.
+        table |= increment_columns(table, about["row"], columns)
+        # A restart looks for the increments: they are written last.
         write_part(task.packing_part, _numbers(task, len(columns["loop"])) | columns, own)
     write_part(task.part, _numbers(task, len(table["loop_before"])) | table, about)
 
@@ -206,43 +226,6 @@ def _numbers(task: PartTask, rows: int) -> dict[str, Any]:
 
 
 def tracked(task: PartTask) -> tuple[Snapshot, Snapshot, LoopFates]:
-    """Two successive snapshots, and what became of the loops between them."""
-    before, after = map(state_of, task.snapshots)
+    """Two successive snapshots and the fates of the loops between them."""
+    before, after = (planned.read() for planned in task.snapshots)
     return before, after, track_loops(before, after)
-
-
-def state_of(planned: PlannedSnapshot) -> Snapshot:
-    """A snapshot and its faces; `InputError` as `read_planar`."""
-    return read_planar(planned.path, **planned.how)
-
-
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Linear algebra of numpy and scipy in one thread, in whatever process the task is done.
-
-    How OpenBLAS shares out a decomposition changes its last digit, from some 40 unknowns on; the
-    same bytes must come from one process, several, or a cluster of other machines.
-    """
-    libraries = _blas_threads()
-    before = [get() for get, _ in libraries]
-    for _, put in libraries:
-        put(1)
-    try:
-        yield
-    finally:
-        for (_, put), number in zip(libraries, before, strict=True):
-            put(number)
-
-
-def _blas_threads() -> list[tuple[Any, Any]]:
-    """How many threads OpenBLAS takes, to ask and to set: numpy has a library, scipy another."""
-    found = []
-    for module in (np.linalg._umath_linalg, fblas):
-        try:
-            library = ctypes.CDLL(module.__file__)
-        except (OSError, AttributeError):
-            continue
-        for get, put in BLAS:
-            if hasattr(library, get) and hasattr(library, put):
-                found.append((getattr(library, get), getattr(library, put)))
-    return found

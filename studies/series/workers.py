@@ -1,7 +1,8 @@
-"""Who does the tasks: this process, several, or a cluster; what is finished is not done again."""
+"""Runners of tasks: this process, several processes, or a Dask cluster."""
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import signal
@@ -11,18 +12,17 @@ import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
+import numpy as np
+from scipy.linalg import _fblas as fblas
 
 from loops import InputError
 from loops.arrays import available_cores
-from studies.series.tasks import Failure, PartTask, do_task
 
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
@@ -32,7 +32,13 @@ THREADS = (
 )
 
 
-# Calls a function with each task, and gives the answers as they come, in any order.
+# Functions of OpenBLAS that get and set its number of threads, in numpy's wheels and elsewhere.
+BLAS = tuple(
+    (f"{prefix}openblas_get_num_threads{suffix}", f"{prefix}openblas_set_num_threads{suffix}")
+    for prefix in ("scipy_", "")
+    for suffix in ("64_", "")
+)
+# Calls a function with each task and yields the answers in any order.
 Runner = Callable[[Callable[[Any], Any], Sequence[Any]], Generator[Any]]
 
 
@@ -40,7 +46,7 @@ Runner = Callable[[Callable[[Any], Any], Sequence[Any]], Generator[Any]]
 def open_runner(
     workers: int | None, scheduler: str | None, paths: Sequence[Path]
 ) -> Iterator[Runner]:
-    """The one who does the tasks."""
+    """Open the runner that was asked for; `paths` are files that a cluster must see."""
     if workers is not None and scheduler is not None:
         raise InputError("--workers, --scheduler", "both", "one of them", "Leave one out.")
     if workers is not None and workers < 1:
@@ -59,44 +65,15 @@ def open_runner(
         yield partial(run_in_processes, pool)
 
 
-def do_tasks(
-    runner: Runner, tasks: Sequence[PartTask], title: str, *, skip_bad: bool
-) -> list[Failure]:
-    """Do the tasks that are not finished yet, with a progress bar."""
-    open_tasks = [task for task in tasks if not task.finished]
-    if not open_tasks:
-        return []
-    console = Console(stderr=True)
-    if len(open_tasks) < len(tasks):
-        done = len(tasks) - len(open_tasks)
-        console.print(f"{title}: {done} of {len(tasks)} were finished before", highlight=False)
-    failures = []
-    columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn(), TimeRemainingColumn())
-    hidden = not console.is_terminal
-    with (
-        Progress(*columns, console=console, transient=True, disable=hidden) as bar,
-        # Whatever ends the loop, tasks that have not begun are left.
-        closing(runner(do_task, open_tasks)) as answers,
-    ):
-        row = bar.add_task(title, total=len(tasks), completed=len(tasks) - len(open_tasks))
-        for answer in answers:
-            bar.advance(row)
-            if answer is not None and not (skip_bad and answer.skippable):
-                raise answer.error()
-            if answer is not None:
-                failures.append(answer)
-    return sorted(failures, key=lambda failure: failure.number)
-
-
 def run_here(function: Callable[[Asked], Answer], tasks: Sequence[Asked]) -> Generator[Answer]:
-    """Answers one after the other, in this process."""
+    """Yield the answers one after the other, in this process."""
     for task in tasks:
         yield function(task)
 
 
 @contextmanager
 def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that end with the block; tasks that have not begun then are left undone."""
+    """Processes that end with the block; tasks that have not started by then are dropped."""
     pool = ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
@@ -111,9 +88,9 @@ def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 def run_in_processes(
     pool: ProcessPoolExecutor, function: Callable[[Asked], Answer], tasks: Sequence[Asked]
 ) -> Generator[Answer]:
-    """Answers as they come, from processes of one thread each.
+    """Yield the answers in any order, from processes of one thread each.
 
-    Whoever stops asking leaves the tasks that have not begun undone.
+    Closing the generator drops the tasks that have not started.
     """
     futures: list[Future[Answer]] = []
     try:
@@ -136,7 +113,7 @@ def run_in_processes(
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Environment of the processes: as many of them as cores, so one thread each."""
+    """Give the processes that start here one thread each: there is one process a core."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
@@ -151,7 +128,7 @@ def _one_thread_each() -> Iterator[None]:
 
 @contextmanager
 def _interrupts_ignored() -> Iterator[None]:
-    """Processes started here don't hear Ctrl-C: it is for the one who hands out the tasks."""
+    """Let processes that start here ignore Ctrl-C, which the main process handles."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -163,7 +140,7 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """No warnings, as in the command; and a killed parent tells nobody: end with it."""
+    """Start a process: no warnings, as in the command, and an end when its parent is killed."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     parent = multiprocessing.parent_process()
@@ -176,3 +153,35 @@ def _begin() -> None:
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Run the linear algebra of numpy and scipy in one thread.
+
+    The number of threads of OpenBLAS changes the last digit of a decomposition, from some 40
+    unknowns on; one process, several, and a cluster of other machines must write the same bytes.
+    """
+    libraries = blas_threads()
+    before = [get() for get, _ in libraries]
+    for _, put in libraries:
+        put(1)
+    try:
+        yield
+    finally:
+        for (_, put), number in zip(libraries, before, strict=True):
+            put(number)
+
+
+def blas_threads() -> list[tuple[Any, Any]]:
+    """Functions that get and set the number of threads, of numpy's OpenBLAS and of scipy's."""
+    found = []
+    for module in (np.linalg._umath_linalg, fblas):
+        try:
+            library = ctypes.CDLL(module.__file__)
+        except (OSError, AttributeError):
+            continue
+        for get, put in BLAS:
+            if hasattr(library, get) and hasattr(library, put):
+                found.append((getattr(library, get), getattr(library, put)))
+    return found

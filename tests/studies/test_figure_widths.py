@@ -8,7 +8,7 @@ from matplotlib.text import Text
 
 import grainloops as gl
 from studies.evolve.figures import stress_strain
-from studies.series.kinetics_figures import kinetics_figure
+from studies.series.figures import kinetics_figure
 from studies.series.skill_figures import TARGETS, skill_by_predictor
 
 
@@ -40,7 +40,7 @@ def kinetics():
 def skill():
     rows = [(target, "order", 0.7, 0.1, 1) for target in TARGETS]
     names = ("target", "predictor", "auc", "base", "snapshot_after")
-    return skill_by_predictor(dict(zip(names, zip(*rows, strict=True), strict=True)))
+    return skill_by_predictor(pd.DataFrame(rows, columns=names))
 
 
 @pytest.mark.parametrize("draw", [path, kinetics, skill])

@@ -1,4 +1,4 @@
-"""Fates of a series: the file against the tracking, survival against counts and scipy."""
+"""Fates of a series: the file against the tracking, survival against counts."""
 
 import shutil
 from itertools import pairwise
@@ -7,16 +7,16 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import norm
 
 from loops.tracking import Fate
 from patterns import sample_path
 from stability import RTOL
 from studies.series import run_series
-from studies.series.fates import ENDS, _verdicts, pooled, survival
 from studies.series.increments import track_loops
 from studies.series.plan import plan_series, with_fingerprints
-from studies.series.report import _maps
+from studies.series.report import maps_of
+from studies.series.survival import ENDS, pooled, survival, verdict_codes
 from studies.series.tasks import Series
 from studies.snapshot.source import read_planar, reading
 from studies.snapshot.summary import JUDGES
@@ -106,8 +106,7 @@ def test_survival_counts_every_loop_once(ran):
     assert found["share"] == rows.survived.sum() / rows.loops.sum()
     assert found["over_intervals"]["mean"] == pytest.approx(rows.share.mean(), rel=1e-14)
     assert found["over_intervals"]["std"] == pytest.approx(rows.share.std(ddof=0), rel=1e-12)
-    listed = table.to_dict("list")
-    assert pooled(listed, "affine", "unheard of", 0) is None
+    assert pooled(table, "affine", "unheard of", 0) is None
     # Loops of eight grains and more are one group.
     assert table.order.max() == 8
     orders = pd.read_parquet(out / "fates.parquet").order_before
@@ -116,13 +115,15 @@ def test_survival_counts_every_loop_once(ran):
 
 @pytest.mark.parametrize(("survived", "loops"), [(0, 4), (7, 7), (5, 9), (980, 1000)])
 def test_the_interval_is_wilsons(survived, loops):
-    found = survival(loops, {"survived": survived})
-    expected = binomtest(survived, loops).proportion_ci(0.95, method="wilson")
-    assert found["share"] == survived / loops
-    # scipy's ends of 0 and 1 are such but for rounding.
-    assert found["share_low"] == pytest.approx(expected.low, abs=1e-14)
-    assert found["share_high"] == pytest.approx(expected.high, abs=1e-14)
-    assert found["share_low"] <= found["share"] <= found["share_high"]
+    """At its ends the observed share is 1.96 standard deviations of the end's own share away."""
+    found = survival({"survived": survived, "died": loops - survived})
+    share = survived / loops
+    assert found["share"] == share and found["loops"] == loops
+    assert found["share_low"] <= share <= found["share_high"]
+    for end in (found["share_low"], found["share_high"]):
+        score = (share - end) ** 2 * loops
+        # Rounding of an end of order one; an end that is the share itself has no variance left.
+        assert score == pytest.approx(norm.ppf(0.975) ** 2 * end * (1 - end), abs=1e-13 * loops)
 
 
 def test_the_page_has_a_map_of_every_snapshot_with_the_fates(ran, monkeypatch):
@@ -131,7 +132,7 @@ def test_the_page_has_a_map_of_every_snapshot_with_the_fates(ran, monkeypatch):
     planned = with_fingerprints(planned)
     counts = [len(fates.before) for fates in tracked]
     counts.append(len(tracked[-1].after))
-    maps = _maps(Series(planned, out), counts, 2)
+    maps = maps_of(Series(planned, out), counts, 2)
     assert [one.number for one in maps] == [0, 1, 2, 3]
     assert [one.first for one in maps] == [False, False, True, False]
     assert [len(one) for one in maps] == counts
@@ -143,11 +144,11 @@ def test_the_page_has_a_map_of_every_snapshot_with_the_fates(ran, monkeypatch):
     assert "fate" not in maps[-1].columns
     # Where not all fit, some are shown, the chosen one among them, and the page says so.
     monkeypatch.setattr("studies.series.report.MOST_LOOPS", 2 * max(counts))
-    some = _maps(Series(planned, out), counts, 2)
+    some = maps_of(Series(planned, out), counts, 2)
     assert [one.number for one in some] == [0, 2, 3]
     assert some[0].about.startswith("3 of 4 snapshots are shown")
     monkeypatch.setattr("studies.series.report.MOST_LOOPS", min(counts) - 1)
-    assert _maps(Series(planned, out), counts, 2) == []
+    assert maps_of(Series(planned, out), counts, 2) == []
 
 
 def test_without_forces_there_are_fates_and_no_verdicts(tmp_path):
@@ -170,5 +171,5 @@ def test_verdicts_on_either_side_of_the_tolerance(tmp_path):
     smallest = [-2.0 * RTOL, -0.5 * RTOL, 0.5 * RTOL, 2.0 * RTOL, np.nan]
     file = tmp_path / "loops.parquet"
     pyarrow.parquet.write_table(pyarrow.table({"traction_lambda_min": smallest}), file)
-    ((judge, codes),) = _verdicts(file, np.array([0, 1, 2, 3, 4, -1]))
+    ((judge, codes),) = verdict_codes(file, np.array([0, 1, 2, 3, 4, -1])).items()
     assert judge == "traction" and codes.tolist() == [1, 0, 0, 0, 2, 3]

@@ -1,10 +1,10 @@
 """Figures and animation of a series: what they show is what the tables say."""
 
-import json
 from itertools import pairwise
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -12,21 +12,25 @@ from loops import LinearFrictional, Regime, polygon_area
 from loops.tracking import ExchangeCounts, Fate, exchange_counts
 from patterns import Snapshot, synthetic_network
 from studies.output import provenance
-from studies.series.animation import MOST, Picture, animate_series, picked_snapshots
-from studies.series.evolution import evolution_row, evolution_table, interval_row
+from studies.series.evolution import evolution_row, interval_row
 from studies.series.figures import (
-    MappedInterval,
-    draw_series,
     exchange_heatmap,
     fates_over_strain,
     orders_over_strain,
     stress_strain,
-    work_map,
-    work_signs,
 )
+from studies.series.gather import evolution_table
 from studies.series.increments import PREDICTIONS, increments, track_loops
-from studies.series.report import series_report
+from studies.series.report import (
+    MOST_FRAMES,
+    Frame,
+    animate_series,
+    picked_snapshots,
+    series_figures,
+)
+from studies.series.skill_figures import MappedInterval, work_map, work_signs
 from studies.snapshot.statistics import GROUPS
+from studies.study import Results
 
 SOURCE = provenance("series", {}, "as the input's")
 
@@ -99,7 +103,7 @@ class Series:
         self.joined = {
             name: np.concatenate([table[name] for table in self.tables]) for name in self.tables[0]
         }
-        self.mapped = MappedInterval(self.states[0], self.fates[0], self.tables[0])
+        self.mapped = MappedInterval(self.states[0], self.fates[0], self.tables[0], {})
 
 
 @pytest.fixture(scope="module")
@@ -108,16 +112,17 @@ def series():
 
 
 def draw(folder, series):
-    return draw_series(
-        folder, series.evolution, series.exchange, series.joined, series.mapped, SOURCE
-    )
+    exchange = pd.DataFrame(series.exchange._asdict())
+    tables = {"evolution": series.evolution, "exchange": exchange}
+    drawn = series_figures(tables, series.joined, series.mapped)
+    return [path.stem for path in Results(folder, SOURCE).save_figures(drawn)]
 
 
 def test_every_figure_is_drawn_with_its_provenance(tmp_path, series):
     names = draw(tmp_path, series)
     assert names == [
-        *("orders_over_strain", "fates", "exchange"),
-        *("stress_strain", "work_signs", "work_map"),
+        *("orders_over_strain", "stress_strain", "fates", "exchange"),
+        *("work_signs", "work_map"),
     ]
     assert {path.name for path in tmp_path.iterdir()} == {
         f"{name}.{ending}" for name in names for ending in ("png", "svg")
@@ -133,8 +138,9 @@ def test_without_forces_and_of_one_snapshot(tmp_path, unsaved):
     bare = Series(mechanical=False)
     assert draw(tmp_path, bare) == ["orders_over_strain", "fates", "exchange"]
     one = evolution_table([evolution_row(bare.states[0], plain_table(bare.states[0]))], [])
-    nothing = ExchangeCounts(*(np.zeros(0, dtype=int) for _ in range(3)))
-    assert draw_series(tmp_path, one, nothing, {}, None, SOURCE) == ["orders_over_strain"]
+    assert [name for name, _ in series_figures({"evolution": one}, {}, None)] == [
+        "orders_over_strain"
+    ]
 
 
 def test_orders_and_stress_lines(series):
@@ -208,17 +214,14 @@ def test_work_histogram_counts_every_known_loop_once(series):
 @pytest.mark.parametrize("stability", [False, True])
 def test_animation(tmp_path, series, stability):
     frames = (
-        Picture(
-            one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None
-        )
+        Frame(one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None)
         for k, one in enumerate(series.states)
     )
-    names = animate_series(tmp_path, frames, SOURCE)
-    assert {path.name for path in tmp_path.iterdir()} == set(names)
-    assert "animation.gif" in names
+    written = animate_series(tmp_path, frames, SOURCE)
+    assert set(tmp_path.iterdir()) == set(written)
+    assert tmp_path / "animation.gif" in written
     with Image.open(tmp_path / "animation.gif") as gif:
         assert gif.n_frames == len(series.states)
-        assert json.loads(gif.info["comment"])["command"] == "grainloops series"
         assert max(gif.size) < 1200
         pictures = []
         for k in range(gif.n_frames):
@@ -228,23 +231,13 @@ def test_animation(tmp_path, series, stability):
         assert np.abs(one - other).max() > 100
 
 
-def test_an_animation_that_fails_leaves_nothing(tmp_path, series):
-    def frames():
-        yield Picture(series.states[0], "first")
-        raise OSError("gone")
-
-    with pytest.raises(OSError, match="gone"):
-        animate_series(tmp_path, frames(), SOURCE)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_long_series_show_few_frames():
     picked = picked_snapshots(1000)
-    assert len(picked) == MOST
+    assert len(picked) == MOST_FRAMES
     assert (picked[0], picked[-1]) == (0, 999)
     assert len(set(np.diff(picked))) <= 2
     assert picked_snapshots(1) == [0]
-    assert picked_snapshots(MOST) == list(range(MOST))
+    assert picked_snapshots(MOST_FRAMES) == list(range(MOST_FRAMES))
 
 
 def test_callers_settings_are_left_alone(series):
@@ -257,7 +250,8 @@ def test_callers_settings_are_left_alone(series):
 def test_the_report_counts_all_loops(tmp_path, series):
     """Not those of the snapshot on the map."""
     summary = {"loops": 12345, "snapshots": 4}
-    series_report(tmp_path, summary, [], SOURCE, len(series.mapped.before.faces.loops))
+    largest = len(series.mapped.before.faces.loops)
+    Results(tmp_path, SOURCE).write_report("Loops of 4 snapshots", summary, [], [], largest)
     page = (tmp_path / "report.html").read_text()
     assert "<td>loops</td><td>12345</td>" in page
     assert "loops are more than" not in page

@@ -15,11 +15,15 @@ from loops.loop_strain import rotation_and_stretch
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import loop_changes, loop_rates, packing_response, replay
 from studies.series import packing as series_packing
-from studies.series.figures import MappedInterval
 from studies.series.increments import increments, track_loops
-from studies.series.packing import FORETOLD, foretold
+from studies.series.packing import PREDICTED, packing_predictions
 from studies.series.plan import cells_by_number
-from studies.series.skill_figures import nonaffinity_map, skill_by_interval, skill_by_predictor
+from studies.series.skill_figures import (
+    MappedInterval,
+    nonaffinity_map,
+    skill_by_interval,
+    skill_by_predictor,
+)
 from studies.snapshot.in_packing import add_in_packing
 from tests.docs.test_packing_page import quotes_the_sample
 from tests.packings import LAW, packing
@@ -61,7 +65,7 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
     response = packing_response(before.graph, before.law, strain, yield_band=0.99)
     rates = loop_rates(response, find_faces(before.graph))
     every, own = by_interval(result, "packing", 1), by_interval(result, "increments", 1)
-    for name, field in FORETOLD.items():
+    for name, field in PREDICTED.items():
         # Workers hold BLAS to one thread, which rounds otherwise.
         found, size = every[name].to_numpy(), getattr(rates, field)
         largest = np.abs(size[np.isfinite(size)]).max()
@@ -257,7 +261,7 @@ def test_a_packing_that_does_as_told_is_foretold():
         spins = step * response.spin + 2 * np.pi * turns
         after = tracked(moved(graph, response, step), spins)
         fates = track_loops(before, after)
-        columns, row, notes = foretold(before, after, fates, 0.99)
+        columns, row, notes = packing_predictions(before, after, fates, 0.99)
         actual = increments(before, after, fates)
         assert row["packing_status"] == "one found" and notes == []
         assert len(actual["w2"]) == len(columns["loop"])
@@ -284,10 +288,10 @@ def test_nothing_is_foretold_where_nothing_can_be_trusted(monkeypatch):
                 "response",
                 lambda self, H, status=status: replace(solved(self, H), status=status),
             )
-            columns, row, _ = foretold(before, after, fates, 0.99)
+            columns, row, _ = packing_predictions(before, after, fates, 0.99)
         assert row["packing_status"] == status
-        assert all(np.isnan(columns[name]).all() for name in FORETOLD)
-    columns, _, _ = foretold(before, after, fates, 0.99)
+        assert all(np.isnan(columns[name]).all() for name in PREDICTED)
+    columns, _, _ = packing_predictions(before, after, fates, 0.99)
     assert np.isfinite(columns["packing_W2"]).all()
     # Without rotations nobody knows the own motion.
     assert np.isnan(columns["own_w2"]).all()
@@ -300,7 +304,7 @@ def test_a_packing_that_floats_is_refused():
         graph.x, graph.radii, graph.contacts[~across], images=graph.images[~across], cell=graph.cell
     )
     state = tracked(alone)
-    columns, row, notes = foretold(state, state, track_loops(state, state), 0.99)
+    columns, row, notes = packing_predictions(state, state, track_loops(state, state), 0.99)
     assert row == {"packing_status": "refused"}
     assert "float" in notes[0]
     assert np.isnan(columns["packing_W2"]).all() and len(columns["fate"]) == len(columns["loop"])
@@ -370,7 +374,7 @@ def test_a_sample_ends_at_its_walls():
         x = snapshot.graph.x @ np.diag([1 + step, 1 - step])
         moved = replace(snapshot, graph=snapshot.graph.replace(x=x, x0=x))
         after = moved
-        found.append(foretold(before, after, track_loops(before, after), 0.99)[:2])
+        found.append(packing_predictions(before, after, track_loops(before, after), 0.99)[:2])
     (back, unloaded), (on, loaded) = found
     assert unloaded["packing_boundary"] == f"{len(snapshot.walls.grain)} wall contacts"
     assert unloaded["packing_status"] == "several" and unloaded["packing_residual"] < 1e-12
@@ -392,7 +396,7 @@ def test_where_nothing_moves_there_is_nothing_to_foresee(tmp_path):
     assert table.auc.isna().all()
     assert (table[table.target == "topology"].base == 0).all()
     for draw in (skill_by_predictor, skill_by_interval):
-        assert len(draw(table.to_dict("list")).axes) == 4
+        assert len(draw(table).axes) == 4
 
 
 @pytest.mark.slow
@@ -408,12 +412,11 @@ def test_figures_stand_on_the_page(result, tmp_path):
 
 def test_every_dot_is_an_interval_with_a_score(result):
     skill = pd.read_parquet(result / "skill.parquet")
-    table = skill.to_dict("list")
     own = skill[(skill.target == "nonaffine") & (skill.predictor == "packing")]
-    dots, mean = skill_by_predictor(table).axes[1].lines[:2]
+    dots, mean = skill_by_predictor(skill).axes[1].lines[:2]
     np.testing.assert_array_equal(dots.get_xdata(), own.auc)
     assert mean.get_xdata()[0] == pytest.approx(own.auc.mean())
-    lines = {line.get_label(): line for line in skill_by_interval(table).axes[0].lines}
+    lines = {line.get_label(): line for line in skill_by_interval(skill).axes[0].lines}
     assert lines["persistence"].get_xdata().tolist() == [1, 2, 3]
     assert np.isnan(lines["persistence"].get_ydata()).tolist() == [True, False, False]
 

@@ -8,7 +8,7 @@ import pytest
 
 from loops import InputError
 from studies.probe import run_probe
-from studies.series.probing import NAMES
+from studies.series.evolution import PROBE
 from tests.studies.series.test_packing import CELLS, PATHS, foretell
 from tests.studies.series.test_run import run, write_series
 
@@ -42,7 +42,7 @@ def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path, unsaved):
 def test_without_probes_nothing_is_added(tmp_path):
     paths = write_series(tmp_path, 2)
     run(paths, tmp_path / "out")
-    assert not set(NAMES) & set(pd.read_parquet(tmp_path / "out" / "evolution.parquet"))
+    assert not set(PROBE) & set(pd.read_parquet(tmp_path / "out" / "evolution.parquet"))
     for wrong in (0, -1, 2.5):
         with pytest.raises(InputError, match="probe: got"):
             run(paths, tmp_path / "other", probe=wrong)

@@ -25,7 +25,7 @@ from loops import InputError
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.cli import main
 from studies.output import folder_lock, result_folder, write_summary
-from studies.series import run_series, tasks, workers
+from studies.series import run_series, workers
 from studies.series.plan import PlannedSnapshot, number_of, with_fingerprints
 from studies.snapshot.source import reading
 from studies.snapshot.table import loop_table
@@ -197,14 +197,14 @@ def test_processes_give_the_same_bytes(paths, result, tmp_path):
 def test_blas_threads_change_no_digit():
     """With the threads left alone this singular-value decomposition depends on them."""
     matrix = np.random.default_rng(0).normal(size=(150, 150))
-    libraries, digests = tasks._blas_threads(), []
+    libraries, digests = workers.blas_threads(), []
     before = [get() for get, _ in libraries]
     assert len(libraries) == 2
     try:
         for threads in (1, 2, 4):
             for _, put in libraries:
                 put(threads)
-            with tasks.one_blas_thread():
+            with workers.one_blas_thread():
                 one = np.linalg.svd(matrix)[0].tobytes() + linalg.svd(matrix)[0].tobytes()
                 digests.append(one)
             assert [get() for get, _ in libraries] == [threads] * 2
@@ -603,12 +603,10 @@ def test_the_number_of_a_snapshot(tmp_path):
 
 
 def test_a_folder_removed_while_gathering_is_one_line(paths, tmp_path, monkeypatch):
-    from studies.series import run as gather
-
-    def write_table(folder, *args, **how):
+    def write_tables(*given):
         shutil.rmtree(tmp_path / "out")
 
-    monkeypatch.setattr(gather, "write_table", write_table)
+    monkeypatch.setattr("studies.study.Results.write_tables", write_tables)
     with pytest.raises(InputError, match=r"--out .*: got no .*removed while the run went on"):
         run(paths[:1], tmp_path / "out")
 

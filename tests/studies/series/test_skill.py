@@ -94,4 +94,4 @@ def test_the_summary_tells_base_rate_and_skill(result):
 def test_without_forces_there_is_nothing_to_foresee():
     table, by_order = skill_tables([], [])
     assert mean_skill(table) == {}
-    assert by_order["order"] == []
+    assert by_order.empty
