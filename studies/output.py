@@ -1,4 +1,4 @@
-"""Result folders: written whole or not at all, with their provenance."""
+"""Result folders, written whole or not at all; provenance, JSON and Parquet files."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ UNITS_OF_A_LOOP = (
     "angles in degrees"
 )
 SUMMARY = "summary.json"
-# A series keeps what it is in this file, and its parts in these folders.
+# File that describes a series in its folder, and folders of its parts.
 SERIES, DATASETS = "series.json", ("loops", "increments", "packing", "fates")
-# Seconds within which a folder beside the results may belong to a run that has just begun.
+# Seconds in which a folder beside the results may belong to a run that has just started.
 JUST_MADE = 2.0
 PACKAGES = ("loops", "patterns", "stability", "studies")
 
 
 def provenance(command: str, configuration: Mapping[str, Any], units: str) -> dict[str, Any]:
-    """What made a result: plain values, for JSON and for the metadata of tables and figures."""
+    """Command, configuration, version and conventions of a result, as plain values."""
     return {
         "command": f"grainloops {command}",
         "configuration": dict(configuration),
@@ -55,7 +55,7 @@ def provenance(command: str, configuration: Mapping[str, Any], units: str) -> di
 
 @cache
 def code_version() -> str:
-    """Version and a digest of the sources of all rooms: the version does not tell changed code."""
+    """Version and a digest of all sources, which changes with every change of the code."""
     root, digest = Path(__file__).resolve().parents[1], blake2b(digest_size=6)
     for file in sorted(file for room in PACKAGES for file in (root / room).rglob("*.py")):
         digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
@@ -64,10 +64,10 @@ def code_version() -> str:
 
 @contextmanager
 def result_folder(out: Path, *, force: bool) -> Iterator[Path]:
-    """A folder beside `out` to write into, put in its place when everything has been written.
+    """Folder beside `out` to write into; it replaces `out` when everything has been written.
 
-    With `force` what an earlier run wrote into `out`, by whichever command, is removed; files that
-    no command wrote stay. Of two runs into one place the one that ends first has it.
+    With `force` the results of an earlier run in `out`, of any command, are removed; other files
+    stay. If two runs write to one place, the one that ends first keeps it.
     """
     require_folder(out, force=force)
     with errors_of(out):
@@ -77,7 +77,7 @@ def result_folder(out: Path, *, force: bool) -> Iterator[Path]:
         partial = out.parent / f".{out.name}-{uuid4().hex[:8]}"
     try:
         with errors_of(out):
-            # An interruption may come at any moment after this.
+            # From here on an interruption leaves a folder to remove.
             partial.mkdir()
             with folder_lock(partial):
                 yield partial
@@ -92,7 +92,7 @@ def require_folder(out: Path, *, force: bool) -> None:
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}", "a file", "a folder", "Name another place.")
     if (name := readable(out.absolute())) != str(out.absolute()):
-        # Parquet files can't be written there.
+        # Parquet files can't be written to such a path.
         raise InputError(f"--out {name}", "bytes that are no text", "UTF-8", "Name another place.")
     if not force and out.is_dir() and any(out.iterdir()):
         remedy = "Name another place, or give --force to replace the results in it."
@@ -102,7 +102,7 @@ def require_folder(out: Path, *, force: bool) -> None:
 
 @contextmanager
 def errors_of(out: Path) -> Iterator[None]:
-    """A full disk or a forbidden place in one line; what goes wrong with reading is told before."""
+    """Turn errors of writing into an `InputError`; errors of reading are such errors already."""
     try:
         yield
     except FileNotFoundError as error:
@@ -118,9 +118,9 @@ def errors_of(out: Path) -> Iterator[None]:
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[bool]:
-    """Hold a folder until the block or the process ends; False where there are no locks.
+    """Lock a folder until the block or the process ends; False if the system has no locks.
 
-    An `InputError` says that another run holds it.
+    Raises `InputError` if another run holds the lock.
     """
     file = os.open(folder, os.O_RDONLY) if fcntl is not None else None
     try:
@@ -140,16 +140,16 @@ def folder_lock(folder: Path) -> Iterator[bool]:
 
 
 def _remove_abandoned(out: Path) -> None:
-    """Remove what killed runs left beside `out`: nobody holds it."""
+    """Remove folders of killed runs beside `out`: no process holds their lock."""
     for left in out.parent.glob(f".{escape(out.name)}-{'[0-9a-f]' * 8}"):
         with suppress(InputError, OSError), folder_lock(left) as locked:
-            # A run that has just made its folder has not locked it yet.
+            # A run that has just started has not locked its folder yet.
             if locked and time.time() - left.stat().st_mtime > JUST_MADE:
                 shutil.rmtree(left, ignore_errors=True)
 
 
 def _list_files(folder: Path) -> None:
-    """Add the names of the other files to the summary, for whoever replaces them."""
+    """Add the names of the other files to the summary: `--force` removes them by name."""
     if (folder / SUMMARY).is_file():
         summary = json.loads((folder / SUMMARY).read_text())
         files = sorted(file.name for file in folder.iterdir() if file.name != SUMMARY)
@@ -183,13 +183,13 @@ def _rename(partial: Path, out: Path) -> None:
 
 
 def move_files(partial: Path, out: Path) -> None:
-    """Give every file of a folder its place in another one, the summary last."""
+    """Move every file of a folder to another one, the summary last."""
     for file in sorted(partial.iterdir(), key=lambda file: (file.name == SUMMARY, file.name)):
         os.replace(file, out / file.name)
 
 
 def remove_results(out: Path) -> None:
-    """Remove what any command wrote into a folder, the parts of a series among it."""
+    """Remove the results of any command in a folder, the parts of a series included."""
     remove_listed(out)
     if (out / SERIES).is_file():
         (out / SERIES).unlink()
@@ -227,7 +227,7 @@ def as_json(summary: Mapping[str, Any]) -> str:
 
 
 def readable(name: str | Path) -> str:
-    """The name of a file as text that can be written anywhere, whatever its bytes."""
+    """Name of a file as text, also if its bytes are no UTF-8."""
     return str(name).encode("utf-8", "backslashreplace").decode()
 
 
@@ -258,7 +258,7 @@ def write_table(
     command = source.get("command", "").removeprefix("grainloops ").split(" ")[0]
     about = {b"grainloops": as_json(source).encode()}
     table = described_table(f"{command}/{name}", arrays, about)
-    # Columns of measurements hardly repeat: a dictionary of their values only costs time.
+    # Measured values hardly repeat: a dictionary of them only costs time.
     repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
     pyarrow.parquet.write_table(
         table,
@@ -270,7 +270,7 @@ def write_table(
 
 
 def flat_frame(table: pa.Table) -> Any:
-    """A table as pandas has it, its lists joined by blanks."""
+    """A table as a data frame, its lists joined by blanks."""
     frame = table.to_pandas()
     for field in table.schema:
         if pa.types.is_large_list(field.type) or pa.types.is_list(field.type):
@@ -300,7 +300,7 @@ def write_results(
 def described_table(
     place: str, arrays: Mapping[str, Any], metadata: Mapping[bytes, bytes]
 ) -> pa.Table:
-    """A table whose fields hold their unit and meaning, by `command/table`."""
+    """Arrow table whose fields hold unit and meaning; `place` is `command/table`."""
     fields = [
         pa.field(key, array.type, metadata=field_metadata(place, key))
         for key, array in arrays.items()

@@ -24,7 +24,7 @@ from studies.output import as_json
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, LIGHT_GREY = "#767676", "#D9D9D9"
-# Of loops by order, from 3 on; the last one stands for all beyond.
+# Colours of the loops by order, from 3 on; the last one stands for all larger orders.
 ORDER_COLOURS = (BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)
 LINE_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 # Continuous maps that keep their order with any colour vision and in grey.
@@ -33,14 +33,14 @@ SEQUENTIAL, DIVERGING = "cividis", "PuOr"
 # Widths of one and of two columns of a journal, 86 and 178 mm, in inches; the height of a page.
 ONE_COLUMN, TWO_COLUMNS, PAGE = 86 / 25.4, 178 / 25.4, 9.3
 WIDTHS = {"single": ONE_COLUMN, "double": TWO_COLUMNS}
-# Of an animation.
+# Speed and resolution of an animation.
 FRAMES_PER_SECOND, FRAME_DPI = 4, 110
-# Lower than this, labels of an axis are cut.
+# Least height of a figure (inches): in a lower one the labels of the axes are cut.
 LOWEST = 2.4
-# More panels than these don't stand one below the other on a page.
+# Largest number of panels that fit on a page one below the other.
 STACKED = 6
 
-# Any: matplotlib types the keys by a list of its own that grows with its versions.
+# Typed as Any because matplotlib types the keys by a list that grows with its versions.
 STYLE: Any = {
     "axes.axisbelow": True,
     "axes.grid": False,
@@ -61,7 +61,7 @@ STYLE: Any = {
     "lines.markersize": 4.5,
     "mathtext.fontset": "dejavusans",
     "savefig.dpi": 300.0,
-    # Without a salt of its own an SVG's identifiers, hence its bytes, differ from run to run.
+    # Without this salt the identifiers in an SVG, hence its bytes, differ from run to run.
     "svg.hashsalt": "grainloops",
     "xtick.labelsize": 7.0,
     "ytick.labelsize": 7.0,
@@ -70,10 +70,10 @@ STYLE: Any = {
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The platform's settings of matplotlib, as a context or as a decorator `@styled()`.
+    """Apply the platform's settings of matplotlib, as a context or as a decorator `@styled()`.
 
-    Artists take their settings when they are made: a drawing function is decorated whole. What is
-    drawn outside keeps the caller's settings.
+    Artists take their settings when they are created: the whole drawing function is decorated.
+    Other figures of the caller keep the caller's settings.
     """
     with mpl.rc_context(STYLE):
         yield
@@ -106,9 +106,9 @@ def figure_width(name: str | None) -> None:
 
 @styled()
 def new_figure(width: float = ONE_COLUMN, height: float = 2.5, *, fixed: bool = False) -> Figure:
-    """An empty figure without any global state; its layout keeps labels apart.
+    """An empty figure without global state, whose layout keeps labels apart.
 
-    Unless `fixed` it takes the width that was asked for, and half as much more or less height.
+    Unless `fixed` it has the width set by `figure_width`; its height changes by half as much.
     """
     asked = width if fixed else WIDTHS.get(_asked or "", width)
     tall = max(height * (asked / width) ** 0.5, min(height, LOWEST))

@@ -19,19 +19,19 @@ from patterns import Snapshot
 from studies.snapshot.loop_map import draw_values, loop_drawer
 from studies.style import BLUE, DIVERGING, GREY, VERMILION, new_panels, styled, write_animation
 
-STRESSES = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
+STRESS_LOOKS = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
 
 
 def path_figures(
     snapshot: Snapshot, tables: dict[str, pd.DataFrame], summary: dict[str, Any]
 ) -> Iterator[tuple[str, Figure]]:
     """Every figure of a path by name."""
-    yield "stress_strain", stress_strain(tables, summary["driven"])
-    yield "map", work_map(snapshot, tables["loops"], summary)
+    yield "stress_strain", stress_and_volume(tables, summary["driven"])
+    yield "map", work_maps(snapshot, tables["loops"], summary)
 
 
 @styled()
-def stress_strain(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
+def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
     """Both normal stresses and the volume along the path, with the DEM's for comparison."""
     path, dem, events = tables["path"], tables.get("dem"), tables["events"]
     figure, ((stress, volume),) = new_panels(1, 2, 2.7)
@@ -57,7 +57,7 @@ def stress_strain(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
 
 def _draw_stresses(ax: Axes, path: pd.DataFrame, driven: str) -> None:
     """Changes of both normal stresses along the path."""
-    for name, (colour, style) in STRESSES.items():
+    for name, (colour, style) in STRESS_LOOKS.items():
         start = path[name].iloc[0]
         label = f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
         ax.plot(path["driven"], path[name] - start, style, color=colour, label=label)
@@ -81,7 +81,7 @@ def animate_path(
     label = "normalised $W_2$ since the start"
     figure.colorbar(ScalarMappable(*colours[::-1]), ax=left, shrink=0.75, label=label)
     _draw_stresses(right, path, summary["driven"])
-    rings = [right.plot([0.0], [0.0], "o", color=colour)[0] for colour, _ in STRESSES.values()]
+    rings = [right.plot([0.0], [0.0], "o", color=colour)[0] for colour, _ in STRESS_LOOKS.values()]
     right.legend()
 
     def show(row: int) -> None:
@@ -89,14 +89,14 @@ def animate_path(
         nonlocal loops
         loops.remove()
         loops = draw(left, works[row], *colours)
-        for ring, name in zip(rings, STRESSES, strict=True):
+        for ring, name in zip(rings, STRESS_LOOKS, strict=True):
             ring.set_data([path["driven"][row]], [path[name][row] - path[name].iloc[0]])
 
     return write_animation(folder, figure, map(show, range(1, len(works))), summary["provenance"])
 
 
 @styled()
-def work_map(snapshot: Snapshot, loops: pd.DataFrame, summary: dict[str, Any]) -> Figure:
+def work_maps(snapshot: Snapshot, loops: pd.DataFrame, summary: dict[str, Any]) -> Figure:
     """Loops by their second-order work, and by the driven value where it is first negative."""
     figure, ((work, first),) = new_panels(1, 2, 3.0)
     draw = loop_drawer(snapshot)

@@ -102,9 +102,9 @@ def run_evolve(
         faces, driven = snapshot.faces, sense * path.parameter
         changes = [loop_changes(snapshot.graph, state, faces) for state in path.states[1:]]
         tables = {
-            "path": path_table(path, driven),
+            "path": packing_path_table(path, driven),
             "events": event_table(path, snapshot.ids, sense),
-            "loops": loop_table(changes, faces, driven),
+            "loops": change_table(changes, faces, driven),
         }
         if later:
             tables["dem"] = dem_table(snapshot, later)
@@ -164,7 +164,7 @@ def _components(name: str, values: Floats) -> dict[str, Any]:
     return {f"{name}{ij}": part for ij, part in zip(COMPONENTS, parts, strict=True)}
 
 
-def path_table(path: PackingPath, driven: Floats) -> pd.DataFrame:
+def packing_path_table(path: PackingPath, driven: Floats) -> pd.DataFrame:
     """One row a row of the path."""
     terms = ("work", "slip_work", "shear_work", "released")
     work = dict(zip(terms, path.work.T, strict=True))
@@ -208,7 +208,7 @@ def _passed(event: Event) -> str:
     return next((word for word in words if not word.endswith("released")), "")
 
 
-def loop_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.DataFrame:
+def change_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.DataFrame:
     """One row a loop: changes up to the end of the path, and the first row of negative work."""
     end = changes[-1]
     negative = np.array([change.second_order_work < 0 for change in changes])

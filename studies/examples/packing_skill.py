@@ -17,7 +17,7 @@ import pandas as pd
 from patterns import sample_path
 from studies.examples import run, save
 from studies.series import run_series
-from studies.series.skill import COLUMNS
+from studies.series.skill import SKILL_COLUMNS
 from studies.series.skill_figures import skill_by_predictor
 
 
@@ -35,7 +35,7 @@ def main(out: Path) -> dict[str, Any]:
             figures=False,
         )
         skill = pd.read_parquet(Path(folder) / "series" / "skill.parquet")
-    columns = {name: skill[name].tolist() for name in COLUMNS}
+    columns = {name: skill[name].tolist() for name in SKILL_COLUMNS}
     kept = ("packing", "skill", "skill_of_targets", "skill_by_order")
     numbers = {name: summary[name] for name in kept}
     return save(out, "packing_skill", skill_by_predictor(skill), numbers, columns)

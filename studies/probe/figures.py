@@ -41,8 +41,11 @@ def probe_figures(
     yield "envelope", figure_of(response_envelope(found, summary["mean_kn"]))
     yield "work", polar_work(found)
     if found.softest is not None:
-        yield "orders", figure_of(order_bars(summary["orders"]))
-        yield "map", work_map(snapshot, loops["additive_w"].to_numpy() / summary["mean_kn"])
+        yield "orders", figure_of(order_shares(summary["orders"]))
+        yield (
+            "map",
+            additive_work_map(snapshot, loops["additive_w"].to_numpy() / summary["mean_kn"]),
+        )
 
 
 @styled()
@@ -112,7 +115,7 @@ def polar_work(found: Probe) -> Figure:
 
 
 @styled()
-def order_bars(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> Axes:
+def order_shares(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> Axes:
     """Shares of the loops by order in area, in W2 and in its negative part."""
     ax = axes_or_new(ax)
     # Contacts in no loop or in only one are drawn before the triangles.
@@ -135,7 +138,7 @@ def order_bars(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> A
 
 
 @styled()
-def work_map(snapshot: Snapshot, work: Floats) -> Figure:
+def additive_work_map(snapshot: Snapshot, work: Floats) -> Figure:
     """Loops coloured by their additive second-order work."""
     figure = new_figure(4.4, 4.0)
     label = r"additive $w = -\sum f' \cdot d' / (2 V_l)$ / mean $k_n$"

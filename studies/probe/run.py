@@ -88,7 +88,7 @@ def run_probe(
             found = probe_to(found, snapshot.graph, law, faces, amplitude, shared)
         if found.system.held:
             notes.append(OUTLINE)
-        orders, loops = order_table(found), loop_table(found)
+        orders, loops = order_work_table(found), loop_work_table(found)
         pieces = {} if amplitude is not None else {"pieces": piece_table(found)}
         results.write_tables(
             {"probe": direction_table(found), **pieces, "orders": orders, "loops": loops}
@@ -231,7 +231,7 @@ def piece_table(found: Probe) -> pd.DataFrame:
     )
 
 
-def order_table(found: Probe) -> pd.DataFrame:
+def order_work_table(found: Probe) -> pd.DataFrame:
     """One row a direction and order: share of the loops in the sample's W2, in its negative part.
 
     Order 0 stands for the contacts that are in no loop or in only one.
@@ -261,7 +261,7 @@ def order_table(found: Probe) -> pd.DataFrame:
     )
 
 
-def loop_table(found: Probe) -> pd.DataFrame:
+def loop_work_table(found: Probe) -> pd.DataFrame:
     """One row a loop: its work in the softest direction, and that work over its own area."""
     softest = found.softest
     work = np.full(len(found.order), np.nan) if softest is None else found.loop_work[softest]

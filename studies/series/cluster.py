@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster that is already there."""
+"""Runner of tasks on a running Dask cluster."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from studies.output import code_version
 
 Answer = TypeVar("Answer")
 
-# Seconds until an address that does not answer is given up, and a cluster without workers.
+# Seconds to wait for an answer of the scheduler, and for a first worker.
 PATIENCE = 8
 
 
 @contextlib.contextmanager
 def connected(address: str, paths: Sequence[Path]) -> Iterator[Any]:
-    """A client of the scheduler at an address, its workers checked."""
+    """Connect to the scheduler at an address and check its workers."""
     _require_dask()
     with _quiet():
         client = _client(address)
@@ -34,7 +34,7 @@ def connected(address: str, paths: Sequence[Path]) -> Iterator[Any]:
 def run_on_cluster(
     client: Any, function: Callable[[Any], Answer], tasks: Sequence[Any]
 ) -> Generator[Answer]:
-    """Answers as they come; the tasks of a worker that is lost go to another one.
+    """Yield the answers in any order; the tasks of a lost worker go to another one.
 
     Tasks have a `name` for messages.
     """
@@ -81,7 +81,7 @@ def _require_dask() -> None:
 def _client(address: str) -> Any:
     from distributed import Client
 
-    # A client that never finds its scheduler is slow to give up: ask first.
+    # A client waits long for a scheduler that is not there: ask for it first.
     try:
         asyncio.run(_require_scheduler(address))
     except TimeoutError:
@@ -139,7 +139,7 @@ def _check_workers(client: Any, address: str, paths: Sequence[Path]) -> None:
 
 
 def _probe(paths: list[str]) -> Callable[[], tuple[str | None, str | None]]:
-    # A function within a function travels as code: it runs where grainloops is missing too.
+    # A nested function is sent as code: it runs on workers without grainloops too.
     def probe() -> tuple[str | None, str | None]:
         import os
 
@@ -157,7 +157,7 @@ def _probe(paths: list[str]) -> Callable[[], tuple[str | None, str | None]]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """What the client would log of lost connections is said in the error, if it matters."""
+    """Silence the log of lost connections: an error reports those that matter."""
     names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
     levels = {name: logging.getLogger(name).level for name in (*names, "distributed")}
     for name in levels:

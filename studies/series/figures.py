@@ -16,7 +16,7 @@ from matplotlib.ticker import NullLocator
 from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, exchange_matrix
 from studies.series.survival import ALL, VERDICTS, pooled
-from studies.snapshot.figures import TITLES as JUDGES
+from studies.snapshot.figures import JUDGE_TITLES
 from studies.snapshot.statistics import GROUPS, LAST_ORDER
 from studies.style import (
     BLACK,
@@ -40,8 +40,8 @@ from studies.style import (
 )
 
 STRAIN_LABEL = r"accumulated shear strain, $\Sigma\,(\varepsilon_1 - \varepsilon_2)/2$"
-MARKERS = "os^DvP"
-FATES = {
+ORDER_MARKERS = "os^DvP"
+FATE_COLOURS = {
     "split": BLUE,
     "merged": ORANGE,
     "changed": PURPLE,
@@ -65,7 +65,7 @@ def orders_over_strain(evolution: pd.DataFrame) -> Figure:
         strict=True,
     ):
         for n, (group, colour, marker) in enumerate(
-            zip(GROUPS, ORDER_COLOURS, MARKERS, strict=True)
+            zip(GROUPS, ORDER_COLOURS, ORDER_MARKERS, strict=True)
         ):
             values = _column(evolution, f"{kind}_{3 + n}")
             ax.plot(strain, values, marker=marker, color=colour, label=f"order {group}")
@@ -80,10 +80,10 @@ def orders_over_strain(evolution: pd.DataFrame) -> Figure:
 def fates_over_strain(evolution: pd.DataFrame, ax: Axes | None = None) -> Axes:
     """Shares of the loops of each interval that did not survive it, by fate, stacked."""
     ax = axes_or_new(ax, TWO_COLUMNS, 2.6)
-    counts = {name: _column(evolution, name)[1:] for name in FATES}
+    counts = {name: _column(evolution, name)[1:] for name in FATE_COLOURS}
     total = np.maximum(_column(evolution, "survived")[1:] + sum(counts.values()), 1)
     place, bottom = _column(evolution, "snapshot")[1:], np.zeros(len(total))
-    for name, colour in FATES.items():
+    for name, colour in FATE_COLOURS.items():
         share = 100 * counts[name] / total
         ax.bar(place, share, 0.6, bottom=bottom, color=colour, label=name)
         bottom = bottom + share
@@ -192,7 +192,7 @@ def survival_by_verdict(table: pd.DataFrame) -> Figure:
         left.set_xlim(numbers[0] - 0.5, numbers[-1] + 0.5)
         right.set_xticks(orders, labels=GROUPS)
         right.set_xlim(2.5, 2.5 + len(GROUPS))
-        left.set_ylabel(f"{JUDGES[judge]}\nshare that survives")
+        left.set_ylabel(f"{JUDGE_TITLES[judge]}\nshare that survives")
     keys = [ax.get_legend_handles_labels() for ax in figure.axes]
     shown = {label: handle for key in keys for handle, label in zip(*key, strict=True)}
     figure.legend(list(shown.values()), list(shown), loc="outside upper center", ncols=3)

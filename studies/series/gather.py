@@ -59,44 +59,15 @@ def gather(
         keep_only(out / name, {file.name for file in files})
         require_one_schema(files)
     about = {name: [require_about(file) for file in files] for name, files in parts.items()}
-    states = [
-        {"snapshot": one.number, "name": one.name} | kept["row"]
-        for one, kept in zip(series.planned, about["loops"], strict=True)
+    tables, summary = series_tables(series, about, parts)
+    summary["skipped"] = [
+        {"snapshot": one.number, "name": one.name, "reason": f"{one.where}: got {one.received}"}
+        for one in failures
     ]
-    intervals = [kept["row"] for kept in about["increments"]]
-    evolution = evolution_table(states, intervals)
-    ends = evolution.astype(object).where(evolution.notna(), None).iloc[[0, -1]].to_dict("records")
+    evolution = tables["evolution"]
     mapped = mapped_interval(evolution)
-    notes = [note for one in about.values() for kept in one for note in kept.get("notes", ())]
-    tables = {"evolution": evolution, "exchange": exchange_table(series, about["increments"])}
-    summary: dict[str, Any] = {
-        "snapshots": len(states),
-        "intervals": len(intervals),
-        "loops": int(evolution["loops"].sum()),
-        "fates": {
-            fate.name.lower(): sum(row[fate.name.lower()] for row in intervals) for fate in Fate
-        },
-        "first": ends[0],
-        "last": ends[1],
-        "skipped": [
-            {"snapshot": one.number, "name": one.name, "reason": f"{one.where}: got {one.received}"}
-            for one in failures
-        ],
-        "work_map": None if mapped is None else evolution["snapshot"][mapped : mapped + 2].tolist(),
-        "notes": list(dict.fromkeys(notes)),
-        "definitions": definitions("series"),
-    }
-    events = [kept["events"] for kept in about["increments"]]
-    if any(one["pairs"] for one in events):
-        own, summary["kinetics"] = kinetics(events, evolution)
-        tables |= own
-    skill, by_order = skill_tables(parts["loops"], parts["increments"], parts.get("packing", ()))
-    if len(skill):
-        tables["skill"] = skill
-        summary |= skill_summary(skill, by_order)
-    if band is not None:
-        tables["skill_by_order"] = by_order
-        summary["packing"] = solved_summary(intervals, band)
+    if mapped is not None:
+        summary["work_map"] = evolution["snapshot"][mapped : mapped + 2].tolist()
     with _put_in_place(out) as folder:
         results = Results(folder, made, csv)
         fates = folder / "fates.parquet"
@@ -123,10 +94,50 @@ def gather(
             pictures = results.save_figures(drawn) + pictures
             maps = maps_of(series, evolution["loops"].tolist(), mapped or 0)
             largest = int(evolution["loops"].max())
-            title = f"Loops of {len(states)} snapshots"
+            title = f"Loops of {summary['snapshots']} snapshots"
             results.write_report(title, {**summary, "provenance": made}, pictures, maps, largest)
         summary["files"] = sorted(path.name for path in folder.iterdir())
         return results.write_summary(summary)
+
+
+def series_tables(
+    series: Series, about: Mapping[str, list[dict[str, Any]]], parts: Mapping[str, Sequence[Path]]
+) -> tuple[dict[str, pd.DataFrame], dict[str, Any]]:
+    """Tables and summary of a series from its parts and from what their metadata tell."""
+    states = [
+        {"snapshot": one.number, "name": one.name} | kept["row"]
+        for one, kept in zip(series.planned, about["loops"], strict=True)
+    ]
+    intervals = [kept["row"] for kept in about["increments"]]
+    evolution = evolution_table(states, intervals)
+    ends = evolution.astype(object).where(evolution.notna(), None).iloc[[0, -1]].to_dict("records")
+    notes = [note for one in about.values() for kept in one for note in kept.get("notes", ())]
+    tables = {"evolution": evolution, "exchange": exchange_table(series, about["increments"])}
+    summary: dict[str, Any] = {
+        "snapshots": len(states),
+        "intervals": len(intervals),
+        "loops": int(evolution["loops"].sum()),
+        "fates": {
+            fate.name.lower(): sum(row[fate.name.lower()] for row in intervals) for fate in Fate
+        },
+        "first": ends[0],
+        "last": ends[1],
+        "work_map": None,
+        "notes": list(dict.fromkeys(notes)),
+        "definitions": definitions("series"),
+    }
+    events = [kept["events"] for kept in about["increments"]]
+    if any(one["pairs"] for one in events):
+        own, summary["kinetics"] = kinetics(events, evolution)
+        tables |= own
+    skill, by_order = skill_tables(parts["loops"], parts["increments"], parts.get("packing", ()))
+    if len(skill):
+        tables["skill"] = skill
+        summary |= skill_summary(skill, by_order)
+    if series.yield_band is not None:
+        tables["skill_by_order"] = by_order
+        summary["packing"] = solved_summary(intervals, series.yield_band)
+    return tables, summary
 
 
 @contextmanager

@@ -55,7 +55,7 @@ PREDICTIONS: dict[str, tuple[Closure, Spins]] = {
     "traction_W2": ("traction", "blocked"),
     "traction_free_W2": ("traction", "free"),
 }
-STRAIN = (*(f"H{ij}" for ij in COMPONENTS), "rotation")
+STRAIN_COLUMNS = (*(f"H{ij}" for ij in COMPONENTS), "rotation")
 WORK = (
     *(f"dP{ij}" for ij in COMPONENTS),
     *("hill_work", "hill_cosine", "W2", "w2"),
@@ -105,7 +105,7 @@ def increments(before: Snapshot, after: Snapshot, fates: LoopFates) -> dict[str,
     """
     survived = np.flatnonzero(fates.before == Fate.SURVIVED)
     mechanical = before.mechanical and after.mechanical
-    names = ("area", *STRAIN, *(WORK if mechanical else ()))
+    names = ("area", *STRAIN_COLUMNS, *(WORK if mechanical else ()))
     table: dict[str, Any] = {
         "loop_before": survived,
         "loop_after": fates.successor[survived],

@@ -48,7 +48,7 @@ PREDICTED = {
     "packing_opening": "opening",
     "packing_closing": "closing",
 }
-BY_EVENTS = {
+EVENT_FIELDS = {
     f"{name}_{column}": field
     for name in ("path", "replay")
     for column, field in (
@@ -56,7 +56,7 @@ BY_EVENTS = {
         *((field, field) for field in ("nonaffinity", "opening", "closing")),
     )
 }
-OWN = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
+OWN_FIELDS = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
 # Largest number of instabilities that a path passes: more than occur.
 PASSED = 1000
 
@@ -77,8 +77,8 @@ def packing_predictions(
     H, source = sample_strain(before, after)
     columns = _facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
-    columns |= {name: blank for name in (*PREDICTED, *OWN, "packing_lambda_min")}
-    columns |= {name: blank for name in BY_EVENTS if by_events}
+    columns |= {name: blank for name in (*PREDICTED, *OWN_FIELDS, "packing_lambda_min")}
+    columns |= {name: blank for name in EVENT_FIELDS if by_events}
     try:
         if source == "unknown":
             raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
@@ -90,7 +90,7 @@ def packing_predictions(
         columns |= _picked(loop_rates(response, before.faces), PREDICTED)
     own = _own_motion(before, after, edge, response)
     if own is not None:
-        columns |= _picked(loop_rates(own, before.faces), OWN)
+        columns |= _picked(loop_rates(own, before.faces), OWN_FIELDS)
     planes, held, notes = sample_boundary(before)
     if by_events:
         found, why = _by_events(before, H)
@@ -127,7 +127,7 @@ def _by_events(before: Snapshot, H: Floats) -> tuple[Columns, list[str]]:
         notes.append(f"not followed by events: {error}")
     columns: Columns = {}
     for name, end in ends.items():
-        fields = {key: field for key, field in BY_EVENTS.items() if key.startswith(name)}
+        fields = {key: field for key, field in EVENT_FIELDS.items() if key.startswith(name)}
         columns |= _picked(loop_changes(graph, end, before.faces), fields)
     return columns, notes
 

@@ -17,12 +17,12 @@ from studies.output import as_json, code_version, provenance, readable
 from studies.snapshot.source import read_planar
 
 Cell = tuple[float, float, float, float]
-COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
+CELL_COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
 # Names of the files of one snapshot differ in these words and in their endings only.
 CONTENTS = re.compile(
     "grains|atoms?|spheres|contacts?|local|pairs?|intrs?|cell|walls?|data|fstat", re.IGNORECASE
 )
-ENDINGS = re.compile(r"(\.(csv|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz))+$", re.IGNORECASE)
+FILE_ENDINGS = re.compile(r"(\.(csv|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz))+$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def cells_by_number(path: Path) -> dict[int, Cell]:
         raise InputError(
             f"column 'snap' of {path}", f"{repeated} twice", "each once", "Drop one of the rows."
         )
-    rows = zip(*(table.column(name).tolist() for name in COLUMNS), strict=True)
+    rows = zip(*(table.column(name).tolist() for name in CELL_COLUMNS), strict=True)
     return dict(zip(numbers, rows, strict=True))
 
 
@@ -115,7 +115,7 @@ def number_of(path: Path, frame: int | None = None) -> int:
     """Number of a snapshot in a table of cells: its frame, else the last number in the name."""
     if frame is not None:
         return frame
-    found = re.findall(r"\d+", ENDINGS.sub("", path.name))
+    found = re.findall(r"\d+", FILE_ENDINGS.sub("", path.name))
     if not found:
         raise InputError(
             f"name of {path}",
@@ -152,4 +152,4 @@ def _by_name(folder: Path) -> dict[str, list[Path]]:
 
 
 def _common(path: Path) -> str:
-    return CONTENTS.sub("", ENDINGS.sub("", path.name))
+    return CONTENTS.sub("", FILE_ENDINGS.sub("", path.name))

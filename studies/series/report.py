@@ -51,13 +51,13 @@ from studies.style import (
     write_animation,
 )
 
-WORK = ("W2", "w2", *PREDICTIONS)
-OF_PACKING = ("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing")
+WORK_COLUMNS = ("W2", "w2", *PREDICTIONS)
+PACKING_COLUMNS = ("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing")
 SMALLEST = "traction_lambda_min"
 # Most maps on a page, and frames of an animation.
-MOST_MAPS, MOST_FRAMES = 20, 60
+MOST_MAPS, MOST_SCENES = 20, 60
 # Width of a panel of the animation, inches.
-PANEL = 4.6
+PANEL_INCHES = 4.6
 
 
 def series_figures(
@@ -100,7 +100,7 @@ def joined_increments(series: Series) -> Columns:
     if not parts:
         return {}
     there = set(pyarrow.parquet.read_schema(parts[0]).names)
-    names = [name for name in WORK if name in there]
+    names = [name for name in WORK_COLUMNS if name in there]
     tables = [pyarrow.parquet.read_table(part, columns=names) for part in parts]
     table = pyarrow.concat_tables(tables)
     return {name: table.column(name).to_numpy() for name in names}
@@ -113,7 +113,7 @@ def map_data(task: PartTask) -> MappedInterval:
     return MappedInterval(before, fates, pd.read_parquet(task.part), predicted)
 
 
-def picked_snapshots(count: int, most: int = MOST_FRAMES) -> list[int]:
+def picked_snapshots(count: int, most: int = MOST_SCENES) -> list[int]:
     """Numbers of the snapshots to show: all of a short series, evenly spread ones of a long one."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round()).astype(int).tolist()
 
@@ -137,17 +137,19 @@ def maps_of(series: Series, counts: Sequence[int], first: int) -> list[LoopsForM
             fates = pd.read_parquet(task.fates_part)[: len(table)]
             table = table.join(fates[["fate", "successor", "order_after"]])
             own = pd.read_parquet(task.part).set_index("loop_before")
-            table = table.join(own[[name for name in (*WORK, "nonaffinity") if name in own]])
+            table = table.join(
+                own[[name for name in (*WORK_COLUMNS, "nonaffinity") if name in own]]
+            )
             if task.packing_part.is_file():
                 predicted = pd.read_parquet(task.packing_part)
-                table = table.join(predicted[[n for n in OF_PACKING if n in predicted]])
+                table = table.join(predicted[[n for n in PACKING_COLUMNS if n in predicted]])
         name = f"{one.number} ({one.name})"
         place: Any = {"name": name, "number": one.number, "first": k == first, "about": about}
         maps += loops_for_map(one.read(), table, **place)
     return maps
 
 
-class Frame(NamedTuple):
+class Scene(NamedTuple):
     """One frame of an animation."""
 
     state: Snapshot
@@ -155,7 +157,7 @@ class Frame(NamedTuple):
     smallest: Floats | None = None
 
 
-def animation_frames(series: Series, evolution: pd.DataFrame) -> Iterator[Frame]:
+def animation_frames(series: Series, evolution: pd.DataFrame) -> Iterator[Scene]:
     """Frames of the animation of a series, one snapshot in memory at a time."""
     for k in picked_snapshots(len(series.planned)):
         one, part = series.planned[k], series.snapshots[k].part
@@ -164,11 +166,11 @@ def animation_frames(series: Series, evolution: pd.DataFrame) -> Iterator[Frame]
         if SMALLEST in pyarrow.parquet.read_schema(part).names:
             table = pyarrow.parquet.read_table(part, columns=[SMALLEST])
             smallest = table.column(SMALLEST).to_numpy()
-        yield Frame(one.read(), title, smallest)
+        yield Scene(one.read(), title, smallest)
 
 
 @styled()
-def animate_series(folder: Path, frames: Iterable[Frame], source: Mapping[str, Any]) -> list[Path]:
+def animate_series(folder: Path, frames: Iterable[Scene], source: Mapping[str, Any]) -> list[Path]:
     """Write the animation of a series: loops by order and, with forces, smallest eigenvalue.
 
     Colours keep their meaning; the scale of the eigenvalues is that of the first frame.
@@ -184,12 +186,14 @@ def animate_series(folder: Path, frames: Iterable[Frame], source: Mapping[str, A
     palettes = ListedColormap(ORDER_COLOURS), mpl.colormaps[DIVERGING]
     extent = np.ptp(first.state.graph.x, axis=0)
     # A panel less its colour bar, with room for the title.
-    height = float(np.clip((PANEL - 1.2) * extent[1] / extent[0] + 0.9, 2.0, 1.5 * PANEL))
-    figure = new_figure(PANEL * len(scales), height)
+    height = float(
+        np.clip((PANEL_INCHES - 1.2) * extent[1] / extent[0] + 0.9, 2.0, 1.5 * PANEL_INCHES)
+    )
+    figure = new_figure(PANEL_INCHES * len(scales), height)
     axes: list[Axes] = list(figure.subplots(1, len(scales), squeeze=False)[0])
     drawn: list[Any] = []
 
-    def show(frame: Frame) -> None:
+    def show(frame: Scene) -> None:
         for artist in drawn:
             artist.remove()
         faces, draw = frame.state.faces, loop_drawer(frame.state)

@@ -22,42 +22,54 @@ from studies.columns import Columns
 from studies.snapshot.statistics import LAST_ORDER
 
 MEASURES = ("base", "coverage", "agreement", "precision", "recall", "auc", "rank_correlation")
-COLUMNS = ("snapshot_before", "snapshot_after", "predictor", "target", *MEASURES, "loops")
+SKILL_COLUMNS = ("snapshot_before", "snapshot_after", "predictor", "target", *MEASURES, "loops")
 ORDERS = range(3, LAST_ORDER + 1)
 TARGET, *OTHERS = ("W2_negative", "nonaffine", "contact_lost", "topology")
 # Predictors by their source; a higher score predicts the target. Closures predict from the strain
 # of the loop over the interval; `*_lambda_min` and the counts know the earlier snapshot only,
 # persistence the interval before. The grains' own motion over the interval is an upper bound.
-OF_INCREMENTS = {
+CLOSURE_PREDICTORS = {
     "affine": "affine_W2",
     "affine_free": "affine_free_W2",
     "traction": "traction_W2",
     "traction_free": "traction_free_W2",
 }
-OF_LOOPS = (
+EIGENVALUE_PREDICTORS = (
     *("affine_lambda_min", "traction_lambda_min", "traction_free_lambda_min"),
     "packing_lambda_min",
 )
 # The strain of a loop that came apart is unknown: closures have no prediction there.
-OF_SURVIVED = ("W2_negative", "nonaffine")
-BY_EVENTS = {"packing_path": "path", "replay": "replay"}
-EVENTS = ("packing", "own_motion", "persistence")
+SURVIVED_TARGETS = ("W2_negative", "nonaffine")
+EVENT_PREDICTORS = {"packing_path": "path", "replay": "replay"}
+PACKING_PREDICTORS = ("packing", "own_motion", "persistence")
 # Predictors whose score is positive where they predict the target.
 SIGNED: dict[str, tuple[str, ...]] = {
-    "W2_negative": (*EVENTS, *BY_EVENTS, *OF_INCREMENTS, *OF_LOOPS),
+    "W2_negative": (
+        *PACKING_PREDICTORS,
+        *EVENT_PREDICTORS,
+        *CLOSURE_PREDICTORS,
+        *EIGENVALUE_PREDICTORS,
+    ),
     "nonaffine": (),
-    "contact_lost": (*EVENTS, *BY_EVENTS),
-    "topology": (*EVENTS, *BY_EVENTS),
+    "contact_lost": (*PACKING_PREDICTORS, *EVENT_PREDICTORS),
+    "topology": (*PACKING_PREDICTORS, *EVENT_PREDICTORS),
 }
-TIMES = {"packing": "packing", "own_motion": "own", **BY_EVENTS}
-STRAIN = ("H11", "H12", "H21", "H22")
+TIMES = {"packing": "packing", "own_motion": "own", **EVENT_PREDICTORS}
+STRAIN_COLUMNS = ("H11", "H12", "H21", "H22")
 READ = (
     *("snapshot_before", "snapshot_after", "loop_before", "loop_after", "order", "w2"),
     *("nonaffinity", "sliding_contacts", "smallest_N", "fate", "contact_lost"),
     *("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing"),
     *("path_w2", "path_nonaffinity", "path_opening", "path_closing"),
     *("replay_w2", "replay_nonaffinity", "replay_opening", "replay_closing"),
-    *("own_w2", "own_opening", "own_closing", *STRAIN, *OF_INCREMENTS.values(), *OF_LOOPS),
+    *(
+        "own_w2",
+        "own_opening",
+        "own_closing",
+        *STRAIN_COLUMNS,
+        *CLOSURE_PREDICTORS.values(),
+        *EIGENVALUE_PREDICTORS,
+    ),
 )
 # Shortest time to an event, over the interval: the score of an earlier event is finite.
 SOONEST = 1e-12
@@ -83,15 +95,15 @@ def skill_tables(
         for target, predictor, score, value, signed in targets(own, state, earlier):
             if not len(own["w2"]):
                 continue
-            numbers = [own[name][0] for name in COLUMNS[:2]]
-            place = dict(zip(COLUMNS[:4], (*numbers, predictor, target), strict=True))
+            numbers = [own[name][0] for name in SKILL_COLUMNS[:2]]
+            place = dict(zip(SKILL_COLUMNS[:4], (*numbers, predictor, target), strict=True))
             rows.append(place | skill(score, value, signed=signed))
             for n in ORDERS if packing else ():
                 some = skill(score[order == n], value[order == n], signed=signed)
                 by_order.append(place | {"order": n} | some)
         earlier = own
-    ordered = [*COLUMNS[:4], "order", *COLUMNS[4:]]
-    return pd.DataFrame(rows, columns=list(COLUMNS)), pd.DataFrame(by_order, columns=ordered)
+    ordered = [*SKILL_COLUMNS[:4], "order", *SKILL_COLUMNS[4:]]
+    return pd.DataFrame(rows, columns=list(SKILL_COLUMNS)), pd.DataFrame(by_order, columns=ordered)
 
 
 def part_columns(part: Path) -> Columns:
@@ -112,20 +124,20 @@ def targets(
     packing's predictions, `earlier` the increments of the interval before.
     """
     # Over the square of the strain: a larger step has more work of either sign.
-    H = np.stack([own[name] for name in STRAIN], axis=1).reshape(-1, 2, 2)
+    H = np.stack([own[name] for name in STRAIN_COLUMNS], axis=1).reshape(-1, 2, 2)
     square = np.sum(rotation_and_stretch(H)[1] ** 2, axis=(1, 2))
     size = np.where(square > 0, square, np.nan)
     closures = {
         name: _of_all(state, -own[column] / size, own["loop_before"])
-        for name, column in OF_INCREMENTS.items()
+        for name, column in CLOSURE_PREDICTORS.items()
     }
-    known = {name: -state[name] for name in OF_LOOPS if name in state}
+    known = {name: -state[name] for name in EIGENVALUE_PREDICTORS if name in state}
     counts = {"order": state["order"].astype(float)}
     counts["sliding"] = state["sliding_contacts"].astype(float)
     if "smallest_N" in state:
         counts["smallest_N"] = -state["smallest_N"]
     for target, value, predicted, past in _predicted(own, state, earlier):
-        strained = closures if target in OF_SURVIVED else {}
+        strained = closures if target in SURVIVED_TARGETS else {}
         scores = predicted | strained | known | {"persistence": past} | counts
         for name, score in scores.items():
             yield target, name, score, value, name in SIGNED[target]
@@ -143,7 +155,7 @@ def _predicted(
 
     packed = "fate" in state
     work = {"packing": -state["packing_w2"], "own_motion": -state["own_w2"]} if packed else {}
-    walked = {name: column for name, column in BY_EVENTS.items() if f"{column}_w2" in state}
+    walked = {name: column for name, column in EVENT_PREDICTORS.items() if f"{column}_w2" in state}
     work |= {name: -state[f"{column}_w2"] for name, column in walked.items()}
     yield TARGET, _of_all(state, own["w2"], at), work, -past("w2")
     if not packed:

@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from loops.arrays import Floats
 from loops.tracking import LoopFates
 from patterns import Snapshot
-from studies.series.skill import BY_EVENTS, OTHERS, TARGET
+from studies.series.skill import EVENT_PREDICTORS, OTHERS, TARGET
 from studies.snapshot.loop_map import loop_drawer
 from studies.style import (
     BLACK,
@@ -40,13 +40,13 @@ from studies.style import (
 )
 
 TARGETS = (TARGET, *OTHERS)
-TITLES = {
+TARGET_TITLES = {
     "W2_negative": r"negative work, $W_2 < 0$",
     "nonaffine": "least affine tenth",
     "contact_lost": "a contact lost",
     "topology": "topology changed",
 }
-NAMES = {
+PREDICTORS = {
     "packing": "packing",
     "packing_path": "packing, by events",
     "replay": "replay",
@@ -73,7 +73,7 @@ FOLLOWED = {
     "order": (PURPLE, "v"),
     "smallest_N": (SKY, "P"),
 }
-CLOSURES = {
+PREDICTION_TITLES = {
     "affine_W2": "affine closure, spins blocked",
     "affine_free_W2": "affine closure, spins free",
     "traction_W2": "traction closure, spins blocked",
@@ -95,7 +95,7 @@ def work_signs(increments: Mapping[str, Any]) -> Figure:
     """Distribution of the actual work by the sign of its prediction."""
     figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)
     actual, bins = np.asarray(increments["w2"]), np.linspace(-1, 1, 41)
-    for ax, (name, title) in zip(axes.ravel(), CLOSURES.items(), strict=True):
+    for ax, (name, title) in zip(axes.ravel(), PREDICTION_TITLES.items(), strict=True):
         predicted = np.asarray(increments[name])
         known = np.isfinite(predicted) & (actual != 0)
         parts = actual[known & (predicted < 0)], actual[known & (predicted >= 0)]
@@ -144,7 +144,7 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
 def skill_by_predictor(table: pd.DataFrame) -> Figure:
     """AUC of every predictor, a dot an interval and the mean of them, for each target."""
     walked = set(table["predictor"])
-    names = [name for name in NAMES if name in walked or name not in BY_EVENTS]
+    names = [name for name in PREDICTORS if name in walked or name not in EVENT_PREDICTORS]
     figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)
     axes = axes.ravel()
     for ax, target in zip(axes, TARGETS, strict=True):
@@ -165,8 +165,8 @@ def skill_by_predictor(table: pd.DataFrame) -> Figure:
         if np.isfinite(past).any():
             ax.axvline(np.nanmean(past), color=VERMILION, linestyle="--", linewidth=0.9)
         ax.axvline(0.5, color=LIGHT_GREY, linewidth=0.9, zorder=0)
-        ax.set_title(f"{TITLES[target]}\nbase rate {_base(table, target)}")
-    axes[0].set_yticks(range(len(names)), labels=[NAMES[name] for name in names])
+        ax.set_title(f"{TARGET_TITLES[target]}\nbase rate {_base(table, target)}")
+    axes[0].set_yticks(range(len(names)), labels=[PREDICTORS[name] for name in names])
     axes[0].invert_yaxis()
     for ax in axes[2:]:
         ax.set_xlabel("AUC (bar: mean; dashed: persistence)")
@@ -184,13 +184,13 @@ def skill_by_interval(table: pd.DataFrame) -> Figure:
             if np.isfinite(auc).any():
                 look: Any = {"marker": marker, "markersize": 3.5, "linewidth": 0.9}
                 after = _column(table, "snapshot_after", target, name)
-                ax.plot(after, auc, color=colour, label=NAMES[name], **look)
+                ax.plot(after, auc, color=colour, label=PREDICTORS[name], **look)
         after, base = (
             _column(table, column, target, "order") for column in ("snapshot_after", "base")
         )
         ax.fill_between(after, base, color=LIGHT_GREY, step="mid", label="base rate", zorder=0)
         ax.axhline(0.5, color=GREY, linewidth=0.7, zorder=0)
-        ax.set(title=TITLES[target], ylim=(0, 1.02))
+        ax.set(title=TARGET_TITLES[target], ylim=(0, 1.02))
     for ax in axes[2:]:
         ax.set_xlabel("interval, by the snapshot that ends it")
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))

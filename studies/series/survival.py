@@ -25,7 +25,7 @@ VERDICTS = ("stable", "unstable", "undetermined")
 ENDS = tuple(fate.name.lower() for fate in Fate if fate < Fate.BORN)
 # Stands for all orders in the column of orders.
 ALL = 0
-NUMBERS = ("snapshot_before", "snapshot_after")
+SNAPSHOTS = ("snapshot_before", "snapshot_after")
 
 
 def write_fates(
@@ -79,7 +79,7 @@ def survival_rows(columns: Mapping[str, Any], codes: Mapping[str, Any]) -> list[
         found[:, ALL] = found.sum(axis=1)
         for verdict, by_order in zip(VERDICTS, found, strict=True):
             for n in np.flatnonzero(by_order.any(axis=1)).tolist():
-                row = {name: columns[name][0].as_py() for name in NUMBERS}
+                row = {name: columns[name][0].as_py() for name in SNAPSHOTS}
                 row |= {"judge": judge, "verdict": verdict, "order": n}
                 rows.append(row | survival(dict(zip(ENDS, by_order[n].tolist(), strict=True))))
     return rows

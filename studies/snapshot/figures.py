@@ -42,15 +42,15 @@ from studies.style import (
 )
 
 GROUP_COLOURS = dict(zip(GROUPS, ORDER_COLOURS, strict=True))
-NAMES = ("smallest", "middle", "largest")
-TITLES = {
+EIGENVALUE_NAMES = ("smallest", "middle", "largest")
+JUDGE_TITLES = {
     "affine": "affine, spins blocked",
     "traction": "traction, spins blocked",
     "traction_free": "traction, spins free",
     PLACE: "in its packing",
 }
 # A histogram has as many bins as the square root of the number of loops, within these limits.
-BINS = 20, 60
+BIN_COUNTS = 20, 60
 # Share of the loops at either end that the first and the last bin of a histogram collect.
 TAIL = 0.01
 # Largest extension of the axis for negative values beyond that, over its positive part.
@@ -109,7 +109,7 @@ def eigenvalue_distribution(table: Columns) -> Figure:
     """Histograms of the three eigenvalues of Ks: a row a judge, a colour a group of orders."""
     present, groups = judges(table), group_rows(table["order"])
     figure, panels = new_panels(len(present), 3, 0.2 + 1.8 * len(present), sharey=True)
-    for k, (name, shown) in enumerate(zip(EIGENVALUES, NAMES, strict=True)):
+    for k, (name, shown) in enumerate(zip(EIGENVALUES, EIGENVALUE_NAMES, strict=True)):
         values = np.concatenate([table[f"{judge}_{name}"] for judge in present])
         edges = _edges(values, len(present))
         for ax, judge in zip(panels[:, k], present, strict=True):
@@ -125,7 +125,7 @@ def eigenvalue_distribution(table: Columns) -> Figure:
                 ax.axvspan(edges[0], 0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
         panels[-1, k].set_xlabel(shown)
     for judge, row in zip(present, panels, strict=True):
-        row[0].set_ylabel(f"{TITLES[judge]}\nshare of the loops per bin")
+        row[0].set_ylabel(f"{JUDGE_TITLES[judge]}\nshare of the loops per bin")
         unstable, known = unstable_loops(table, judge), np.isfinite(table[f"{judge}_lambda_min"])
         for group in GROUPS:
             rows = groups[group]
@@ -142,11 +142,11 @@ def _edges(values: Floats, tables: int = 1) -> Floats:
     """Borders of the bins, which hold nearly all values of `tables` tables; one of them is zero."""
     known = values[np.isfinite(values)]
     if len(known) == 0:
-        return np.linspace(0.0, 1.0, BINS[0] + 1)
+        return np.linspace(0.0, 1.0, BIN_COUNTS[0] + 1)
     low, high = np.quantile(known, [TAIL, 1 - TAIL])
     if known.min() < 0:
         low = max(known.min(), min(low, -NEGATIVE * abs(high)))
-    width = max((high - low) / np.clip((len(known) / tables) ** 0.5, *BINS), 1e-9)
+    width = max((high - low) / np.clip((len(known) / tables) ** 0.5, *BIN_COUNTS), 1e-9)
     first, last = np.floor(low / width), np.ceil(high / width)
     return width * np.arange(first, last + 1.5)
 

@@ -1,4 +1,4 @@
-"""Loops painted into pixels: which loop holds the centre of each pixel."""
+"""Loops painted into pixels: for each pixel the loop that contains its centre."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Painting(NamedTuple):
 
 
 def paint_loops(graph: GrainGraph, faces: Faces, longest: int) -> Painting:
-    """Paint the loops of a packing, each pixel by the loop that its centre lies in.
+    """Paint the loops of a packing: each pixel holds the loop that contains its centre, or -1.
 
-    Loops that cross a periodic border are unrolled from their first grain. Of loops inside other
-    ones the last is seen.
+    Loops that cross a periodic border are unrolled from their first grain. If a loop lies inside
+    another one, the later of the two is seen.
     """
     offsets, at = half_edges_of_loops(faces)
     corners = given(loop_corners(graph, faces, offsets, at), np.float64)
@@ -59,7 +59,7 @@ def _paint(corners: Floats, offsets: Integers, rows: int, columns: int) -> NDArr
 
 @kernel
 def _crossings(corners: Floats, begin: int, end: int, height: float, out: Floats) -> int:
-    """Where a polygon's sides cross a height, sorted; two loops agree on the side they share."""
+    """Sorted crossings of a polygon's sides with a height; equal for two loops that share a side."""
     found = 0
     for k in range(begin, end):
         a, b = k, k + 1 if k + 1 < end else begin

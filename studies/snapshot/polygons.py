@@ -22,7 +22,7 @@ from studies.output import as_json
 MOST_LOOPS = 50_000
 SHADES = 64
 # Columns that the page offers first for the colours.
-FIRST = (
+OFFERED_FIRST = (
     *("order", "packing_lambda_min", "surroundings_lambda_min", "traction_lambda_min"),
     *("traction_free_lambda_min", "affine_lambda_min", "w2", "fate"),
 )
@@ -97,7 +97,7 @@ def packed(loops: LoopsForMap) -> str:
     from studies.style import DIVERGING, ORDER_COLOURS, SEQUENTIAL
 
     origin = loops.corners.mean(axis=0) if len(loops.corners) else np.zeros(2)
-    ahead = [name for name in FIRST if name in loops.columns]
+    ahead = [name for name in OFFERED_FIRST if name in loops.columns]
     shades = np.linspace(0, 1, SHADES)
     content = {
         "count": len(loops),

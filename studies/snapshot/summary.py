@@ -39,7 +39,7 @@ from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE
 # Judges of a loop: both closures with blocked spins, the traction closure with free spins, and the
 # loop in its packing if that was asked for.
 JUDGES = (*CLOSURES, FREE, PLACE)
-STRESSES = ("stress_11", "stress_12", "stress_21", "stress_22")
+TENSOR = ("stress_11", "stress_12", "stress_21", "stress_22")
 PLACES = ("beside", "elsewhere")
 
 
@@ -165,8 +165,8 @@ def _mechanics(
     """Stress, sliding and stability of a snapshot with forces."""
     law, regime = snapshot.mechanics()
     sliding, area = regime == Regime.SLIDING, table["area"]
-    sums = [float(np.dot(table[name], area)) for name in STRESSES]
-    tensors = np.stack([table[name] for name in STRESSES], axis=1).reshape(-1, 2, 2)
+    sums = [float(np.dot(table[name], area)) for name in TENSOR]
+    tensors = np.stack([table[name] for name in TENSOR], axis=1).reshape(-1, 2, 2)
     means = {name: mean_tensor(tensors[rows], area[rows]) for name, rows in groups.items()}
     stress_by_order: dict[str, Any] = {
         name: spread_by_group(groups, table[name], area) for name in ("pressure", "deviator")

@@ -32,19 +32,19 @@ from studies.output import as_arrow
 
 CLOSURES: tuple[Literal["affine", "traction"], ...] = ("affine", "traction")
 SHAPE = ("x", "y", "area", "perimeter", "elongation", "orientation")
-STRESS = ("stress_11", "stress_12", "stress_21", "stress_22", "pressure", "deviator")
+STRESS_COLUMNS = ("stress_11", "stress_12", "stress_21", "stress_22", "pressure", "deviator")
 EIGENVALUES = ("lambda_min", "lambda_mid", "lambda_max")
 STABILITY = (*EIGENVALUES, *("unstable_fraction", "cone_opening", "soft_angle"))
 # Traction closure with free spins: the loop cut out of its packing.
 FREE = "traction_free"
 MECHANICS = (
     "sliding_contacts",
-    *STRESS,
+    *STRESS_COLUMNS,
     *(f"{closure}_{name}" for closure in CLOSURES for name in STABILITY),
     "traction_condition",
     *(f"{FREE}_{name}" for name in EIGENVALUES),
 )
-BLOCK = 2**13  # loops that a thread computes at a time
+LOOPS_AT_A_TIME = 2**13  # loops that a thread computes at a time
 
 
 def loop_table(
@@ -144,7 +144,7 @@ def _compiled_parts(snapshot: Snapshot, threads: int | None) -> Iterator[tuple[A
     law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
     threads = threads or available_cores()
     packing = compiled_packing(snapshot.graph, faces, law, regime, threads)
-    blocks = [slice(k, k + BLOCK) for k in range(0, len(faces.loops), BLOCK)]
+    blocks = [slice(k, k + LOOPS_AT_A_TIME) for k in range(0, len(faces.loops), LOOPS_AT_A_TIME)]
     kn = np.nan if law is None else float(np.mean(law.kn))
     work = partial(_compiled_columns, packing, faces.loops, kn)
     rest = np.zeros(len(faces.loops), dtype=bool)
@@ -195,7 +195,7 @@ def _stress(whole: Floats) -> Columns:
     stress = 0.5 * whole.T
     half, off = 0.5 * (stress[0] - stress[3]), 0.5 * (stress[1] + stress[2])
     values = (*stress, 0.5 * (stress[0] + stress[3]), np.hypot(half, off))
-    return dict(zip(STRESS, values, strict=True))
+    return dict(zip(STRESS_COLUMNS, values, strict=True))
 
 
 def _stability(matrix: Floats, error: Floats, *, compiled: bool) -> list[Floats]:

@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 import grainloops as gl
-from studies.evolve.figures import stress_strain
+from studies.evolve.figures import stress_and_volume
 from studies.series.figures import kinetics_figure
 from studies.series.skill_figures import TARGETS, skill_by_predictor
 
@@ -24,7 +24,7 @@ def path():
     along = {"H11": driven, "H22": -0.5 * driven, "P11": 400.0 + 2e5 * driven, "P22": 0 * driven}
     events = {"driven": driven[2:3], "kind": np.array(["instability"])}
     tables = {"path": along | {"driven": driven}, "events": events}
-    return stress_strain({name: pd.DataFrame(one) for name, one in tables.items()}, "H11")
+    return stress_and_volume({name: pd.DataFrame(one) for name, one in tables.items()}, "H11")
 
 
 def kinetics():

@@ -22,8 +22,8 @@ from studies.series.figures import (
 from studies.series.gather import evolution_table
 from studies.series.increments import PREDICTIONS, increments, track_loops
 from studies.series.report import (
-    MOST_FRAMES,
-    Frame,
+    MOST_SCENES,
+    Scene,
     animate_series,
     picked_snapshots,
     series_figures,
@@ -214,7 +214,7 @@ def test_work_histogram_counts_every_known_loop_once(series):
 @pytest.mark.parametrize("stability", [False, True])
 def test_animation(tmp_path, series, stability):
     frames = (
-        Frame(one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None)
+        Scene(one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None)
         for k, one in enumerate(series.states)
     )
     written = animate_series(tmp_path, frames, SOURCE)
@@ -233,11 +233,11 @@ def test_animation(tmp_path, series, stability):
 
 def test_long_series_show_few_frames():
     picked = picked_snapshots(1000)
-    assert len(picked) == MOST_FRAMES
+    assert len(picked) == MOST_SCENES
     assert (picked[0], picked[-1]) == (0, 999)
     assert len(set(np.diff(picked))) <= 2
     assert picked_snapshots(1) == [0]
-    assert picked_snapshots(MOST_FRAMES) == list(range(MOST_FRAMES))
+    assert picked_snapshots(MOST_SCENES) == list(range(MOST_SCENES))
 
 
 def test_callers_settings_are_left_alone(series):

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy.stats import spearmanr
 
-from studies.series.skill import COLUMNS, mean_skill, skill, skill_tables
+from studies.series.skill import SKILL_COLUMNS, mean_skill, skill, skill_tables
 from tests.studies.series.test_run import run, write_series
 
 
@@ -59,7 +59,7 @@ def result(tmp_path_factory):
 def test_the_table_of_a_series(result):
     """One row an interval and predictor; rates as counted from the parts, persistence shifted."""
     table = pd.read_parquet(result / "skill.parquet")
-    assert tuple(table.columns) == COLUMNS
+    assert tuple(table.columns) == SKILL_COLUMNS
     assert len(table) == 2 * table.predictor.nunique() == 20
     work = [
         pd.read_parquet(result / "increments" / f"part-0000{k}-0000{k + 1}.parquet") for k in (0, 1)
