@@ -59,7 +59,7 @@ def _paint(corners: Floats, offsets: Integers, rows: int, columns: int) -> NDArr
 
 @kernel
 def _crossings(corners: Floats, begin: int, end: int, height: float, out: Floats) -> int:
-    """Sorted crossings of a polygon's sides with a height; equal for two loops that share a side."""
+    """Sorted crossings of a polygon's sides with a height; loops agree on a shared side."""
     found = 0
     for k in range(begin, end):
         a, b = k, k + 1 if k + 1 < end else begin
