@@ -17,7 +17,7 @@ from stability.paths.path import Event
 from studies.evolve import run_evolve
 from studies.evolve.run import _passed, stage_of
 from studies.series.plan import plan_series
-from studies.snapshot.source import reading
+from studies.snapshot.source import read_planar, reading
 from tests.packings import LAW, jammed
 from tests.studies.probe.test_run import plain
 from tests.studies.snapshot.test_run import run
