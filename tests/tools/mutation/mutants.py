@@ -76,12 +76,12 @@ class Mutant(NamedTuple):
 def mutants_of(root: Path, file: str) -> list[Mutant]:
     """Every mutant of a file."""
     source = (root / file).read_text()
-    lines = source.splitlines()
+    lines, nodes = source.splitlines(), list(ast_nodes(get_ast(source)))
     found = []
     for kind, name, operator in _operators():
         places = [
             start
-            for node in ast_nodes(get_ast(source))
+            for node in nodes
             for start, _ in operator.mutation_positions(node)
         ]
         found += [
