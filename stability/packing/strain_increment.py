@@ -211,13 +211,16 @@ class StrainIncrement:
         self._tell("instability", c, "a loose grain rattles; dragged", loose)
 
     def _close(self, c: int) -> None:
-        """Make a contact stick if its forces then stay in the cone, else slide."""
-        packing = self.packing
+        """Make a contact stick or slide to either side, whichever agrees with its closing."""
+        packing, pair = self.packing, self.packing.frame[c]
+        for side in (0.0, 1.0, -1.0):
+            packing.set_regime(c, SLIDING if side else ELASTIC, side)
+            un, ut = packing.relative(packing.solve(*self.control), c)
+            shear, strength = pair["kt"] * ut, -pair["mu"] * pair["kn"] * un
+            agrees = -side * shear >= strength if side else abs(shear) <= strength
+            if un < 0 and (agrees or not pair["slides"]):
+                return
         packing.set_regime(c, ELASTIC)
-        un, ut = packing.relative(packing.solve(*self.control), c)
-        pair = packing.frame[c]
-        if pair["slides"] and un < 0 and pair["kt"] * abs(ut) > -pair["mu"] * pair["kn"] * un:
-            packing.set_regime(c, SLIDING, -np.sign(ut))
 
     def _pivot(self, c: int, rates: Combination) -> None:
         """Find the regime of a contact at yield; hold the grains of a mode that nothing stops."""

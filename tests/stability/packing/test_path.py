@@ -353,16 +353,32 @@ def test_grains_that_come_nearer_with_the_cell_touch():
 
 
 @pytest.mark.parametrize(
-    ("which", "law", "why"),
+    ("which", "law", "contact", "kinds"),
     [
-        ((24, 3), BRANCH, "a loose grain rattles; dragged"),
-        ((36, 5), LAW, "it changes regime again and again; held"),
+        ((16, 2), BRANCH, 14, ["yield", "opening", "closing", "yield", "opening", "closing"]),
+        ((24, 3), LAW, 42, ["yield", "opening", "closing", "opening"]),
+    ],
+    ids=["16", "24"],
+)
+def test_a_contact_that_would_open_if_it_stuck_slides_when_it_closes(which, law, contact, kinds):
+    """At its last closing: if it stuck it would open at once, close, and so on."""
+    path = followed(packed(*which, law), law, strained(5 * H), interval=1e-4)
+    assert path.status == "finished" and not path.of_kind("instability")
+    found = [event.kind for event in path.events if event.contacts == (contact,)]
+    assert found[: len(kinds)] == kinds and found.count("closing") == kinds.count("closing")
+
+
+@pytest.mark.parametrize(
+    ("which", "law", "factor", "why"),
+    [
+        ((24, 3), BRANCH, 10, "a loose grain rattles; dragged"),
+        ((36, 5), LAW, 14, "it changes regime again and again; held"),
     ],
     ids=["dragged", "held"],
 )
-def test_a_contact_changes_regime_a_dozen_times_in_an_interval(which, law, why):
+def test_a_contact_changes_regime_a_dozen_times_in_an_interval(which, law, factor, why):
     """At the next change its loose grain is dragged, or the contact held if neither is loose."""
-    strain, interval = 10 * H, 1e-4
+    strain, interval = factor * H, 1e-4
     path = followed(packed(*which, law), law, strained(strain), interval=interval, instabilities=99)
     assert path.status == "finished"
     event, *_ = [e for e in path.of_kind("instability") if e.detail.startswith(why)]

@@ -79,11 +79,7 @@ def mutants_of(root: Path, file: str) -> list[Mutant]:
     lines, nodes = source.splitlines(), list(ast_nodes(get_ast(source)))
     found = []
     for kind, name, operator in _operators():
-        places = [
-            start
-            for node in nodes
-            for start, _ in operator.mutation_positions(node)
-        ]
+        places = [start for node in nodes for start, _ in operator.mutation_positions(node)]
         found += [
             Mutant(file, kind, name, occurrence, line, lines[line - 1].strip())
             for occurrence, (line, _) in enumerate(places)
