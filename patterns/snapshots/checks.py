@@ -590,6 +590,9 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     first = match.shared
     second = match.after[first]
     elastic = (before.regime[first] != Regime.SLIDING) & (after.regime[second] != Regime.SLIDING)
+    # Contacts without friction or shear stiffness keep T = 0.
+    elastic &= (before.graph.shear_force[first] != 0) | (after.graph.shear_force[second] != 0)
+    elastic &= np.broadcast_to(before.law.kt, before.graph.contact_count)[first] > 0
     first, second = first[elastic], second[elastic]
     if len(first) < FEWEST:
         return None
@@ -602,6 +605,8 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     kt = np.broadcast_to(before.law.kt, before.graph.contact_count)[first]
     change = after.graph.shear_force[second] - before.graph.shear_force[first]
     needed = -change / kt
+    if not needed.any():
+        return None
     if before.law.shear_increment == "branch":
         length = (np.hypot(*d.T) + np.hypot(*e.T)) / 2
         arms, reach = arms * (length / reach)[:, None], length

@@ -380,5 +380,16 @@ def test_kt_is_not_checked_between_other_grains_or_equal_states():
     assert checks.check_kt(dataclasses.replace(before, law=None), after) is None
 
 
+@pytest.mark.parametrize("rotations", [True, False])
+def test_kt_is_not_checked_without_shear_forces(rotations):
+    """Grains without friction, a law without shear stiffness, and T that stays as it is."""
+    assert checks.check_kt(*snapshots(0.0, rotations=rotations)) is None
+    before, after = snapshots(rotations=rotations)
+    soft = dataclasses.replace(before.law, kt=0.0)
+    assert checks.check_kt(dataclasses.replace(before, law=soft), after) is None
+    same = dataclasses.replace(before, graph=after.graph)
+    assert checks.check_kt(same, dataclasses.replace(after, rotation=before.rotation)) is None
+
+
 def test_a_regular_packing_may_share_one_ratio():
     assert severity(checks.one_ratio(state(shear=0.2))) == "ok"

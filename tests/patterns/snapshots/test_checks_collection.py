@@ -4,6 +4,8 @@ Set GRAINLOOPS_DEM to the folder and run with -m slow.
 """
 
 import csv
+import dataclasses
+import itertools
 import os
 import re
 from pathlib import Path
@@ -12,6 +14,7 @@ import pytest
 
 from loops import InputError
 from patterns import read_frames, read_snapshot
+from patterns.snapshots.checks import check_kt
 from tests.patterns import snapshot_faults as faults
 from tests.patterns.snapshots.test_checks import (
     CASES,
@@ -137,3 +140,21 @@ def test_tables_of_neighbouring_snapshots(snapshot):
         assert "from the centres" in str(error)
     else:
         assert "same_snapshot" in suspicious(one)
+
+
+@pytest.mark.parametrize(
+    ("folder", "least"), [("small", 9), ("medium", 2), ("periodic", 5), ("slow", 35)]
+)
+def test_kt_of_a_series(folder, least):
+    """No false alarm between neighbours; kt twice as large is found wherever kt is."""
+    paths = [one for one in collection() if one[0].parent.name == f"yade-{folder}"]
+    read = [read_snapshot(path, **options) for path, options in paths]
+    found = 0
+    for before, after in itertools.pairwise(read):
+        one = check_kt(before, after)
+        assert one.severity == "ok"
+        twice = dataclasses.replace(before.law, kt=2 * before.law.kt)
+        other = check_kt(dataclasses.replace(before, law=twice), after)
+        assert (other.severity == "doubt") == one.says.endswith("(median)")
+        found += other.severity == "doubt"
+    assert found >= least
