@@ -16,7 +16,7 @@ from loops.closures.macro_tangent import check_choice
 from loops.contact_state import ContactState
 from loops.laws.protocol import require_law
 from stability.arguments import number, whole_number
-from stability.paths.loop_path import LoopOptions, LoopPathSolver
+from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
 from stability.paths.model import START_MISMATCH, PathModel, compressed, path_model
 from stability.paths.path import Past, Path, follow_stages
 from stability.paths.record import model_choice
@@ -37,7 +37,7 @@ FIRST_ATOL = 1e-4
 
 
 @dataclass(frozen=True)
-class PackingOptions:
+class PackingPathOptions:
     """Options of `follow` under the packing closure, see there."""
 
     interval: float = 5e-6
@@ -197,9 +197,9 @@ def follow(
     if closure == "packing":
         from stability.packing.path import follow_packing
 
-        given = vars(_options(PackingOptions, options, closure))
+        given = vars(_options(PackingPathOptions, options, closure))
         return follow_packing(graph, law, stages, rows=rows, max_steps=max_steps, **given)
-    checked = _options(LoopOptions, options, closure)
+    checked = _options(LoopPathOptions, options, closure)
     require_law(law)
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, closure, checked.spins, checked.volume)

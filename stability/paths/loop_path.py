@@ -49,7 +49,7 @@ from stability.rate_problem import ELASTIC, SEARCH_LIMIT, Choice, RateProblem
 from stability.subspaces import subspace_basis
 
 # Steps that a stage takes at least, if it is as long as its start promises.
-STEPS = 8
+MIN_STEPS = 8
 # Rate problems in a row without progress after which the stage ends without a solution.
 CHATTER = 12
 # Longest steps to try, over the option, where a singular state is in the way.
@@ -66,7 +66,7 @@ OnTouch = Literal["ignore", "stop", "add"]
 
 
 @dataclass(frozen=True, eq=False)
-class LoopOptions:
+class LoopPathOptions:
     """Options of `follow` under the affine and traction closures, see there."""
 
     spins: Spins = "blocked"
@@ -108,7 +108,7 @@ class LoopPathSolver:
     model: PathModel
     y: Floats
     mode: Mode
-    options: LoopOptions
+    options: LoopPathOptions
     atol: float
     rows: int
     steps_left: int
@@ -297,7 +297,7 @@ class LoopPathSolver:
             functions,
             rtol=self.options.rtol,
             atol=self.atol * size * scales(self.model),
-            max_step=min(self.options.max_step, reach / STEPS),
+            max_step=min(self.options.max_step, reach / MIN_STEPS),
             row_step=min(reach, 1.0) / self.rows if self.rows else np.inf,
             size=size,
         )

@@ -222,7 +222,12 @@ def edge_orbits(model: PathModel, options: Mapping[int, tuple[Choice, ...]]) -> 
     parity = np.where(model.mu > 0, model.symmetry.contact_parity, 1.0)
     allowed: dict[int, tuple[Choice, ...]] = {}
     for c, can in options.items():
-        allowed.setdefault(int(first[c]), _carried(can, float(parity[c])))
+        # As options of the orbit's first contact; on a mirror nothing slides.
+        sign = float(parity[c])
+        as_first = [
+            Choice(each.regime, sign * each.side) for each in can if each.side == 0.0 or sign != 0.0
+        ]
+        allowed.setdefault(int(first[c]), tuple(as_first))
     representatives = np.array(list(allowed), dtype=np.int64)
     contacts = np.flatnonzero(np.isin(first, representatives))
     orbit = np.argsort(representatives)[np.searchsorted(np.sort(representatives), first[contacts])]
@@ -243,10 +248,3 @@ def first_choices(
                 int(orbits.representatives[k]), Choice(choice.regime, sign * choice.side)
             )
     return first
-
-
-def _carried(can: tuple[Choice, ...], parity: float) -> tuple[Choice, ...]:
-    """Options as those of the orbit's first contact; on a mirror nothing slides."""
-    return tuple(
-        Choice(each.regime, parity * each.side) for each in can if each.side == 0.0 or parity != 0.0
-    )

@@ -14,7 +14,7 @@ from stability.packing import (
     state,
     strain_increment,
 )
-from stability.paths.follow import PackingOptions
+from stability.paths.follow import PackingPathOptions
 from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.packings import strained
 from tests.yade_slow import foreseen, in_collection, slow, strain_between
@@ -127,7 +127,7 @@ def test_probes():
 
 
 def test_settings():
-    usual = PackingOptions()
+    usual = PackingPathOptions()
     assert f"Intervals of strain {usual.interval:.0e}".replace("e-06", "e-6") in PAGE
     assert f"At {usual.instabilities} unstable contacts" in PAGE
     assert f"gap below {path.LISTED_GAP} mean diameters" in PAGE

@@ -114,3 +114,36 @@ def test_stages_of_any_length_end_at_their_target(end, closure):
     assert (path.status, len(path.events)) == ("finished", 0)
     assert path.H[-1, [0, 3]] == pytest.approx([end, end], rel=1e-13, abs=0)
     assert path.normal_force[-1] == pytest.approx(np.full(5, end), rel=1e-13, abs=0)
+
+
+@pytest.mark.parametrize(("beyond", "rows"), [(5e-16, 0), (5e-15, 1)])
+def test_a_target_within_rounding_is_reached_at_once(beyond, rows):
+    path = follow(regular_polygon(4), LAW, [isotropic(0.1), isotropic(0.1 + beyond)])
+    assert path.status == "finished"
+    assert ((path.stage == 1).sum() > 0) == (rows > 0)
+
+
+@pytest.mark.parametrize(("shear", "torn"), [(5e-10, False), (2e-9, True)])
+def test_a_shear_force_that_a_parting_contact_may_drop(shear, torn):
+    # Isotropic strain turns no branch: the shear force stays until the contacts open.
+    start = diamond(np.pi / 4, E1=0.01, E2=0.01, T=shear)
+    stage = Stage(programmes.isotropic_strain(-1.0), "H11", -0.01)
+    path = follow(start, LinearFrictional(1.0, 0.2), stage, closure="traction")
+    assert ("part while they carry a force" in path.message) == torn
+    assert path.H[-1, 0] == pytest.approx(0.0 if torn else -0.01, abs=1e-12)
+
+
+@pytest.mark.parametrize(("shear", "events"), [(1e-13, 1), (1.2e-11, 2)])
+def test_contacts_that_yield_within_rounding_yield_at_once(shear, events):
+    confined = diamond(np.pi / 4, E1=0.3, E2=0.3)
+    disturbed = confined.replace(shear_force=shear * np.array([1.0, 0.0, 0.0, 0.0]))
+    law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5.0)))
+    path = follow(disturbed, law, Stage(programmes.drained_biaxial(), "H11", 0.42))
+    assert len(path.of_kind("yield")) == events
+
+
+@pytest.mark.parametrize(("short", "events"), [(3e-13, 2), (1e-9, 0)])
+def test_a_stage_that_ends_within_rounding_of_an_event_meets_it(short, events):
+    # det K and det Ks of the square vanish at kappa/(1 + kappa).
+    path = follow(diamond(np.pi / 4), LAW, isotropic(1 / 6 - short))
+    assert len(path.of_kind("det_K_zero") + path.of_kind("det_Ks_zero")) == events
