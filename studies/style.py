@@ -193,12 +193,6 @@ def save_figure(fig: Figure, folder: Path, name: str, source: Mapping[str, Any])
         packing.result()
 
 
-def save_figures(figures: Mapping[str, Figure], folder: Path, source: Mapping[str, Any]) -> None:
-    """`save_figure` for each by its name."""
-    for name, figure in figures.items():
-        save_figure(figure, folder, name, source)
-
-
 def write_animation(
     folder: Path, figure: Figure, changes: Iterable[None], source: Mapping[str, Any]
 ) -> list[Path]:

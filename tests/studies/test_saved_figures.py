@@ -21,7 +21,7 @@ def drawn(panels):
 
 @pytest.mark.parametrize("panels", [1, 2])
 def test_pictures_are_matplotlib_s_own(tmp_path, panels):
-    style.save_figures({"a": drawn(panels)}, tmp_path, {})
+    style.save_figure(drawn(panels), tmp_path, "a", {})
     saved, own = Image.open(tmp_path / "a.png"), BytesIO()
     with style.styled():
         drawn(panels).savefig(own, format="png")
@@ -33,7 +33,8 @@ def test_pictures_are_matplotlib_s_own(tmp_path, panels):
 def test_the_same_numbers_give_the_same_files(tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-        style.save_figures({"a": drawn(2), "b": drawn(1)}, tmp_path / name, {"command": "here"})
+        for panels, figure in ((2, "a"), (1, "b")):
+            style.save_figure(drawn(panels), tmp_path / name, figure, {"command": "here"})
     files = sorted(file.name for file in (tmp_path / "one").iterdir())
     assert files == ["a.png", "a.svg", "b.png", "b.svg"]
     for file in files:
