@@ -185,7 +185,7 @@ def _value(element: ET.Element | None, name: str, where: str) -> float:
 
 
 # Branches and normals further apart than this (radians) are not of one snapshot.
-SAME_INSTANT = 1e-9
+SAME_SNAPSHOT = 1e-9
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -276,7 +276,7 @@ def _reach(save: Save, found: Integers, distance: Floats, radii: Floats) -> Floa
 
 def _notes(save: Save, off: float) -> tuple[str, ...]:
     notes = []
-    if off > SAME_INSTANT:
+    if off > SAME_SNAPSHOT:
         notes.append(
             f"normals up to {off:.1g} rad off the line of centres: saved after the grains moved, "
             "forces are one step older than positions"

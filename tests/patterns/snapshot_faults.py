@@ -343,7 +343,7 @@ def centimetres(deck):
     deck[_radii(deck)] = 100 * deck[_radii(deck)]
 
 
-def other_instant(deck):
+def other_snapshot(deck):
     """Centres after 1 % of pure shear and as much of the grains' own motion."""
     rng = np.random.default_rng(4)
     moved = deck[_radii(deck)] > 0 if len(deck[_radii(deck)]) == len(deck["x"]) else 1.0
@@ -468,7 +468,7 @@ FAULTS = {
     exchange_stiffness: {"stiffness"},
     diameters: {"distances"},
     centimetres: {"distances"},
-    other_instant: {"same_snapshot", "touching", "stiffness"},
+    other_snapshot: {"same_snapshot", "touching", "stiffness"},
     out_of_balance: {"balance"},
     few_contacts: {"jammed", "balance"},
     turn_one: {"turned", "repeated"},
