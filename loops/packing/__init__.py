@@ -1,4 +1,4 @@
-"""A packing as one sparse system: who carries, assembly, factorisation, loops in place."""
+"""A packing as one sparse linear system: carrying grains, matrix, factors, loops in place."""
 
 from loops.packing.boundary import Carrying as Carrying
 from loops.packing.boundary import PlaneContacts as PlaneContacts

@@ -1,4 +1,4 @@
-"""The operator of every loop in its packing, and of what surrounds it.
+"""The operator of every loop in its packing, and that of its surroundings.
 
 An excess stress P on a loop's polygon, `F_i = -P B_i` on its grains with the packing around them,
 strains it by `H = -(1/V_l) sum u_i (x) B_i`: `C_in = (1/V_l) B^T K^-1 B`, `A_in = C_in^-1`, with
@@ -28,12 +28,12 @@ from loops.packing.system import PackingSystem, factorised, packing_system
 
 Method = Literal["auto", "whole", "blocks"]
 METHODS = get_args(Method)
-# Up to so many grains the whole packing is inverted: 90 seconds on two cores, 8 GB.
+# Largest number of grains that `auto` inverts as a whole, for the sake of memory.
 WHOLE = 400_000
 BLOCK, BUFFER = 100.0, 8.0
-# What held grains change falls as rho^-DECAY with the distance rho from them. How large it is in a
-# packing is measured: CHECKED loops, evenly spread, are solved in the whole of it, and MARGIN times
-# the largest found is stated.
+# Held grains change a loop's operator in proportion to rho^-DECAY, rho the distance to the nearest.
+# The factor depends on the packing: CHECKED loops, evenly spread, are solved in the whole packing,
+# and MARGIN times the largest factor found is stated.
 DECAY, CHECKED, MARGIN = 1.9, 300, 1.5
 
 

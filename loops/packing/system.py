@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.arrays import Floats, Integers, Regimes
 from loops.assembly import assembled_sparse
 from loops.contact_state import contact_state
 from loops.contact_tangent import contact_regime, contact_tangent
@@ -29,12 +29,12 @@ from loops.graph import GrainGraph, branch_vectors, require_one_state
 from loops.laws.protocol import ContactLaw, Regime
 from loops.packing.boundary import Carrying, PlaneContacts, carrying_grains, plane_stiffness
 
-# Added to the diagonal, times the typical stiffness: gear modes and mechanisms get a stiffness of
-# their own that changes no other answer. No sign changed between 1e-9 and 1e-5.
+# Stiffness added to the diagonal, over the typical one: it resists gear modes and mechanisms and
+# changes no other answer. No sign changed between 1e-9 and 1e-5.
 REGULARISATION = 1e-7
-# A refinement gains three to four digits where nothing is singular; this is where it ends.
-ROUNDING = 1e-15
-# SuperLU solves fastest in panels of a few right-hand sides.
+# Relative residual at which refinement ends; each step gains several digits.
+REFINED = 1e-15
+# Right-hand sides that SuperLU solves at a time: fastest with a few.
 PANEL = 4
 
 
@@ -87,9 +87,15 @@ def packing_system(
     state = contact_state(graph)
     regimes = np.broadcast_to(contact_regime(state, law, regime), graph.contacts.shape[:1])
     fixed = np.zeros(graph.grain_count, dtype=bool) if held is None else np.asarray(held, bool)
-    carrying = carrying_grains(graph, regimes != Regime.OPEN, _supports(fixed, planes))
+    supports = 2 * fixed.astype(np.int64)
+    if planes is not None:
+        supports += np.bincount(planes.grain, minlength=len(fixed))
+    carrying = carrying_grains(graph, regimes != Regime.OPEN, supports)
     kept = np.flatnonzero(carrying.contacts)
-    freedom, size = _freedoms(carrying, fixed)
+    moves = np.repeat(carrying.grains[:, None], 3, axis=1)
+    moves[fixed, :2] = False
+    freedom, size = np.full(moves.shape, -1), int(np.count_nonzero(moves))
+    freedom[moves] = np.arange(size)
     length = float(graph.radii[carrying.grains].mean())
     blocks = contact_tangent(state, law, regimes)[kept]
     branches, pairs = branch_vectors(graph)[kept], graph.contacts[kept]
@@ -98,7 +104,9 @@ def packing_system(
         planes = planes.take(carrying.grains[planes.grain])
         blocks = np.concatenate([blocks, plane_stiffness(planes, graph.radii)])
         branches = np.concatenate([branches, planes.branch])
-        ends = np.concatenate([ends, _plane_ends(freedom, planes)])
+        own, none = freedom[planes.grain], np.full((len(planes.grain), 2), -1)
+        at_planes = np.column_stack([own[:, :2], none, own[:, 2], none[:, 0]])
+        ends = np.concatenate([ends, at_planes])
         regimes = np.concatenate([regimes[kept], planes.regime])
     else:
         regimes = regimes[kept]
@@ -109,6 +117,10 @@ def packing_system(
         raise InputError(
             "packing", "no contact that resists", "contacts with stiffness", "See the law."
         )
+    if volume is None and graph.cell is not None:
+        volume = float(abs(np.linalg.det(graph.cell)))
+    if volume is None or not (np.isfinite(volume) and volume > 0):
+        raise InputError("volume", repr(volume), "a positive area", "Give the sample's area.")
     return PackingSystem(
         graph=graph,
         law=law,
@@ -122,7 +134,7 @@ def packing_system(
         size=size,
         length=length,
         unit=unit,
-        volume=_volume(graph, volume),
+        volume=volume,
         planes=planes,
         held=int(np.count_nonzero(fixed & carrying.grains)),
     )
@@ -173,34 +185,6 @@ def stress_rate(system: PackingSystem, s: Floats) -> Floats:
     return np.einsum("ei...,ej->ij...", s[:, :2], system.branches) / system.volume
 
 
-def _freedoms(carrying: Carrying, fixed: Flags) -> tuple[Integers, int]:
-    moves = np.repeat(carrying.grains[:, None], 3, axis=1)
-    moves[fixed, :2] = False
-    freedom = np.full(moves.shape, -1)
-    size = int(np.count_nonzero(moves))
-    freedom[moves] = np.arange(size)
-    return freedom, size
-
-
-def _supports(fixed: Flags, planes: PlaneContacts | None) -> Integers:
-    walls = 0 if planes is None else np.bincount(planes.grain, minlength=len(fixed))
-    return 2 * fixed.astype(np.int64) + walls
-
-
-def _plane_ends(freedom: Integers, planes: PlaneContacts) -> Integers:
-    own = freedom[planes.grain]
-    none = np.full((len(own), 2), -1)
-    return np.column_stack([own[:, :2], none, own[:, 2], none[:, 0]])
-
-
-def _volume(graph: GrainGraph, volume: float | None) -> float:
-    if volume is None and graph.cell is not None:
-        volume = float(abs(np.linalg.det(graph.cell)))
-    if volume is None or not (np.isfinite(volume) and volume > 0):
-        raise InputError("volume", repr(volume), "a positive area", "Give the sample's area.")
-    return volume
-
-
 class Factors(Protocol):
     """Solver of linear systems with one matrix."""
 
@@ -225,7 +209,7 @@ class UpdatedFactors:
 
 @dataclass(frozen=True, eq=False)
 class Factor:
-    """`K`, and the LU factors of `K + eps`, one grain of each free component held."""
+    """`K`, and LU factors of `K` made regular by `factorised`."""
 
     matrix: sparse.csc_array
     lu: Factors
@@ -233,10 +217,10 @@ class Factor:
     def solve(self, loads: Floats, *, refinements: int = 8) -> Floats:
         """(size,) or (size, k) solutions; refinement takes the regularisation out again."""
         v = self._panels(loads)
-        goal, before = ROUNDING * np.linalg.norm(loads), np.inf
+        goal, before = REFINED * np.linalg.norm(loads), np.inf
         for _ in range(refinements):
             left = loads - self.matrix @ v
-            # Loads that a mechanism doesn't carry don't get smaller, its motion only larger.
+            # Loads that a mechanism can't carry stay; refining would only increase its motion.
             size = float(np.linalg.norm(left))
             if size <= goal or size > 0.5 * before:
                 break
@@ -254,27 +238,20 @@ class Factor:
         return out
 
 
-def regularised(
-    system: PackingSystem, matrix: sparse.csc_array, eps: float = REGULARISATION
-) -> sparse.csc_array:
-    """`K + eps unit`, and the anchors' translations on springs that carry nothing."""
-    diagonal = np.full(system.size, eps * system.unit)
-    diagonal[system.freedom[system.carrying.anchors, :2].ravel()] += system.unit
-    return (matrix + sparse.diags_array(diagonal)).tocsc()
+def factorised(system: PackingSystem, stiffness: Floats | None = None) -> Factor:
+    """LU factors of `K` with a small stiffness on its diagonal, anchors on springs without load.
 
-
-def factorised(
-    system: PackingSystem, stiffness: Floats | None = None, eps: float = REGULARISATION
-) -> Factor:
-    """Factorise the system, with `stiffness` (E, 4, 4) in place of its own if given."""
+    `stiffness` (E, 4, 4) replaces that of the system.
+    """
     matrix = assembled(system, stiffness)
-    options = {"SymmetricMode": True}
+    springs = np.full(system.size, REGULARISATION * system.unit)
+    springs[system.freedom[system.carrying.anchors, :2].ravel()] += system.unit
     try:
         lu = splu(
-            regularised(system, matrix, eps),
+            (matrix + sparse.diags_array(springs)).tocsc(),
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.001,
-            options=options,
+            options={"SymmetricMode": True},
         )
     except RuntimeError as error:
         raise InputError(

@@ -18,7 +18,7 @@ from loops import (
 )
 from loops.arrays import frobenius
 from loops.geometry import boundary_vectors, polygon_area
-from loops.packing import loops_in_place, packing_system
+from loops.packing import in_place, loops_in_place, packing_system
 from loops.packing.blocks import polygons_of
 from loops.packing.inversion import _inverses, _sketches, inverted, spin_modes
 from loops.packing.multifrontal import _vertex_cover, dissection, eliminate
@@ -225,6 +225,18 @@ def test_blocks_tend_to_the_whole_and_keep_their_error():
         assert np.median(part.error / error) < 30
         median.append(np.median(error))
     assert 2.0 < median[0] / median[1] < 8.0
+
+
+def test_larger_packings_are_cut_into_blocks(monkeypatch):
+    graph = synthetic_network(400, seed=3, periodic=True, coordination=4.6)
+    faces, how = find_faces(graph), {"block": 8.0, "buffer": 3.0}
+    whole, blocks = (
+        loops_in_place(graph, LAW, faces, method=m, **how) for m in ("whole", "blocks")
+    )
+    assert not np.array_equal(whole.matrix, blocks.matrix)
+    for most, same in ((400, whole), (399, blocks)):
+        monkeypatch.setattr(in_place, "WHOLE", most)
+        assert np.array_equal(loops_in_place(graph, LAW, faces, **how).matrix, same.matrix)
 
 
 def test_a_loop_beyond_its_buffer_has_no_error():
