@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from matplotlib.figure import Figure
 
 from studies.output import as_json
@@ -21,12 +22,12 @@ def save(
     name: str,
     figure: Figure,
     numbers: Mapping[str, Any],
-    columns: Mapping[str, Any],
+    table: pd.DataFrame,
     units: str = "dimensionless",
 ) -> dict[str, Any]:
     """Write figure, table and `summary.json` with their provenance; return the numbers."""
     with study(f"example {name}", out, {}, units, force=True, csv=True) as results:
-        results.write_tables({name: columns})
+        results.write_tables({name: table})
         results.write_summary(numbers)
         results.save_figures([(name, figure)])
     return dict(numbers)

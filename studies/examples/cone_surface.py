@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
@@ -112,13 +113,15 @@ def main(out: Path) -> dict[str, Any]:
     """Follow both paths; write eigenvalues, unstable fractions, the rims and the figure."""
     found = states()
     edges = {name: cone_edge(K)[1] for name, K in found.items()}
-    every = np.concatenate(list(edges.values()))
-    columns: dict[str, Any] = {"state": [name for name, edge in edges.items() for _ in edge]}
-    columns |= dict(zip(("E11", "E22", "sqrt2_E12"), every.T, strict=True))
+    rims = []
+    for name, edge in edges.items():
+        along = dict(zip(("E11", "E22", "sqrt2_E12"), edge.T, strict=True))
+        rims.append(pd.DataFrame({"state": name, **along}))
+    table = pd.concat(rims, ignore_index=True)
     spectra = {name: symmetric_spectrum(K) for name, K in found.items()}
     shares = {name: float(unstable_fraction(values)) for name, values in spectra.items()}
     numbers = {"eigenvalues_Ks": spectra, "unstable_fraction": shares}
-    return save(out, "cone_surface", draw(found), numbers, columns, "K over kn")
+    return save(out, "cone_surface", draw(found), numbers, table, "K over kn")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from loops import LinearFrictional, macroscopic_tangent
@@ -86,12 +86,10 @@ def draw(found: list[dict[str, Any]]) -> Figure:
 def main(out: Path) -> dict[str, Any]:
     """Follow every response; write curves, slopes and the figure."""
     found = [row for name in LOOPS for row in responses(name)]
-    sizes = [len(row["strain"]) for row in found]
-    columns: dict[str, Any] = {key: np.repeat([row[key] for row in found], sizes).tolist()
-               for key in ("loop", "control", "sense")}  # fmt: skip
-    columns |= {key: np.concatenate([row[key] for row in found]) for key in ("strain", "strength")}
+    names = ("loop", "control", "sense", "strain", "strength")
+    table = pd.concat([pd.DataFrame({name: row[name] for name in names}) for row in found])
     slopes = {f"{row['loop']}: {row['control']}": row["slope"] for row in found}
-    return save(out, "destabilising_control", draw(found), {"slopes": slopes}, columns)
+    return save(out, "destabilising_control", draw(found), {"slopes": slopes}, table)
 
 
 if __name__ == "__main__":

@@ -133,7 +133,7 @@ def main(out: Path, loops: int = 4000) -> dict[str, Any]:
     with_W2 = float(np.average(table.share_with_positive_W2, weights=table.loops))
     numbers = {"operators": int(table.loops.sum()), "share_with_positive_W2": with_W2,
                "largest_ratio": float(table.largest_ratio.max())}  # fmt: skip
-    return save(out, "flutter", draw(rows), numbers, dict(table.items()), "kn = 1")
+    return save(out, "flutter", draw(rows), numbers, table, "kn = 1")
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from loops import (
@@ -109,7 +110,9 @@ def main(out: Path) -> dict[str, Any]:
     large = np.array(SIZES) >= 80
     power = np.polyfit(np.log(np.array(SIZES)[large]), np.log(seconds[large]), 1)[0]
     numbers = {"spheres": spheres, "rolling": rolling, "power_of_n": float(power)}
-    return save(out, "larger_loops", draw(spheres, rolling, seconds), numbers, rolling)
+    return save(
+        out, "larger_loops", draw(spheres, rolling, seconds), numbers, pd.DataFrame(rolling)
+    )
 
 
 if __name__ == "__main__":

@@ -35,10 +35,10 @@ def main(out: Path) -> dict[str, Any]:
             figures=False,
         )
         skill = pd.read_parquet(Path(folder) / "series" / "skill.parquet")
-    columns = {name: skill[name].tolist() for name in SKILL_COLUMNS}
     kept = ("packing", "skill", "skill_of_targets", "skill_by_order")
     numbers = {name: summary[name] for name in kept}
-    return save(out, "packing_skill", skill_by_predictor(skill), numbers, columns)
+    table = skill[list(SKILL_COLUMNS)]
+    return save(out, "packing_skill", skill_by_predictor(skill), numbers, table)
 
 
 if __name__ == "__main__":

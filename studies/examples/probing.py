@@ -162,7 +162,7 @@ def main(out: Path) -> dict[str, Any]:
     amplitudes = rows["amplitude"].unique()
     numbers = {"errors": sums, "on_the_way": {name: reached(name, amplitudes) for name in STATES}}
     figure = draw(rows, pd.DataFrame(sums))
-    return save(out, "probing", figure, numbers, dict(rows.items()), "as Yade's: N, m")
+    return save(out, "probing", figure, numbers, rows, "as Yade's: N, m")
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
@@ -125,9 +126,8 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
 def main(out: Path, diamonds: int = 100_000, paths: int = 300) -> dict[str, Any]:
     """Sweep, compare, write the table and the figure."""
     status, rows = compare(random_diamonds(diamonds), paths)
-    columns = {name: [row[name] for row in rows] for name in rows[0]}
     numbers = {"diamonds": diamonds, "status": status, "methods": rows}
-    return save(out, "sweep", draw(rows), numbers, columns, "dimensionless, seconds")
+    return save(out, "sweep", draw(rows), numbers, pd.DataFrame(rows), "dimensionless, seconds")
 
 
 if __name__ == "__main__":

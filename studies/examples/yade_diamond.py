@@ -133,12 +133,14 @@ def draw(found: list[Probe], steps: dict[int, float]) -> Figure:
 def main(out: Path) -> dict[str, Any]:
     """Compare every path, write the errors and the figure."""
     found, steps = probes(), step_errors()
-    columns: dict[str, Any] = {f"error_{k}": [error(p, k) for p in found] for k in found[0].forces}
-    columns |= {"increment": [p.increment for p in found], "mu": [p.mu for p in found]}
-    columns["replay_T"] = [replay_error(p) for p in found]
-    largest = {k: max(v) for k, v in columns.items() if k not in ("increment", "mu")}
+    errors = {f"error_{k}": [error(p, k) for p in found] for k in found[0].forces}
+    errors["replay_T"] = [replay_error(p) for p in found]
+    largest = {name: max(values) for name, values in errors.items()}
+    table = pd.DataFrame(errors).assign(
+        increment=[p.increment for p in found], mu=[p.mu for p in found]
+    )
     numbers = {"probes": len(found), "largest": largest, "error_by_steps": steps}
-    return save(out, "yade_diamond", draw(found, steps), numbers, columns)
+    return save(out, "yade_diamond", draw(found, steps), numbers, table)
 
 
 if __name__ == "__main__":
