@@ -72,4 +72,29 @@ if TYPE_CHECKING:
     from studies.version import __version__ as __version__
 
 
-lazy_face(__name__, __file__)
+# Each module with the names that are loaded from it.
+NAMES = {
+    "loops": (
+        "FrictionalLaw GrainGraph HertzMindlin InputError LinearFrictional Regime "
+        "RollingResistance affine_tangent contact_forces contact_state find_faces force_chains "
+        "from_networkx loop_fates loop_tangents love_weber_stress match_contacts order_kinetics "
+        "to_networkx traction_tangent"
+    ),
+    "patterns": (
+        "Snapshot diamond loop_of_snapshot polydisperse_polygon random_loop read_frames "
+        "read_snapshot regular_polygon sample_cell sample_path synthetic_network write_snapshot"
+    ),
+    "stability": (
+        "Programme Stage destabilising_control directional_work follow judge "
+        "normalised_second_order_work plane_cone programmes rates_at restrict rotate_tangent "
+        "second_order_work spectrum statuses symmetric_spectrum unstable_fraction"
+    ),
+    "stability.packing": "hold",
+    "studies.frames": "chain_table loop_table path_table",
+    "studies.plots": "plot_cone plot_envelope plot_loop plot_map plot_path",
+    "studies.probe.run": "probe",
+    "studies.snapshot.source": "planar",
+    "studies.style": "figure_width",
+    "studies.version": "__version__",
+}
+lazy_face(__name__, NAMES)

@@ -72,4 +72,35 @@ if TYPE_CHECKING:
     from loops.tracking import match_contacts as match_contacts
 
 
-lazy_face(__name__, __file__)
+# Each module with the names that are loaded from it.
+NAMES = {
+    "loops.assembly": "assemble_sparse_tangent assemble_tangent",
+    "loops.closures": (
+        "Closure MacroTangent Spins affine_tangent macroscopic_tangent traction_tangent"
+    ),
+    "loops.contact_state": "ContactState contact_state",
+    "loops.contact_tangent": "contact_tangent translational_blocks",
+    "loops.crossings": "crossing_contacts_to_drop find_crossings",
+    "loops.errors": "InputError",
+    "loops.exchange": "from_networkx to_networkx",
+    "loops.fabric": "axial_mean direction_tensors edge_tensors mean_tensor principal",
+    "loops.faces": "FaceKind Faces euler_check faces_by_order find_faces outline_area",
+    "loops.force_chains": "ForceChains force_chains",
+    "loops.geometry": (
+        "boundary_vectors polygon_area polygon_centroid polygon_perimeter polygon_shape "
+        "reference_volume"
+    ),
+    "loops.graph": "GrainGraph branch_vectors contact_frame reference_branch_vectors",
+    "loops.kinetics": "OrderKinetics order_kinetics",
+    "loops.laws": (
+        "ContactLaw FrictionalLaw HertzMindlin LinearFrictional Regime RollingResistance"
+    ),
+    "loops.loop_batches": "LoopBatch loop_batches loop_tangents",
+    "loops.loop_strain": "best_fit_strain loop_strain rotation_and_stretch",
+    "loops.pruning": "prune_dangling",
+    "loops.stress": "contact_forces love_weber_stress nominal_stress",
+    "loops.tracking": (
+        "ContactMatch Fate LoopFates exchange_counts exchange_matrix loop_fates match_contacts"
+    ),
+}
+lazy_face(__name__, NAMES)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import ast
 import sys
+from collections.abc import Mapping
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 
 class LazyFace(ModuleType):
-    """A package that shows what its `if TYPE_CHECKING` imports, each loaded at its first use."""
+    """A package whose names are each loaded at its first use."""
 
     places: dict[str, str]
 
@@ -34,14 +33,9 @@ class LazyFace(ModuleType):
         return sorted({*self.__dict__, *self.places})
 
 
-def lazy_face(name: str, file: str) -> None:
-    """Make the package `name`, written in `file`, a `LazyFace`."""
-    package = sys.modules[name]
-    places = {
-        alias.name: f"{name}.{alias.name}" if node.module == name else str(node.module)
-        for node in ast.walk(ast.parse(Path(file).read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom) and node.module not in ("typing", "loops.lazy")
-        for alias in node.names
-    }
-    package.__dict__.update(places=places, __all__=sorted(places))
-    package.__class__ = LazyFace
+def lazy_face(package: str, names: Mapping[str, str]) -> None:
+    """Make a package a `LazyFace`; `names` are those of each module, separated by blanks."""
+    face = sys.modules[package]
+    places = {name: module for module, several in names.items() for name in several.split()}
+    face.__dict__.update(places=places, __all__=sorted(places))
+    face.__class__ = LazyFace

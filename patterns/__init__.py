@@ -25,4 +25,17 @@ if TYPE_CHECKING:
     from patterns.synthetic import synthetic_network as synthetic_network
 
 
-lazy_face(__name__, __file__)
+# Each module with the names that are loaded from it.
+NAMES = {
+    "patterns.diamond": "diamond",
+    "patterns.polygons": (
+        "SnapshotLoop equilateral_polygon hexagon loop_of_snapshot opposite_gap "
+        "polydisperse_polygon random_loop regular_polygon"
+    ),
+    "patterns.snapshots": (
+        "Snapshot WallContacts count_frames read_frames read_snapshot sample_cell sample_path "
+        "write_snapshot"
+    ),
+    "patterns.synthetic": "synthetic_network",
+}
+lazy_face(__name__, NAMES)

@@ -55,4 +55,24 @@ if TYPE_CHECKING:
     from stability.verdict import statuses as statuses
 
 
-lazy_face(__name__, __file__)
+# Each module with the names that are loaded from it.
+NAMES = {
+    "stability.cones": "PlaneCone plane_cone",
+    "stability.control_programmes": "strain_driven stress_driven",
+    "stability.destabilising": "LinearControl destabilising_control softening_control",
+    "stability.directional": "BranchFraction DirectionalWork branch_fraction directional_work",
+    "stability.paths": "Event Path follow rates_at",
+    "stability.programmes": "Programme Stage programmes",
+    "stability.rate_problem": "RateProblem RateSolution",
+    "stability.second_order_work": (
+        "PolarDiagram alpha_e normalised_second_order_work polar_diagram second_order_work"
+    ),
+    "stability.spectra": (
+        "RTOL bromwich_margin flutter_pairs operator_norm spectrum symmetric_modes "
+        "symmetric_part symmetric_spectrum"
+    ),
+    "stability.subspaces": "COMPONENTS restrict rotate_tangent subspace_basis",
+    "stability.unstable_fraction": "imhof_fraction unstable_fraction",
+    "stability.verdict": "Verdict judge statuses",
+}
+lazy_face(__name__, NAMES)

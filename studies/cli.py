@@ -6,80 +6,121 @@ import io
 import os
 import sys
 import warnings
-from collections.abc import Iterator
-from itertools import islice
-from typing import Annotated, Any
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Annotated
 
-import typer
+from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 
 from loops.errors import InputError
-from studies.commands import common
 from studies.commands.bench import bench
 from studies.commands.check import check
-from studies.commands.clock import clock
-from studies.commands.common import forget_output, print_error
-from studies.commands.diamond import diamond
-from studies.commands.domain import domain
+from studies.commands.common import Answer
 from studies.commands.evolve import evolve
-from studies.commands.polygon import polygon
+from studies.commands.loops import diamond, domain, polygon
 from studies.commands.probe import probe
 from studies.commands.series import series
 from studies.commands.snapshot import snapshot
 
-app = typer.Typer(
-    invoke_without_command=True,
-    add_completion=True,
-    # Plain help: rich takes longer to load than all that is shown here.
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    help="Stability of grain loops in two-dimensional granular media. Angles in degrees; "
-    "forces, stresses and strains positive in compression.",
+HELP = (
+    "Stability of grain loops in two-dimensional granular media. Angles in degrees; forces, "
+    "stresses and strains positive in compression."
 )
-WIDTH = "--figure-width="
+# No error is longer than a screen: the middle of what was received is left out.
+LONGEST = 1000
 INTERRUPTED = 130
-# Whoever shows its progress itself, or none.
-SHOWN_OTHERWISE = {"series", "bench", "--quiet", "--help", "--version"}
 
 
-@app.callback()
-def grainloops(
-    context: typer.Context,
-    show_version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
+def _known(default: object) -> object:
+    """The default of an option as its help shows it; None where it goes without saying."""
+    return None if isinstance(default, bool) or default == "" else default
+
+
+app = App(
+    name="grainloops",
+    help=HELP,
+    version_flags=(),
+    help_format="plaintext",
+    default_parameter=Parameter(negative=(), allow_repeating=True, show_default=_known),
+    result_action="return_value",
+    suppress_keyboard_interrupt=False,
+    exit_on_error=False,
+    print_error=False,
+)
+COMMANDS: tuple[Callable[..., Answer], ...] = (
+    *(check, snapshot, series, probe, evolve),
+    *(diamond, polygon, domain, bench),
+)
+for place, command in enumerate(COMMANDS):
+    app.command(command, sort_key=place)
+app.register_install_completion_command()
+app.meta.suppress_keyboard_interrupt = False
+
+
+@app.command(name="--show-completion")
+def show_completion() -> None:
+    """Print the shell's completion script."""
+    print(app.meta.generate_completion())
+
+
+@app.meta.default
+def launch(
+    *words: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+    version: Annotated[bool, Parameter(help="Show the version.")] = False,
     quiet: Annotated[
-        bool, typer.Option("--quiet", help="Print errors alone, and --json; anywhere in the line.")
+        bool, Parameter(help="Print only errors, and the summary with --json.")
     ] = False,
     figure_width: Annotated[
         str | None,
-        typer.Option(
+        Parameter(
             metavar="single|double",
-            help="Figures of one or two columns of a journal, 86 or 178 mm; anywhere in the line.",
+            help="Width of the figures: one or two columns of a journal, 86 or 178 mm.",
         ),
     ] = None,
-) -> None:
-    """Show the version, or the help when no command is given."""
-    common.quiet = quiet
-    if figure_width is not None:
-        from studies.style import figure_width as ask_for
-
-        ask_for(figure_width)
-    if quiet:
-        os.environ["TTY_COMPATIBLE"] = "0"  # no progress bars of rich
-    if show_version:
+) -> Answer | None:
+    """Take the options that every command has, and run the command."""
+    if version:
         from studies.version import __version__
 
-        typer.echo(f"grainloops {__version__}")
-        raise typer.Exit
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+        print(f"grainloops {__version__}")
+        return None
+    if figure_width is not None:
+        from studies.style import figure_width as set_width
+
+        set_width(figure_width)
+    if quiet:
+        os.environ["TTY_COMPATIBLE"] = "0"  # no progress bars, no clock
+    answer: Answer | None = app(_with_rates(words))
+    if answer is not None:
+        _print(answer, quiet)
+    return answer
 
 
-for command in (check, snapshot, series, probe, evolve, diamond, polygon, domain, bench):
-    app.command()(command)
+def _with_rates(words: tuple[str, ...]) -> list[str]:
+    """`series --in-packing` alone means its rates: the next word may be a file."""
+    following = [*words[1:], ""]
+    return [
+        "--in-packing=rates"
+        if word == "--in-packing" and words[0] == "series" and after not in ("rates", "events")
+        else word
+        for word, after in zip(words, following, strict=False)
+    ]
 
 
-# click's UsageError, wherever typer keeps it.
-UsageError: Any = typer.BadParameter.__base__
+def _print(answer: Answer, quiet: bool) -> None:
+    """Print an answer; its results have been written, so a closed output loses nothing."""
+    text = answer.json
+    if text is None and not quiet:
+        text = "\n".join(answer.lines)
+    try:
+        if text:
+            print(text, flush=True)
+    except OSError as error:
+        _forget_output()
+        if not isinstance(error, BrokenPipeError):
+            _fail(f"{error.strerror}; the results are in {answer.out}", status=1)
+    for message in answer.errors:
+        _print_error(message)
 
 
 def main() -> None:
@@ -92,53 +133,45 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        # Common options may stand anywhere.
-        arguments = _common_first(sys.argv[1:])
-        if not SHOWN_OTHERWISE & {*arguments}:
-            clock.start("grainloops")
-        status = app(list(_with_rates(arguments)), standalone_mode=False)
+        answer = app.meta(sys.argv[1:])
     except InputError as error:
         _fail(str(error))
-    except UsageError as error:
-        _fail(f"{error.format_message().rstrip('.')}. Try 'grainloops --help'.")
-    except (typer.Abort, KeyboardInterrupt):
-        status = INTERRUPTED
+    except MissingArgumentError as error:
+        name = "" if error.argument is None else error.argument.name
+        kind = "option" if name.startswith("-") else "argument"
+        _fail(f"Missing {kind} '{name}'. Try 'grainloops --help'.")
+    except CycloptsError as error:
+        said = str(error).removesuffix(".")
+        _fail(f"{said}. Try 'grainloops --help'.")
+    except KeyboardInterrupt as error:
+        _fail(f"interrupted; {str(error) or 'nothing was written'}.", status=INTERRUPTED)
     except MemoryError as error:
         said = str(error)
         said = said if said.startswith("out of memory") else f"out of memory. {said}"
         _fail(said.rstrip(". "), status=1)
     except OSError as error:
-        forget_output()
+        _forget_output()
         _fail(str(error), status=1)
-    if status == INTERRUPTED:  # typer may have turned Ctrl-C into this already
-        _fail(f"interrupted; {common.interrupted}.", status=INTERRUPTED)
-    sys.exit(status if isinstance(status, int) else 0)
-
-
-def _with_rates(arguments: list[str]) -> Iterator[str]:
-    """`series --in-packing` alone means its rates: the next word may be a file."""
-    for word, follows in zip(arguments, [*arguments[1:], ""], strict=False):
-        alone = word == "--in-packing" and follows not in ("rates", "events")
-        yield "--in-packing=rates" if alone and "series" in arguments else word
-
-
-def _common_first(arguments: list[str]) -> list[str]:
-    common: list[str] = []
-    own: list[str] = []
-    rest = iter(arguments)
-    for one in rest:
-        if one == "--figure-width":
-            common += [one, *islice(rest, 1)]
-        else:
-            to = common if one in ("--quiet", "--version") or one.startswith(WIDTH) else own
-            to.append(one)
-    return common + own
+    sys.exit(answer.status if isinstance(answer, Answer) else 0)
 
 
 def _fail(message: str, status: int = 2) -> None:
-    clock.stop()
-    print_error(message)
+    _print_error(message)
     sys.exit(status)
+
+
+def _print_error(message: str) -> None:
+    """Print an error on one line of stderr."""
+    line = " ".join(message.split())
+    if len(line) > LONGEST:
+        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+    print(f"grainloops: {line}", file=sys.stderr)
+
+
+def _forget_output() -> None:
+    """What could not be printed is not tried again when the process ends."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

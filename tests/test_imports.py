@@ -16,7 +16,7 @@ BELOW = {
     "studies": {"loops", "patterns", "stability"},
     "grainloops": {"loops", "patterns", "stability", "studies"},
 }
-ONLY_IN_STUDIES = {"matplotlib", "pandas", "rich", "typer"}
+ONLY_IN_STUDIES = {"cyclopts", "matplotlib", "pandas", "rich"}
 
 
 def room_modules(root: Path) -> dict[str, Path]:

@@ -1,9 +1,11 @@
 """A room is loaded when it is used: the faces bring nothing with them, and hide nothing."""
 
+import ast
 import importlib
 import pkgutil
 import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -55,6 +57,18 @@ def test_a_face_shows_all_its_names_whatever_was_imported_before(room):
     assert modules == (["programmes"] if room in (stability, grainloops) else [])
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         room.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("room", ROOMS, ids=lambda room: room.__name__)
+def test_a_face_shows_type_checkers_what_it_loads(room):
+    """The imports under TYPE_CHECKING name each place once more."""
+    shown = {
+        alias.name: f"{node.module}.{alias.name}" if node.module == room.__name__ else node.module
+        for node in ast.walk(ast.parse(Path(room.__file__).read_text()))
+        if isinstance(node, ast.ImportFrom) and node.module not in ("typing", "loops.lazy")
+        for alias in node.names
+    }
+    assert room.places == shown
 
 
 @pytest.mark.parametrize("name", ["", "snapshot", "series", "diamond", "polygon", "domain"])

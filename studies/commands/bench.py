@@ -4,34 +4,31 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
+from cyclopts import Parameter
 
-from studies.commands import common
-from studies.commands.common import Force, Json, Out, out_or, report
+from studies.commands.common import Answer, Force, Json, Out, answer, clock, out_or
 
 
 def bench(
+    *,
     out: Out = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Smaller sizes, fewer settings, nothing compiled.")
+        bool, Parameter(help="Smaller sizes, fewer settings, nothing compiled.")
     ] = False,
     only: Annotated[
-        str | None, typer.Option(metavar="NAME,...", help="Some groups, such as faces,hard-cases.")
+        str | None,
+        Parameter(metavar="NAME,...", help="Some groups only, such as faces,hard-cases."),
     ] = None,
     force: Force = False,
     json: Json = False,
-) -> None:
-    """Measure speed against error of every method with a choice, and run the hard cases."""
-    from studies.bench import run_bench
-
+) -> Answer:
+    """Measure speed against error of the methods that can be chosen, and run the hard cases."""
     out = out_or(out, "bench")
+    with clock("grainloops bench") as tell:
+        from studies.bench import run_bench
 
-    def say(name: str) -> None:
-        if not common.quiet:
-            typer.echo(f"bench: {name}", err=True)
-
-    summary = run_bench(out, quick=quick, only=only, force=force, progress=say)
-    report(summary, out, json, _bench_lines)
+        summary = run_bench(out, quick=quick, only=only, force=force, progress=tell)
+    return answer(json, out, _bench_lines(summary))
 
 
 def _bench_lines(summary: dict[str, Any]) -> list[str]:

@@ -2,65 +2,74 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from cyclopts import Parameter
 
 from loops.errors import InputError
-from studies.commands import common
-from studies.commands.clock import clock
-from studies.commands.common import Csv, Force, Json, reads
+from studies.commands.common import (
+    Answer,
+    Cells,
+    Contacts,
+    Csv,
+    Force,
+    Json,
+    Reading,
+    clock,
+)
 
 VERDICTS = ("ok", "doubt", "error")
 
 
-@reads("frame", "drop_crossings")
 def check(
-    paths: Annotated[
-        list[Path], typer.Argument(help="Files, or those of the grains; every snapshot of each.")
+    *paths: Annotated[
+        Path,
+        Parameter(
+            required=True,
+            help="Files of the snapshots, or of their grains; every snapshot of each file.",
+        ),
     ],
     out: Annotated[
-        Path | None, typer.Option(help="Result folder; created. Without it nothing is written.")
+        Path | None, Parameter(help="Result folder, created. If omitted, only print.")
     ] = None,
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
-    cells: Annotated[
-        Path | None,
-        typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
-    ] = None,
+    cells: Cells = None,
     exit_zero: Annotated[
-        bool, typer.Option("--exit-zero", help="Exit status 0 also where the verdict is error.")
+        bool, Parameter(help="Exit with status 0 also if the verdict is error.")
     ] = False,
-    **how: Any,
-) -> None:
-    """Check each snapshot against its own numbers: signs, units, columns, balance, jamming.
+    contacts: Contacts = None,
+    reading: Reading | None = None,
+) -> Answer:
+    """Check each file for consistency: signs, units, columns, balance, jamming.
 
     Of several snapshots each is checked against the one before it: kt against the changes of T.
     Exit status 1 if the verdict is error, 2 if a file can't be read.
     """
     from studies.output import as_json, provenance, result_folder, write_results
 
-    rows, unread = _rows(paths, cells, how)
-    made = provenance("check", {"paths": paths, "cells": cells, **how}, "numbers as their text")
-    summary = _summary(rows, unread) | {"provenance": made}
-    if out is not None:
-        with result_folder(out, force=force) as folder:
-            write_results(folder, summary, {"findings": rows}, csv=csv)
-    clock.stop()
-    if json:
-        typer.echo(as_json(summary))
-    elif not common.quiet:
-        _print(rows, summary)
-    for error in unread:
-        common.print_error(str(error))
-    status = 2 if unread else int(summary["verdict"] == "error" and not exit_zero)
-    raise typer.Exit(status)
+    how = {"contacts": contacts, **(reading or Reading()).how()}
+    with clock("grainloops check"):
+        rows, unread = _rows(paths, cells, how)
+        made = provenance("check", {"paths": paths, "cells": cells, **how}, "numbers as their text")
+        summary = _summary(rows, unread) | {"provenance": made}
+        if out is not None:
+            with result_folder(out, force=force) as folder:
+                write_results(folder, summary, {"findings": rows}, csv=csv)
+    return Answer(
+        _check_lines(rows, summary),
+        as_json(summary) if json else None,
+        errors=tuple(map(str, unread)),
+        status=2 if unread else int(summary["verdict"] == "error" and not exit_zero),
+        out=out,
+    )
 
 
 def _rows(
-    paths: list[Path], cells: Path | None, options: dict[str, Any]
+    paths: Sequence[Path], cells: Path | None, options: dict[str, Any]
 ) -> tuple[list[dict[str, Any]], list[InputError]]:
     """One row a finding, and the errors of the files that could not be read."""
     import numpy as np
@@ -122,13 +131,14 @@ def _summary(rows: list[dict[str, Any]], unread: list[InputError]) -> dict[str, 
     }
 
 
-def _print(rows: list[dict[str, Any]], summary: dict[str, Any]) -> None:
+def _check_lines(rows: list[dict[str, Any]], summary: dict[str, Any]) -> list[str]:
+    lines = []
     place = None
     for row in rows:
         if place != (row["path"], row["snapshot"]):
             place = row["path"], row["snapshot"]
-            typer.echo(f"{row['path']}, snapshot {row['snapshot']}")
+            lines.append(f"{row['path']}, snapshot {row['snapshot']}")
         text = row["says"] + (f". {row['remedy']}" if row["remedy"] else "")
-        typer.echo(f"  {row['severity']:<5}  {row['check']:<13}  {text}")
+        lines.append(f"  {row['severity']:<5}  {row['check']:<13}  {text}")
     found = ", ".join(f"{count} {name}" for name, count in summary["findings"].items())
-    typer.echo(f"{summary['snapshots']} snapshots: {found}; verdict: {summary['verdict']}")
+    return [*lines, f"{summary['snapshots']} snapshots: {found}; verdict: {summary['verdict']}"]

@@ -1,90 +1,197 @@
-"""What the commands share: their common options, lists of numbers, the report."""
+"""What the commands share: groups of options, the clock, the answer that is printed."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
-from contextlib import suppress
-from functools import wraps
-from importlib import import_module
-from inspect import Parameter, Signature, signature
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from cyclopts import Parameter
 
 from loops.errors import InputError
-from studies.commands.clock import clock
 
-# The readers themselves are loaded only by the commands that read.
+# Listed here, since the readers themselves are loaded only by the commands that read.
 FORMATS = ("table", "yade-vtk", "yade-xml", "yade-text", "lammps", "liggghts", "mercury")
+# File endings that are removed where a result folder is named after its input.
+ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
+# Seconds before the clock is first shown, and between two changes of it.
+PATIENCE, TICK = 2.0, 0.5
+CLEAR = "\r\x1b[K"
+
 Out = Annotated[
     Path | None,
-    typer.Option(help="Result folder; created. By default named after the input, here."),
+    Parameter(help="Result folder, created. Default: named after the input, in this folder."),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace results of the same names.")]
-Csv = Annotated[bool, typer.Option("--csv", help="Write the tables as CSV too.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
+Force = Annotated[bool, Parameter(help="Replace the earlier results in the folder.")]
+Csv = Annotated[bool, Parameter(help="Write each table as CSV too.")]
+Json = Annotated[bool, Parameter(help="Print the summary as JSON.")]
 NoFigures = Annotated[
-    bool, typer.Option("--no-figures", help="Tables and summary alone, no figures, no report.")
+    bool, Parameter(help="Write tables and summary only, no figures and no report.")
 ]
 YieldBand = Annotated[
-    float, typer.Option(help="Contacts from this share of their strength on may slide.")
+    float,
+    Parameter(help="Contacts with |T| of at least this share of mu N are allowed to slide."),
 ]
 Workers = Annotated[
-    int | None, typer.Option(help="Processes on this machine; by default one a core.")
+    int | None, Parameter(help="Number of processes on this machine. Default: one per core.")
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work."),
+    Parameter(metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the computation."),
 ]
-# What commands ask of a snapshot to be read, as `read_planar` names it.
-READING: dict[str, Any] = {
-    "contacts": Annotated[
-        Path | None, typer.Option(help="File of contacts; found beside PATH by its name.")
-    ],
-    "cell": Annotated[
+Hold = Annotated[
+    bool, Parameter(help="Bring the state to rest first, at fixed cell or between its walls.")
+]
+HoldStress = Annotated[bool, Parameter(help="Bring the state to rest first, at fixed stress.")]
+Contacts = Annotated[
+    Path | None,
+    Parameter(help="File of the contacts. Default: the file of matching name beside PATH."),
+]
+Cells = Annotated[
+    Path | None,
+    Parameter(
+        help="Table with the periodic cell of each snapshot: snap, h_xx, h_xy, h_yx, h_yy "
+        "(CSV or Parquet)."
+    ),
+]
+
+
+@Parameter(name="*", group="Results")
+@dataclass(frozen=True, kw_only=True)
+class Writing:
+    """Options of the results."""
+
+    out: Out = None
+    force: Force = False
+    csv: Csv = False
+    json: Json = False
+
+    def files(self) -> dict[str, Any]:
+        """The options that a study takes."""
+        return {"force": self.force, "csv": self.csv}
+
+
+@Parameter(name="*", group="Reading the input")
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """Options of reading that every command with an input takes."""
+
+    cell: Annotated[
         str | None,
-        typer.Option(metavar="HXX,HXY,HYX,HYY", help="Periodic cell; columns are its vectors."),
-    ],
-    "kn": Annotated[float | None, typer.Option(help="Normal stiffness the input lacks.")],
-    "kt": Annotated[float | None, typer.Option(help="Shear stiffness the input lacks.")],
-    "mu": Annotated[float | None, typer.Option(help="Friction (tan) the input lacks.")],
-    "shear_increment": Annotated[
-        str | None,
-        typer.Option(
-            metavar="branch|radii",
-            help="What the code turns shear by; else what the source tells: radii for Yade.",
+        Parameter(
+            metavar="HXX,HXY,HYX,HYY",
+            help="Periodic cell; its columns are the cell vectors.",
+            allow_leading_hyphen=True,
         ),
-    ],
-    "format": Annotated[str, typer.Option(help=f"auto, by the content; or {', '.join(FORMATS)}.")],
-    "columns": Annotated[
-        str | None, typer.Option(metavar="NAME=COLUMN,...", help="Columns by their plain names.")
-    ],
-    "frame": Annotated[
+    ] = None
+    kn: Annotated[float | None, Parameter(help="Normal stiffness, if the input has none.")] = None
+    kt: Annotated[float | None, Parameter(help="Shear stiffness, if the input has none.")] = None
+    mu: Annotated[
+        float | None, Parameter(help="Coefficient of friction, if the input has none.")
+    ] = None
+    shear_increment: Annotated[
+        str | None,
+        Parameter(
+            metavar="branch|radii",
+            help="Lever arm in the DEM code's shear increment. Default: as the input tells, radii "
+            "for Yade, else branch.",
+        ),
+    ] = None
+    format: Annotated[
+        str,
+        Parameter(help=f"Format of the input: auto (by its content), {', '.join(FORMATS)}."),
+    ] = "auto"
+    columns: Annotated[
+        str | None,
+        Parameter(
+            metavar="NAME=COLUMN,...",
+            help="Columns of the input that have other names, such as radius=size.",
+        ),
+    ] = None
+
+    def how(self) -> dict[str, Any]:
+        """The options as `read_planar` names them, cell and columns as numbers and names."""
+        given = {one.name: getattr(self, one.name) for one in fields(self)}
+        return given | {"cell": cell_of(self.cell), "columns": columns_of(self.columns)}
+
+
+@Parameter(name="*", group="Reading the input")
+@dataclass(frozen=True, kw_only=True)
+class PlaneReading(Reading):
+    """Reading where loops are looked for."""
+
+    drop_crossings: Annotated[
+        bool,
+        Parameter(help="Leave out one contact of each pair whose branches cross."),
+    ] = False
+
+
+@Parameter(name="*", group="Reading the input")
+@dataclass(frozen=True, kw_only=True)
+class OneReading(PlaneReading):
+    """Reading of one snapshot."""
+
+    contacts: Contacts = None
+    frame: Annotated[
         int | None,
-        typer.Option(help="Which snapshot of a file with several: 0 the first, -1 the last."),
-    ],
-    "drop_crossings": Annotated[
-        bool, typer.Option("--drop-crossings", help="Leave out contacts whose branches cross.")
-    ],
-}
-DEFAULTS: dict[str, Any] = {
-    **{"format": "auto", "drop_crossings": False},
-    **{"force": False, "csv": False, "json": False},
-}
-# What commands ask of their results; where they go comes behind the input.
-WRITING: dict[str, Any] = {"force": Force, "csv": Csv, "json": Json}
-# What no name of a result folder keeps of its input's.
-ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
-# No error is longer than a screen: the middle of what was received is left out.
-LONGEST = 1000
-M_ARENA_MAX = -8  # of malloc.h
-# Whether summaries are left out: `grainloops --quiet`.
-quiet = False
-# What an interruption leaves.
-interrupted = "nothing was written"
+        Parameter(help="Snapshot of a file with several: 0 is the first, -1 the last."),
+    ] = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command prints: the JSON, or else lines of text; errors; and its exit status."""
+
+    lines: list[str]
+    json: str | None = None
+    errors: tuple[str, ...] = ()
+    status: int = 0
+    out: Path | None = None
+
+
+def answer(summary_json: bool, out: Path, lines: list[str]) -> Answer:
+    """Answer of a study whose results are in `out`: its summary as JSON, or these lines."""
+    if summary_json:
+        return Answer([], (out / "summary.json").read_text().rstrip(), out=out)
+    page = out / "report.html"
+    where = f"results in {out}" + (f"; open {page} first" if page.is_file() else "")
+    return Answer([*lines, where], out=out)
+
+
+@contextmanager
+def clock(name: str) -> Iterator[Callable[[str], None]]:
+    """Show on the last line of a terminal for how many seconds `name` has worked.
+
+    Nothing is shown in the first two seconds, without a terminal or with --quiet. The block gets a
+    function that adds a text to the line.
+    """
+    done, text = threading.Event(), [""]
+
+    def show() -> None:
+        start, wait = time.monotonic(), PATIENCE
+        while not done.wait(wait):
+            wait = TICK
+            line = f"{CLEAR}{name}: {time.monotonic() - start:.0f} s{text[0]}"
+            print(line, end="", file=sys.stderr, flush=True)
+        if wait == TICK:
+            print(CLEAR, end="", file=sys.stderr, flush=True)
+
+    thread = threading.Thread(target=show, daemon=True)
+    shown = sys.stderr.isatty() and os.environ.get("TTY_COMPATIBLE") != "0"
+    if shown:
+        thread.start()
+    try:
+        yield lambda more: text.__setitem__(0, f", {more}")
+    finally:
+        done.set()
+        if shown:
+            thread.join()
 
 
 def out_or(out: Path | None, command: str, path: Path | None = None) -> Path:
@@ -98,71 +205,6 @@ def out_or(out: Path | None, command: str, path: Path | None = None) -> Path:
     while path.suffix.lower() in ENDINGS:
         path = path.with_suffix("")
     return Path(f"{path.name}-{command}")
-
-
-def reads(*left_out: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command that takes them as `**how` the options of reading, but those left out."""
-
-    def with_reading(command: Callable[..., None]) -> Callable[..., None]:
-        @wraps(command)
-        def run(**given: Any) -> None:
-            command(**_read(given))
-
-        *own, _ = signature(command, eval_str=True).parameters.values()
-        _declare(run, own, {name: READING[name] for name in READING if name not in left_out})
-        return run
-
-    return with_reading
-
-
-def runs(
-    study: str, lines: Callable[[dict[str, Any]], list[str]], *left_out: str
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Hand the options that a command declares to a study, given as `package.function`.
-
-    The first is the input, which the results are named after. The options of reading but those
-    left out, and those of the results, come besides. What the command itself does is done first.
-    """
-
-    def with_study(command: Callable[..., None]) -> Callable[..., None]:
-        first, *own = signature(command, eval_str=True).parameters.values()
-
-        @wraps(command)
-        def run(out: Path | None, json: bool, **given: Any) -> None:
-            command(**{one.name: given[one.name] for one in (first, *own)})
-            path = given.pop(first.name)
-            if "no_figures" in given:
-                given["figures"] = not given.pop("no_figures")
-            named = path[0] if isinstance(path, list) else path
-            out = out_or(out, command.__name__, named)
-            package, _, function = study.rpartition(".")
-            summary = getattr(import_module(package), function)(path, out, **_read(given))
-            report(summary, out, json, lines)
-
-        more = {name: kind for name, kind in READING.items() if name not in left_out}
-        place = Parameter("out", Parameter.KEYWORD_ONLY, default=None, annotation=Out)
-        _declare(run, [first, place, *own], WRITING | more)
-        return run
-
-    return with_study
-
-
-def _declare(run: Callable[..., None], own: list[Parameter], more: dict[str, Any]) -> None:
-    """Options of a command: its own, and those it shares but has none of its own for."""
-    known = {one.name for one in own}
-    shared = [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=DEFAULTS.get(name), annotation=kind)
-        for name, kind in more.items()
-        if name not in known
-    ]
-    every = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in (*own, *shared)]
-    run.__signature__ = Signature(every)  # type: ignore[attr-defined]
-
-
-def _read(given: dict[str, Any]) -> dict[str, Any]:
-    """The options with cell and columns as what they mean."""
-    meant = {"cell": cell_of(given["cell"]), "columns": columns_of(given["columns"])}
-    return given | meant
 
 
 def numbers(name: str, text: str | None) -> tuple[float, ...] | None:
@@ -208,50 +250,3 @@ def columns_of(text: str | None) -> dict[str, str] | None:
 def shown(value: float | None) -> str:
     """A number with three digits, a dash for none."""
     return "-" if value is None else f"{value:.3f}"
-
-
-def report(
-    summary: dict[str, Any], out: Path, json: bool, lines: Callable[[dict[str, Any]], list[str]]
-) -> None:
-    """Print the summary, as JSON or as the lines made of it and the place of the results.
-
-    The results are in their place by then: who stops reading changes nothing.
-    """
-    clock.stop()
-    if json:
-        text = (out / "summary.json").read_text().rstrip()
-    elif quiet:
-        return
-    else:
-        page = out / "report.html"
-        where = f"results in {out}" + (f"; open {page} first" if page.is_file() else "")
-        text = "\n".join([*lines(summary), where])
-    try:
-        typer.echo(text)
-    except OSError as error:
-        forget_output()
-        if not isinstance(error, BrokenPipeError):
-            typer.echo(f"grainloops: {error.strerror}; the results are in {out}", err=True)
-            raise typer.Exit(1) from None
-
-
-def print_error(message: str) -> None:
-    """Print an error on one line of stderr."""
-    line = " ".join(message.split())
-    if len(line) > LONGEST:
-        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
-    typer.echo(f"grainloops: {line}", err=True)
-
-
-def forget_output() -> None:
-    """What could not be printed is not tried again when the process ends."""
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def share_memory() -> None:
-    """Let threads take memory from one place (glibc); each would keep what it freed."""
-    import ctypes
-
-    with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)

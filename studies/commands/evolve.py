@@ -5,9 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from cyclopts import Parameter
 
-from studies.commands.common import NoFigures, runs
+from studies.commands.common import (
+    Answer,
+    Cells,
+    Hold,
+    HoldStress,
+    NoFigures,
+    PlaneReading,
+    Writing,
+    answer,
+    clock,
+    out_or,
+)
 
 
 def _evolve_lines(summary: dict[str, Any]) -> list[str]:
@@ -29,46 +40,72 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
-@runs("studies.evolve.run_evolve", _evolve_lines, "contacts", "frame")
 def evolve(
-    paths: Annotated[
-        list[Path],
-        typer.Argument(help="The snapshot to start from; more are laid over as the DEM's own."),
+    *paths: Annotated[
+        Path,
+        Parameter(
+            required=True,
+            help="Snapshot to start from; further snapshots are plotted for comparison.",
+        ),
     ],
+    writing: Writing | None = None,
     to: Annotated[
-        float, typer.Option(help="Change of what is driven, negative in extension; 1e-4, say.")
+        float,
+        Parameter(help="Change of the driven strain or stress, negative in extension; say 1e-4."),
     ],
     programme: Annotated[
         str,
-        typer.Option(metavar="drained|isotropic|isotropic-stress|oedometric|undrained"),
-    ] = "drained",
-    axis: Annotated[int, typer.Option(help="Axis that is driven: 1 or 2.")] = 1,
-    rows: Annotated[int, typer.Option(help="Rows of the path, evenly spaced.")] = 20,
-    interval: Annotated[
-        float, typer.Option(help="Strain in which geometry is constant; halves the error.")
-    ] = 5e-6,
-    instabilities: Annotated[
-        int, typer.Option(help="Stop at so many contacts whose regimes don't agree.")
-    ] = 20,
-    past: Annotated[
-        str, typer.Option(metavar="viscous|dynamic|stop", help="Way past such a contact.")
-    ] = "viscous",
-    hold: Annotated[
-        bool,
-        typer.Option(
-            "--hold", help="Bring the state to rest first, at fixed cell or between its walls."
+        Parameter(
+            metavar="NAME",
+            help="Loading programme: drained, isotropic, isotropic-stress, oedometric, undrained.",
         ),
-    ] = False,
-    hold_stress: Annotated[
-        bool, typer.Option("--hold-stress", help="Bring the state to rest at fixed stress.")
-    ] = False,
-    cells: Annotated[
-        Path | None,
-        typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
-    ] = None,
+    ] = "drained",
+    axis: Annotated[int, Parameter(help="Driven axis: 1 or 2.")] = 1,
+    rows: Annotated[int, Parameter(help="Rows of the path, evenly spaced.")] = 20,
+    interval: Annotated[
+        float,
+        Parameter(help="Strain over which the geometry is kept; the error is proportional to it."),
+    ] = 5e-6,
+    instabilities: Annotated[int, Parameter(help="Stop after this many unstable contacts.")] = 20,
+    past: Annotated[
+        str,
+        Parameter(
+            metavar="viscous|dynamic|stop",
+            help="How the path continues past an unstable contact.",
+        ),
+    ] = "viscous",
+    hold: Hold = False,
+    hold_stress: HoldStress = False,
+    cells: Cells = None,
     no_figures: NoFigures = False,
     animation: Annotated[
-        bool, typer.Option("--animation", help="Draw the loops' work row by row, as a GIF.")
+        bool, Parameter(help="Draw the second-order work of the loops row by row, as GIF.")
     ] = False,
-) -> None:
-    """Follow a periodic DEM snapshot from event to event: stresses, events, what loops do."""
+    reading: PlaneReading | None = None,
+) -> Answer:
+    """Follow a DEM snapshot from event to event: stresses, events, second-order work of loops."""
+    writing, reading = writing or Writing(), reading or PlaneReading()
+    out = out_or(writing.out, "evolve", paths[0])
+    words: Any = {"programme": programme, "past": past}
+    with clock("grainloops evolve") as tell:
+        from studies.evolve import run_evolve
+
+        summary = run_evolve(
+            paths,
+            out,
+            to=to,
+            **words,
+            axis=axis,
+            rows=rows,
+            interval=interval,
+            instabilities=instabilities,
+            hold=hold,
+            hold_stress=hold_stress,
+            cells=cells,
+            figures=not no_figures,
+            animation=animation,
+            progress=lambda reached: tell(f"{reached:.3g} of {abs(to):g}"),
+            **writing.files(),
+            **reading.how(),
+        )
+    return answer(writing.json, out, _evolve_lines(summary))

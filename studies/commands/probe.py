@@ -5,14 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from cyclopts import Parameter
 
 from studies.commands.common import (
+    Answer,
+    Hold,
+    HoldStress,
     NoFigures,
+    OneReading,
     Scheduler,
     Workers,
+    Writing,
     YieldBand,
-    runs,
+    answer,
+    clock,
+    out_or,
     shown,
 )
 
@@ -56,35 +63,55 @@ def _probe_lines(summary: dict[str, Any]) -> list[str]:
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
-@runs("studies.probe.run_probe", _probe_lines)
 def probe(
-    path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
-    directions: Annotated[int, typer.Option(help="Number of directions.")] = 72,
+    path: Annotated[Path, Parameter(help="File of the snapshot, or of its grains.")],
+    /,
+    *,
+    writing: Writing | None = None,
+    directions: Annotated[int, Parameter(help="Number of directions.")] = 72,
     control: Annotated[
-        str, typer.Option(metavar="strain|stress", help="What runs over the unit circle.")
+        str,
+        Parameter(metavar="strain|stress", help="Which increment is prescribed in each direction."),
     ] = "strain",
     subspace: Annotated[
         str,
-        typer.Option(
-            metavar="diagonal|symmetric", help="(11, 22) on a circle, or with shear on a sphere."
+        Parameter(
+            metavar="diagonal|symmetric",
+            help="Directions (11, 22) on a circle, or with shear on a sphere.",
         ),
     ] = "diagonal",
     yield_band: YieldBand = 0.99,
     amplitude: Annotated[
         float | None,
-        typer.Option(help="Follow each direction by events to this strain; else rates alone."),
+        Parameter(help="Finite probe to this strain. Default: infinitesimal."),
     ] = None,
-    hold: Annotated[
-        bool,
-        typer.Option(
-            "--hold", help="Bring the state to rest first, at fixed cell or between its walls."
-        ),
-    ] = False,
-    hold_stress: Annotated[
-        bool, typer.Option("--hold-stress", help="Bring the state to rest at fixed stress.")
-    ] = False,
+    hold: Hold = False,
+    hold_stress: HoldStress = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
     no_figures: NoFigures = False,
-) -> None:
-    """Probe a DEM snapshot along many directions: response envelope, cones, who is unstable."""
+    reading: OneReading | None = None,
+) -> Answer:
+    """Probe a DEM snapshot in many directions: response envelope, cones, unstable loops."""
+    writing, reading = writing or Writing(), reading or OneReading()
+    out = out_or(writing.out, "probe", path)
+    words: Any = {"control": control, "subspace": subspace}
+    with clock("grainloops probe"):
+        from studies.probe import run_probe
+
+        summary = run_probe(
+            path,
+            out,
+            directions=directions,
+            **words,
+            yield_band=yield_band,
+            amplitude=amplitude,
+            hold=hold,
+            hold_stress=hold_stress,
+            workers=workers,
+            scheduler=scheduler,
+            figures=not no_figures,
+            **writing.files(),
+            **reading.how(),
+        )
+    return answer(writing.json, out, _probe_lines(summary))

@@ -5,14 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from cyclopts import Parameter
 
-from studies.commands import common
 from studies.commands.common import (
+    Answer,
+    Cells,
+    PlaneReading,
     Scheduler,
     Workers,
+    Writing,
     YieldBand,
-    runs,
+    answer,
+    out_or,
     shown,
 )
 
@@ -115,39 +119,67 @@ def _target_lines(targets: dict[str, Any]) -> list[str]:
     return lines
 
 
-@runs("studies.series.run_series", _series_lines, "contacts", "frame")
 def series(
-    paths: Annotated[
-        list[Path],
-        typer.Argument(help="Files of the snapshots, in order; all of a file with several."),
+    *paths: Annotated[
+        Path,
+        Parameter(
+            required=True,
+            help="Files of the snapshots in order of time; of a file with several snapshots, all.",
+        ),
     ],
+    writing: Writing | None = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    cells: Annotated[
-        Path | None,
-        typer.Option(help="Table of cells: snap, h_xx, h_xy, h_yx, h_yy (CSV, Parquet)."),
-    ] = None,
+    cells: Cells = None,
     in_packing: Annotated[
         str,
-        typer.Option(
-            metavar="[rates|events]",
-            help="Foretell each interval by the packing's rate problem; events: also by its path "
-            "from event to event, and its replay.",
+        Parameter(
+            metavar="rates|events",
+            help="Predict each interval with the tangent of the whole packing (rates, the default "
+            "of the option without a value); events: also with the packing's path from event to "
+            "event, and with a DEM replay.",
         ),
     ] = "",
     yield_band: YieldBand = 0.99,
     probe: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Probe each snapshot along so many directions of strain."),
+        Parameter(metavar="N", help="Probe each snapshot along N directions of strain."),
     ] = None,
-    skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Leave out snapshots that can't be read.")
-    ] = False,
-    figures: Annotated[bool, typer.Option(help="Draw the figures.")] = True,
-    animation: Annotated[bool, typer.Option("--animation", help="Draw an animation.")] = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace the results of another series.")
-    ] = False,
-) -> None:
-    """Follow the loops through a series of snapshots; the same command goes on after a stop."""
-    common.interrupted = "what is finished is kept, the same command goes on"
+    skip_bad: Annotated[bool, Parameter(help="Leave out snapshots that can't be read.")] = False,
+    figures: Annotated[
+        bool,
+        Parameter(
+            name="--figures",
+            negative="--no-figures",
+            help="Draw the figures (default).",
+            show_default=False,
+        ),
+    ] = True,
+    animation: Annotated[bool, Parameter(help="Write an animation as GIF.")] = False,
+    reading: PlaneReading | None = None,
+) -> Answer:
+    """Follow the loops through a series of snapshots; after a stop the same command goes on."""
+    from studies.series import run_series
+
+    writing, reading = writing or Writing(), reading or PlaneReading()
+    out = out_or(writing.out, "series", paths[0] if paths else None)
+    try:
+        summary = run_series(
+            paths,
+            out,
+            workers=workers,
+            scheduler=scheduler,
+            cells=cells,
+            in_packing=in_packing,
+            yield_band=yield_band,
+            probe=probe,
+            skip_bad=skip_bad,
+            figures=figures,
+            animation=animation,
+            **writing.files(),
+            **reading.how(),
+        )
+    except KeyboardInterrupt:
+        kept = "what is finished is kept, the same command goes on"
+        raise KeyboardInterrupt(kept) from None
+    return answer(writing.json, out, _series_lines(summary))

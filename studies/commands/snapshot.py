@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from cyclopts import Parameter
 
 from studies.commands.common import (
+    Answer,
     NoFigures,
-    runs,
-    share_memory,
+    OneReading,
+    Writing,
+    answer,
+    clock,
+    out_or,
     shown,
 )
 
+M_ARENA_MAX = -8  # of malloc.h
 JUDGES = {
     "affine": "affine closure, spins blocked",
     "traction": "traction closure, spins blocked",
@@ -95,21 +102,47 @@ def _grouped(orders: dict[str, int]) -> dict[str, int]:
     return counts
 
 
-@runs("studies.snapshot.run_snapshot", _snapshot_lines)
 def snapshot(
-    path: Annotated[Path, typer.Argument(help="The file, or that of the grains.")],
+    path: Annotated[Path, Parameter(help="File of the snapshot, or of its grains.")],
+    /,
+    *,
+    writing: Writing | None = None,
     in_packing: Annotated[
         str | None,
-        typer.Option(
+        Parameter(
             metavar="auto|whole|blocks",
-            help="Judge loops in their packing too: the whole packing at once, blocks of it "
-            "(less memory, larger errors), or as its size suggests.",
+            help="Judge the loops in their packing too: the whole packing at once, blocks of it "
+            "(less memory, larger errors), or auto (by the number of grains).",
         ),
     ] = None,
     no_figures: NoFigures = False,
-    paraview: Annotated[bool, typer.Option("--vtk", help="Write loops.vtp for ParaView.")] = False,
-) -> None:
+    paraview: Annotated[
+        bool, Parameter(name="--vtk", help="Write loops.vtp for ParaView.")
+    ] = False,
+    reading: OneReading | None = None,
+) -> Answer:
     """Find the loops of a DEM snapshot and judge the stability of each."""
-    share_memory()
+    writing, reading = writing or Writing(), reading or OneReading()
+    out = out_or(writing.out, "snapshot", path)
     # The cores have threads of their own; numpy, loaded after this, would add as many.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with clock("grainloops snapshot"):
+        _share_memory()
+        from studies.snapshot import run_snapshot
+
+        summary = run_snapshot(
+            path,
+            out,
+            in_packing=in_packing,
+            figures=not no_figures,
+            paraview=paraview,
+            **writing.files(),
+            **reading.how(),
+        )
+    return answer(writing.json, out, _snapshot_lines(summary))
+
+
+def _share_memory() -> None:
+    """Let threads take memory from one place (glibc); each would keep what it freed."""
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,12 +53,14 @@ def run_evolve(
     csv: bool = False,
     figures: bool = True,
     animation: bool = False,
+    progress: Callable[[float], None] | None = None,
     **how: Any,
 ) -> dict[str, Any]:
     """Follow the first snapshot, write tables, figures and a report; the summary.
 
     `how` are options of `read_planar`; later snapshots are plotted for comparison. `hold` brings
     the first to rest at fixed cell before it is followed, `hold_stress` at fixed stress.
+    `progress` is called with the strain or stress that the path has reached.
     """
     asked = {
         "programme": programme,
@@ -98,6 +100,7 @@ def run_evolve(
             interval=interval,
             instabilities=instabilities,
             past=past,
+            progress=progress,
         )
         faces, driven = snapshot.faces, sense * path.parameter
         changes = [loop_changes(snapshot.graph, state, faces) for state in path.states[1:]]

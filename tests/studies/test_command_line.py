@@ -74,7 +74,8 @@ def test_in_packing_may_stand_alone(given, asked, monkeypatch):
     monkeypatch.setattr(
         "studies.series.run_series", lambda paths, out, **how: seen.update(how, paths=paths)
     )
-    monkeypatch.setattr("studies.commands.common.report", lambda *_: None)
+    monkeypatch.setattr("studies.commands.series.answer", lambda *_: None)
+    monkeypatch.setattr("studies.commands.series._series_lines", lambda _: [])
     monkeypatch.setattr("sys.argv", ["grainloops", "series", *given])
     with pytest.raises(SystemExit) as end:
         main()
@@ -108,8 +109,9 @@ def test_an_interruption_leaves_a_sentence_and_no_folder(tmp_path):
 
 def test_a_terminal_sees_the_seconds(tmp_path):
     code = (
-        "import sys, time; from studies.commands import clock as c; c.PATIENCE = c.TICK = 0.01; "
-        "c.clock.start('work'); time.sleep(0.5); c.clock.stop(); print('done', file=sys.stderr)"
+        "import sys, time; from studies.commands import common as c; c.PATIENCE = c.TICK = 0.01\n"
+        "with c.clock('work') as tell: tell('0.3 of 1'); time.sleep(0.5)\n"
+        "print('done', file=sys.stderr)"
     )
     above, below = pty.openpty()
     environment = {**os.environ, "PYTHONPATH": ROOT}
@@ -117,6 +119,6 @@ def test_a_terminal_sees_the_seconds(tmp_path):
     os.close(below)
     shown = os.read(above, 100_000).decode()
     os.close(above)
-    assert "work: 0 s" in shown
+    assert "work: 0 s, 0.3 of 1" in shown
     # The line is cleared before anything else is said.
     assert shown.endswith("\r\x1b[Kdone\r\n")

@@ -194,9 +194,9 @@ def test_the_version(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("asked", "unused"),
     [
-        (["--help"], ["numpy", "rich", "loops.graph", "patterns.diamond", "stability.verdict"]),
+        (["--help"], ["numpy", "loops.graph", "patterns.diamond", "stability.verdict"]),
         (["--version"], ["numpy", "rich", "loops.graph"]),
-        (["polygon", "--help"], ["numpy", "rich", "studies.paths"]),
+        (["polygon", "--help"], ["numpy", "studies.paths"]),
         (["snapshot", "nowhere.csv", "--out", "o"], ["matplotlib", "studies.paths", "sympy"]),
         (["domain", "--out", "o", "--directions", "2"], ["pyarrow.dataset", "studies.snapshot"]),
     ],
@@ -226,7 +226,7 @@ def test_what_the_system_refuses_is_one_line(monkeypatch, capsys):
     def refuse(*args, **how):
         raise MemoryError
 
-    monkeypatch.setattr("studies.cli.app", refuse)
+    monkeypatch.setattr("studies.domain.run_domain", refuse)
     assert in_process(monkeypatch, "domain") == 1
     assert capsys.readouterr().err == "grainloops: out of memory\n"
 

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
 
 from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
 from patterns import regular_polygon
@@ -29,6 +28,7 @@ from studies.bench.methods import (
 )
 from studies.bench.run import chosen_groups
 from studies.bench.smallest import Family, compared, largest_difference
+from tests.studies.snapshot.test_run import run
 
 
 def test_two_ways_to_fifty_digits_agree():
@@ -129,21 +129,13 @@ def test_a_quick_run_writes_everything(tmp_path):
     ]
 
 
-def test_the_command_refuses_unknown_groups(tmp_path):
-    import typer
-
-    from studies.commands import bench
-
-    app = typer.Typer()
-    app.command()(bench.bench)
-    result = CliRunner().invoke(app, ["--out", str(tmp_path / "o"), "--only", "speed"])
-    assert isinstance(result.exception, InputError)
-    assert not (tmp_path / "o").exists()
-    result = CliRunner().invoke(
-        app, ["--out", str(tmp_path / "o"), "--quick", "--only", "closures"]
-    )
-    assert result.exit_code == 0
-    assert "dense saddle" in result.output
+def test_the_command_refuses_unknown_groups(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "o"
+    assert run(monkeypatch, "bench", "--out", out, "--only", "speed") == 2
+    assert "speed" in capsys.readouterr().err
+    assert not out.exists()
+    assert run(monkeypatch, "bench", "--out", out, "--quick", "--only", "closures") == 0
+    assert "dense saddle" in capsys.readouterr().out
     closures = json.loads((tmp_path / "o" / "summary.json").read_text())["groups"]
     assert closures["closures, n = 6"]["defaults"][0]["method"] == "both"
 

@@ -3,13 +3,12 @@
 import json
 
 import pytest
-from typer.testing import CliRunner
 
 from loops import InputError
-from studies.cli import app
 from studies.paths import DiamondOptions, PolygonOptions
 from studies.paths.diamond_summary import model_summary
 from tests.studies.paths.followed import followed
+from tests.studies.snapshot.test_run import run
 
 
 @pytest.mark.parametrize(
@@ -36,14 +35,13 @@ def test_an_unknown_model_is_refused():
         PolygonOptions(5, model="small")
 
 
-def test_the_command_takes_and_says_the_model(tmp_path, undrawn):
+def test_the_command_takes_and_says_the_model(tmp_path, undrawn, monkeypatch, capsys):
     runs = {}
     for model in ("auto", "full"):
         out = tmp_path / model
-        words = ["polygon", "--order", "4", "--end", "0.2", "--model", model, "--out", str(out)]
-        result = CliRunner().invoke(app, words)
-        assert result.exit_code == 0
-        assert f"model {model}: symmetry" in result.stdout
+        words = ["polygon", "--order", "4", "--end", "0.2", "--model", model, "--out", out]
+        assert run(monkeypatch, *words) == 0
+        assert f"model {model}: symmetry" in capsys.readouterr().out
         runs[model] = json.loads((out / "summary.json").read_text())
     assert runs["auto"]["model"]["freedoms"] == "2 of 8"
     assert runs["full"]["model"]["freedoms"] == "8 of 8"

@@ -7,7 +7,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+import cyclopts
+from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import Progress
 
@@ -21,11 +22,11 @@ WHOLE = 10
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Result folder.")],
-    inputs: Annotated[int, typer.Option(help="Damaged snapshots of each format.")] = 1000,
-    seed: Annotated[int, typer.Option(help="Seed of the first.")] = 0,
-    only: Annotated[str | None, typer.Option(help="One format.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+    out: Annotated[Path, Parameter(help="Result folder.")],
+    inputs: Annotated[int, Parameter(help="Damaged snapshots of each format.")] = 1000,
+    seed: Annotated[int, Parameter(help="Seed of the first.")] = 0,
+    only: Annotated[str | None, Parameter(help="One format.")] = None,
+    force: Annotated[bool, Parameter(negative=(), help="Replace results.")] = False,
 ) -> None:
     """Damage samples of every format and read them: a snapshot, a clear error, or bad."""
     with result_folder(out, force=force) as folder, tempfile.TemporaryDirectory() as scratch:
@@ -41,12 +42,12 @@ def main(
         }
         write_summary(folder, summary)
     for name, found in counts.items():
-        typer.echo(f"{name:<10} {found}")
+        print(f"{name:<10} {found}")
     for one in bad[:20]:
-        typer.echo(f"{one['format']} seed {one['seed']}: {one['outcome']}\n{one['message']}")
-    typer.echo(f"{inputs * len(samples)} inputs, {len(bad)} bad")
+        print(f"{one['format']} seed {one['seed']}: {one['outcome']}\n{one['message']}")
+    print(f"{inputs * len(samples)} inputs, {len(bad)} bad")
     if bad:
-        raise typer.Exit(1)
+        raise SystemExit(1)
 
 
 def fuzz(
@@ -71,4 +72,4 @@ def fuzz(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    cyclopts.run(main)

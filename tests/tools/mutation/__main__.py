@@ -20,8 +20,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any
 
+import cyclopts
 import numpy as np
-import typer
+from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import Progress
 
@@ -35,21 +36,24 @@ PATIENCE, GRACE = 5.0, 60.0
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Result folder.")],
-    sample: Annotated[int, typer.Option(help="Mutants drawn; 0 for all.")] = 0,
-    seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 1,
+    out: Annotated[Path, Parameter(help="Result folder.")],
+    sample: Annotated[int, Parameter(help="Mutants drawn; 0 for all.")] = 0,
+    seed: Annotated[int, Parameter(help="Seed of the draw.")] = 1,
     rooms: Annotated[
-        str, typer.Option(help="Folders and files, separated by blanks.")
+        str, Parameter(help="Folders and files, separated by blanks.")
     ] = "loops stability",
     tests: Annotated[
-        str, typer.Option(help="Arguments of pytest; all fast tests if left out.")
+        str,
+        Parameter(
+            allow_leading_hyphen=True, help="Arguments of pytest; all fast tests if left out."
+        ),
     ] = "",
     kernels: Annotated[
-        bool, typer.Option("--kernels", help="The compiled kernels, run as plain Python.")
+        bool, Parameter(negative=(), help="The compiled kernels, run as plain Python.")
     ] = False,
-    workers: Annotated[int, typer.Option(help="Processes.")] = 2,
-    minutes: Annotated[float, typer.Option(help="Stop then, and count what was tried.")] = 600.0,
-    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+    workers: Annotated[int, Parameter(help="Processes.")] = 2,
+    minutes: Annotated[float, Parameter(help="Stop then, and count what was tried.")] = 600.0,
+    force: Annotated[bool, Parameter(negative=(), help="Replace results.")] = False,
 ) -> None:
     """Draw mutants of some rooms and count those that the tests notice."""
     if kernels:
@@ -64,8 +68,8 @@ def main(
         for row in _try_all(drawn, covering, copies, end):
             rows.append(row)
             if row["outcome"] in ("survived", "uncovered"):
-                typer.echo(f"{row['outcome']:<9} {row['file']}:{row['line']} {row['operator']}")
-                typer.echo(f"          {row['before']}")
+                print(f"{row['outcome']:<9} {row['file']}:{row['line']} {row['operator']}")
+                print(f"          {row['before']}")
         counts = Counter(row["outcome"] for row in rows)
         seen = counts["noticed"] + counts["timeout"]
         configuration = {"sample": sample, "seed": seed, "rooms": rooms, "tests": tests}
@@ -87,7 +91,7 @@ def main(
             csv=True,
         )
         write_summary(folder, summary)
-    typer.echo(f"noticed {seen} of {len(rows)}: {summary['score']:.3f}   {dict(counts)}")
+    print(f"noticed {seen} of {len(rows)}: {summary['score']:.3f}   {dict(counts)}")
 
 
 def _copy(place: Path) -> Path:
@@ -112,7 +116,7 @@ def draw(rooms: list[str], sample: int, seed: int, *, kernels: bool) -> tuple[li
         }
     )
     if not files:
-        raise typer.BadParameter(f"no source files in {' '.join(rooms)}")
+        raise SystemExit(f"no source files in {' '.join(rooms)}")
     known = tomllib.loads((Path(__file__).parent / "equivalent.toml").read_text())
     names = {entry["name"] for entry in known.get("mutant", [])}
     every = [mutant for file in files for mutant in mutants_of(ROOT, file)]
@@ -190,4 +194,4 @@ def _score_by(rows: list[dict[str, Any]], key: str) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    cyclopts.run(main)

@@ -9,8 +9,9 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
+import cyclopts
 import pandas as pd
-import typer
+from cyclopts import Parameter
 
 from studies.bench.measure import machine
 from studies.study import study
@@ -30,12 +31,12 @@ UNITS = "seconds, MB = 2^20 bytes, bytes per grain"
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Result folder.")],
-    grains: Annotated[str, typer.Option(help="Sizes, by commas.")] = "1000,10000,100000,1000000",
-    repeats: Annotated[int, typer.Option(help="Timed calls, after a first one.")] = 2,
-    slow_up_to: Annotated[int, typer.Option(help="Largest size for shapely.")] = 100_000,
-    page: Annotated[Path | None, typer.Option(help="Folder of the pages to update.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+    out: Annotated[Path, Parameter(help="Result folder.")],
+    grains: Annotated[str, Parameter(help="Sizes, by commas.")] = "1000,10000,100000,1000000",
+    repeats: Annotated[int, Parameter(help="Timed calls, after a first one.")] = 2,
+    slow_up_to: Annotated[int, Parameter(help="Largest size for shapely.")] = 100_000,
+    page: Annotated[Path | None, Parameter(help="Folder of the pages to update.")] = None,
+    force: Annotated[bool, Parameter(negative=(), help="Replace results.")] = False,
 ) -> None:
     """Measure; write the table and the figure, and with --page those of docs/performance.md."""
     # As the command line has it.
@@ -67,11 +68,11 @@ def main(
 
 def tell(row: dict[str, Any]) -> None:
     """Show a row as soon as it is there."""
-    typer.echo(
+    print(
         f"{row['what']:<10} {row['how']:<22} {row['grains']:>9} grains {row['seconds']:9.4f} s "
         f"({row['cpu_seconds']:.4f} CPU)"
     )
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    cyclopts.run(main)

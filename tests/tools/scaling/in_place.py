@@ -12,8 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
+import cyclopts
 import numpy as np
-import typer
+from cyclopts import Parameter
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from scipy.sparse.linalg import spsolve
@@ -179,10 +180,10 @@ def in_place_figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Result folder.")],
-    grains: Annotated[str, typer.Option(help="Sizes 2000 k^2, by commas.")] = "2000,8000,32000",
-    sliding: Annotated[str, typer.Option(help="Sizes with flagged contacts sliding too.")] = "8000",
-    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+    out: Annotated[Path, Parameter(help="Result folder.")],
+    grains: Annotated[str, Parameter(help="Sizes 2000 k^2, by commas.")] = "2000,8000,32000",
+    sliding: Annotated[str, Parameter(help="Sizes with flagged contacts sliding too.")] = "8000",
+    force: Annotated[bool, Parameter(negative=(), help="Replace results.")] = False,
 ) -> None:
     """Measure; write the table, the rows for docs/accuracy.md and the figure."""
     asked = [(int(n), False) for n in grains.split(",")]
@@ -191,7 +192,7 @@ def main(
         rows: list[dict[str, Any]] = []
         for size, slides in asked:
             times = round((size / 2000) ** 0.5)
-            rows += compared(times, slides, lambda row: typer.echo(_line(row)))
+            rows += compared(times, slides, lambda row: print(_line(row)))
         made = provenance("in-place study", {"grains": grains, "sliding": sliding}, UNITS)
         columns = {name: [row[name] for row in rows] for name in rows[0]}
         write_table(folder, "in_place", columns, made, csv=True)
@@ -212,4 +213,4 @@ def _digits(value: float, count: int) -> str:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    cyclopts.run(main)

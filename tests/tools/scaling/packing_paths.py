@@ -22,9 +22,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
+import cyclopts
 import numpy as np
 import pandas as pd
-import typer
+from cyclopts import Parameter
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
@@ -390,10 +391,10 @@ STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure] | None]
 
 
 def main(
-    what: Annotated[str, typer.Argument(help=f"{', '.join(STUDIES)}.")],
-    out: Annotated[Path, typer.Option(help="Result folder.")],
-    collection: Annotated[Path, typer.Option(help="The DEM samples.")] = Path("dem"),
-    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+    what: Annotated[str, Parameter(help=f"{', '.join(STUDIES)}.")],
+    out: Annotated[Path, Parameter(help="Result folder.")],
+    collection: Annotated[Path, Parameter(help="The DEM samples.")] = Path("dem"),
+    force: Annotated[bool, Parameter(negative=(), help="Replace results.")] = False,
 ) -> None:
     """Measure; write the table and the figure, if there is one."""
     if what not in STUDIES:
@@ -402,7 +403,7 @@ def main(
     with result_folder(out, force=force) as folder:
         rows: Rows = []
         for row in measure(collection):
-            typer.echo(row)
+            print(row)
             rows.append(row)
         made = provenance("packing-paths study", {"what": what}, UNITS)
         table = pd.DataFrame(rows)
@@ -412,4 +413,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    cyclopts.run(main)

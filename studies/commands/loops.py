@@ -1,0 +1,272 @@
+"""`grainloops diamond`, `polygon` and `domain`: loops without a packing."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from loops.errors import InputError
+from studies.commands.common import (
+    Answer,
+    OneReading,
+    Writing,
+    answer,
+    clock,
+    numbers,
+    out_or,
+    shown,
+)
+
+# Default stiffness ratio kt/kn; that of spheres is for Poisson's ratio 0.3.
+KAPPA = {"linear": 0.2, "hertz": 1.4 / 1.7}
+Phi = Annotated[float | None, Parameter(help="Friction angle of the contacts (degrees).")]
+
+
+def diamond(
+    *,
+    table: Annotated[int | None, Parameter(help="Table 1 or 2 of the paper.")] = None,
+    alpha0: Annotated[float | None, Parameter(help="Reference angle (degrees).")] = None,
+    kappa: Annotated[float | None, Parameter(help="Stiffness ratio kt/kn.")] = None,
+    phi: Phi = None,
+    confine: Annotated[float | None, Parameter(help="Isotropic strain at state A.")] = None,
+    closure: Annotated[str, Parameter(help="affine or traction.")] = "affine",
+    contact_on_touch: Annotated[
+        str, Parameter(help="If opposite grains touch: ignore, stop or add a contact.")
+    ] = "ignore",
+    model: Annotated[
+        str,
+        Parameter(help="auto: two degrees of freedom, as in the paper; full: all eight, to check."),
+    ] = "auto",
+    writing: Writing | None = None,
+) -> Answer:
+    """Follow the four-grain diamond of the paper; without options, its Table 1."""
+    writing = writing or Writing()
+    own = {alpha0, kappa, phi, confine} != {None}
+    out = out_or(writing.out, "diamond" if own else f"diamond-table{table or 1}")
+    # The options check the words themselves, and say what is expected.
+    words: Any = (closure, contact_on_touch, model)
+    with clock("grainloops diamond"):
+        from studies.paths import DiamondOptions, run_diamond
+
+        options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
+        summary = run_diamond(options, out, **writing.files())
+    return answer(writing.json, out, _diamond_lines(summary))
+
+
+def _cone(cone: dict[str, Any]) -> str:
+    """The cone of a state in words."""
+    if cone["status"] == "empty":
+        return "no unstable direction"
+    if cone["status"] == "ray":
+        return "on the edge: second-order work vanishes in one direction"
+    return f"cone of unstable directions {cone['opening_deg']:.2f} degrees wide"
+
+
+def _diamond_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [
+        f"{event['kind']:<18} E1 = {event['E1']:.10f}  E2 = {event['E2']:.10f}  "
+        f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
+        for event in summary["events"]
+    ]
+    reached = {name: state for name, state in summary["states"].items() if state is not None}
+    for name, state in reached.items():
+        lines.append(
+            f"state {name:<12} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
+            f"{state['verdict']['status']}, {_cone(state['cone'])}"
+        )
+    model = summary["model"]
+    lines.append(
+        f"model {model['choice']}: symmetry {model['symmetry']}, freedoms {model['freedoms']}"
+    )
+    if model["check"] is not None:
+        found = model["check"]["differences"].items()
+        apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in found)
+        lines.append(f"all freedoms against the smallest model: {apart or 'nothing to compare'}")
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def polygon(
+    *,
+    order: Annotated[int | None, Parameter(help="Number of grains, 3 or more.")] = None,
+    compare: Annotated[
+        str | None, Parameter(metavar="ORDERS", help="Several orders side by side, such as 3-12.")
+    ] = None,
+    radii: Annotated[
+        str | None,
+        Parameter(
+            metavar="R1,R2,...", help="Radii of unequal grains in order, centres on a circle."
+        ),
+    ] = None,
+    snapshot: Annotated[
+        Path | None, Parameter(help="Snapshot that the loop is taken from, with --loop.")
+    ] = None,
+    loop: Annotated[int | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
+    orientation: Annotated[
+        str | None, Parameter(help="vertex or edge on axis 1. Default: vertex.")
+    ] = None,
+    kappa: Annotated[
+        float | None,
+        Parameter(help="Stiffness ratio kt/kn. Default: 0.2; 0.82 with --law hertz."),
+    ] = None,
+    phi: Annotated[
+        float | None, Parameter(help="Friction angle of the contacts (degrees). Default: 5.")
+    ] = None,
+    law: Annotated[str | None, Parameter(help="linear or hertz. Default: linear.")] = None,
+    rolling: Annotated[
+        float | None, Parameter(help="Rolling stiffness over kn l0^2, with --spins free.")
+    ] = None,
+    closure: Annotated[str, Parameter(help="affine or traction.")] = "affine",
+    spins: Annotated[str, Parameter(help="blocked, affine or free.")] = "blocked",
+    confine: Annotated[
+        float | None, Parameter(help="Isotropic strain at state A. Default: 0.1.")
+    ] = None,
+    programme: Annotated[
+        str, Parameter(help="drained, isotropic, isotropic-stress, oedometric or undrained.")
+    ] = "drained",
+    end: Annotated[float | None, Parameter(help="Strain E1 at which the programme ends.")] = None,
+    model: Annotated[
+        str,
+        Parameter(help="auto: the fewest degrees of freedom by symmetry; full: all of them."),
+    ] = "auto",
+    writing: Writing | None = None,
+    reading: OneReading | None = None,
+) -> Answer:
+    """Follow a loop: regular, of unequal grains, or of a snapshot; or compare orders."""
+    writing, reading = writing or Writing(), reading or OneReading()
+    kinds = {"--order": order, "--radii": radii, "--compare": compare, "--snapshot": snapshot}
+    given = [name for name, value in kinds.items() if value is not None]
+    if len(given) != 1:
+        received = " and ".join(given) or "none"
+        raise InputError(", ".join(kinds), received, "one of them", "Write --order 6.")
+    own = {"orientation": orientation, "kappa": kappa, "phi_deg": phi, "confine": confine,
+           "contact_law": law, "rolling": rolling}  # fmt: skip
+    asked: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
+    # The options check the words themselves, and say what is expected.
+    words: Any = {"closure": closure, "spins": spins, "programme": programme, "end": end}
+    words["model"] = model
+    named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'radii'}"
+    out = out_or(writing.out, named, snapshot)
+    with clock("grainloops polygon"):
+        from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
+        from studies.paths.options import orders_of
+
+        if snapshot is not None:
+            options = _of_snapshot(snapshot, loop, [*asked], words, reading.how())
+            summary = run_polygon(options, out, **writing.files())
+            return answer(writing.json, out, _polygon_lines(summary))
+        _refuse_reading(loop, reading)
+        asked = {"kappa": KAPPA.get(law or "linear", 0.2)} | asked | words
+        asked["radii"] = sizes = numbers("--radii", radii)
+        if compare is None:
+            count = order if sizes is None else len(sizes)
+            summary = run_polygon(PolygonOptions(count or 0, **asked), out, **writing.files())
+            return answer(writing.json, out, _polygon_lines(summary))
+        listed = orders_of(compare)
+        compared = ComparisonOptions(listed, PolygonOptions(listed[0], **asked))
+        summary = run_comparison(compared, out, **writing.files())
+        return answer(writing.json, out, _comparison_lines(summary))
+
+
+def _refuse_reading(loop: int | None, reading: OneReading) -> None:
+    """Raise `InputError` for options of a snapshot where none is read."""
+    given = [
+        f"--{one.name.replace('_', '-')}"
+        for one in fields(reading)
+        if getattr(reading, one.name) != one.default
+    ]
+    if loop is not None or given:
+        received = " ".join([*(["--loop"] if loop is not None else []), *given])
+        raise InputError(received, "given", "--snapshot with it", "Leave it out.")
+
+
+def _of_snapshot(
+    path: Path, loop: int | None, own: list[str], words: Any, how: dict[str, Any]
+) -> Any:
+    """Options of one loop of a snapshot."""
+    from patterns import loop_of_snapshot
+    from studies.paths.options import LoopOptions
+    from studies.snapshot.source import read_planar
+
+    if own:
+        given = ", ".join(f"--{name.removesuffix('_deg').removeprefix('contact_')}" for name in own)
+        expected = "none of these: a loop of a snapshot has its own law and state"
+        raise InputError(given, "given with --snapshot", expected, "Leave them out.")
+    snapshot = read_planar(path, **how)
+    if loop is None:
+        remedy = "loops.parquet of grainloops snapshot has them in its column loop."
+        last = len(snapshot.faces.loops) - 1
+        raise InputError("--loop", "none", f"a number from 0 to {last}", remedy)
+    order = loop_of_snapshot(snapshot, loop).graph.grain_count
+    of_snapshot: Any = {"snapshot": snapshot, "loop": loop, "source": path.name}
+    return LoopOptions(order, confine=0.0, **words, **of_snapshot)
+
+
+def _polygon_lines(summary: dict[str, Any]) -> list[str]:
+    from studies.paths.polygon import event_lines
+
+    critical = "  ".join(
+        f"{name}: {'none' if strain is None else f'{strain:.10f}'}"
+        for name, strain in summary["critical_strain"].items()
+    )
+    lines = [f"critical isotropic strain  {critical}", *event_lines(summary)]
+    if summary["peak"] is not None:
+        peak = summary["peak"]
+        lines.append(f"peak of s1 = {peak['s1']:.8f} at E1 = {peak['E1']:.8f}")
+    model = summary["model"]
+    lines.append(
+        f"model {model['choice']}: symmetry {model['symmetry']}, freedoms {model['freedoms']}, "
+        f"contacts {model['contact_orbits']}"
+    )
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def _comparison_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [
+        "order  critical strain in 11, 22 / symmetric / full, E1 at first yield, peak s1, status"
+    ]
+    for loop in summary["loops"]:
+        strains = [shown(strain) for strain in loop["critical_strain"].values()]
+        first, peak = ((loop[name] or {}) for name in ("first_yield", "peak"))
+        values = [*strains, shown(first.get("E1")), shown(peak.get("s1"))]
+        columns = "  ".join(f"{value:>9}" for value in values)
+        lines.append(f"{loop['order']:>5}  {columns}  {loop['status']}")
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def domain(
+    *,
+    alpha0: Annotated[
+        str | None, Parameter(help="Reference angles (degrees), separated by commas.")
+    ] = None,
+    kappa: Annotated[
+        str | None, Parameter(help="Stiffness ratios kt/kn, separated by commas.")
+    ] = None,
+    phi: Phi = None,
+    directions: Annotated[
+        int, Parameter(help="Number of loading programmes in the fan, an odd number.")
+    ] = 1441,
+    writing: Writing | None = None,
+) -> Answer:
+    """Draw the diamond's bifurcation domain; without options, for the paper's Tables 1 and 2."""
+    writing = writing or Writing()
+    out = out_or(writing.out, "domain")
+    lists = numbers("--alpha0", alpha0), numbers("--kappa", kappa)
+    with clock("grainloops domain"):
+        from studies.domain import DomainParameters, run_domain
+
+        parameters = DomainParameters(*lists, phi, directions)
+        summary = run_domain(parameters, out, **writing.files())
+    return answer(writing.json, out, _domain_lines(summary))
+
+
+def _domain_lines(summary: dict[str, Any]) -> list[str]:
+    return [
+        f"alpha0 = {case['alpha0_deg']:g}  kappa = {case['kappa']:g}  phi = {case['phi_deg']:g}  "
+        f"{contacts:<10}  {summary['directions']} programmes: {found['det_Ks_zero']} lose det Ks, "
+        f"{found['det_K_zero']} det K, {found['by_yielding']} by yielding"
+        for case in summary["cases"]
+        for contacts, found in case["contacts"].items()
+    ]
