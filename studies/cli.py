@@ -6,8 +6,8 @@ import io
 import os
 import sys
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from typing import Annotated
 
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
@@ -88,12 +88,24 @@ def launch(
         from studies.style import figure_width as set_width
 
         set_width(figure_width)
-    if quiet:
-        os.environ["TTY_COMPATIBLE"] = "0"  # no progress bars, no clock
-    answer: Answer | None = app(_with_rates(words))
+    with _no_progress() if quiet else nullcontext():
+        answer: Answer | None = app(_with_rates(words))
     if answer is not None:
         _print(answer, quiet)
     return answer
+
+
+@contextmanager
+def _no_progress() -> Iterator[None]:
+    """No progress bars and no clock: rich, worker processes and the clock read this variable."""
+    before = os.environ.get("TTY_COMPATIBLE")
+    os.environ["TTY_COMPATIBLE"] = "0"
+    try:
+        yield
+    finally:
+        del os.environ["TTY_COMPATIBLE"]
+        if before is not None:
+            os.environ["TTY_COMPATIBLE"] = before
 
 
 def _with_rates(words: tuple[str, ...]) -> list[str]:
