@@ -58,8 +58,9 @@ if TYPE_CHECKING:
 # Each module with the names that are loaded from it.
 NAMES = {
     "stability.cones": "PlaneCone plane_cone",
-    "stability.control_programmes": "strain_driven stress_driven",
-    "stability.destabilising": "LinearControl destabilising_control softening_control",
+    "stability.destabilising": (
+        "LinearControl destabilising_control softening_control strain_driven stress_driven"
+    ),
     "stability.directional": "BranchFraction DirectionalWork branch_fraction directional_work",
     "stability.paths": "Event Path follow rates_at",
     "stability.programmes": "Programme Stage programmes",
