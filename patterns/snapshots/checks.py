@@ -1,6 +1,6 @@
 """Checks of a snapshot against its own numbers: each function looks for one family of faults.
 
-Each limit lies between what 113 clean snapshots of Yade, LAMMPS and LIGGGHTS give and what the same
+Each limit lies between what 89 clean files of Yade, LAMMPS and LIGGGHTS give and what the same
 snapshots give with a fault; both stand beside it. Every check looks at all contacts.
 """
 

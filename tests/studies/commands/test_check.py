@@ -77,7 +77,7 @@ def slow(tmp_path_factory):
     def write(factor, rotations):
         folder = tmp_path_factory.mktemp("slow")
         paths = []
-        for path in sorted((SAMPLE / "slow").glob("grains_*.parquet")):
+        for path in sorted((SAMPLE / "slow").glob("grains_*.parquet"))[:2]:
             deck = faults.Tables("parquet", path)
             deck["ks"] = factor * deck["ks"]
             if not rotations:
@@ -100,10 +100,10 @@ def test_kt_of_a_series(monkeypatch, capsys, slow, factor, verdict, rotations):
     assert run(monkeypatch, *slow(factor, rotations), *cells, "--json") == 0
     found = json.loads(capsys.readouterr().out)
     told = [row for row in found["checks"] if row["check"] == "kt"]
-    assert [row["severity"] for row in told] == 3 * [verdict]
+    assert [row["severity"] for row in told] == [verdict]
     # Measured: 1e-6 with the rotations, 1e-4 with fitted ones.
     rel = 1e-5 if rotations else 1e-3
-    assert [row["number"] for row in told] == pytest.approx(3 * [1 / factor], rel=rel)
+    assert [row["number"] for row in told] == pytest.approx([1 / factor], rel=rel)
     assert found["verdict"] == verdict
 
 
