@@ -47,6 +47,13 @@ def test_every_mutant_of_a_file(place):
     }
 
 
+def test_the_star_of_keyword_only_arguments_is_no_product(tmp_path):
+    (tmp_path / "f.py").write_text("def f(a, *, b):\n    return b * a\n")
+    assert [(mutant.kind, mutant.line) for mutant in mutants_of(tmp_path, "f.py")] == [
+        ("factor", 2)
+    ]
+
+
 def test_a_difference_keeps_its_first_term():
     source = "x = a - b\n"
     mutant = Mutant("f.py", "term", "DropTerm", 0, 1, "x = a - b")

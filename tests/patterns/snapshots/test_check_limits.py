@@ -372,6 +372,24 @@ def test_kt_is_found_without_rotations(factor, monkeypatch):
     assert checks.check_kt(*pair).number == pytest.approx(factor, rel=1e-2)
 
 
+def test_kt_is_found_whatever_the_first_angles():
+    """Rotations count from those of the first snapshot, grain by grain."""
+    before, after = snapshots(1.5)
+    start = np.linspace(-3, 3, len(before.ids))
+    turned = [dataclasses.replace(one, rotation=one.rotation + start) for one in (before, after)]
+    found = [checks.check_kt(*pair).number for pair in ((before, after), turned)]
+    assert found == pytest.approx([1.5, 1.5], rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("normal", "shear", "cause"),
+    [(-1.0, 0.0, "they pull"), (-1.0, 20.0, "forces of other contacts")],
+)
+def test_forces_that_do_not_push_are_named(normal, shear, cause):
+    found = checks.directions(state(normal=normal, shear=shear))
+    assert found.severity == "error" and f": {cause}" in found.says
+
+
 def test_kt_is_not_checked_between_other_grains_or_equal_states():
     before, after = snapshots()
     assert checks.check_kt(before, before) is None

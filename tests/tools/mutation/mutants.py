@@ -79,10 +79,14 @@ def mutants_of(root: Path, file: str) -> list[Mutant]:
     lines, nodes = source.splitlines(), list(ast_nodes(get_ast(source)))
     found = []
     for kind, name, operator in _operators():
-        places = [start for node in nodes for start, _ in operator.mutation_positions(node)]
+        places = [
+            (start[0], node) for node in nodes for start, _ in operator.mutation_positions(node)
+        ]
         found += [
             Mutant(file, kind, name, occurrence, line, lines[line - 1].strip())
-            for occurrence, (line, _) in enumerate(places)
+            for occurrence, (line, node) in enumerate(places)
+            # The star of keyword-only arguments is no product.
+            if node.parent is None or node.parent.type != "parameters"
         ]
     return found
 
