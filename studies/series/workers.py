@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import os
 import signal
@@ -18,8 +17,9 @@ from multiprocessing import connection
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-from scipy.linalg import _fblas as fblas
+# Limits hold for what is loaded before them: scipy brings its own linear algebra.
+import scipy.linalg  # noqa: F401
+from threadpoolctl import threadpool_limits
 
 from loops import InputError
 from loops.arrays import available_cores
@@ -30,15 +30,6 @@ THREADS = (
     *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"),
     *("VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS"),
 )
-
-
-# Functions of OpenBLAS that get and set its number of threads, in numpy's wheels and elsewhere.
-BLAS = tuple(
-    (f"{prefix}openblas_get_num_threads{suffix}", f"{prefix}openblas_set_num_threads{suffix}")
-    for prefix in ("scipy_", "")
-    for suffix in ("64_", "")
-)
-# Calls a function with each task and yields the answers in any order.
 Runner = Callable[[Callable[[Any], Any], Sequence[Any]], Generator[Any]]
 
 
@@ -155,33 +146,10 @@ def _begin() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Run the linear algebra of numpy and scipy in one thread.
+def one_blas_thread() -> threadpool_limits:
+    """Run the linear algebra of numpy and scipy in one thread until the block ends.
 
     The number of threads of OpenBLAS changes the last digit of a decomposition, from some 40
     unknowns on; one process, several, and a cluster of other machines must write the same bytes.
     """
-    libraries = blas_threads()
-    before = [get() for get, _ in libraries]
-    for _, put in libraries:
-        put(1)
-    try:
-        yield
-    finally:
-        for (_, put), number in zip(libraries, before, strict=True):
-            put(number)
-
-
-def blas_threads() -> list[tuple[Any, Any]]:
-    """Functions that get and set the number of threads, of numpy's OpenBLAS and of scipy's."""
-    found = []
-    for module in (np.linalg._umath_linalg, fblas):
-        try:
-            library = ctypes.CDLL(module.__file__)
-        except (OSError, AttributeError):
-            continue
-        for get, put in BLAS:
-            if hasattr(library, get) and hasattr(library, put):
-                found.append((getattr(library, get), getattr(library, put)))
-    return found
+    return threadpool_limits(1, user_api="blas")

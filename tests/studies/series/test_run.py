@@ -19,6 +19,7 @@ import polars as pl
 import pyarrow.parquet
 import pytest
 from scipy import linalg
+from threadpoolctl import ThreadpoolController
 
 import studies
 from loops import InputError
@@ -197,20 +198,20 @@ def test_processes_give_the_same_bytes(paths, result, tmp_path):
 def test_blas_threads_change_no_digit():
     """With the threads left alone this singular-value decomposition depends on them."""
     matrix = np.random.default_rng(0).normal(size=(150, 150))
-    libraries, digests = workers.blas_threads(), []
-    before = [get() for get, _ in libraries]
+    libraries = ThreadpoolController().select(user_api="blas").lib_controllers
+    digests, before = [], [library.num_threads for library in libraries]
     assert len(libraries) == 2
     try:
         for threads in (1, 2, 4):
-            for _, put in libraries:
-                put(threads)
+            for library in libraries:
+                library.set_num_threads(threads)
             with workers.one_blas_thread():
                 one = np.linalg.svd(matrix)[0].tobytes() + linalg.svd(matrix)[0].tobytes()
                 digests.append(one)
-            assert [get() for get, _ in libraries] == [threads] * 2
+            assert [library.num_threads for library in libraries] == [threads] * 2
     finally:
-        for (_, put), number in zip(libraries, before, strict=True):
-            put(number)
+        for library, number in zip(libraries, before, strict=True):
+            library.set_num_threads(number)
     assert digests[0] == digests[1] == digests[2]
 
 
