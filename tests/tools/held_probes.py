@@ -1,0 +1,98 @@
+"""Hold and probe every snapshot of a collection: `python -m tests.tools.held_probes DEM OUT.csv`.
+
+Writes one row a snapshot, and prints one line of a table for each series.
+"""
+
+import csv
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from loops import InputError
+from patterns import read_snapshot
+from studies.probe.run import probe
+from studies.snapshot.held import held_snapshot
+
+SOFT = {"kn": 1e6, "kt": 5e5, "mu": 0.5}
+
+
+def snapshots(collection):
+    """Series, path and options of reading of every snapshot with forces."""
+    for folder in sorted(collection.glob("yade-*")):
+        macro = folder / "macro.csv"
+        if not macro.exists():
+            continue
+        cells = pd.read_csv(macro).set_index("snap")
+        for path in sorted(folder.glob("grains_*")):
+            if "plain" in path.name:
+                continue
+            number = int("".join(c for c in path.name if c.isdigit())[:2])
+            how = {}
+            if "h_xx" in cells:
+                names = ["h_xx", "h_xy", "h_yx", "h_yy"]
+                how["cell"] = cells.loc[number, names].to_numpy(float).reshape(2, 2)
+            yield folder.name, path, how
+    for path in sorted((collection / "lammps" / "periodic").glob("dump.atoms*")):
+        yield "lammps periodic", path, SOFT
+    for path in sorted((collection / "lammps" / "walls").glob("dump.atoms*")):
+        yield "lammps walls", path, SOFT
+    for path in sorted((collection / "liggghts").glob("atoms*")):
+        yield "liggghts", path, SOFT | {"mu": 0.3}
+    for path in sorted((collection / "liggghts" / "gravity").glob("atoms*")):
+        yield "liggghts gravity", path, SOFT
+
+
+def measured(path, how):
+    """What holding changed, and the share of 72 strain directions that is answered."""
+    snapshot = read_snapshot(path, **how)
+    begin = time.process_time()
+    at_rest, held = held_snapshot(snapshot, "strain")
+    between = time.process_time()
+    found = probe(at_rest, 72)
+    end = time.process_time()
+    before, after = held["stress_before"], held["stress"]
+    return {
+        "unbalanced": held["unbalanced_before"],
+        "answered": float(np.mean(found.determined)),
+        "hold_s": between - begin,
+        "probe_s": end - between,
+        "stress_change": float(np.linalg.norm(after - before) / np.linalg.norm(before)),
+        "forces_changed": held["forces_changed"],
+        "spread": held["spread"],
+        "candidates": found.candidates,
+        "smallest_w2": None if found.softest is None else float(found.normalised[found.softest]),
+        "statuses": "; ".join(
+            f"{count} {name}" for name, count in zip(*np.unique(found.status, return_counts=True))
+        ),
+    }
+
+
+def main(collection, out):
+    """Measure all snapshots, a line as each is done."""
+    rows = []
+    for series, path, how in snapshots(Path(collection)):
+        try:
+            row = measured(path, how)
+        except InputError as error:
+            row = {"refused": str(error)[:160]}
+        rows.append({"series": series, "snapshot": path.name, **row})
+        print(rows[-1], flush=True)
+    table = pd.DataFrame(rows)
+    table.to_csv(out, index=False, quoting=csv.QUOTE_MINIMAL, float_format="%.4g")
+    for series, part in table.groupby("series", sort=False):
+        known = part.dropna(subset=["answered"]) if "answered" in part else part.iloc[:0]
+        if not len(known):
+            print(f"| {series} | {len(part)} | refused |")
+            continue
+        spans = [
+            " to ".join(f"{v:.2g}" for v in np.quantile(known[name], [0.0, 1.0]))
+            for name in ("unbalanced", "stress_change", "spread", "hold_s", "probe_s")
+        ]
+        print(f"| {series} | {len(known)} of {len(part)} | {known.answered.min():.3f} |", *spans)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
