@@ -161,7 +161,7 @@ def test_wrong_arguments_of_plots_are_named(session):
 
 def test_the_door_is_small_and_what_it_shows_tells_itself_in_a_line(session):
     names = session[0]
-    assert len(gl.__all__) <= 60
+    assert len(gl.__all__) <= 66
     assert all(getattr(gl, name).__doc__ for name in gl.__all__ if name != "__version__")
     for name in ("snapshot", "loop", "tangent", "tangents", "verdict", "path", "square"):
         assert len(repr(names[name])) < 250
