@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky, lapack
+from scipy.linalg import LinAlgError, cholesky, lapack, lu_solve
 from scipy.optimize import linprog
 
-from loops.arrays import Flags, Floats
+from loops.arrays import Flags, Floats, Integers
 
 # Up to this many unknowns every combination is tried.
 ENUMERATED = 12
@@ -149,20 +149,23 @@ def principal_transform(q: Floats, M: Floats, active: Flags) -> tuple[Floats, Fl
 
 def basic_values(q: Floats, M: Floats, active: Flags) -> Floats:
     """`z` where active, `w` elsewhere; not numbers where the active block is singular."""
+    if not active.any():
+        return q.copy()
     values = np.full(len(q), np.nan)
-    if singular(block := M[np.ix_(active, active)]):
+    if (factors := regular_factors(M[np.ix_(active, active)])) is None:
         return values
-    values[active] = np.linalg.solve(block, -q[active])
+    values[active] = lu_solve(factors, -q[active], check_finite=False)
     values[~active] = q[~active] + M[np.ix_(~active, active)] @ values[active]
     return values
 
 
-def singular(matrix: Floats) -> bool:
-    """Whether the reciprocal condition of a matrix, in the 1-norm, is rounding."""
-    if not matrix.size:
-        return False
-    factors, _, info = lapack.dgetrf(matrix)
-    return bool(info > 0 or lapack.dgecon(factors, np.linalg.norm(matrix, 1))[0] < PIVOT)
+def regular_factors(matrix: Floats) -> tuple[Floats, Integers] | None:
+    """LU factors of a matrix; None where its reciprocal condition (1-norm) is rounding."""
+    factors, pivots, info = lapack.dgetrf(matrix)
+    size = np.abs(matrix).sum(axis=0).max()
+    if info > 0 or lapack.dgecon(factors, size)[0] < PIVOT:
+        return None
+    return factors, pivots
 
 
 def violation(q: Floats, M: Floats, active: Flags) -> float:

@@ -18,7 +18,7 @@ from stability.packing.complementarity import (
     STARTS,
     Complementarity,
     nearest_regimes,
-    singular,
+    regular_factors,
     solve_complementarity,
     solve_from,
 )
@@ -194,9 +194,11 @@ class PackingRates:
 
         Where they slide without resistance the packing is factorised anew, with its regularisation.
         """
+        if not active.any():
+            return self.elastic
         if not np.array_equal(active, self.last[0]):
             factor = None
-            if not singular(self.whole[0][np.ix_(active, active)]):
+            if regular_factors(self.whole[0][np.ix_(active, active)]) is not None:
                 factor = updated_factor(self.edge, self.elastic, active, self.slips, self.whole[0])
             self.last = (active, linear_answer(self.edge, active, factor=factor))
         return self.last[1]
