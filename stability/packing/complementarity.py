@@ -1,8 +1,8 @@
 """The linear complementarity problem `w = q + M z`, `w >= 0`, `z >= 0`, `w.z = 0`.
 
-`z` are slip rates of contacts at yield, `w` how far each stays inside its cone. `M` is neither
-symmetric nor, in general, a P-matrix: friction doesn't follow its own normal. There may be one
-solution, none or several.
+`z` are slip rates of contacts at yield, `w` rates at which each leaves its friction limit. `M` is
+neither symmetric nor, in general, a P-matrix, because slip is not normal to the friction limit.
+There may be one solution, none or several.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopR
     Returns
     -------
     LoopRates
-        Of all loops, opened ones too; `strain` is the change of the displacement gradient, times
+        Loops that have opened included; `strain` is the change of the displacement gradient, times
         are shares of the way as if overlaps and gaps had changed evenly.
     """
     count = before.contact_count
@@ -179,7 +179,7 @@ class _Parts:
 
 
 def _time(left: Floats, rate: Floats) -> Floats:
-    """Time until what is left is gone; infinite where it grows."""
+    """Time until `left` is used up at `rate`; infinite where it grows."""
     falls = rate < 0
     return np.where(falls, np.maximum(left, 0.0) / np.where(falls, -rate, 1.0), np.inf)
 

@@ -1,4 +1,4 @@
-"""A state probed along many directions: envelope, second-order work, cones, and who does it."""
+"""A packing probed along many directions: stress envelope, second-order work, cones, loops."""
 
 from __future__ import annotations
 
@@ -19,9 +19,17 @@ from stability.arguments import whole_number
 from stability.destabilising import LinearControl, control_along, no_control
 from stability.directional.edge import plane_directions, unit_directions
 from stability.packing.complementarity import STARTS
-from stability.packing.edge import YieldEdge, yield_edge
-from stability.packing.pieces import NEUTRAL, TURN, Cones, Driven, Pieces, Subspace, cones
+from stability.packing.regime_regions import (
+    NEUTRAL,
+    TURN,
+    Cones,
+    Driven,
+    RegimeRegions,
+    Subspace,
+    cones,
+)
 from stability.packing.response import PackingRates, PackingResponse
+from stability.packing.yield_response import YieldResponse, yield_response
 from stability.subspaces import subspace_basis
 
 # Turn from one point of the spiral on the sphere to the next.
@@ -32,7 +40,7 @@ GOLDEN = np.pi * (3.0 - 5.0**0.5)
 class Probe:
     """Answers of a packing along D directions of an m-dimensional subspace, compression positive.
 
-    What depends on the regimes is not a number where `determined` is False.
+    Values that depend on the regimes are not numbers where `determined` is False.
 
     Attributes
     ----------
@@ -168,8 +176,8 @@ def probe(
     graph, law, regime, planes, held, volume, starts
         As in `packing_response`.
     directions : int or (D, m) array_like
-        How many, evenly around the circle from axis 11 on (`diagonal`) or on a spiral over the
-        sphere (`symmetric`); or the directions themselves, of any length.
+        Number of directions, evenly around the circle from axis 11 on (`diagonal`) or on a spiral
+        over the sphere (`symmetric`); or the directions themselves, of any length.
     control : {'strain', 'stress'}
         Whether the directions are those of `H'` or of `P'`.
     subspace : {'diagonal', 'symmetric'}
@@ -202,7 +210,7 @@ def probe(
     >>> print(found)
     probe: 8 directions, 0 undetermined, smallest w2 1, W2 < 0 in 0 % of directions
     """
-    edge = yield_edge(
+    yielding = yield_response(
         graph,
         law,
         yield_band=yield_band,
@@ -211,22 +219,22 @@ def probe(
         held=held,
         volume=volume,
     )
-    return probe_edge(edge, directions, control, subspace, faces, starts)
+    return probe_edge(yielding, directions, control, subspace, faces, starts)
 
 
 def probe_edge(
-    edge: YieldEdge,
+    yielding: YieldResponse,
     directions: ArrayLike,
     control: Driven = "strain",
     subspace: Subspace = "diagonal",
     faces: Faces | None = None,
     starts: int = STARTS,
 ) -> Probe:
-    """`probe` of a rate problem that is set up already."""
+    """Probe a rate problem that is set up already; see `probe`."""
     check_choice("control", control, get_args(Driven))
     check_choice("subspace", subspace, get_args(Subspace))
-    pieces = Pieces(PackingRates(edge), control, subspace, starts)
-    graph = edge.system.graph
+    pieces = RegimeRegions(PackingRates(yielding), control, subspace, starts)
+    graph = yielding.system.graph
     found = find_faces(graph) if faces is None else faces
     wanted = probe_directions(directions, subspace)
     answers = [pieces.at(direction) for direction in wanted]
@@ -271,9 +279,9 @@ def probe_edge(
         loop_work=loop_work,
         order=found.order[found.loops],
         area=found.area[found.loops],
-        candidates=len(edge.rows),
-        settled=edge.settled,
-        system=edge.system,
+        candidates=len(yielding.rows),
+        settled=yielding.settled,
+        system=yielding.system,
     )
 
 
@@ -308,7 +316,7 @@ def additive_work(response: PackingResponse, faces: Faces) -> Floats:
 
 
 def _destabilising(
-    pieces: Pieces, around: Cones, directions: Floats, normalised: Floats
+    pieces: RegimeRegions, around: Cones, directions: Floats, normalised: Floats
 ) -> LinearControl:
     controls = [
         control_along(*pieces.tangent_at(angle)) for angle in around.ends[around.refined].tolist()

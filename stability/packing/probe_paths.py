@@ -17,8 +17,8 @@ from stability.packing.incremental_packing import AT_YIELD
 from stability.packing.loop_rates import loop_changes
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength
 from stability.packing.path import PackingPath
-from stability.packing.pieces import NEUTRAL
 from stability.packing.probe import Probe
+from stability.packing.regime_regions import NEUTRAL
 from stability.packing.state import PackingState
 from stability.paths import follow as path_of
 from stability.programmes import Programme, Stage
@@ -42,12 +42,12 @@ def probe_to(
     found : Probe
         Directions, control, subspace and elastic answers are kept.
     graph, law, faces
-        What it was made of; periodic, under `LinearFrictional`.
+        The packing that was probed; periodic, under `LinearFrictional`.
     amplitude : float
         Strain, or stress under stress control.
     follow : callable, optional
-        Who follows the stages, one a direction, and gives their paths in order; `stability.follow`
-        one after the other if left out.
+        Function that follows the stages, one a direction, and returns their paths in order; by
+        default `stability.follow`, one after the other.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def _of_finished(done: Flags, rows: list[Floats]) -> Floats:
 
 
 def _sliding(state: PackingState, pairs: Pairs) -> int:
-    """Contacts of the start that stand at their cones."""
+    """Number of contacts of the start that are at yield."""
     count = len(pairs)
     N, T = state.normal_force[:count], state.shear_force[:count]
     return int(np.count_nonzero((N > 0) & (np.abs(T) >= AT_YIELD * strength(pairs, N))))
@@ -127,7 +127,7 @@ def _unstable(path: PackingPath) -> int:
 
 
 def _stage(found: Probe, direction: Floats, amplitude: float) -> Stage:
-    """A direction of the subspace driven, no strain outside of it."""
+    """Stage that drives one direction of the subspace, with no strain outside of it."""
     basis = subspace_basis(found.subspace)
     m = len(basis)
     # The rest of an orthonormal basis.

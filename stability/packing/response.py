@@ -1,4 +1,4 @@
-"""The rate problem of a packing: motion, spins and force rates that a strain rate asks for."""
+"""The rate problem of a packing: motion, spins and force rates under a strain rate."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from stability.packing.complementarity import (
     solve_complementarity,
     solve_from,
 )
-from stability.packing.edge import (
+from stability.packing.yield_response import (
     LinearAnswer,
-    YieldEdge,
+    YieldResponse,
+    complementary_rates,
     condensed,
     linear_answer,
-    sided,
     slip_motion,
     stiffness_of,
     updated_factor,
-    yield_edge,
+    yield_response,
 )
 
 Status = Literal["unique", "one found", "several", "none", "none found", "not converged"]
@@ -47,7 +47,7 @@ TRUSTED = 1e-6
 # Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
 CONDENSED = 600
 ROUNDS = 14
-# Loads on the grains below this share of the contacts' forces are nothing to be in balance with.
+# Smallest scale of residuals, over the contacts' forces: in a lattice grain loads are rounding.
 IDLE = 1e-8
 
 
@@ -140,16 +140,16 @@ class Solved(NamedTuple):
 class PackingRates:
     """The rate problem of one state, prepared for any number of strain rates."""
 
-    def __init__(self, edge: YieldEdge) -> None:
-        self.edge = edge
-        self.none = np.zeros(len(edge.rows), dtype=bool)
-        self.every = np.arange(len(edge.rows))
-        self.elastic = linear_answer(edge, self.none)
+    def __init__(self, yielding: YieldResponse) -> None:
+        self.yielding = yielding
+        self.none = np.zeros(len(yielding.rows), dtype=bool)
+        self.every = np.arange(len(yielding.rows))
+        self.elastic = linear_answer(yielding, self.none)
         self.slips_left = 0.0
         if self.small:
-            self.slips, left = slip_motion(edge, self.elastic, self.every)
+            self.slips, left = slip_motion(yielding, self.elastic, self.every)
             self.slips_left = float(left.max(initial=0.0))
-            self.whole = condensed(edge, self.none, self.elastic, self.every, self.slips)
+            self.whole = condensed(yielding, self.none, self.elastic, self.every, self.slips)
         self.last = (self.none, self.elastic)
 
     @property
@@ -165,14 +165,14 @@ class PackingRates:
 
     def solved(self, control: HeldAndDriven, starts: int = STARTS) -> Solved:
         """Answer one control."""
-        free = ~self.edge.of_two
+        free = ~self.yielding.of_two
         if not self.small:
             first = self._by_parts(control, ~self.none, "")
             if first.response.status in SOLVED or free.all():
                 return first
             second = self._by_parts(control, free, HELD_STUCK)
             return second if second.response.status in SOLVED else first
-        q, M = controlled(self.edge, self.none, self.elastic, self.every, self.whole, control)
+        q, M = controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
         found = solve_complementarity(q, M, starts)
         if not len(found.active) and not found.proof and not free.all():
             others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
@@ -185,7 +185,7 @@ class PackingRates:
         return Solved(self._response(answer, active, found, control), active, answer)
 
     def _by_parts(self, control: HeldAndDriven, free: Flags, proof: str) -> Solved:
-        active, answer, done = regimes_by_parts(self.edge, control, free)
+        active, answer, done = regimes_by_parts(self.yielding, control, free)
         found = Complementarity(active[None][: int(done)], proof if done else "")
         return Solved(self._response(answer, active, found, control), active, answer)
 
@@ -199,27 +199,29 @@ class PackingRates:
         if not np.array_equal(active, self.last[0]):
             factor = None
             if regular_factors(self.whole[0][np.ix_(active, active)]) is not None:
-                factor = updated_factor(self.edge, self.elastic, active, self.slips, self.whole[0])
-            self.last = (active, linear_answer(self.edge, active, factor=factor))
+                factor = updated_factor(
+                    self.yielding, self.elastic, active, self.slips, self.whole[0]
+                )
+            self.last = (active, linear_answer(self.yielding, active, factor=factor))
         return self.last[1]
 
     def _response(
         self, answer: LinearAnswer, active: Flags, found: Complementarity, control: HeldAndDriven
     ) -> PackingResponse:
-        edge = self.edge
-        system, graph = edge.system, edge.system.graph
+        yielding = self.yielding
+        system, graph = yielding.system, yielding.system.graph
         H = controlled_strain(answer, control).reshape(2, 2)
         relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
-        wrong = sided(edge, active, relative)
+        wrong = complementary_rates(yielding, active, relative)
         scale = np.abs(wrong).max(initial=0.0)
         disagreeing = wrong < -SIGN * scale
         if found.proof == HELD_STUCK:
-            disagreeing &= ~edge.of_two
-        lawful = stiffness_of(edge, active ^ disagreeing)
+            disagreeing &= ~yielding.of_two
+        lawful = stiffness_of(yielding, active ^ disagreeing)
         left = balancing_forces(system, -np.einsum("eij,ej->ei", lawful, relative))
         affine = system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
         size = float(np.linalg.norm(balancing_forces(system, affine)))
-        # Where grains move affinely, as in a lattice, both are rounding.
+        # Where grains move affinely, as in a lattice, loads and residual are rounding.
         size = max(size, IDLE * float(np.linalg.norm(affine)))
         size = size if size > 0 else 1.0
         residual = float(np.linalg.norm(left)) / size
@@ -234,7 +236,7 @@ class PackingRates:
         force_rate[system.contacts] = forces[:n, :2]
         regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
         regime[system.contacts] = system.regime[:n]
-        regime[system.contacts[edge.rows[active]]] = Regime.SLIDING
+        regime[system.contacts[yielding.rows[active]]] = Regime.SLIDING
         return PackingResponse(
             status=_status(len(found.active), proof, residual),
             proof=proof,
@@ -248,16 +250,16 @@ class PackingRates:
             force_rate=force_rate,
             regime=regime,
             sliding=int(np.count_nonzero(active)),
-            candidates=len(edge.rows),
-            settled=edge.settled
-            + int(found.proof == HELD_STUCK) * int(np.count_nonzero(edge.of_two)),
+            candidates=len(yielding.rows),
+            settled=yielding.settled
+            + int(found.proof == HELD_STUCK) * int(np.count_nonzero(yielding.of_two)),
             solutions=len(found.active),
             system=system,
         )
 
 
 def regimes_by_parts(
-    edge: YieldEdge, control: HeldAndDriven, free: Flags
+    yielding: YieldResponse, control: HeldAndDriven, free: Flags
 ) -> tuple[Flags, LinearAnswer, bool]:
     """Regimes of too many candidates to condense, the answer, and whether the two agree.
 
@@ -269,8 +271,10 @@ def regimes_by_parts(
     active = free.copy()
     best, least = active, len(active) + 1
     for _ in range(ROUNDS):
-        answer = linear_answer(edge, active)
-        values = sided(edge, active, answer.relative @ controlled_strain(answer, control))
+        answer = linear_answer(yielding, active)
+        values = complementary_rates(
+            yielding, active, answer.relative @ controlled_strain(answer, control)
+        )
         wrong = free & (values < -SIGN * np.abs(values).max(initial=0.0))
         count = int(np.count_nonzero(wrong))
         improves = count < 0.7 * least
@@ -279,19 +283,19 @@ def regimes_by_parts(
         if count == 0:
             return active, answer, True
         active = active.copy()
-        chosen = np.intersect1d(_near(edge, wrong), np.flatnonzero(free))
+        chosen = np.intersect1d(_near(yielding, wrong), np.flatnonzero(free))
         if improves or len(chosen) > CONDENSED // 2:
             active[wrong] ^= True
             continue
-        pair = condensed(edge, active, answer, chosen, slip_motion(edge, answer, chosen)[0])
-        q, M = controlled(edge, active, answer, chosen, pair, control)
+        pair = condensed(yielding, active, answer, chosen, slip_motion(yielding, answer, chosen)[0])
+        q, M = controlled(yielding, active, answer, chosen, pair, control)
         flips = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
         active[chosen] ^= nearest_regimes(q, M) if flips is None else flips
-    return best, linear_answer(edge, best), False
+    return best, linear_answer(yielding, best), False
 
 
 def controlled(
-    edge: YieldEdge,
+    yielding: YieldResponse,
     active: Flags,
     answer: LinearAnswer,
     chosen: Integers,
@@ -299,7 +303,7 @@ def controlled(
     control: HeldAndDriven,
 ) -> tuple[Floats, Floats]:
     """`q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
-    unit = sided(edge, active, answer.relative)[chosen]
+    unit = complementary_rates(yielding, active, answer.relative)[chosen]
     matrix, stress = pair
     held, B = control.held.T @ control.strain, control.driven
     imposed = control.stress - B @ answer.stress @ held
@@ -308,15 +312,15 @@ def controlled(
     return q, matrix + unit @ B.T @ solved[:, 1:]
 
 
-def _near(edge: YieldEdge, wrong: Flags, rings: int = 3) -> Integers:
+def _near(yielding: YieldResponse, wrong: Flags, rings: int = 3) -> Integers:
     """Candidates within some contacts of the wrong ones."""
-    system = edge.system
+    system = yielding.system
     pairs = system.graph.contacts[system.contacts]
     reached = np.zeros(system.graph.grain_count, dtype=bool)
-    reached[pairs[edge.rows[wrong]]] = True
+    reached[pairs[yielding.rows[wrong]]] = True
     for _ in range(rings):
         reached[pairs[reached[pairs].any(axis=1)]] = True
-    return np.flatnonzero(reached[pairs[edge.rows]].all(axis=1) | wrong)
+    return np.flatnonzero(reached[pairs[yielding.rows]].all(axis=1) | wrong)
 
 
 def packing_response(
@@ -386,7 +390,7 @@ def packing_response(
     ('unique', [[1.0, 0.0], [0.0, 0.0]])
     """
     component_control(strain_rate, stress_rate)
-    edge = yield_edge(
+    yielding = yield_response(
         graph,
         law,
         yield_band=yield_band,
@@ -395,7 +399,7 @@ def packing_response(
         held=held,
         volume=volume,
     )
-    return PackingRates(edge).response(strain_rate, stress_rate, starts)
+    return PackingRates(yielding).response(strain_rate, stress_rate, starts)
 
 
 def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDriven:

@@ -18,7 +18,7 @@ from loops import Regime, contact_state, love_weber_stress
 from loops.arrays import Floats
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import PackingRates, probe
-from stability.packing.edge import yield_edge
+from stability.packing.yield_response import yield_response
 from studies.examples import run, save
 from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
@@ -85,7 +85,7 @@ def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
     """
     snapshot, measured = state(name)
     law, regime = snapshot.mechanics()
-    rates = PackingRates(yield_edge(snapshot.graph, law, yield_band=0.999, regime=regime))
+    rates = PackingRates(yield_response(snapshot.graph, law, yield_band=0.999, regime=regime))
     now, counts = contact_state(snapshot.graph), []
     for angle in np.radians(measured["theta_deg"].unique()):
         H = np.diag([np.cos(angle), np.sin(angle)])

@@ -19,9 +19,9 @@ from stability import COMPONENTS, Stage, follow
 from stability.arguments import number
 from stability.packing import PackingPath, Probe
 from stability.packing.hold import HoldControl
-from stability.packing.pieces import Driven, Subspace
 from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
+from stability.packing.regime_regions import Driven, Subspace
 from studies.columns import definitions
 from studies.output import readable
 from studies.series.workers import one_blas_thread, open_runner

@@ -33,8 +33,8 @@ from stability.packing import (
     loop_rates,
     replay,
 )
-from stability.packing.edge import YieldEdge, forces_of_motion
 from stability.packing.response import SOLVED
+from stability.packing.yield_response import YieldResponse, forces_of_motion
 from studies.columns import Columns
 from studies.series.evolution import sample_strain
 from studies.snapshot.in_packing import balance_notes, sample_boundary, sample_edge
@@ -159,7 +159,7 @@ def _facts(before: Snapshot, fates: LoopFates) -> Columns:
 
 
 def _own_motion(
-    before: Snapshot, after: Snapshot, edge: YieldEdge, response: PackingResponse
+    before: Snapshot, after: Snapshot, edge: YieldResponse, response: PackingResponse
 ) -> PackingResponse | None:
     """The packing under the grains' actual motion; None if rotations are unknown."""
     if before.rotation is None or after.rotation is None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from loops import InputError
 from stability.arguments import whole_number
-from stability.packing.edge import checked_band
+from stability.packing.yield_response import checked_band
 from studies.output import SERIES, errors_of, folder_lock, provenance, require_folder
 from studies.paths.options import one_of
 from studies.series.dataset import has_parts, open_folder

@@ -18,7 +18,7 @@ from studies.snapshot.table import EIGENVALUES, FREE
 
 if TYPE_CHECKING:
     from loops.packing import LoopsInPlace, Method, PlaneContacts
-    from stability.packing.edge import YieldEdge
+    from stability.packing.yield_response import YieldResponse
 
 PLACE = "packing"
 # Unbalanced force over the mean contact force: above the first a note says so, above the second
@@ -98,9 +98,9 @@ def wall_summary(snapshot: Snapshot, outline: float) -> dict[str, Any]:
     }
 
 
-def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldEdge:
+def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldResponse:
     """Rate problem of the packing; contacts from `yield_band` of their strength on may slide."""
-    from stability.packing.edge import yield_edge
+    from stability.packing.yield_response import yield_response
 
     graph, (law, regime) = snapshot.graph, snapshot.mechanics()
     planes, held, _ = sample_boundary(snapshot)
@@ -108,7 +108,7 @@ def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldEdge:
     if graph.cell is None:
         box = None if snapshot.walls is None else box_area(graph.x, snapshot.walls)
         volume = box or outline_area(graph, snapshot.faces)
-    return yield_edge(
+    return yield_response(
         graph, law, yield_band=yield_band, regime=regime, planes=planes, held=held, volume=volume
     )
 

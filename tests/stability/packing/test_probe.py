@@ -8,7 +8,7 @@ from loops.packing import factorised
 from patterns.diamond import tangent
 from patterns.diamond.tangents import elastic_moduli, sliding_moduli
 from stability import plane_cone, restrict
-from stability.packing import edge, packing_response, probe, response
+from stability.packing import packing_response, probe, response, yield_response
 from tests.oracles.lattices import lattice, lattice_rates
 from tests.packings import LAW, packing
 
@@ -161,7 +161,9 @@ def test_stress_probes_are_the_responses_one_by_one():
 
 def test_one_factorisation_serves_all_directions(monkeypatch):
     calls = []
-    monkeypatch.setattr(edge, "factorised", lambda *given: calls.append(1) or factorised(*given))
+    monkeypatch.setattr(
+        yield_response, "factorised", lambda *given: calls.append(1) or factorised(*given)
+    )
     found = probe(packing(30, seed=3, sliding=0.3), LAW, 24)
     assert len(found.tangents) > 10 and len(calls) == 1
 

@@ -9,8 +9,8 @@ from loops import GrainGraph, InputError, LinearFrictional
 from loops.packing.boundary import carrying_grains
 from patterns.synthetic import synthetic_network
 from stability.packing import complementarity, packing_response, probe, response
-from stability.packing.edge import yield_edge
 from stability.packing.response import PackingRates
+from stability.packing.yield_response import yield_response
 from tests.oracles.regimes import solutions
 
 STRAINS = [np.diag([1.0, 0.0]), np.diag([1.0, -1.0]), np.array([[0.3, 0.5], [0.2, -0.6]])]
@@ -85,7 +85,7 @@ def test_a_packing_whose_contacts_at_yield_all_soften_has_no_solution():
     law = LinearFrictional(1.0, 0.1, 0.5)
     found = packing_response(graph, law, STRAINS[0])
     assert (found.status, found.candidates, found.proof) == ("none", 1, "enumeration")
-    assert (np.diag(PackingRates(yield_edge(graph, law, yield_band=0.99)).whole[0]) < 0).all()
+    assert (np.diag(PackingRates(yield_response(graph, law, yield_band=0.99)).whole[0]) < 0).all()
     assert (probe(graph, law, 8).status == "none").any()
 
 
@@ -111,7 +111,7 @@ def test_statuses_without_enumeration_say_no_more_than_was_shown(monkeypatch):
             graph, law = small(grains, seed, share)
         except InputError:
             continue
-        rates = PackingRates(yield_edge(graph, law, yield_band=AT_YIELD))
+        rates = PackingRates(yield_response(graph, law, yield_band=AT_YIELD))
         for H in STRAINS:
             monkeypatch.setattr(complementarity, "ENUMERATED", 12)
             truth = rates.response(H)

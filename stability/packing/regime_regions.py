@@ -1,4 +1,4 @@
-"""The rate problem of a packing over directions: pieces on which it is linear, and where W2 < 0."""
+"""Regions of directions on which a packing's response is linear, and the cones where W2 < 0."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from loops.arrays import Flags, Floats
 from stability.cones import plane_cone
 from stability.directional.edge import plane_directions, works
-from stability.packing.edge import sided
 from stability.packing.response import (
     SOLVED,
     HeldAndDriven,
@@ -18,19 +17,20 @@ from stability.packing.response import (
     Solved,
     controlled_strain,
 )
+from stability.packing.yield_response import complementary_rates
 from stability.subspaces import subspace_basis
 
 Driven = Literal["strain", "stress"]
 Subspace = Literal["diagonal", "symmetric"]
 
 TURN = 2.0 * np.pi
-# W2 over the sizes of both rates within this is no sign; angles within the other are one.
+# Normalised W2 within NEUTRAL has no sign; angles closer than SAME are equal.
 NEUTRAL, SAME = 1e-9, 1e-10
 HALVINGS = 40
 
 
-class At(NamedTuple):
-    """Answer along one direction; its works are not numbers, its piece is -1, if undetermined."""
+class DirectionAnswer(NamedTuple):
+    """Response along one direction; if undetermined, works are nan and the region is -1."""
 
     response: PackingResponse
     work: float
@@ -45,11 +45,10 @@ class Cones(NamedTuple):
     refined: Flags
 
 
-class Pieces:
-    """Answers in a subspace, direction by direction, and the pieces that were met on the way.
+class RegimeRegions:
+    """Responses in a subspace by direction, and the regions of constant regimes found on the way.
 
-    `tangents` are those of the subspace; `arcs` the angles between which a piece holds, in the
-    plane.
+    `tangents` are those of the subspace; `arcs`, in the plane, the angles that bound each region.
     """
 
     def __init__(
@@ -63,7 +62,7 @@ class Pieces:
         self.arcs: list[Floats] = []
 
     def control(self, direction: Floats) -> HeldAndDriven:
-        """The control along a direction: nothing outside of the subspace is strained."""
+        """Control along a direction; strain outside of the subspace is zero."""
         none = np.zeros(len(self.rest))
         if self.driven == "stress":
             return HeldAndDriven(self.rest, none, self.basis, direction)
@@ -74,17 +73,19 @@ class Pieces:
             np.empty(0),
         )
 
-    def at(self, direction: Floats) -> At:
-        """Answer along a unit direction."""
+    def at(self, direction: Floats) -> DirectionAnswer:
+        """Response along a unit direction."""
         solved = self.rates.solved(self.control(direction), self.starts)
         response = solved.response
         if response.status not in SOLVED:
-            return At(response, np.nan, np.nan, -1)
+            return DirectionAnswer(response, np.nan, np.nan, -1)
         strain = self.basis @ response.strain_rate.ravel()
         stress = self.basis @ response.stress_rate.ravel()
         size = float(np.linalg.norm(strain))
         work, normalised = works(strain / size if size > 0 else strain, stress)
-        return At(response, float(work) * size, float(normalised), self._piece(solved, direction))
+        return DirectionAnswer(
+            response, float(work) * size, float(normalised), self._piece(solved, direction)
+        )
 
     def elastic(self, direction: Floats) -> Floats:
         """(2, 2, 2): `H'` and `P'` with all contacts at yield sticking."""
@@ -93,16 +94,16 @@ class Pieces:
         return np.stack([H, answer.stress @ H]).reshape(2, 2, 2)
 
     def tangent_along(self, direction: Floats) -> tuple[Floats, Floats]:
-        """Tangent of the piece in a direction, and the strain there."""
+        """Tangent and strain along a direction."""
         found = self.at(direction)
         return self.tangents[found.piece], self.basis @ found.response.strain_rate.ravel()
 
     def tangent_at(self, angle: float) -> tuple[Floats, Floats]:
-        """The same at an angle of the plane."""
+        """Tangent and strain at an angle of the plane."""
         return self.tangent_along(plane_directions(np.asarray(angle)))
 
-    def root(self, found: At, a: float, b: float) -> float | None:
-        """Where W2 of a piece vanishes between two angles and within the piece, next to `a`."""
+    def root(self, found: DirectionAnswer, a: float, b: float) -> float | None:
+        """Angle nearest to `a` within the region and up to `b` at which W2 vanishes, if any."""
         tangent, arc = self.tangents[found.piece], self.arcs[found.piece]
         form = tangent if self.driven == "strain" else np.linalg.inv(tangent)
         low, high = min(a, b) - SAME, max(a, b) + SAME
@@ -121,7 +122,10 @@ class Pieces:
             self.number[key] = len(self.number)
             tangent = self.basis @ solved.answer.stress @ self.basis.T
             self.tangents.append(tangent)
-            lines = sided(self.rates.edge, solved.active, solved.answer.relative) @ self.basis.T
+            lines = (
+                complementary_rates(self.rates.yielding, solved.active, solved.answer.relative)
+                @ self.basis.T
+            )
             if self.driven == "stress":
                 lines = lines @ np.linalg.inv(tangent)
             plane = len(self.basis) == 2
@@ -129,7 +133,9 @@ class Pieces:
         return self.number[key]
 
 
-def cones(pieces: Pieces, directions: Floats, answers: list[At]) -> Cones | None:
+def cones(
+    pieces: RegimeRegions, directions: Floats, answers: list[DirectionAnswer]
+) -> Cones | None:
     """Cones of negative W2 in the plane; None elsewhere, or where half a turn is left out."""
     if directions.shape[1] != 2:
         return None
@@ -157,8 +163,10 @@ def cones(pieces: Pieces, directions: Floats, answers: list[At]) -> Cones | None
     return Cones(np.array(ends).reshape(-1, 2), np.array(refined, dtype=bool).reshape(-1, 2))
 
 
-def _end(pieces: Pieces, inside: At, outside: At, a: float, b: float) -> tuple[float, bool]:
-    """Where W2 vanishes between an angle `a` with W2 < 0 and `b` without; else `a`."""
+def _end(
+    pieces: RegimeRegions, inside: DirectionAnswer, outside: DirectionAnswer, a: float, b: float
+) -> tuple[float, bool]:
+    """Angle between `a` (W2 < 0) and `b` at which W2 vanishes, and True; else `a` and False."""
     for _ in range(HALVINGS):
         if outside.piece < 0:
             return a, False

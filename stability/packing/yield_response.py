@@ -1,7 +1,8 @@
-"""Contacts of a packing that stand at yield, and the packing's answer for given regimes of them.
+"""Contacts of a packing at yield, and the packing's linear response for given regimes of them.
 
-Contact c at yield has `w_c = s (T'_sliding - T')`, its distance from the cone, and `z_c`, what
-slip takes off its shear force, `s T' = s T'_sticking - z_c`; both are not negative and one is zero.
+Contact c at yield has `w_c = s (T'_sliding - T')`, the rate at which it leaves the friction limit,
+and `z_c`, the reduction of its shear force by slip, `s T' = s T'_sticking - z_c`; both are not
+negative and one is zero.
 From the relative motion `r` they are `w_c - z_c = g_c . r`.
 """
 
@@ -41,10 +42,10 @@ AT_YIELD = 1.0 - 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class YieldEdge:
-    """Candidates for sliding; `system` has them sticking.
+class YieldResponse:
+    """Contacts at yield, the candidates for sliding; in `system` they stick.
 
-    `rows` (m,) are their places among the system's contacts, `gauge` (m, 4) the vectors `g`,
+    `rows` (m,) are their rows among the system's contacts, `gauge` (m, 4) the vectors `g`,
     `push` (m, 4) the contact forces of a unit of `s T'`, `sliding` (m, 4, 4) their blocks when
     they slide. `of_two` (m,) marks candidates on a grain with two contacts. Both carry the same
     force, so their ratio `T/N` is one of the geometry and hardly changes: those that the yield band
@@ -62,9 +63,10 @@ class YieldEdge:
 
 @dataclass(frozen=True, eq=False)
 class LinearAnswer:
-    """Answer of the packing to unit `H'` with given regimes, `(..., 4)` in 11, 12, 21, 22.
+    """Response of the packing to unit `H'` with given regimes, `(..., 4)` in 11, 12, 21, 22.
 
-    `loads` (size, 4) are the forces of the affine motion, `unbalanced` what no motion balances.
+    `loads` (size, 4) are the forces of the affine motion, `unbalanced` what no motion
+    balances.
     """
 
     factor: Factor
@@ -76,7 +78,7 @@ class LinearAnswer:
     stress: Floats
 
 
-def yield_edge(
+def yield_response(
     graph: GrainGraph,
     law: ContactLaw,
     *,
@@ -85,8 +87,8 @@ def yield_edge(
     planes: PlaneContacts | None = None,
     held: ArrayLike | None = None,
     volume: float | None = None,
-) -> YieldEdge:
-    """Find the contacts near their strength, and those that `regime` has sliding."""
+) -> YieldResponse:
+    """Find the contacts within the yield band, and those that `regime` marks as sliding."""
     require_law(law)
     checked_band(yield_band)
     state = contact_state(graph)
@@ -115,7 +117,7 @@ def yield_edge(
     gauge = (elastic - slides)[:, :1] * normal + (elastic - slides)[:, 1:] * shear
     push = np.column_stack([state.t[c], -state.arm_i[c], -state.arm_j[c]])
     sliding = contact_tangent(state, law, regimes)[c]
-    return YieldEdge(
+    return YieldResponse(
         system,
         rows,
         sign[:, None] * gauge * scale,
@@ -127,23 +129,25 @@ def yield_edge(
 
 
 def checked_band(yield_band: float) -> float:
-    """The share of its strength from which a contact may slide."""
+    """Check the share of its strength from which a contact may slide."""
     if not 0.0 < yield_band <= 1.0:
         remedy = "Leave it out: 0.99 is what was compared with simulations."
         raise InputError("yield_band", f"{yield_band:g}", "a share in (0, 1]", remedy)
     return float(yield_band)
 
 
-def stiffness_of(edge: YieldEdge, active: Flags) -> Floats:
+def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:
     """(E, 4, 4) blocks with the active candidates sliding."""
-    blocks = edge.system.stiffness.copy()
-    blocks[edge.rows[active]] = edge.sliding[active]
+    blocks = yielding.system.stiffness.copy()
+    blocks[yielding.rows[active]] = yielding.sliding[active]
     return blocks
 
 
-def linear_answer(edge: YieldEdge, active: Flags, factor: Factor | None = None) -> LinearAnswer:
-    """Answer the four unit strains with the active candidates sliding; factorise unless given."""
-    system, blocks = edge.system, stiffness_of(edge, active)
+def linear_answer(
+    yielding: YieldResponse, active: Flags, factor: Factor | None = None
+) -> LinearAnswer:
+    """Solve for the four unit strains with the active candidates sliding."""
+    system, blocks = yielding.system, stiffness_of(yielding, active)
     factor = factor or factorised(system, blocks)
     affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
     loads = balancing_forces(system, blocks @ affine)
@@ -156,61 +160,65 @@ def linear_answer(edge: YieldEdge, active: Flags, factor: Factor | None = None) 
     )
 
 
-def slip_motion(edge: YieldEdge, answer: LinearAnswer, chosen: Integers) -> tuple[Floats, Floats]:
-    """(size, k) motion that a unit taken off each chosen candidate's `s T'` sets off.
+def slip_motion(
+    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers
+) -> tuple[Floats, Floats]:
+    """(size, k) motion per unit of slip `z` of each chosen candidate.
 
-    Beside it (k,) the share of each load that no motion balances: a mechanism.
+    Also (k,) the share of each load that no motion balances, above rounding with a mechanism.
     """
-    loads = -in_freedoms(edge.system, edge.rows[chosen], edge.push[chosen]).T.toarray()
+    loads = -in_freedoms(yielding.system, yielding.rows[chosen], yielding.push[chosen]).T.toarray()
     motion = answer.factor.solve(loads)
     left = np.linalg.norm(loads - answer.factor.matrix @ motion, axis=0)
     return motion, left / np.linalg.norm(loads, axis=0)
 
 
 def updated_factor(
-    edge: YieldEdge, elastic: LinearAnswer, active: Flags, slips: Floats, matrix: Floats
+    yielding: YieldResponse, elastic: LinearAnswer, active: Flags, slips: Floats, matrix: Floats
 ) -> Factor:
-    """The factor with the active candidates sliding, from that with none, `slips` and matrix."""
-    gauge = in_freedoms(edge.system, edge.rows[active], edge.gauge[active])
+    """Factors with the active candidates sliding, as an update of those with all sticking."""
+    gauge = in_freedoms(yielding.system, yielding.rows[active], yielding.gauge[active])
     small = np.linalg.inv(matrix[np.ix_(active, active)])
     lu = UpdatedFactors(elastic.factor.lu, -slips[:, active] @ small, gauge)
-    return Factor(assembled(edge.system, stiffness_of(edge, active)), lu)
+    return Factor(assembled(yielding.system, stiffness_of(yielding, active)), lu)
 
 
 def condensed(
-    edge: YieldEdge, active: Flags, answer: LinearAnswer, chosen: Integers, motion: Floats
+    yielding: YieldResponse, active: Flags, answer: LinearAnswer, chosen: Integers, motion: Floats
 ) -> tuple[Floats, Floats]:
-    """What the chosen candidates' exchanged variables do: (k, k) matrix and (4, k) stress.
+    """(k, k) matrix and (4, k) stress of the chosen candidates' complementary variables.
 
-    The variable of a sticking candidate is its `z`, that of a sliding one its `w`; either takes
-    off `s T'`. The matrix gives the other one of each pair.
+    The variable of a sticking candidate is its `z`, that of a sliding one its `w`; either reduces
+    `s T'`. The matrix gives the other one of each pair.
     """
-    system, rows = edge.system, edge.rows[chosen]
+    system, rows = yielding.system, yielding.rows[chosen]
     side = np.where(active[chosen], -1.0, 1.0)[:, None]
-    matrix = np.eye(len(chosen)) + side * (in_freedoms(system, rows, edge.gauge[chosen]) @ motion)
-    blocks = stiffness_of(edge, active)
+    matrix = np.eye(len(chosen)) + side * (
+        in_freedoms(system, rows, yielding.gauge[chosen]) @ motion
+    )
+    blocks = stiffness_of(yielding, active)
     lines = np.einsum("eij,ek->ejik", blocks[:, :2], system.branches)
     stress = balancing_forces(system, lines.reshape(len(blocks), 4, 4)).T @ motion
-    own = np.einsum("ki,kj->ijk", edge.push[chosen, :2], system.branches[rows]).reshape(4, -1)
+    own = np.einsum("ki,kj->ijk", yielding.push[chosen, :2], system.branches[rows]).reshape(4, -1)
     return matrix, (stress - own) / system.volume
 
 
-def sided(edge: YieldEdge, active: Flags, relative: Floats) -> Floats:
-    """(m,) or (m, k): `w` of sticking candidates and `z` of sliding ones from motions `r`."""
+def complementary_rates(yielding: YieldResponse, active: Flags, relative: Floats) -> Floats:
+    """(m,) or (m, k): `w` of sticking and `z` of sliding candidates under motions `r`."""
     side = np.where(active, -1.0, 1.0).reshape(-1, *[1] * (relative.ndim - 2))
-    return side * np.einsum("ci,ci...->c...", edge.gauge, relative[edge.rows])
+    return side * np.einsum("ci,ci...->c...", yielding.gauge, relative[yielding.rows])
 
 
-def forces_of_motion(edge: YieldEdge, branch_rate: Floats, spin: Floats) -> Floats:
-    """(C, 2) force rates under branch rates and spins that are given; candidates slide by them."""
-    system = edge.system
+def forces_of_motion(yielding: YieldResponse, branch_rate: Floats, spin: Floats) -> Floats:
+    """(C, 2) force rates under given branch rates and spins, which decide on the regimes."""
+    system = yielding.system
     kept = system.contacts
     turns = spin[system.graph.contacts[kept]] * system.length
     relative = np.zeros((len(system.branches), 4))
     relative[: len(kept)] = np.concatenate([branch_rate[kept], turns], axis=1)
-    active = sided(edge, np.zeros(len(edge.rows), dtype=bool), relative) < 0
+    active = complementary_rates(yielding, np.zeros(len(yielding.rows), dtype=bool), relative) < 0
     out = np.zeros_like(branch_rate)
-    forces = -np.einsum("eij,ej->ei", stiffness_of(edge, active), relative)
+    forces = -np.einsum("eij,ej->ei", stiffness_of(yielding, active), relative)
     out[kept] = forces[: len(kept), :2]
     return out
 
