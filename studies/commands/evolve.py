@@ -20,6 +20,16 @@ from studies.commands.common import (
     out_or,
 )
 
+# How the path went on past an instability.
+WAYS = {
+    "dragged": "continued with viscous damping",
+    "held": "continued with the contact held",
+    "replayed": "continued by the equations of motion",
+    "stopped": "ended the path",
+    "lost": "without a way past",
+    "other": "of another kind",
+}
+
 
 def _evolve_lines(summary: dict[str, Any]) -> list[str]:
     counts = ", ".join(f"{count} {kind}" for kind, count in summary["events"].items())
@@ -29,8 +39,8 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
         f"{summary['intervals']} intervals, events: {counts or 'none'}",
     ]
     if summary["unstable_contacts"]:
-        passed = ", ".join(f"{count} {name}" for name, count in summary["passed"].items())
-        lines.append(f"{summary['unstable_contacts']} unstable contacts, passed: {passed}")
+        ways = ", ".join(f"{count} {WAYS.get(name, name)}" for name, count in summary["passed"].items())
+        lines.append(f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}")
     end = "  ".join(f"{name} = {value:.6g}" for name, value in summary["end"].items())
     lines.append(f"end: {end}")
     if summary["negative_loops"] is not None:

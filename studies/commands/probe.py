@@ -30,8 +30,9 @@ def _probe_lines(summary: dict[str, Any]) -> list[str]:
     how = (
         f"followed by events to {summary['amplitude']:g}, increments over it; {summary['boundary']}"
         if summary["amplitude"] is not None
-        else f"{summary['candidates']} contacts may slide (yield band {summary['yield_band']:g}), "
-        f"{summary['pieces']} pieces met; {summary['boundary']}"
+        else f"{summary['candidates']} contacts are allowed to slide (yield band "
+        f"{summary['yield_band']:g}), {summary['pieces']} different sets of sliding contacts; "
+        f"{summary['boundary']}"
     )
     lines = [
         f"{summary['directions']} directions of {driven} ({summary['subspace']}): {statuses}",

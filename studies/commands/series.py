@@ -95,14 +95,15 @@ def _skill_lines(skill: dict[str, Any]) -> list[str]:
         values = "  ".join(f"{shown(row[key]):>7}" for key in ("precision", "recall", "auc"))
         spread = f"   ({row['auc_min']:.3f} to {row['auc_max']:.3f})" if "auc_min" in row else ""
         lines.append(f"  {PREDICTORS.get(name, name):<32}  {values}{spread}")
-    return [*lines, "  (an AUC of 0.5 is chance; precision is to be held against the base rate)"]
+    return [*lines, "  (an AUC of 0.5 is chance; compare precision with the base rate)"]
 
 
 def _packing_lines(packing: dict[str, Any]) -> list[str]:
     """How many intervals the packing's rate problem speaks for."""
     return [
         f"rate problem of the packing ({packing['boundary'] or 'none'}): solved in "
-        f"{packing['solved']} of {packing['intervals']} intervals, silent in the others"
+        f"{packing['solved']} of {packing['intervals']} intervals, no solution found in "
+        f"{packing['intervals'] - packing['solved']}"
     ]
 
 

@@ -33,8 +33,9 @@ JUDGES = {
 def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
     orders = "  ".join(f"{n}: {count}" for n, count in _grouped(summary["orders"]).items())
     lines = [
-        f"{summary['grains']} grains, {summary['contacts']} contacts, "
-        f"coordination {summary['coordination']:.3f} without {summary['dangling_grains']} dangling",
+        f"{summary['grains']} grains, {summary['contacts']} contacts; mean contacts per grain "
+        f"{summary['coordination']:.3f}, excluding {summary['dangling_grains']} grains with fewer "
+        "than two",
         f"{summary['loops']} loops, mean order {shown(summary['mean_order'])} ({orders})",
         f"Euler's formula {'holds' if summary['euler_ok'] else 'FAILS'}",
     ]
@@ -83,7 +84,8 @@ def _around(summary: dict[str, Any]) -> list[str]:
     return [
         f"surroundings' share of a loop's stiffness, median by order: {parts} "
         "(without loops undetermined when cut out)",
-        f"surroundings that resist every strain: {_percent(positive)} ({known})",
+        f"loops whose surroundings have positive stiffness in all directions: "
+        f"{_percent(positive)} ({known})",
     ]
 
 
