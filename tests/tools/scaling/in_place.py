@@ -175,6 +175,8 @@ def in_place_figure(rows: list[dict[str, Any]]) -> Figure:
         points = [(row["grains"], row["cpu_seconds"]) for row in own if row["method"] == name]
         right.loglog(*zip(*points, strict=True), "o-", color=colour, label=name)
     right.set(xlabel="number of grains", ylabel="processor time of all loops (s)")
+    right.set_xticks(sizes, [f"{size:,}" for size in sizes])
+    right.xaxis.set_minor_locator(NullLocator())
     right.legend(ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.2))
     return figure
 
