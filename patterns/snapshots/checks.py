@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from loops import GrainGraph, LinearFrictional, Regime, branch_vectors
 from loops.arrays import Flags, Floats, Integers, in_threads
-from loops.tracking import match_contacts
 
 if TYPE_CHECKING:
     from patterns.snapshots.snapshot import Snapshot
@@ -586,6 +585,9 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     """
     if before.law is None or after.law is None or before.regime is None or after.regime is None:
         return None
+    # Loads sparse matrices, which a snapshot alone needs nowhere else.
+    from loops.tracking import match_contacts
+
     match = match_contacts(before.graph, before.ids, after.graph, after.ids)
     first = match.shared
     second = match.after[first]
