@@ -112,7 +112,8 @@ def test_skill_of_the_slow_series(tmp_path, step, first, last, auc, rank, nonaff
     summary = series(tmp_path, paths, cells=folder / "macro.csv")
     skill, others = summary["skill"], summary["skill_of_targets"]
     assert summary["packing"]["solved"] >= solved
-    assert summary["packing"]["worst disagreeing"] <= 2
+    # Two, and a contact at yield of a grain with two contacts, which counts as any other.
+    assert summary["packing"]["worst disagreeing"] <= 3
     assert skill["packing"]["auc"] >= auc
     assert skill["packing"]["rank_correlation"] >= rank
     assert others["nonaffine"]["packing"]["auc"] >= nonaffine
