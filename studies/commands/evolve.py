@@ -39,7 +39,9 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
         f"{summary['intervals']} intervals, events: {counts or 'none'}",
     ]
     if summary["unstable_contacts"]:
-        ways = ", ".join(f"{count} {WAYS.get(name, name)}" for name, count in summary["passed"].items())
+        ways = ", ".join(
+            f"{count} {WAYS.get(name, name)}" for name, count in summary["passed"].items()
+        )
         lines.append(f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}")
     end = "  ".join(f"{name} = {value:.6g}" for name, value in summary["end"].items())
     lines.append(f"end: {end}")

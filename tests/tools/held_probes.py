@@ -65,7 +65,8 @@ def measured(path, how):
         "candidates": found.candidates,
         "smallest_w2": None if found.softest is None else float(found.normalised[found.softest]),
         "statuses": "; ".join(
-            f"{count} {name}" for name, count in zip(*np.unique(found.status, return_counts=True))
+            f"{count} {name}"
+            for name, count in zip(*np.unique(found.status, return_counts=True), strict=True)
         ),
     }
 
