@@ -7,6 +7,7 @@ There may be one solution, none or several.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from loops.arrays import Flags, Floats, Integers
 ENUMERATED = 12
 # Beyond, so many active sets to start from: three miss solutions that ten find.
 STARTS = 10
+NAMED_STARTS = 3
 # Over the largest entry of q: wrong signs within it are rounding; solutions within SAME are one.
 SIGN = 1e-9
 SAME = 1e-6
@@ -43,15 +45,21 @@ class Complementarity:
     proof: str
 
 
-def solve_complementarity(q: Floats, M: Floats, starts: int = STARTS) -> Complementarity:
+def solve_complementarity(
+    q: Floats, M: Floats, starts: int = STARTS, known: Sequence[Flags] = ()
+) -> Complementarity:
     """All solutions by enumeration where that is short; else Newton and Lemke from several starts.
 
-    A start is an active set: none, all, those of negative `q`, then random ones.
+    A start is an active set: none, all, those of negative `q`, then random ones. Active sets that
+    are `known`, as from a branch of solutions, take the place of the random ones.
     """
     if len(q) <= ENUMERATED:
         return Complementarity(_distinct(_every_solution(q, M), len(q)), "enumeration")
-    certain, found = _positive_definite(M), []
-    for start in _starts(q, starts):
+    certain = _positive_definite(M)
+    found = [active for active in known if violation(q, M, active) <= SIGN]
+    if certain and found:
+        return Complementarity(np.array(found[:1]), "positive definite")
+    for start in _starts(q, min(starts, NAMED_STARTS) if found else starts):
         active = solve_from(q, M, start)
         found += [] if active is None else [active]
         if certain and found:

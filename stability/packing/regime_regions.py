@@ -9,7 +9,9 @@ import numpy as np
 from loops.arrays import Flags, Floats
 from stability.cones import plane_cone
 from stability.directional.edge import plane_directions, works
+from stability.packing.complementarity import ENUMERATED, solve_from
 from stability.packing.response import (
+    HELD_STUCK,
     SOLVED,
     HeldAndDriven,
     PackingRates,
@@ -17,6 +19,7 @@ from stability.packing.response import (
     Solved,
     controlled_strain,
 )
+from stability.packing.solution_branch import SolutionBranch, trace_branch
 from stability.packing.yield_response import complementary_rates
 from stability.subspaces import subspace_basis
 
@@ -27,6 +30,8 @@ TURN = 2.0 * np.pi
 # Normalised W2 within NEUTRAL has no sign; angles closer than SAME are equal.
 NEUTRAL, SAME = 1e-9, 1e-10
 HALVINGS = 40
+# Where both components fall nearly all contacts at yield stick: a solution is found at once.
+UNLOADING = -np.sqrt([0.5, 0.5])
 
 
 class DirectionAnswer(NamedTuple):
@@ -49,6 +54,8 @@ class RegimeRegions:
     """Responses in a subspace by direction, and the regions of constant regimes found on the way.
 
     `tangents` are those of the subspace; `arcs`, in the plane, the angles that bound each region.
+    In the plane each solution is followed around the circle as soon as it is found: `branches` tell
+    the solutions of all other directions, folds included.
     """
 
     def __init__(
@@ -60,6 +67,20 @@ class RegimeRegions:
         self.number: dict[bytes, int] = {}
         self.tangents: list[Floats] = []
         self.arcs: list[Floats] = []
+        self.branches: list[SolutionBranch] = []
+        count = len(rates.every)
+        self.traced = len(self.basis) == 2 and rates.small and count > ENUMERATED
+        if self.traced:
+            units = [rates.problem(self.control(e)) for e in np.eye(2)]
+            self.circle = np.column_stack([q for q, _ in units]), units[0][1]
+            unloading = solve_from(self.circle[0] @ UNLOADING, self.circle[1], rates.none)
+            if unloading is not None:
+                self._trace(UNLOADING, unloading)
+
+    def _trace(self, direction: Floats, sliding: Flags) -> None:
+        """Follow a solution around the circle."""
+        angle = float(np.arctan2(direction[1], direction[0]))
+        self.branches.append(trace_branch(*self.circle, angle, sliding))
 
     def control(self, direction: Floats) -> HeldAndDriven:
         """Control along a direction; strain outside of the subspace is zero."""
@@ -75,8 +96,14 @@ class RegimeRegions:
 
     def at(self, direction: Floats) -> DirectionAnswer:
         """Response along a unit direction."""
-        solved = self.rates.solved(self.control(direction), self.starts)
+        angle = float(np.arctan2(*direction[1::-1]))
+        known = [branch.sliding[k] for branch in self.branches for k in branch.at(angle)]
+        solved = self.rates.solved(self.control(direction), self.starts, known)
         response = solved.response
+        if self.traced and response.proof != HELD_STUCK:
+            for active in solved.solutions:
+                if not any(np.array_equal(active, other) for other in known):
+                    self._trace(direction, active)
         if response.status not in SOLVED:
             return DirectionAnswer(response, np.nan, np.nan, -1)
         strain = self.basis @ response.strain_rate.ravel()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -130,11 +131,15 @@ class HeldAndDriven(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """A response, the candidates that slide in it and the linear answer that it belongs to."""
+    """A response, the candidates that slide in it and the linear answer that it belongs to.
+
+    `solutions` (k, m) are the candidates that slide in each solution found.
+    """
 
     response: PackingResponse
     active: Flags
     answer: LinearAnswer
+    solutions: Flags
 
 
 class PackingRates:
@@ -163,8 +168,14 @@ class PackingRates:
         """Answer one programme, see `packing_response`."""
         return self.solved(component_control(strain_rate, stress_rate), starts).response
 
-    def solved(self, control: HeldAndDriven, starts: int = STARTS) -> Solved:
-        """Answer one control."""
+    def problem(self, control: HeldAndDriven) -> tuple[Floats, Floats]:
+        """`q` and `M` of the complementarity problem of all candidates."""
+        return controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
+
+    def solved(
+        self, control: HeldAndDriven, starts: int = STARTS, known: Sequence[Flags] = ()
+    ) -> Solved:
+        """Answer one control; `known` are sets of sliding candidates to try first."""
         free = ~self.yielding.of_two
         if not self.small:
             first = self._by_parts(control, ~self.none, "")
@@ -172,8 +183,8 @@ class PackingRates:
                 return first
             second = self._by_parts(control, free, HELD_STUCK)
             return second if second.response.status in SOLVED else first
-        q, M = controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
-        found = solve_complementarity(q, M, starts)
+        q, M = self.problem(control)
+        found = solve_complementarity(q, M, starts, known)
         if not len(found.active) and not found.proof and not free.all():
             others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
             if len(others):
@@ -182,12 +193,14 @@ class PackingRates:
                 found = Complementarity(sets, HELD_STUCK)
         active = found.active[0] if len(found.active) else nearest_regimes(q, M)
         answer = self._answer(active)
-        return Solved(self._response(answer, active, found, control), active, answer)
+        response = self._response(answer, active, found, control)
+        return Solved(response, active, answer, found.active)
 
     def _by_parts(self, control: HeldAndDriven, free: Flags, proof: str) -> Solved:
         active, answer, done = regimes_by_parts(self.yielding, control, free)
         found = Complementarity(active[None][: int(done)], proof if done else "")
-        return Solved(self._response(answer, active, found, control), active, answer)
+        response = self._response(answer, active, found, control)
+        return Solved(response, active, answer, found.active)
 
     def _answer(self, active: Flags) -> LinearAnswer:
         """The answer with these candidates sliding, from the factorisation with none.

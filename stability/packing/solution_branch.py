@@ -20,8 +20,8 @@ from scipy.linalg.blas import dger
 from loops.arrays import Flags, Floats, Integers
 from stability.packing.complementarity import principal_transform
 
-# Begin, end, sliding contacts, answer.
-Segment = tuple[float, float, Flags, Floats]
+# Begin, end, sliding contacts.
+Segment = tuple[float, float, Flags]
 Status = Literal["closed", "degenerate", "too long"]
 
 TURN = 2.0 * np.pi
@@ -50,8 +50,6 @@ class SolutionBranch:
         than it begins where the branch runs backwards.
     sliding : (n, m) array of bool
         Contacts that slide on each segment.
-    answer : (n, k, 2) array
-        `of_slip @ z = answer @ h` on each segment.
     status : {'closed', 'degenerate', 'too long'}
         `closed`: the branch returned to its start, nothing of it is missing. `degenerate`: it was
         left where a contact neither goes on nor turns back to any digit. `too long`: more segments
@@ -60,7 +58,6 @@ class SolutionBranch:
 
     angle: Floats
     sliding: Flags
-    answer: Floats
     status: Status
 
     @property
@@ -89,49 +86,41 @@ class SolutionBranch:
 
 
 def trace_branch(
-    Q: Floats, M: Floats, of_slip: Floats, angle: float, sliding: Flags, most: int = 20_000
+    Q: Floats, M: Floats, angle: float, sliding: Flags, most: int = 20_000
 ) -> SolutionBranch:
     """Follow the solution with these contacts sliding around the circle, both ways if need be.
 
-    `Q` (m, 2), `M` (m, m); `of_slip` (k, m) are the sums over the slips that are asked for. The set
-    `sliding` must solve the problem at `angle`.
+    `Q` (m, 2), `M` (m, m). The set `sliding` must solve the problem at `angle`.
     """
     if len(Q) == 0:
-        none, zero = np.zeros((1, 0), dtype=bool), np.zeros((1, len(of_slip), 2))
-        return SolutionBranch(np.array([[0.0, TURN]]), none, zero, "closed")
-    found = _both_ways(Q, Q, M, of_slip, angle, sliding, most)
+        none = np.zeros((1, 0), dtype=bool)
+        return SolutionBranch(np.array([[0.0, TURN]]), none, "closed")
+    found = _both_ways(Q, M, angle, sliding, most)
     if found.status == "closed":
         return found
     # In a symmetric packing contacts change regime together; apart by next to nothing they don't.
     apart = np.random.default_rng(0).standard_normal(Q.shape) * np.abs(Q).max()
-    parted = _both_ways(Q + TIE_BREAK * apart, Q, M, of_slip, angle, sliding, most)
+    parted = _both_ways(Q + TIE_BREAK * apart, M, angle, sliding, most)
     return parted if parted.status == "closed" else found
 
 
-def _both_ways(
-    near: Floats, Q: Floats, M: Floats, of_slip: Floats, angle: float, sliding: Flags, most: int
-) -> SolutionBranch:
-    """The branch of `near` from an angle on, and backwards where it doesn't close; slips of `Q`."""
-    both = np.hstack([near, Q])
-    segments, status = _follow(both, M, of_slip, angle, sliding, 1.0, most)
+def _both_ways(Q: Floats, M: Floats, angle: float, sliding: Flags, most: int) -> SolutionBranch:
+    """The branch from an angle on, and backwards too where it doesn't close."""
+    segments, status = _follow(Q, M, angle, sliding, 1.0, most)
     if status != "closed":
-        behind, _ = _follow(both, M, of_slip, angle, sliding, -1.0, most)
-        segments = [(e, b, active, answer) for b, e, active, answer in behind[::-1]] + segments
+        behind, _ = _follow(Q, M, angle, sliding, -1.0, most)
+        segments = [(end, begin, active) for begin, end, active in behind[::-1]] + segments
     return SolutionBranch(
-        angle=np.array([[begin, end] for begin, end, *_ in segments]).reshape(-1, 2),
-        sliding=np.array([active for _, _, active, _ in segments]).reshape(-1, len(Q)),
-        answer=np.array([answer for *_, answer in segments]).reshape(-1, len(of_slip), 2),
+        angle=np.array([[begin, end] for begin, end, _ in segments]).reshape(-1, 2),
+        sliding=np.array([active for *_, active in segments]).reshape(-1, len(Q)),
         status=status,
     )
 
 
 def _follow(
-    Q: Floats, M: Floats, of_slip: Floats, angle: float, start: Flags, sense: float, most: int
+    Q: Floats, M: Floats, angle: float, start: Flags, sense: float, most: int
 ) -> tuple[list[Segment], Status]:
-    """Segments from an angle on: begin, end, sliding contacts, answer.
-
-    The first two columns of `Q` (m, 4) tell where they end, the others give the slips.
-    """
+    """Segments from an angle on: begin, end, sliding contacts."""
     transform = principal_transform(Q, M, start)
     if transform is None:
         return [], "degenerate"
@@ -150,14 +139,13 @@ def _follow(
         if ahead.max() > np.pi + TOUCHING:
             return segments, "degenerate"
         reach = float(ahead.min())
-        answer = of_slip[:, sliding] @ lines[sliding, 2:]
         if step > 0 and sense == first_sense and np.array_equal(sliding, start):
             back = float(np.mod(sense * (angle - at), TURN))
             if back <= reach + SAME_ANGLE:
-                segments.append((at, at + sense * back, sliding.copy(), answer))
+                segments.append((at, at + sense * back, sliding.copy()))
                 return segments, "closed"
         end = at + sense * reach
-        segments.append((at, end, sliding.copy(), answer))
+        segments.append((at, end, sliding.copy()))
         ties = np.flatnonzero(ahead <= reach + SAME_ANGLE)
         share = table[ties, ties] / np.abs(table[:, ties]).max(axis=0)
         changed = int(ties[np.argmax(np.abs(share))])
