@@ -28,7 +28,7 @@ def strain_between(before, after):
     return np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
 
 
-def foreseen(before, after, changes):
+def predicted(before, after, changes):
     """AUC of the changes for what the loops did between two snapshots."""
     one, two = before, after
     table = increments(one, two, track_loops(one, two))

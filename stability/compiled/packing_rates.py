@@ -33,7 +33,7 @@ def _relative(pair: Any, v: Floats, h: Floats) -> tuple[float, float, float]:
 @kernel
 def _force_rates(pair: Any, regime: int, side: float, un: float, ut: float) -> tuple[float, float]:
     """`N'` and `T'`."""
-    # Without a branch: regimes of pairs come in no order that could be foreseen.
+    # Without a branch: regimes of pairs come in no order that could be predicted.
     dn = -pair["kn"] * un
     stuck, slides = -pair["kt"] * ut, side * pair["mu"] * dn
     closed = regime != 0

@@ -88,7 +88,7 @@ def _skill_lines(skill: dict[str, Any]) -> list[str]:
         return []
     lines = [
         f"{100 * base:.1f} % of the loops that survived and moved did negative second-order work "
-        "(base rate); how well it is foreseen:",
+        "(base rate); how well it is predicted:",
         f"  {'':<32} precision  recall    AUC   (lowest to highest)",
     ]
     for name, row in skill.items():
@@ -108,7 +108,7 @@ def _packing_lines(packing: dict[str, Any]) -> list[str]:
 
 
 def _target_lines(targets: dict[str, Any]) -> list[str]:
-    """AUC for what else is foreseen, beside the base rate and persistence."""
+    """AUC for what else is predicted, beside the base rate and persistence."""
     lines = [f"  {'AUC for':<18} base rate  packing  persistence  own motion"]
     for target, skill in targets.items():
         values = [skill["packing"]["base"]]

@@ -1,4 +1,4 @@
-"""Which loops of a packing does its own rate problem foresee?
+"""Which loops of a packing does its own rate problem predict?
 
 Four snapshots of a slow biaxial compression (Yade, 2000 discs, steps of 2e-5), by the functions
 behind `grainloops series --in-packing`. The rate problem of the packing under the strain of its

@@ -1,4 +1,4 @@
-"""Is a packing's response in every direction foretold from one state?
+"""Is a packing's response in every direction predicted from one state?
 
 States of a biaxial compression (Yade, 2000 discs) were strained along 24 directions, each from a
 fork of the running simulation. Their stress increments, direction by direction, against the rate
@@ -45,7 +45,7 @@ def convected(H: Floats, stress: Floats) -> Floats:
 
 
 def compared(name: str) -> pd.DataFrame:
-    """A row a band, amplitude and direction: measured and foretold stress, error, both W2."""
+    """A row a band, amplitude and direction: measured and predicted stress, error, both W2."""
     (snapshot, measured), parts = state(name), []
     law, regime = snapshot.mechanics()
     stress, theta = love_weber_stress(snapshot.graph), measured["theta_deg"].unique()
@@ -63,12 +63,12 @@ def compared(name: str) -> pd.DataFrame:
             columns = {
                 **{"state": name, "band": label, "amplitude": amplitude, "theta_deg": theta},
                 **{f"measured_{ij}": actual[:, i, j] for ij, (i, j) in PARTS.items()},
-                **{f"foretold_{ij}": (P + more)[:, i, j] for ij, (i, j) in PARTS.items()},
+                **{f"predicted_{ij}": (P + more)[:, i, j] for ij, (i, j) in PARTS.items()},
                 "error": error / length,
                 "error_of_largest": error / length.max(),
                 "error_of_state": error * size[:, 0, 0] / np.linalg.norm(stress),
                 "measured_W2": np.sum((actual - more) * H, axis=(1, 2)),
-                "foretold_W2": np.sum(P * H, axis=(1, 2)),
+                "predicted_W2": np.sum(P * H, axis=(1, 2)),
                 "unbalanced": rows["unbalanced"].to_numpy(),
             }
             parts.append(pd.DataFrame(columns))
@@ -113,7 +113,7 @@ def summed(rows: pd.DataFrame) -> list[dict[str, Any]]:
             "largest_of_largest": 100 * part["error_of_largest"].max(),
             "of_state": part["error_of_state"].median(),
             "worst_theta_deg": part["theta_deg"][error.idxmax()],
-            "signs": int(np.sum((part["measured_W2"] < 0) == (part["foretold_W2"] < 0))),
+            "signs": int(np.sum((part["measured_W2"] < 0) == (part["predicted_W2"] < 0))),
             "negative": int(np.sum(part["measured_W2"] < 0)),
             "unbalanced": part["unbalanced"].median(),
         }
@@ -123,7 +123,7 @@ def summed(rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 @styled()
 def draw(rows: pd.DataFrame, sums: pd.DataFrame, kn: float = 1e6) -> Figure:
-    """Envelopes, measured and foretold, and the errors over the amplitude."""
+    """Envelopes, measured and predicted, and the errors over the amplitude."""
     figure = new_figure(TWO_COLUMNS, 3.0)
     panels = figure.subplots(1, 4, width_ratios=[1, 1, 1, 1.5])
     for ax, name in zip(panels, STATES, strict=False):
@@ -131,8 +131,8 @@ def draw(rows: pd.DataFrame, sums: pd.DataFrame, kn: float = 1e6) -> Figure:
             part = rows[(rows["state"] == name) & (rows["band"] == label)]
             part = part[np.isclose(part["amplitude"], near)]
             loop = np.append(np.arange(len(part)), 0)
-            values = part[["foretold_11", "foretold_22"]].to_numpy()[loop] / kn
-            told = label if label == "elastic" else f"foretold, band {label}"
+            values = part[["predicted_11", "predicted_22"]].to_numpy()[loop] / kn
+            told = label if label == "elastic" else f"predicted, band {label}"
             style = "--" if label == "elastic" else "-"
             ax.plot(*values.T, style, color=COLOURS[label], linewidth=1.0, label=told)
             if label != "elastic":

@@ -17,11 +17,11 @@ from stability.packing import (
 from stability.paths.follow import PackingPathOptions
 from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.packings import strained
-from tests.yade_slow import foreseen, in_collection, slow, strain_between
+from tests.yade_slow import in_collection, predicted, slow, strain_between
 
 PAGE = " ".join(page("packing-paths").split())
 TABLES = {section: tables(part) for section, part in sections(page("packing-paths"))}
-TABLE, FORETOLD = TABLES["What it foretells"]
+TABLE, FORETOLD = TABLES["What it predicts"]
 
 
 def measured(what):
@@ -178,7 +178,7 @@ def test_slow_replays(row):
     way = follow(graph, one.law, strained(H), closure="packing", instabilities=1000)
     end = replay(graph, one.law, H, inertial_number=2.5e-7, balanced=True).state
     for title, reached in (("AUC: path", way.states[-1]), ("AUC: slow replay", end)):
-        found = foreseen(one, two, lambda faces, s=reached: loop_changes(graph, s, faces))
+        found = predicted(one, two, lambda faces, s=reached: loop_changes(graph, s, faces))
         assert found == pytest.approx(float(told[title]), abs=3e-3)
     first, last, other = (s.forces[: graph.contact_count] for s in (*way.states, end))
     apart = np.linalg.norm(last - other) / np.linalg.norm(other - first)
@@ -200,7 +200,7 @@ def test_skill(row, numbers, step):
         stage = strained(strain_between(one, two))
         way = follow(one.graph, one.law, stage, closure="packing", instabilities=1000)
         end, events = way.states[-1], events + len(way.events)
-        areas.append(foreseen(one, two, lambda f, g=one.graph, e=end: loop_changes(g, e, f)))
+        areas.append(predicted(one, two, lambda f, g=one.graph, e=end: loop_changes(g, e, f)))
     assert len(areas) == int(told["steps"])
     assert says(told["AUC: mean"], np.mean(areas))
     assert says(told["median"], np.median(areas))

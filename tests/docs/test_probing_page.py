@@ -89,12 +89,12 @@ def test_numbers_in_the_text(found):
 
     measured = (work("measured_W2", "0.99", a) for a in (2e-6, 5e-5))
     assert "falls from {} at 2e-6 to {} N/m at 5e-5".format(*measured) in WORDS
-    foretold = (work("foretold_W2", band, 2e-6) for band in ("0.999", "0.99"))
-    assert "against {} (0.999) and {} (0.99)".format(*foretold) in WORDS
+    predicted = (work("predicted_W2", band, 2e-6) for band in ("0.999", "0.99"))
+    assert "against {} (0.999) and {} (0.99)".format(*predicted) in WORDS
     moving = rows[(rows["theta_deg"] == 150) & (rows["state"] == "moving")]
-    held = work("foretold_W2", "0.999", 2e-6)
+    held = work("predicted_W2", "0.999", 2e-6)
     soft = moving
-    assert f"foretold as {held} N/m held and {work('foretold_W2', '0.999', 2e-6)} moving" in WORDS
+    assert f"predicted as {held} N/m held and {work('predicted_W2', '0.999', 2e-6)} moving" in WORDS
     broken = rows[(rows["state"] == "after") & (rows["band"] == "0.99")]
     broken = broken[np.isclose(broken["amplitude"], 5e-5)]
     assert f"up to {broken['unbalanced'].max():.1e}".replace("e-0", "e-") in WORDS

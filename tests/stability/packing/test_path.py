@@ -19,7 +19,7 @@ from stability.packing import path as path_module
 from stability.packing.pairs import _ordered, near_pairs, with_near
 from stability.programmes import Programme, drained_biaxial
 from tests.packings import BRANCH, JAMMED, LAW, diamonds, jammed, packing, strained
-from tests.yade_slow import foreseen, in_collection, slow, strain_between
+from tests.yade_slow import in_collection, predicted, slow, strain_between
 
 INTERVALS = (8e-5, 4e-5, 2e-5)
 H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
@@ -532,7 +532,7 @@ def test_work_of_yades_loops(numbers, mean, least):
         assert path.status == "finished"
         end = path.states[-1]
         found.append(
-            foreseen(one, two, lambda f, one=one, end=end: loop_changes(one.graph, end, f))
+            predicted(one, two, lambda f, one=one, end=end: loop_changes(one.graph, end, f))
         )
     assert np.mean(found) > mean and min(found) > least
 

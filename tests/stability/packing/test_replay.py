@@ -14,7 +14,7 @@ from stability.packing.pairs import near_pairs
 from stability.programmes import combination, drained_biaxial, isotropic_stress, undrained
 from studies.series.plan import cells_by_number
 from tests.packings import LAW, jammed, packing
-from tests.yade_slow import COLLECTION, foreseen, in_collection, slow, strain_between
+from tests.yade_slow import COLLECTION, in_collection, predicted, slow, strain_between
 
 STILL = np.zeros((2, 2))
 
@@ -182,7 +182,7 @@ def test_yades_next_state_of_the_sample_series():
         for k in (10, 11)
     )
     end = replay(one.graph, one.law, strain_between(one, two), inertial_number=2e-6)
-    assert foreseen(one, two, lambda f: loop_changes(one.graph, end.state, f)) > 0.9995
+    assert predicted(one, two, lambda f: loop_changes(one.graph, end.state, f)) > 0.9995
     assert end.state.unbalanced < 1.5e-4
 
 
@@ -221,5 +221,5 @@ def test_yades_next_states(numbers, least):
             spin=grains["omega_z"],
         )
         changes = lambda f, one=one, end=end: loop_changes(one.graph, end.state, f)  # noqa: E731
-        found.append(foreseen(one, two, changes))
+        found.append(predicted(one, two, changes))
     assert np.mean(found) > least

@@ -92,7 +92,7 @@ def test_a_worker_lost_in_the_middle(tmp_path, scheduler, workers):
 
 
 @pytest.mark.slow
-def test_the_packing_foretells_the_same_on_a_cluster(tmp_path, scheduler, workers):
+def test_the_packing_predicts_the_same_on_a_cluster(tmp_path, scheduler, workers):
     """Byte for byte, on workers and in this process."""
     cells = sample_path("slow/cells.csv")
     paths = sorted(cells.parent.glob("grains_*.parquet"))

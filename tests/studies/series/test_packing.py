@@ -1,4 +1,4 @@
-"""A series foretold by its packings: columns, targets, restarts, and the skill on real series."""
+"""A series predicted by its packings: columns, targets, restarts, and the skill on real series."""
 
 import itertools
 import json
@@ -35,7 +35,7 @@ H = np.array([[0.8, 0.3], [-0.1, -0.5]])
 STEP = 1e-7
 
 
-def foretell(out, paths=PATHS, **how):
+def predict(out, paths=PATHS, **how):
     given = {"cells": CELLS, "shear_increment": "radii", "in_packing": True}
     return run(paths, out, **given | how)
 
@@ -43,7 +43,7 @@ def foretell(out, paths=PATHS, **how):
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     out = tmp_path_factory.mktemp("results") / "series"
-    foretell(out)
+    predict(out)
     return out
 
 
@@ -87,7 +87,7 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
     np.testing.assert_allclose(own.nonaffinity, away, rtol=1e-9)
 
 
-def test_the_path_and_the_replay_foretell_beside(tmp_path, monkeypatch, unsaved):
+def test_the_path_and_the_replay_predict_beside(tmp_path, monkeypatch, unsaved):
     """One step of 2e-5, whose AUC of the path is .99 and more, of the replay .995 and more."""
     out, replayed = tmp_path / "series", []
 
@@ -96,7 +96,7 @@ def test_the_path_and_the_replay_foretell_beside(tmp_path, monkeypatch, unsaved)
         return replayed[-1][-1]
 
     monkeypatch.setattr(series_packing, "replay", kept)
-    summary = foretell(out, PATHS[:2], in_packing="events", figures=True)
+    summary = predict(out, PATHS[:2], in_packing="events", figures=True)
     before, after = read(0), read(1)
     strain = np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
     faces = find_faces(before.graph)
@@ -122,7 +122,7 @@ def test_the_path_and_the_replay_foretell_beside(tmp_path, monkeypatch, unsaved)
         assert aucs[0] < aucs[1] and aucs[2] > 0.99
         assert table.recall[target, "replay"] > 0.95
     with pytest.raises(InputError, match="--in-packing: got 'path', expected False, True, rates"):
-        foretell(tmp_path / "other", PATHS[:2], in_packing="path")
+        predict(tmp_path / "other", PATHS[:2], in_packing="path")
 
 
 def lost_any(faces, opened):
@@ -249,7 +249,7 @@ def moved(graph, response, step):
     return later.replace(normal_force=normal, shear_force=shear)
 
 
-def test_a_packing_that_does_as_told_is_foretold():
+def test_a_packing_that_does_as_told_is_predicted():
     """To first order in the step, by the rate problem and by its own motion."""
     graph = packing(30, seed=12, sliding=0.3)
     response = packing_response(graph, LAW, H)
@@ -275,7 +275,7 @@ def test_a_packing_that_does_as_told_is_foretold():
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 2.0, atol=0.01)
 
 
-def test_nothing_is_foretold_where_nothing_can_be_trusted(monkeypatch):
+def test_nothing_is_predicted_where_nothing_can_be_trusted(monkeypatch):
     graph = packing(24, seed=3)
     before = tracked(graph)
     after = tracked(moved(graph, packing_response(graph, LAW, H), STEP))
@@ -314,7 +314,7 @@ def test_a_packing_that_floats_is_refused():
 def test_paths_and_replays_in_processes_give_the_same_bytes(tmp_path):
     """Both turn on rounding; an interval for each of two processes."""
     for workers in (1, 2):
-        foretell(tmp_path / str(workers), workers=workers, in_packing="events")
+        predict(tmp_path / str(workers), workers=workers, in_packing="events")
     alone, shared = (contents(tmp_path / str(workers)) for workers in (1, 2))
     assert shared == alone
     assert sum(name.startswith("packing/part-") for name in alone) == len(PATHS) - 1
@@ -326,17 +326,17 @@ def test_paths_and_replays_in_processes_give_the_same_bytes(tmp_path):
 def test_processes_and_restarts_give_the_same_bytes(tmp_path):
     """Either of the two parts of an interval that is lost is made again, and the rest is kept."""
     alone, out = tmp_path / "alone", tmp_path / "out"
-    foretell(alone, PATHS[:2])
-    foretell(out, PATHS[:2], workers=2)
+    predict(alone, PATHS[:2])
+    predict(out, PATHS[:2], workers=2)
     assert contents(out) == contents(alone)
     before = times(alone)
     for dataset in ("packing", "increments"):
         (out / dataset / "part-00000-00001.parquet").unlink()
         kept = (out / "loops" / "part-00000.parquet").stat().st_mtime_ns
-        foretell(out, PATHS[:2])
+        predict(out, PATHS[:2])
         assert contents(out) == contents(alone)
         assert (out / "loops" / "part-00000.parquet").stat().st_mtime_ns == kept
-    foretell(alone, PATHS[:2])
+    predict(alone, PATHS[:2])
     assert times(alone) == before
 
 
@@ -345,12 +345,12 @@ def test_another_yield_band_is_another_series(result, tmp_path):
     shutil.copytree(result, out)
     for how in ({"yield_band": 0.9}, {"in_packing": False}):
         with pytest.raises(InputError, match=r"another series \(--in-packing\)"):
-            foretell(out, **how)
-    foretell(out, PATHS[:2], force=True, in_packing=False)
+            predict(out, **how)
+    predict(out, PATHS[:2], force=True, in_packing=False)
     assert not (out / "packing").exists()
     for band in (0.0, 1.5, float("nan")):
         with pytest.raises(InputError, match=r"yield_band: got .*, expected a share"):
-            foretell(out, PATHS[:2], yield_band=band)
+            predict(out, PATHS[:2], yield_band=band)
 
 
 def test_samples_between_walls_and_without_forces(tmp_path):
@@ -383,14 +383,14 @@ def test_a_sample_ends_at_its_walls():
     assert np.isnan(on["packing_W2"]).all()
 
 
-def test_where_nothing_moves_there_is_nothing_to_foresee(tmp_path):
+def test_where_nothing_moves_there_is_nothing_to_predict(tmp_path):
     """The same snapshot twice: no work, no non-affinity, no change."""
     for k in (1, 2):
         for what in ("grains", "contacts"):
             source = PATHS[0].with_name(f"{what}_10.parquet")
             (tmp_path / f"{what}_{k}.parquet").write_bytes(source.read_bytes())
     how = {"cells": None, "cell": cells_by_number(CELLS)[10]}
-    foretell(tmp_path / "out", sorted(tmp_path.glob("grains_*")), **how)
+    predict(tmp_path / "out", sorted(tmp_path.glob("grains_*")), **how)
     table = pd.read_parquet(tmp_path / "out" / "skill.parquet")
     assert (table[table.target == "W2_negative"].loops == 0).all()
     assert table.auc.isna().all()
@@ -403,7 +403,7 @@ def test_where_nothing_moves_there_is_nothing_to_foresee(tmp_path):
 def test_figures_stand_on_the_page(result, tmp_path):
     out = tmp_path / "out"
     shutil.copytree(result, out)
-    summary = foretell(out, figures=True)
+    summary = predict(out, figures=True)
     page = (out / "report.html").read_text()
     for name in ("skill_by_predictor", "skill_by_interval", "nonaffinity_map"):
         assert {f"{name}.png", f"{name}.svg"} <= set(summary["files"])
@@ -421,7 +421,7 @@ def test_every_dot_is_an_interval_with_a_score(result):
     assert np.isnan(lines["persistence"].get_ydata()).tolist() == [True, False, False]
 
 
-def test_the_map_shows_what_is_foretold_beside_what_came(result):
+def test_the_map_shows_what_is_predicted_beside_what_came(result):
     """In the order that the drawer has, values of all loops, and none for those that are lost."""
     before, after = read(0), read(1)
     fates = track_loops(before, after)

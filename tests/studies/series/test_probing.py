@@ -9,13 +9,13 @@ import pytest
 from loops import InputError
 from studies.probe import run_probe
 from studies.series.evolution import PROBE
-from tests.studies.series.test_packing import CELLS, PATHS, foretell
+from tests.studies.series.test_packing import CELLS, PATHS, predict
 from tests.studies.series.test_run import run, write_series
 
 
 def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path, unsaved):
     out = tmp_path / "out"
-    foretell(out, PATHS[:2], in_packing=False, probe=12, figures=True)
+    predict(out, PATHS[:2], in_packing=False, probe=12, figures=True)
     table = pd.read_parquet(out / "evolution.parquet")
     cells = pd.read_csv(CELLS)[["h_xx", "h_xy", "h_yx", "h_yy"]].to_numpy()
     for k in (1,):
@@ -32,11 +32,11 @@ def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path, unsaved):
     assert {"probes.png", "probes.svg"} <= {path.name for path in out.iterdir()}
     assert "probe" in json.loads((out / "summary.json").read_text())["definitions"]
     # The same call goes on; another number of directions is another series.
-    foretell(out, PATHS[:2], in_packing=False, probe=12)
+    predict(out, PATHS[:2], in_packing=False, probe=12)
     with pytest.raises(InputError, match="--force"):
-        foretell(out, PATHS[:2], in_packing=False, probe=13)
+        predict(out, PATHS[:2], in_packing=False, probe=13)
     with pytest.raises(InputError, match="--probe"):
-        foretell(out, PATHS[:2], in_packing=False)
+        predict(out, PATHS[:2], in_packing=False)
 
 
 def test_without_probes_nothing_is_added(tmp_path):

@@ -13,7 +13,7 @@ from tests.studies.series.test_run import run, write_series
 
 
 def test_by_hand():
-    """Five loops moved; one has no score. Foretold: 1, 2, 3 of which 1, 2 came; 4 was missed."""
+    """Five loops moved; one has no score. Predicted: 1, 2, 3 of which 1, 2 came; 4 was missed."""
     w2 = np.array([-1.0, -0.5, 0.5, -0.2, 0.9, 0.0, -0.3])
     score = np.array([3.0, 1.0, 1.0, -1.0, -2.0, 9.0, np.nan])
     found = skill(score, w2, signed=True)
@@ -91,7 +91,7 @@ def test_the_summary_tells_base_rate_and_skill(result):
     assert "persistence" in summary["definitions"]["skill"]
 
 
-def test_without_forces_there_is_nothing_to_foresee():
+def test_without_forces_there_is_nothing_to_predict():
     table, by_order = skill_tables([], [])
     assert mean_skill(table) == {}
     assert by_order.empty

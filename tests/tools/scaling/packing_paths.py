@@ -75,7 +75,7 @@ UNITS = "seconds of the processor, MB = 2^20 bytes, strain, shares"
 def by_step(collection: Path) -> Iterator[dict[str, Any]]:
     """AUC of each predictor for each target, means over the steps weighted by loops."""
     for step, series in STEPS.items():
-        table = pd.concat([_foretold(collection, numbers) for numbers in series])
+        table = pd.concat([_predicted(collection, numbers) for numbers in series])
         steps = sum(len(numbers) - 1 for numbers in series)
         for target in TARGETS:
             for name, row in mean_skill(table, target).items():
@@ -84,7 +84,7 @@ def by_step(collection: Path) -> Iterator[dict[str, Any]]:
                 yield place | numbers_of | {"loops": row["loops"]}
 
 
-def _foretold(collection: Path, numbers: Sequence[int]) -> pd.DataFrame:
+def _predicted(collection: Path, numbers: Sequence[int]) -> pd.DataFrame:
     """`skill.parquet` of a series of snapshots."""
     with TemporaryDirectory() as folder:
         run_series(
@@ -227,7 +227,7 @@ def by_rate(collection: Path) -> Iterator[dict[str, Any]]:
 
 @styled()
 def rates_figure(rows: Rows) -> Figure:
-    """Distance from the path over the rate, and skill at foretelling Yade."""
+    """Distance from the path over the rate, and skill at predicting Yade."""
     table = pd.DataFrame(rows)
     figure = new_figure(TWO_COLUMNS, 2.6)
     left, right = figure.subplots(1, 2)

@@ -1,0 +1,48 @@
+"""One word for one thing: what `docs/notation.md` calls otherwise stands nowhere."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import page
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("grainloops", "loops", "patterns", "stability", "studies")
+FORBIDDEN = ("foretell", "foretold", "foresee", "foreseen", "at its cone", "at their cone")
+TEXTS = [
+    *(ROOT / "docs").rglob("*.md"),
+    ROOT / "README.md",
+    *(
+        path
+        for room in ROOMS
+        for ending in ("py", "toml")
+        for path in (ROOT / room).rglob(f"*.{ending}")
+    ),
+]
+
+
+@pytest.mark.parametrize("word", FORBIDDEN)
+def test_words_that_the_notation_replaces_are_used_nowhere(word):
+    pattern = re.compile(rf"\b{word}s?\b", re.IGNORECASE)
+    found = []
+    for path in TEXTS:
+        if "gallery" in path.parts:
+            continue
+        text = path.read_text(encoding="utf-8")
+        if path.name == "notation.md":
+            text = text.partition("## Words")[0]
+        lines = text.split("\n")
+        found += [
+            f"{path.relative_to(ROOT)}:{k}"
+            for k, line in enumerate(lines, 1)
+            if pattern.search(line)
+        ]
+    assert found == []
+
+
+def test_the_notation_says_which_words_these_are():
+    words = page("notation").partition("## Words")[2]
+    for word in ("snapshot", "opposite contact", "regime", "at yield", "residual", "predict"):
+        assert f"| {word} |" in words
+    assert "foretell, foresee" in words and "at its cone" in words
