@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,6 +39,8 @@ def _probe_lines(summary: dict[str, Any]) -> list[str]:
         f"{summary['directions']} directions of {driven} ({summary['subspace']}): {statuses}",
         how,
     ]
+    if summary["undetermined"]:
+        lines.insert(0, _unanswered(summary))
     if summary["smallest_w2"] is not None:
         lines.append(
             f"smallest w2 {summary['smallest_w2']:.4f} at {summary['softest_theta_deg']:.1f} "
@@ -48,8 +51,6 @@ def _probe_lines(summary: dict[str, Any]) -> list[str]:
         + ("" if all(cone["refined"]) else " (an end is not sharp)")
         for cone in summary["cones"]
     ]
-    if summary["undetermined"]:
-        lines.append(f"W2 undetermined in {summary['undetermined']} directions")
     control = summary["destabilising"]
     if control["status"] == "found":
         held = ", ".join(f"{value:.4f}" for value in control["held"])
@@ -62,6 +63,20 @@ def _probe_lines(summary: dict[str, Any]) -> list[str]:
             if row["loops"]
         ]
     return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def _unanswered(summary: dict[str, Any]) -> str:
+    """Headline where directions have no answer, with what can be done."""
+    count, of = summary["undetermined"], summary["directions"]
+    moves = any("the state moves" in note for note in summary["notes"])
+    remedy = (
+        "bring the state to rest first with --hold"
+        if moves
+        else "try another --yield-band, or take a state farther from failure"
+    )
+    if count == of:
+        return f"none of {of} directions is answered; {remedy}"
+    return f"{count} of {of} directions are not answered, shares are of the others; {remedy}"
 
 
 def probe(
@@ -115,4 +130,6 @@ def probe(
             **writing.files(),
             **reading.how(),
         )
-    return answer(writing.json, out, _probe_lines(summary))
+    said = answer(writing.json, out, _probe_lines(summary))
+    # The question found no answer at all.
+    return replace(said, status=int(summary["undetermined"] == summary["directions"]))

@@ -9,6 +9,7 @@ import pytest
 from loops import InputError
 from patterns import read_snapshot, sample_path
 from stability.packing.hold import hold, unbalanced_force
+from studies.cli import main
 from studies.evolve import run_evolve
 from studies.probe import run_probe
 from studies.snapshot.held import held_snapshot, hold_control
@@ -102,3 +103,31 @@ def test_a_sample_that_flows_is_refused_with_its_motion(monkeypatch):
     monkeypatch.setattr("studies.snapshot.held.hold", flowing)
     with pytest.raises(InputError, match=r"--hold: got held at fixed cell: flows, unbalanced"):
         held_snapshot(read_snapshot(WALLS), "strain")
+
+
+def test_directions_without_an_answer_stand_first_and_none_at_all_is_exit_1(
+    tmp_path, monkeypatch, capsys
+):
+    def said(undetermined):
+        def probed(path, out, **options):
+            summary = run_probe(path, out, **options)
+            return summary | {"undetermined": undetermined}
+
+        monkeypatch.setattr("studies.probe.run_probe", probed)
+        out = str(tmp_path / f"{undetermined}")
+        options = ["--directions", "4", "--no-figures", "--out", out]
+        monkeypatch.setattr("sys.argv", ["grainloops", "probe", str(WALLS), *options])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, capsys.readouterr().out.splitlines()
+
+    status, lines = said(1)
+    assert status == 0
+    assert lines[0].startswith("1 of 4 directions are not answered, shares are of the others; ")
+    status, lines = said(4)
+    assert status == 1
+    assert lines[0] == (
+        "none of 4 directions is answered; bring the state to rest first with --hold"
+    )
+    status, lines = said(0)
+    assert status == 0 and lines[0].startswith("4 directions of H'")
