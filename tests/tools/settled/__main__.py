@@ -7,8 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
+import cyclopts
 import pandas as pd
-import typer
+from cyclopts import Parameter
 
 from studies.bench.figures import pareto
 from studies.bench.measure import Row, machine
@@ -33,9 +34,10 @@ GROUPS: dict[str, Callable[[bool], list[Row]]] = {
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Result folder.")],
-    quick: Annotated[bool, typer.Option("--quick", help="Smaller sizes, fewer settings.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace results.")] = False,
+    *,
+    out: Annotated[Path, Parameter(help="Result folder.")],
+    quick: Annotated[bool, Parameter(negative=(), help="Smaller sizes, fewer settings.")] = False,
+    force: Annotated[bool, Parameter(negative=(), help="Replace results.")] = False,
 ) -> None:
     """Measure; write the table and the figure, and print the knee of every group."""
     made = ("settled choices", out, {**machine("numpy"), "quick": quick}, UNITS)
@@ -45,8 +47,8 @@ def main(
         results.write_tables({"settled": table})
         results.write_summary({"knees": knees})
         results.save_figures([("settled", pareto(table))])
-    typer.echo(table.to_string(index=False, columns=["group", "method", "setting", "error"]))
+    print(table.to_string(index=False, columns=["group", "method", "setting", "error"]))
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    cyclopts.run(main)
