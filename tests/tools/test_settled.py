@@ -102,7 +102,7 @@ def test_orders_of_half_edges():
 
 
 def test_a_quick_run_measures_every_group(tmp_path, unsaved):
-    main(tmp_path / "out", quick=True)
+    main(out=tmp_path / "out", quick=True)
     table = pd.read_parquet(tmp_path / "out" / "settled.parquet")
     assert set(table) == set(Row.__dataclass_fields__)
     assert set(table.group) == set(GROUPS) and (table.seconds_per_item > 0.0).all()
