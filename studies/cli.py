@@ -181,7 +181,7 @@ def _print_error(message: str) -> None:
 
 
 def _forget_output() -> None:
-    """What could not be printed is not tried again when the process ends."""
+    """Drop output that could not be printed, so that the exit does not try again."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -66,7 +66,7 @@ class PackingSystem:
 
     @property
     def boundary(self) -> str:
-        """What drives the packing from outside, in words."""
+        """Name of what drives the packing from outside."""
         ends = [] if self.graph.cell is None else ["periodic cell"]
         ends += [] if self.planes is None else [f"{len(self.planes.grain)} wall contacts"]
         ends += [f"{self.held} grains held to the affine motion"] if self.held else []

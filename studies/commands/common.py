@@ -1,4 +1,4 @@
-"""What the commands share: groups of options, the clock, the answer that is printed."""
+"""Shared parts of the commands: groups of options, the clock, the printed answer."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ class OneReading(PlaneReading):
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command prints: the JSON, or else lines of text; errors; and its exit status."""
+    """Printed answer of a command: JSON or lines of text, errors, and the exit status."""
 
     lines: list[str]
     json: str | None = None

@@ -82,7 +82,7 @@ def _strain(summary: dict[str, Any], name: str) -> str:
 
 
 def _skill_lines(skill: dict[str, Any]) -> list[str]:
-    """What each prediction is worth, beside the base rate and persistence."""
+    """Skill of each prediction beside the base rate and persistence."""
     base = skill["traction"]["base"]
     if base is None:
         return []
@@ -99,7 +99,7 @@ def _skill_lines(skill: dict[str, Any]) -> list[str]:
 
 
 def _packing_lines(packing: dict[str, Any]) -> list[str]:
-    """How many intervals the packing's rate problem speaks for."""
+    """Number of intervals that the rate problem of the packing solves."""
     return [
         f"rate problem of the packing ({packing['boundary'] or 'none'}): solved in "
         f"{packing['solved']} of {packing['intervals']} intervals, no solution found in "

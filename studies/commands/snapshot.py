@@ -71,7 +71,7 @@ def _verdicts(summary: dict[str, Any]) -> list[str]:
 
 
 def _around(summary: dict[str, Any]) -> list[str]:
-    """What the surroundings of the loops do, and how far that is known."""
+    """Lines on the surroundings of the loops and the stated error."""
     parts = "  ".join(
         f"{group}: {shown(share['median'] if share['count'] else None)}"
         for group, share in summary["surroundings_share"].items()
