@@ -11,8 +11,13 @@ SITE := docs-output
 .PHONY: demo test slow docs lint types format clean
 
 demo: $(INSTALLED)
+	@echo "1 of 3: the loops of a snapshot of 600 grains"
 	$(VENV)/bin/grainloops snapshot $(SAMPLE) --out $(OUT)/snapshot --force
+	@echo
+	@echo "2 of 3: a series of four snapshots of 2000 grains, predicted by its packings"
 	$(VENV)/bin/grainloops series $(SLOW)/grains_*.parquet --cells $(SLOW)/cells.csv --shear-increment radii --in-packing --out $(OUT)/series --force
+	@echo
+	@echo "3 of 3: the two tables of Nicot et al. (2016)"
 	$(VENV)/bin/grainloops diamond --table 1 --out $(OUT)/diamond-table1 --force
 	$(VENV)/bin/grainloops diamond --table 2 --out $(OUT)/diamond-table2 --force
 	@echo
@@ -71,9 +76,12 @@ $(INSTALLED): pyproject.toml constraints.txt
 	else \
 		echo "$(PYTHON) can make no virtual environment: venv, or both ensurepip and pip, are missing. On Debian and Ubuntu: apt install python3-venv"; exit 1; \
 	fi
-	$(RUN) pip install --quiet -c constraints.txt -e '.[test,lint]'
+	@echo "Installing grainloops and its libraries into $(VENV): downloads of some 300 MB, several minutes the first time."
+	$(RUN) pip install -c constraints.txt -e '.[test,lint]'
+	@echo "Installed."
 	@touch $@
 
 $(VENV)/.docs: $(INSTALLED)
-	$(RUN) pip install --quiet -c constraints.txt -e '.[docs]'
+	@echo "Installing the libraries that build the documentation into $(VENV)."
+	$(RUN) pip install -c constraints.txt -e '.[docs]'
 	@touch $@

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from patterns import regular_polygon as regular_polygon
     from patterns import sample_cell as sample_cell
     from patterns import sample_path as sample_path
+    from patterns import snapshot_from_tables as snapshot_from_tables
     from patterns import synthetic_network as synthetic_network
     from patterns import write_snapshot as write_snapshot
     from stability import Programme as Programme
@@ -61,14 +62,19 @@ if TYPE_CHECKING:
     from studies.frames import chain_table as chain_table
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
+    from studies.frames import to_geodataframe as to_geodataframe
     from studies.plots import plot_cone as plot_cone
     from studies.plots import plot_envelope as plot_envelope
     from studies.plots import plot_loop as plot_loop
     from studies.plots import plot_map as plot_map
     from studies.plots import plot_path as plot_path
-    from studies.probe.run import probe as probe
-    from studies.snapshot.source import planar as planar
+    from studies.probe import probe as probe
+    from studies.series.tables import fates as fates
+    from studies.series.tables import increments as increments
+    from studies.series.tables import series as series
+    from studies.snapshot.run import planar as planar
     from studies.style import figure_width as figure_width
+    from studies.sustain import sustain as sustain
     from studies.version import __version__ as __version__
 
 
@@ -82,7 +88,8 @@ NAMES = {
     ),
     "patterns": (
         "Snapshot diamond loop_of_snapshot polydisperse_polygon random_loop read_frames "
-        "read_snapshot regular_polygon sample_cell sample_path synthetic_network write_snapshot"
+        "read_snapshot regular_polygon sample_cell sample_path "
+        "snapshot_from_tables synthetic_network write_snapshot"
     ),
     "stability": (
         "Programme Stage destabilising_control directional_work follow judge "
@@ -90,11 +97,13 @@ NAMES = {
         "second_order_work spectrum statuses symmetric_spectrum unstable_fraction"
     ),
     "stability.packing": "hold",
-    "studies.frames": "chain_table loop_table path_table",
+    "studies.frames": "chain_table loop_table path_table to_geodataframe",
     "studies.plots": "plot_cone plot_envelope plot_loop plot_map plot_path",
-    "studies.probe.run": "probe",
-    "studies.snapshot.source": "planar",
+    "studies.probe": "probe",
+    "studies.series.tables": "fates increments series",
+    "studies.snapshot.run": "planar",
     "studies.style": "figure_width",
+    "studies.sustain": "sustain",
     "studies.version": "__version__",
 }
 lazy_face(__name__, NAMES)

@@ -7,16 +7,14 @@ from loops.lazy import lazy_face
 if TYPE_CHECKING:
     from loops.assembly import assemble_sparse_tangent as assemble_sparse_tangent
     from loops.assembly import assemble_tangent as assemble_tangent
+    from loops.assembly import contact_tangent as contact_tangent
+    from loops.assembly import translational_blocks as translational_blocks
     from loops.closures import Closure as Closure
     from loops.closures import MacroTangent as MacroTangent
     from loops.closures import Spins as Spins
     from loops.closures import affine_tangent as affine_tangent
     from loops.closures import macroscopic_tangent as macroscopic_tangent
     from loops.closures import traction_tangent as traction_tangent
-    from loops.contact_state import ContactState as ContactState
-    from loops.contact_state import contact_state as contact_state
-    from loops.contact_tangent import contact_tangent as contact_tangent
-    from loops.contact_tangent import translational_blocks as translational_blocks
     from loops.crossings import crossing_contacts_to_drop as crossing_contacts_to_drop
     from loops.crossings import find_crossings as find_crossings
     from loops.errors import InputError as InputError
@@ -41,9 +39,11 @@ if TYPE_CHECKING:
     from loops.geometry import polygon_perimeter as polygon_perimeter
     from loops.geometry import polygon_shape as polygon_shape
     from loops.geometry import reference_volume as reference_volume
+    from loops.graph import ContactState as ContactState
     from loops.graph import GrainGraph as GrainGraph
     from loops.graph import branch_vectors as branch_vectors
     from loops.graph import contact_frame as contact_frame
+    from loops.graph import contact_state as contact_state
     from loops.graph import reference_branch_vectors as reference_branch_vectors
     from loops.kinetics import OrderKinetics as OrderKinetics
     from loops.kinetics import order_kinetics as order_kinetics
@@ -56,13 +56,13 @@ if TYPE_CHECKING:
     from loops.loop_batches import LoopBatch as LoopBatch
     from loops.loop_batches import loop_batches as loop_batches
     from loops.loop_batches import loop_tangents as loop_tangents
-    from loops.loop_strain import best_fit_strain as best_fit_strain
-    from loops.loop_strain import loop_strain as loop_strain
-    from loops.loop_strain import rotation_and_stretch as rotation_and_stretch
     from loops.pruning import prune_dangling as prune_dangling
-    from loops.stress import contact_forces as contact_forces
-    from loops.stress import love_weber_stress as love_weber_stress
-    from loops.stress import nominal_stress as nominal_stress
+    from loops.stress_strain import best_fit_strain as best_fit_strain
+    from loops.stress_strain import contact_forces as contact_forces
+    from loops.stress_strain import loop_strain as loop_strain
+    from loops.stress_strain import love_weber_stress as love_weber_stress
+    from loops.stress_strain import nominal_stress as nominal_stress
+    from loops.stress_strain import rotation_and_stretch as rotation_and_stretch
     from loops.tracking import ContactMatch as ContactMatch
     from loops.tracking import Fate as Fate
     from loops.tracking import LoopFates as LoopFates
@@ -74,12 +74,12 @@ if TYPE_CHECKING:
 
 # Each module with the names that are loaded from it.
 NAMES = {
-    "loops.assembly": "assemble_sparse_tangent assemble_tangent",
+    "loops.assembly": (
+        "assemble_sparse_tangent assemble_tangent contact_tangent translational_blocks"
+    ),
     "loops.closures": (
         "Closure MacroTangent Spins affine_tangent macroscopic_tangent traction_tangent"
     ),
-    "loops.contact_state": "ContactState contact_state",
-    "loops.contact_tangent": "contact_tangent translational_blocks",
     "loops.crossings": "crossing_contacts_to_drop find_crossings",
     "loops.errors": "InputError",
     "loops.exchange": "from_networkx to_networkx",
@@ -90,15 +90,20 @@ NAMES = {
         "boundary_vectors polygon_area polygon_centroid polygon_perimeter polygon_shape "
         "reference_volume"
     ),
-    "loops.graph": "GrainGraph branch_vectors contact_frame reference_branch_vectors",
+    "loops.graph": (
+        "ContactState GrainGraph branch_vectors contact_frame contact_state "
+        "reference_branch_vectors"
+    ),
     "loops.kinetics": "OrderKinetics order_kinetics",
     "loops.laws": (
         "ContactLaw FrictionalLaw HertzMindlin LinearFrictional Regime RollingResistance"
     ),
     "loops.loop_batches": "LoopBatch loop_batches loop_tangents",
-    "loops.loop_strain": "best_fit_strain loop_strain rotation_and_stretch",
     "loops.pruning": "prune_dangling",
-    "loops.stress": "contact_forces love_weber_stress nominal_stress",
+    "loops.stress_strain": (
+        "best_fit_strain contact_forces loop_strain love_weber_stress nominal_stress "
+        "rotation_and_stretch"
+    ),
     "loops.tracking": (
         "ContactMatch Fate LoopFates exchange_counts exchange_matrix loop_fates match_contacts"
     ),

@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Regimes = NDArray[np.int8]
+# Unit of rounding times its growth by a few operations.
+ROUNDING = 8 * float(np.finfo(np.float64).eps)
 
 
 def frobenius(a: Floats) -> Floats:
@@ -30,13 +32,13 @@ def all_finite(a: Floats) -> Flags:
 
 
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Results of `work` on every item, on all cores; numpy on large arrays runs side by side."""
+    """Results of `work` on every item, by as many threads as cores."""
     with ThreadPoolExecutor(available_cores()) as pool:
         return list(pool.map(work, items))
 
 
 def available_cores() -> int:
-    """Cores that this process may use, where the system tells; all of them elsewhere."""
+    """Cores that this process may use; all of the machine where the system does not say."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

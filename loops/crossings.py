@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import ROUNDING, Flags, Floats, Integers
 from loops.compiled import use_compiled
 from loops.graph import GrainGraph, branch_vectors, require_one_state
 
@@ -23,9 +23,8 @@ CROWD = 16  # branches in a bin beyond which it is halved
 SPLITS = 12  # times a bin may be halved
 PIECES = 4  # pieces per contact that the grid may cut the branches into, on average
 CUT = 2**16  # branches cut at a time
-ROUND_OFF = 8 * np.finfo(float).eps  # of coordinates of order one
-SAMPLE = 10_000  # branches that the mean extent is taken from, at least
-REPEATS = 8  # times a crossing may be met before the kernel gives up counting
+MEASURED_BRANCHES = 10_000  # least number of branches of which the mean extent is measured
+REPEATS = 8  # the kernel stops counting after so many meetings per wanted pair
 
 
 def find_crossings(
@@ -44,7 +43,7 @@ def find_crossings(
     graph : GrainGraph
         One state, in the plane or in a periodic cell of any shape.
     max_pairs : int
-        The search stops once it has found this many pairs; which ones is not said.
+        The search stops once it has found this many pairs, in no particular order.
     compiled : bool, optional
         Whether to take the compiled kernel; by the size of the graph if left out.
 
@@ -124,7 +123,7 @@ def crossing_contacts_to_drop(graph: GrainGraph, pairs: Integers) -> Integers:
     rank[order] = np.arange(len(named))
     dropped = np.zeros(len(named), dtype=bool)
     while len(pair):
-        # The first of its neighbourhood goes; among all pairs left there is always one.
+        # Drop each contact that ranks first among those it crosses: there is always one.
         worst = np.full(len(named), -1)
         np.maximum.at(worst, pair, rank[pair].max(axis=1)[:, None])
         dropped |= worst == rank
@@ -137,18 +136,26 @@ def _compiled_crossings(graph: GrainGraph, max_pairs: int) -> Integers | None:
 
     A pair may meet in several bins: it counts once.
     """
-    from loops.compiled.kernel import given
-    from loops.compiled.network import crossing_pairs
+    from loops.compiled import given
+    from loops.compiled.crossings import crossing_pairs
+    from loops.compiled.network import local_network
 
     u, home, sides = cell_coordinates(graph)
     none = np.zeros((0, 2), dtype=np.int64)
-    counts = bin_counts(graph.contact_count, _mean_extent(graph, u, home), sides)
+    step = 1 + graph.contact_count // MEASURED_BRANCHES
+    i, j = graph.contacts[::step].T
+    vector = u[j] - u[i]
+    if home is not None and graph.images is not None:
+        vector += home[j] + graph.images[::step] - home[i]
+    counts = bin_counts(graph.contact_count, np.abs(vector).mean(axis=0), sides)
     limit = min(REPEATS * max_pairs, np.iinfo(np.int64).max)
+    network = local_network(given(graph.x, np.float64), given(graph.contacts, np.int64))
     status, pairs = crossing_pairs(
-        given(graph.x, np.float64),
+        network.grain,
+        network.contact,
+        network.ends,
         given(u, np.float64),
         given(none if home is None else home, np.int64),
-        given(graph.contacts, np.int64),
         given(none if graph.images is None else graph.images, np.int64),
         given(counts, np.int64),
         limit,
@@ -159,23 +166,16 @@ def _compiled_crossings(graph: GrainGraph, max_pairs: int) -> Integers | None:
     return pairs[:max_pairs]
 
 
-def _mean_extent(graph: GrainGraph, u: Floats, home: Integers | None) -> Floats:
-    """Mean extent of a branch along either axis, from every so many contacts."""
-    step = 1 + graph.contact_count // SAMPLE
-    i, j = graph.contacts[::step].T
-    vector = u[j] - u[i]
-    if home is not None and graph.images is not None:
-        vector += home[j] + graph.images[::step] - home[i]
-    return np.asarray(np.abs(vector).mean(axis=0))
-
-
-def _meeting_pairs(branches: Branches, pieces: BinnedBranches) -> Iterator[Integers]:
+def _meeting_pairs(branches: CellBranches, pieces: BinnedBranches) -> Iterator[Integers]:
     """Pairs of contacts that meet in a bin, in blocks of whole bins."""
     starts = np.concatenate([[0], np.cumsum(pieces.bin_sizes())])
     cuts = np.searchsorted(starts, np.arange(0, starts[-1], COMPARED))
     for low, high in pairwise(np.unique(np.append(starts[cuts], starts[-1])).tolist()):
         block = pieces.take(slice(low, high))
-        segments = _segments(branches, block)
+        start = branches.start[block.contact] - block.shift
+        grain, cell = branches.ends(block)
+        vector = branches.vector[block.contact]
+        segments = _Segments(start.T.copy(), vector.T.copy(), grain.copy(), cell)
         for apart in range(1, high - low):
             first = np.flatnonzero(block.bin[apart:] == block.bin[:-apart])
             if first.size == 0:
@@ -187,7 +187,7 @@ def _meeting_pairs(branches: Branches, pieces: BinnedBranches) -> Iterator[Integ
 
 
 class _Segments(NamedTuple):
-    """Branches as they pass their bin, axis or end first."""
+    """Branches of the pieces of a bin, axis or end first."""
 
     start: Floats  # (2, P)
     vector: Floats  # (2, P)
@@ -195,15 +195,8 @@ class _Segments(NamedTuple):
     cell: Integers  # (2, P)
 
 
-def _segments(branches: Branches, pieces: BinnedBranches) -> _Segments:
-    start = branches.start[pieces.contact] - pieces.shift
-    vector = branches.vector[pieces.contact]
-    grain, cell = branches.ends(pieces)
-    return _Segments(start.T.copy(), vector.T.copy(), grain.copy(), cell)
-
-
 def _meet(segments: _Segments, one: Integers, other: Integers) -> Flags:
-    """Which pairs of branches have a point in common that is no common grain."""
+    """Whether pairs of branches have a point in common other than a common grain."""
     a, b = segments.vector[:, one], segments.vector[:, other]
     apart = segments.start[:, other] - segments.start[:, one]
     turn = _cross(a, b)
@@ -213,32 +206,25 @@ def _meet(segments: _Segments, one: Integers, other: Integers) -> Flags:
     a, b, apart, turn = a[:, close], b[:, close], apart[:, close], turn[close]
     low = np.maximum(np.minimum(a, 0), apart + np.minimum(b, 0))
     high = np.minimum(np.maximum(a, 0), apart + np.maximum(b, 0))
-    beside = (low[0] <= high[0] + ROUND_OFF) & (low[1] <= high[1] + ROUND_OFF)
-    parallel = np.abs(turn) <= ROUND_OFF * (_size(a) + _size(b))
+    beside = (low[0] <= high[0] + ROUNDING) & (low[1] <= high[1] + ROUNDING)
+    parallel = np.abs(turn) <= ROUNDING * (_size(a) + _size(b))
     along = a[0] * b[0] + a[1] * b[1]
-    shared, overlap = _at_common_grains(segments, one[close], other[close], along)
-    meets[close] = np.where(shared, parallel & overlap, beside)
-    return meets
-
-
-def _straddle(side: Floats, change: Floats, line: Floats) -> Flags:
-    tolerance = ROUND_OFF * _size(line)
-    other = side + change
-    return (np.minimum(side, other) <= tolerance) & (np.maximum(side, other) >= -tolerance)
-
-
-def _at_common_grains(
-    segments: _Segments, one: Integers, other: Integers, along: Floats
-) -> tuple[Flags, Flags]:
-    """Whether two branches share a grain, and whether they leave one into the same half-plane."""
-    shared = np.zeros(len(one), dtype=bool)
-    same_way = np.zeros(len(one), dtype=bool)
+    # Branches with a common grain overlap if they are parallel and leave it the same way.
+    one, other = one[close], other[close]
+    shared, same_way = np.zeros((2, len(close)), dtype=bool)
     for p, q in ((0, 0), (1, 1), (0, 1), (1, 0)):
         here = segments.grain[p, one] == segments.grain[q, other]
         here &= segments.cell[p, one] == segments.cell[q, other]
         shared |= here
         same_way |= here & ((along > 0) if p == q else (along < 0))
-    return shared, same_way
+    meets[close] = np.where(shared, parallel & same_way, beside)
+    return meets
+
+
+def _straddle(side: Floats, change: Floats, line: Floats) -> Flags:
+    tolerance = ROUNDING * _size(line)
+    other = side + change
+    return (np.minimum(side, other) <= tolerance) & (np.maximum(side, other) >= -tolerance)
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
@@ -250,7 +236,7 @@ def _size(a: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Branches:
+class CellBranches:
     """Branches in coordinates of the cell, or of the bounding box in the plane."""
 
     start: Floats  # (C, 2) grain i, brought into the cell
@@ -267,7 +253,7 @@ class Branches:
 
 @dataclass(frozen=True, eq=False)
 class BinnedBranches:
-    """Which branch passes which bin: P pieces, sorted by bin."""
+    """Pieces of branches by the bin that they pass, P pieces sorted by bin."""
 
     counts: tuple[int, int]  # columns and rows of bins in the cell
     bin: Integers  # (P,) row * columns + column
@@ -285,7 +271,7 @@ class BinnedBranches:
         return np.diff(np.flatnonzero(np.diff(self.bin, prepend=-1, append=-1)))
 
 
-def cell_branches(graph: GrainGraph) -> Branches:
+def cell_branches(graph: GrainGraph) -> CellBranches:
     """Branches of a graph that has contacts, in coordinates of its cell or bounding box."""
     i, j = graph.contacts.T
     u, home, sides = cell_coordinates(graph)
@@ -293,7 +279,7 @@ def cell_branches(graph: GrainGraph) -> Branches:
     if home is not None and graph.images is not None:
         reach = home[j] + graph.images - home[i]
     vector = u[j] - u[i] + reach
-    return Branches(u[i], vector, graph.contacts, reach, sides)
+    return CellBranches(u[i], vector, graph.contacts, reach, sides)
 
 
 def cell_coordinates(graph: GrainGraph) -> tuple[Floats, Integers | None, Floats]:
@@ -311,16 +297,18 @@ def cell_coordinates(graph: GrainGraph) -> tuple[Floats, Integers | None, Floats
     return (graph.x - lowest) / sides + 0.001, None, sides
 
 
-def close_branches(branches: Branches) -> Iterator[BinnedBranches]:
+def close_branches(branches: CellBranches) -> Iterator[BinnedBranches]:
     """Bins that can be compared pair by pair, fine ones last.
 
     A bin whose branches all meet in one grain is left out if it is crowded: large grains are the
     centres of fans of branches that have nothing to cross there.
     """
-    pieces = _cut(
-        branches,
-        bin_counts(len(branches.vector), np.abs(branches.vector).mean(axis=0), branches.sides),
-    )
+    count = len(branches.vector)
+    counts = bin_counts(count, np.abs(branches.vector).mean(axis=0), branches.sides)
+    # In blocks, as the coordinates take more room than the bins.
+    blocks = np.split(np.arange(count), range(CUT, count, CUT))
+    parts = [_cut_block(branches, counts, block) for block in blocks]
+    pieces = _sorted(counts, *map(np.concatenate, zip(*parts, strict=True)))
     limit = 2 * len(pieces.contact)
     for _ in range(SPLITS):
         size = pieces.bin_sizes()
@@ -342,17 +330,8 @@ def bin_counts(contacts: int, extent: Floats, sides: Floats) -> tuple[int, int]:
     return max(1, int(columns)), max(1, int(rows))
 
 
-def _cut(branches: Branches, counts: tuple[int, int]) -> BinnedBranches:
-    """Cut every branch by the grid; in blocks, as the coordinates take more room than the bins."""
-    contacts = np.arange(len(branches.vector))
-    parts = [
-        _cut_block(branches, counts, contacts[k : k + CUT]) for k in range(0, len(contacts), CUT)
-    ]
-    return _sorted(counts, *map(np.concatenate, zip(*parts, strict=True)))
-
-
 def _cut_block(
-    branches: Branches, counts: tuple[int, int], contact: Integers
+    branches: CellBranches, counts: tuple[int, int], contact: Integers
 ) -> tuple[Integers, Integers, Integers]:
     """Cut branches by the columns of the grid, then every part by its rows."""
     x, y = (branches.start[contact] * counts).T
@@ -370,7 +349,7 @@ def _cut_block(
 
 def _span(a: Floats, b: Floats) -> tuple[Integers, Integers]:
     """First and last unit interval between two values, with a margin for round-off."""
-    margin = 1e-9 + ROUND_OFF * np.maximum(np.abs(a), np.abs(b))
+    margin = 1e-9 + ROUNDING * np.maximum(np.abs(a), np.abs(b))
     low = np.floor(np.minimum(a, b) - margin)
     high = np.floor(np.maximum(a, b) + margin)
     return low.astype(np.int64), high.astype(np.int64)
@@ -396,7 +375,7 @@ def _sorted(
     return BinnedBranches(counts, number[order], contact[order], shift[order])
 
 
-def _in_fans(branches: Branches, pieces: BinnedBranches) -> Flags:
+def _in_fans(branches: CellBranches, pieces: BinnedBranches) -> Flags:
     """Pieces in bins whose branches all meet in one grain."""
     if len(pieces.contact) == 0:
         return np.zeros(0, dtype=bool)
@@ -411,27 +390,24 @@ def _in_fans(branches: Branches, pieces: BinnedBranches) -> Flags:
     return np.repeat(fan, size)
 
 
-def _halve(branches: Branches, pieces: BinnedBranches) -> BinnedBranches:
+def _halve(branches: CellBranches, pieces: BinnedBranches) -> BinnedBranches:
     """Halve every bin both ways and keep each branch in the quarters that it passes."""
     counts = (2 * pieces.counts[0], 2 * pieces.counts[1])
     row, column = np.divmod(pieces.bin, pieces.counts[0])
     start = (branches.start[pieces.contact] - pieces.shift) * counts
     vector = branches.vector[pieces.contact] * counts
-    half = 0.5 + 1e-9 + ROUND_OFF * max(counts)
+    half = 0.5 + 1e-9 + ROUNDING * max(counts)
     kept, number = [], []
     for right, up in ((0, 0), (1, 0), (0, 1), (1, 1)):
         quarter = np.column_stack([2 * column + right, 2 * row + up])
-        passes = np.flatnonzero(_passes(start - quarter - 0.5, vector, half))
+        # A branch meets the square of a half side unless an axis separates them: 1, 2, or its own.
+        tail = start - quarter - 0.5
+        head = tail + vector
+        beside = (np.minimum(tail, head) > half) | (np.maximum(tail, head) < -half)
+        turn = np.abs(tail[:, 0] * vector[:, 1] - tail[:, 1] * vector[:, 0])
+        width = half * (np.abs(vector[:, 0]) + np.abs(vector[:, 1]))
+        passes = np.flatnonzero(~beside.any(axis=1) & (turn <= width))
         kept.append(passes)
         number.append(_numbered(quarter[passes], counts))
     which = np.concatenate(kept)
     return _sorted(counts, np.concatenate(number), pieces.contact[which], pieces.shift[which])
-
-
-def _passes(start: Floats, vector: Floats, half: float) -> Flags:
-    """Whether a segment meets the square of a half side around the origin (separating axes)."""
-    end = start + vector
-    beside = (np.minimum(start, end) > half) | (np.maximum(start, end) < -half)
-    turn = np.abs(start[:, 0] * vector[:, 1] - start[:, 1] * vector[:, 0])
-    width = half * (np.abs(vector[:, 0]) + np.abs(vector[:, 1]))
-    return ~beside.any(axis=1) & (turn <= width)

@@ -1,6 +1,16 @@
-"""The one error that bad input raises."""
+"""The error that bad input raises, and checks of the numbers that a caller gives."""
 
 from __future__ import annotations
+
+import errno
+import math
+from numbers import Integral
+
+# What the system and libraries say where memory for a thread or a library is used up.
+NO_MEMORY = (
+    *("can't start new thread", "failed to launch worker thread"),
+    *("failed to map segment", "cannot allocate memory"),
+)
 
 
 class InputError(ValueError):
@@ -31,3 +41,29 @@ class InputError(ValueError):
         self.received = received
         self.expected = expected
         self.remedy = remedy
+
+
+def out_of_memory(error: BaseException) -> bool:
+    """Whether an error says that the memory is used up, in whatever words."""
+    if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+        return True
+    return any(words in str(error).lower() for words in NO_MEMORY)
+
+
+def whole_number(name: str, value: object, least: int) -> None:
+    """Raise `InputError` unless the value is a whole number of at least so much."""
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not (whole and value >= least):  # type: ignore[operator]
+        raise InputError(name, repr(value), f"a whole number, {least} or more", "Correct it.")
+
+
+def number(name: str, value: object, low: float, *, open_low: bool = False) -> None:
+    """Raise `InputError` unless the value is a finite number of at least (or above) so much."""
+    try:
+        x = float(value)  # type: ignore[arg-type]
+        ok = math.isfinite(x) and (x > low if open_low else x >= low)
+    except (TypeError, ValueError):
+        ok = False
+    if not ok:
+        expected = f"a finite number {'above' if open_low else 'of at least'} {low:g}"
+        raise InputError(name, repr(value), expected, "Correct it.")

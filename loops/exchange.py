@@ -88,6 +88,15 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
     ------
     InputError
         Naming the node that lacks `x` or `radius`, and as `GrainGraph`.
+
+    Examples
+    --------
+    >>> import networkx as nx
+    >>> network = nx.cycle_graph(4)
+    >>> for node, x in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)]):
+    ...     network.nodes[node].update(x=x, radius=0.5)
+    >>> from_networkx(network).contacts.tolist()
+    [[0, 1], [0, 3], [1, 2], [2, 3]]
     """
     number = {node: k for k, node in enumerate(network.nodes)}
     for node, data in network.nodes(data=True):

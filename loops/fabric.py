@@ -13,11 +13,11 @@ from loops.arrays import Floats
 from loops.errors import InputError
 from loops.faces import Faces
 
-BLOCK = 2**14  # tensors at a time
+TENSORS_AT_ONCE = 2**14  # tensors at a time
 
 
 class TensorMean(NamedTuple):
-    """Weighted mean of symmetric tensors, and how far they lie apart."""
+    """Weighted mean of symmetric tensors, their standard deviation and number."""
 
     mean: Floats
     std: Floats
@@ -60,9 +60,9 @@ def mean_tensor(tensors: ArrayLike, weights: ArrayLike | None = None) -> TensorM
 
 
 def _blocks(count: int) -> Iterator[slice]:
-    """Parts that stay in the cache."""
-    for start in range(0, count, BLOCK):
-        yield slice(start, min(start + BLOCK, count))
+    """Slices of so many tensors that temporary arrays stay in the cache."""
+    for start in range(0, count, TENSORS_AT_ONCE):
+        yield slice(start, min(start + TENSORS_AT_ONCE, count))
 
 
 def direction_tensors(vectors: ArrayLike) -> Floats:
@@ -126,7 +126,7 @@ def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
         return np.empty((0, 2, 2))
     d = np.asarray(branches, dtype=float)
     sums = np.empty((len(faces.kind), 3))
-    cuts = np.searchsorted(faces.offsets, np.arange(0, faces.offsets[-1], BLOCK))
+    cuts = np.searchsorted(faces.offsets, np.arange(0, faces.offsets[-1], TENSORS_AT_ONCE))
     for start, stop in pairwise(np.unique(np.append(cuts, len(sums))).tolist()):
         begin, end = faces.offsets[start], faces.offsets[stop]
         # The sign of an edge doesn't matter.

@@ -25,11 +25,11 @@ from loops.graph import GrainGraph, branch_vectors, require_one_state
 from loops.pruning import component_counts, component_labels, prune_dangling
 from loops.shown import Shown
 
-# Orders that the prompt shows.
+# Number of orders in the short display.
 MOST_ORDERS = 8
-BLOCK = 2**16  # half-edges measured at a time
+HALF_EDGES_AT_ONCE = 2**16  # half-edges measured at a time
 ANGLE_STEPS = 2**30 - 1  # a quarter turn in the key; a whole one stays below 2^32
-SHORT_CYCLE = 64  # longer cycles are few: they are ranked by doubling instead of walked
+SHORT_CYCLE = 64  # longer cycles are few, and ordered by pointer doubling instead of step by step
 
 
 class FaceKind(IntEnum):
@@ -44,10 +44,10 @@ class FaceKind(IntEnum):
 class Faces(Shown):
     """Every half-edge cycle of the pruned contact graph.
 
-    Face f holds the half-edges `offsets[f]` to `offsets[f + 1]`, in order, itself on their left:
-    counter-clockwise around a loop. It starts at its smallest grain (where it passes it twice, on
-    the way to the smaller next one), and faces are numbered by that grain, then by the next: the
-    order of the contacts and their directions do not matter.
+    Face f holds the half-edges `offsets[f]` to `offsets[f + 1]`, in order, with the face on their
+    left: counter-clockwise around a loop. It starts at its smallest grain (if it passes that grain
+    twice, with the smaller next grain), and faces are numbered by that grain, then by the next: the
+    order and the directions of the contacts do not matter.
 
     Attributes
     ----------
@@ -160,8 +160,8 @@ def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
 
 
 def _compiled_faces(graph: GrainGraph) -> Faces | None:
-    """Faces by the kernel; None where two directions are the same, or too close for doubles."""
-    from loops.compiled.kernel import given
+    """Faces by the kernel; None if two directions are equal or too close for double precision."""
+    from loops.compiled import given
     from loops.compiled.network import plane_faces
 
     images = np.zeros((0, 2)) if graph.images is None else graph.images
@@ -219,8 +219,8 @@ def faces_by_order(faces: Faces, loops: Integers | None = None) -> dict[int, Loo
     return groups
 
 
-@dataclass(frozen=True, eq=False)
-class EulerCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class EulerCheck(Shown):
     """Euler's formula of every component of the pruned contact graph."""
 
     components: int
@@ -268,7 +268,13 @@ def euler_check(graph: GrainGraph, faces: Faces, *, compiled: bool | None = None
     (3, 3, 2, [2], True)
     """
     if use_compiled(compiled, graph.contact_count):
-        vertices, edges, ranks = _compiled_counts(graph)
+        from loops.compiled import given
+        from loops.compiled.network import network_components
+
+        images = np.zeros((0, 2)) if graph.images is None else graph.images
+        vertices, edges, ranks = network_components(
+            given(graph.x, np.float64), given(graph.contacts, np.int64), given(images, np.int64)
+        )
     else:
         vertices, edges, ranks = component_counts(graph)
     count = len(vertices)
@@ -332,18 +338,6 @@ def _contains(polygon: Floats, point: Floats) -> bool:
     return bool(np.count_nonzero(to_the_right) % 2)
 
 
-def _compiled_counts(graph: GrainGraph) -> tuple[Integers, Integers, Integers]:
-    """`component_counts` by the kernel."""
-    from loops.compiled.kernel import given
-    from loops.compiled.network import component_counts as kernel
-
-    images = np.zeros((0, 2)) if graph.images is None else graph.images
-    vertices, edges, ranks = kernel(
-        given(graph.x, np.float64), given(graph.contacts, np.int64), given(images, np.int64)
-    )
-    return vertices, edges, ranks
-
-
 def _kind(area: Floats, winds: NDArray[np.bool_]) -> NDArray[np.int8]:
     kind = np.where(area > 0, np.int8(FaceKind.LOOP), np.int8(FaceKind.OUTER))
     kind[winds] = FaceKind.WINDING
@@ -362,14 +356,20 @@ def next_half_edge(
     clockwise = np.empty_like(order)
     clockwise[order[1:]] = order[:-1]
     clockwise[order[begin]] = order[end - 1]
-    # At its end, half-edge h turns clockwise from its own way back, h ^ 1.
+    # At the end of half-edge h, the next one is clockwise from its opposite half-edge, h ^ 1.
     return clockwise.reshape(-1, 2)[:, ::-1].ravel()
 
 
 def _around_grains(origin: Integers, branches: Floats, numbers: Integers) -> Integers:
     """Half-edges sorted by origin, then counter-clockwise by direction from axis 1."""
-    key = ((origin.reshape(-1, 2) << 32) | _quantised_angles(branches)).ravel()
-    # Stable means timsort for integers: twice as fast where grains are numbered along space.
+    # Angles of both half-edges of each contact, monotone in [0, 4).
+    dx, dy = branches.T
+    cosine = dx / (np.abs(dx) + np.abs(dy))
+    there = np.where(dy < 0, 3 + cosine, 1 - cosine)
+    back = np.where(dy > 0, 3 - cosine, 1 + cosine)
+    angle = (np.column_stack([there, back]) * ANGLE_STEPS).astype(np.int64)
+    key = ((origin.reshape(-1, 2) << 32) | angle).ravel()
+    # The stable sort is twice as fast where grains are numbered along space.
     order = np.argsort(key, kind="stable")
     sorted_key = key[order]
     # Rounding can put two directions in the wrong order only if their keys differ by at most 1.
@@ -379,15 +379,6 @@ def _around_grains(origin: Integers, branches: Floats, numbers: Integers) -> Int
             tied = slice(run[0], run[-1] + 2)
             order[tied] = _sorted_exactly(order[tied], branches, origin, numbers)
     return order
-
-
-def _quantised_angles(branches: Floats) -> Integers:
-    """(E, 2) angle of both half-edges of each contact, monotone in [0, 2^32)."""
-    dx, dy = branches.T
-    cosine = dx / (np.abs(dx) + np.abs(dy))
-    there = np.where(dy < 0, 3 + cosine, 1 - cosine)
-    back = np.where(dy > 0, 3 - cosine, 1 + cosine)
-    return (np.column_stack([there, back]) * ANGLE_STEPS).astype(np.int64)
 
 
 def _sorted_exactly(
@@ -500,7 +491,7 @@ def measured_faces(
     faces = len(offsets) - 1
     area, winding = np.zeros(faces), np.zeros((faces, 2), dtype=np.int64)
     # In blocks that stay in the cache.
-    cuts = np.searchsorted(offsets, np.arange(0, offsets[-1], BLOCK))
+    cuts = np.searchsorted(offsets, np.arange(0, offsets[-1], HALF_EDGES_AT_ONCE))
     for start, stop in pairwise(np.unique(np.append(cuts, faces)).tolist()):
         block = slice(offsets[start], offsets[stop])
         begin = offsets[start:stop] - offsets[start]

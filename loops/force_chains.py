@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from loops.arrays import Floats, Integers
-from loops.contact_state import contact_state
 from loops.fabric import principal
 from loops.faces import Faces
-from loops.graph import GrainGraph, require_one_state
+from loops.graph import GrainGraph, contact_state, require_one_state
 from loops.shown import Shown
 
 
@@ -45,7 +44,7 @@ class ForceChains(Shown):
         return {"chains": len(lengths), "grains": int(lengths.sum()), "longest": longest}
 
     def on_loops(self, faces: Faces) -> Integers:
-        """Number of contacts of every loop that are links; with one or more it is beside a chain.
+        """Number of links among the contacts of every loop; a loop with any is beside a chain.
 
         In the order of `faces.loops`, of the faces of the same graph.
         """
@@ -97,7 +96,7 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     i, j = graph.contacts.T
     stress = np.zeros((graph.grain_count, 2, 2))
     n0, n1 = state.n.T.copy()
-    # Each component of the forces once, its tangent by that of the normal.
+    # The tangent is the normal turned: t = (-n1, n0).
     force = (
         state.normal_force * n0 - state.shear_force * n1,
         state.normal_force * n1 + state.shear_force * n0,
@@ -117,7 +116,7 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     cosines = np.stack([np.einsum("ck,ck->c", along[g[near]], n) for g in (i, j)], axis=1)
     deviation = np.arccos(np.clip(np.abs(cosines), 0.0, 1.0)).max(axis=1)
     along_axis = np.flatnonzero(deviation <= angle)
-    # Contacts by deviation, the largest first: the last at a grain's side is its choice.
+    # By falling deviation: the last contact written at a side of a grain deviates least.
     order = along_axis[np.argsort(deviation[along_axis], kind="stable")[::-1]]
     good = near[order]
     sides = 2 * graph.contacts[good] + (cosines[order] * [1.0, -1.0] > 0)
@@ -137,7 +136,7 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
 
 
 def _smallest_linked(graph: GrainGraph, links: Integers) -> Integers:
-    """(G,) smallest grain that each one is linked with, over any number of links."""
+    """(G,) smallest grain of the chain of links that each grain belongs to."""
     smallest = np.arange(graph.grain_count)
     one, two = graph.contacts[links].T
     while True:

@@ -36,7 +36,7 @@ def polygon_area(x: Floats) -> Floats:
 
 
 def area_growth(x: Floats) -> Floats:
-    """(...) sum of the sizes of the terms of `polygon_area` over the area: what flatness costs."""
+    """(...) sum of the sizes of the terms of `polygon_area` over the area: large if flat."""
     r = x - x[..., :1, :]
     s = np.roll(r, -1, axis=-2)
     terms = np.abs(r[..., 0] * s[..., 1]) + np.abs(r[..., 1] * s[..., 0])
@@ -138,7 +138,7 @@ def polygon_shape(x: Floats) -> tuple[Floats, Floats]:
     ) / 12.0
     mean = 0.5 * (pair[..., 0, 0] + pair[..., 1, 1])
     half, off = 0.5 * (pair[..., 0, 0] - pair[..., 1, 1]), pair[..., 0, 1]
-    # A clockwise polygon has a negative moment: the ratio below does not see the sign.
+    # A clockwise polygon has a negative moment; its sign cancels in the ratio below.
     radius = np.hypot(half, off)
     sign = np.sign(mean)
     with np.errstate(divide="ignore", invalid="ignore"):

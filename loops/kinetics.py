@@ -15,15 +15,16 @@ from loops.errors import InputError
 from loops.shown import Shown
 from loops.tracking import Fate, LoopFates
 
-# Fewer events of a pair than this leave chi squared no meaning.
-FEW = 10
-# What became of the earlier loops.
+# Least number of events of a pair of orders that enters chi squared.
+MIN_EVENTS = 10
+# Fields of `OrderEvents` that count the fates of the earlier loops.
 FATES = ("kept", "once", "grain", "several")
 # Limits of the rates hold for this share of repeated counts.
 LEVEL = 0.95
 # Times of the slowest event after which a distribution is steady.
-LONG = 1e4
-# Orders below this share of the loops are empty; those that rates empty may have held so many.
+STEADY_TIMES = 1e4
+# Orders below the first share of the loops are empty; `steady` gives no answer if the rates empty
+# orders that held more than the second.
 EMPTY, DRAINED = 1e-3, 0.05
 
 
@@ -50,8 +51,8 @@ class OrderEvents(NamedTuple):
 def order_events(fates: LoopFates) -> OrderEvents:
     """Events of an interval that are one contact each.
 
-    A contact between loops of orders m and n that opens leaves one of m + n - 2, one that closes
-    in a loop the reverse; what else became of a loop took several events, or its outside.
+    A contact that opens between loops of orders m and n leaves one of m + n - 2; one that closes
+    inside a loop does the reverse. All other fates of a loop took several events, or the outside.
     """
     split, caught = _parted(fates.before, Fate.SPLIT, fates.order_before, fates.predecessor,
                             fates.order_after)  # fmt: skip
@@ -72,9 +73,9 @@ def order_events(fates: LoopFates) -> OrderEvents:
 def _parted(
     fate: NDArray[np.int8], wanted: Fate, whole: Integers, partner: Integers, parts: Integers
 ) -> tuple[Integers, int]:
-    """(E, 2) orders of the two parts of loops of that fate that one contact divides.
+    """(E, 2) orders of the two parts of each loop of that fate that one contact divides.
 
-    Besides how many are divided in two by a grain.
+    Return also the number of loops that a grain divides in two.
     """
     mine = partner >= 0
     mine[mine] = fate[partner[mine]] == wanted
@@ -88,7 +89,8 @@ def _parted(
     return found[by_contact], int(np.count_nonzero(~by_contact))
 
 
-class Balance(NamedTuple):
+@dataclass(frozen=True, eq=False, repr=False)
+class Balance(Shown):
     """Openings against closings, see `OrderKinetics.balance`."""
 
     z: Floats
@@ -102,8 +104,9 @@ class Balance(NamedTuple):
     dispersion: float
 
 
-class SteadyOrders(NamedTuple):
-    """Shares of the loops by order that the rates lead to, indexed by order, and their errors."""
+@dataclass(frozen=True, eq=False, repr=False)
+class SteadyOrders(Shown):
+    """Steady shares of the loops, indexed by order, and their errors."""
 
     share: Floats
     error: Floats
@@ -111,9 +114,9 @@ class SteadyOrders(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OrderKinetics(Shown):
-    """Elementary events of a series, and the rates that follow.
+    """Elementary events of a series, and their rates.
 
-    The system is as large as `G = sum (n - 2) N_n/2`, its grains in loops: no event changes it.
+    The size of the system is `G = sum (n - 2) N_n/2`, its grains in loops: no event changes it.
     Orders m <= n merge `p_mn N_m N_n/G` times per unit of time (`N_m (N_m - 1)/2` pairs if m = n),
     a loop of order m + n - 2 splits into them `q_mn` times: the master equations of Wanjura, Gago,
     Matsushima and Blumenfeld 2020.
@@ -202,7 +205,7 @@ class OrderKinetics(Shown):
         to every count.
 
         Errors are Poisson's. Net events of a steady reversible system vary less, so that `p_all`
-        refuses it less often than the level says. `dispersion` is the variance of the net events
+        rejects it less often than the level says. `dispersion` is the variance of the net events
         between intervals over Poisson's: above 1 events come in bursts; divide chi squared by it.
         """
         from scipy.special import bdtr, chdtrc
@@ -211,7 +214,7 @@ class OrderKinetics(Shown):
         total, net = opened + closed, opened - closed
         z = net / np.sqrt(total)
         p = np.minimum(2.0 * bdtr(np.minimum(opened, closed).astype(float), total, 0.5), 1.0)
-        many = total >= FEW
+        many = total >= MIN_EVENTS
         chi2, pairs = float(np.sum(z[many] ** 2)), int(np.count_nonzero(many))
         cycle, cycles = 0.0, 0
         if pairs:
@@ -243,7 +246,7 @@ class OrderKinetics(Shown):
 
     @property
     def _twins(self) -> Floats:
-        """Loops of one order make half as many pairs."""
+        """Factor 1/2 for pairs of one order."""
         return np.where(self.pairs[:, 0] == self.pairs[:, 1], 0.5, 1.0)
 
     @cached_property
@@ -269,7 +272,7 @@ class OrderKinetics(Shown):
         rates = np.concatenate([self.opening_rate, self.closing_rate])
         x = solve_ivp(
             lambda _, x: S @ np.subtract(*self._events(x)),
-            (0.0, LONG / rates[rates > 0].min()), start,
+            (0.0, STEADY_TIMES / rates[rates > 0].min()), start,
             method="BDF", rtol=1e-9, atol=1e-13, jac=lambda _, x: S @ self._slopes(x),
         ).y[:, -1]  # fmt: skip
         x = np.maximum(x, 0.0)
@@ -279,7 +282,7 @@ class OrderKinetics(Shown):
         merged, split = self._events(x)
         variance = merged**2 / np.maximum(self.opened.sum(axis=0), 1)
         variance += split**2 / np.maximum(self.closed.sum(axis=0), 1)
-        # Whatever the rates, the grains stay as many.
+        # The number of grains is conserved for any rates.
         J, grains = S @ self._slopes(x), (order - 2.0) * S.any(axis=1)
         grains *= np.linalg.norm(J) / np.linalg.norm(grains)
         shift = -np.linalg.pinv(np.vstack([J, grains]), rcond=1e-9)[:, : len(x)] @ S
@@ -310,10 +313,10 @@ def order_kinetics(
     """Rates at which loops of a series merge and split, by orders.
 
     Only events of one contact in an interval are counted: contacts that open and close again
-    between two snapshots are missed, and so is what happens twice to one loop. Both biases fall
-    with the interval, in proportion to it only where contacts don't flicker; `once` against
-    `several` tells of the second. Mergers and splits that free or catch a grain aren't of this
-    kind: `grain` counts them.
+    between two snapshots are missed, and so are loops with two events. Both biases fall with the
+    length of the interval, in proportion to it only where contacts don't flicker; `several` over
+    `once` measures the second. Mergers and splits that free or catch a grain are counted apart,
+    by `grain`.
 
     Parameters
     ----------
@@ -359,21 +362,17 @@ def order_kinetics(
     opened, closed = np.zeros((2, len(events), len(pairs)), dtype=np.int64)
     exposure, loops = np.zeros((2, len(pairs))), np.zeros(K)
     place = {tuple(pair): k for k, pair in enumerate(pairs.tolist())}
+    m, n = pairs.T
     for row, (one, weight) in enumerate(zip(events, length, strict=True)):
         at = [place[tuple(pair)] for pair in one.pairs.tolist()]
         opened[row, at], closed[row, at] = one.opened, one.closed
         for counts in (one.before, one.after):
             N = np.zeros(K)
             N[: len(counts)] = counts
-            exposure += 0.5 * weight * _exposures(N, pairs)
+            grains = max(0.5 * float(np.sum((np.arange(K) - 2) * N)), 1.0)
+            # Pairs of loops over the grains, and loops of the merged order.
+            many = np.where(m == n, 0.5 * N[m] * (N[m] - 1.0), N[m] * N[n])
+            exposure += 0.5 * weight * np.stack([many / grains, N[m + n - 2]])
             loops += 0.5 * weight * N / length.sum()
     fates = {name: sum(getattr(one, name) for one in events) for name in FATES}
     return OrderKinetics(pairs, opened, closed, exposure[0], exposure[1], loops, **fates)
-
-
-def _exposures(N: Floats, pairs: Integers) -> Floats:
-    """Pairs of loops over the grains, and loops of the merged order."""
-    m, n = pairs.T
-    grains = max(0.5 * float(np.sum((np.arange(len(N)) - 2) * N)), 1.0)
-    many = np.where(m == n, 0.5 * N[m] * (N[m] - 1.0), N[m] * N[n])
-    return np.stack([many / grains, N[m + n - 2]])

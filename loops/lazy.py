@@ -19,13 +19,13 @@ class LazyFace(ModuleType):
         if name not in places:
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         module = import_module(places[name])
-        # Where the module itself is what the face shows, it has no such name inside.
+        # A name that the module does not have stands for the module itself.
         value = getattr(module, name, module)
         self.__dict__[name] = value
         return value
 
     def __setattr__(self, name: str, value: Any) -> None:
-        # Importing a module sets it in its package: it must not hide a function of the same name.
+        # Python sets an imported module in its package: keep a function of the same name.
         if not (name in self.places and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
@@ -34,7 +34,7 @@ class LazyFace(ModuleType):
 
 
 def lazy_face(package: str, names: Mapping[str, str]) -> None:
-    """Make a package a `LazyFace`; `names` are those of each module, separated by blanks."""
+    """Make a package a `LazyFace`: `names` are the names of each module, separated by blanks."""
     face = sys.modules[package]
     places = {name: module for module, several in names.items() for name in several.split()}
     face.__dict__.update(places=places, __all__=sorted(places))

@@ -29,9 +29,9 @@ class LoopBatch(NamedTuple):
     face : (L,) array of int
         Face of each loop in `Faces`.
     origin : (L, 2) array
-        Where the graph's origin lies in the packing: at zero, but at the first grain for loops
-        that cross a periodic border. These are unrolled from there, since sums with the cell
-        vectors far from the origin would round their branches off.
+        Place of the graph's origin in the packing: zero, but the first grain for loops that cross
+        a periodic border. These are unrolled from there, since sums with the cell vectors far from
+        the origin would lose digits of the branches.
     """
 
     graph: GrainGraph

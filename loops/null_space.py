@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from loops.arrays import Floats, Integers, all_finite, frobenius
+from loops.arrays import ROUNDING, Flags, Floats, Integers, all_finite, frobenius
 
 # Singular values below this fraction of the largest count as zero. Rounding leaves about
 # size * eps = 1e-15 to 1e-13 there (loops of 3 to 200 grains).
 NULL_TOLERANCE = 1e-13
-# Unit of rounding times what a few operations per entry make of it.
-ROUNDING = 8 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +38,7 @@ def solve_through_null_space(
     *,
     size: Floats | None = None,
     doubt: Floats | None = None,
+    soft: Flags | bool = False,
     tolerance: float = NULL_TOLERANCE,
 ) -> LeastSquares:
     """Solve `M x = b`, (..., N, N) and (..., N, R), for the solution of smallest norm.
@@ -54,8 +53,9 @@ def solve_through_null_space(
     `|Y| (|r| + e (size |x| + |b|))`, `r` what is left over. A null vector `v` of which `p` is
     observed adds `|p| |b_u| / s`, `s` the least that its singular value may be and `b_u` what loads
     it; everything if `s` may be zero, but for systems with `known` null vectors, which have others
-    like them: nothing if `p` and `b_u` are rounding. `doubt` is what else `b` may err by. A system
-    that is not finite has the solution nan and an infinite residual.
+    like them: nothing if `p` and `b_u` are rounding. Where `soft` (...) a vector is null but for a
+    stiffness below rounding, and `p b_u` is rounding as well: everything there. `doubt` is what
+    else `b` may err by. A system that is not finite has the solution nan and an infinite residual.
     """
     batch = matrix.shape[:-2]
     matrix, rhs, observed = (_flat(a, batch) for a in (matrix, rhs, observed))
@@ -78,7 +78,7 @@ def solve_through_null_space(
                 observed[rest],
                 tolerance,
                 None if size is None else _flat(size, batch)[rest],
-                known is not None,
+                (known is not None) & ~np.broadcast_to(soft, batch).reshape(-1)[rest],
             )
         )
         nullity[rest] += others
@@ -132,7 +132,7 @@ def _by_singular_values(
     observed: Floats,
     tolerance: float,
     size: Floats | None,
-    mechanisms: bool,
+    mechanisms: Flags,
 ) -> tuple[Floats, Integers, Floats, Floats, Floats]:
     """Pseudo-inverse, nullity, condition, ambiguity, and what the null vectors might have added.
 
@@ -159,7 +159,7 @@ def _by_singular_values(
         reach = np.abs(observed @ inverse) @ (E @ right)
         dropped = ((seen + reach) * weight) @ (loaded + unsure)
         product = np.linalg.norm(seen, axis=-2) * np.linalg.norm(loaded, axis=-1)
-        harmless = mechanisms & (product <= (ROUNDING * s[:, :1]) ** 2)
+        harmless = mechanisms[:, None] & (product <= (ROUNDING * s[:, :1]) ** 2)
         dropped[(lost & ~harmless).any(axis=-1)] = np.inf
     smallest = np.min(np.where(null, np.inf, s), axis=-1)
     return inverse, null.sum(axis=-1), s[:, 0] / smallest, ambiguity, dropped

@@ -54,7 +54,7 @@ def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:
 
 def component_labels(grains: int, contacts: Integers, kept: Flags) -> tuple[int, Integers]:
     """Number the connected components of the kept grains by their smallest grain."""
-    # Loaded where they are used: the kernels do without.
+    # Loaded here, since the kernels do without scipy.
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
@@ -80,10 +80,10 @@ def component_counts(graph: GrainGraph) -> tuple[Integers, Integers, Integers]:
 
 
 def winding_ranks(contacts: Integers, images: Integers, label: Integers, count: int) -> Integers:
-    """In how many independent directions each component winds around the periodic cell.
+    """Number of independent directions in which each component winds around the periodic cell.
 
-    A spanning forest gives every grain an integer offset; the images that the other contacts
-    leave over are the windings of the component's cycles. Faces play no part.
+    A spanning forest gives every grain an integer offset; the images of the other contacts less
+    these offsets are the windings of the component's cycles. Faces are not used.
     """
     offset = _forest_offsets(contacts, images, label, count)
     i, j = contacts.T
@@ -112,7 +112,7 @@ def _forest_offsets(contacts: Integers, images: Integers, label: Integers, count
     links = csr_array((np.ones(len(start)), (start, end)), shape=(grains + 1, grains + 1))
     _, parent = breadth_first_order(links, grains)
     parent = np.where(parent < 0, grains, parent)
-    # Where two contacts join a grain to its parent, either may stand in the tree.
+    # If two contacts join a grain to its parent, the tree holds either of them.
     step = np.flatnonzero(parent[end[:-count]] == start[:-count])
     chosen = np.full(grains + 1, -1)
     chosen[end[step]] = step

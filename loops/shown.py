@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+LONGEST = 240  # characters of the line at the prompt; the table of a notebook has all facts
+FEW = 4  # numbers that are shown one by one
+MOST_WORDS = 6  # different words of an array that are counted
 
 
 class Shown:
-    """Base of the results that hold large arrays: `facts` says what is told of them."""
+    """Base of the results that hold large arrays: one line at the prompt, a table in a notebook."""
 
     def facts(self) -> dict[str, object]:
-        """Names and short values."""
-        raise NotImplementedError
+        """Names and short values; by default the fields, arrays by their shape and range."""
+        names = getattr(self, "__dataclass_fields__", vars(self))
+        values = {name: getattr(self, name) for name in names if not name.startswith("_")}
+        return {name: brief(value) for name, value in values.items() if value is not None}
 
     def __repr__(self) -> str:
         said = ", ".join(f"{name}: {value}" for name, value in self.facts().items())
+        if len(said) > LONGEST:
+            said = said[:LONGEST].rpartition(", ")[0] + ", ..."
         return f"{type(self).__name__}({said})"
 
     def _repr_html_(self) -> str:
@@ -22,3 +34,40 @@ class Shown:
             for name, value in self.facts().items()
         )
         return f"<table><caption>{type(self).__name__}</caption>{rows}</table>"
+
+
+def brief(value: object) -> object:
+    """A value in few characters: a number or word as it is, an array by its range and shape."""
+    if isinstance(value, np.ndarray):
+        return _brief_array(value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, str | int | np.generic):
+        return value
+    if isinstance(value, tuple | list):
+        plain = all(isinstance(one, str | int | float) for one in value)
+        if plain and len(value) <= FEW:
+            return "(" + ", ".join(str(brief(one)) for one in value) + ")"
+        return f"{len(value)} {type(value[0]).__name__ if len(value) else 'items'}"
+    return getattr(value, "name", type(value).__name__)
+
+
+def _brief_array(values: NDArray[Any]) -> str:
+    shape = f"({', '.join(map(str, values.shape))})"
+    kind = values.dtype.kind
+    if values.size == 0 or kind not in "biufU":
+        return shape
+    if values.ndim < 2 and values.size <= FEW:
+        few = str([brief(one) for one in values.ravel().tolist()]).replace("'", "")
+        return few if values.ndim else few[1:-1]
+    if kind == "U":
+        words, counts = np.unique(values, return_counts=True)
+        pairs = zip(counts.tolist(), words.tolist(), strict=True)
+        return " + ".join(f"{n} {word}" for n, word in pairs) if len(words) <= MOST_WORDS else shape
+    if kind == "b":
+        return f"{np.count_nonzero(values)} of {values.size}"
+    known = values[np.isfinite(values)]
+    if known.size == 0:
+        return f"{values.flat[0]} {shape}"
+    low, high = known.min(), known.max()
+    return (f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}") + f" {shape}"

@@ -1,4 +1,4 @@
-"""Point symmetry of a loop: which rotations and mirrors leave its state as it is."""
+"""Point symmetry of a loop: rotations and mirrors that leave its state unchanged."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from loops.graph import GrainGraph
 
 # Rounding of coordinates and forces, over their size: a state further from symmetric than this is
 # not symmetric. A perturbation of 1e-12 is no rounding.
-ROUNDING = 64 * float(np.finfo(float).eps)
-# Entries of a map this close to -1, 0 or 1 are these.
+SYMMETRY_RTOL = 64 * float(np.finfo(float).eps)
+# Entries of a map this close to -1, 0 or 1 are rounded to these.
 AXIS_ROUNDING = 1e-12
 
 
@@ -39,7 +39,7 @@ class PointGroup:
 
     @cached_property
     def parity(self) -> Floats:
-        """(S,) +1 for a rotation, -1 for a mirror: what happens to `T` and to spins."""
+        """(S,) +1 for a rotation, -1 for a mirror: the sign of `T` and of spins under it."""
         return np.asarray(np.sign(np.linalg.det(self.maps)), dtype=float)
 
     @property
@@ -50,12 +50,12 @@ class PointGroup:
 
     @cached_property
     def contact_orbits(self) -> Integers:
-        """(C,) for every contact the first one that is its image."""
+        """(C,) first contact of the orbit of each contact."""
         return np.asarray(self.contacts.min(axis=0))
 
     @cached_property
     def contact_parity(self) -> Floats:
-        """(C,) sign with which `T` is carried here from the first contact of the orbit.
+        """(C,) sign of `T` relative to the first contact of the orbit.
 
         0 where a mirror sends the contact to itself, so that `T` vanishes.
         """
@@ -63,7 +63,7 @@ class PointGroup:
         return np.asarray((self.parity[:, None] * here).sum(axis=0) / here.sum(axis=0))
 
     def only(self, chosen: Flags) -> PointGroup:
-        """The elements that are chosen, (S,): a subgroup, if they are closed under product."""
+        """Some of the elements, (S,): a subgroup if they are closed under product."""
         return PointGroup(self.grains[chosen], self.contacts[chosen], self.maps[chosen])
 
     def along_axes(self) -> PointGroup:
@@ -101,9 +101,13 @@ def point_group(
     The 2 n candidates are the turns and reversals of the ring; each fixes its map.
     """
     count = len(radii)
-    if not _is_ring(contacts, count):
+    ring = np.column_stack([np.arange(count), np.roll(np.arange(count), -1)])
+    if count < 3 or len(contacts) < count or (contacts[:count] != ring).any():
         return identity(count, len(contacts))
-    grains, mirrored = _candidates(count)
+    # (2 n, n): the turns of the ring, then its reversals.
+    grain, turn = np.arange(count), np.arange(count)[:, None]
+    grains = np.concatenate([(turn + grain) % count, (turn - grain) % count])
+    mirrored = np.arange(2 * count) >= count
     kept = _same(radii[grains], radii, np.abs(radii).max())
     grains, mirrored = grains[kept], mirrored[kept]
     centred = [np.asarray(x - x.mean(axis=0)) for x in configurations]
@@ -124,16 +128,16 @@ def point_group(
 
 
 def identity(grains: int, contacts: int) -> PointGroup:
-    """The group without symmetry, of so many grains and contacts."""
+    """The group of the identity alone, for so many grains and contacts."""
     return PointGroup(np.arange(grains)[None], np.arange(contacts)[None], np.eye(2)[None])
 
 
 def invariant_fields(places: Integers, action: Floats) -> Floats:
-    """Orthonormal basis of the fields that a group leaves as they are.
+    """Orthonormal basis of the fields that a group leaves unchanged.
 
     A field has m numbers at each of I places; element s takes them to the place `places[s]` and
-    applies `action[s]`. The basis has the columns of the group average, orbit by orbit: at one
-    place what its own elements leave unchanged, carried to its images.
+    applies `action[s]`. The basis spans the group average, orbit by orbit: at one place of an
+    orbit, the vectors unchanged by the elements that fix it; at its images, their images.
     """
     items, width = places.shape[1], action.shape[-1]
     fields = [np.zeros((items, width, 0))]
@@ -145,18 +149,6 @@ def invariant_fields(places: Integers, action: Floats) -> Floats:
         field[places[:, first]] = action @ kept
         fields.append(field / np.sqrt(len(np.unique(places[:, first]))))
     return np.concatenate(fields, axis=-1)
-
-
-def _is_ring(contacts: Integers, count: int) -> bool:
-    ring = np.column_stack([np.arange(count), np.roll(np.arange(count), -1)])
-    return count >= 3 and len(contacts) >= count and bool((contacts[:count] == ring).all())
-
-
-def _candidates(count: int) -> tuple[Integers, Flags]:
-    """(2 n, n) turns of the ring, then its reversals, and which are reversals."""
-    grain, turn = np.arange(count), np.arange(count)[:, None]
-    grains = np.concatenate([(turn + grain) % count, (turn - grain) % count])
-    return grains, np.arange(2 * count) >= count
 
 
 def _maps(x: Floats, grains: Integers, mirrored: Flags) -> Floats:
@@ -173,7 +165,7 @@ def _maps(x: Floats, grains: Integers, mirrored: Flags) -> Floats:
 
 
 def _contact_images(contacts: Integers, grains: Integers, count: int) -> tuple[Integers, Flags]:
-    """(S, C) contact between the images of each contact's grains, and (S,) whether all are."""
+    """(S, C) contact between the images of each contact's grains, and (S,) whether all exist."""
     keys = contacts.min(axis=1) * count + contacts.max(axis=1)
     order = np.argsort(keys)
     i, j = grains[:, contacts[:, 0]], grains[:, contacts[:, 1]]
@@ -191,5 +183,5 @@ def _keeps(group: PointGroup, values: Floats, parity: Floats) -> Flags:
 def _same(a: Floats, b: Floats, size: float) -> Flags:
     """(S,) rows that agree up to rounding of numbers of that size."""
     with np.errstate(invalid="ignore"):
-        equal = (a == b) | (np.abs(a - b) <= ROUNDING * size)
+        equal = (a == b) | (np.abs(a - b) <= SYMMETRY_RTOL * size)
     return np.asarray(equal.all(axis=-1))

@@ -1,9 +1,9 @@
 """Fates of the loops between two snapshots: they survive, split, merge, change, are born or die.
 
 A loop is the set of its half-edges, its sides each with a direction. Loops of two snapshots
-overlap where they share half-edges; the connected parts of this overlap say what happened. Take
-away every contact that only one of the snapshots has, and each part is one face of what is left:
-the earlier loops of the part had merged into it, and it was then divided into the later ones.
+overlap where they share half-edges; each connected part of this overlap is classified. With every
+contact removed that only one of the snapshots has, a part is one face of the remaining graph: the
+earlier loops of the part merged into it, and it was then divided into the later ones.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from loops.arrays import Integers
 from loops.errors import InputError
 from loops.faces import Faces
 from loops.graph import GrainGraph, branch_vectors
+from loops.shown import Shown
 
 
-@dataclass(frozen=True, eq=False)
-class ContactMatch:
-    """Which contact is which in two snapshots.
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactMatch(Shown):
+    """Contacts of two snapshots, matched.
 
     Attributes
     ----------
@@ -34,12 +35,16 @@ class ContactMatch:
     before : (C1,) array of int
         Number of each later contact in the earlier snapshot, -1 if it closed in between.
     reversed : (C0,) array of bool
-        Whether the later snapshot lists its grains the other way round.
+        Whether the later snapshot lists the two grains in reverse order.
     """
 
     after: Integers
     before: Integers
     reversed: NDArray[np.bool_]
+
+    def facts(self) -> dict[str, object]:
+        """Counts of the contacts."""
+        return {"shared": len(self.shared), "opened": self.opened, "closed": self.closed}
 
     @property
     def shared(self) -> Integers:
@@ -62,8 +67,8 @@ def match_contacts(
 ) -> ContactMatch:
     """Find the contacts that two snapshots share.
 
-    A contact is known by the ids of its two grains. In a periodic cell two grains may touch
-    through several images, and the images say nothing across snapshots: a grain that left the
+    A contact is identified by the ids of its two grains. In a periodic cell two grains may touch
+    through several images, and images of two snapshots cannot be compared: a grain that left the
     cell may have been wrapped, the cell shifted or flipped. There a contact is the same if its
     branch moved by less than half the shortest vector of the lattice, in either snapshot. Branches
     of two images differ by a whole lattice vector at least, so the match is unique.
@@ -173,8 +178,8 @@ class Fate(IntEnum):
     BORN = 5
 
 
-@dataclass(frozen=True, eq=False)
-class LoopFates:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopFates(Shown):
     """The loops of two snapshots and how they follow from each other.
 
     Loops are numbered as in `Faces.loops`: earlier ones 0..L0-1, later ones 0..L1-1.
@@ -209,9 +214,16 @@ class LoopFates:
     order_after: Integers
     links: Integers
 
+    def facts(self) -> dict[str, object]:
+        """Counts of the loops by fate."""
+        ends = {"loops before": len(self.before), "loops after": len(self.after)}
+        born = np.count_nonzero(self.after == Fate.BORN)
+        counts = {fate.name.lower(): np.count_nonzero(self.before == fate) for fate in Fate}
+        return {**ends, **counts, "born": born}
+
 
 def loop_fates(contacts: ContactMatch, before: Faces, after: Faces) -> LoopFates:
-    """Say what became of every loop of a snapshot.
+    """Fate of every loop of a snapshot.
 
     Earlier and later loops that share a half-edge belong to one part, and so on through all loops
     that are linked in this way. A half-edge of the part is *lone* if no loop of the other snapshot
@@ -223,7 +235,7 @@ def loop_fates(contacts: ContactMatch, before: Faces, after: Faces) -> LoopFates
       closed inside the loop);
     - `MERGED`, k >= 2 to 1: no later half-edge is lone, lone earlier ones are inner (contacts that
       opened between the loops);
-    - `DIED`, 1 to 0, and `BORN`, 0 to 1: a loop none of whose half-edges bounds a loop of the other
+    - `DIED`, 1 to 0, and `BORN`, 0 to 1: no half-edge of the loop bounds a loop of the other
       snapshot; it opened to the outside, or closed from there, or all of its contacts are new;
     - `CHANGED`: anything else with k, m >= 1. Contacts opened and closed in it (an exchange of
       neighbours, 2 to 2, the commonest), a cluster inside a loop joined it or came loose, or a
@@ -261,7 +273,10 @@ def loop_fates(contacts: ContactMatch, before: Faces, after: Faces) -> LoopFates
         _loop_of_half_edge(before, len(contacts.after)),
         _loop_of_half_edge(after, len(contacts.before)),
     )
-    here, there = _shared_half_edges(contacts)
+    # Both half-edges of every shared contact, in the earlier and in the later snapshot.
+    c, side = contacts.shared, np.array([0, 1])
+    here = (2 * c[:, None] + side).ravel()
+    there = (2 * contacts.after[c, None] + (side ^ contacts.reversed[c, None])).ravel()
     both = (old[here] >= 0) & (new[there] >= 0)
     here, there = here[both], there[both]
     size, later = len(before.loops), len(after.loops)
@@ -269,9 +284,16 @@ def loop_fates(contacts: ContactMatch, before: Faces, after: Faces) -> LoopFates
     a, b = np.divmod(pair, max(later, 1))
     links = csr_array((np.ones(len(a)), (a, size + b)), shape=(size + later, size + later))
     parts, label = connected_components(links, directed=False)
-    fate = _classify(
-        parts, _lone(old, here, label[:size], parts), _lone(new, there, label[size:], parts)
-    )
+    was = _lone(old, here, label[:size], parts)
+    now = _lone(new, there, label[size:], parts)
+    fate = np.full(parts, Fate.CHANGED, dtype=np.int8)
+    from_one, to_one = was.loops == 1, now.loops == 1
+    kept, complete = was.lone == 0, now.lone == 0
+    fate[from_one & to_one & kept & complete] = Fate.SURVIVED
+    fate[from_one & (now.loops > 1) & kept & (now.border == 0)] = Fate.SPLIT
+    fate[(was.loops > 1) & to_one & complete & (was.border == 0)] = Fate.MERGED
+    fate[now.loops == 0] = Fate.DIED
+    fate[was.loops == 0] = Fate.BORN
     successor, shared = _most_shared(a, b, weight, size)
     predecessor, _ = _most_shared(b, a, weight, later)
     return LoopFates(
@@ -375,15 +397,6 @@ def _loop_of_half_edge(faces: Faces, contacts: int) -> Integers:
     return loop
 
 
-def _shared_half_edges(contacts: ContactMatch) -> tuple[Integers, Integers]:
-    """Both half-edges of every shared contact, in the earlier and in the later snapshot."""
-    c = contacts.shared
-    side = np.array([0, 1])
-    here = 2 * c[:, None] + side
-    there = 2 * contacts.after[c, None] + (side ^ contacts.reversed[c, None])
-    return here.ravel(), there.ravel()
-
-
 class _Part(NamedTuple):
     """Loops of each part, their lone half-edges, and how many of these are not inner."""
 
@@ -405,21 +418,10 @@ def _lone(loop: Integers, shared: Integers, label: Integers, parts: int) -> _Par
     )
 
 
-def _classify(parts: int, old: _Part, new: _Part) -> NDArray[np.int8]:
-    kept, complete = old.lone == 0, new.lone == 0
-    fate = np.full(parts, Fate.CHANGED, dtype=np.int8)
-    fate[(old.loops == 1) & (new.loops == 1) & kept & complete] = Fate.SURVIVED
-    fate[(old.loops == 1) & (new.loops > 1) & kept & (new.border == 0)] = Fate.SPLIT
-    fate[(old.loops > 1) & (new.loops == 1) & complete & (old.border == 0)] = Fate.MERGED
-    fate[new.loops == 0] = Fate.DIED
-    fate[old.loops == 0] = Fate.BORN
-    return fate
-
-
 def _most_shared(
     one: Integers, other: Integers, weight: Integers, count: int
 ) -> tuple[Integers, Integers]:
-    """For each of `count` loops the one it shares most half-edges with, and how many."""
+    """For each of `count` loops the loop that shares most of its half-edges, and their number."""
     order = np.lexsort((other, -weight, one))
     found, first = np.unique(one[order], return_index=True)
     partner, most = np.full(count, -1), np.zeros(count, dtype=np.int64)

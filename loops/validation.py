@@ -109,36 +109,28 @@ def _check_contacts(graph: Any) -> None:
     for name in ("normal_force", "shear_force"):
         value = getattr(graph, name)
         _finite(name.replace("_", " "), "contact", np.isfinite(value), value)
-    _check_self_contacts(graph)
-    _check_duplicates(graph)
-
-
-def _check_self_contacts(graph: Any) -> None:
-    own = graph.contacts[:, 0] == graph.contacts[:, 1]
+    own = contacts[:, 0] == contacts[:, 1]
     if graph.images is not None:
         own &= ~graph.images.any(axis=1)
     if own.any():
         c = _first(own)[0]
-        received = f"grain {graph.contacts[c, 0]} with itself"
+        received = f"grain {contacts[c, 0]} with itself"
         expected = "two grains, or a grain and its periodic image"
         raise InputError(f"contact {c}", received, expected, "Drop the contact.")
-
-
-def _check_duplicates(graph: Any) -> None:
-    again, first = repeated_contacts(graph.contacts, graph.images, graph.grain_count)
+    again, first = repeated_contacts(contacts, graph.images, grains)
     if len(again):
-        where = f"contact {again[0]}"
-        received = f"grains {graph.contacts[again[0]].tolist()}, the same as contact {first[0]}"
-        raise InputError(where, received, "each contact once", "Drop one of the two.")
+        received = f"grains {contacts[again[0]].tolist()}, the same as contact {first[0]}"
+        where, expected = f"contact {again[0]}", "each contact once"
+        raise InputError(where, received, expected, "Drop one of the two.")
 
 
 def repeated_contacts(
     contacts: Integers, images: Integers | None, grain_count: int
 ) -> tuple[Integers, Integers]:
-    """Contacts whose grains and image an earlier one joins already, and the first one of each."""
+    """Contacts with the grains and image of an earlier one, and the first one of each."""
     i, j = contacts.T
     key = np.minimum(i, j) * grain_count + np.maximum(i, j)
-    # Values alone sort faster than with their places, and as a rule they are all different.
+    # Sorting values alone is faster than with their places; they are usually all different.
     ascending = np.sort(key)
     if not (ascending[1:] == ascending[:-1]).any():
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
@@ -146,22 +138,18 @@ def repeated_contacts(
     rows = np.flatnonzero(np.isin(key, ascending[1:][ascending[1:] == ascending[:-1]]))
     table = key[rows, None]
     if images is not None:
-        table = np.column_stack([table, _images_from_lower_grain(contacts[rows], images[rows])])
-    # Sorted, the same ones stand together in the order of the list.
+        # Images as seen from the lower grain; of a grain's own images, one of the two signs.
+        i, j, image = i[rows], j[rows], images[rows]
+        backwards = (image[:, 0] < 0) | ((image[:, 0] == 0) & (image[:, 1] < 0))
+        flip = (i > j) | ((i == j) & backwards)
+        table = np.column_stack([table, np.where(flip[:, None], -image, image)])
+    # After sorting, equal rows are adjacent, in the order of the list.
     order = np.lexsort(table.T)
     starts = np.append(True, (np.diff(table[order], axis=0) != 0).any(axis=1))
     earlier = np.empty_like(order)
     earlier[order] = order[starts][np.cumsum(starts) - 1]
     again = np.flatnonzero(earlier != np.arange(len(rows)))
     return rows[again], rows[earlier[again]]
-
-
-def _images_from_lower_grain(contacts: Integers, images: Integers) -> Integers:
-    """Images as seen from the lower grain; of a grain's own images, one of the two signs."""
-    i, j = contacts.T
-    backwards = (images[:, 0] < 0) | ((images[:, 0] == 0) & (images[:, 1] < 0))
-    flip = (i > j) | ((i == j) & backwards)
-    return np.where(flip[:, None], -images, images)
 
 
 def check_branches(what: str, contacts: Integers, branches: Floats) -> None:

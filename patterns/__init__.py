@@ -6,21 +6,22 @@ from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
     from patterns.diamond import diamond as diamond
-    from patterns.polygons import SnapshotLoop as SnapshotLoop
     from patterns.polygons import equilateral_polygon as equilateral_polygon
     from patterns.polygons import hexagon as hexagon
-    from patterns.polygons import loop_of_snapshot as loop_of_snapshot
     from patterns.polygons import opposite_gap as opposite_gap
     from patterns.polygons import polydisperse_polygon as polydisperse_polygon
     from patterns.polygons import random_loop as random_loop
     from patterns.polygons import regular_polygon as regular_polygon
     from patterns.snapshots import Snapshot as Snapshot
+    from patterns.snapshots import SnapshotLoop as SnapshotLoop
     from patterns.snapshots import WallContacts as WallContacts
     from patterns.snapshots import count_frames as count_frames
+    from patterns.snapshots import loop_of_snapshot as loop_of_snapshot
     from patterns.snapshots import read_frames as read_frames
     from patterns.snapshots import read_snapshot as read_snapshot
     from patterns.snapshots import sample_cell as sample_cell
     from patterns.snapshots import sample_path as sample_path
+    from patterns.snapshots import snapshot_from_tables as snapshot_from_tables
     from patterns.snapshots import write_snapshot as write_snapshot
     from patterns.synthetic import synthetic_network as synthetic_network
 
@@ -29,12 +30,11 @@ if TYPE_CHECKING:
 NAMES = {
     "patterns.diamond": "diamond",
     "patterns.polygons": (
-        "SnapshotLoop equilateral_polygon hexagon loop_of_snapshot opposite_gap "
-        "polydisperse_polygon random_loop regular_polygon"
+        "equilateral_polygon hexagon opposite_gap polydisperse_polygon random_loop regular_polygon"
     ),
     "patterns.snapshots": (
-        "Snapshot WallContacts count_frames read_frames read_snapshot sample_cell sample_path "
-        "write_snapshot"
+        "Snapshot SnapshotLoop WallContacts count_frames loop_of_snapshot read_frames "
+        "read_snapshot sample_cell sample_path snapshot_from_tables write_snapshot"
     ),
     "patterns.synthetic": "synthetic_network",
 }

@@ -1,4 +1,4 @@
-"""Arguments of the patterns' functions: float arrays, checked once at the door."""
+"""Checks of the arguments of the patterns' functions: finite float arrays in their ranges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hard cases by name: scenes that every method must face, and the answers expected of it."""
+"""Registry of hard cases: states for every method, with the expected answers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LETTERS = dict(s="stable", u="unstable", e="error", y="yes", n="no") | {"?": "un
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class CaseState:
     """A state to compute with; regimes are read from the state if None.
 
     `stages` of a path are a programme by its name, a quantity and the value at which it ends.
@@ -35,10 +35,10 @@ class Scene:
 class HardCase:
     """A named hard case (docs/accuracy.md).
 
-    `values` of `parameter` go from mild to extreme, often beyond what double precision can tell;
-    `build` makes a scene of one, or raises `InputError` where none is to be had. What is expected
-    stands one letter a value: for tangents by closure, and `regime`, that of contact 0 as read from
-    the state (`o` open, `e` elastic, `s` sliding); for faces `loops`, `e` where they are refused.
+    `values` of `parameter` go from mild to extreme, often beyond the reach of double precision;
+    `build` makes the state of one, or raises `InputError` where there is none. `expected` has one
+    letter a value: for tangents by closure, and `regime`, that of contact 0 as read from the state
+    (`o` open, `e` elastic, `s` sliding); for faces `loops`, `e` where they are refused.
     Paths, under the affine closure, end with `status` after `events` of these kinds in this order;
     `place` is the exact `H11` of the last one, from closed forms.
     """
@@ -48,7 +48,7 @@ class HardCase:
     kind: Literal["tangent", "path", "faces"]
     parameter: str
     values: tuple[float, ...]
-    build: Callable[[float], Scene]
+    build: Callable[[float], CaseState]
     expected: Mapping[str, str] = field(default_factory=dict)
     status: str = ""
     events: tuple[str, ...] = ()
@@ -56,7 +56,7 @@ class HardCase:
 
 
 KAPPA, MU = 0.3, 0.5
-LAW = LinearFrictional(kn=1.0, kt=KAPPA, mu=MU)
+CASE_LAW = LinearFrictional(kn=1.0, kt=KAPPA, mu=MU)
 RADII = (0.5, 0.6, 0.45, 0.55, 0.5, 0.4)
 SPOKES = 24
 # kappa and friction of Table 1 of Nicot et al. 2016.
@@ -65,9 +65,9 @@ KAPPA_1, MU_1 = 0.2, float(np.tan(np.radians(5.0)))
 
 def on_diamond(
     strain: float, kappa: float = KAPPA, mu: float = MU, T: float = 0.0, alpha0: float = 0.6
-) -> Scene:
+) -> CaseState:
     """Diamond under an isotropic strain, and a shear force."""
-    return Scene(diamond(alpha0, E1=strain, E2=strain, T=T), LinearFrictional(1.0, kappa, mu))
+    return CaseState(diamond(alpha0, E1=strain, E2=strain, T=T), LinearFrictional(1.0, kappa, mu))
 
 
 def path_of_diamond(
@@ -77,47 +77,49 @@ def path_of_diamond(
     end: float,
     alpha0: float = 0.25 * np.pi,
     kappa: float = KAPPA_1,
-) -> Scene:
+) -> CaseState:
     """A path from an isotropic strain on."""
     start, law = diamond(alpha0, E1=strain, E2=strain), LinearFrictional(1.0, kappa, MU_1)
-    return Scene(start, law, stages=((programme, quantity, end),))
+    return CaseState(start, law, stages=((programme, quantity, end),))
 
 
-def all_yield_at_once(shear: float) -> Scene:
-    """Table 1 from A, the four contacts carrying a little shear, each its own, at the start."""
+def all_yield_at_once(shear: float) -> CaseState:
+    """Table 1 from A, with small, different shear forces in the four contacts."""
     scene = path_of_diamond(0.3, "drained_biaxial", "H11", 0.42)
     own = scene.graph.replace(shear_force=shear * np.array([1.0, -0.5, 0.25, 0.75]))
-    return Scene(own, scene.law, stages=scene.stages)
+    return CaseState(own, scene.law, stages=scene.stages)
 
 
-def mobilised_diamond(strain: float, mobilised: float) -> Scene:
+def mobilised_diamond(strain: float, mobilised: float) -> CaseState:
     """Diamond with `|T| = mobilised mu N`, of either sign."""
     loaded = diamond(0.6, E1=strain, E2=strain)
     signs = np.array([1.0, -1.0, 1.0, -1.0])
-    return Scene(loaded.replace(shear_force=MU * loaded.normal_force * mobilised * signs), LAW)
+    return CaseState(
+        loaded.replace(shear_force=MU * loaded.normal_force * mobilised * signs), CASE_LAW
+    )
 
 
-def loaded_hexagon(strain: float, mobilised: float) -> Scene:
+def loaded_hexagon(strain: float, mobilised: float) -> CaseState:
     """Irregular hexagon of overlap `strain` with `|T| = mobilised mu N`."""
     ring = polydisperse_polygon(RADII, strain=strain)
     sides = np.array([1.0, 1.0, -1.0, 1.0, -1.0, -1.0])
-    return Scene(ring.replace(shear_force=mobilised * MU * sides * ring.normal_force), LAW)
+    return CaseState(ring.replace(shear_force=mobilised * MU * sides * ring.normal_force), CASE_LAW)
 
 
-def squashed_hexagon(height: float) -> Scene:
+def squashed_hexagon(height: float) -> CaseState:
     """Hexagon flattened to `height`: all branches nearly on one line."""
     ring = regular_polygon(6, strain=0.05)
     flat = np.array([1.0, height])
-    return Scene(ring.replace(x=ring.x * flat, x0=ring.x0 * flat), LAW)
+    return CaseState(ring.replace(x=ring.x * flat, x0=ring.x0 * flat), CASE_LAW)
 
 
-def ring_with(order: int, kt: float) -> Scene:
+def ring_with(order: int, kt: float) -> CaseState:
     """Regular ring whose first contact has a shear stiffness of its own."""
     own = np.append(kt, np.full(order - 1, KAPPA))
-    return Scene(regular_polygon(order, strain=0.1), LinearFrictional(1.0, own, MU))
+    return CaseState(regular_polygon(order, strain=0.1), LinearFrictional(1.0, own, MU))
 
 
-def coincident_grains(distance: float) -> Scene:
+def coincident_grains(distance: float) -> CaseState:
     """Pentagon with the centre of grain 1 at `distance` from that of grain 0."""
     ring = regular_polygon(5, strain=0.05)
     x = ring.x.copy()
@@ -126,16 +128,16 @@ def coincident_grains(distance: float) -> Scene:
     overlap = np.maximum(1.0 - np.hypot(d[:, 0], d[:, 1]), 0.0)
     graph = GrainGraph(x, ring.radii, ring.contacts, normal_force=overlap)
     # All contacts are elastic, also the one whose branch grew longer.
-    return Scene(graph, LAW, regime=np.full(5, Regime.ELASTIC))
+    return CaseState(graph, CASE_LAW, regime=np.full(5, Regime.ELASTIC))
 
 
-def parallel_half_edges(ulps: float, pairs: int = SPOKES) -> Scene:
-    """A hub whose spokes come in pairs, the directions of each pair apart by `ulps` roundings.
+def parallel_half_edges(ulps: float, pairs: int = SPOKES) -> CaseState:
+    """A hub with spokes in pairs, the two directions of a pair `ulps` units of rounding apart.
 
     Grain 2k + 1 lies on the unit circle, grain 2k + 2 twice as far out, its ordinate moved by so
     many units in the last place against the clock where the abscissa is the larger one, else its
-    abscissa. The outer grain's contact comes first: an order that leaves ties as they stand gets
-    every pair wrong. With the rim the pairs make `2 pairs` loops of three; half of them are
+    abscissa. The outer grain's contact comes first: a sort that keeps ties in order gets every
+    pair wrong. With the rim the pairs make `2 pairs` loops of three; half of them are
     slivers.
     """
     angle = 2.0 * np.pi * (np.arange(pairs) + 0.37) / pairs
@@ -151,7 +153,7 @@ def parallel_half_edges(ulps: float, pairs: int = SPOKES) -> Scene:
     one, two = [hub, hub, first, second], [second, first, second, np.roll(first, -1)]
     contacts = np.stack([np.concatenate(one), np.concatenate(two)], axis=1)
     graph = GrainGraph(x=x, radii=np.ones(len(x)), contacts=contacts)
-    return Scene(graph, LinearFrictional(kn=1.0, kt=0.5))
+    return CaseState(graph, LinearFrictional(kn=1.0, kt=0.5))
 
 
 OVERLAPS = tuple(10.0**-k for k in range(1, 13))
@@ -164,12 +166,12 @@ def _tangent(
     description: str,
     parameter: str,
     values: tuple[float, ...],
-    build: Callable[[float], Scene],
+    build: Callable[[float], CaseState],
     affine: str,
     traction: str = "",
     **read: str,
 ) -> HardCase:
-    """A case that ends in a tangent; without answers of its own, traction gives the affine ones."""
+    """A case of a tangent; without `traction`, the expected letters are those of `affine`."""
     expected = {"affine": affine, "traction": traction or affine, **read}
     return HardCase(name, description, "tangent", parameter, values, build, expected)
 
@@ -241,9 +243,9 @@ HARD_CASES: tuple[HardCase, ...] = (
     ),
     _tangent(
         "unequal-sizes", "size ratios of 1e3 and more", "ratio", (10.0, 1e3, 1e6),
-        lambda ratio: Scene(
+        lambda ratio: CaseState(
             polydisperse_polygon(0.5 * np.array([1.0, 1.0 / ratio, 1.1, 0.9, 1.2]), strain=0.05),
-            LAW,
+            CASE_LAW,
         ), "sss",
     ),
     _tangent(
@@ -253,12 +255,13 @@ HARD_CASES: tuple[HardCase, ...] = (
     _tangent(
         "order", "loops of 3 to 200 grains",
         "grains", (3, 4, 12, 50, 200),
-        lambda order: Scene(regular_polygon(int(order), strain=0.25), LAW), "susss", "suuuu",
+        lambda order: CaseState(regular_polygon(int(order), strain=0.25), CASE_LAW),
+        "susss", "suuuu",
     ),
     _tangent(
         "gear-mode", "free spins: a null vector of the grains that the loop must not feel",
         "grains", (3, 4, 6, 12, 200),
-        lambda order: Scene(regular_polygon(int(order), strain=0.1), LAW, spins="free"),
+        lambda order: CaseState(regular_polygon(int(order), strain=0.1), CASE_LAW, spins="free"),
         "sssss", "ssuuu",
     ),
     _tangent(
@@ -300,7 +303,7 @@ HARD_CASES: tuple[HardCase, ...] = (
     HardCase(
         "through-det-K", "det Ks and det K through zero on a path, down to kappa = 1e-6",
         "path", "kappa", (1e-6, 1e-3, 0.2, 2.0),
-        lambda kappa: Scene(
+        lambda kappa: CaseState(
             diamond(0.25 * np.pi), LinearFrictional(1.0, kappa, MU),
             stages=(("isotropic_strain", "H11", min(2.0 * kappa / (1.0 + kappa), 0.9)),),
         ),

@@ -78,7 +78,13 @@ def synthetic_network(
     (100, 185)
     """
     grains, seed = whole("grains", grains, 2), whole("seed", seed, 0)
-    _check(coordination, jitter, friction)
+    for name, value, expected, ok in (
+        ("coordination", coordination, "a number from 0 to 6", 0 <= coordination <= 6),
+        ("jitter", jitter, "0 <= jitter < sqrt(3)/4", 0 <= jitter < LARGEST_JITTER),
+        ("friction", friction, "a finite number, at least 0", 0 <= friction < np.inf),
+    ):
+        if not ok:
+            raise InputError(name, str(value), expected, "Change the argument.")
     rng = np.random.default_rng(seed)
     aspect = 1.0  # length of the first cell vector over the height of the cell above it
     if cell is not None:
@@ -130,16 +136,6 @@ def synthetic_network(
         images=images if periodic else None,
         cell=box if periodic else None,
     )
-
-
-def _check(coordination: float, jitter: float, friction: float) -> None:
-    for name, value, expected, ok in (
-        ("coordination", coordination, "a number from 0 to 6", 0 <= coordination <= 6),
-        ("jitter", jitter, "0 <= jitter < sqrt(3)/4", 0 <= jitter < LARGEST_JITTER),
-        ("friction", friction, "a finite number, at least 0", 0 <= friction < np.inf),
-    ):
-        if not ok:
-            raise InputError(name, str(value), expected, "Change the argument.")
 
 
 def _neighbours(rows: int, columns: int, periodic: bool) -> tuple[Integers, Integers]:

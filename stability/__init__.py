@@ -31,25 +31,25 @@ if TYPE_CHECKING:
     from stability.rate_problem import RateSolution as RateSolution
     from stability.second_order_work import PolarDiagram as PolarDiagram
     from stability.second_order_work import alpha_e as alpha_e
+    from stability.second_order_work import imhof_fraction as imhof_fraction
     from stability.second_order_work import (
         normalised_second_order_work as normalised_second_order_work,
     )
     from stability.second_order_work import polar_diagram as polar_diagram
     from stability.second_order_work import second_order_work as second_order_work
+    from stability.second_order_work import unstable_fraction as unstable_fraction
+    from stability.spectra import COMPONENTS as COMPONENTS
     from stability.spectra import RTOL as RTOL
     from stability.spectra import bromwich_margin as bromwich_margin
     from stability.spectra import flutter_pairs as flutter_pairs
     from stability.spectra import operator_norm as operator_norm
+    from stability.spectra import restrict as restrict
+    from stability.spectra import rotate_tangent as rotate_tangent
     from stability.spectra import spectrum as spectrum
+    from stability.spectra import subspace_basis as subspace_basis
     from stability.spectra import symmetric_modes as symmetric_modes
     from stability.spectra import symmetric_part as symmetric_part
     from stability.spectra import symmetric_spectrum as symmetric_spectrum
-    from stability.subspaces import COMPONENTS as COMPONENTS
-    from stability.subspaces import restrict as restrict
-    from stability.subspaces import rotate_tangent as rotate_tangent
-    from stability.subspaces import subspace_basis as subspace_basis
-    from stability.unstable_fraction import imhof_fraction as imhof_fraction
-    from stability.unstable_fraction import unstable_fraction as unstable_fraction
     from stability.verdict import Verdict as Verdict
     from stability.verdict import judge as judge
     from stability.verdict import statuses as statuses
@@ -66,14 +66,13 @@ NAMES = {
     "stability.programmes": "Programme Stage programmes",
     "stability.rate_problem": "RateProblem RateSolution",
     "stability.second_order_work": (
-        "PolarDiagram alpha_e normalised_second_order_work polar_diagram second_order_work"
+        "PolarDiagram alpha_e imhof_fraction normalised_second_order_work polar_diagram "
+        "second_order_work unstable_fraction"
     ),
     "stability.spectra": (
-        "RTOL bromwich_margin flutter_pairs operator_norm spectrum symmetric_modes "
-        "symmetric_part symmetric_spectrum"
+        "COMPONENTS RTOL bromwich_margin flutter_pairs operator_norm restrict rotate_tangent "
+        "spectrum subspace_basis symmetric_modes symmetric_part symmetric_spectrum"
     ),
-    "stability.subspaces": "COMPONENTS restrict rotate_tangent subspace_basis",
-    "stability.unstable_fraction": "imhof_fraction unstable_fraction",
     "stability.verdict": "Verdict judge statuses",
 }
 lazy_face(__name__, NAMES)

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats, all_finite
-from stability.spectra import RTOL, operator_norm
-from stability.subspaces import as_operator
+from loops.shown import Shown
+from stability.spectra import RTOL, as_operator, operator_norm
 
 _SPLITTER = 2.0**27 + 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneCone:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlaneCone(Shown):
     """The directions of the plane along which second-order work is negative: a double cone.
 
     Angles theta run from the first axis (E1) to the second (E2), tan theta = E2'/E1'; `alpha_e`
@@ -81,13 +81,23 @@ def plane_cone(K: ArrayLike, rtol: float = RTOL) -> PlaneCone:
     """
     operator = as_operator(K, size=2)
     finite = all_finite(operator)
-    scaled = _scaled(np.where(finite[..., None, None], operator, 0.0))
+    known = np.where(finite[..., None, None], operator, 0.0)
+    # Over the power of two next to the largest entry: exact, and squares cannot overflow.
+    _, exponent = np.frexp(np.abs(known).max(axis=(-2, -1), keepdims=True))
+    scaled = np.ldexp(known, -exponent)
     smallest, largest = _extreme_eigenvalues(scaled)
-    status = _status(smallest, largest, rtol * operator_norm(scaled))
+    band = rtol * operator_norm(scaled)
+    neutral = (np.abs(smallest) <= band) & (np.abs(largest) <= band)
+    cases = [neutral, smallest > band, smallest >= -band, largest > band]
+    status = np.select(cases, ["undetermined", "empty", "ray", "open"], "all")
     opening = 2.0 * np.arctan2(
         np.sqrt(np.maximum(-smallest, 0.0)), np.sqrt(np.maximum(largest, 0.0))
     )
-    axis = _axis(scaled)
+    # W2 is smallest a quarter turn from where it is largest.
+    difference = scaled[..., 0, 0] - scaled[..., 1, 1]
+    shear = scaled[..., 0, 1] + scaled[..., 1, 0]
+    axis = np.mod(0.5 * np.arctan2(shear, difference) + 0.5 * np.pi, np.pi)
+    axis = np.where((difference == 0.0) & (shear == 0.0), np.nan, axis)
     has_edges = np.asarray((smallest <= 0.0) & (largest >= 0.0))
     edges = axis[..., None] + 0.5 * opening[..., None] * np.array([-1.0, 1.0])
     edges = np.where(has_edges[..., None], edges, np.nan)
@@ -99,34 +109,22 @@ def plane_cone(K: ArrayLike, rtol: float = RTOL) -> PlaneCone:
     )
 
 
-def _scaled(K: Floats) -> Floats:
-    """K over the power of two next to its largest entry: exact, and squares cannot overflow."""
-    _, exponent = np.frexp(np.abs(K).max(axis=(-2, -1), keepdims=True))
-    return np.ldexp(K, -exponent)
-
-
 def _extreme_eigenvalues(K: Floats) -> tuple[Floats, Floats]:
     """Both eigenvalues of Ks; the one smaller in size by the determinant, which spares digits."""
     mean = 0.5 * (K[..., 0, 0] + K[..., 1, 1])
     radius = 0.5 * np.hypot(K[..., 0, 0] - K[..., 1, 1], K[..., 0, 1] + K[..., 1, 0])
     outer = mean + np.copysign(radius, mean)
-    inner = np.divide(_determinant(K), outer, out=np.zeros_like(outer), where=outer != 0.0)
-    return np.minimum(inner, outer), np.maximum(inner, outer)
-
-
-def _determinant(K: Floats) -> Floats:
-    """Determinant k11 k22 - ((k12 + k21)/2)^2 of Ks, rounding errors of sum and products added."""
-    total, lost = _exact_sum(K[..., 0, 1], K[..., 1, 0])
-    product, product_error = _exact_product(K[..., 0, 0], K[..., 1, 1])
-    square, square_error = _exact_product(0.5 * total, 0.5 * total)
-    return (product - square) + (product_error - square_error - 0.5 * total * lost)
-
-
-def _exact_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Rounded sum and its rounding error (Knuth)."""
+    # Determinant k11 k22 - ((k12 + k21)/2)^2, the rounding errors of the sum (Knuth) and of the
+    # products added.
+    a, b = K[..., 0, 1], K[..., 1, 0]
     total = a + b
     part = total - a
-    return total, (a - (total - part)) + (b - part)
+    lost = (a - (total - part)) + (b - part)
+    product, product_error = _exact_product(K[..., 0, 0], K[..., 1, 1])
+    square, square_error = _exact_product(0.5 * total, 0.5 * total)
+    determinant = (product - square) + (product_error - square_error - 0.5 * total * lost)
+    inner = np.divide(determinant, outer, out=np.zeros_like(outer), where=outer != 0.0)
+    return np.minimum(inner, outer), np.maximum(inner, outer)
 
 
 def _exact_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
@@ -137,16 +135,3 @@ def _exact_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     a_low, b_low = a - a_high, b - b_high
     error = a_low * b_low - (((product - a_high * b_high) - a_low * b_high) - a_high * b_low)
     return product, error
-
-
-def _axis(K: Floats) -> Floats:
-    """Direction of the smallest W2: theta0 + pi/2, theta0 that of the largest."""
-    difference, shear = K[..., 0, 0] - K[..., 1, 1], K[..., 0, 1] + K[..., 1, 0]
-    axis = np.mod(0.5 * np.arctan2(shear, difference) + 0.5 * np.pi, np.pi)
-    return np.where((difference == 0.0) & (shear == 0.0), np.nan, axis)
-
-
-def _status(smallest: Floats, largest: Floats, band: Floats) -> NDArray[np.str_]:
-    neutral = (np.abs(smallest) <= band) & (np.abs(largest) <= band)
-    cases = [neutral, smallest > band, smallest >= -band, largest > band]
-    return np.select(cases, ["undetermined", "empty", "ray", "open"], "all")

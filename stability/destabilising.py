@@ -2,8 +2,8 @@
 
 Under dead loads a loop is lost where det K = 0; under a linear constraint it may be lost earlier.
 Let x be isotropic, `x . K x = 0`, and hold the strain combination along `K x`. Then x is free (it
-is orthogonal to `K x`), and the stress rate `K x` that it calls up is all reaction: the tangent
-projected on the plane that is left has x in its kernel. Such an x exists if and only if Ks is not
+is orthogonal to `K x`), and the stress rate `K x` that it causes is pure reaction: the tangent
+projected on the remaining plane has x in its kernel. Such an x exists if and only if Ks is not
 definite, so definiteness of Ks is stability under every linear control (Lerbet, Challamel, Nicot,
 Darve).
 
@@ -23,15 +23,15 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.errors import InputError
+from loops.shown import Shown
 from stability.programmes import Programme, combination
-from stability.spectra import RTOL, operator_norm, symmetric_modes
-from stability.subspaces import as_operator, subspace_basis
+from stability.spectra import RTOL, as_operator, operator_norm, subspace_basis, symmetric_modes
 
 ControlStatus = Literal["found", "definite", "singular", "undetermined"]
 
 
-@dataclass(frozen=True, eq=False)
-class LinearControl:
+@dataclass(frozen=True, eq=False, repr=False)
+class LinearControl(Shown):
     """A linear control of a loop and the response that it admits.
 
     Attributes
@@ -198,7 +198,7 @@ def control_along(operator: Floats, y: Floats, rtol: float = RTOL) -> LinearCont
     work = float(y @ stress)
     reaction = stress - work * y
     size = float(np.linalg.norm(reaction))
-    # Where K y is along y nothing reacts: any combination orthogonal to y may be held.
+    # If K y is along y there is no reaction: any combination orthogonal to y may be held.
     idle = size <= rtol * float(operator_norm(operator))
     held = complement(y[None])[0] if idle else reaction / size
     held = held - (held @ y) * y
@@ -247,7 +247,7 @@ def strain_driven(control: LinearControl, subspace: str, rate: float = 1.0) -> P
         Found on that subspace.
     subspace : {'diagonal', 'symmetric', 'full'}
     rate : float
-        Strain rate, not zero; its sign is the sense in which the path sets out.
+        Strain rate, not zero; its sign is that of the motion along `direction`.
 
     Returns
     -------

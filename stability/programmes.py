@@ -1,4 +1,17 @@
-"""Loading programmes: what is controlled, and until when."""
+"""Loading programmes: what is controlled, and until when.
+
+Examples
+--------
+Five grains compressed along axis 1 at constant stress along axis 2:
+
+>>> from loops import LinearFrictional
+>>> from patterns import regular_polygon
+>>> from stability import Stage, follow, programmes
+>>> stage = Stage(programmes.drained_biaxial(), "H11", 0.15)
+>>> path = follow(regular_polygon(5, strain=0.1), LinearFrictional(1.0, 0.5), stage)
+>>> path.status, round(abs(float(path.P[-1, 3] - path.P[0, 3])), 12)
+('finished', 0.0)
+"""
 
 from __future__ import annotations
 
@@ -10,14 +23,15 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.errors import InputError
-from stability.subspaces import COMPONENTS
+from loops.shown import Shown
+from stability.spectra import COMPONENTS
 
 Axis = Literal[1, 2]
 QUANTITIES = tuple(f"{tensor}{component}" for tensor in "HP" for component in COMPONENTS)
 
 
-@dataclass(frozen=True, eq=False)
-class Programme:
+@dataclass(frozen=True, eq=False, repr=False)
+class Programme(Shown):
     """Four linear equations between rates, per unit of the loading parameter.
 
         stress @ P' + strain @ H' = rate
@@ -28,7 +42,7 @@ class Programme:
     Parameters
     ----------
     name : str
-        What it is called in results and messages.
+        Name in results and messages.
     stress, strain : (4, 4) array
         Coefficients of `P'` and of `H'`, one equation a row.
     rate : (4,) array
@@ -85,7 +99,7 @@ class Programme:
         return self.stress, strain, self.rate
 
     def driven(self, quantity: str) -> float:
-        """Rate of a component that an equation has alone, nan where none does."""
+        """Rate of a component that one equation fixes alone, nan if none does."""
         controls = np.hstack([self.strain, self.stress])
         own = controls[:, QUANTITIES.index(quantity)]
         for row in np.flatnonzero(((controls != 0).sum(axis=1) == 1) & (own != 0)):
@@ -94,17 +108,17 @@ class Programme:
         return float("nan")
 
 
-@dataclass(frozen=True)
-class Stage:
+@dataclass(frozen=True, repr=False)
+class Stage(Shown):
     """A programme and the value at which it ends.
 
     Parameters
     ----------
     programme : Programme
-        What is controlled.
+        Controlled quantities.
     quantity : str
-        What ends the stage: a component 'H11', ..., 'P22', or 'parameter', the loading parameter
-        counted from the start of the stage.
+        Quantity that ends the stage: a component 'H11', ..., 'P22', or 'parameter', the loading
+        parameter counted from the start of the stage.
     target : float
         Its value at the end.
     fallback : bool
@@ -241,7 +255,7 @@ def combination(
     rate : (4,) array
         Right-hand side per unit of the loading parameter.
     name : str
-        What to call it.
+        Name of the programme.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """The rate problem of contacts at the edge of their law: regimes that agree with their rates.
 
-A contact inside Coulomb's cone has one regime. At yield it may slide or stick, just touching it may
-part, stick or slide to either side, and the motion decides, while the motion depends on all the
-regimes: a piecewise linear complementarity problem. It may have one solution, none or several.
+A contact inside Coulomb's cone has one regime. At yield it may slide or stick; just touching, it
+may part, stick or slide to either side. Its rates decide, and these depend on the regimes of all
+contacts: a piecewise linear complementarity problem with one solution, none or several.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ import numpy as np
 
 from loops.arrays import Floats
 from loops.laws.protocol import Regime
+from loops.shown import Shown
 
-Status = Literal["unique", "none", "several"]
+RateStatus = Literal["unique", "none", "several"]
 # Number of combinations of regimes up to which all are tried; beyond it, pivoting.
 ENUMERATION_LIMIT = 256
 # Number of combinations up to which all are tried if pivoting finds nothing.
@@ -29,8 +30,8 @@ SIGN_TOLERANCE = 1e-10
 SOLUTION_RTOL = 1e-8
 
 
-@dataclass(frozen=True)
-class Choice:
+@dataclass(frozen=True, repr=False)
+class Choice(Shown):
     """One regime that a contact may take: `Regime` and, when it slides, the sign of `T`."""
 
     regime: Regime
@@ -57,7 +58,7 @@ def edge_options(
 
 @dataclass(frozen=True, eq=False)
 class EdgeRates:
-    """Rates that decide, one entry per contact at the edge of its law.
+    """Rates that decide on the regimes, one entry per contact at the edge of its law.
 
     `un` (m,): Normal displacement, positive when the contact opens (times kn, force per time);
     `shear` (m,): Shear force as if the contact stuck; `strength` (m,): Shear force it could carry,
@@ -92,36 +93,36 @@ class Trial(Protocol):
 AnyTrial = TypeVar("AnyTrial", bound=Trial)
 
 
-@dataclass(frozen=True, eq=False)
-class RateSolution(Generic[AnyTrial]):
+@dataclass(frozen=True, eq=False, repr=False)
+class RateSolution(Shown, Generic[AnyTrial]):
     """One solution: a choice per contact at the edge, and the rates."""
 
     choices: tuple[Choice, ...]
     rates: AnyTrial
 
 
-@dataclass(frozen=True, eq=False)
-class RateProblem(Generic[AnyTrial]):
+@dataclass(frozen=True, eq=False, repr=False)
+class RateProblem(Shown, Generic[AnyTrial]):
     """Solutions of a rate problem.
 
     Attributes
     ----------
     status : {'unique', 'none', 'several'}
-        How many there are. Combinations of regimes that give the same rates count once.
+        Number of solutions. Combinations of regimes that give the same rates count once.
     solutions : tuple of RateSolution
         All that were found, the one that a path takes first: see `solve_rate_problem`.
     exhaustive : bool
-        Whether every combination of regimes was tried; otherwise the status speaks of what the
-        pivoting found, from several starts.
+        Whether every combination of regimes was tried; otherwise the status refers to the solutions
+        that pivoting found from several starts.
     singular : int
         Combinations whose equations have no single answer.
     tried : int
         Combinations whose rates were solved for; 1 where no contact has a choice.
     combinations : float
-        How many combinations of regimes the contacts at the edge have.
+        Number of combinations of regimes of the contacts at the edge.
     """
 
-    status: Status
+    status: RateStatus
     solutions: tuple[RateSolution[AnyTrial], ...]
     exhaustive: bool
     singular: int
@@ -143,7 +144,7 @@ def solve_rate_problem(
 ) -> RateProblem[AnyTrial]:
     """Find the regimes that agree with the rates they cause.
 
-    Where no contact has a choice one solve answers. Sticking agrees while the shear rate stays
+    If no contact has a choice, one solve is enough. Sticking agrees while the shear rate stays
     within the cone, sliding while sticking would leave it, parting while the branch lengthens.
 
     Of several solutions the first is the one in which contacts with as many options take the same
@@ -178,7 +179,7 @@ def solve_rate_problem(
         search(product(*options))
     distinct = _distinct(agreeing, preferred)
     distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
-    status: Status = "none" if not distinct else "unique" if len(distinct) == 1 else "several"
+    status: RateStatus = "none" if not distinct else "unique" if len(distinct) == 1 else "several"
     return RateProblem(status, tuple(distinct), exhaustive, singular, trials, count)
 
 
@@ -225,7 +226,7 @@ def _pivots(
             yield choices
             return
         wrong = [k for k, agrees in enumerate(agreement) if not agrees]
-        # An untrusted solve may agree with itself: then the search has nowhere to go.
+        # The regimes of an untrusted solve may agree with its rates: the search ends there.
         if not wrong:
             return
         single = single or choices in seen

@@ -1,9 +1,9 @@
-"""Verdict on one tangent: its status, how far it is from the limit, and the direction."""
+"""Stability of tangents: the verdict on one of them, and modes and cones of many at once."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, Literal, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +12,19 @@ from loops import MacroTangent
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.shown import Shown
-from stability.spectra import RTOL, flutter_pairs, operator_norm, spectrum, symmetric_modes
-from stability.subspaces import as_operator, restrict
+from stability.cones import plane_cone
+from stability.second_order_work import unstable_fraction
+from stability.spectra import (
+    RTOL,
+    as_operator,
+    flutter_pairs,
+    operator_norm,
+    restrict,
+    spectrum,
+    symmetric_modes,
+)
 
-Status = Literal["stable", "unstable", "undetermined"]
+VerdictStatus = Literal["stable", "unstable", "undetermined"]
 Loss = Literal["none", "divergence", "flutter"]
 _Array = TypeVar("_Array", bound=np.ndarray[Any, Any])
 
@@ -24,8 +33,8 @@ _Array = TypeVar("_Array", bound=np.ndarray[Any, Any])
 class Verdict(Shown):
     """Verdict on the stability of a tangent on a named subspace.
 
-    `status` speaks of second-order work (44): stable if W2 > 0 in every direction. `divergence` and
-    `flutter` speak of the spectrum of K, the loss under dead loads. Bromwich's inequality keeps a
+    `status` refers to second-order work (44): stable if W2 > 0 in every direction. `divergence` and
+    `flutter` refer to the spectrum of K, the loss under dead loads. Bromwich's inequality keeps a
     stable operator from divergence; it does not keep it from flutter.
 
     Attributes
@@ -50,7 +59,7 @@ class Verdict(Shown):
         Of Ks, ascending.
     """
 
-    status: Status
+    status: VerdictStatus
     margin: float
     tolerance: float
     witness: Floats
@@ -61,6 +70,11 @@ class Verdict(Shown):
     symmetric_eigenvalues: Floats
 
     @property
+    def lambda_min(self) -> float:
+        """Smallest eigenvalue of Ks, in the unit of K: `margin` is this over `|K|`."""
+        return float(self.symmetric_eigenvalues[0])
+
+    @property
     def mode(self) -> Loss:
         """Loss shown by the spectrum of K; divergence is named first when both are there."""
         if self.divergence:
@@ -69,8 +83,14 @@ class Verdict(Shown):
 
     def facts(self) -> dict[str, object]:
         """Facts shown at the prompt and in a notebook."""
-        return {"status": self.status, "subspace": self.subspace, "lambda_min/|K|": self.margin,
-                "tolerance": self.tolerance, "loss in the spectrum of K": self.mode}  # fmt: skip
+        return {
+            "status": self.status,
+            "subspace": self.subspace,
+            "lambda_min": f"{self.lambda_min:.6g}",
+            "lambda_min/|K|": f"{self.margin:.6g}",
+            "tolerance": f"{self.tolerance:.2g}",
+            "loss in the spectrum of K": self.mode,
+        }
 
     def __str__(self) -> str:
         direction = ", ".join(f"{component:.3g}" for component in self.witness)
@@ -127,8 +147,11 @@ def judge(
     >>> print(judge([[3.0, 0.0], [0.0, 4.0]]))
     stable (given): lambda_min/|K| = 0.6 (tolerance 1e-12) along (1, 0); spectrum of K: no loss
     """
-    known = _error(K) if error is None else float(error)
-    K = K.matrix if isinstance(K, MacroTangent) else K
+    known = 0.0 if error is None else float(error)
+    if isinstance(K, MacroTangent):
+        # A batch is refused below, where its shape is known.
+        known = float(np.max(K.error, initial=0.0)) if error is None else known
+        K = K.matrix
     operator = as_operator(K) if subspace is None else restrict(K, subspace)
     if operator.ndim != 2:
         received = f"a batch of shape {operator.shape}"
@@ -136,10 +159,10 @@ def judge(
     values, vectors = symmetric_modes(operator)
     eigenvalues = spectrum(operator)
     norm = float(operator_norm(operator))
-    status = cast(Status, statuses(values[0], norm, rtol, known).item())
+    status = cast(VerdictStatus, statuses(values[0], norm, rtol, known).item())
     tolerance = rtol + known / norm if norm > 0.0 else rtol
     pairs = flutter_pairs(operator, tolerance)
-    # A stable Ks excludes divergence exactly; say so in spite of round-off at the tolerance.
+    # A stable Ks excludes divergence exactly, whatever round-off at the tolerance.
     singular = (eigenvalues.real <= tolerance * norm) & ~pairs
     return Verdict(
         status=status,
@@ -168,7 +191,7 @@ def statuses(
     rtol : float
         Half-width of the undetermined band, relative to the norm.
     error : array_like, shape (...)
-        What the error of the solve adds to it, in the unit of K: `MacroTangent.error`.
+        Error bound of each K, added to the band, in the unit of K: `MacroTangent.error`.
 
     Returns
     -------
@@ -190,12 +213,64 @@ def statuses(
     return np.select(decided, ["stable", "unstable"], "undetermined")
 
 
-def _error(K: ArrayLike | MacroTangent) -> float:
-    """Error bound that comes with K; a batch is refused later, where its shape is known."""
-    return float(np.max(K.error, initial=0.0)) if isinstance(K, MacroTangent) else 0.0
-
-
 def _read_only(array: _Array) -> _Array:
     array = array.copy()
     array.setflags(write=False)
     return array
+
+
+class LoopStability(NamedTuple):
+    """Stability of loops; not a number where the tangent is not finite.
+
+    `eigenvalues` (L, 3): Of Ks in the symmetric subspace (11, 22, (12 + 21)/sqrt 2), ascending
+    (unit of the tangent); `unstable_fraction` (L,): Share of the directions of that subspace with
+    negative second-order work; `cone_opening` (L,): Opening of the cone of negative second-order
+    work in the plane (11, 22), radians; 0 if none; `soft_angle` (L,): Direction of the softest
+    mode, radians in (-pi/2, pi/2], see `soft_angle`.
+    """
+
+    eigenvalues: Floats
+    unstable_fraction: Floats
+    cone_opening: Floats
+    soft_angle: Floats
+
+
+def loop_stability(tangents: Floats, *, compiled: bool = False) -> LoopStability:
+    """Judge tangents in the symmetric subspace."""
+    if compiled:
+        from stability.compiled.modes import loop_modes
+
+        values, softest, opening = loop_modes(np.ascontiguousarray(tangents))
+    else:
+        values, vectors = symmetric_modes(restrict(tangents, "symmetric"))
+        softest = vectors[..., :, 0]
+        opening = plane_cone(restrict(tangents, "diagonal")).opening
+    # Most loops are stable: nothing to integrate.
+    fraction = np.where(np.isnan(values[..., 0]), np.nan, 0.0)
+    negative = values[..., 0] < 0
+    fraction[negative] = unstable_fraction(values[negative])
+    return LoopStability(values, fraction, opening, soft_angle(softest))
+
+
+def loop_spectra(tangents: Floats, *, compiled: bool = False) -> Floats:
+    """(L, 3) eigenvalues of Ks in the symmetric subspace alone, as `loop_stability` has them."""
+    if compiled:
+        from stability.compiled.modes import loop_modes
+
+        return np.asarray(loop_modes(np.ascontiguousarray(tangents))[0])
+    return symmetric_modes(restrict(tangents, "symmetric"))[0]
+
+
+def soft_angle(directions: Floats) -> Floats:
+    """Direction of a strain without a sign: the axis of its principal value of larger size.
+
+    A mode is known up to its sign. With the sign that makes this principal value a compression, the
+    angle is that of the axis of compression. Of a pure shear both principal values have the same
+    size: the angle is then that of either.
+    """
+    trace = directions[..., 0] + directions[..., 1]
+    sign = np.where(trace < 0, -1.0, 1.0)
+    difference = sign * (directions[..., 0] - directions[..., 1])
+    # Adding zero turns -0 into 0: an angle of -pi/2 would lie outside the range.
+    shear = sign * np.sqrt(2.0) * directions[..., 2] + 0.0
+    return np.asarray(0.5 * np.arctan2(shear, difference))

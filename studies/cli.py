@@ -12,27 +12,26 @@ from typing import Annotated
 
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 
-from loops.errors import InputError
-from studies.commands.bench import bench
-from studies.commands.check import check
+from loops.errors import InputError, out_of_memory
 from studies.commands.common import Answer
-from studies.commands.evolve import evolve
-from studies.commands.loops import diamond, domain, polygon
-from studies.commands.probe import probe
+from studies.commands.loops import bench, diamond, domain, polygon
+from studies.commands.packing import evolve, probe, sustain
 from studies.commands.series import series
-from studies.commands.snapshot import snapshot
+from studies.commands.snapshot import check, snapshot
 
 HELP = (
     "Stability of grain loops in two-dimensional granular media. Angles in degrees; forces, "
     "stresses and strains positive in compression."
 )
 # No error is longer than a screen: the middle of what was received is left out.
-LONGEST = 1000
+LONGEST_MESSAGE = 1000
+# Bytes below which linear algebra asks for its buffers again and again while it is loaded.
+ADDRESS_SPACE = 800_000_000
 INTERRUPTED = 130
 
 
 def _known(default: object) -> object:
-    """The default of an option as its help shows it; None where it goes without saying."""
+    """The default that the help of an option shows; none for flags and empty words."""
     return None if isinstance(default, bool) or default == "" else default
 
 
@@ -48,7 +47,7 @@ app = App(
     print_error=False,
 )
 COMMANDS: tuple[Callable[..., Answer], ...] = (
-    *(check, snapshot, series, probe, evolve),
+    *(check, snapshot, series, probe, sustain, evolve),
     *(diamond, polygon, domain, bench),
 )
 for place, command in enumerate(COMMANDS):
@@ -97,7 +96,7 @@ def launch(
 
 @contextmanager
 def _no_progress() -> Iterator[None]:
-    """No progress bars and no clock: rich, worker processes and the clock read this variable."""
+    """Hide progress bars and the clock, which read this variable, in worker processes too."""
     before = os.environ.get("TTY_COMPATIBLE")
     os.environ["TTY_COMPATIBLE"] = "0"
     try:
@@ -135,15 +134,28 @@ def _print(answer: Answer, quiet: bool) -> None:
         _print_error(message)
 
 
+def _require_address_space() -> None:
+    """Refuse to run where libraries would wait for memory without end, or abort."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < ADDRESS_SPACE:
+        least = f"at least {ADDRESS_SPACE / 1e9:g} GB, see ulimit -v"
+        _fail(f"out of memory: {limit / 1e9:.2g} GB of address space; {least}.", status=1)
+
+
 def main() -> None:
     """Run the command; bad input gives one line on stderr and exit status 2."""
-    # Arrays here live briefly: clearing huge pages for them takes longer than what they save.
+    # Arrays are short-lived: clearing huge pages for them takes longer than it saves.
     os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
     if not sys.warnoptions:
-        # Warnings are for who writes code; what a user should know stands in the notes.
+        # Warnings are for developers; the notes of a summary tell users what they should know.
         warnings.simplefilter("ignore")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
+    _require_address_space()
     try:
         answer = app.meta(sys.argv[1:])
     except InputError as error:
@@ -157,7 +169,9 @@ def main() -> None:
         _fail(f"{said}. Try 'grainloops --help'.")
     except KeyboardInterrupt as error:
         _fail(f"interrupted; {str(error) or 'nothing was written'}.", status=INTERRUPTED)
-    except MemoryError as error:
+    except (MemoryError, RuntimeError, ImportError) as error:
+        if not out_of_memory(error):
+            raise
         said = str(error)
         said = said if said.startswith("out of memory") else f"out of memory. {said}"
         _fail(said.rstrip(". "), status=1)
@@ -175,8 +189,8 @@ def _fail(message: str, status: int = 2) -> None:
 def _print_error(message: str) -> None:
     """Print an error on one line of stderr."""
     line = " ".join(message.split())
-    if len(line) > LONGEST:
-        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+    if len(line) > LONGEST_MESSAGE:
+        line = f"{line[: LONGEST_MESSAGE // 2]} ... {line[-LONGEST_MESSAGE // 2 :]}"
     print(f"grainloops: {line}", file=sys.stderr)
 
 

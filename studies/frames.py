@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from loops import force_chains
+from loops import InputError, force_chains
 from patterns import Snapshot
 from stability import Path
 from studies.output import SIGNS, provenance
-from studies.snapshot import table
-from studies.snapshot.run import UNITS
-from studies.snapshot.source import planar
+from studies.snapshot import table as tables
+from studies.snapshot.polygons import half_edges_of_loops, loop_corners
+from studies.snapshot.run import UNITS, planar
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
 
 
 def loop_table(snapshot: Snapshot) -> pd.DataFrame:
-    """One row a loop: shape, stress and stability, as `grainloops snapshot` writes them.
+    """One row per loop: shape, stress and stability, as `grainloops snapshot` writes them.
 
     Parameters
     ----------
@@ -48,14 +53,62 @@ def loop_table(snapshot: Snapshot) -> pd.DataFrame:
     (309, 3)
     """
     snapshot = planar(snapshot)
-    columns = pa.table(table.loop_table(snapshot))
+    columns = pa.table(tables.loop_table(snapshot))
     frame: pd.DataFrame = columns.to_pandas()
     frame.attrs = provenance("loop_table", {}, UNITS)
     return frame
 
 
+def to_geodataframe(snapshot: Snapshot, table: pd.DataFrame | None = None) -> GeoDataFrame:
+    """Loops as polygons with the columns of their table, for GeoPandas and GIS files.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        Loops across the border of a periodic cell are unrolled.
+    table : pandas.DataFrame, optional
+        One row a loop, in their order; `loop_table` if left out.
+
+    Returns
+    -------
+    geopandas.GeoDataFrame
+        `geometry` are the polygons of the grains' centres, counter-clockwise, without a coordinate
+        reference system; `grains` are the ids as text, since files of polygons hold no lists.
+
+    Raises
+    ------
+    InputError
+        Without GeoPandas; if branches cross; for a table of other loops.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> polygons = to_geodataframe(read_snapshot(sample_path()))  # doctest: +SKIP
+    >>> polygons.to_file("loops.gpkg")  # doctest: +SKIP
+    """
+    try:
+        import geopandas
+        import shapely
+    except ImportError:
+        remedy = "Install it: pip install grainloops[geo]."
+        raise InputError("to_geodataframe", "no library", "geopandas", remedy) from None
+    snapshot = planar(snapshot)
+    offsets, at = half_edges_of_loops(snapshot.faces)
+    own = loop_table(snapshot) if table is None else table
+    if len(own) != len(offsets) - 1:
+        received, expected = f"{len(own)} rows", f"one a loop, {len(offsets) - 1}"
+        raise InputError("table", received, expected, "Give the table of this snapshot.")
+    corners = loop_corners(snapshot.graph, snapshot.faces, offsets, at)
+    rings = shapely.linearrings(corners, indices=np.repeat(np.arange(len(own)), np.diff(offsets)))
+    frame = geopandas.GeoDataFrame(own, geometry=shapely.polygons(rings))
+    frame.attrs = dict(own.attrs)
+    if "grains" in frame:
+        frame["grains"] = [" ".join(map(str, ids)) for ids in frame["grains"]]
+    return frame
+
+
 def chain_table(snapshot: Snapshot) -> pd.DataFrame:
-    """One row a grain: its major principal stress and the force chain that it is in.
+    """One row per grain: its major principal stress and the force chain that it is in.
 
     Parameters
     ----------
@@ -80,7 +133,8 @@ def chain_table(snapshot: Snapshot) -> pd.DataFrame:
     >>> int(table["length"].min()), len(table)
     (0, 600)
     """
-    snapshot.mechanics()
+    if not snapshot.has_forces:
+        snapshot.mechanics()
     graph, chains = snapshot.graph, force_chains(snapshot.graph)
     lengths = np.append(np.bincount(chains.chain[chains.chain >= 0]), 0)
     columns = {
@@ -98,7 +152,7 @@ def chain_table(snapshot: Snapshot) -> pd.DataFrame:
 
 
 def path_table(path: Path) -> pd.DataFrame:
-    """One row a row of the path: strain, stress, contact forces, tangent, spectra, energies.
+    """One row per state of a path: strain, stress, contact forces, tangent, spectra, energies.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Result folders, written whole or not at all; provenance, JSON and Parquet files."""
+"""Result folders, written whole or not at all; their files, and the meaning of columns and keys."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from fnmatch import fnmatchcase
 from functools import cache
 from glob import escape
 from hashlib import blake2b
@@ -19,9 +21,9 @@ from uuid import uuid4
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
+from numpy.typing import NDArray
 
 from loops import InputError
-from studies.columns import metadata as field_metadata
 from studies.version import __version__
 
 try:
@@ -40,6 +42,14 @@ SERIES, DATASETS = "series.json", ("loops", "increments", "packing", "fates")
 # Seconds in which a folder beside the results may belong to a run that has just started.
 JUST_MADE = 2.0
 PACKAGES = ("loops", "patterns", "stability", "studies")
+# A table on its way from the kernels to a file: arrays by column. Tables in which rows are
+# selected, grouped or joined are pandas data frames, which take .2 s to load.
+Columns = dict[str, NDArray[Any]]
+# Commands whose columns are described; tables of other commands share names, not meanings.
+DESCRIBED_COMMANDS = (
+    *("snapshot", "series", "probe", "sustain", "evolve"),
+    *("diamond", "polygon", "domain"),
+)
 
 
 def provenance(command: str, configuration: Mapping[str, Any], units: str) -> dict[str, Any]:
@@ -158,8 +168,12 @@ def _list_files(folder: Path) -> None:
 
 def _put_in_place(partial: Path, out: Path, *, force: bool) -> None:
     if not out.exists():
-        with suppress(FileExistsError):
-            return _rename(partial, out)
+        try:
+            partial.rename(out)
+            return
+        except OSError as error:  # in the meantime another run has ended
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
     with folder_lock(out):
         if force:
             remove_results(out)
@@ -171,15 +185,6 @@ def _put_in_place(partial: Path, out: Path, *, force: bool) -> None:
                 "Name another place, or give --force to replace them.",
             )
         move_files(partial, out)
-
-
-def _rename(partial: Path, out: Path) -> None:
-    try:
-        partial.rename(out)
-    except OSError as error:
-        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
-            raise FileExistsError from None
-        raise
 
 
 def move_files(partial: Path, out: Path) -> None:
@@ -278,25 +283,6 @@ def flat_frame(table: pa.Table) -> Any:
     return frame
 
 
-def write_results(
-    folder: Path,
-    summary: Mapping[str, Any],
-    tables: Mapping[str, Mapping[str, Any] | Sequence[Mapping[str, Any]]],
-    *,
-    csv: bool,
-) -> None:
-    """Write tables by their names and the summary, whose provenance goes with all of them.
-
-    A table is its columns or a list of rows; one without rows is left out.
-    """
-    for name, table in tables.items():
-        if not isinstance(table, Mapping):
-            table = {key: [row[key] for row in table] for key in (table[0] if table else ())}
-        if table:
-            write_table(folder, name, table, summary["provenance"], csv=csv)
-    write_summary(folder, summary)
-
-
 def described_table(
     place: str, arrays: Mapping[str, Any], metadata: Mapping[bytes, bytes]
 ) -> pa.Table:
@@ -331,3 +317,40 @@ def as_arrow(values: Any) -> Any:
         ends = np.cumsum([0, *map(len, words)], dtype=np.int32)
         parts = [ends, np.frombuffer(b"".join(words), dtype=np.uint8)]
     return pa.Array.from_buffers(kind, len(values), [None, *map(pa.py_buffer, parts)])
+
+
+@cache
+def words(name: str) -> dict[str, dict[str, Any]]:
+    """Parts of one of the two files."""
+    return tomllib.loads((Path(__file__).parent / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def definitions(*parts: str) -> dict[str, str]:
+    """Meaning of the keys of a summary with these parts."""
+    return {key: said for part in parts for key, said in words("definitions")[part].items()}
+
+
+@cache
+def described(place: str, column: str) -> tuple[str, str] | None:
+    """Unit and meaning of a column of `command/table`; None if it has no description."""
+    command, _, table = place.partition("/")
+    if command not in DESCRIBED_COMMANDS:
+        return None
+    known = {
+        name: (said[0], said[1])
+        for part in words("columns").values()
+        for name, said in part.items()
+    }
+    for name in (f"{command}:{column}", f"{table}:{column}", column):
+        if name in known:
+            return known[name]
+        for pattern, said in known.items():
+            if (":" in pattern) == (":" in name) and fnmatchcase(name, pattern):
+                return said
+    return None
+
+
+def field_metadata(place: str, column: str) -> dict[bytes, bytes] | None:
+    """Unit and meaning of a column as metadata of a Parquet field."""
+    said = described(place, column)
+    return None if said is None else {b"unit": said[0].encode(), b"meaning": said[1].encode()}

@@ -1,11 +1,15 @@
-"""Figures of the front door: each draws into the axes that it is given, and returns them."""
+"""Figures of the front door: each draws into the axes that it is given, else into pyplot's."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from functools import wraps
 from itertools import cycle
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
+from matplotlib import pyplot
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
@@ -15,11 +19,13 @@ from loops.arrays import Floats, Integers, Regimes
 from loops.closures import Closure, MacroTangent, Spins
 from patterns import Snapshot
 from stability import Path, directional_work, plane_cone, restrict
+from stability.packing import Probe
 from studies.frames import events_of_rows
 from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
 from studies.paths.followed import operator_diagram
+from studies.probe_figures import response_envelope
 from studies.snapshot.loop_map import draw_orders, draw_values, loop_drawer
-from studies.snapshot.source import planar
+from studies.snapshot.run import planar
 from studies.style import (
     BLACK,
     BLUE,
@@ -29,11 +35,40 @@ from studies.style import (
     ONE_COLUMN,
     VERMILION,
     axes_or_new,
+    new_figure,
     styled,
 )
 
+DETERMINANTS = {"det_K": r"$\det K$", "det_Ks": r"$\det K_s$"}
+Plot = TypeVar("Plot", bound=Callable[..., Axes])
 
-@styled()
+
+def drawn(width: float, height: float) -> Callable[[Plot], Plot]:
+    """A plot in the platform's style, into pyplot's current axes unless it is given others.
+
+    A figure is made before the style is set: the first one loads the backend of a notebook, whose
+    settings would be taken back with the style.
+    """
+
+    def decorate(draw: Plot) -> Plot:
+        @wraps(draw)
+        def plot(*given: Any, **how: Any) -> Axes:
+            if how.get("ax") is None and not any(isinstance(one, Axes) for one in given):
+                if not pyplot.get_fignums():
+                    size = new_figure(width, height).get_size_inches()
+                    pyplot.figure(figsize=tuple(size), layout="constrained")
+                figure = pyplot.gcf()
+                with styled():
+                    how["ax"] = figure.gca()
+            with styled():
+                return draw(*given, **how)
+
+        return cast(Plot, plot)
+
+    return decorate
+
+
+@drawn(4.2, 4.2)
 def plot_map(
     snapshot: Snapshot, values: ArrayLike | None = None, label: str = "", ax: Axes | None = None
 ) -> Axes:
@@ -47,7 +82,7 @@ def plot_map(
     label : str
         Of the colour bar.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure if left out.
+        Where to draw; pyplot's current axes if left out.
 
     Returns
     -------
@@ -56,10 +91,18 @@ def plot_map(
     Raises
     ------
     InputError
-        If branches cross, or there is not one value a loop.
+        If branches cross, or there is not one value per loop.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from patterns import read_snapshot, sample_path
+    >>> ax = plot_map(read_snapshot(sample_path()), ax=Figure().add_subplot())
+    >>> len(ax.collections) > 0
+    True
     """
     snapshot = planar(snapshot)
-    ax, draw = axes_or_new(ax, 4.2, 4.2), loop_drawer(snapshot)
+    ax, draw = axes_or_new(ax), loop_drawer(snapshot)
     order = snapshot.faces.order[snapshot.faces.loops]
     if values is None:
         draw_orders(draw, ax, order)
@@ -73,19 +116,20 @@ def plot_map(
     return ax
 
 
-@styled()
+@drawn(ONE_COLUMN, 3.8)
 def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
     """Grains of a loop, or of a small graph, with the forces of its contacts and their key.
 
-    Every contact has a line along its force, normal and tangential part together, as wide as it is
-    large. For few grains arrows show the forces from outside that hold the contacts in balance.
+    Every contact has a line from centre to centre, whose width is in proportion to its force,
+    normal and tangential part together. For few grains arrows show the forces from outside that
+    hold the contacts in balance.
 
     Parameters
     ----------
     graph : GrainGraph
         One state, not periodic; `loop_of_snapshot(...).graph` for example.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure if left out.
+        Where to draw; pyplot's current axes if left out.
 
     Returns
     -------
@@ -95,11 +139,19 @@ def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
     ------
     InputError
         For a batch of states or a periodic graph.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from patterns import regular_polygon
+    >>> ax = plot_loop(regular_polygon(5, strain=0.1), ax=Figure().add_subplot())
+    >>> len(ax.get_legend().get_texts())
+    3
     """
     if graph.batch_shape or graph.cell is not None:
         received = f"batch axes {graph.batch_shape}" if graph.batch_shape else "a periodic graph"
         raise InputError("graph", received, "one state in the plane", "Cut a loop out of it.")
-    ax, regime = axes_or_new(ax, ONE_COLUMN, 3.8), graph.regime
+    ax, regime = axes_or_new(ax), graph.regime
     if regime is None:
         regime = np.where(graph.normal_force > 0, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
     forces = graph.normal_force, graph.shear_force
@@ -115,7 +167,7 @@ def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@styled()
+@drawn(2.5, 2.5)
 def plot_cone(tangent: MacroTangent | ArrayLike, ax: Axes | None = None) -> Axes:
     """Polar diagram of the normalised second-order work in (11, 22): its cone is shaded.
 
@@ -127,22 +179,30 @@ def plot_cone(tangent: MacroTangent | ArrayLike, ax: Axes | None = None) -> Axes
     tangent : MacroTangent or (4, 4) array
         `P' = A H'`, components (11, 12, 21, 22).
     ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure if left out.
+        Where to draw; pyplot's current axes if left out.
 
     Returns
     -------
     matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import numpy as np
+    >>> tangent = np.diag([1.0, 0.5, 0.5, -1.0])
+    >>> plot_cone(tangent, ax=Figure().add_subplot()).texts[0].get_text()
+    'cone 90.00°'
     """
     K = restrict(tangent, "diagonal")
     opening = float(np.degrees(plane_cone(K).opening))
     text = f"cone {opening:.2f}°" if opening > 0 else "no cone"
-    return draw_polar(operator_diagram(K), ax, text)
+    return draw_polar(operator_diagram(K), axes_or_new(ax), text)
 
 
-@styled()
+@drawn(3.0, 3.0)
 def plot_envelope(
-    graph: GrainGraph,
-    law: ContactLaw,
+    graph: GrainGraph | Probe,
+    law: ContactLaw | None = None,
     closure: Closure = "affine",
     spins: Spins = "blocked",
     ax: Axes | None = None,
@@ -155,16 +215,17 @@ def plot_envelope(
 
     Parameters
     ----------
-    graph : GrainGraph
-        One state; `loop_of_snapshot(...).graph` for example.
+    graph : GrainGraph or Probe
+        One state, `loop_of_snapshot(...).graph` for example; or what `probe` found of a snapshot,
+        drawn over its mean `kn` without the other arguments.
     law : ContactLaw
-        Law of its contacts.
+        Law of the contacts of a graph.
     closure : {'affine', 'traction'}
         How the surroundings drive the grains.
     spins : {'blocked', 'affine', 'free'}
         What the grains' spins do.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure if left out.
+        Where to draw; pyplot's current axes if left out.
 
     Returns
     -------
@@ -182,7 +243,12 @@ def plot_envelope(
     >>> len(plot_envelope(loop.graph, loop.law).lines)
     5
     """
-    ax, theta = axes_or_new(ax, 3.0, 3.0), np.linspace(0.0, 2.0 * np.pi, 361)
+    if isinstance(graph, Probe):
+        mean_kn = float(np.mean(getattr(graph.system.law, "kn", graph.system.unit)))
+        return response_envelope(graph, mean_kn, axes_or_new(ax))
+    if law is None:
+        raise InputError("law", "none", "the law of the contacts of the graph", "Give it.")
+    ax, theta = axes_or_new(ax), np.linspace(0.0, 2.0 * np.pi, 361)
     directions = np.stack([np.cos(theta), np.sin(theta)], axis=1)
     found = directional_work(graph, law, directions, closure=closure, spins=spins)
     closed = law.regime(contact_state(graph)) != Regime.OPEN
@@ -192,12 +258,12 @@ def plot_envelope(
         tangent = macroscopic_tangent(graph, law, closure, spins=spins, regime=regime)
         return np.asarray(directions @ restrict(tangent, "diagonal").T)
 
-    ax.plot(*rates(stuck).T, "--", color=GREY, linewidth=1.0, label="all sticking")
+    ax.plot(*rates(stuck).T, "--", color=GREY, linewidth=1.0, label="all contacts stick")
     answer = np.full((len(theta), 2), np.nan)
     for regime in np.unique(found.regime[found.status != "none"], axis=0):
         rows = (found.regime == regime).all(axis=1)
         answer[rows] = rates(regime)[rows]
-    ax.plot(*answer.T, color=BLUE, label="as each direction asks")
+    ax.plot(*answer.T, color=BLUE, label="contacts slide as the direction requires")
     unstable = np.where((found.work[:, 0] < 0.0)[:, None], answer, np.nan)
     ax.plot(*unstable.T, color=VERMILION, linewidth=2.2, label="negative second-order work")
     ax.axhline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
@@ -210,7 +276,7 @@ def plot_envelope(
     return ax
 
 
-@styled()
+@drawn(ONE_COLUMN, 2.5)
 def plot_path(
     path: Path, x: str = "H11", y: str | tuple[str, ...] = ("P11", "P22"), ax: Axes | None = None
 ) -> Axes:
@@ -226,7 +292,7 @@ def plot_path(
     x, y : str
         Columns of `path_table`; several for `y`.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure if left out.
+        Where to draw; pyplot's current axes if left out.
 
     Returns
     -------
@@ -236,6 +302,17 @@ def plot_path(
     ------
     InputError
         If there is no such column.
+
+    Examples
+    --------
+    >>> from loops import LinearFrictional
+    >>> from matplotlib.figure import Figure
+    >>> from patterns import regular_polygon
+    >>> from stability import Stage, follow, programmes
+    >>> stage = Stage(programmes.isotropic_strain(), "H11", 0.2)
+    >>> path = follow(regular_polygon(5), LinearFrictional(kn=1.0, kt=0.2), stage)
+    >>> [line.get_label() for line in plot_path(path, ax=Figure().add_subplot()).lines][:2]
+    ['$P_{11}$', '$P_{22}$']
     """
     ax, table = axes_or_new(ax), path.columns()
     names = (y,) if isinstance(y, str) else tuple(y)
@@ -244,7 +321,7 @@ def plot_path(
             raise InputError("column", repr(name), "one of gl.path_table(path)", "Look there.")
     for name, colour in zip(names, cycle(LINE_COLOURS)):
         curves = [_cubics(path, part, (table, x, name)) for part in _between_jumps(path)]
-        ax.plot(*np.concatenate(curves, axis=1), color=colour, label=name)
+        ax.plot(*np.concatenate(curves, axis=1), color=colour, label=_symbol(name))
     named = np.array(events_of_rows(path))
     for kinds, marker in zip(sorted({*named} - {""}), cycle("osD^vP")):
         at = named == kinds
@@ -282,8 +359,16 @@ def _cubics(path: Path, part: Integers, columns: tuple[dict[str, Any], str, str]
     return np.stack(points)
 
 
+def _symbol(column: str) -> str:
+    """A column as the theory writes it, else its words."""
+    component = re.fullmatch(r"([HPNT])_?(\d*)", column)
+    if component:
+        return f"${component[1]}_{{{component[2]}}}$"
+    return DETERMINANTS.get(column, column.replace("_", " "))
+
+
 def _named(column: str) -> str:
     """A column with its unit."""
     units = {"H": "–", "P": "force / length", "N": "force", "T": "force"}
     unit = units.get(column.split("_")[0].rstrip("12"))
-    return f"{column} ({unit})" if unit else column.replace("_", " ")
+    return f"{_symbol(column)} ({unit})" if unit else _symbol(column)

@@ -260,7 +260,7 @@ function startMap(sources, part) {
   function show(k) {
     part.row.replaceChildren();
     if (k < 0) {
-      part.row.textContent = "Point at a loop. A click keeps its row.";
+      part.row.textContent = "Point at a loop. Click to pin its data.";
       return;
     }
     const table = document.createElement("table");

@@ -22,6 +22,8 @@ POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-
 POLICY += "script-src 'unsafe-inline'"
 # A row of more values is turned into a column.
 WIDEST = 9
+# Text of more letters may be broken into lines.
+LONG = 32
 # Keys of a summary with a section of their own.
 APART = ("definitions", "notes", "provenance")
 
@@ -148,15 +150,19 @@ def mapping_table(values: Mapping[str, Any]) -> str:
         return plain_table(rows[0][1])
     columns = list(dict.fromkeys(name for _, row in rows for name in row))
     depth = max(len(path) for path, _ in rows)
-    head = "".join(f"<th>{escape(str(name))}</th>" for name in [*([""] * depth), *columns])
-    lines = []
+    titles = [escape(str(name)).replace("_", "_<wbr>") for name in [*([""] * depth), *columns]]
+    lines = [[f"<th>{title}</th>" for title in titles]]
     for path, row in rows:
-        cells = [escape(name) for name in (*path, *([""] * (depth - len(path))))]
-        cells += [escape(value_text(row[name])) if name in row else "" for name in columns]
-        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+        names = [f"<td>{escape(name)}</td>" for name in (*path, *([""] * (depth - len(path))))]
+        lines.append(names + [value_cell(row[name]) if name in row else "<td></td>"
+                              for name in columns])  # fmt: skip
+    # Wider than high: the columns become rows.
+    if len(columns) > max(WIDEST, len(rows)):
+        lines = [list(line) for line in zip(*lines, strict=True)]
+    head, *body = ("<tr>" + "".join(line) + "</tr>" for line in lines)
     return (
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table></div>"
+        f'<div class="scroll"><table><thead>{head}</thead>'
+        f"<tbody>{''.join(body)}</tbody></table></div>"
     )
 
 
@@ -178,18 +184,32 @@ def definitions_list(told: Mapping[str, str]) -> str:
         f'<tr><td>{escape(key)}</td><td class="text">{escape(told[key])}</td></tr>'
         for key in sorted(told)
     )
-    return f'<div class="scroll"><table><tbody>{lines}</tbody></table></div>'
+    return f'<div class="scroll"><table class="plain"><tbody>{lines}</tbody></table></div>'
 
 
 def plain_table(values: Mapping[str, Any], told: Mapping[str, str] | None = None) -> str:
-    """A table with one row a key: its value and its definition."""
+    """A table with one row per key: its value and its definition."""
     said = told or {}
     lines = "".join(
-        f"<tr><td>{escape(key)}</td><td>{escape(value_text(value))}</td>"
+        f"<tr><td>{escape(key)}</td>{value_cell(value)}"
         f'<td class="text">{escape(said.get(key, ""))}</td></tr>'
         for key, value in values.items()
     )
-    return f'<div class="scroll"><table><tbody>{lines}</tbody></table></div>'
+    return f'<div class="scroll"><table class="plain"><tbody>{lines}</tbody></table></div>'
+
+
+def value_cell(value: Any) -> str:
+    """A value in a cell: a matrix as rows of numbers; long text may be broken."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)) and any(isinstance(row, (list, tuple)) for row in value):
+        rows = (row if isinstance(row, (list, tuple)) else [row] for row in value)
+        lines = ("".join(value_cell(number) for number in row) for row in rows)
+        inside = "".join(f"<tr>{line}</tr>" for line in lines)
+        return f'<td><table class="matrix"><tbody>{inside}</tbody></table></td>'
+    text = value_text(value)
+    broken = ' class="long"' if len(text) > LONG else ""
+    return f"<td{broken}>{escape(text)}</td>"
 
 
 def value_text(value: Any) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from loops.errors import InputError
 from studies.output import provenance, result_folder, write_summary, write_table
 
 if TYPE_CHECKING:
@@ -98,3 +99,11 @@ def captions(command: str) -> dict[str, tuple[str, str]]:
     """
     text = (Path(__file__).parent / "captions.toml").read_text(encoding="utf-8")
     return {name: (title, said) for name, (title, said) in tomllib.loads(text)[command].items()}
+
+
+def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
+    """Raise `InputError` for a word that is none of the choices."""
+    if value not in choices:
+        *others, last = (str(choice) for choice in choices)
+        expected = f"{', '.join(others)} or {last}"
+        raise InputError(name, repr(value), expected, "Pick one of these.")

@@ -40,7 +40,7 @@ LOWEST = 2.4
 # Largest number of panels that fit on a page one below the other.
 STACKED = 6
 
-# Typed as Any because matplotlib types the keys by a list that grows with its versions.
+# Typed as Any: the list of keys that matplotlib types grows with its versions.
 STYLE: Any = {
     "axes.axisbelow": True,
     "axes.grid": False,
@@ -79,7 +79,8 @@ def styled() -> Iterator[None]:
         yield
 
 
-_asked: str | None = None
+# The one setting of a session, as matplotlib's own: the front door offers `figure_width` to set it.
+_journal_width: str | None = None
 
 
 def figure_width(name: str | None) -> None:
@@ -97,11 +98,18 @@ def figure_width(name: str | None) -> None:
     ------
     InputError
         For another word.
+
+    Examples
+    --------
+    >>> figure_width("single")
+    >>> round(float(new_figure().get_figwidth() * 25.4), 1)
+    86.0
+    >>> figure_width(None)
     """
-    global _asked
+    global _journal_width
     if name not in (None, *WIDTHS):
         raise InputError("figure width", repr(name), "single or double", "Pick one of these.")
-    _asked = name
+    _journal_width = name
 
 
 @styled()
@@ -110,7 +118,7 @@ def new_figure(width: float = ONE_COLUMN, height: float = 2.5, *, fixed: bool = 
 
     Unless `fixed` it has the width set by `figure_width`; its height changes by half as much.
     """
-    asked = width if fixed else WIDTHS.get(_asked or "", width)
+    asked = width if fixed else WIDTHS.get(_journal_width or "", width)
     tall = max(height * (asked / width) ** 0.5, min(height, LOWEST))
     return Figure(figsize=(asked, tall), layout="constrained")
 
@@ -121,8 +129,8 @@ def new_panels(
 ) -> tuple[Figure, Any]:
     """A figure and its (rows, columns) panels, one below the other in a single column."""
     count = rows * columns
-    if _asked != "single" or count > STACKED:
-        fixed = _asked == "single" or columns > 1
+    if _journal_width != "single" or count > STACKED:
+        fixed = _journal_width == "single" or columns > 1
         figure = new_figure(width, height, fixed=fixed)
         return figure, figure.subplots(rows, columns, squeeze=False, **how)
     how.pop("width_ratios", None)
@@ -133,7 +141,7 @@ def new_panels(
 
 def panel_width(columns: int) -> float:
     """Width in inches of a panel of a figure that has so many side by side in two columns."""
-    return ONE_COLUMN if _asked == "single" else TWO_COLUMNS / columns
+    return ONE_COLUMN if _journal_width == "single" else TWO_COLUMNS / columns
 
 
 @styled()
@@ -175,16 +183,16 @@ def save_figure(fig: Figure, folder: Path, name: str, source: Mapping[str, Any])
     made_by = f"{source.get('command', 'grainloops')}, version {source.get('version', 'unknown')}"
     with styled():
         fig.set_dpi(mpl.rcParams["savefig.dpi"])
-        # What is measured for the layout is drawn: each file would do it again.
+        # The layout is computed here once; otherwise each file would compute it again.
         canvas = FigureCanvasAgg(fig)
         if (engine := fig.get_layout_engine()) is not None:
             engine.execute(fig)
             fig.set_layout_engine(None)
-        # Packed a tenth less than by default, in two thirds of the time.
+        # The file is a tenth larger than by default, and takes two thirds of the time.
         packed: Any = {"compress_level": 3}
         canvas.draw()
         png: Any = {"metadata": {**said, "Software": made_by}, "dpi": fig.dpi, "pil_kwargs": packed}
-        # Packing leaves the interpreter to the SVG.
+        # Compression releases the interpreter, so that the SVG is written meanwhile.
         with ThreadPoolExecutor(1) as packer:
             packing = packer.submit(
                 imsave, folder / f"{name}.png", canvas.buffer_rgba(), origin="upper", **png

@@ -1,6 +1,7 @@
 """One setting for every property test: the same examples on each run, no clock."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -43,3 +44,11 @@ def undrawn(monkeypatch):
 def leave_undrawn(patch):
     """No study draws a figure."""
     patch.setattr("studies.study.Results.save_figures", lambda *_: [])
+
+
+@pytest.fixture(autouse=True)
+def closed_figures():
+    """Each test begins without a current figure of pyplot, as a cell of a notebook does."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from patterns import read_snapshot
-from studies.series.increments import increments, track_loops
+from studies.series.evolution import increments, track_loops
 from studies.series.skill import skill
 
 COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM") or "none") / "yade-slow"

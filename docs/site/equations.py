@@ -10,6 +10,7 @@ sets (4.3), says that it is (47) in the paper, and links to the code; the refere
 code links back, and a docstring's "Theory, equation (4.3)" becomes a link.
 """
 
+from inspect import isclass
 from typing import ClassVar
 
 from docutils import nodes
@@ -55,19 +56,27 @@ def link_back(app, what, name, obj, options, lines):
 
 
 class NameTable(SphinxDirective):
-    """The functions and classes that a face shows, each with its first line."""
+    """The functions and classes that a face shows, each with its first line.
 
-    required_arguments = 1
+    With names as content: only these, in this order, and their full docstrings below.
+    """
+
+    required_arguments, has_content = 1, True
 
     def run(self):
         """A table of links."""
-        (face,) = self.arguments
+        (face,), chosen = self.arguments, " ".join(self.content).split()
+        there = dict(shown(face))
         rows = ["| name | what |", "|---|---|"]
-        for name, what in shown(face):
-            first = (what.__doc__ or "").strip().split("\n\n")[0]
+        for name in chosen or there:
+            first = (there[name].__doc__ or "").strip().split("\n\n")[0]
             said = " ".join(first.split()).replace("|", r"\|")
             rows.append(f"| {{py:obj}}`~{face}.{name}` | {said} |")
-        return self.parse_text_to_nodes("\n".join(rows))
+        full = ["", "```{eval-rst}"] if chosen else []
+        for name in chosen:
+            kind = "autoclass" if isclass(there[name]) else "autofunction"
+            full += [f".. {kind}:: {face}.{name}", *["   :members:"] * isclass(there[name]), ""]
+        return self.parse_text_to_nodes("\n".join(rows + full + ["```"] * bool(chosen)))
 
 
 class Domain(PythonDomain):

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from notebooks import DOCS, cells_of_page, cells_of_script, notebook
 from sphinx.errors import ExtensionError
 from sphinx.util import logging
 
@@ -24,6 +25,8 @@ PAGE = """# {title}
 ```sh
 python -m studies.examples.{name} RESULT_FOLDER
 ```
+
+Or as a notebook: {{download}}`{name}.ipynb`.
 
 It prints:
 
@@ -41,7 +44,8 @@ The script:
 INDEX = """# Gallery
 
 Short studies, one question each. They were run when these pages were built; each prints its
-numbers and writes its figure, and the numbers behind it, into a folder.
+numbers and writes its figure, and the numbers behind it, into a folder. Each page offers its
+study as a notebook; [first steps](../first-steps.md) as one: {{download}}`first-steps.ipynb`.
 
 :::{{container}} gallery
 {pictures}
@@ -88,10 +92,14 @@ def build(app):
     for name in names:
         logging.getLogger(__name__).info("example %s", name)
         run(name, stamp)
-        said = ast.get_docstring(ast.parse((EXAMPLES / f"{name}.py").read_text()))
+        source = (EXAMPLES / f"{name}.py").read_text()
+        (OUT / f"{name}.ipynb").write_text(notebook(cells_of_script(name, source)))
+        said = ast.get_docstring(ast.parse(source))
         title, _, text = said.partition("\n")
         (OUT / f"{name}.md").write_text(PAGE.format(name=name, title=title, text=text.strip()))
         pictures.append(f"[![{title}]({name}/{name}.png)\n{title}]({name}.md)\n")
+    first = (DOCS / "first-steps.md").read_text()
+    (OUT / "first-steps.ipynb").write_text(notebook(cells_of_page(first)))
     found = INDEX.format(pictures="\n".join(pictures), names="\n".join(names))
     (OUT / "index.md").write_text(found)
 

@@ -1,4 +1,4 @@
-"""The macroscopic tangent operator with what is known of its accuracy."""
+"""The macroscopic tangent operator with bounds on its error."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Flags, Floats, all_finite, frobenius
+from loops.arrays import ROUNDING, Flags, Floats, all_finite, frobenius
 from loops.errors import InputError
-from loops.null_space import ROUNDING
 from loops.shown import Shown
 
 Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]
-# A solve is trusted while these hold; see `MacroTangent`.
+# Limits within which a solve is trusted; see `MacroTangent`.
 RESIDUAL_LIMIT = 1e-8
 AMBIGUITY_LIMIT = 1e-6
-# Beyond this share of the operator a bound of first order in rounding says nothing.
+# Beyond this share of the operator a bound of first order in rounding means nothing.
 ERROR_LIMIT = 0.1
 
 
@@ -36,13 +35,13 @@ class MacroTangent(Shown):
     closure : {'affine', 'traction'}
         How the surrounding medium drives the grains.
     spins : {'blocked', 'affine', 'free'}
-        What the grains' spins do.
+        Rule of the grains' spins: held, turning with the loop, relaxed.
     volume : (...) array
         Reference area V0 (length squared).
     condition : (...) array
         Factor by which rounding of the data and of the solve is amplified, relative to the
         operator's norm: contacts that cancel, soft directions, gradients of a loop that left its
-        reference, a polygon with next to no area, and what the solve left over.
+        reference, a polygon with next to no area, and the residual of the solve.
     residual : (...) array
         Relative residual of the solve; 0 where nothing is solved.
     trusted : (...) array of bool
@@ -76,7 +75,7 @@ class MacroTangent(Shown):
 
     @property
     def error(self) -> Floats:
-        """(...) how far the operator may be off, Frobenius (force per length).
+        """(...) bound on the error of the operator, Frobenius (force per length).
 
         Bound on rounding plus `sensitivity`: an eigenvalue of Ks within it has no sign. Infinite
         where the operator is not trusted.
@@ -84,7 +83,7 @@ class MacroTangent(Shown):
         return self.rounding + self.sensitivity
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """The operator: a tangent may stand wherever a matrix is asked for."""
+        """The operator: numpy accepts a tangent as a matrix."""
         return np.array(self.matrix, dtype, copy=copy)
 
     def facts(self) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""The one closure system: how centres and spins relax, and what stress that leaves.
+"""The closure system: equations for the relaxation of centres and spins, and for the stress.
 
 The freedoms `v` of a loop are its centres and spins, as far as the closure leaves them free. They
 move the contacts by `r = A H' + D v`, and the contacts answer with `-S r`. Under the traction
@@ -12,8 +12,8 @@ alone are free, and the stress is the mean of the contact forces, `(1/V0) sum f 
 Operators, directional work and the rates of paths solve these equations. They are in units of the
 length `sqrt(V0)` and of a stiffness: `d'/l`, `r w/l`, `P/k`.
 Translations, gear modes and rolling mechanisms are null vectors; they are harmless unless they
-change what is watched. On a gear mode the moments that nothing balances are left standing: the
-limit of spins with a vanishing resistance.
+change the wanted rates. Moments on a gear mode that nothing balances are left out of the
+equations: the limit of spins with a vanishing resistance.
 """
 
 from __future__ import annotations
@@ -23,24 +23,148 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loops.arrays import Floats, Integers, Regimes, frobenius
-from loops.assembly import assembled, balancing, grain_ends
-from loops.closures.macro_tangent import Closure, MacroTangent, Spins, amplification, solved
-from loops.closures.spins import LoopSpin, affine_spin, gear_projector, other_arms
-from loops.contact_state import ContactState
-from loops.contact_tangent import (
+from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes, frobenius
+from loops.assembly import (
+    assembled,
+    balancing,
     contact_sizes,
     contact_tangent,
+    grain_ends,
     translational_blocks,
     translational_sizes,
 )
-from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import GrainGraph, reference_branch_vectors
+from loops.closures.macro_tangent import Closure, MacroTangent, Spins, amplification, solved
+from loops.errors import InputError
+from loops.geometry import area_growth, boundary_vectors, polygon_area, require_loop
+from loops.graph import ContactState, GrainGraph, reference_branch_vectors
 from loops.laws.protocol import ContactLaw
-from loops.null_space import ROUNDING, solve_through_null_space
+from loops.null_space import solve_through_null_space
 
 Arms = tuple[Floats, Floats]
 SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
+# Rows of the spins' shear are of order one: below the first a singular value is rounding. Between
+# the two a mode has next to no stiffness and a load in proportion: held it gives another tangent.
+GEAR_TOLERANCE, SOFT_GEAR = 2e-15, 1e-2
+
+
+class LoopSpin(NamedTuple):
+    """Spin `w = row . (H11, H12, H21, H22)` of all grains, (..., 4), and the error of the row."""
+
+    row: Floats
+    error: Floats
+
+
+def spin_of_gradient(f: Floats) -> Floats:
+    """(..., 4) spin `(L21 - L12)/2` per component of `H'`, `L = -H' F^-1`, F (..., 2, 2)."""
+    det = f[..., 0, 0] * f[..., 1, 1] - f[..., 0, 1] * f[..., 1, 0]
+    row = np.stack([-f[..., 0, 1], f[..., 0, 0], -f[..., 1, 1], f[..., 1, 0]], axis=-1)
+    return np.asarray(0.5 * row / det[..., None])
+
+
+def affine_spin(graph: GrainGraph) -> LoopSpin:
+    """Spin of grains that turn with the loop, counter-clockwise positive.
+
+    `F = 1 - H` is the mean over the polygon, `H` by the boundary formula (see `loop_strain`), or
+    that of the cell; the identity where the reference is the current configuration.
+    """
+    if graph.x0 is graph.x and graph.cell0 is graph.cell:
+        row = spin_of_gradient(np.eye(2))
+        return LoopSpin(row, np.zeros(4))
+    if graph.cell is not None and graph.cell0 is not None:
+        f = graph.cell @ np.linalg.inv(graph.cell0)
+        doubt = ROUNDING * np.abs(graph.cell) @ np.abs(np.linalg.inv(graph.cell0))
+    else:
+        f, doubt = _boundary_gradient(graph)
+    return LoopSpin(spin_of_gradient(f), _spin_error(f, doubt))
+
+
+def _boundary_gradient(graph: GrainGraph) -> tuple[Floats, Floats]:
+    """`F = 1 + (1/V0) sum u_i (x) B_i` and its error, (..., 2, 2)."""
+    try:
+        require_loop(graph)
+    except InputError:
+        raise InputError(
+            "spins 'affine'",
+            "a packing without a cell, away from its reference",
+            "a loop, a periodic cell, or the reference as it stands",
+            "The rotation of a loop is that of its polygon.",
+        ) from None
+    start = graph.x0 - graph.x0[..., :1, :]
+    end = graph.x - graph.x[..., :1, :]
+    b = boundary_vectors(graph.x0)
+    area = np.abs(polygon_area(graph.x0))[..., None, None]
+    h = np.swapaxes(end - start, -1, -2) @ b / area
+    terms = np.swapaxes(np.abs(start) + np.abs(end), -1, -2) @ np.abs(b) / area
+    doubt = terms + np.abs(h) * area_growth(graph.x0)[..., None, None]
+    return np.eye(2) + h, ROUNDING * (doubt + np.eye(2))
+
+
+def _spin_error(f: Floats, doubt: Floats) -> Floats:
+    """First order: `|F^-1| |dF| |F^-1|` for every entry, and the rounding of the determinant."""
+    det = np.abs(f[..., 0, 0] * f[..., 1, 1] - f[..., 0, 1] * f[..., 1, 0])[..., None, None]
+    adjugate = np.abs(f[..., ::-1, ::-1])
+    adjugate[..., 0, 1], adjugate[..., 1, 0] = np.abs(f[..., 0, 1]), np.abs(f[..., 1, 0])
+    inverse = adjugate / det
+    error = inverse @ (doubt + ROUNDING * np.abs(f)) @ inverse
+    return 0.5 * np.stack(
+        [error[..., 0, 1], error[..., 1, 1], error[..., 0, 0], error[..., 1, 0]], axis=-1
+    )
+
+
+def other_arms(state: ContactState, law: ContactLaw) -> tuple[Floats, Floats]:
+    """Arms `b_i, b_j` of spins by the other rule of sharing them between the grains.
+
+    By the point of contact (arms) if the law shares them by the radii, and vice versa: a change of
+    less than the overlap, as objective as the law's own rule; `b_i + b_j` stays.
+    """
+    _, b_i, b_j = law.shear_kinematics(state)
+    total = b_i + b_j
+    share = state.radii_i / state.touching_length + state.arm_i / state.length - b_i / total
+    return share * total, (1.0 - share) * total
+
+
+def gear_projector(
+    graph: GrainGraph,
+    state: ContactState,
+    law: ContactLaw,
+    regime: Regimes,
+    arms: tuple[Floats, Floats] | None = None,
+) -> tuple[Floats, Flags]:
+    """(..., G, G) projector on the spins times radii that no contact feels, (...) soft gear modes.
+
+    Gear modes: in an even loop of a law that shears by the radii, and between contacts that slide.
+    They are null vectors of the tangent, exactly; of its transpose only if the law balances
+    moments with the same arms. A soft one is null but for next to nothing, as in even loops of a
+    law that shears by the branch.
+    """
+    stiffness, (_, b_i, b_j) = law.local_stiffness(state, regime), law.shear_kinematics(state)
+    b_i, b_j = (b_i, b_j) if arms is None else arms
+    felt = (stiffness[..., 0, 1] != 0) | (stiffness[..., 1, 1] != 0)
+    rolls = np.broadcast_to(law.rolling_stiffness(state, regime) != 0, felt.shape)
+    grains, radii, c = graph.grain_count, graph.radii, np.arange(graph.contact_count)
+    i, j = graph.contacts.T
+    batch = np.broadcast_shapes(felt.shape[:-1], b_i.shape[:-1], radii.shape[:-1])
+    rows = np.zeros((*batch, max(grains, (1 + rolls.any()) * len(c)), grains))
+    # Shear and roll per spin times radius of either grain, of order one.
+    b_i, b_j = b_i / radii[..., i], b_j / radii[..., j]
+    scale = np.where(felt, np.maximum(b_i, b_j), np.inf)
+    rows[..., c, i] = b_i / scale
+    rows[..., c, j] += b_j / scale
+    if rolls.any():
+        least = np.where(rolls, np.minimum(radii[..., i], radii[..., j]), 0.0)
+        rows[..., len(c) + c, i] = least / radii[..., i]
+        rows[..., len(c) + c, j] -= least / radii[..., j]
+    _, s, vt = np.linalg.svd(rows, full_matrices=False)
+    null = s <= GEAR_TOLERANCE
+    if grains == len(c) and (np.bincount(graph.contacts.ravel()) == 2).all():
+        # Around a ring that shears everywhere arms cancel two by two (equal grains, mirror images),
+        # or by chance.
+        uneven = np.sort(np.abs(b_i - b_j) / np.maximum(b_i, b_j), axis=-1)
+        paired = (uneven[..., 1::2] - uneven[..., : len(c) - 1 : 2] <= ROUNDING).all(axis=-1)
+        null &= ~(felt.all(axis=-1) & ~paired)[..., None]
+    v = vt * null[..., None]
+    soft = np.asarray((~null & (s < SOFT_GEAR)).any(axis=-1))
+    return np.asarray(np.swapaxes(v, -1, -2) @ v), soft
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +186,9 @@ class ClosureForm:
 
 
 class Relaxed(NamedTuple):
-    """Answer of a closure to four unit displacement gradients.
+    """Solution of a closure for four unit displacement gradients.
 
-    `stress` (..., 4, 4) is `P'` and `error` bounds what it is off; `v` (..., size, 4) are the
+    `stress` (..., 4, 4) is `P'` and `error` a bound on its error; `v` (..., size, 4) are the
     freedoms; `residual` and `ambiguity` (...) are those of the solve.
     """
 
@@ -98,7 +222,7 @@ def closure_form(
 
 
 def form_of(graph: GrainGraph, closure: Closure, spins: Spins, volume: Floats) -> ClosureForm:
-    """The form of a graph, in the state that it is in."""
+    """Closure form of a graph in its current state."""
     spin = affine_spin(graph) if spins == "affine" else None
     x0, d0 = (graph.x0, None) if closure == "traction" else (None, reference_branch_vectors(graph))
     return closure_form(spins, graph.contacts, graph.radii, volume, x0=x0, d0=d0, spin=spin)
@@ -131,7 +255,7 @@ def boundary_matrix(x0: Floats) -> Floats:
 def closure_matrix(form: ClosureForm, S: Floats, A: Floats, *, signed: bool = True) -> Floats:
     """(..., 4 + size, 8 + size) equations of a closure for `(H', P', v)`, see above.
 
-    Not `signed`: the sums of the sizes of the terms behind every entry.
+    Not `signed`: the sums of the sizes of the terms of every entry.
     """
     ends, size, boundary = form.ends, form.size, form.boundary
     whole = () if boundary is None else boundary.shape[:-2]
@@ -148,7 +272,7 @@ def closure_matrix(form: ClosureForm, S: Floats, A: Floats, *, signed: bool = Tr
         stress[..., :4] = np.eye(4)
     if form.branches is None:
         return matrix
-    # The work of the stress is that on the branches: moments that hold spins have their own.
+    # The stress works on the branches alone, not the moments that hold spins.
     branches = -form.branches if signed else np.abs(form.branches)
     flat = forces[..., :2, :].reshape(*forces.shape[:-2], 8)
     mean = (np.swapaxes(branches, -1, -2) @ flat).reshape(*batch, 2, 2, 4)
@@ -171,7 +295,7 @@ def contact_springs(
 
 
 def spring_sizes(state: ContactState, law: ContactLaw, regime: Regimes, spins: Spins) -> Floats:
-    """Sizes of the terms of `contact_springs`."""
+    """Sums of the sizes of the terms of `contact_springs`."""
     if spins == "blocked":
         return only_branches(translational_sizes(state, law, regime))
     return in_radii(state, contact_sizes(state, law, regime))
@@ -195,12 +319,12 @@ def relax(
     form: ClosureForm,
     S: Floats,
     sizes: Floats,
-    gear: Floats | None = None,
+    gear: tuple[Floats, Flags] | None = None,
     rows: Floats | None = None,
 ) -> Relaxed:
     """Solve a closure for unit displacement gradients.
 
-    `S` and the `sizes` of its terms are those of `contact_springs`, `gear` (..., G, G) that of
+    `S` and the `sizes` of its terms are those of `contact_springs`, `gear` is the answer of
     `gear_projector`. `rows` (O, C, 4) of the motion of the contacts are watched besides the stress.
     """
     stiffness = np.abs(S).max(axis=(-3, -2, -1), keepdims=True)
@@ -220,10 +344,12 @@ def relax(
         return Relaxed(
             E[..., :4] * stiffness[..., 0], doubt * stiffness[..., 0], E[..., 4:, :4], none, none
         )
+    soft: Flags | bool = False
     if gear is not None:
-        grains = gear.shape[-1]
-        E[..., -grains:, -grains:] += gear
-        size[..., -grains:, -grains:] += np.abs(gear)
+        projector, soft = gear
+        grains = projector.shape[-1]
+        E[..., -grains:, -grains:] += projector
+        size[..., -grains:, -grains:] += np.abs(projector)
     watched = np.zeros((*E.shape[:-2], 4 + (0 if rows is None else len(rows)), E.shape[-1] - 4))
     watched[..., :4, :4] = np.eye(4)
     if rows is not None:
@@ -231,7 +357,7 @@ def relax(
         watched[..., 4:, 4:] = np.swapaxes(seen, -1, -2)
     known = None if form.boundary is None else translations(form)
     found = solve_through_null_space(
-        E[..., 4:], -E[..., :4], watched, known, size=size[..., 4:], doubt=doubt
+        E[..., 4:], -E[..., :4], watched, known, size=size[..., 4:], doubt=doubt, soft=soft
     )
     stress, v = found.x[..., :4, :] * stiffness[..., 0], found.x[..., 4:, :]
     error = np.asarray(found.error)[..., :4, :] * stiffness[..., 0]
@@ -285,7 +411,7 @@ def of_relaxed(
     growth: Floats | float,
     sensitivity: Floats | float = 0.0,
 ) -> MacroTangent:
-    """The operator; `growth` is what rounding of the area adds to the condition."""
+    """Tangent of a solution; `growth` is added to the condition for the rounding of the area."""
     condition = amplification(frobenius(relaxed.error), relaxed.stress) + growth
     status = relaxed.residual, relaxed.ambiguity, sensitivity
     return solved(relaxed.stress, closure, spins, volume, condition, *status)

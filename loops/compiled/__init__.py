@@ -1,18 +1,22 @@
-"""Compiled kernels (numba) of what is slow in numpy once a packing is large.
+"""Kernels compiled by numba, for computations that are slow in numpy on large packings.
 
-Each kernel does what a function of the room does with arrays, and is held to it by the tests. The
-modules here are imported by those functions only when the input is large: numba takes a third of a
-second to load, and seconds to compile what is not in its cache yet. The cache knows a kernel by
-its own file, so whatever a kernel calls stands in the same one: networks here, loops here, modes
-in `stability.compiled`.
+Each kernel computes the same as a numpy function of the package; tests compare the two. Functions
+import these modules only when the input is large: numba takes a third of a second to load, and
+seconds to compile a kernel that is not in its cache. The cache notices changes of a kernel's own
+file alone, so a kernel calls only kernels of the same file.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from threading import Thread
+from typing import Any
 
-LARGE = 40_000
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+COMPILED_FROM = 40_000
 """Contacts from which on the kernels are used.
 
 Once compiled, they save a second on a snapshot of 40,000 contacts and six on one of 185,000;
@@ -21,11 +25,33 @@ compiling them, once on a machine, takes about half a minute, which small packin
 
 
 def load_ahead(contacts: int) -> None:
-    """Load on another thread what kernels for so many contacts will ask for, if they are used."""
+    """Load the kernels on another thread if so many contacts will use them."""
     if use_compiled(None, contacts):
         Thread(target=import_module, args=("loops.compiled.network",), daemon=True).start()
 
 
 def use_compiled(compiled: bool | None, contacts: int) -> bool:
-    """Whether to take the compiled way."""
-    return contacts >= LARGE if compiled is None else compiled
+    """Whether to use the kernels: as told, else by the number of contacts."""
+    return contacts >= COMPILED_FROM if compiled is None else compiled
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function at its first call, without the interpreter's lock.
+
+    The machine code is kept beside the module, in the user's cache folder if that cannot be
+    written, or where NUMBA_CACHE_DIR says. Where nothing can be written it is compiled anew in
+    every process.
+    """
+    import numba
+
+    try:
+        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    except RuntimeError:  # numba raises it where it finds no place for the cache
+        return numba.njit(nogil=True, error_model="numpy")(function)
+
+
+def given(values: ArrayLike, dtype: Any) -> NDArray[Any]:
+    """A contiguous read-only view, copied only if needed, so that kernels compile for one type."""
+    view = np.ascontiguousarray(values, dtype=dtype).view()
+    view.flags.writeable = False
+    return view

@@ -1,46 +1,43 @@
-"""Kernels of contact networks: faces, components and crossing branches.
+"""Kernels of contact networks: faces and components.
 
-All of them work in a numbering of their own that follows space, so that neighbours lie close in
-memory. Arrays: centres `x` (G, 2), `contacts` (C, 2), periodic `images` (C, 2), no row of them in
-the plane, `cell` (2, 2).
+Grains and contacts are numbered anew along space (local numbers), so that neighbours lie close in
+memory. Arrays: centres `x` (G, 2), `contacts` (C, 2), periodic `images` (C, 2), without rows in the
+plane, `cell` (2, 2).
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers
-from loops.compiled.kernel import kernel
+from loops.compiled import kernel
 
 Short = NDArray[np.int32]
 BITS = 11  # bins along each axis: 2^11, their codes sorted in two passes of 2^11 counters
 BINS = 2**BITS
 SPLITTER = 2.0**27 + 1.0
-# Within these sizes neither a product nor its rounding error leaves the range of doubles.
+# For factors between these sizes, a product and its rounding error are in the range of doubles.
 TINY, HUGE = 1e-250, 1e150
 UNDECIDED = 2
-FEW = 16  # grains with more contacts have them sorted by merging
-CLOSE = 1e-13  # angles, as this module measures them, are right to a hundredth of it
-MARGIN = 1e-9  # of a bin: a branch this close to a bin counts as passing it
-ROUND_OFF = 8 * float(np.finfo(np.float64).eps)
-FARTHEST = 2**14  # cells that a branch may pass
-WORK = 100  # comparisons per contact, and a hundred thousand, beyond which bins are too crowded
+COUNTING_SORT_MAX = 16  # grains with more contacts have them sorted by merging
+CLOSE = (
+    1e-13  # directions closer than this are compared exactly; their rounding is a hundredth of it
+)
 
 
 @kernel
 def spatial_order(x: Floats) -> Short:
-    """(G,) grains along a Z-shaped curve through a grid of bins, those of one bin by number."""
+    """(G,) grains along a Z-shaped curve through a grid of bins; within a bin, by number."""
     grains = len(x)
     low0, low1, high0, high1 = x[0, 0], x[0, 1], x[0, 0], x[0, 1]
     for g in range(grains):
         low0, high0 = min(low0, x[g, 0]), max(high0, x[g, 0])
         low1, high1 = min(low1, x[g, 1]), max(high1, x[g, 1])
     scale0, scale1 = _bins_per_length(low0, high0), _bins_per_length(low1, high1)
-    # The code of the bin above, the grain below.
+    # The code of the bin in the upper 32 bits, the grain in the lower ones.
     keys = np.empty(grains, dtype=np.int64)
     for g in range(grains):
         column, row = int((x[g, 0] - low0) * scale0), int((x[g, 1] - low1) * scale1)
@@ -56,13 +53,13 @@ def spatial_order(x: Floats) -> Short:
 
 @kernel
 def _bins_per_length(low: float, high: float) -> float:
-    # A hair less than all, so that the last grain falls into the last bin.
+    # Slightly less than the number of bins, so that the last grain falls into the last bin.
     return (BINS - 0.001) / (high - low) if high > low else 0.0
 
 
 @kernel
 def _spread(value: int) -> int:
-    """The bits of a number on even places, zeros between them."""
+    """Spread the bits of a number to the even places, zeros between them."""
     value = (value | (value << 8)) & 0x00FF00FF
     value = (value | (value << 4)) & 0x0F0F0F0F
     value = (value | (value << 2)) & 0x33333333
@@ -84,7 +81,7 @@ def _sort_by_digit(keys: Integers, out: Integers, shift: int) -> None:
 
 
 class LocalNetwork(NamedTuple):
-    """Grains along space; contacts by their first grain. Numbers are local but for `grain`."""
+    """Grains sorted along space, contacts by their first grain."""
 
     grain: Short  # (G,) number in the graph
     place: Short  # (G,) local number of each grain of the graph
@@ -125,11 +122,11 @@ def local_network(x: Floats, contacts: Integers) -> LocalNetwork:
 def prune(network: LocalNetwork) -> tuple[LocalNetwork, Short]:
     """Remove grains with fewer than two contacts until none is left; grains keep their numbers.
 
-    Besides the degrees (G,) that are left, a contact of a grain with its own image counted twice.
+    Return also the remaining degrees (G,); a contact of a grain with its own image counts twice.
     """
     ends, count = network.ends, len(network.ends)
     degree = np.zeros(len(network.grain), dtype=np.int32)
-    # All contacts of a grain in one number: its last contact once the others are gone.
+    # XOR of the numbers of a grain's contacts: its last contact once the others are removed.
     remaining = np.zeros(len(network.grain), dtype=np.int32)
     for c in range(count):
         for side in range(2):
@@ -179,7 +176,7 @@ def local_branches(network: LocalNetwork, images: Integers, cell: Floats) -> tup
 
 
 @kernel
-def product_error(a: float, b: float, product: float) -> float:
+def _product_error(a: float, b: float, product: float) -> float:
     """Rounding error of a product, `a b - product` (Dekker), within `TINY` and `HUGE`."""
     high_a = SPLITTER * a - (SPLITTER * a - a)
     high_b = SPLITTER * b - (SPLITTER * b - b)
@@ -189,7 +186,7 @@ def product_error(a: float, b: float, product: float) -> float:
 
 @kernel
 def turn(ax: float, ay: float, bx: float, by: float) -> int:
-    """Sign of `ax by - ay bx`, exactly; `UNDECIDED` where doubles do not reach."""
+    """Exact sign of `ax by - ay bx`; `UNDECIDED` outside the range of doubles."""
     left, right = ax * by, ay * bx
     if left > right:
         return 1
@@ -200,7 +197,7 @@ def turn(ax: float, ay: float, bx: float, by: float) -> int:
     largest = max(max(abs(ax), abs(ay)), max(abs(bx), abs(by)))
     if not (abs(left) > TINY and largest < HUGE):
         return UNDECIDED
-    left_error, right_error = product_error(ax, by, left), product_error(ay, bx, right)
+    left_error, right_error = _product_error(ax, by, left), _product_error(ay, bx, right)
     if left_error == right_error:
         return 0
     return 1 if left_error > right_error else -1
@@ -208,9 +205,9 @@ def turn(ax: float, ay: float, bx: float, by: float) -> int:
 
 @kernel
 def following_half_edges(ends: Short, degree: Short, d: Floats) -> tuple[Short, bool]:
-    """Next half-edge clockwise from the way back, at the end of each half-edge, (2 E,).
+    """(2 E,) next half-edge of each: at its end, clockwise from its opposite half-edge.
 
-    False if two branches of a grain have the same direction, or doubles cannot tell.
+    Return also whether all directions differ; False too where doubles cannot decide.
     """
     begin, edge, angle = _around_grains(ends, degree, d)
     following = np.empty(2 * len(ends), dtype=np.int32)
@@ -219,8 +216,9 @@ def following_half_edges(ends: Short, degree: Short, d: Floats) -> tuple[Short, 
     good = True
     for g in range(len(degree)):
         first, n = begin[g], degree[g]
-        if n > FEW or not _sort_by_angle(edge[first : first + n], angle[first : first + n], order):
-            order[:n] = edge[first : first + n]
+        here = slice(first, first + n)
+        if n > COUNTING_SORT_MAX or not _sort_by_angle(edge[here], angle[here], order):
+            order[:n] = edge[here]
             good &= _sort_exactly(d, n, order, spare)
         for k in range(n):
             following[order[k] ^ 1] = order[k - 1 if k > 0 else n - 1]
@@ -229,7 +227,7 @@ def following_half_edges(ends: Short, degree: Short, d: Floats) -> tuple[Short, 
 
 @kernel
 def _around_grains(ends: Short, degree: Short, d: Floats) -> tuple[Short, Short, Floats]:
-    """Half-edges by the grain that they leave, and an angle of each that grows with its own."""
+    """Half-edges sorted by the grain that they leave, and a monotone measure of their angles."""
     begin = np.empty(len(degree) + 1, dtype=np.int32)
     begin[0] = 0
     for g in range(len(degree)):
@@ -249,7 +247,7 @@ def _around_grains(ends: Short, degree: Short, d: Floats) -> tuple[Short, Short,
 
 @kernel
 def _sort_by_angle(edge: Short, angle: Floats, order: Short) -> bool:
-    """Half-edges by counting the smaller angles; False if two angles are too close to tell."""
+    """Sort half-edges by counting smaller angles; False if two angles are too close to compare."""
     apart = True
     for k in range(len(edge)):
         rank = 0
@@ -257,13 +255,13 @@ def _sort_by_angle(edge: Short, angle: Floats, order: Short) -> bool:
             rank += angle[other] < angle[k]
             apart &= (other == k) | (abs(angle[other] - angle[k]) > CLOSE)
         order[rank] = edge[k]
-    # Just below a whole turn is next to nothing: the two are adjacent all the same.
+    # Angles just above zero and just below a whole turn are adjacent in the cycle either way.
     return apart
 
 
 @kernel
 def _sort_exactly(d: Floats, n: int, order: Short, spare: Short) -> bool:
-    """Sort n half-edges by direction, merging; False if two are alike or cannot be told apart."""
+    """Merge sort of n half-edges by direction; False if two are equal or cannot be compared."""
     good, run = True, 1
     while run < n:
         for start in range(0, n, 2 * run):
@@ -299,7 +297,7 @@ def _turned_before(d: Floats, a: int, b: int) -> int:
 
 
 @kernel
-def component_counts(
+def network_components(
     x: Floats, contacts: Integers, images: Integers
 ) -> tuple[Integers, Integers, Integers]:
     """Grains, contacts and winding rank of every component, dangling grains left out.
@@ -309,7 +307,7 @@ def component_counts(
     """
     network, degree = prune(local_network(x, contacts))
     ends, number = network.ends, network.contact
-    label = component_labels(ends, network.place, degree)
+    label = _component_labels(ends, network.place, degree)
     count = label.max() + 1 if len(label) else 0
     vertices, edges = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
     for k in range(len(label)):
@@ -332,7 +330,7 @@ def component_counts(
 
 
 @kernel
-def component_labels(ends: Short, place: Short, degree: Short) -> Short:
+def _component_labels(ends: Short, place: Short, degree: Short) -> Short:
     """(G,) component of each local grain, by smallest grain in the graph; -1 without contacts."""
     parent = np.arange(len(degree)).astype(np.int32)
     for c in range(len(ends)):
@@ -369,7 +367,7 @@ def _forest_offsets(ends: Short, number: Short, images: Integers, grains: int) -
         j = _root_with_offset(parent, offset, ends[c, 1])
         if i == j:
             continue
-        # The larger root goes below the smaller one, so that the contact's image is met.
+        # Attach the larger root to the smaller one; its offset agrees with the contact's image.
         low, high, sign = (i, j, 1) if i < j else (j, i, -1)
         for a in range(2):
             from_i = offset[ends[c, 0], a] + images[number[c], a]
@@ -382,7 +380,7 @@ def _forest_offsets(ends: Short, number: Short, images: Integers, grains: int) -
 
 @kernel
 def _root_with_offset(parent: Short, offset: Integers, k: int) -> int:
-    """Root of a grain, which then hangs on it directly; offsets are towards the parent."""
+    """Root of a grain, with path compression; offsets are relative to the parent."""
     root = k
     p, q = 0, 0
     while parent[root] != root:
@@ -402,17 +400,17 @@ def _root_with_offset(parent: Short, offset: Integers, k: int) -> int:
 def plane_faces(
     x: Floats, contacts: Integers, images: Integers, cell: Floats
 ) -> tuple[bool, Integers, Integers, Integers, Flags, Floats, Flags, Integers]:
-    """Whether all directions could be told apart, and the faces as in `Faces`.
+    """Faces of a network: offsets, grains, contacts, forward and area, as in `Faces`.
 
-    Offsets, grains, contacts, forward, area, whether the images along a face do not add up to zero,
-    component.
+    First, whether all directions differ; last, whether each face winds around the cell (its images
+    do not add up to zero), and its component.
     """
     network, degree = prune(local_network(x, contacts))
     d, local_images = local_branches(network, images, cell)
     following, good = following_half_edges(network.ends, degree, d)
     begin, member = _walk(following, network, local_images)
     area, winds = _measure(begin, member, d, local_images)
-    label = component_labels(network.ends, network.place, degree)
+    label = _component_labels(network.ends, network.place, degree)
     order = _by_first(begin, member, network, local_images)
     component = np.empty(len(order), dtype=np.int64)
     for f in range(len(order)):
@@ -424,13 +422,13 @@ def plane_faces(
 
 @kernel
 def _walk(following: Short, network: LocalNetwork, images: Short) -> tuple[Short, Short]:
-    """Cycles of the permutation, which is used up: where each begins, its members from the first.
+    """Cycles of the permutation `following` (overwritten): begin of each, members in order.
 
-    The first of a cycle is the one of `Faces`: smallest grain, then smallest next grain.
+    A cycle starts as in `Faces`: at the smallest grain, then by the smallest next grain.
     """
     begin = np.empty(len(following) + 1, dtype=np.int32)
     member = np.empty(len(following), dtype=np.int32)
-    # Grains that the half-edges leave, in the graph's numbers.
+    # Grain that each half-edge leaves, in the numbering of the graph.
     leaves = np.empty(len(following), dtype=np.int32)
     for c in range(len(network.ends)):
         leaves[2 * c] = network.grain[network.ends[c, 0]]
@@ -461,7 +459,7 @@ def _walk(following: Short, network: LocalNetwork, images: Short) -> tuple[Short
 
 @kernel
 def _grain(network: LocalNetwork, half_edge: int) -> int:
-    """Grain that a half-edge leaves, in the graph's numbers."""
+    """Grain that a half-edge leaves, in the numbering of the graph."""
     return network.grain[network.ends[half_edge >> 1, half_edge & 1]]
 
 
@@ -517,7 +515,7 @@ def _by_first(begin: Short, member: Short, network: LocalNetwork, images: Short)
             other[start[g]] = face
             start[g] += 1
         order, other = other, order
-    # Only images are left to tell apart two with both grains in common.
+    # Two faces with the same first two grains are ordered by their periodic images.
     for k in range(1, faces if len(images) else 0):
         late, at = order[k], k
         first = member[begin[late]]
@@ -532,9 +530,9 @@ def _by_first(begin: Short, member: Short, network: LocalNetwork, images: Short)
 def _in_order(
     order: Short, begin: Short, member: Short, network: LocalNetwork
 ) -> tuple[Integers, Integers, Integers, Flags]:
-    """Half-edges face by face, in the graph's numbers."""
+    """Half-edges face by face, in the numbering of the graph."""
     half_edges = len(member)
-    # Looked up along space first: a face is then one place in memory.
+    # Gathered in local order first: the half-edges of a face are then close in memory.
     own, from_grain = np.empty(half_edges, dtype=np.int32), np.empty(half_edges, dtype=np.int32)
     for k in range(half_edges):
         h = member[k]
@@ -551,190 +549,3 @@ def _in_order(
             out += 1
         offsets[f + 1] = out
     return offsets, grains, contacts, forward
-
-
-@kernel
-def crossing_pairs(
-    x: Floats,
-    u: Floats,
-    home: Integers,
-    contacts: Integers,
-    images: Integers,
-    counts: Integers,
-    limit: int,
-) -> tuple[int, Integers]:
-    """Pairs of contacts whose branches meet elsewhere than in a common grain.
-
-    `u` (G, 2) are the centres in the unit square of the cell or bounding box, `home` (G, 2), no row
-    in the plane, the cells they were brought in from, `counts` the columns and rows of bins. Status
-    0 when every pair was looked at; 1 when stopped at `limit` pairs; -1 when nothing was, since too
-    many branches share a bin, or one passes too many cells. A pair that meets in several bins is
-    there as often.
-    """
-    network = local_network(x, contacts)
-    start, vector, reach = _branches(network.grain, network.contact, network.ends, u, home, images)
-    pairs = np.empty((min(limit, 1024), 2), dtype=np.int64)
-    if np.abs(reach).max() > FARTHEST:
-        return -1, pairs[:0]
-    begin, contact, shift = _pieces(start, vector, counts, len(home) > 0)
-    largest, work = 0, 0
-    for b in range(len(begin) - 1):
-        size = begin[b + 1] - begin[b]
-        largest = max(largest, size)
-        work += size * size
-    if work > WORK * (len(contacts) + 1000):
-        return -1, pairs[:0]
-    ends, number = network.ends, network.contact
-    # Branches of the bin at hand: start and vector, and one number for either end.
-    x0, y0, dx, dy = np.empty(largest), np.empty(largest), np.empty(largest), np.empty(largest)
-    tail, head = np.empty(largest, dtype=np.int64), np.empty(largest, dtype=np.int64)
-    found = 0
-    for b in range(len(begin) - 1):
-        first = begin[b]
-        for k in range(begin[b + 1] - first):
-            c, p, q = contact[first + k], 0, 0
-            if len(shift):
-                p, q = shift[first + k, 0], shift[first + k, 1]
-            ax, ay, adx, ady = start[c, 0] - p, start[c, 1] - q, vector[c, 0], vector[c, 1]
-            a_tail = _place(ends[c, 0], -p, -q)
-            a_head = _place(ends[c, 1], reach[c, 0] - p, reach[c, 1] - q)
-            x0[k], y0[k], dx[k], dy[k], tail[k], head[k] = ax, ay, adx, ady, a_tail, a_head
-            for other in range(k):
-                bdx, bdy = dx[other], dy[other]
-                same_side = (a_tail == tail[other]) | (a_head == head[other])
-                end_to_start = (a_tail == head[other]) | (a_head == tail[other])
-                if same_side | end_to_start:
-                    if not _same_line(adx, ady, bdx, bdy, same_side, end_to_start):
-                        continue
-                elif not _meet(ax, ay, adx, ady, x0[other], y0[other], bdx, bdy):
-                    continue
-                if found == len(pairs):
-                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
-                one, two = number[c], number[contact[first + other]]
-                pairs[found, 0], pairs[found, 1] = min(one, two), max(one, two)
-                found += 1
-                if found == limit:
-                    return 1, pairs[:found]
-    return 0, pairs[:found]
-
-
-@kernel
-def _branches(
-    grain: Short, number: Short, ends: Short, u: Floats, home: Integers, images: Integers
-) -> tuple[Floats, Floats, Short]:
-    """Start, vector and cell of the end of every local contact."""
-    count = len(ends)
-    start, vector = np.empty((count, 2)), np.empty((count, 2))
-    reach = np.zeros((count, 2), dtype=np.int32)
-    for c in range(count):
-        i, j = grain[ends[c, 0]], grain[ends[c, 1]]
-        for a in range(2):
-            if len(home):
-                reach[c, a] = home[j, a] + images[number[c], a] - home[i, a]
-            start[c, a] = u[i, a]
-            vector[c, a] = u[j, a] - u[i, a] + reach[c, a]
-    return start, vector, reach
-
-
-@kernel
-def _pieces(
-    start: Floats, vector: Floats, counts: Integers, periodic: bool
-) -> tuple[Short, Short, Short]:
-    """Branches that pass each bin: where they begin, which they are, images of the bin passed.
-
-    Without a cell there are no images, no row.
-    """
-    columns, rows = counts[0], counts[1]
-    room, found = 3 * len(start) + 16, 0
-    where, which = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
-    cell = np.empty((room if periodic else 0, 2), dtype=np.int32)
-    begin = np.zeros(columns * rows + 1, dtype=np.int32)
-    for c in range(len(start)):
-        x, dx = start[c, 0] * columns, vector[c, 0] * columns
-        y, dy = start[c, 1] * rows, vector[c, 1] * rows
-        low, high = _span(x, x + dx)
-        for column in range(low, high + 1):
-            enter, leave = 0.0, 1.0
-            if high > low and dx != 0.0:
-                enter = min(max((column + (1 if dx < 0.0 else 0) - x) / dx, 0.0), 1.0)
-                leave = min(max((column + (1 if dx >= 0.0 else 0) - x) / dx, 0.0), 1.0)
-            bottom, top = _span(y + enter * dy, y + leave * dy)
-            for row in range(bottom, top + 1):
-                if found == room:
-                    where, which = _doubled(where), _doubled(which)
-                    cell = np.concatenate((cell, np.empty_like(cell)))
-                    room *= 2
-                p, q = 0, 0
-                if periodic:
-                    p, q = column // columns, row // rows
-                    cell[found, 0], cell[found, 1] = p, q
-                where[found] = (row - q * rows) * columns + column - p * columns
-                which[found] = c
-                begin[where[found] + 1] += 1
-                found += 1
-    for b in range(len(begin) - 1):
-        begin[b + 1] += begin[b]
-    contact = np.empty(found, dtype=np.int32)
-    shift = np.empty((found if periodic else 0, 2), dtype=np.int32)
-    at = begin.copy()
-    for k in range(found):
-        place = at[where[k]]
-        at[where[k]] += 1
-        contact[place] = which[k]
-        if periodic:
-            shift[place, 0], shift[place, 1] = cell[k, 0], cell[k, 1]
-    return begin, contact, shift
-
-
-@kernel
-def _doubled(values: Short) -> Short:
-    return np.concatenate((values, np.empty_like(values)))
-
-
-@kernel
-def _span(a: float, b: float) -> tuple[int, int]:
-    """First and last unit interval between two values, with a margin for round-off."""
-    margin = MARGIN + ROUND_OFF * max(abs(a), abs(b))
-    return math.floor(min(a, b) - margin), math.floor(max(a, b) + margin)
-
-
-@kernel
-def _place(grain: int, p: int, q: int) -> int:
-    """One number for a grain and its cell."""
-    return (grain << 32) + (p << 16) + q
-
-
-@kernel
-def _same_line(
-    ax: float, ay: float, bx: float, by: float, same_side: bool, end_to_start: bool
-) -> bool:
-    """Whether two branches with a common grain overlap: they leave it the same way."""
-    if abs(ax * by - ay * bx) > ROUND_OFF * (abs(ax) + abs(ay) + abs(bx) + abs(by)):
-        return False
-    along = ax * bx + ay * by
-    return (same_side and along > 0.0) or (end_to_start and along < 0.0)
-
-
-@kernel
-def _meet(
-    ax: float, ay: float, adx: float, ady: float, bx: float, by: float, bdx: float, bdy: float
-) -> bool:
-    """Whether two branches without a common grain have a point in common."""
-    ahead_x, ahead_y = bx - ax, by - ay
-    turn = adx * bdy - ady * bdx
-    # Each branch's ends lie on either side of the other's line, or on it.
-    if not _straddle(adx * ahead_y - ady * ahead_x, turn, abs(adx) + abs(ady)):
-        return False
-    if not _straddle(ahead_x * bdy - ahead_y * bdx, -turn, abs(bdx) + abs(bdy)):
-        return False
-    low_x = max(min(adx, 0.0), ahead_x + min(bdx, 0.0))
-    low_y = max(min(ady, 0.0), ahead_y + min(bdy, 0.0))
-    high_x = min(max(adx, 0.0), ahead_x + max(bdx, 0.0))
-    high_y = min(max(ady, 0.0), ahead_y + max(bdy, 0.0))
-    return low_x <= high_x + ROUND_OFF and low_y <= high_y + ROUND_OFF
-
-
-@kernel
-def _straddle(side: float, change: float, size: float) -> bool:
-    other = side + change
-    return min(side, other) <= ROUND_OFF * size and max(side, other) >= -ROUND_OFF * size

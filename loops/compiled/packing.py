@@ -1,4 +1,4 @@
-"""A packing and its loops as the kernels want them, and the tangents of its loops."""
+"""Arrays of a packing for the kernels, and the tangents of its loops by the kernels."""
 
 from __future__ import annotations
 
@@ -7,32 +7,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers, Regimes, frobenius
+from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes, frobenius
+from loops.assembly import local_blocks
 from loops.closures.macro_tangent import Closure, MacroTangent, Spins, solved
-from loops.compiled.kernel import given
-from loops.compiled.tangents import loop_shapes, loop_tangents
-from loops.contact_state import ContactState
-from loops.contact_tangent import local_blocks
+from loops.compiled import given
+from loops.compiled.tangents import loop_shapes, tangents_of_faces
 from loops.faces import Faces
-from loops.graph import GrainGraph, branches_between
+from loops.graph import ContactState, GrainGraph, branches_between
 from loops.laws.protocol import ContactLaw
-from loops.null_space import ROUNDING
 
 TANGENTS: tuple[tuple[Closure, Spins], ...] = (
     ("affine", "blocked"),
     ("traction", "blocked"),
     ("traction", "free"),
 )
-BLOCK = 2**14  # contacts at a time: what is computed of them stays in the cache
+CONTACTS_AT_ONCE = 2**14  # contacts at a time: their temporary arrays stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
 class CompiledPacking:
     """Arrays shared by the kernels, contiguous and read-only.
 
-    `rows` (C, 8): branch vector, tangent block in the frame (n, t) row by row, N and T, the block
-    zero without a law; `shear` (C,) the shear stiffness; `regime` (C,). `by_radii` tells how spins
-    shear, None if in no way that the kernel knows. `faces` in the order of `Faces`.
+    `rows` (C, 8): branch vector, tangent block in the frame (n, t) row by row (zero without a law),
+    N and T; `shear` (C,) the shear stiffness; `regime` (C,). `by_radii`: whether spins shear by the
+    radii (or by the arms to the contact point); None for a law that does neither, which the kernel
+    does not treat. `faces`: offsets, grains, contacts and forward of `Faces`.
     """
 
     graph: GrainGraph
@@ -46,23 +45,23 @@ class CompiledPacking:
     faces: tuple[Integers, Integers, Integers, Flags]
 
     def shapes(self, loops: Integers) -> Floats:
-        """(L, 11) shape and stress of faces, see the kernel."""
+        """(L, 11) shape and stress of faces, columns as in `loop_shapes`."""
         return np.asarray(loop_shapes(self.rows, self.x, self.regime, *self.faces, loops))
 
     def tangents(self, loops: Integers) -> tuple[list[MacroTangent], Flags]:
         """Affine and traction tangents with spins blocked, traction with spins free; poor loops.
 
-        As `macroscopic_tangent` has them, but for the conditions, which are estimates. Of the poor
-        loops (L,) rounding could by these turn a sign, and the plain closure should be asked.
+        Conditions are estimates, the rest is as by `macroscopic_tangent`. In the poor loops (L,)
+        rounding could turn a sign by these conditions: use `macroscopic_tangent` for them.
         """
-        matrices, conditions, smallest, sensitivity, area = loop_tangents(
+        matrices, conditions, smallest, sensitivity, area = tangents_of_faces(
             self.rows, self.shear, self.radii, *self.faces, loops, self.by_radii is True
         )
         if self.by_radii is None:
             conditions[2] = np.inf
         rounding = ROUNDING * conditions * frobenius(matrices)
         poor = ~(np.abs(smallest) > rounding)
-        # What the arms of the spins turn has no sign, however well it is solved.
+        # An eigenvalue that the choice of spin arms can turn has no sign, however exact.
         poor[2] &= ~((np.abs(smallest[2]) <= sensitivity) & np.isfinite(conditions[2]))
         change = (0.0, 0.0, sensitivity)
         tangents = [
@@ -79,7 +78,7 @@ def compiled_packing(
     regime: Regimes | None = None,
     threads: int = 1,
 ) -> CompiledPacking:
-    """Prepare a packing, one state, for the kernels; without a law only shapes can be had.
+    """Prepare a packing, one state, for the kernels; without a law for shapes alone.
 
     Regimes are the graph's, or read from the state by the law, if left out.
     """
@@ -89,13 +88,25 @@ def compiled_packing(
     regimes = np.zeros(count, dtype=np.int8)
 
     def fill(start: int) -> tuple[bool, bool]:
-        part = slice(start, min(start + BLOCK, count))
+        part = slice(start, min(start + CONTACTS_AT_ONCE, count))
         images = None if graph.images is None else graph.images[part]
         d = branches_between(graph.x, graph.contacts[part], images, graph.cell)
         rows[part, :2] = d
         if law is None:
             return True, True
-        state, own = _state(graph, part, d), law.take(np.arange(part.start, part.stop))
+        i, j = graph.contacts[part].T
+        length = np.hypot(d[:, 0], d[:, 1])
+        n = d / length[:, None]
+        state = ContactState(
+            length=length,
+            n=n,
+            t=np.column_stack([-n[:, 1], n[:, 0]]),
+            normal_force=graph.normal_force[part],
+            shear_force=graph.shear_force[part],
+            radii_i=graph.radii[i],
+            radii_j=graph.radii[j],
+        )
+        own = law.take(np.arange(part.start, part.stop))
         regimes[part] = own.regime(state) if regime is None else regime[part]
         rows[part, 2:6] = local_blocks(state, own, regimes[part]).reshape(-1, 4)
         rows[part, 6], rows[part, 7] = state.normal_force, state.shear_force
@@ -107,7 +118,7 @@ def compiled_packing(
         return np.array_equal(arm, state.radii_i), np.array_equal(arm, state.arm_i)
 
     with ThreadPoolExecutor(threads) as pool:
-        ways = np.array(list(pool.map(fill, range(0, count, BLOCK)))).reshape(-1, 2)
+        ways = np.array(list(pool.map(fill, range(0, count, CONTACTS_AT_ONCE)))).reshape(-1, 2)
     by_radii, by_arms = bool(ways[:, 0].all()), bool(ways[:, 1].all())
     return CompiledPacking(
         graph=graph,
@@ -124,19 +135,4 @@ def compiled_packing(
             given(faces.contacts, np.int64),
             given(faces.forward, np.bool_),
         ),
-    )
-
-
-def _state(graph: GrainGraph, part: slice, d: Floats) -> ContactState:
-    i, j = graph.contacts[part].T
-    length = np.hypot(d[:, 0], d[:, 1])
-    n = d / length[:, None]
-    return ContactState(
-        length=length,
-        n=n,
-        t=np.column_stack([-n[:, 1], n[:, 0]]),
-        normal_force=graph.normal_force[part],
-        shear_force=graph.shear_force[part],
-        radii_i=graph.radii[i],
-        radii_j=graph.radii[j],
     )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats
-from loops.compiled.kernel import kernel
+from loops.compiled import kernel
 
 
 class Motion(NamedTuple):
@@ -35,27 +35,24 @@ class Motion(NamedTuple):
     moment: Floats  # (4,) forces times branches, 11, 12, 21, 22: stress times area
     work: Floats  # (3,) of the cell's strain, of slip, of `T` in the law's shear less the motion's
     closer: Floats  # (1,) largest possible approach of grains since the pairs were listed
-    plane_shear: Floats  # (P, G) `T` of every grain at every plane
 
 
 class Discs(NamedTuple):
-    """Constants: grains, pairs that touch or might touch, their springs and friction."""
+    """Constants: grains, pairs that touch or might touch, their springs and friction.
+
+    Walls are the last bodies: points that go with the cell, without radius and lightness.
+    """
 
     radii: Floats
+    walls: Floats  # (W, 2) normals, which stay
     lightness: Floats  # one over masses
     slenderness: Floats  # one over moments of inertia
     pairs: NDArray[np.uint32]  # (P, 2) unsigned: no index counts from the end
     images: Floats  # (P, 2)
-    wraps: Flags  # (P,) whether an image isn't zero
+    wraps: Flags  # (P,) whether an image isn't zero, or the second one is a wall
     kn: Floats
     kt: Floats
     mu: Floats
-    # Planes at rest, each of which may touch every grain:
-    plane_normal: Floats  # (P, 2) from the plane into the sample
-    plane_offset: Floats  # (P,) `n . x` of its points
-    plane_kn: Floats  # (P, G)
-    plane_kt: Floats  # (P, G)
-    plane_mu: Floats  # (P,)
 
 
 class Servo(NamedTuple):
@@ -165,15 +162,21 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
     g10, g11 = L10 * h00 + L11 * h10, L10 * h01 + L11 * h11
     s00 = s01 = s10 = s11 = 0.0
     slipped = beyond = 0.0
+    first_wall = len(x) - len(discs.walls)
     resultant[:] = motion.load
     for p in range(len(discs.pairs)):
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
-        d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+        e0, e1 = d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
         v0, v1 = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1]
         if discs.wraps[p]:
             m0, m1 = discs.images[p, 0], discs.images[p, 1]
             d0, d1 = d0 + h00 * m0 + h01 * m1, d1 + h10 * m0 + h11 * m1
             v0, v1 = v0 + g00 * m0 + g01 * m1, v1 + g10 * m0 + g11 * m1
+            e0, e1 = d0, d1
+            if j >= first_wall:
+                n0, n1 = discs.walls[j - first_wall, 0], discs.walls[j - first_wall, 1]
+                away = n0 * d0 + n1 * d1
+                d0, d1 = away * n0, away * n1
         radius_i, radius_j = discs.radii[i], discs.radii[j]
         touching = radius_i + radius_j
         square = d0 * d0 + d1 * d1
@@ -206,32 +209,15 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
         resultant[i, 1] -= f1
         resultant[i, 2] -= arm_i * shear
         if summed:
-            s00 += f0 * d0
-            s01 += f0 * d1
-            s10 += f1 * d0
-            s11 += f1 * d1
+            s00 += f0 * e0
+            s01 += f0 * e1
+            s10 += f1 * e0
+            s11 += f1 * e1
             mean = 0.5 * (before + shear)
             if shear != stuck and discs.kt[p] > 0.0:
                 slipped += mean * (stuck - shear) / discs.kt[p]
             if by_radii:
                 beyond += mean * (slip - across + arm_i * w[i] + arm_j * w[j]) * dt
-    for p in range(len(discs.plane_offset)):
-        n0, n1 = discs.plane_normal[p, 0], discs.plane_normal[p, 1]
-        for g in range(len(x)):
-            distance = n0 * x[g, 0] + n1 * x[g, 1] - discs.plane_offset[p]
-            if distance >= discs.radii[g]:
-                motion.plane_shear[p, g] = 0.0
-                continue
-            normal = discs.plane_kn[p, g] * (discs.radii[g] - distance)
-            arm = discs.radii[g] if by_radii else distance
-            slip = n0 * v[g, 1] - n1 * v[g, 0] - arm * w[g]
-            most = discs.plane_mu[p] * normal
-            shear = motion.plane_shear[p, g] - discs.plane_kt[p, g] * slip * dt
-            shear = min(max(shear, -most), most)
-            motion.plane_shear[p, g] = shear
-            resultant[g, 0] += normal * n0 - shear * n1
-            resultant[g, 1] += normal * n1 + shear * n0
-            resultant[g, 2] -= distance * shear
     motion.moment[0], motion.moment[1], motion.moment[2], motion.moment[3] = s00, s01, s10, s11
     motion.work[1] += slipped
     motion.work[2] += beyond

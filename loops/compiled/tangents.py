@@ -1,17 +1,17 @@
 """Kernels of loops, one loop after the other: shape, stress and the tangents of both closures.
 
-A contact comes as a row of eight: branch vector, tangent block in its own frame (n, t) row by row,
-N and T. Neither depends on the direction of the contact but the branch, which a loop that runs
-against it turns round.
+A contact is a row of eight: branch vector, tangent block in its own frame (n, t) row by row, N and
+T. Only the branch depends on the direction of the contact: its sign is turned for a loop that
+passes the contact from j to i.
 
-Under the traction closure, what a contact would turn into a large number is an unknown, its slip.
-Unknowns are the slips, the redundant force `f^` and the stress `P`; contact forces are
+Under the traction closure, motions that a compliance would make large are unknowns of their own,
+slips. Unknowns are the slips, the redundant force `f^` and the stress `P`; contact forces are
 `f_c = f^ - P m_c`, and the motion of a contact in its frame is `e = -s f_c + h z`, z its slip:
 
 - of a soft contact, such as a sliding one: `z = e_t`, and `f_t + k_tn e_n + k_tt e_t = 0`;
-- of one that feels the spins, if these are free: `z = b_i w_i + b_j w_j`, and the moments combined
-  as the spins make slip, `(b_i/r_i^2) M_i + (b_j/r_j^2) M_j = 0`, which leaves standing what a gear
-  mode would have to balance.
+- of one that resists the spins, if these are free: `z = b_i w_i + b_j w_j`, and the moments in the
+  same combination as the spins, `(b_i/r_i^2) M_i + (b_j/r_j^2) M_j = 0`; the moment that a gear
+  mode would have to balance is left out.
 
 Closure, `sum d' = 0`, and `sum d' (x) m = V0 H` complete the system.
 """
@@ -23,16 +23,17 @@ import math
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.compiled.kernel import kernel
+from loops.compiled import kernel
 
 # Columns of `loop_shapes`.
 X, Y, AREA, PERIMETER, ELONGATION, ORIENTATION = range(6)
 S11, S12, S21, S22, SLIDING = range(6, 11)
 COLUMNS = 11
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
-LONGEST = 60  # sides; the plain closure takes what is longer
-SOFT = 0.05  # determinant of a block, over its normal stiffness squared, that makes a slip
-GEAR = 1e-13  # the slips of a ring depend on one another if their ratios come back to one
+LONGEST_LOOP = 60  # sides; longer loops are left to `macroscopic_tangent`
+# A contact has a slip below this determinant of its block over its normal stiffness squared.
+SOFT = 0.05
+GEAR = 1e-13  # tolerance of the product of the slip ratios around a ring that makes it a gear mode
 # Columns of `geometry`, per contact, in units of the loop's length and stiffness.
 NX, NY, MX, MY, S_NN, S_NT, S_TN, S_TT, H_N, H_T, K_N, K_Z, TURN_N, TURN_T, LENGTH, RADIUS = range(
     16
@@ -119,7 +120,7 @@ def _add_moments(
 
 
 @kernel
-def loop_tangents(
+def tangents_of_faces(
     rows: Floats,
     shear: Floats,
     radii: Floats,
@@ -134,7 +135,7 @@ def loop_tangents(
 
     `shear` (C,) is the shear stiffness, zero where a contact slides; `by_radii` tells whether spins
     shear by the radii or by the arms to the contact point. Returns the tangents (3, L, 4, 4) in the
-    order (11, 12, 21, 22), their conditions (3, L), infinite where the plain closure has to answer,
+    order (11, 12, 21, 22), their conditions (3, L), infinite where `macroscopic_tangent` is needed,
     the smallest eigenvalues of Ks in the symmetric subspace (3, L), the sensitivity of the third
     (L,), and the areas (L,).
     """
@@ -142,9 +143,9 @@ def loop_tangents(
     tangents, other = np.full((3, count, 4, 4), np.nan), np.empty((4, 4))
     conditions, smallest = np.full((3, count), np.inf), np.full((3, count), np.nan)
     sensitivity, area = np.zeros(count), np.empty(count)
-    system = np.empty((LONGEST + 6, LONGEST + 10))
-    geometry, moment = np.empty((LONGEST, 16)), np.empty((LONGEST, 8))
-    slip = np.empty(LONGEST, dtype=np.int64)
+    system = np.empty((LONGEST_LOOP + 6, LONGEST_LOOP + 10))
+    geometry, moment = np.empty((LONGEST_LOOP, 16)), np.empty((LONGEST_LOOP, 8))
+    slip = np.empty(LONGEST_LOOP, dtype=np.int64)
     for loop in range(count):
         begin, end = offsets[loops[loop]], offsets[loops[loop] + 1]
         area[loop], growth, stiff = _affine(rows, contacts, forward, begin, end, tangents[0, loop])
@@ -155,7 +156,7 @@ def loop_tangents(
             share = max(1.0, stiff / norm)
         conditions[0, loop] = share + growth
         n = end - begin
-        if n > LONGEST:
+        if n > LONGEST_LOOP:
             continue
         scale_x, scale_y, stiffness = _ring(rows, contacts, forward, begin, n, geometry)
         if not stiffness > 0.0:
@@ -165,7 +166,7 @@ def loop_tangents(
             if not _contacts(rows, shear, contacts, begin, n, free == 1, stiffness, geometry, slip):
                 continue
             if n == 3 and not free:
-                # Three contact forces are as many as f^ and P: the grains move affinely.
+                # Three contact forces have as many components as f^ and P: the motion is affine.
                 tangents[1, loop] = tangents[0, loop]
                 conditions[1, loop], smallest[1, loop] = conditions[0, loop], smallest[0, loop]
                 continue
@@ -180,7 +181,7 @@ def loop_tangents(
                 continue
             _unscale(tangents[k, loop], factor, scale_x, scale_y)
             if gear < 1.0:
-                # Digits go for the ratio of the arms, and once more for what resists: turning.
+                # Digits are lost by the ratio of the arms, and again where only rotation resists.
                 turn = 0.0
                 for c in range(n):
                     turn = max(turn, abs(geometry[c, TURN_N]))
@@ -302,7 +303,7 @@ def _smallest(a: Floats) -> float:
 def _ring(
     rows: Floats, contacts: Integers, forward: Flags, begin: int, n: int, out: Floats
 ) -> tuple[float, float, float]:
-    """Fill in where the contacts of a ring lie: the sizes of m, the stiffness, zero if none."""
+    """Fill in the geometry of a ring's contacts; return sizes of m, and the stiffness."""
     x, y, double, moment_x, moment_y, stiffness = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for c in range(n):
         row, sign = rows[contacts[begin + c]], 1.0 if forward[begin + c] else -1.0
@@ -352,7 +353,7 @@ def _contacts(
     geometry: Floats,
     slip: Integers,
 ) -> bool:
-    """Compliances and slips of a ring's contacts; False where one has neither."""
+    """Fill in compliances and slips of a ring's contacts; False if a contact has neither."""
     for c in range(n):
         row, out = rows[contacts[begin + c]], geometry[c]
         nn, nt = row[2] / stiffness, row[3] / stiffness
@@ -407,9 +408,9 @@ def _system(
     by_radii: bool,
     out: Floats,
 ) -> tuple[int, float]:
-    """Fill the equations, four unit gradients as right-hand sides.
+    """Fill the equations, with four unit gradients as right-hand sides.
 
-    The number of slips, and how far an even ring that rolls everywhere is from a gear mode.
+    Return the number of slips, and the distance of an even ring that rolls from a gear mode.
     """
     slips, rolls = 0, 0
     for c in range(n):
@@ -455,7 +456,7 @@ def _system(
         return slips, 1.0
     if abs(ratio - 1.0) > GEAR * n:
         return slips, min(abs(ratio - 1.0), 1.0)
-    # A gear mode: slips of alternating sign add up to nothing, and so do their equations.
+    # A gear mode: the slips with alternating signs cancel, and so do their equations.
     for j in range(size):
         out[n - 1, j] = 0.0
     for c in range(n):
@@ -486,7 +487,7 @@ def _close(g: Floats, at: int, slips: int, out: Floats) -> None:
 
 @kernel
 def _solve(a: Floats, size: int, stress: Floats) -> float:
-    """Last four unknowns for the four right-hand sides; the smallest pivot of rows of size one."""
+    """Solve for the last four unknowns; return the smallest pivot, rows scaled to size one."""
     columns = size + 4
     for i in range(size):
         largest = 0.0
@@ -500,7 +501,7 @@ def _solve(a: Floats, size: int, stress: Floats) -> float:
     for k in range(size):
         best, pivot = k, abs(a[k, k])
         for i in range(k + 1, size):
-            # Chosen without a branch, which would be guessed wrongly half the time.
+            # Selected without an if: the processor would mispredict every second one.
             larger = abs(a[i, k]) > pivot
             best, pivot = (i, abs(a[i, k])) if larger else (best, pivot)
         if not pivot > 0.0:

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.contact_state import ContactState
 from loops.errors import InputError
+from loops.graph import ContactState
 from loops.laws.protocol import ContactLaw, Regime
+from loops.shown import Shown
 
 ShearIncrement = Literal["branch", "radii"]
 # A contact within this fraction of its strength is at yield: paths stop at it to 1e-12.
@@ -29,12 +30,13 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 
 
-class FrictionalLaw:
+class FrictionalLaw(Shown):
     """Base of contact laws: a normal force of the overlap, an elastic shear spring, friction.
 
-    A law of your own gives `closed_force` and `stiffnesses`, and its parameters as attributes
-    (numbers, or arrays with the contacts in the last axis). The rest has defaults: Coulomb's
-    `strength` `mu N`, opening where the grains part (`gap`), no rolling spring.
+    A law of your own gives `closed_force`, and `stiffnesses` unless they are its constants `kn` and
+    `kt`. Its parameters are attributes (numbers, or arrays with the contacts in the last axis), set
+    by name when it is made. The rest has defaults: Coulomb's `strength` `mu N`, opening where the
+    grains part (`gap`), no rolling spring.
 
     - elastic: `N' = -kn un'`, `T' = -kt ut'`;
     - sliding (`|T|` at the strength): `T' = s mu N'`, `s = sign(T)`, while the slip dissipates:
@@ -60,12 +62,8 @@ class FrictionalLaw:
 
     >>> from loops import FrictionalLaw, GrainGraph, contact_state
     >>> class Cohesive(FrictionalLaw):
-    ...     def __init__(self, kn, kt, mu, adhesion):
-    ...         self.kn, self.kt, self.mu, self.adhesion = kn, kt, mu, adhesion
     ...     def closed_force(self, state):
     ...         return self.kn * state.overlap - self.adhesion
-    ...     def stiffnesses(self, state):
-    ...         return self.kn, self.kt
     ...     def strength(self, state):
     ...         return self.mu * (state.normal_force + self.adhesion)
     >>> pair = GrainGraph(x=[[0, 0], [0.95, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
@@ -78,13 +76,19 @@ class FrictionalLaw:
     shear_increment: ShearIncrement = "branch"
     keeps_strength: bool = True
 
+    def __init__(self, **parameters: ArrayLike) -> None:
+        vars(self).update(parameters)
+
     def closed_force(self, state: ContactState) -> Floats:
         """`N` as a function of `state.overlap`, smooth beyond the opening: for you to write."""
         raise NotImplementedError(f"{type(self).__name__}.closed_force")
 
     def stiffnesses(self, state: ContactState) -> tuple[ArrayLike, ArrayLike]:
-        """`kn = dN/d(overlap)` and `kt`, broadcastable to (..., C): for you to write."""
-        raise NotImplementedError(f"{type(self).__name__}.stiffnesses")
+        """`kn = dN/d(overlap)` and `kt`, broadcastable to (..., C); by default its constants."""
+        try:
+            return vars(self)["kn"], vars(self)["kt"]
+        except KeyError:
+            raise NotImplementedError(f"{type(self).__name__}.stiffnesses") from None
 
     def gap(self, state: ContactState) -> Floats:
         """`l - (r_i + r_j)`: a closed contact opens where its grains part."""
@@ -160,8 +164,8 @@ class FrictionalLaw:
         return law
 
 
-@dataclass(frozen=True, eq=False)
-class Edge:
+@dataclass(frozen=True, eq=False, repr=False)
+class Edge(Shown):
     """Contacts whose regime the motion decides, (..., C) each."""
 
     at_yield: Flags  # closed and at the strength: sticks or slides

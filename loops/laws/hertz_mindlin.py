@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.contact_state import ContactState
+from loops.graph import ContactState
 from loops.laws.frictional import FrictionalLaw, ShearIncrement, friction_and_increment, parameter
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class HertzMindlin(FrictionalLaw):
     """Incremental Hertz-Mindlin law, no slip within the contact area, no cohesion.
 

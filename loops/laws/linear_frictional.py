@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.contact_state import ContactState
+from loops.graph import ContactState
 from loops.laws.frictional import FrictionalLaw, friction_and_increment, parameter
 from loops.laws.frictional import ShearIncrement as ShearIncrement
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class LinearFrictional(FrictionalLaw):
     """Linear springs, Coulomb friction, no cohesion (Nicot et al. 2016, equations 5-8).
 

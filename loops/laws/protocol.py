@@ -9,12 +9,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, Regimes
-from loops.contact_state import ContactState
 from loops.errors import InputError
+from loops.graph import ContactState
 
 
 class Regime(IntEnum):
-    """Regime of a contact."""
+    """Regime of a contact.
+
+    Attributes
+    ----------
+    OPEN, ELASTIC, SLIDING
+        0: no force; 1: elastic, sticking; 2: slides at the strength of its law.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> regime = read_snapshot(sample_path()).regime
+    >>> int((regime == Regime.SLIDING).sum()), Regime(int(regime[0])).name
+    (51, 'ELASTIC')
+    """
 
     OPEN = 0
     ELASTIC = 1

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, Regimes
-from loops.contact_state import ContactState
+from loops.graph import ContactState
 from loops.laws.frictional import parameter
 from loops.laws.protocol import ContactLaw, Regime, require_law
+from loops.shown import Shown
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 
@@ -28,8 +29,8 @@ def _of_the_other(method: Method) -> Method:
     return cast(Method, forward)
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class RollingResistance:
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class RollingResistance(Shown):
     """A contact law with an elastic rolling spring, `M' = -k_r (w_j - w_i)` on grain j.
 
     Grain i receives the opposite moment; a closed contact, sticking or sliding, keeps its

@@ -11,10 +11,10 @@ from loops.packing.in_place import loops_in_place as loops_in_place
 from loops.packing.system import Factor as Factor
 from loops.packing.system import PackingSystem as PackingSystem
 from loops.packing.system import UpdatedFactors as UpdatedFactors
-from loops.packing.system import assembled as assembled
 from loops.packing.system import balancing_forces as balancing_forces
 from loops.packing.system import factorised as factorised
 from loops.packing.system import in_freedoms as in_freedoms
+from loops.packing.system import packing_stress_rate as packing_stress_rate
 from loops.packing.system import packing_system as packing_system
 from loops.packing.system import relative_motion as relative_motion
-from loops.packing.system import stress_rate as stress_rate
+from loops.packing.system import stiffness_matrix as stiffness_matrix

@@ -13,10 +13,11 @@ from loops.faces import FaceKind, Faces
 from loops.graph import GrainGraph
 from loops.laws.protocol import Regime
 from loops.pruning import component_labels, winding_ranks
+from loops.shown import Shown
 
 
-@dataclass(frozen=True, eq=False)
-class Carrying:
+@dataclass(frozen=True, eq=False, repr=False)
+class Carrying(Shown):
     """Grains and contacts that carry load, and counts of those that do not.
 
     `anchors`: one grain of each component that nothing holds, whose translations are fixed.
@@ -74,18 +75,20 @@ def _pruned(graph: GrainGraph, closed: Flags, supports: Integers) -> tuple[Flags
         contacts &= kept[graph.contacts].all(axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneContacts:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlaneContacts(Shown):
     """Contacts of grains with moving planes: branch from centre to foot, stiffness of each.
 
     `kt` is zero where the wall has no friction. A foot moves with the strain, a plane keeps its
-    direction: there is no turning of the frame, and no geometric stiffness.
+    direction: there is no turning of the frame, and no geometric stiffness. `mu` is read by the
+    equations of motion and by paths; without it a contact that has a shear stiffness never slides.
     """
 
     grain: Integers
     branch: Floats
     kn: Floats
     kt: Floats
+    mu: Floats | None = None
 
     @property
     def regime(self) -> Regimes:
@@ -94,7 +97,8 @@ class PlaneContacts:
 
     def take(self, rows: Flags) -> PlaneContacts:
         """The picked contacts."""
-        return PlaneContacts(self.grain[rows], self.branch[rows], self.kn[rows], self.kt[rows])
+        mu = None if self.mu is None else self.mu[rows]
+        return PlaneContacts(self.grain[rows], self.branch[rows], self.kn[rows], self.kt[rows], mu)
 
 
 def plane_contacts(

@@ -21,10 +21,10 @@ from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 from loops.loop_batches import loop_batches
-from loops.packing.blocks import Polygons, polygons_of
 from loops.packing.boundary import PlaneContacts
-from loops.packing.inversion import inverted
+from loops.packing.inversion import Polygons, inverted, polygons_of
 from loops.packing.system import PackingSystem, factorised, packing_system
+from loops.shown import Shown
 
 Method = Literal["auto", "whole", "blocks"]
 METHODS = get_args(Method)
@@ -37,8 +37,8 @@ BLOCK, BUFFER = 100.0, 8.0
 DECAY, CHECKED, MARGIN = 1.9, 300, 1.5
 
 
-@dataclass(frozen=True, eq=False)
-class LoopsInPlace:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopsInPlace(Shown):
     """Operators of the loops of a packing, in the order of `Faces.loops`.
 
     Attributes
@@ -136,7 +136,17 @@ def loops_in_place(
     side = np.inf if method == "whole" else block
     found = inverted(system, polygons, side, buffer, threads or available_cores())
     error = found.error + _truncation(system, polygons, found.matrix, found.rho)
-    alone, alone_error = _alone(graph, law, faces, regime)
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(len(faces.loops))
+    alone, alone_error = np.empty((len(faces.loops), 4, 4)), np.empty(len(faces.loops))
+    given = None if regime is None else np.asarray(regime, dtype=np.int8)
+    for batch in loop_batches(graph, faces):
+        own = None if given is None else given[batch.contacts]
+        tangent = macroscopic_tangent(
+            batch.graph, law.take(batch.contacts), "traction", spins="free", regime=own
+        )
+        alone[row[batch.face]] = tangent.matrix
+        alone_error[row[batch.face]] = tangent.rounding
     return LoopsInPlace(found.matrix, alone, error, alone_error, system)
 
 
@@ -160,20 +170,3 @@ def _truncation(system: PackingSystem, polygons: Polygons, matrix: Floats, rho: 
             change = frobenius(matrix[row[k]] - whole) / frobenius(whole)
             true.append(change / shape[row[k]])
     return np.where(shape > 0, MARGIN * float(np.max(true)) * shape, 0.0)
-
-
-def _alone(
-    graph: GrainGraph, law: ContactLaw, faces: Faces, regime: ArrayLike | None
-) -> tuple[Floats, Floats]:
-    """`A_loop` (L, 4, 4) and its rounding error (L,)."""
-    row = np.full(len(faces.kind), -1)
-    row[faces.loops] = np.arange(len(faces.loops))
-    matrix, error = np.empty((len(faces.loops), 4, 4)), np.empty(len(faces.loops))
-    given = None if regime is None else np.asarray(regime, dtype=np.int8)
-    for batch in loop_batches(graph, faces):
-        own = None if given is None else given[batch.contacts]
-        tangent = macroscopic_tangent(
-            batch.graph, law.take(batch.contacts), "traction", spins="free", regime=own
-        )
-        matrix[row[batch.face]], error[row[batch.face]] = tangent.matrix, tangent.rounding
-    return matrix, error

@@ -1,26 +1,129 @@
-"""Operators of loops in their packing, by inversion of its matrix, with a bound on their errors."""
+"""Operators of loops in their packing, by inversion of its matrix, with a bound on their errors.
+
+The whole packing is inverted, or square blocks of it with the grains around them held.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from loops.arrays import Flags, Floats, Integers, frobenius
-from loops.null_space import ROUNDING
-from loops.packing.blocks import Block, Polygons, packing_blocks
-from loops.packing.multifrontal import EPS, Front, FrontalLU, dissection, eliminate
-from loops.packing.system import PackingSystem, assembled
+from loops.arrays import ROUNDING, Flags, Floats, Integers, frobenius
+from loops.faces import Faces
+from loops.geometry import boundary_vectors, polygon_area
+from loops.graph import GrainGraph
+from loops.loop_batches import loop_batches
+from loops.packing.multifrontal import EPS, Front, FrontalLU, dissection, frontal_lu
+from loops.packing.system import PackingSystem, stiffness_matrix
 
-# Number of random vectors that norms are estimated with, for all loops at once.
+# Number of random vectors by which norms are estimated, for all loops at once.
 SKETCH = 16
 # Above this norm of the residual `R = 1 - K Z` errors are not of first order in it: a mode may be
-# softer than EPS lets it appear, down to SOFTEST.
+# softer than EPS shows, down to SOFTEST.
 LARGEST_RESIDUAL, SOFTEST = 0.1, 1e-16
 # Relative tolerance of a ring of gears: its ratios of radii, multiplied around it, return to 1.
 GEAR_RTOL = 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Polygons:
+    """Loops grouped by order: grains (l, n), boundary vectors (l, n, 2), areas and row of each.
+
+    A row is the place of the loop in `centre` (L, 2), the mean position of its grains.
+    """
+
+    grains: list[Integers]
+    vectors: list[Floats]
+    area: list[Floats]
+    row: list[Integers]
+    centre: Floats
+
+    def take(self, loops: Integers) -> Polygons:
+        """Polygons of some rows, numbered in this order."""
+        row = np.full(len(self.centre), -1)
+        row[loops] = np.arange(len(loops))
+        kept = [row[own] >= 0 for own in self.row]
+        return Polygons(
+            grains=[a[k] for a, k in zip(self.grains, kept, strict=True)],
+            vectors=[a[k] for a, k in zip(self.vectors, kept, strict=True)],
+            area=[a[k] for a, k in zip(self.area, kept, strict=True)],
+            row=[row[a[k]] for a, k in zip(self.row, kept, strict=True)],
+            centre=self.centre[loops],
+        )
+
+
+def polygons_of(graph: GrainGraph, faces: Faces) -> Polygons:
+    """Polygons of all loops of a packing, in the order of `Faces.loops`."""
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(len(faces.loops))
+    out = Polygons([], [], [], [], np.empty((len(faces.loops), 2)))
+    for batch in loop_batches(graph, faces):
+        x = batch.graph.x
+        out.grains.append(batch.grains)
+        out.vectors.append(boundary_vectors(x))
+        out.area.append(polygon_area(x))
+        out.row.append(row[batch.face])
+        out.centre[row[batch.face]] = x.mean(axis=1) + batch.origin
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Free grains (G,), positions `x` (G, 2) around the block's centre, and the block's loops.
+
+    `rho` is the distance of each loop to the nearest held grain in mean diameters, infinite where
+    none is held.
+    """
+
+    free: Flags
+    x: Floats
+    loops: Integers
+    rho: Floats
+    whole: bool
+
+
+def packing_blocks(
+    system: PackingSystem, polygons: Polygons, side: float, buffer: float
+) -> Iterator[Block]:
+    """Cut the box into blocks of about `side`, each with its buffer."""
+    graph, carries = system.graph, system.carrying.grains
+    if graph.cell is not None:
+        box, origin = graph.cell, np.zeros(2)
+    else:
+        origin, high = graph.x.min(axis=0), graph.x.max(axis=0)
+        box = np.diag(np.maximum(high - origin, 1e-9 * np.abs(graph.radii).max()))
+    heights = abs(np.linalg.det(box)) / np.linalg.norm(box[:, ::-1], axis=0)
+    extent = heights / (2.0 * float(graph.radii[carries].mean()))
+    place, centre = (np.linalg.solve(box, (x - origin).T).T for x in (graph.x, polygons.centre))
+    counts = np.maximum(1, np.round(extent / side)).astype(np.int64)
+    home = np.floor((centre - np.floor(centre)) * counts).astype(np.int64).clip(0, counts - 1)
+    number = home[:, 0] * counts[1] + home[:, 1]
+    for k in range(int(counts.prod())):
+        middle = (np.array(divmod(k, int(counts[1]))) + 0.5) / counts
+        reach = 0.5 / counts + buffer / extent
+        away, off = place - middle, centre - middle
+        if graph.cell is not None:
+            away, off = away - np.round(away), off - np.round(off)
+        free = carries & (np.abs(away) <= reach).all(axis=1)
+        whole = bool(free[carries].all())
+        mine = np.flatnonzero(number == k)
+        rho = ((reach - np.abs(off)) * extent).min(axis=1)
+        for grains, row in zip(polygons.grains, polygons.row, strict=True):
+            # Grains of a loop that reaches beyond the buffer are freed; its error is unknown.
+            beyond = (number[row] == k) & ~free[grains].all(axis=1)
+            rho[row[beyond]] = 0.0
+            free[grains[beyond]] = True
+        yield Block(
+            free=free & carries,
+            x=away @ box.T,
+            loops=mine,
+            rho=np.full(len(mine), np.inf) if whole else rho[mine],
+            whole=whole,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +157,7 @@ def _operators(
     matrix, freedom, coupled = _regular_matrix(system, block)
     edges = np.concatenate([_edges(system, polygons, free), coupled])
     fronts = dissection(block.x[grains], number[edges])
-    lu = eliminate(matrix, fronts, freedom[grains], threads)
+    lu = frontal_lu(matrix, fronts, freedom[grains], threads)
     loops_at = _loops_by_front(fronts, polygons, number, free & (freedom[:, :2] >= 0).all(axis=1))
     count = len(polygons.centre)
     compliance, terms = np.full((count, 4, 4), np.nan), np.zeros(count)
@@ -199,7 +302,7 @@ def _regular_matrix(
     border = sparse.csr_array((system.unit * motion[spins], (spins, column)), (size, len(first)))
     matrix = sparse.vstack(
         [
-            sparse.hstack([assembled(part) + sparse.diags_array(springs), border]),
+            sparse.hstack([stiffness_matrix(part) + sparse.diags_array(springs), border]),
             sparse.hstack([border.T, sparse.csr_array((len(first), len(first)))]),
         ]
     ).tocsr()
@@ -237,7 +340,7 @@ def spin_modes(stiffness: Floats, ends: Integers, size: int) -> tuple[Integers, 
     spin = np.zeros(size + 1, dtype=bool)
     spin[ends[:, 4:]] = True
     spins = np.flatnonzero(spin[:size])
-    # One entry a couple: contacts of one pair through several images are compared below.
+    # One entry per pair of grains: their contacts through other images are compared below.
     low, high = np.minimum(i, j), np.maximum(i, j)
     _, first = np.unique(low * size + high, return_index=True)
     rows, columns = np.concatenate([i[first], j[first]]), np.concatenate([j[first], i[first]])
@@ -245,7 +348,7 @@ def spin_modes(stiffness: Floats, ends: Integers, size: int) -> tuple[Integers, 
     coupled = sparse.csr_array((turns, (rows, columns)), (size, size))
     _, label = connected_components(coupled, directed=False)
     _, starts = np.unique(label[spins], return_index=True)
-    # A root that reaches one spin of each component makes one tree of all.
+    # An extra root joined to one spin of each component makes one tree of all components.
     roots = spins[starts]
     to_roots = sparse.csr_array(
         (np.ones(len(roots)), (np.zeros(len(roots), dtype=np.int64), roots)), (1, size)

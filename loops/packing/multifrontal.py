@@ -96,7 +96,7 @@ def _vertex_cover(edges: Integers) -> Integers:
     while new.any():
         reached = (graph.T @ new.astype(np.int64) > 0) & ~reached_right
         reached_right |= reached
-        # Every vertex that is reached is matched: else the matching could grow.
+        # Every vertex that is reached is matched, since the matching is maximum.
         new = np.zeros(len(left), dtype=bool)
         new[back[reached]] = True
         reached_left |= new
@@ -106,7 +106,7 @@ def _vertex_cover(edges: Integers) -> Integers:
 def _with_rests(
     own: list[Integers], children: list[tuple[int, ...]], edges: Integers, count: int
 ) -> list[Front]:
-    """Fronts with the grains they pass on: neighbours, of theirs or their children's, later on."""
+    """Fronts with their `rest`: later neighbours of their grains or of their children's."""
     turn = np.empty(count, dtype=np.int64)
     for k, grains in enumerate(own):
         turn[grains] = k
@@ -191,7 +191,7 @@ class FrontalLU:
                 waiting.pop().result()
 
 
-def eliminate(
+def frontal_lu(
     matrix: sparse.csr_array, fronts: list[Front], freedom: Integers, threads: int = 1
 ) -> FrontalLU:
     """Factorise front by front; `freedom` (G, k) has -1 where a grain has no freedom."""
@@ -215,7 +215,10 @@ def eliminate(
                 dense[at[:, None], at] += updates.pop(child)
             _add_lines(dense, matrix, own, place)
             _add_lines(dense.T, columns, own, place, after=j)
-            inverse = _inverse(dense[:j, :j], unit)
+            try:
+                inverse = np.asarray(np.linalg.inv(dense[:j, :j]))
+            except np.linalg.LinAlgError:
+                inverse = np.asarray(np.linalg.inv(dense[:j, :j] + EPS * unit * np.eye(j)))
             right = inverse @ dense[:j, j:]
             updates[k] = dense[j:, j:] - dense[j:, :j] @ right
             parts[k] = Eliminated(own, rest, inverse, right, dense[j:, :j] @ inverse)
@@ -245,14 +248,6 @@ def _tasks(fronts: list[Front]) -> list[tuple[int, int]]:
     for front, whole in zip(fronts, small, strict=True):
         inside[list(front.children)] |= whole
     return [(k, int(first[k]) if small[k] else k) for k in np.flatnonzero(~inside).tolist()]
-
-
-def _inverse(own: Floats, unit: float) -> Floats:
-    """Inverse of a front's own block, with `EPS` on its diagonal if it has none."""
-    try:
-        return np.asarray(np.linalg.inv(own), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.inv(own + EPS * unit * np.eye(len(own))), dtype=np.float64)
 
 
 def _free(freedom: Integers, grains: Integers) -> Integers:

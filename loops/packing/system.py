@@ -21,13 +21,12 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from loops.arrays import Floats, Integers, Regimes
-from loops.assembly import assembled_sparse
-from loops.contact_state import contact_state
-from loops.contact_tangent import contact_regime, contact_tangent
+from loops.assembly import assembled_sparse, contact_regime, contact_tangent
 from loops.errors import InputError
-from loops.graph import GrainGraph, branch_vectors, require_one_state
+from loops.graph import GrainGraph, branch_vectors, contact_state, require_one_state
 from loops.laws.protocol import ContactLaw, Regime
 from loops.packing.boundary import Carrying, PlaneContacts, carrying_grains, plane_stiffness
+from loops.shown import Shown
 
 # Stiffness added to the diagonal, over the typical one: it resists gear modes and mechanisms and
 # changes no other answer. No sign changed between 1e-9 and 1e-5.
@@ -38,8 +37,8 @@ REFINED = 1e-15
 PANEL = 4
 
 
-@dataclass(frozen=True, eq=False)
-class PackingSystem:
+@dataclass(frozen=True, eq=False, repr=False)
+class PackingSystem(Shown):
     """Carrying contacts of a packing and the freedoms of their grains.
 
     `freedom` (G, 3) numbers the unknowns of each grain (x, y, spin times `length`), -1 where it
@@ -66,7 +65,7 @@ class PackingSystem:
 
     @property
     def boundary(self) -> str:
-        """Name of what drives the packing from outside."""
+        """Boundary that drives the packing: periodic cell, walls, held grains."""
         ends = [] if self.graph.cell is None else ["periodic cell"]
         ends += [] if self.planes is None else [f"{len(self.planes.grain)} wall contacts"]
         ends += [f"{self.held} grains held to the affine motion"] if self.held else []
@@ -161,7 +160,7 @@ def in_freedoms(system: PackingSystem, rows: Integers, vectors: Floats) -> spars
 
 
 def balancing_forces(system: PackingSystem, s: Floats) -> Floats:
-    """(size,) or (size, k): external forces `-G^T s` that contact forces `s` (E, 4[, k]) ask for.
+    """(size,) or (size, k): external forces `-G^T s` that balance contact forces `s` (E, 4[, k]).
 
     Force `f` of i on j needs `+f` on i and `-f` on j from outside, and the opposite of moments.
     """
@@ -174,13 +173,13 @@ def balancing_forces(system: PackingSystem, s: Floats) -> Floats:
     return np.asarray(spread @ parts)
 
 
-def assembled(system: PackingSystem, stiffness: Floats | None = None) -> sparse.csc_array:
+def stiffness_matrix(system: PackingSystem, stiffness: Floats | None = None) -> sparse.csc_array:
     """`K = G^T S G`, (size, size), nonsymmetric; `stiffness` in place of the system's own."""
     blocks = system.stiffness if stiffness is None else stiffness
     return assembled_sparse(blocks, system.ends, system.size)
 
 
-def stress_rate(system: PackingSystem, s: Floats) -> Floats:
+def packing_stress_rate(system: PackingSystem, s: Floats) -> Floats:
     """Nominal stress rate `P' = (1/V) sum f' (x) d`, (2, 2) or (2, 2, k)."""
     return np.einsum("ei...,ej->ij...", s[:, :2], system.branches) / system.volume
 
@@ -193,13 +192,16 @@ class Factors(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class UpdatedFactors:
-    """Factors of `K - P G` from those of `K`: `change` (size, k) is `K^-1 P (1 - G K^-1 P)^-1`."""
+@dataclass(frozen=True, eq=False, repr=False)
+class UpdatedFactors(Shown):
+    """Factors of `K - P G` from those of `K`.
+
+    `change` (size, k) is `K^-1 P`, `gauge` (k, size) is `(1 - G K^-1 P)^-1 G`.
+    """
 
     lu: Factors
     change: Floats
-    gauge: sparse.csr_array
+    gauge: Floats
 
     def solve(self, rhs: Floats, /) -> Floats:
         """(size,) or (size, k) solutions (Woodbury)."""
@@ -207,20 +209,20 @@ class UpdatedFactors:
         return np.asarray(v + self.change @ (self.gauge @ v))
 
 
-@dataclass(frozen=True, eq=False)
-class Factor:
+@dataclass(frozen=True, eq=False, repr=False)
+class Factor(Shown):
     """`K`, and LU factors of `K` made regular by `factorised`."""
 
     matrix: sparse.csc_array
     lu: Factors
 
     def solve(self, loads: Floats, *, refinements: int = 8) -> Floats:
-        """(size,) or (size, k) solutions; refinement takes the regularisation out again."""
+        """(size,) or (size, k) solutions; refinement removes the effect of the regularisation."""
         v = self._panels(loads)
         goal, before = REFINED * np.linalg.norm(loads), np.inf
         for _ in range(refinements):
             left = loads - self.matrix @ v
-            # Loads that a mechanism can't carry stay; refining would only increase its motion.
+            # Loads on a mechanism stay unbalanced: refinement would only increase its motion.
             size = float(np.linalg.norm(left))
             if size <= goal or size > 0.5 * before:
                 break
@@ -243,7 +245,7 @@ def factorised(system: PackingSystem, stiffness: Floats | None = None) -> Factor
 
     `stiffness` (E, 4, 4) replaces that of the system.
     """
-    matrix = assembled(system, stiffness)
+    matrix = stiffness_matrix(system, stiffness)
     springs = np.full(system.size, REGULARISATION * system.unit)
     springs[system.freedom[system.carrying.anchors, :2].ravel()] += system.unit
     try:

@@ -1,4 +1,4 @@
-"""The diamond pattern of Nicot et al. (2016), the verified special case: closed forms throughout.
+"""The diamond pattern of Nicot et al. (2016) in closed form.
 
 Forces, stresses and strains are positive in compression, angles are radians, `T` is positive when
 `alpha` grows. Numbers in parentheses are the paper's equations.
@@ -25,9 +25,9 @@ from patterns.diamond.tangents import determinant_elastic as determinant_elastic
 from patterns.diamond.tangents import determinant_sliding as determinant_sliding
 from patterns.diamond.tangents import elastic_moduli as elastic_moduli
 from patterns.diamond.tangents import geometric_tangent as geometric_tangent
-from patterns.diamond.tangents import isotropic_strain as isotropic_strain
-from patterns.diamond.tangents import isotropic_stress as isotropic_stress
+from patterns.diamond.tangents import isotropic_strain_of_stress as isotropic_strain_of_stress
 from patterns.diamond.tangents import isotropic_tangent as isotropic_tangent
 from patterns.diamond.tangents import material_tangent as material_tangent
 from patterns.diamond.tangents import sliding_moduli as sliding_moduli
+from patterns.diamond.tangents import stress_of_isotropic_strain as stress_of_isotropic_strain
 from patterns.diamond.tangents import tangent as tangent

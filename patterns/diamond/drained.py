@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import LinearFrictional
 from loops.arrays import Floats, Regimes
-from loops.contact_state import ContactState
 from loops.errors import InputError
+from loops.graph import ContactState
 from patterns.arguments import finite
 from patterns.diamond.drained_end import (
     DrainedState,
@@ -59,7 +59,7 @@ class PrintedRule(LinearFrictional):
     def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
         """Sliding `[[kn, 0], [-s mu kn, 0]]`, the sign of Coulomb's law turned."""
         stiffness = super().local_stiffness(state, regime)
-        # Loading from the apex of the cone, where the edge gives T its sign alone, N grows.
+        # At the apex of the cone T carries a sign alone; loading from there, N grows.
         falls = np.abs(state.shear_force) > 1e-200
         stiffness[..., 1, 0] = np.where(falls, -1.0, 1.0) * stiffness[..., 1, 0]
         return stiffness
@@ -73,8 +73,8 @@ class DrainedPath:
     part: B at yield, NaN if none; `snaps_back`: whether `E1` stops growing at the end, where K22
     changes its sign as the contacts start to slide, or vanishes ('limit'): the states beyond B then
     need another control than `E1`; `stick_angle`: angle at which sliding contacts stick again,
-    radians, NaN if they slide on. Only a falling alpha leads there: N then outgrows what slip can
-    follow.
+    radians, NaN if they slide on. It exists for a falling alpha alone, where N grows faster than
+    the shear force of slip.
     """
 
     parameters: DiamondParameters
@@ -92,13 +92,19 @@ def drained_path(parameters: DiamondParameters) -> DrainedPath:
     end = drained_end(p.alpha0, p.kappa, p.phi, p.confinement)
     status, direction = str(end.status), int(end.direction)
     sticks = status == "yield" and direction < 0
+    snaps_back = status == "limit"
+    if status == "yield":
+        # K22 of the sliding contacts at B has another sign than on the elastic path.
+        f, B = np.asarray(p.confinement * np.sin(p.alpha0)), end.state
+        lambda2 = np.asarray(-direction * p.mu * np.tan(B.alpha))
+        snaps_back = bool(direction * turning_stiffness(B.alpha, f, B.T, lambda2) < 0.0)
     return DrainedPath(
         parameters=p,
         status=status,
         direction=direction,
         confined=drained_state(np.array(p.alpha0), np.array(p.confinement), zero, zero),
         end=end.state,
-        snaps_back=_turns_back(p, direction, end.state) if status == "yield" else status == "limit",
+        snaps_back=snaps_back,
         stick_angle=_stick_angle(p, float(end.state.alpha)) if sticks else float("nan"),
     )
 
@@ -184,16 +190,9 @@ def _sliding_shear(path: DrainedPath, alpha: Floats) -> Floats:
     return s * force / np.sin(alpha - s * p.phi) if force > 0.0 else np.zeros_like(alpha)
 
 
-def _turns_back(p: DiamondParameters, direction: int, B: DrainedState) -> bool:
-    """Whether K22 of the sliding contacts at B has another sign than on the elastic path."""
-    f = np.asarray(p.confinement * np.sin(p.alpha0))
-    lambda2 = np.asarray(-direction * p.mu * np.tan(B.alpha))
-    return bool(direction * turning_stiffness(B.alpha, f, B.T, lambda2) < 0.0)
-
-
 def _stick_angle(p: DiamondParameters, alpha_B: float) -> float:
     """Angle where slip of falling alpha stops, `kappa l = mu N cot(alpha + phi)`; NaN if none."""
-    # Slow to load, and needed by paths alone.
+    # Imported here, since it is slow to load and used by paths alone.
     from scipy.optimize import brentq
 
     f = p.confinement * np.sin(p.alpha0)

@@ -29,17 +29,17 @@ from patterns.arguments import (
 )
 
 Rows = NDArray[np.intp]
-# Rows whose quadrature nodes fit the processor's cache together.
-_CHUNK = 4096
+# Rows computed together, so that their quadrature nodes fit the cache.
+DIAMONDS_AT_ONCE = 4096
 _ITERATIONS = 100
-# The last step of Newton's method squares this error.
+# Error before the last step of Newton's method, which squares it.
 _CLOSE = 1e-8
 _EPS = float(np.finfo(np.float64).eps)
-# Angles at which K22 is looked at, and bisections of its zero.
+# Angles at which K22 is sampled, and bisections of its zero.
 _SAMPLES, _BISECTIONS = 256, 60
 _SMALLEST_KAPPA = 3.0
-# Eight nodes on a panel of 0.5: error 12.6^-16 = 3e-18 of the integrand; sin^kappa asks for
-# panels below 2/kappa.
+# Eight nodes on a panel of 0.5: error 12.6^-16 = 3e-18 of the integrand; sin^kappa needs panels
+# below 2/kappa.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _PANEL = 0.5
@@ -82,8 +82,8 @@ def drained_end(
         confining_strain("confinement", confinement),
     )
     shape, rows = arguments[0].shape, PathRows(*(a.reshape(-1) for a in arguments))
-    chunks = range(0, max(rows.alpha0.size, 1), _CHUNK)
-    parts = [_ends(rows.take(slice(start, start + _CHUNK))) for start in chunks]
+    chunks = range(0, max(rows.alpha0.size, 1), DIAMONDS_AT_ONCE)
+    parts = [_ends(rows.take(slice(start, start + DIAMONDS_AT_ONCE))) for start in chunks]
     status, direction, turn, T = (
         np.concatenate([part[k] for part in parts]).reshape(shape) for k in range(4)
     )
@@ -279,7 +279,7 @@ def falling_yield(paths: PathRows) -> tuple[Floats, Floats]:
         lack, slope = _lack(active, turn[rows], T[rows])
         with np.errstate(divide="ignore", invalid="ignore"):
             step = -np.where(lack > 0.0, lack / slope, 0.0)
-        # Once the excess falls, or l is used up, yield is out of reach.
+        # Once the excess falls, or l has vanished, there is no yield.
         alive = (step <= 0.0) & (active.alpha0 + turn[rows] + step > 0.0)
         fails[rows[~alive]] = True
         moving = alive & (-step > -4.0 * _EPS * turn[rows])
@@ -292,18 +292,15 @@ def falling_yield(paths: PathRows) -> tuple[Floats, Floats]:
 
 
 def _lack(paths: PathRows, turn: Floats, T: Floats) -> tuple[Floats, Floats]:
-    """`N sin(phi) - |T| cos(phi)` and the rate at which a falling angle uses it up."""
+    """Margin to yield, `N sin(phi) - |T| cos(phi)`, and its decrease per falling angle."""
     alpha = paths.alpha0 + turn
     N = normal_force(alpha, paths.f, T)
     shear_rate = paths.kappa * (1.0 - N)
     normal_rate = (N - shear_rate) / np.tan(alpha) + T
-    sin, cos = np.sin(paths.phi), _friction_cosine(paths.phi)
+    # Exactly zero at pi/2, where nothing slides.
+    cos = np.where(paths.phi == 0.5 * np.pi, 0.0, np.cos(paths.phi))
+    sin = np.sin(paths.phi)
     return N * sin + T * cos, shear_rate * cos - normal_rate * sin
-
-
-def _friction_cosine(phi: Floats) -> Floats:
-    """`cos(phi)`, exactly zero at pi/2, where nothing slides."""
-    return np.where(phi == 0.5 * np.pi, 0.0, np.cos(phi))
 
 
 def strain_limit(paths: PathRows, end: Floats) -> tuple[Floats, Floats]:

@@ -14,12 +14,12 @@ from loops import GrainGraph, InputError
 from loops.arrays import Floats
 from patterns.arguments import acute_angle, finite, nonnegative, positive, strain
 
-CONTACTS = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+DIAMOND_SIDES = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
 # As alpha grows, branches (0, 1) and (2, 3) turn clockwise and the two others counter-clockwise;
 # the graph counts T along the counter-clockwise tangent, the diamond along growing alpha.
-SHEAR_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
+DIAMOND_SHEAR_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 # Strains of a diamond that barely touches give an overlap of zero up to this rounding.
-ROUNDING = 4.0 * np.finfo(np.float64).eps
+TOUCHING_ATOL = 4.0 * np.finfo(np.float64).eps
 
 
 def diamond(
@@ -36,7 +36,7 @@ def diamond(
     Grains run counter-clockwise: 0 right, 1 top, 2 left, 3 bottom. Contacts are (0, 1), (1, 2),
     (2, 3), (3, 0). In the reference the grains barely touch, `l0 = 2 radius`. The normal force
     follows from the positions, `N = kn (l0 - l)` (8a); the shear force is the caller's, because
-    it depends on the path. Nothing is said of opposite grains: see `opposite_gaps`.
+    it depends on the path. Overlaps of opposite grains are not checked: see `opposite_gaps`.
 
     Parameters
     ----------
@@ -80,9 +80,9 @@ def diamond(
         x=_centres(2.0 * radius * (1.0 - E1) * cos, 2.0 * radius * (1.0 - E2) * sin),
         x0=_centres(2.0 * radius * cos, 2.0 * radius * sin),
         radii=radius[..., None] * np.ones(4),
-        contacts=CONTACTS,
+        contacts=DIAMOND_SIDES,
         normal_force=N[..., None] * np.ones(4),
-        shear_force=T[..., None] * SHEAR_SIGNS,
+        shear_force=T[..., None] * DIAMOND_SHEAR_SIGNS,
     )
 
 
@@ -96,7 +96,7 @@ def _centres(half1: Floats, half2: Floats) -> Floats:
 
 def _closed_overlap(E1: Floats, E2: Floats, alpha0: Floats) -> Floats:
     overlap = overlap_ratio(E1, E2, alpha0)
-    if np.any(overlap < -ROUNDING):
+    if np.any(overlap < -TOUCHING_ATOL):
         raise InputError(
             "E1, E2",
             f"strains that part the grains by {-float(np.min(overlap)):.3g} of the branch",
@@ -150,7 +150,7 @@ def overlap_ratio(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> Floats:
 def opposite_gaps(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
     """Gaps between opposite grains along axes 1 and 2 over the reference branch, `(L_k - l0)/l0`.
 
-    The paper lets them overlap; a negative gap says where they do (docs/paper.md, departures).
+    The paper lets them overlap: the gap is then negative (docs/paper.md, departures).
     """
     E1, E2 = strain("E1", E1), strain("E2", E2)
     alpha0 = acute_angle("alpha0", alpha0)

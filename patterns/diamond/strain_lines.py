@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from loops.arrays import Floats
 from loops.laws.linear_frictional import ShearIncrement
 
-# Halvings that take a bracket below the rounding of its ends.
-HALVINGS = 64
+# Halvings of a bracket, down to the rounding of its ends.
+BRACKET_HALVINGS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ def strain_line(alpha0: ArrayLike, E1: ArrayLike, E2: ArrayLike, angle: ArrayLik
     rate = -np.stack([np.cos(angle) * np.cos(alpha0), np.sin(angle) * np.sin(alpha0)], axis=-1)
     direction = rate / np.linalg.norm(rate, axis=-1, keepdims=True)
     turning = start[..., 0] * direction[..., 1] - start[..., 1] * direction[..., 0]
-    # A radial line turns nothing but by the rounding of its direction.
+    # Along a radial line the branches turn only by the rounding of its direction.
     turning = np.where(np.abs(turning) > 4 * np.finfo(float).eps, turning, 0.0)
     along = np.sum(start * direction, axis=-1)
     return StrainLine(
@@ -128,7 +128,7 @@ def yield_position(
 
 def bisect(rising: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
     """Roots of functions that are negative at `low` and not beyond the root; arrays (...)."""
-    for _ in range(HALVINGS):
+    for _ in range(BRACKET_HALVINGS):
         middle = 0.5 * (low + high)
         beyond = rising(middle) >= 0.0
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)

@@ -170,7 +170,7 @@ def _current_stresses(
     return finite("s1", s1) / (1.0 - E2), finite("s2", s2) / (1.0 - E1)
 
 
-def isotropic_stress(E: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
+def stress_of_isotropic_strain(E: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
     """Stresses on the path, `s1 = E/tan(alpha0)` and `s2 = E tan(alpha0)` (39).
 
     Equal only at 45 degrees: isotropic is the strain, not the stress (docs/paper.md, departures).
@@ -179,7 +179,7 @@ def isotropic_stress(E: ArrayLike, alpha0: ArrayLike) -> tuple[Floats, Floats]:
     return E / t0, E * t0
 
 
-def isotropic_strain(s1: ArrayLike, alpha0: ArrayLike) -> Floats:
+def isotropic_strain_of_stress(s1: ArrayLike, alpha0: ArrayLike) -> Floats:
     """Strain that carries the axial stress `s1` on the path: the inverse of (39a)."""
     t0 = np.tan(acute_angle("alpha0", alpha0))
     return strain("isotropic strain under s1", finite("s1", s1) * t0)
@@ -260,6 +260,6 @@ TABLE_2 = DiamondParameters(
     alpha0=float(np.radians(35.0)),
     kappa=0.24,
     phi=float(np.radians(14.0)),
-    confinement=float(isotropic_strain(0.35, np.radians(35.0))),
+    confinement=float(isotropic_strain_of_stress(0.35, np.radians(35.0))),
 )
 """Table 2: 35 degrees, an isotropic strain path up to `s1 = 0.35`."""

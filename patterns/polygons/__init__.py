@@ -1,4 +1,4 @@
-"""Loops of grains: regular, equilateral, polydisperse, random, of a hexagon, of a snapshot."""
+"""Loops of grains: regular, equilateral, polydisperse, random, and the hexagon."""
 
 from patterns.polygons.random_loops import random_loop as random_loop
 from patterns.polygons.shapes import equilateral_polygon as equilateral_polygon
@@ -6,5 +6,3 @@ from patterns.polygons.shapes import hexagon as hexagon
 from patterns.polygons.shapes import opposite_gap as opposite_gap
 from patterns.polygons.shapes import polydisperse_polygon as polydisperse_polygon
 from patterns.polygons.shapes import regular_polygon as regular_polygon
-from patterns.polygons.snapshot_loop import SnapshotLoop as SnapshotLoop
-from patterns.polygons.snapshot_loop import loop_of_snapshot as loop_of_snapshot

@@ -10,11 +10,12 @@ from loops.arrays import Flags, Floats, Integers
 from patterns.arguments import finite, nonnegative, positive, whole
 from patterns.polygons.shapes import compressed_ring, cyclic_directions
 
-STEPS = 60  # of the walk from the polygon on a circle
-ROUNDS = 50  # of walks for loops that have not come out
+STEPS = 60  # steps of the random walk from the polygon on a circle
+WALK_ROUNDS = 50  # repeated walks for loops that are not as wanted yet
 CLOSING_STEPS = 4
-CLOSED = 1e-12  # gap of a closed loop, of its perimeter
-CORNER = 0.02  # radians by which every corner of a convex loop turns left, one of others right
+CLOSED = 1e-12  # largest gap of a closed loop over its perimeter
+# Least turn (rad): to the left at all corners of a convex loop, to the right at one of others.
+CORNER = 0.02
 
 
 def random_loop(
@@ -101,10 +102,10 @@ def random_loop(
 def _draw(
     rng: np.random.Generator, count: int, order: int, convex: bool, polydispersity: float
 ) -> tuple[Floats, Floats]:
-    """Radii of mean 1 and branch directions, (count, n) each; rounds of walks until all are out."""
+    """Radii of mean 1 and branch directions, (count, n) each; walks are repeated until all hold."""
     radii, directions = np.empty((count, order)), np.empty((count, order))
     missing = np.arange(count)
-    for _ in range(ROUNDS):
+    for _ in range(WALK_ROUNDS):
         drawn = 1.0 + polydispersity * rng.uniform(-1.0, 1.0, (len(missing), order))
         walked, good = _walk(rng, drawn, convex)
         radii[missing[good]], directions[missing[good]] = drawn[good], walked[good]
@@ -115,7 +116,7 @@ def _draw(
     raise InputError(
         "random loop",
         f"no {kind} loop of order {order} and polydispersity {polydispersity} without overlap "
-        f"of opposite grains in {ROUNDS} rounds",
+        f"of opposite grains in {WALK_ROUNDS} rounds",
         "a loop that has room",
         "Change the order, the polydispersity or the seed.",
     )
@@ -135,20 +136,17 @@ def _walk(rng: np.random.Generator, radii: Floats, convex: bool) -> tuple[Floats
     pairs = (i[apart], j[apart])
     fault = _fault(directions, sides, radii, pairs, convex)
     for _ in range(STEPS):
-        trial = _closed(directions + _wave(rng, order, count), sides)
+        # A turn by a wave around each loop keeps long loops convex, unlike uncorrelated noise.
+        periods = rng.integers(1, order // 2 + 1, count)
+        place = 2 * np.pi * np.arange(order)[:, None] / order + rng.uniform(0, 2 * np.pi, count)
+        wave = 2.0 ** -rng.uniform(0.0, 6.0, count) * np.cos(periods * place)
+        trial = _closed(directions + wave, sides)
         other = _fault(trial, sides, radii, pairs, convex)
         # Accept any step where the loop is as wanted, else only steps that reduce the distance.
         accepted = (other == 0) | (other < fault)
         directions = np.where(accepted, trial, directions)
         fault = np.where(accepted, other, fault)
     return _closed(directions, sides).T, fault == 0
-
-
-def _wave(rng: np.random.Generator, order: int, count: int) -> Floats:
-    """A wave around each loop: a turn by it keeps long loops convex, unlike uncorrelated noise."""
-    periods = rng.integers(1, order // 2 + 1, count)
-    place = 2 * np.pi * np.arange(order)[:, None] / order + rng.uniform(0, 2 * np.pi, count)
-    return np.asarray(2.0 ** -rng.uniform(0.0, 6.0, count) * np.cos(periods * place))
 
 
 def _fault(

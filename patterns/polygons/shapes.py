@@ -1,4 +1,4 @@
-"""Polygons of grains in contact: regular, equilateral, polydisperse, of a hexagon."""
+"""Polygons of grains in contact: regular, equilateral, polydisperse, and the hexagon."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from patterns.arguments import acute_angle, finite, positive, whole
 from patterns.arguments import strain as compressive
 from patterns.diamond import overlap_ratio
 
-# Closer to a branch than this share of the longest branch, a centre lies on it.
+# A centre closer to a branch than this share of the longest branch lies on it.
 ON_BRANCH = 1e-12
 
 
@@ -97,16 +97,16 @@ def is_simple(x: Floats) -> Flags:
 
 
 Orientation = Literal["vertex", "edge"]
-# A gap left to the closing two branches below this many branches leaves their direction open.
+# Below this gap, in branches, the direction of the two closing branches is undetermined.
 OPEN_DIRECTION = 1e-9
-# Newton halves its distance at least, and ends quadratically: far more than it ever takes.
-NEWTON_STEPS = 200
+# Newton at least halves its distance, and ends quadratically: far more steps than needed.
+HALF_ANGLE_STEPS = 200
 # As alpha grows, branches (0, 1) and (3, 4) turn clockwise, (2, 3) and (5, 0) counter-clockwise;
 # the graph counts T along the counter-clockwise tangent, the hexagon along growing alpha.
-SHEAR_SIGNS = np.array([1.0, 0.0, -1.0, 1.0, 0.0, -1.0])
+HEXAGON_SHEAR_SIGNS = np.array([1.0, 0.0, -1.0, 1.0, 0.0, -1.0])
 AXIAL = np.array([False, True, False, False, True, False])
 # Strains of a hexagon that barely touches give an overlap of zero up to this rounding.
-ROUNDING = 4.0 * np.finfo(np.float64).eps
+TOUCHING_ATOL = 4.0 * np.finfo(np.float64).eps
 
 
 def regular_polygon(
@@ -172,8 +172,8 @@ def equilateral_polygon(
     Of the n branch directions n - 2 are free, those of contacts 0 to n - 3. Contacts n - 2 and
     n - 1 follow: they bridge the gap that the others leave, turned by the same angle to either
     side of it, and meet in a corner that turns left (every polygon has such corners: number the
-    grains so that grain n - 1 sits in one). The reference barely touches; nothing is said of
-    opposite grains, see `opposite_gap`.
+    grains so that grain n - 1 is at one). The reference barely touches; overlaps of opposite
+    grains are not checked, see `opposite_gap`.
 
     Parameters
     ----------
@@ -213,7 +213,13 @@ def equilateral_polygon(
     directions = np.concatenate([given, _closing(given)], axis=-1)
     units = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
     corners = 2.0 * radius * (np.cumsum(units, axis=-2) - units)
-    _check_outline(corners)
+    for ok, received in (
+        (is_simple(corners), "a polygon that crosses or touches itself"),
+        (polygon_area(corners) > 0, "a clockwise polygon"),
+    ):
+        if not ok.all():
+            expected = "a counter-clockwise outline"
+            raise InputError("angles", received, expected, "Correct the directions.")
     x0 = corners - polygon_centroid(corners)[..., None, :]
     return compressed_ring(x0, np.full(directions.shape[-1], radius), strain, kn)
 
@@ -236,17 +242,6 @@ def _closing(directions: Floats) -> Floats:
     return np.stack([middle - half, middle + half], axis=-1)
 
 
-def _check_outline(corners: Floats) -> None:
-    for ok, received in (
-        (is_simple(corners), "a polygon that crosses or touches itself"),
-        (polygon_area(corners) > 0, "a clockwise polygon"),
-    ):
-        if not ok.all():
-            raise InputError(
-                "angles", received, "a counter-clockwise outline", "Correct the directions."
-            )
-
-
 def polydisperse_polygon(
     radii: ArrayLike, *, strain: ArrayLike = 0.0, kn: ArrayLike = 1.0
 ) -> GrainGraph:
@@ -255,8 +250,8 @@ def polydisperse_polygon(
     Branches are `r_i + r_(i+1)` long. A convex polygon on a circle with such sides always exists
     and is unique: the longest branch is shorter than its two neighbours together. The circle's
     centre lies outside the polygon where one branch is long against the others. Equal radii give
-    `regular_polygon`. Nothing is said of opposite grains, which may overlap beside small grains:
-    see `opposite_gap`.
+    `regular_polygon`. Opposite grains may overlap beside small grains, which is not checked: see
+    `opposite_gap`.
 
     Parameters
     ----------
@@ -308,20 +303,15 @@ def cyclic_directions(sides: Floats) -> Floats:
     ratio = sides / np.take_along_axis(sides, longest, axis=-1)
     other = np.arange(sides.shape[-1]) != longest
     half = np.pi / np.where(other, ratio, 1.0).sum(axis=-1, keepdims=True)
-    for _ in range(NEWTON_STEPS):
-        step = _newton_step(half, ratio, other)
+    for _ in range(HALF_ANGLE_STEPS):
+        angle, slope = _half_angle(half, ratio)
+        value = np.where(other, angle, half).sum(axis=-1, keepdims=True) - np.pi
+        step = -value / np.where(other, slope, 1.0).sum(axis=-1, keepdims=True)
         half = half + step
         if (np.abs(step) <= 2.0 * np.finfo(float).eps * half).all():
             break
     halves = np.where(other, _half_angle(half, ratio)[0], half)
     return np.cumsum(2.0 * halves, axis=-1) - halves + 0.5 * np.pi
-
-
-def _newton_step(half: Floats, ratio: Floats, other: Floats) -> Floats:
-    angle, slope = _half_angle(half, ratio)
-    value = np.where(other, angle, half).sum(axis=-1, keepdims=True) - np.pi
-    slope = np.where(other, slope, 1.0).sum(axis=-1, keepdims=True)
-    return -value / slope
 
 
 def _half_angle(half: Floats, ratio: Floats) -> tuple[Floats, Floats]:
@@ -346,10 +336,10 @@ def hexagon(
     Grains run counter-clockwise: 0 right, 1 and 2 above, 3 left, 4 and 5 below. Contacts 1 and 4
     are axial. In the reference six equal grains barely touch, all branches `l0 = 2 radius`; at
     60 degrees it is the regular hexagon. The strains give the extent, `L_k = L_k0 (1 - E_k)`;
-    under an isotropic strain `E1 = E2` the hexagon is scaled. How `E1` is shared between axial
-    and inclined branches is the hexagon's one inner freedom: evenly (the affine closure) unless
-    `E_axial` says otherwise. Normal forces follow from the positions, `N = kn (l0 - l)`; whether
-    they are in balance is for the closed forms of the tests to say.
+    under an isotropic strain `E1 = E2` the hexagon is scaled. The share of `E1` between axial and
+    inclined branches is the hexagon's one inner freedom: even (the affine closure) unless
+    `E_axial` is given. Normal forces follow from the positions, `N = kn (l0 - l)`; they need not
+    be in balance.
 
     Parameters
     ----------
@@ -402,7 +392,7 @@ def hexagon(
         expected = "a strain E1 that leaves room for the inclined branches"
         raise InputError("E1, E_axial", received, expected, "Compress the axial branches more.")
     overlap = np.where(AXIAL, axial[..., None], overlap_ratio(inclined, E2, alpha0)[..., None])
-    if (overlap < -ROUNDING).any():
+    if (overlap < -TOUCHING_ATOL).any():
         received = f"strains that part the grains by {-float(overlap.min()):.3g} of the branch"
         expected = "strains under which every contact still touches"
         raise InputError("E1, E2, E_axial", received, expected, "Compress the hexagon.")
@@ -412,7 +402,7 @@ def hexagon(
         radii=radius[..., None] * np.ones(6),
         contacts=ring_contacts(6),
         normal_force=(kn * l0)[..., None] * np.maximum(overlap, 0.0),
-        shear_force=T[..., None] * SHEAR_SIGNS,
+        shear_force=T[..., None] * HEXAGON_SHEAR_SIGNS,
     )
 
 

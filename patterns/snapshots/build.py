@@ -17,6 +17,7 @@ from patterns.snapshots.frame import Frame
 from patterns.snapshots.geometry import (
     Bodies,
     check_cell,
+    index_of,
     read_bodies,
     read_branches,
     read_pairs,
@@ -24,7 +25,7 @@ from patterns.snapshots.geometry import (
     some,
 )
 from patterns.snapshots.snapshot import Snapshot, WallContacts
-from patterns.snapshots.tables import Table
+from patterns.snapshots.tables import Table, require_columns
 
 
 class Parameters(NamedTuple):
@@ -43,6 +44,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     that leave no meaningful result are refused if `strict`; doubts become notes.
     """
     table = frame.contacts
+    require_columns((frame.grains, ("id", "x", "y", "radius")), (table, ("id1", "id2")))
     load_ahead(len(table))
     table.read_ahead()
     large = use_compiled(None, len(table))
@@ -65,14 +67,18 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         shear = n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
     elif table.has("fn"):
         normal = some(table.column("fn"), rows)
-    walls = _walls(table, bodies, every, force)
+    if frame.walls is None:
+        walls = _walls(table, bodies, every, force)
+    else:
+        walls = _walls_of_table(frame.walls, bodies)
     notes = list(frame.notes)
     law: LinearFrictional | None = None
     regime: NDArray[np.int8] | None = None
+    lacks = _lacking(table, force, parameters)
     if force is None:
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
-    else:
+    elif not lacks:
         law, regime = _law(table, rows, (normal, shear), parameters, frame.shear_increment, notes)
     for array in (bodies.x, bodies.radii, pairs, normal, shear):
         array.flags.writeable = False  # not copied then
@@ -95,25 +101,47 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     pushed = None if walls is None else (walls.grain, walls.force)
     ids = bodies.grain_ids
     state = Checked(graph, branches.d, branches.length, law, regime, branches.given, pushed, ids)
+    state.forces_known = force is not None
     findings = (*frame.findings, *check_state(state))
-    if law is not None:
+    if force is not None:
         findings = (*findings, *_redundant(table, rows, branches.n, (normal, shear)))
     for found in findings:
         if strict and found.severity == "error":
             raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
+    if frame.measured and force is not None:
+        if any(one.check == "balance" and one.severity != "ok" for one in findings):
+            law = regime = None
+            graph, lacks = graph.replace(regime=None), (*lacks, "balance")
+        else:
+            notes += [one.says for one in findings if one.check == "balance"]
+    if force is not None and {"kn", "kt"} & {*lacks}:
+        needed = [one.says for one in findings if one.check == "stiffness"]
+        stiffness = [name for name in lacks if name != "balance"]
+        given = " and ".join(f"--{name}" for name in stiffness)
+        lone = f"forces without {' and '.join(stiffness)}: no stability of the loops"
+        notes.append("; ".join([lone, *needed, f"give {given}"]))
     notes += [str(one) for one in findings if one.severity != "ok"]
     return Snapshot(
         graph,
         law,
         regime,
         bodies.grain_ids,
-        len(every) - len(rows),
+        len(every) - len(rows) if frame.walls is None else len(frame.walls),
         tuple(notes),
         walls,
         frame.step,
         findings,
         bodies.rotation,
+        lacks,
     )
+
+
+def _lacking(table: Table, force: Floats | None, parameters: Parameters) -> tuple[str, ...]:
+    """All that a law lacks: forces, stiffness."""
+    lacks = [] if force is not None else ["shear forces" if table.has("fn") else "forces"]
+    given = (("kn", "kn", parameters.kn), ("kt", "ks", parameters.kt))
+    lacks += [name for name, column, value in given if value is None and not table.has(column)]
+    return tuple(lacks)
 
 
 def _normals(table: Table, rows: Integers, n: Floats) -> Floats:
@@ -207,6 +235,19 @@ def _walls(
     return WallContacts(grain, sign * force[single], branch, kn, kt)
 
 
+def _walls_of_table(table: Table, bodies: Bodies) -> WallContacts:
+    """Contacts with walls from a table of their own, `id` the grain of each."""
+    named = table.integers("id")
+    grain = index_of(bodies.grain_ids, named)
+    if grain.min() < 0:
+        row = int(np.argmin(grain))
+        where, received = f"column 'id' of {table.path}, row {row}", f"grain {named[row]}"
+        raise InputError(where, received, "an id of the table of grains", "Correct or drop it.")
+    kn, kt = (table.column(name) if table.has(name) else None for name in ("kn", "ks"))
+    force, branch = table.columns("fx", "fy"), table.columns("branch_x", "branch_y")
+    return WallContacts(grain, force, branch, kn, kt)
+
+
 def _wall_stiffness(table: Table, rows: Integers) -> tuple[Floats | None, Floats | None]:
     """Stiffness of contacts with walls; none along a wall without friction, or where one slides."""
     if not (table.has("kn") and table.has("ks")):
@@ -273,8 +314,6 @@ def _parameter(
             notes.append(f"{option} {value} not used: the table has the column {column!r}")
         values = table.column(column)
         return some(values, rows)
-    if value is None:
-        where, expected = f"column {column!r} of {table.path}", "the stiffness of each contact"
-        raise InputError(where, "no such column", expected, f"Add the column, or give {option}.")
+    assert value is not None  # a law is made where nothing lacks
     notes.append(f"{column} = {value} for every contact, from {option}")
     return np.full(len(rows), float(value))

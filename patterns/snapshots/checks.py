@@ -128,6 +128,8 @@ class Checked:
         self.normal, self.shear = graph.normal_force, graph.shear_force
         self.d, self.length, self.law, self.given, self.walls = d, length, law, given, walls
         self.ids = ids
+        # Forces may be known without a stiffness.
+        self.forces_known = law is not None
         self.sliding = None if regime is None else regime == Regime.SLIDING
         self.degree = np.bincount(self.contacts.ravel(), minlength=len(self.x))
         self.inner = self.degree > 0
@@ -191,7 +193,7 @@ def check_state(state: Checked) -> tuple[Finding, ...]:
         (distances, touching, same_snapshot)
     ]
     forces: list[Finding] = []
-    if state.law is not None and not (state.normal.any() or state.shear.any()):
+    if state.forces_known and not (state.normal.any() or state.shear.any()):
         forces.append(
             Finding("forces", 0.0, "all contact forces are zero", "doubt", "Export them.")
         )
@@ -201,6 +203,8 @@ def check_state(state: Checked) -> tuple[Finding, ...]:
             (directions, pulling, friction, one_ratio, sliding, flags),
             (stiffness, odd_stiffness, radii, jammed),
         ]
+    elif state.forces_known:
+        groups += [(balance, one_contact_turned), (directions, pulling, needed_stiffness)]
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def run(group: tuple[Callable[[Checked], Finding | None], ...]) -> list[Finding | None]:
@@ -251,10 +255,10 @@ def same_snapshot(state: Checked) -> Finding | None:
     off = float(np.median(turned / np.where(size > 0, size, 1.0) / state.length))
     coarse = 2 * rounding(state.x) / float(np.median(state.length))
     coarse += rounding(given) / float(np.median(size) or 1.0)
-    says = f"contact directions are {off:.2g} rad off the lines of centres (median)"
+    says = f"contact directions differ from the lines of centres by {off:.2g} rad (median)"
     return Finding("same_snapshot", off, says).doubt(
-        f", and the numbers are good to {coarse:.1g}: positions and contacts of different "
-        "snapshots, or positions moved on before they were saved",
+        f", more than their precision, {coarse:.1g}: positions and contacts of different "
+        "snapshots, or positions that moved before they were saved",
         "Take both tables from one snapshot.",
         off > DIRECTIONS_OFF + ROUNDINGS * coarse,
     )
@@ -264,7 +268,7 @@ def directions(state: Checked) -> Finding:
     """Forces along the branches: signs, exchanged columns."""
     size = float(np.hypot(state.normal, state.shear).sum())
     share = float(state.normal.sum()) / size
-    says = f"the forces act along the branches to {share:.3g} of their size, push positive"
+    says = f"the component along the branch is {share:.3g} of the force, positive if it pushes"
     found = Finding("directions", share, says)
     if share >= ALONG:
         return found
@@ -272,7 +276,7 @@ def directions(state: Checked) -> Finding:
         return found.error(
             ": they pull, as with tension positive, with forces on grain 1, or with id1 and id2 "
             "exchanged",
-            "Turn the sign of the forces, or exchange id1 and id2.",
+            "Change the sign of the forces, or exchange id1 and id2.",
         )
     n = state.d / state.length[:, None]
     # The force with its components exchanged, along the branch.
@@ -288,10 +292,10 @@ def pulling(state: Checked) -> Finding:
     """Share of the normal force that pulls."""
     size = np.abs(state.normal)
     share = float(size[state.normal < 0].sum() / (float(size.sum()) or 1.0))
-    found = Finding("pulling", share, f"{100 * share:.3g} % of the normal force pulls")
+    found = Finding("pulling", share, f"{100 * share:.3g} % of the normal forces is tension")
     return found.doubt(
         ": cohesion, damping, or rows whose grains are exchanged",
-        "The law of the contacts here carries no tension.",
+        "The contact law here has no tension: expect errors.",
         PULLING < share <= 0.5,
     )
 
@@ -305,19 +309,19 @@ def balance(state: Checked) -> Finding | None:
     mean = float(np.hypot(state.normal, state.shear).mean())
     both = [normal + sign * shear for sign in (1, -1)]
     rest, other = (float(np.sqrt(np.einsum("gk,gk->", r, r) / inner)) / mean for r in both)
-    says = f"contact forces leave the grains {rest:.2g} mean forces out of balance"
+    says = f"the resultant force on a grain is {rest:.2g} of the mean contact force"
     found = Finding("balance", rest, says)
     if rest <= BALANCE:
         return found
     if other < SHEAR_TURNED * rest and inner >= FEWEST:
         return found.error(
-            f", and {other:.2g} with shear turned around: shear forces on grain 1, or id1 and "
+            f", and {other:.2g} with the opposite shear: shear forces on grain 1, or id1 and "
             "id2 exchanged",
-            "Turn the sign of the shear forces, or exchange id1 and id2.",
+            "Change the sign of the shear forces, or exchange id1 and id2.",
         )
     return found.doubt(
-        ": a flow, missing contacts or walls, or forces that are not these grains'",
-        "Stability is that of a state at rest.",
+        ": a flow, missing contacts or walls, or forces of other grains",
+        "Stability is defined for a state at rest.",
     )
 
 
@@ -336,10 +340,7 @@ def one_contact_turned(state: Checked) -> Finding | None:
         TOLD * float(np.median(size[state.inner])), WEAKEST * float(np.abs(state.normal).mean())
     )
     one, two = state.contacts.T
-    known = state.inner[one] | state.inner[two]
-    # What turning adds at an inner grain is what has to go there.
-    wrong = [~state.inner[end] | (size[end] > (1 - CONTACT_TURNED) * least) for end in (one, two)]
-    rows = np.flatnonzero(known & wrong[0] & wrong[1])
+    rows = np.flatnonzero(state.inner[one] | state.inner[two])
     one, two = one[rows], two[rows]
     turned = np.zeros(len(rows), dtype=bool)
     for part in (normal[rows] + shear[rows], normal[rows], shear[rows]):
@@ -350,10 +351,12 @@ def one_contact_turned(state: Checked) -> Finding | None:
         ]
         turned |= (change > least) & (np.maximum(*left) < CONTACT_TURNED * change)
     count = int(np.count_nonzero(turned))
-    found = Finding("turned", count, f"{count} contacts balance their grains with the sign turned")
+    found = Finding(
+        "turned", count, f"{count} contacts balance their grains if their sign is changed"
+    )
     return found.doubt(
         f": the force, or its normal or shear part, between grains {state.names(rows[turned])}",
-        "Turn the sign of these forces, or export them again.",
+        "Change the sign of these forces, or export them again.",
         count > 0,
     )
 
@@ -443,8 +446,8 @@ def flags(state: Checked) -> Finding | None:
     missing = int(np.count_nonzero(at_limit & ~state.sliding[rows]))
     says = f"{missing} of {count} contacts at |T| = mu N are not flagged as sliding"
     return Finding("flags", missing, says).doubt(
-        ": a column that was never filled, or another mu",
-        "Leave the column 'sliding' out: it follows from the forces then.",
+        ": an empty column, or another mu",
+        "Leave out the column 'sliding': then it follows from the forces.",
         missing >= AT_ONE_RATIO and 2 * missing > count,
     )
 
@@ -469,8 +472,17 @@ def stiffness(state: Checked) -> Finding | None:
         return found.doubt(f": {cause}", f"Forces and overlaps need kn = {needed:.4g}.")
     if exceeds > 1 + NEAR_ROUND:
         found = Finding("stiffness", exceeds, f"kt is {exceeds:.4g} kn")
-        return found.doubt(", where grains are softer to shear", "Check kn and kt.")
+        return found.doubt(": contacts are usually softer in shear", "Check kn and kt.")
     return found
+
+
+def needed_stiffness(state: Checked) -> Finding | None:
+    """Kn that forces and overlaps need, of an input that has none."""
+    rows = np.flatnonzero(state.loaded & (state.overlap > 0))
+    if len(rows) == 0 or _too_coarse(state):
+        return None
+    needed = float(np.median(state.normal[rows] / state.overlap[rows]))
+    return Finding("stiffness", needed, f"forces and overlaps need kn = {needed:.4g} (median)")
 
 
 def odd_stiffness(state: Checked) -> Finding | None:
@@ -485,7 +497,7 @@ def odd_stiffness(state: Checked) -> Finding | None:
     odd = (stiffer > ODD_STIFFNESS) & (secant < 1 / ODD_STIFFNESS)
     odd |= (stiffer < 1 / ODD_STIFFNESS) & (secant > ODD_STIFFNESS)
     count = int(np.count_nonzero(odd))
-    found = Finding("kn", count, f"{count} contacts have a kn that their force does not fit")
+    found = Finding("kn", count, f"{count} contacts have a kn that does not fit their force")
     return found.doubt(
         f": between grains {state.names(rows[odd])}; the median is {float(np.median(kn)):.3g}",
         "Correct kn of these contacts.",
@@ -509,7 +521,7 @@ def radii(state: Checked) -> Finding | None:
     squares = [[overlap @ overlap, overlap @ reach], [overlap @ reach, reach @ reach]]
     slope, offset = np.linalg.lstsq(squares, [overlap @ needed, reach @ needed], rcond=None)[0]
     share = float(-offset / slope)
-    says = f"overlaps and forces are those of radii {1 - share:.6g} times as large"
+    says = f"overlaps and forces fit radii {1 - share:.6g} times as large"
     found = Finding("radii", share, says)
     coarse = ROUNDINGS * rounding(state.x) / float(reach.mean())
     if slope <= 0 or abs(share) <= RADII_OFF + coarse:
@@ -539,9 +551,9 @@ def jammed(state: Checked) -> Finding | None:
     slides = np.bincount(state.contacts[state.sliding].ravel(), minlength=len(degree))
     shared = (2 * degree - slides if rough else degree) / 2 + walls
     ratio = float(shared[held].sum() / ((3 if rough else 2) * np.count_nonzero(held)))
-    says = f"contacts give {ratio:.3g} constraints for each freedom of the grains that carry load"
+    says = f"the contacts give {ratio:.3g} constraints per degree of freedom of the loaded grains"
     cause = ": the sample isn't jammed, or contacts are missing"
-    remedy = "Loops of a flow carry no load for long."
+    remedy = "In a flow, loops carry load only briefly: take a snapshot at rest."
     return Finding("jammed", ratio, says).doubt(cause, remedy, ratio < JAMMED)
 
 
@@ -549,7 +561,9 @@ def same_force(name: str, column: Floats, used: Floats, scale: float, rows: Inte
     """Forces in a column of the file, of its `rows`, against those that are used."""
     off = np.abs(column - used) / (scale or 1.0)
     wrong = off > SAME_FORCE
-    says = f"{name} is at most {float(off.max()):.2g} mean forces off the force that is used"
+    says = (
+        f"{name} differs from the force that is used by at most {float(off.max()):.2g} mean forces"
+    )
     found = Finding(name, float(off.max()), says)
     if not wrong.any():
         return found
@@ -568,7 +582,7 @@ def repeated(same: int, turned: int, count: int, off: Floats) -> Finding:
     A list may have each of `count` contacts once from each of its grains, but for fixed grains.
     `off` (rows,) are the forces in such rows less those in the earlier one, in mean forces.
     """
-    says = f"{same + turned} of {count} contacts stand in an earlier row"
+    says = f"{same + turned} of {count} contacts are also in an earlier row"
     found = Finding("repeated", (same + turned) / count, says)
     wrong = int(np.count_nonzero(off > SAME_FORCE))
     if wrong:
@@ -583,7 +597,9 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     Contacts that are elastic in both count. Rotations that the file lacks are fitted to the same
     contacts, with the factor on kt, by reweighted least squares.
     """
-    if before.law is None or after.law is None or before.regime is None or after.regime is None:
+    if before.regime is None or after.regime is None:
+        return None
+    if not isinstance(before.law, LinearFrictional):
         return None
     # Loads sparse matrices, which a snapshot alone needs nowhere else.
     from loops.tracking import match_contacts
@@ -651,8 +667,9 @@ def _fitted_spins(pairs: Integers, arms: Floats, moved: Floats, needed: Floats) 
     grains, place = np.unique(pairs, return_inverse=True)
     place = place.reshape(pairs.shape)
     rows, count = np.arange(len(pairs)), len(grains)
-    size, unit = float(arms.mean()), float(np.abs(needed).mean()) or 1.0
-    values = np.concatenate([arms.T.ravel() / size, needed / unit])
+    size = float(arms.mean())
+    last = needed / (float(np.abs(needed).mean()) or 1.0)
+    values = np.concatenate([arms.T.ravel() / size, last])
     columns = np.concatenate([*place.T, np.full(len(pairs), count)])
     matrix = sp.csr_matrix((values, (np.tile(rows, 3), columns)), shape=(len(pairs), count + 1))
     weight = np.ones(len(pairs))

@@ -42,7 +42,7 @@ SAMPLE_ROWS = 4096  # rows used to recognise columns; all rows are checked at th
 
 
 def given_columns(table: Table, given: Mapping[str, str], names: Collection[str]) -> Map:
-    """The columns that a map names for contacts; `InputError` for one that is not there."""
+    """Columns of contacts in the user's map; `InputError` for one that is not in the table."""
     columns = {name: column for name, column in given.items() if name in names}
     for name, column in columns.items():
         if column != NONE:
@@ -53,7 +53,7 @@ def given_columns(table: Table, given: Mapping[str, str], names: Collection[str]
 def ids_in(table: Table, name: str, rows: Integers, atoms: Atoms) -> Integers | None:
     """Some rows of a column if it holds ids of grains.
 
-    One unknown id is a fault to tell, a column without known ids holds something else.
+    Some unknown ids are reported as a fault later; a column of few known ids holds something else.
     """
     values = table.column(name)[rows]
     if (np.rint(values) != values).any():
@@ -85,7 +85,7 @@ def find_ids(
     expected: str,
     remedy: str,
 ) -> tuple[Integers, Integers]:
-    """Grains of the pairs: adds `id1` and `id2` to the map, of the choices those nearest."""
+    """Grains of the pairs; `id1` and `id2` of the choice with the nearest grains join the map."""
     rows = _sample_rows(table)
     names = dict.fromkeys(n for pair in choices for n in pair)
     found = {n: ids_in(table, n, rows, atoms) for n in names}
@@ -148,7 +148,7 @@ class ColumnSearch:
     ) -> bool:
         """Add the two columns for which `error` is small to the map; check those given.
 
-        Of several the one whose size is a column comes first.
+        Of several pairs, one whose size is a column comes first.
         """
         known = [self.columns.get(name) for name in names]
         if NONE in known:
@@ -166,13 +166,19 @@ class ColumnSearch:
             and (vector := self._sample(pair := (one, two))).any()
             and error(vector, self.rows) <= TOLERANCE
         ]
-        sized = [pair for pair in found if size and self._size_of(pair, size)]
+        known_size = self.columns.get(size)
+        sized = []
+        for pair in found if size else []:
+            others = [name for name in self.free() if name not in pair]
+            length = np.hypot(*self._sample(pair).T)
+            if self._equal(length, [known_size] if known_size else others):
+                sized.append(pair)
         found = sized or found
         if not found:
             return False
         first = self._sample(found[0])
         for other in map(self._sample, found[1:]):
-            # Other columns of the same vector, up to its sign, will do.
+            # Further columns with the same vector, up to its sign, are accepted.
             off = min(np.abs(first - other).max(), np.abs(first + other).max())
             if off <= TOLERANCE * np.abs(first).max():
                 continue
@@ -228,11 +234,6 @@ class ColumnSearch:
                 f"{length[row]:g}, {CONTACT_NAMES[name]}, as its components and the other rows say",
                 f"Two columns of the dump disagree: dump again, or say {name}=none by --columns.",
             )
-
-    def _size_of(self, pair: tuple[str, str], size: str) -> str | None:
-        known = self.columns.get(size)
-        free = [name for name in self.free() if name not in pair]
-        return self._equal(np.hypot(*self._sample(pair).T), [known] if known else free)
 
     def _equal(self, length: Floats, names: list[str]) -> str | None:
         """The column that holds these sizes, up to the sign, in the most rows; at least half."""

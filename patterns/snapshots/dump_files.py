@@ -56,7 +56,7 @@ class DumpFrame(Listing):
 
 
 def is_dump(head: bytes) -> bool:
-    """Whether a file that begins so is a text dump."""
+    """Whether a file with these first bytes is a text dump."""
     return head.startswith((START, b"ITEM: UNITS"))
 
 
@@ -98,7 +98,7 @@ def _walk(path: Path, text: Text) -> Iterator[DumpFrame | InputError]:
 
 
 def _frame(path: Path, text: Text, at: int) -> DumpFrame:
-    """Read the header that starts there."""
+    """Read the header that starts at the byte `at`."""
     if not is_dump(text[at : at + len(START)]):
         raise InputError(str(path), f"{text[at : at + 40]!r}", START.decode(), "Give a text dump.")
     values: dict[bytes, list[bytes]] = {}
@@ -251,8 +251,8 @@ def _require_one_box(atoms: DumpFrame, contacts: DumpFrame) -> None:
 def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
     """Grains of a frame of atoms.
 
-    Positions may be wrapped (`x`), unwrapped (`xu`) or scaled by the box (`xs`, `xsu`); for a
-    radius the diameter will do.
+    Positions may be wrapped (`x`), unwrapped (`xu`) or scaled by the box (`xs`, `xsu`); a diameter
+    is accepted instead of a radius.
     """
     found = {name: _find(frame, columns, name) for name in ATOM_NAMES}
     for name in ("id", "x", "y", "radius"):
@@ -291,7 +291,7 @@ def _find(frame: DumpFrame, columns: Mapping[str, str], name: str) -> str | None
     return next((column for column in (name, *others) if column in frame.names), None)
 
 
-MOST_CELLS = 1e9  # cells that a grain may have left behind; beyond it digits are lost
+MOST_CELLS = 1e9  # largest distance in cells; beyond it digits are lost
 
 
 class Space(NamedTuple):
@@ -321,8 +321,8 @@ class Space(NamedTuple):
 def space_of(box: Box | None, atoms: Atoms, given: Floats | None) -> tuple[Space, tuple[str, ...]]:
     """The periodic cell of a frame.
 
-    A box that is periodic one way alone becomes a cell in which nothing crosses the other way;
-    it is made as high as the grains need.
+    A box that is periodic in one direction alone becomes a cell so large in the other that no
+    contact crosses it there.
     """
     if given is not None:
         return Space(np.asarray(given, dtype=float), (True, True)), ()
@@ -342,7 +342,7 @@ def space_of(box: Box | None, atoms: Atoms, given: Floats | None) -> tuple[Space
     return Space(cell, box.periodic), (note,)
 
 
-class Pairs(NamedTuple):
+class GrainPairs(NamedTuple):
     """Pairs of grains: indices `i`, `j` (C,), `images` of the second and branches `d` (C, 2)."""
 
     i: Integers
@@ -350,18 +350,18 @@ class Pairs(NamedTuple):
     images: Integers
     d: Floats
 
-    def take(self, rows: Flags | Integers) -> Pairs:
+    def take(self, rows: Flags | Integers) -> GrainPairs:
         """Some of the pairs."""
-        return Pairs(self.i[rows], self.j[rows], self.images[rows], self.d[rows])
+        return GrainPairs(self.i[rows], self.j[rows], self.images[rows], self.d[rows])
 
 
 def pairs_of(
     atoms: Atoms, space: Space, i: Integers, j: Integers, branch: Floats | None = None
-) -> Pairs:
+) -> GrainPairs:
     """Images and branches of pairs."""
     raw = atoms.x[j] - atoms.x[i]
     images = space.images((0.0 if branch is None else branch) - raw)
-    return Pairs(i, j, images, raw + space.shift(images))
+    return GrainPairs(i, j, images, raw + space.shift(images))
 
 
 def normals(d: Floats) -> Floats:
@@ -370,16 +370,16 @@ def normals(d: Floats) -> Floats:
     return d / np.where(length > 0, length, 1.0)
 
 
-def gaps(atoms: Atoms, pairs: Pairs) -> Floats:
+def gaps(atoms: Atoms, pairs: GrainPairs) -> Floats:
     """(C,) array: distances of the centres less the sums of the radii (length)."""
     reach = atoms.radii[pairs.i] + atoms.radii[pairs.j]
     return np.asarray(np.hypot(pairs.d[:, 0], pairs.d[:, 1]) - reach)
 
 
 def contact_rows(
-    atoms: Atoms, pairs: Pairs, force: Floats | None
+    atoms: Atoms, pairs: GrainPairs, force: Floats | None
 ) -> tuple[Integers, tuple[str, ...], tuple[Finding, ...]]:
-    """Rows of a list of pairs that are contacts, each once; notes and findings on the others."""
+    """Rows of the pairs that are contacts, each once, with notes and findings on the others."""
     apart = gaps(atoms, pairs) >= 0
     if force is not None:
         apart &= (force == 0).all(axis=1)
@@ -435,7 +435,7 @@ def frame_of_pairs(
     listings: tuple[Listing, Listing],
     atoms: Atoms,
     space: Space,
-    pairs: Pairs,
+    pairs: GrainPairs,
     forces: Forces,
     walls: Sequence[Wall] = (),
     notes: Sequence[str] = (),
@@ -444,8 +444,17 @@ def frame_of_pairs(
     rows, said, findings = contact_rows(atoms, pairs, forces.any)
     forces = Forces(*(part if part is None else part[rows] for part in forces))
     below = min(0, int(atoms.ids.min(initial=0))) - 1 - np.arange(len(walls))
+    columns = {"x": atoms.x[:, 0], "y": atoms.x[:, 1], "radius": atoms.radii}
+    if atoms.z is not None:
+        columns["z"] = atoms.z
+    none = np.zeros(len(walls))
+    grains: dict[str, NDArray[np.generic]] = {
+        "id": np.append(atoms.ids, below),
+        "type": np.repeat([0, 1], [len(atoms.ids), len(walls)]),
+        **{name: np.append(values, none) for name, values in columns.items()},
+    }
     return Frame(
-        Table(listings[0].where, _grains(atoms, below)),
+        Table(listings[0].where, grains),
         Table(
             listings[1].where,
             _contacts(atoms, pairs.take(rows), forces, walls, below),
@@ -457,18 +466,9 @@ def frame_of_pairs(
     )
 
 
-def _grains(atoms: Atoms, walls: Integers) -> dict[str, NDArray[np.generic]]:
-    columns = {"x": atoms.x[:, 0], "y": atoms.x[:, 1], "radius": atoms.radii}
-    if atoms.z is not None:
-        columns["z"] = atoms.z
-    zeros, is_wall = np.zeros(len(walls)), np.arange(len(atoms.ids) + len(walls)) >= len(atoms.ids)
-    grown = {name: np.append(values, zeros) for name, values in columns.items()}
-    return {"id": np.append(atoms.ids, walls), "type": is_wall.astype(int), **grown}
-
-
 def _contacts(
     atoms: Atoms,
-    pairs: Pairs,
+    pairs: GrainPairs,
     forces: Forces,
     walls: Sequence[Wall],
     wall_ids: Integers,

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
 from loops import InputError
 from loops.laws.frictional import ShearIncrement, checked_increment
-from patterns.snapshots import lammps, liggghts, mercury, plain, yade_save, yade_vtk
+from patterns.snapshots import lammps, liggghts, mercury, pegs, plain, yade_save, yade_vtk
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.frame import Frame, Frames, Source
+from patterns.snapshots.frame import Frame, Frames, Source, with_aliases
 from patterns.snapshots.geometry import as_cell
 from patterns.snapshots.snapshot import Snapshot
+from patterns.snapshots.tables import table_of
 from patterns.snapshots.text import head_of, require_file
 
 
@@ -58,6 +61,7 @@ FORMATS: dict[str, Format] = {
     "liggghts": liggghts,
     "lammps": lammps,
     "mercury": mercury,
+    "pegs": pegs,
     "table": plain,
 }
 
@@ -138,6 +142,68 @@ def read_snapshot(
     return build_snapshot(_choose(path, found, frame), parameters, strict=strict)
 
 
+def snapshot_from_tables(
+    grains: Any,
+    contacts: Any,
+    *,
+    walls: Any = None,
+    cell: ArrayLike | None = None,
+    kn: float | None = None,
+    kt: float | None = None,
+    mu: float | None = None,
+    shear_increment: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    strict: bool = True,
+) -> Snapshot:
+    """Make a snapshot of tables in memory, as `read_snapshot` makes one of files.
+
+    Parameters
+    ----------
+    grains, contacts : data frame, dict of arrays or structured array
+        Of pandas, polars or pyarrow. Columns, other names of them and optional ones as in
+        `read_snapshot`; contacts with rows of `type` 1 are those with walls.
+    walls : data frame, dict of arrays or structured array, optional
+        A row a contact with a wall, where walls are no rows of `grains`: `id` of the grain, force
+        of the wall on it `fx, fy`, `branch_x, branch_y` from the foot on the wall to its centre
+        (length); perhaps the stiffness `kn, ks`, `ks` zero where nothing sticks.
+    cell, kn, kt, mu, shear_increment, columns, strict
+        See `read_snapshot`.
+
+    Returns
+    -------
+    Snapshot
+        `Snapshot.tables` gives such tables back.
+
+    Raises
+    ------
+    InputError
+        As `read_snapshot`; for what is no table, and columns of different lengths.
+
+    Examples
+    --------
+    >>> from patterns import snapshot_from_tables
+    >>> grains = {"id": [1, 2, 3], "x": [0.0, 0.9, 0.4], "y": [0.0, 0.0, 0.8], "d": [1.0, 1.0, 1.0]}
+    >>> contacts = {"i": [1, 2, 3], "j": [2, 3, 1], "fn": [3.0, 2.0, 2.0], "mu": [0.0, 0.0, 0.0]}
+    >>> snapshot = snapshot_from_tables(grains, contacts, kn=30.0, kt=0.0)
+    >>> snapshot.graph.radii.tolist(), snapshot.graph.normal_force.round(12).tolist()
+    ([0.5, 0.5, 0.5], [3.0, 2.0, 2.0])
+    >>> for note in snapshot.notes[:3]:
+    ...     print(note)
+    column 'd' of grains read as 'diameter'
+    radius is half the column 'diameter' of grains
+    column 'i' of contacts read as 'id1'
+    """
+    source = Source(Path("tables"), None, as_cell(cell), dict(columns or {}))
+    frame = plain.frame_of_tables(
+        source, table_of("grains", grains), table_of("contacts", contacts)
+    )
+    if walls is not None:
+        of_walls, notes = with_aliases(table_of("walls", walls), ("id", "kn", "ks"))
+        frame = replace(frame, walls=of_walls, notes=(*frame.notes, *notes))
+    parameters = Parameters(kn, kt, mu, _checked(shear_increment))
+    return build_snapshot(frame, parameters, strict=strict)
+
+
 def read_frames(
     path: str | Path,
     contacts: str | Path | None = None,
@@ -167,6 +233,13 @@ def read_frames(
     ------
     InputError
         See `read_snapshot`.
+
+    Examples
+    --------
+    >>> from patterns import read_frames, sample_path
+    >>> path = sample_path("lammps/dump.atoms.0.gz")
+    >>> [(snapshot.step, len(snapshot.faces.loops)) for snapshot in read_frames(path)]
+    [(0.0, 323)]
     """
     parameters = Parameters(kn, kt, mu, _checked(shear_increment))
     for read in _frames(path, contacts, format, columns, cell):
@@ -227,6 +300,11 @@ def _frames(
     columns: Mapping[str, str] | None,
     cell: ArrayLike | None = None,
 ) -> Frames:
+    files: dict[str, Any] = {"path": path, "contacts": contacts}
+    for name, given in files.items():
+        if not isinstance(given, str | os.PathLike | None):
+            remedy = "For tables in memory call snapshot_from_tables."
+            raise InputError(name, type(given).__name__, "the path of a file", remedy)
     beside = None if contacts is None else Path(contacts)
     source = Source(Path(path), beside, as_cell(cell), dict(columns or {}))
     return format_of(source.path, format).frames(source)

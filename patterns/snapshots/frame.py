@@ -1,4 +1,4 @@
-"""One saved state as plain tables, to which every format is translated, and its rows in a text."""
+"""One snapshot as plain tables, into which every format is translated."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from patterns.snapshots.checks import Finding
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import Text, beside, listed, read_body
 
-GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius", "theta_z")
+GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius", "diameter", "theta_z")
 CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
     *("fn", "ft", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
@@ -31,6 +31,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "x": ("pos_x", "x_pos", "posx", "position_x"),
     "y": ("pos_y", "y_pos", "posy", "position_y"),
     "radius": ("rad", "r", "radii"),
+    "diameter": ("diam", "d"),
     "id1": ("id_1", "i", "grain1", "grain_1", "particle1", "body1", "i1"),
     "id2": ("id_2", "j", "grain2", "grain_2", "particle2", "body2", "i2"),
     "nx": ("n_x", "normal_x"),
@@ -70,6 +71,8 @@ class Frame:
     at its foot, the contact point. Columns of `cell` (2, 2) are its vectors (length); `step` is the
     code's own number, a step, iteration or time; `notes` name guesses and missing data, `findings`
     are those of the reader, and `shear_increment` is that of the code, if the source has it.
+    `walls`, a row a contact with a wall, stands in for rows of `type` 1 and their contacts;
+    `measured` forces are those of an experiment, a law of them needs their balance.
     """
 
     grains: Table
@@ -79,10 +82,12 @@ class Frame:
     notes: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     shear_increment: ShearIncrement | None = None
+    walls: Table | None = None
+    measured: bool = False
 
 
 def check_names(source: Source, known: Collection[str]) -> None:
-    """Raise `InputError` for plain names in the column map that a format has not."""
+    """Raise `InputError` for names in the column map that the format does not know."""
     for name, column in source.columns.items():
         if name not in known:
             where = f"--columns {name}={column}"
@@ -102,7 +107,7 @@ def require_column(
 def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Table, Table]:
     """Rename the columns of two tables by the user's column map.
 
-    `InputError` for a plain name that nothing reads, or a column that neither table has.
+    `InputError` for an unknown plain name, or a column that neither table has.
     """
     check_names(source, PLAIN_NAMES)
     for name, column in source.columns.items():
@@ -142,6 +147,14 @@ def with_aliases(table: Table, plain: Sequence[str]) -> tuple[Table, list[str]]:
     return table.renamed(found) if found else table, notes
 
 
+def with_radii(grains: Table) -> tuple[Table, list[str]]:
+    """Radii of a table that has diameters instead, with a note."""
+    if grains.has("radius") or not grains.has("diameter"):
+        return grains, []
+    note = f"radius is half the column 'diameter' of {grains.path}"
+    return grains.replaced("diameter", "radius", 0.5 * grains.column("diameter")), [note]
+
+
 # Snapshots that a format finds in a file, each read by a call.
 Frames = Sequence[Callable[[], Frame]]
 
@@ -159,7 +172,7 @@ class Listing:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there are no rows, and the header says nothing else."""
+        """Whether there are no rows, and the header does not announce any."""
         return self.span[0] == self.span[1] and not self.count
 
     def read(self, wanted: Sequence[str] | None = None) -> Table:
@@ -196,7 +209,7 @@ def paired(
 ) -> Frames:
     """Snapshots of grains with their contacts, `by` step or time; errors are raised on reading.
 
-    Those without contacts, as before the grains meet, are left out.
+    Snapshots without contacts, as before the grains meet, are left out.
     """
     found = list(contacts)
     good = [one for one in found if not isinstance(one, InputError)]

@@ -12,16 +12,16 @@ from loops.arrays import Flags, Floats, Integers, in_threads
 from patterns.snapshots.tables import HUGE, Table
 
 WALL = 1
-# Centres leave their plane by less than this share of the smallest radius: text is that coarse.
+# Largest distance of centres from their plane over the smallest radius: the precision of text.
 PLANE_TOLERANCE = 1e-3
-# Ids up to this many times their number are looked up in a table, others by bisection.
+# Ids below this many times their number are looked up in a table, others by bisection.
 SPARSE = 8
-# Branches or normals of the file may differ from the centres by this share of the branch: text
-# with six digits is that coarse, a wrong cell or image is far beyond.
+# Branches or normals of the file may differ from the centres by this share of the branch: the
+# precision of text with six digits; a wrong cell or image makes a far larger difference.
 GEOMETRY_TOLERANCE = 1e-3
-# Discs without overlap fill at most 0.91 of the area; a cell filled more is that of other grains.
+# Discs without overlap fill at most 0.91 of the area; a fuller cell belongs to other grains.
 SOLID_LIMIT = 1.5
-# Grains this many times the sum of their radii apart touch in no contact law.
+# No contact law acts between grains further apart than this many times the sum of their radii.
 TOUCHING_REACH = 2.0
 FAR = 32.0  # mean spacings between successive grains, grains between successive contacts
 BRANCH_BLOCK = 1 << 15  # contacts processed together, so that their arrays stay in the cache
@@ -46,7 +46,7 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
     """Grains and walls of a table, ascending by id; refuses what can't be a packing in the plane.
 
     Grains whose ids jump across the sample are sorted along space instead if `along_space`:
-    everything that follows then finds neighbouring grains close to each other in memory.
+    neighbouring grains are then close in memory in all that follows.
     """
     ids = table.integers("id")
     refuse_repeated(table, ids)
@@ -62,8 +62,11 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
         x, radii = x[grains], radii[grains]
         rotation = None if rotation is None else rotation[grains]
     bodies = Bodies(ids, is_wall, x, radii, rotation)
-    if along_space and _jumps(x):
-        bodies = _along_space(bodies)
+    if along_space:
+        # Successive grains lie many mean spacings apart, as after a random insertion.
+        spacing = np.sqrt(np.prod(np.ptp(x, axis=0)) / len(x))
+        if np.median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR * spacing:
+            bodies = _along_space(bodies)
     if len(radii) == 0:
         raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
     refuse_radii(table, bodies.grain_ids, radii, "Correct the row, or give walls type 1.")
@@ -72,15 +75,9 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
     return bodies
 
 
-def _jumps(x: Floats) -> bool:
-    """Whether successive grains lie many mean spacings apart, as after a random insertion."""
-    spacing = np.sqrt(np.prod(np.ptp(x, axis=0)) / len(x))
-    return bool(np.median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR * spacing)
-
-
 def _along_space(bodies: Bodies) -> Bodies:
     """The same bodies, grains along a space-filling curve, walls behind them."""
-    from loops.compiled.kernel import given
+    from loops.compiled import given
     from loops.compiled.network import spatial_order
 
     order = spatial_order(given(bodies.x, np.float64))
@@ -92,7 +89,7 @@ def _along_space(bodies: Bodies) -> Bodies:
 
 
 def rows_by_first_grain(pairs: Integers) -> Integers:
-    """Contacts sorted by their first grain, those of one grain as they stood."""
+    """Contacts sorted by their first grain, in the given order for each grain."""
     if np.median(np.abs(np.diff(pairs[:, 0]))) < FAR:
         return np.arange(len(pairs))
     return np.sort((pairs[:, 0] << 32) | np.arange(len(pairs))) & 0xFFFFFFFF
@@ -111,7 +108,7 @@ def read_pairs(table: Table, bodies: Bodies) -> Integers:
 def places_of(
     table: Table, names: tuple[str, str], ids: Integers, expected: str, remedy: str
 ) -> Integers:
-    """(C, 2) array: places of the ids in two columns; `InputError` for one that is not there."""
+    """(C, 2) array: places of the ids of two columns; `InputError` for an unknown id."""
     given = np.column_stack([table.integers(name) for name in names])
     found = index_of(ids, given)
     if found.min() < 0:
@@ -122,7 +119,7 @@ def places_of(
 
 
 def index_of(ids: Integers, named: Integers) -> Integers:
-    """Place of ids in a list of distinct ones, -1 for one that is not there."""
+    """Place of ids in a list of distinct ones, -1 for an unknown id."""
     low, high = int(ids.min()), int(ids.max())
     if high - low < SPARSE * len(ids):
         place = named - low
@@ -194,7 +191,7 @@ def _refuse_coincident(table: Table, bodies: Bodies) -> None:
 
 
 def as_cell(cell: ArrayLike | None) -> Floats | None:
-    """Return a periodic cell (2, 2), columns the cell vectors; `InputError` for what is none."""
+    """Return a periodic cell (2, 2), columns the cell vectors; `InputError` if it is no cell."""
     if cell is None:
         return None
     try:
@@ -210,7 +207,7 @@ def as_cell(cell: ArrayLike | None) -> Floats | None:
 
 
 def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
-    """Return the periodic cell, or raise `InputError` if it can't be the one of these grains."""
+    """Return the periodic cell; `InputError` if the grains do not fit into it."""
     matrix = as_cell(cell)
     if matrix is None:
         return None
@@ -243,7 +240,7 @@ def read_branches(
 ) -> ContactBranches:
     """Branches of the contacts in some rows of the table, compared with those of the file.
 
-    Images come from the file; without them there, from the branches; else they are the nearest.
+    Images come from the file, else from its branches, else they are the nearest.
     """
     normals, branches = table.optional("nx", "ny"), table.optional("branch_x", "branch_y")
     of_file = {
@@ -299,7 +296,7 @@ def read_branches(
             f"{expected[c].tolist()} from the centres, grain 1 to grain 2",
             remedy if turned else of_cell,
         )
-    # Where all grains are apart, the radii may be wrong: the checks explain it.
+    # If no grains overlap, the radii may be wrong: the checks explain it.
     if reach.max() > TOUCHING_REACH and np.median(reach) < TOUCHING_REACH:
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
@@ -309,7 +306,7 @@ def read_branches(
 
 
 def some(values: Any, rows: Integers) -> Any:
-    """Values of some rows; not a copy where these are all rows in order."""
+    """Values of some rows; no copy if these are all rows in order."""
     every = len(rows) == len(values) and bool((rows[1:] > rows[:-1]).all())
     return values if every else values[rows]
 

@@ -27,7 +27,7 @@ from patterns.snapshots.dump_files import (
     Atoms,
     DumpFrame,
     Forces,
-    Pairs,
+    GrainPairs,
     Space,
     Wall,
     frame_of_pairs,
@@ -42,7 +42,7 @@ from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import listed
 
-MOST_COLUMNS = 100  # columns among which vectors are looked for
+MOST_COLUMNS = 100  # largest number of columns among which vectors are searched
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be separated"
 
 
@@ -87,7 +87,7 @@ def _frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Fr
 
 def guess_columns(
     table: Table, atoms: Atoms, space: Space, given: Mapping[str, str]
-) -> tuple[Map, Pairs, Floats | None, Floats | None]:
+) -> tuple[Map, GrainPairs, Floats | None, Floats | None]:
     """Recognise the columns of a dump of contacts: ids of grains that touch, distances, forces.
 
     The normal force is a vector along the branch, the tangential one across it; sizes are others.
@@ -111,8 +111,10 @@ def guess_columns(
     return columns, pairs, *_find_forces(search, pairs)
 
 
-def _branches(search: ColumnSearch, atoms: Atoms, space: Space, i: Integers, j: Integers) -> Pairs:
-    """Pairs with the images that dx, dy tell, else with the nearest ones."""
+def _branches(
+    search: ColumnSearch, atoms: Atoms, space: Space, i: Integers, j: Integers
+) -> GrainPairs:
+    """Pairs with the images by the columns dx, dy, else with the nearest ones."""
     near = pairs_of(atoms, space, i, j)
     reach = atoms.radii[i] + atoms.radii[j]
 
@@ -136,7 +138,7 @@ def _branches(search: ColumnSearch, atoms: Atoms, space: Space, i: Integers, j: 
     return pairs
 
 
-def _find_forces(search: ColumnSearch, pairs: Pairs) -> tuple[Floats | None, Floats | None]:
+def _find_forces(search: ColumnSearch, pairs: GrainPairs) -> tuple[Floats | None, Floats | None]:
     """Normal and tangential force on atom 1, None for what the dump lacks."""
     n = normals(pairs.d)
 
@@ -152,7 +154,7 @@ def _find_forces(search: ColumnSearch, pairs: Pairs) -> tuple[Floats | None, Flo
     if normal is None:
         _require_nothing_left(search)
         return None, None
-    # Without a size, which is positive in repulsion, most contacts push.
+    # Without a size, whose sign tells repulsion, most contacts are taken to repel.
     if np.sum((1.0 if push is None else push) * np.einsum("ck,ck->c", normal, n)) > 0:
         normal, shear = -normal, None if shear is None else -shear
     return normal, shear
@@ -177,7 +179,7 @@ def _require_nothing_left(search: ColumnSearch) -> None:
 # Columns of the fix: flag, force on the atom, contact point.
 WALL_NAMES = ("wall_flag", "wall_fx", "wall_fy", "wall_x", "wall_y")
 WALL_NUMBERS = ("1", "2", "3", "5", "6")
-# Share of its radius by which the foot on a wall may lie outside a grain: rounding of text.
+# Largest distance of the foot on a wall outside a grain over its radius: rounding of text.
 FOOT_TOLERANCE = 1e-3
 
 

@@ -25,7 +25,7 @@ from patterns.snapshots.dump_files import (
     Atoms,
     DumpFrame,
     Forces,
-    Pairs,
+    GrainPairs,
     Space,
     contact_names,
     first_frame,
@@ -44,17 +44,17 @@ from patterns.snapshots.text import beside, head_of
 
 # Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
 COARSE = 9
-CELL_STEPS = 5  # of Newton's method for the cell; it converges in two
+CELL_STEPS = 5  # steps of Newton's method for the cell; two are enough
 # Overlaps must fit the cell to this share of its size, better than the header.
 FIT = 1e-7
-PRECISE = 1e-6  # tolerance of overlaps, small numbers that other columns may come near
-# LIGGGHTS' `pair/gran/local`: columns have no names, but an order, whatever that of the keywords:
+PRECISE = 1e-6  # tolerance of overlaps, which are small: other columns may be nearly the same
+# Columns of `pair/gran/local` have no names but a fixed order, whatever the order of the keywords:
 # pos (6), vel (6), id (3: two ids and the periodic flag), force (3), force_normal (3),
 # force_tangential (3), torque (3), torque_normal (3), torque_tangential (3), history (as the
 # model), contactArea, delta, heatFlux, contactPoint (3), ms_id (2); a group left out leaves no gap.
 # So the ids come first, or after 6 or 12 columns, and the forces follow them.
 LIGGGHTS_NAMES = ("id1", "id2", "fx", "fy", "fnx", "fny", "ftx", "fty", "delta")
-FORCE_PARTS = ("fnx", "fny", "ftx", "fty")  # of the force on atom 1; fx, fy are all of it
+FORCE_PARTS = ("fnx", "fny", "ftx", "fty")  # parts of the force on atom 1; fx, fy is the total
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -96,7 +96,10 @@ def _frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Fr
         said = (*said, note)
     pairs = pairs_of(atoms, space, contacts.pairs.i, contacts.pairs.j, contacts.pairs.d)
     if not all(space.periodic):
-        said = (*said, "contacts with walls are not in the dumps: their share is unknown")
+        said = (
+            *said,
+            "contacts with walls are not in the dumps: their forces are missing from the stress",
+        )
     forces = Forces(None if contacts.force is None else -contacts.force)
     return frame_of_pairs((own, local), atoms, space, pairs, forces, notes=said)
 
@@ -112,7 +115,7 @@ def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, s
     cell = space.cell
     if cell is None or contacts.overlap is None or len(across) == 0 or cell[0, 1] or cell[1, 0]:
         return space, f"{coarse}; give --cell or dump delta"
-    pairs: Pairs = contacts.pairs.take(across)
+    pairs: GrainPairs = contacts.pairs.take(across)
     length = (atoms.radii[pairs.i] + atoms.radii[pairs.j]) - contacts.overlap[across]
     raw = atoms.x[pairs.j] - atoms.x[pairs.i]
     edges = np.diag(cell).copy()
@@ -137,7 +140,7 @@ class Contacts(NamedTuple):
     """Columns by plain names, pairs, total force on atom 1 (C, 2) and overlaps (C,) or None."""
 
     columns: Map
-    pairs: Pairs
+    pairs: GrainPairs
     force: Floats | None
     overlap: Floats | None
 
@@ -163,7 +166,9 @@ def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Conta
     return Contacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
 
 
-def _check_positions(table: Table, atoms: Atoms, space: Space, pairs: Pairs, first: int) -> None:
+def _check_positions(
+    table: Table, atoms: Atoms, space: Space, pairs: GrainPairs, first: int
+) -> None:
     """Compare the positions with the atoms'; six columns before the ids may be velocities."""
     names = table.names
     for x, index in ((table.columns(*names[:2]), pairs.i), (table.columns(*names[3:5]), pairs.j)):
@@ -181,7 +186,7 @@ def _check_positions(table: Table, atoms: Atoms, space: Space, pairs: Pairs, fir
             )
 
 
-def _force(table: Table, pairs: Pairs, columns: Map, first: int) -> Floats | None:
+def _force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> Floats | None:
     """Total force on atom 1, None if there is none."""
     if "fx" not in columns and "fnx" not in columns:
         _find_force(table, pairs, columns, first)
@@ -219,7 +224,7 @@ def _force(table: Table, pairs: Pairs, columns: Map, first: int) -> Floats | Non
     return force
 
 
-def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
+def _find_force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> None:
     """Add the columns of the force to the map, recognised by their directions."""
     names = table.names
     groups = [names[at : at + 2] for at in (first, first + 3, first + 6) if at + 2 < len(names)]
@@ -264,7 +269,7 @@ def _find_force(table: Table, pairs: Pairs, columns: Map, first: int) -> None:
         columns["fx"] = NONE
 
 
-def _kind(pairs: Pairs, vector: Floats) -> str:
+def _kind(pairs: GrainPairs, vector: Floats) -> str:
     """Direction of vectors against the branches: along, across, oblique or zero."""
     along, across = shares(vector, normals(pairs.d))
     if along == across == 0:
@@ -276,7 +281,9 @@ def _small(vector: Floats, scale: Floats) -> bool:
     return bool(np.abs(vector).max() <= TOLERANCE * np.abs(scale).max())
 
 
-def _overlap(table: Table, atoms: Atoms, pairs: Pairs, columns: Map, first: int) -> Floats | None:
+def _overlap(
+    table: Table, atoms: Atoms, pairs: GrainPairs, columns: Map, first: int
+) -> Floats | None:
     """Overlaps of the contacts; their column is recognised by contacts that cross no border."""
     if columns.get("delta") == NONE:
         return None

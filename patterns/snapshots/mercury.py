@@ -15,7 +15,7 @@ from patterns.snapshots.checks import rounding
 from patterns.snapshots.dump_files import (
     Atoms,
     Forces,
-    Pairs,
+    GrainPairs,
     Space,
     Wall,
     frame_of_pairs,
@@ -72,7 +72,7 @@ def _until_fault(blocks: Iterator[Listing]) -> list[Listing | InputError]:
 
 
 def _data_listings(path: Path, text: Text) -> Iterator[Listing]:
-    # The end of a frame follows from its number of rows alone: find the ends of all lines.
+    # Only the number of rows gives the end of a frame: find the ends of all lines.
     ends = np.flatnonzero(np.frombuffer(text, dtype=np.uint8) == ord("\n"))
     line = 0
     while line < len(ends):
@@ -133,7 +133,7 @@ def _fstat_listings(path: Path, text: Text) -> Iterator[Listing]:
         at = stop
 
 
-# Times of the two files print alike; normals lie along the branches to what six digits tell.
+# Times of the two files are printed alike; normals lie along the branches within six digits.
 TIME_TOLERANCE = 1e-6
 NORMAL_TOLERANCE = 1e-3
 # Overlaps fit radii and distances to this share of the sum of the radii: text of five digits.
@@ -141,7 +141,7 @@ OVERLAP_TOLERANCE = 1e-4
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether a file that begins so is a `.data` file: a header of numbers, then rows."""
+    """Whether this is a `.data` file: a header of numbers, then rows."""
     lines = head.split(b"\n")
     first = data_head(lines[0])
     if first is None or len(lines) < 3:
@@ -179,8 +179,7 @@ def _frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame
     # Normals of grains point from the second to the first, of walls from the grain to the wall.
     reach = atoms.radii[i[between]] + atoms.radii[j[between]] - table.column("delta")[between]
     pairs = pairs_of(atoms, space, i[between], j[between], reach[:, None] * normal)
-    _check_normals(table, between, pairs, normal)
-    _check_overlaps(table, between, pairs, reach, rounding(atoms.x))
+    _check_centres(table, between, pairs, normal, reach, rounding(atoms.x))
     walls = _walls(table, atoms, axes, i, j, force)
     if source.cell is None:
         notes = (*notes, "taken as not periodic: the files don't tell; --cell makes it so")
@@ -220,34 +219,31 @@ def _require_known(table: Table, atoms: Atoms, i: Integers, j: Integers) -> None
         )
 
 
-def _check_normals(table: Table, rows: Integers, pairs: Pairs, normal: Floats) -> None:
-    d = normals(pairs.d)
-    off = np.hypot(*(normal - d).T)
-    if len(off) == 0 or off.max() <= NORMAL_TOLERANCE:
-        return
-    c = int(np.argmax(off))
-    raise InputError(
-        f"{table.path}, row {rows[c]} (grains {pairs.i[c]} and {pairs.j[c]})",
-        f"normal {(-normal[c]).tolist()}",
-        f"{(-d[c]).tolist()} from the centres, the second to the first",
-        "Give --cell HXX,HXY,HYX,HYY if the sample is periodic; else take both files of one run.",
-    )
-
-
-def _check_overlaps(
-    table: Table, rows: Integers, pairs: Pairs, reach: Floats, coarse: float
+def _check_centres(
+    table: Table, rows: Integers, pairs: GrainPairs, normal: Floats, reach: Floats, coarse: float
 ) -> None:
-    """Refuse overlaps that are not the sums of the radii less the distances."""
-    off = np.abs(np.hypot(*pairs.d.T) - reach)
-    if len(off) == 0 or (off <= OVERLAP_TOLERANCE * reach + 4 * coarse).all():
+    """Refuse normals, or distances `reach` by the overlaps, that the centres contradict."""
+    d, distance = normals(pairs.d), np.hypot(*pairs.d.T)
+    off_normal, off_reach = np.hypot(*(normal - d).T), np.abs(distance - reach)
+    turned = np.flatnonzero(~(off_normal <= NORMAL_TOLERANCE))
+    apart = np.flatnonzero(~(off_reach <= OVERLAP_TOLERANCE * reach + 4 * coarse))
+    if len(turned):
+        c = int(np.argmax(off_normal))
+        received = f"normal {(-normal[c]).tolist()}"
+        expected = f"{(-d[c]).tolist()} from the centres, the second to the first"
+        remedy = (
+            "Give --cell HXX,HXY,HYX,HYY if the sample is periodic; else take both files of one "
+            "run."
+        )
+    elif len(apart):
+        c = int(np.argmax(off_reach))
+        received = f"an overlap delta for a distance {reach[c]:.9g} of the centres"
+        expected = f"{distance[c]:.9g}, as in the .data file"
+        remedy = "Take both files of one run, with the radii that it had."
+    else:
         return
-    c = int(np.argmax(off))
-    raise InputError(
-        f"{table.path}, row {rows[c]} (grains {pairs.i[c]} and {pairs.j[c]})",
-        f"an overlap delta for a distance {reach[c]:.9g} of the centres",
-        f"{np.hypot(*pairs.d[c]):.9g}, as in the .data file",
-        "Take both files of one run, with the radii that it had.",
-    )
+    where = f"{table.path}, row {rows[c]} (grains {pairs.i[c]} and {pairs.j[c]})"
+    raise InputError(where, received, expected, remedy)
 
 
 def _walls(
@@ -255,7 +251,7 @@ def _walls(
 ) -> tuple[Wall, ...]:
     """Contacts with walls by their numbers; the normal runs into the wall, or out of it.
 
-    MercuryDPM turns normal and tangent of walls around: their sense, and that of the force, follows
+    MercuryDPM may reverse normal and tangent of walls: their sign, and that of the force, follows
     from the contact point.
     """
     rows = np.flatnonzero(j < 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from loops import InputError, Regime, branch_vectors, contact_forces
+from loops import InputError
 from loops.arrays import Floats
 from loops.laws.frictional import ShearIncrement, checked_increment
 from patterns.snapshots.frame import (
@@ -26,11 +27,13 @@ from patterns.snapshots.frame import (
     known_spellings,
     with_aliases,
     with_plain_names,
+    with_radii,
 )
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import (
     ARRAY_FILES,
-    ENDINGS,
+    SPREADSHEETS,
+    TABLE_ENDINGS,
     Table,
     read_arrays,
     read_table,
@@ -43,7 +46,7 @@ YADE_COLUMNS = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks")
 
 def recognises(path: Path, head: bytes) -> bool:
     """Whether this is a plain table: by its ending, what is in it is checked on reading."""
-    return path.name.lower().endswith(ENDINGS)
+    return path.name.lower().endswith((*TABLE_ENDINGS, *SPREADSHEETS))
 
 
 def frames(source: Source) -> Frames:
@@ -72,22 +75,23 @@ def _frame(source: Source) -> Frame:
             ]
             cell, step, increment = arrays.get("cell"), None, None
     if not tables:
-        contacts_path = source.contacts or contacts_beside(source.path)
-        tables = read_table(source.path, wanted), read_table(contacts_path, wanted)
+        grains = read_table(source.path, wanted)
+        tables = grains, read_table(source.contacts or contacts_beside(source.path), wanted)
         cell, step, increment = _cell_beside(source.path)
-    grains, contacts = with_plain_names(source, *tables)
+    frame = frame_of_tables(source, *tables)
+    cell = cell if source.cell is None else source.cell
+    return replace(frame, cell=cell, step=step, shear_increment=increment or frame.shear_increment)
+
+
+def frame_of_tables(source: Source, grains: Table, contacts: Table) -> Frame:
+    """One saved state from its two tables, columns under their plain names."""
+    grains, contacts = with_plain_names(source, grains, contacts)
     grains, other_grains = with_aliases(grains, GRAIN_COLUMNS)
     contacts, other_contacts = with_aliases(contacts, CONTACT_COLUMNS)
-    if increment is None and contacts.has(*YADE_COLUMNS):
-        increment = "radii"
-    return Frame(
-        grains,
-        contacts,
-        cell=cell if source.cell is None else source.cell,
-        step=step,
-        shear_increment=increment,
-        notes=(*other_grains, *other_contacts),
-    )
+    grains, halved = with_radii(grains)
+    increment: ShearIncrement | None = "radii" if contacts.has(*YADE_COLUMNS) else None
+    notes = (*other_grains, *halved, *other_contacts)
+    return Frame(grains, contacts, cell=source.cell, shear_increment=increment, notes=notes)
 
 
 def contacts_beside(path: Path) -> Path:
@@ -104,7 +108,7 @@ def _cell_beside(path: Path) -> tuple[Floats | None, float | None, ShearIncremen
     if "grains" not in path.name:
         return None, None, None
     name = path.name.replace("grains", "cell")
-    for ending in ENDINGS:
+    for ending in TABLE_ENDINGS:
         name = name.removesuffix(ending)
     file = path.with_name(f"{name}.json")
     if not file.is_file():
@@ -155,16 +159,14 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
         raise InputError(
             str(path), "this name", "grains... ending in .parquet or .csv", "Rename it."
         )
-    graph = snapshot.graph
-    grains = {"id": snapshot.ids, "x": graph.x[:, 0], "y": graph.x[:, 1], "radius": graph.radii}
-    if snapshot.rotation is not None:
-        grains["theta_z"] = snapshot.rotation
-    _write(path, grains)
-    _write(path.with_name(path.name.replace("grains", "contacts")), _contacts(snapshot))
+    tables = snapshot.tables()
+    _write(path, tables["grains"])
+    _write(path.with_name(path.name.replace("grains", "contacts")), tables["contacts"])
     cell = path.with_name(path.name.replace("grains", "cell").removesuffix(path.suffix) + ".json")
-    given: dict[str, object] = {"cell": None if graph.cell is None else graph.cell.tolist()}
-    if snapshot.law is not None and snapshot.law.shear_increment != "branch":
-        given["shear_increment"] = snapshot.law.shear_increment
+    matrix, increment = tables["cell"], tables["shear_increment"]
+    given: dict[str, object] = {"cell": None if matrix is None else matrix.tolist()}
+    if increment not in (None, "branch"):
+        given["shear_increment"] = increment
     if given == {"cell": None}:
         # The cell of an earlier snapshot of this name would be taken for this one's.
         cell.unlink(missing_ok=True)
@@ -172,30 +174,6 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
         partial = cell.with_name(f".{cell.name}.partial")
         partial.write_text(json.dumps(given) + "\n")
         os.replace(partial, cell)
-
-
-def _contacts(snapshot: Snapshot) -> dict[str, NDArray[np.generic]]:
-    graph = snapshot.graph
-    branches = branch_vectors(graph)
-    columns: dict[str, NDArray[np.generic]] = {
-        "id1": snapshot.ids[graph.contacts[:, 0]],
-        "id2": snapshot.ids[graph.contacts[:, 1]],
-        "branch_x": branches[:, 0],
-        "branch_y": branches[:, 1],
-    }
-    if graph.images is not None:
-        columns |= {"cell_dx": graph.images[:, 0], "cell_dy": graph.images[:, 1]}
-    if snapshot.mechanical:
-        law, regime = snapshot.mechanics()
-        force = contact_forces(graph)
-        columns |= {"fx_on_2": force[:, 0], "fy_on_2": force[:, 1]}
-        full = {"kn": law.kn, "ks": law.kt, "mu": law.mu}
-        for name, values in full.items():
-            # Friction that the file lacked is infinite here, which no file holds.
-            if np.isfinite(values).all():
-                columns[name] = np.broadcast_to(values, graph.contact_count)
-        columns["sliding"] = (regime == Regime.SLIDING).astype(np.int8)
-    return columns
 
 
 def _write(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:

@@ -1,4 +1,4 @@
-"""One snapshot of a discrete-element simulation, and the samples that come with the project."""
+"""One snapshot of a discrete-element simulation, a loop cut out of it, and the samples."""
 
 from __future__ import annotations
 
@@ -6,17 +6,30 @@ import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import Faces, GrainGraph, InputError, LinearFrictional, find_faces
+from loops import (
+    ContactLaw,
+    Faces,
+    GrainGraph,
+    InputError,
+    LinearFrictional,
+    Regime,
+    branch_vectors,
+    contact_forces,
+    contact_state,
+    find_faces,
+)
+from loops.arrays import Integers, Regimes
 from loops.shown import Shown
 from patterns.snapshots.checks import Finding
 
 
-@dataclass(frozen=True, eq=False)
-class WallContacts:
+@dataclass(frozen=True, eq=False, repr=False)
+class WallContacts(Shown):
     """Contacts of grains with walls: they belong to no loop, but carry stress.
 
     Attributes
@@ -37,6 +50,12 @@ class WallContacts:
     kn: NDArray[np.float64] | None = None
     kt: NDArray[np.float64] | None = None
 
+    def facts(self) -> dict[str, object]:
+        """Facts shown at the prompt and in a notebook."""
+        total = ", ".join(f"{part:.4g}" for part in self.force.sum(axis=0))
+        stiffness = "known" if self.kn is not None else "not known"
+        return {"contacts": len(self.grain), "total force": f"({total})", "stiffness": stiffness}
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Snapshot(Shown):
@@ -47,9 +66,10 @@ class Snapshot(Shown):
     graph : GrainGraph
         Grains and the contacts between them; forces compression positive; the reference is the
         current configuration; periodic if there is a cell.
-    law : LinearFrictional or None
-        Stiffness and friction of each contact; None if the file lacks forces or their shear part:
-        then the graph has the normal forces of the file, else zeros, and no shear forces.
+    law : ContactLaw or None
+        Law of the contacts, `LinearFrictional` as it is read; None if the file lacks forces, their
+        shear part or a stiffness, see `lacks`: then the graph has those forces that the file has,
+        else zeros.
     regime : (C,) array of int8 or None
         `Regime` of each contact, sliding where the file flags it; None with the law.
     ids : (G,) array of int
@@ -66,10 +86,22 @@ class Snapshot(Shown):
         Results of the checks, also where nothing is wrong; doubts are repeated in the notes.
     rotation : (G,) array or None
         Angle that each grain has turned by, up to full turns (rad); None if the file lacks it.
+    lacks : tuple of str
+        All that is missing for a law: 'forces', 'shear forces', 'kn', 'kt', 'balance' (of forces
+        that were measured).
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> snapshot = read_snapshot(sample_path())
+    >>> snapshot
+    Snapshot(grains: 600, contacts: 819, contacts with walls: 61, forces: known, notes: 1)
+    >>> len(snapshot.faces.loops), snapshot.walls.force.shape
+    (309, (61, 2))
     """
 
     graph: GrainGraph
-    law: LinearFrictional | None
+    law: ContactLaw | None
     regime: NDArray[np.int8] | None
     ids: NDArray[np.int64]
     wall_contacts: int
@@ -78,6 +110,7 @@ class Snapshot(Shown):
     step: float | None = None
     findings: tuple[Finding, ...] = ()
     rotation: NDArray[np.float64] | None = None
+    lacks: tuple[str, ...] = ()
 
     @cached_property
     def faces(self) -> Faces:
@@ -87,20 +120,185 @@ class Snapshot(Shown):
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
         facts = {**self.graph.facts(), "contacts with walls": self.wall_contacts}
-        return {**facts, "forces": "known" if self.mechanical else "none", "notes": len(self.notes)}
+        if self.lacks:
+            facts["missing"] = ", ".join(self.lacks)
+        return {**facts, "forces": "known" if self.has_forces else "none", "notes": len(self.notes)}
 
     @property
     def mechanical(self) -> bool:
-        """Whether there are forces and a law; else only the geometry is known."""
+        """Whether there are forces and a law; else no tangent is known."""
         return self.law is not None
 
-    def mechanics(self) -> tuple[LinearFrictional, NDArray[np.int8]]:
-        """Law and regime of the contacts; `InputError` for a snapshot without forces."""
-        if self.law is None or self.regime is None:
-            raise InputError(
-                "snapshot", "no forces", "forces and a law", "Export the contact forces."
-            )
-        return self.law, self.regime
+    @property
+    def has_forces(self) -> bool:
+        """Whether normal and shear forces are known, with a stiffness or without."""
+        return self.mechanical or bool(self.lacks and set(self.lacks) <= {"kn", "kt", "balance"})
+
+    @cached_property
+    def mean_kn(self) -> float:
+        """Mean normal stiffness of the contacts, all taken as elastic (force per length)."""
+        law, _ = self.mechanics()
+        elastic = np.full(self.graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+        stiffness = law.local_stiffness(contact_state(self.graph), elastic)
+        return float(np.mean(stiffness[..., 0, 0]))
+
+    def mechanics(self) -> tuple[ContactLaw, NDArray[np.int8]]:
+        """Law and regime of the contacts; `InputError` that names all that is missing."""
+        if self.law is not None and self.regime is not None:
+            return self.law, self.regime
+        lacks = self.lacks or ("forces",)
+        options = " and ".join(f"--{name}" for name in lacks if name in ("kn", "kt"))
+        remedies = [] if self.has_forces else ["export the contact forces"]
+        remedies += [f"give {options} or such columns"] if options else []
+        told = {"stiffness", *(("balance",) if "balance" in lacks else ())}
+        remedies += [one.says for one in self.findings if one.check in told]
+        remedy = "; ".join(remedies)
+        received = ", ".join(f"no {name}" for name in lacks)
+        raise InputError(
+            "snapshot", received, "forces and a law", f"{remedy[0].upper()}{remedy[1:]}."
+        )
+
+    def tables(self) -> dict[str, Any]:
+        """Its tables as dicts of arrays: `snapshot_from_tables(**snapshot.tables())` is the same.
+
+        `grains` and `contacts` have the columns that `read_snapshot` reads, without forces or a
+        law those of the geometry; `walls` a row a contact with a wall: `id` of the grain, `fx, fy`
+        on it, `branch_x, branch_y` from the foot to the centre, `kn, ks`; None if there is none.
+        Besides `cell` (2, 2) and `shear_increment`, or None.
+
+        Examples
+        --------
+        >>> from patterns import read_snapshot, sample_path
+        >>> tables = read_snapshot(sample_path()).tables()
+        >>> [*tables["grains"]], len(tables["contacts"]["fx_on_2"]), len(tables["walls"]["id"])
+        (['id', 'x', 'y', 'radius', 'theta_z'], 819, 61)
+        """
+        graph, ids, walls = self.graph, self.ids, self.walls
+        grains: dict[str, NDArray[Any]] = {
+            "id": ids,
+            "x": graph.x[:, 0],
+            "y": graph.x[:, 1],
+            "radius": graph.radii,
+        }
+        if self.rotation is not None:
+            grains["theta_z"] = self.rotation
+        one, two = graph.contacts.T
+        contacts: dict[str, NDArray[Any]] = {"id1": ids[one], "id2": ids[two]}
+        contacts["branch_x"], contacts["branch_y"] = branch_vectors(graph).T
+        if graph.images is not None:
+            contacts["cell_dx"], contacts["cell_dy"] = graph.images.T
+        if self.has_forces:
+            contacts["fx_on_2"], contacts["fy_on_2"] = contact_forces(graph).T
+        elif graph.normal_force.any():
+            contacts["fn"] = graph.normal_force
+        if self.law is not None and not isinstance(self.law, LinearFrictional):
+            received, expected = type(self.law).__name__, "LinearFrictional, which columns can hold"
+            raise InputError("law", received, expected, "Keep the law beside the tables.")
+        if self.law is not None and self.regime is not None:
+            law = {"kn": self.law.kn, "ks": self.law.kt, "mu": self.law.mu}
+            # Friction that the file lacked is infinite here, which no file holds.
+            known = {name: values for name, values in law.items() if np.isfinite(values).all()}
+            contacts |= {n: np.broadcast_to(v, graph.contact_count) for n, v in known.items()}
+            contacts["sliding"] = (self.regime == Regime.SLIDING).astype(np.int8)
+        of_walls: dict[str, NDArray[Any]] | None = None
+        if walls is not None:
+            of_walls = {"id": ids[walls.grain]}
+            of_walls["fx"], of_walls["fy"] = walls.force.T
+            of_walls["branch_x"], of_walls["branch_y"] = walls.branch.T
+            of_walls |= {n: v for n, v in (("kn", walls.kn), ("ks", walls.kt)) if v is not None}
+        return {
+            "grains": grains,
+            "contacts": contacts,
+            "walls": of_walls,
+            "cell": graph.cell,
+            "shear_increment": None if self.law is None else self.law.shear_increment,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SnapshotLoop(Shown):
+    """A loop as the simulation left it.
+
+    Attributes
+    ----------
+    graph : GrainGraph
+        Grains counter-clockwise, contacts (c, c+1), unrolled from the first one at the origin
+        if the loop crosses a periodic border; forces and regimes as in the snapshot, the reference
+        is the current configuration.
+    law : ContactLaw
+        Law of the n contacts.
+    regime : (n,) array of int8
+        `Regime` of the contacts, sliding where the snapshot flags it.
+    ids : (n,) array of int
+        Ids of the grains as the file has them.
+    grains, contacts : (n,) array of int
+        Grains and contacts as numbered in the snapshot's graph.
+    """
+
+    graph: GrainGraph
+    law: ContactLaw
+    regime: Regimes
+    ids: Integers
+    grains: Integers
+    contacts: Integers
+
+    def facts(self) -> dict[str, object]:
+        """Facts that the prompt and a notebook show."""
+        sliding = int(np.count_nonzero(self.regime == Regime.SLIDING))
+        return {"grains": self.ids.tolist(), "contacts sliding": sliding}
+
+
+def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
+    """Cut one loop out of a snapshot by its id.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        The snapshot.
+    loop : int
+        Number of the loop in `snapshot.faces.loops`, the id in the table of loops.
+
+    Returns
+    -------
+    SnapshotLoop
+        The loop's graph, law, regimes and ids.
+
+    Raises
+    ------
+    InputError
+        If there is no loop of that number.
+
+    Examples
+    --------
+    >>> from patterns import loop_of_snapshot, read_snapshot, sample_path
+    >>> loop = loop_of_snapshot(read_snapshot(sample_path()), 3)
+    >>> loop.graph.grain_count == len(loop.ids) == len(loop.regime)
+    True
+    """
+    faces = snapshot.faces
+    count = len(faces.loops)
+    if not (0 <= loop < count and int(loop) == loop):
+        raise InputError("loop", str(loop), f"a number from 0 to {count - 1}", "Pick a loop.")
+    start, end = faces.offsets[faces.loops[loop] + np.arange(2)]
+    grains, contacts = faces.grains[start:end], faces.contacts[start:end]
+    sign = np.where(faces.forward[start:end], 1.0, -1.0)
+    packing, order = snapshot.graph, np.arange(end - start)
+    law, regime = snapshot.mechanics()
+    x = packing.x[grains]
+    if packing.images is not None and packing.images[contacts].any():
+        edges = sign[:, None] * branch_vectors(packing)[contacts]
+        x = np.cumsum(edges, axis=0) - edges
+    graph = GrainGraph(
+        x=x,
+        radii=packing.radii[grains],
+        contacts=np.column_stack([order, np.roll(order, -1)]),
+        normal_force=packing.normal_force[contacts],
+        shear_force=packing.shear_force[contacts],
+        regime=regime[contacts],
+    )
+    return SnapshotLoop(
+        graph, law.take(contacts), regime[contacts], snapshot.ids[grains], grains, contacts
+    )
 
 
 SAMPLE = Path(__file__).parent / "sample"
@@ -135,5 +333,12 @@ def sample_cell() -> NDArray[np.float64]:
     -------
     (2, 2) array
         Cell vectors.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_cell, sample_path
+    >>> snapshot = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
+    >>> snapshot.graph.cell.shape, len(snapshot.faces.loops)
+    ((2, 2), 1004)
     """
     return np.array(json.loads((SAMPLE / "macro.json").read_text())["cell"])

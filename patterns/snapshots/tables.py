@@ -34,7 +34,8 @@ Column = Any  # an array of numpy or of pyarrow
 Arrays = dict[str, NDArray[Any]]
 ARRAY_FILES = (".npz", ".h5", ".hdf5")
 TEXTS = (".csv", ".csv.gz", ".tsv", ".txt", ".dat")
-ENDINGS = (*TEXTS, ".parquet", *ARRAY_FILES)
+TABLE_ENDINGS = (*TEXTS, ".parquet", *ARRAY_FILES)
+SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
 # Squares of numbers beyond HUGE overflow; a float64 rounds whole numbers beyond WHOLE.
 HUGE, WHOLE = 1e150, 2.0**53
 
@@ -86,6 +87,12 @@ class Table:
         found = {new.get(n, n): self._columns[n] for n in kept if n in self._columns}
         return Table(self.path, found, [new.get(name, name) for name in kept])
 
+    def replaced(self, name: str, new: str, values: Floats) -> Table:
+        """Return the table with another column in the place of one."""
+        stored = self._columns.items()
+        found = {new if n == name else n: values if n == name else v for n, v in stored}
+        return Table(self.path, found, [new if n == name else n for n in self.names])
+
     def column(self, name: str) -> Floats:
         """Numbers of a column; `InputError` if it is missing or holds anything else."""
         if name not in self._read:
@@ -94,9 +101,7 @@ class Table:
 
     def _numbers(self, name: str) -> Floats:
         if name not in self._columns:
-            received, expected = f"columns {listed(self.names)}", f"a column {name!r}"
-            remedy = f"Add it, or name the one that holds it: --columns {name}=COLUMN."
-            raise InputError(f"column {name!r} of {self.path}", received, expected, remedy)
+            require_columns((self, (name,)))
         where = f"column {name!r} of {self.path}"
         try:
             values = _as_floats(self._columns[name])
@@ -177,6 +182,26 @@ def _joined(column: pyarrow.ChunkedArray) -> NDArray[Any]:
     return np.asarray(np.from_dlpack(pyarrow.concat_arrays(column.chunks)))
 
 
+def require_columns(*wanted: tuple[Table, tuple[str, ...]]) -> None:
+    """Raise `InputError` that names all columns that these tables lack."""
+    lacking = [(table, [n for n in names if not table.has(n)]) for table, names in wanted]
+    lacking = [(table, names) for table, names in lacking if names]
+    if not lacking:
+        return
+    every = [name for _, names in lacking for name in names]
+    word, them, holds = ("column", "it", "the one that holds it")
+    if len(every) > 1:
+        word, them, holds = ("columns", "them", "those that hold them")
+    quoted = [", ".join(map(repr, names)) for _, names in lacking]
+    places = zip(quoted, (table.path for table, _ in lacking), strict=True)
+    raise InputError(
+        f"{word} {' and '.join(f'{names} of {path}' for names, path in places)}",
+        "; ".join(f"columns {listed(table.names)}" for table, _ in lacking),
+        f"{'a ' * (len(every) == 1)}{word} {', '.join(map(repr, every))}",
+        f"Add {them}, or name {holds}: --columns {','.join(f'{n}=COLUMN' for n in every)}.",
+    )
+
+
 def require_once(path: str, names: Sequence[str]) -> None:
     """Raise `InputError` for a repeated name."""
     if len(set(names)) == len(names):
@@ -189,7 +214,7 @@ def require_once(path: str, names: Sequence[str]) -> None:
 def read_table(path: Path, wanted: Collection[str] | None = None) -> Table:
     """Columns of a file that holds one table, those `wanted` alone if not None.
 
-    Files end in one of `ENDINGS`. `InputError` if the file is missing, empty, truncated, of
+    Files end in one of `TABLE_ENDINGS`. `InputError` if the file is missing, empty, truncated, of
     another kind, too large or no such table.
     """
     require_file(path)
@@ -201,9 +226,43 @@ def read_table(path: Path, wanted: Collection[str] | None = None) -> Table:
         return _read_parquet(path, wanted)
     if name.endswith(TEXTS):
         return _read_text(path, wanted)
+    if name.endswith(SPREADSHEETS):
+        remedy = "In the spreadsheet: save as CSV, the grains in one file, the contacts in another."
+        raise InputError(str(path), "a spreadsheet", f"{', '.join(TEXTS)} or .parquet", remedy)
     received = f"a file ending in {path.suffix[:20]!r}"
-    expected = f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
+    expected = f"{', '.join(TABLE_ENDINGS[:-1])} or {TABLE_ENDINGS[-1]}"
     raise InputError(str(path), received, expected, "Convert it, or name its format by --format.")
+
+
+def table_of(label: str, given: Any) -> Table:
+    """Table of a data frame of pandas, polars or pyarrow, a dict of arrays or a structured array.
+
+    `InputError` for anything else, and for columns of different lengths.
+    """
+    if isinstance(given, pyarrow.Table):
+        return Table(label, given)
+    if isinstance(given, np.ndarray) and given.dtype.names:
+        names = list(given.dtype.names)
+    elif isinstance(given, Mapping) or hasattr(given, "columns"):
+        names = [*getattr(given, "columns", given)]
+    else:
+        received = f"{type(given).__module__}.{type(given).__name__}".removeprefix("builtins.")
+        raise InputError(label, received, "a data frame, or a dict of arrays", "Name the columns.")
+    require_once(label, [str(name) for name in names])
+    arrays: dict[str, Column] = {}
+    for name in names:
+        values = np.asarray(given[name])
+        if values.dtype.kind == "O":  # missing values, or words
+            try:
+                values = pyarrow.chunked_array([pyarrow.array(list(values), from_pandas=True)])
+            except pyarrow.ArrowException:
+                values = values.astype(str)
+        arrays[str(name)] = values
+    lengths = {name: len(values) for name, values in arrays.items()}
+    if len({*lengths.values()}) > 1:
+        received = f"columns of {', '.join(f'{n} ({name})' for name, n in lengths.items())} rows"
+        raise InputError(label, received[:200], "columns of one length", "Give each all its rows.")
+    return Table(label, arrays)
 
 
 def table_of_arrays(label: str, names: Sequence[str], arrays: Arrays) -> Table:

@@ -1,9 +1,8 @@
-"""Text files, plain or gzip: their bytes, their layout, and stretches of them as columns."""
+"""Text files, plain or gzip: their bytes, their layout, and parts of them as columns."""
 
 from __future__ import annotations
 
 import csv
-import errno
 import gzip
 import mmap
 import os
@@ -19,6 +18,7 @@ import pyarrow
 import pyarrow.csv
 
 from loops import InputError
+from loops.errors import out_of_memory
 
 # Content of a text file: memory-mapped, or unpacked from gzip.
 Text = bytes | mmap.mmap
@@ -26,7 +26,7 @@ HEAD = 4096  # first bytes of a file, by which its format is recognised
 # Highest accepted compression ratio, a guard against zip bombs.
 PACKING = 1100
 UNCOUNTED_BYTES = 1 << 24  # up to this size the ratio is not checked
-SHARE = 0.5  # largest share of the memory of the machine that a file may need
+SHARE = 0.5  # largest share of the machine's memory for the content of a file
 FLOAT = pyarrow.float64()
 SHOWN = 12  # number of names in a message
 
@@ -43,7 +43,7 @@ def require_file(path: Path) -> None:
 
 
 def require_room(path: str | Path, size: int, packed: int) -> None:
-    """Raise `InputError` for `size` bytes of numbers: too many, or more than `packed` can mean."""
+    """Raise `InputError` if `size` bytes exceed the memory, or what `packed` bytes can hold."""
     room = int(SHARE * _memory())
     if size <= min(room, max(UNCOUNTED_BYTES, PACKING * packed)):
         return
@@ -82,7 +82,7 @@ def whole_file(path: Path) -> Iterator[None]:
         *(pyarrow.ArrowException, OSError, EOFError, zlib.error, zipfile.BadZipFile),
         *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, ArithmeticError),
     ) as error:
-        if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+        if out_of_memory(error):
             raise MemoryError(f"out of memory while {path} was read") from None
         where = str(path)
         received = f"an unreadable or truncated file ({str(error)[:200] or type(error).__name__})"
@@ -90,7 +90,7 @@ def whole_file(path: Path) -> Iterator[None]:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names for a message, the first of many."""
+    """Names for a message; of many the first ones."""
     shown = ", ".join(name if len(name) < 60 else f"{name[:57]}..." for name in names[:SHOWN])
     return shown if len(names) <= SHOWN else f"{shown}, ... ({len(names)} in all)"
 
@@ -196,15 +196,15 @@ def _parse(
     )
 
 
-COMMENT_MARKS = (b"#", b"%", b"//", b"sep=")  # the last is Excel's
+COMMENT_MARKS = (b"#", b"%", b"//", b"sep=")  # the last one is used by Excel
 NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
 
 
 class Layout(NamedTuple):
-    """Names of the columns, what parts them, and where the rows start."""
+    """Names of the columns, their delimiter, and the start of the rows."""
 
     names: list[str]
-    delimiter: str  # one character; a blank stands for any number of blanks
+    delimiter: str  # one character; a blank means any number of blanks
     decimal: str
     start: int
 
@@ -212,9 +212,9 @@ class Layout(NamedTuple):
 def layout_of(path: Path, text: Text) -> Layout:
     """Find the layout of a table from its first lines.
 
-    The header is the first line that is no comment; where that one holds numbers, the last
-    comment before it (`# id x y radius`). `InputError` for a table without a header, and where
-    commas part columns and decimals alike.
+    The header is the first line that is no comment; if that line holds numbers, the last comment
+    before it (`# id x y radius`). `InputError` for a table without a header, and if commas are both
+    delimiter and decimal mark.
     """
     comment, start, line = b"", 0, b""
     while start < len(text):
@@ -240,7 +240,7 @@ def layout_of(path: Path, text: Text) -> Layout:
 
 
 def split(line: str, delimiter: str) -> list[str]:
-    """The fields of a line, blanks around them left out."""
+    """Fields of a line, without blanks around them."""
     if delimiter == " ":
         return line.split()
     if '"' in line:

@@ -31,9 +31,8 @@ def export_tables(folder: str, number: int | None = None) -> str:
     The columns are those of the plain tables: numbers with 17 digits, compression positive, forces
     on grain 2, the branch from centre 1 to the image of centre 2. Every body that is no sphere is a
     wall (`type` 1): its contacts have it as `id1`, their normal points into the grain, their branch
-    runs along it from the foot on the wall to the centre. `cell_KK.json` holds
-    the periodic cell (columns are its vectors; null without one), the iteration, the time and
-    what shear turns by.
+    runs along it from the foot on the wall to the centre. `cell_KK.json` holds the periodic cell
+    (columns are its vectors; null without one), the iteration, the time and the shear increment.
 
     Parameters
     ----------
@@ -45,7 +44,7 @@ def export_tables(folder: str, number: int | None = None) -> str:
     Returns
     -------
     str
-        The file of grains, written last: where it stands, the others are complete.
+        The file of grains, written last: if it exists, the others are complete.
 
     Raises
     ------
@@ -54,37 +53,40 @@ def export_tables(folder: str, number: int | None = None) -> str:
     """
     from yade import O  # type: ignore[import-not-found]
 
-    grains = [_grain(body) for body in O.bodies if _is_piece(body)]
-    spheres = {body.id for body in O.bodies if _is_sphere(body)}
+    grains, spheres = [], set()
+    for body in O.bodies:
+        if body.isClump or body.isClumpMember:
+            raise ValueError(f"body {body.id} belongs to a clump: loops are of single grains")
+        if body.shape is None:
+            continue
+        kind, radius = WALL, 0.0
+        if _is_sphere(body):
+            spheres.add(body.id)
+            kind, radius = SPHERE, body.shape.radius
+        grains.append((body.id, kind, *(body.state.pos[k] for k in (0, 1, 2)), radius))
     real = [i for i in O.interactions if i.isReal and (i.id1 in spheres or i.id2 in spheres)]
     if not real:
         raise ValueError("no real interaction at this snapshot: nothing to export")
     columns = CONTACTS + (FORCES if _has_friction(real) else FORCES[:-1])
     contacts = [_contact(O, i)[: len(columns)] for i in real]
     os.makedirs(folder, exist_ok=True)
-    label = f"{_next_number(folder) if number is None else number:02d}"
-    _write(os.path.join(folder, f"cell_{label}.json"), _cell(O))
+    if number is None:
+        names = (re.fullmatch(r"grains_(\d+)\.csv\.gz", name) for name in os.listdir(folder))
+        number = max((int(name.group(1)) for name in names if name), default=-1) + 1
+    label, cell = f"{number:02d}", None
+    if O.periodic:
+        cell = [[float(O.cell.hSize[row, k]) for k in (0, 1)] for row in (0, 1)]
+    frame: dict[str, object] = {"cell": cell, "iteration": int(O.iter), "time": float(O.time)}
+    frame["shear_increment"] = _shear_increment(O)
+    _write(os.path.join(folder, f"cell_{label}.json"), (json.dumps(frame) + "\n").encode())
     _write(os.path.join(folder, f"contacts_{label}.csv.gz"), _csv(columns, contacts))
     path = os.path.join(folder, f"grains_{label}.csv.gz")
     _write(path, _csv(GRAINS, grains))
     return path
 
 
-def _is_piece(body: Any) -> bool:
-    """Test whether a body is a row of the table; clumps are refused."""
-    if body.isClump or body.isClumpMember:
-        raise ValueError(f"body {body.id} belongs to a clump: loops are of single grains")
-    return body.shape is not None
-
-
 def _is_sphere(body: Any) -> bool:
     return type(body.shape).__name__ == "Sphere"
-
-
-def _grain(body: Any) -> tuple[float, ...]:
-    sphere = _is_sphere(body)
-    radius = body.shape.radius if sphere else 0.0
-    return (body.id, SPHERE if sphere else WALL, *(body.state.pos[k] for k in (0, 1, 2)), radius)
 
 
 def _has_friction(real: Sequence[Any]) -> bool:
@@ -106,10 +108,15 @@ def _contact(scene: Any, i: Any) -> tuple[float, ...]:
     )
     image = [sign * int(i.cellDist[k]) for k in (0, 1, 2)] if scene.periodic else [0, 0, 0]
     if _is_sphere(one):
-        branch = [two.state.pos[k] - one.state.pos[k] + _shift(scene, image, k) for k in (0, 1)]
+        branch = [two.state.pos[k] - one.state.pos[k] for k in (0, 1)]
+        if scene.periodic:
+            h = scene.cell.hSize
+            branch = [
+                branch[row] + sum(float(h[row, k]) * image[k] for k in (0, 1, 2)) for row in (0, 1)
+            ]
     else:
         branch = [component * _reach(one, two, i.geom.contactPoint, n) for component in n]
-    # The components out of the plane count too: a tilted normal must not pass for a smaller force.
+    # With the components out of the plane: a tilted normal must not look like a smaller force.
     compression = i.phys.normalForce.dot(i.geom.normal)
     force = [normal[k] + shear[k] for k in (0, 1)]
     mu = getattr(i.phys, "tangensOfFrictionAngle", 0.0)
@@ -131,24 +138,8 @@ def _reach(wall: Any, grain: Any, point: Any, n: Sequence[float]) -> float:
     return 2 * distance - float(grain.shape.radius)
 
 
-def _shift(scene: Any, image: Sequence[int], row: int) -> float:
-    """Component of the vector from a grain to its image in the periodic cell."""
-    if not scene.periodic:
-        return 0.0
-    return sum(float(scene.cell.hSize[row, k]) * image[k] for k in (0, 1, 2))
-
-
-def _cell(scene: Any) -> bytes:
-    cell = None
-    if scene.periodic:
-        cell = [[float(scene.cell.hSize[row, k]) for k in (0, 1)] for row in (0, 1)]
-    frame: dict[str, object] = {"cell": cell, "iteration": int(scene.iter)}
-    frame |= {"time": float(scene.time), "shear_increment": _shear_increment(scene)}
-    return (json.dumps(frame) + "\n").encode()
-
-
 def _shear_increment(scene: Any) -> str:
-    """Over the radii, Yade's default, unless the functor has avoidGranularRatcheting off."""
+    """Shear increment: 'radii', Yade's default, unless avoidGranularRatcheting is off."""
     for engine in scene.engines:
         for functor in getattr(getattr(engine, "geomDispatcher", None), "functors", ()):
             if type(functor).__name__.startswith("Ig2_Sphere_Sphere"):
@@ -156,19 +147,14 @@ def _shear_increment(scene: Any) -> str:
     return "radii"
 
 
-def _next_number(folder: str) -> int:
-    names = (re.fullmatch(r"grains_(\d+)\.csv\.gz", name) for name in os.listdir(folder))
-    return max((int(name.group(1)) for name in names if name), default=-1) + 1
-
-
 def _csv(columns: Sequence[str], rows: Iterable[Sequence[float]]) -> bytes:
-    """17 digits give back the same float64."""
+    """Compressed CSV with 17 digits, which restore the same float64."""
     lines = [",".join(f"{float(value):.17g}" for value in row) for row in rows]
     return gzip.compress("\n".join([",".join(columns), *lines, ""]).encode(), mtime=0)
 
 
 def _write(path: str, content: bytes) -> None:
-    """Write beside, then rename: a run that stops leaves no half-written file."""
+    """Write a temporary file, then rename it: an interrupted run leaves no half-written file."""
     temporary = path + ".part"
     with open(temporary, "wb") as file:
         file.write(content)

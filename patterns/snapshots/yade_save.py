@@ -38,13 +38,13 @@ class Save:
     cell: list[float] = field(default_factory=list)  # hSize in the plane, by rows
     periodic: bool = False
     iteration: int = 0
-    radii: bool = True  # whether shear turns by the radii, avoidGranularRatcheting
-    complete: bool = False  # whether the scene itself came
+    radii: bool = True  # whether the shear increment is by the radii (avoidGranularRatcheting)
+    complete: bool = False  # whether the scene element was read
     classes: dict[str, str] = field(default_factory=dict)
     shapes: dict[str, tuple[str, float]] = field(default_factory=dict)
 
     def read(self, px: ET.Element) -> None:
-        """Take a scene, cell, body or real interaction; anything else is passed over."""
+        """Read a scene, cell, body or real interaction; other elements are skipped."""
         name = px.get("class_name")
         if name is not None:
             self.classes[px.get("class_id", "")] = name.removeprefix("yade::")
@@ -115,7 +115,7 @@ class Save:
 def read_save(path: Path) -> Save:
     """Read bodies, interactions and cell of a save.
 
-    Memory is that of the rows, not of the file: elements are dropped once they are read.
+    Elements are dropped once they are read: the memory is that of the rows, not of the file.
     """
     require_file(path)
     save, done = Save(), False
@@ -156,7 +156,7 @@ def opened(path: Path) -> BinaryIO:
 
 
 def _check_head(path: Path, file: BinaryIO) -> None:
-    """Declarations stand before the root: Yade writes none, and entities may expand endlessly."""
+    """Refuse declarations before the root: Yade writes none, and entities may expand endlessly."""
     head = file.read(DECLARATION_BYTES)
     file.seek(0)
     start = head.find(ROOT)
@@ -232,7 +232,7 @@ def frame_of_save(source: Source, save: Save) -> Frame:
 def _contacts(
     path: Path, save: Save, ids: Integers, place: Floats, cell: Floats | None
 ) -> tuple[dict[str, NDArray[np.generic]], float]:
-    """Plain columns, walls first in each row; how far normals are off the line of centres."""
+    """Plain columns, walls first in each row; largest angle of normals to the line of centres."""
     rows = np.array(save.interactions)
     pairs = rows[:, :2].astype(np.int64)
     n, point, normal, shear, image = (rows[:, k : k + 2] for k in range(2, 12, 2))
@@ -252,7 +252,11 @@ def _contacts(
     single = wall.any(axis=1)
     length = np.hypot(*branch.T)
     off = np.abs(branch / np.where(length > 0, length, 1.0)[:, None] - n)[~single].max(initial=0.0)
-    reach = _reach(save, found, np.einsum("ck,ck->c", x[found[:, 1]] - point, n), place[:, 3])
+    # From the foot on the wall to the centre. Yade's contact point is the foot on a `Wall`; on
+    # boxes and facets it lies halfway through the overlap.
+    distance = np.einsum("ck,ck->c", x[found[:, 1]] - point, n)
+    infinite = np.array([body[1] == "Wall" for body in save.bodies])[found[:, 0]]
+    reach = np.where(infinite, distance, 2 * distance - place[found[:, 1], 3])
     branch = np.where(single[:, None], reach[:, None] * n, branch)
     force = normal + shear
     columns: dict[str, NDArray[np.generic]] = {"id1": pairs[:, 0], "id2": pairs[:, 1]}
@@ -263,15 +267,6 @@ def _contacts(
     if not np.isnan(rows[:, 14]).any():
         columns["mu"] = rows[:, 14]
     return columns, float(off)
-
-
-def _reach(save: Save, found: Integers, distance: Floats, radii: Floats) -> Floats:
-    """From the foot on the wall to the centre: Yade's contact point is the foot on a `Wall`.
-
-    On boxes and facets it lies halfway through the overlap.
-    """
-    infinite = np.array([body[1] == "Wall" for body in save.bodies])[found[:, 0]]
-    return np.where(infinite, distance, 2 * distance - radii[found[:, 1]])
 
 
 def _notes(save: Save, off: float) -> tuple[str, ...]:

@@ -40,8 +40,8 @@ class VtkData:
     path: Path
     points: Floats
     lines: Integers
-    points_data: dict[str, Floats] = field(default_factory=dict)
-    lines_data: dict[str, Floats] = field(default_factory=dict)
+    points_data: dict[str, NDArray[Any]] = field(default_factory=dict)
+    lines_data: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def read_vtk(path: Path) -> VtkData:
@@ -61,9 +61,11 @@ def read_vtk(path: Path) -> VtkData:
         raise _damaged(path)
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
-    def arrays_of(holder: Any) -> dict[str, Floats]:
+    def arrays_of(holder: Any) -> dict[str, NDArray[Any]]:
         found = [holder.GetArray(k) for k in range(holder.GetNumberOfArrays())]
-        return {a.GetName(): vtk_to_numpy(a).astype(float) for a in found if a is not None}
+        named = {a.GetName(): vtk_to_numpy(a) for a in found if a is not None}
+        # Whole numbers stay: ids may have more digits than a float.
+        return {n: a if a.dtype.kind in "iu" else a.astype(float) for n, a in named.items()}
 
     points, lines = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     if data.GetNumberOfPoints():
@@ -272,7 +274,7 @@ def _recorder_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
         "VTKRecorder: no stiffness, no friction, no wall contacts, centres in single precision"
     ]
     ids = grains["id"]
-    contacts: Columns = {"id1": ids[ends[:, 0]], "id2": ids[ends[:, 1]]}
+    contacts: PlainColumns = {"id1": ids[ends[:, 0]], "id2": ids[ends[:, 1]]}
     normal = lines.lines_data.get("forceN")
     if normal is not None and len(ends):
         if normal.ndim != 1 or not np.isfinite(normal).all():
@@ -285,11 +287,11 @@ def _recorder_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
     return make_frame(source, (spheres, lines), grains, contacts, notes)
 
 
-Columns = dict[str, NDArray[np.generic]]
+PlainColumns = dict[str, NDArray[np.generic]]
 EXPORT_TABLES = "Export tables from inside Yade instead, see docs/yade.md."
 
 
-def grains_of(piece: VtkData, radius: str) -> tuple[Columns, list[str]]:
+def grains_of(piece: VtkData, radius: str) -> tuple[PlainColumns, list[str]]:
     """Plain columns of the grains."""
     if radius not in piece.points_data or not len(piece.points):
         received = f"points with {', '.join(piece.points_data) or 'no arrays'}"
@@ -298,7 +300,9 @@ def grains_of(piece: VtkData, radius: str) -> tuple[Columns, list[str]]:
     x = piece.points
     ids = piece.points_data.get("id")
     notes = [] if ids is not None else ["no ids in the file: grains are numbered in its order"]
-    columns: Columns = {"id": np.arange(len(x)) if ids is None else ids}
+    if ids is not None:
+        ids = Table(piece.path, {"id": ids}).integers("id")
+    columns: PlainColumns = {"id": np.arange(len(x)) if ids is None else ids}
     columns |= {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "radius": piece.points_data[radius]}
     return columns, notes
 
@@ -338,8 +342,8 @@ def refuse_strays(lines: VtkData, ends: Integers) -> None:
 def make_frame(
     source: Source,
     pieces: tuple[VtkData, VtkData],
-    grains: Columns,
-    contacts: Columns,
+    grains: PlainColumns,
+    contacts: PlainColumns,
     notes: Sequence[str],
 ) -> Frame:
     """Frame of the columns of two files; its step is the last number in the name."""
@@ -368,7 +372,7 @@ def exporter_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
     force; without that force they are refused.
     """
     grains, notes = grains_of(spheres, "radius")
-    notes.append("VTKExporter: numbers of six digits, overlaps from the centres mean nothing")
+    notes.append("VTKExporter: numbers of six digits, too coarse for overlaps")
     ends = ends_of(spheres, lines)
     vectors = {name: v[:, :2] for name, v in lines.lines_data.items() if v.ndim == 2}
     columns = dict(source.columns)
@@ -379,8 +383,8 @@ def exporter_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
     force = vectors.get(normal)
     branch = _branches(lines, ends, spheres, force)
     n = branch / np.hypot(*branch.T)[:, None]
-    ids = np.append(grains["id"].astype(np.int64), WALL_ID)
-    contacts: Columns = {"id1": ids[ends[:, 0]], "id2": ids[ends[:, 1]]}
+    ids = np.append(grains["id"], WALL_ID)
+    contacts: PlainColumns = {"id1": ids[ends[:, 0]], "id2": ids[ends[:, 1]]}
     for name, values in lines.lines_data.items():
         if values.ndim == 1:
             contacts[name] = values

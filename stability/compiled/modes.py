@@ -7,14 +7,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from loops.compiled.kernel import kernel
+from loops.compiled import kernel
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
 HALF = math.sqrt(0.5)
 SWEEPS = 30  # four or five are enough
 SPLITTER = 2.0**27 + 1.0
-CONVERGED = 1e-18  # of the matrix: what is left moves no digit of an eigenvalue
+CONVERGED = (
+    1e-18  # off-diagonal share at which the rotations end: it changes no digit of an eigenvalue
+)
 
 
 @kernel
@@ -46,7 +48,7 @@ def loop_modes(tangents: Floats) -> tuple[Floats, Floats, Floats]:
 def _jacobi(
     k00: float, k11: float, k22: float, k01: float, k02: float, k12: float
 ) -> tuple[Triple, tuple[Triple, Triple, Triple]]:
-    """Turn a symmetric matrix to its diagonal, axis pair after axis pair; the turned axes."""
+    """Diagonalise a symmetric matrix in place, pair of axes by pair; return the turned axes."""
     v0, v1, v2 = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     size = abs(k00) + abs(k11) + abs(k22) + abs(k01) + abs(k02) + abs(k12)
     for _ in range(SWEEPS):
@@ -104,14 +106,14 @@ def _opening(k11: float, k22: float, k12: float, k21: float) -> float:
     lost = (k12 - (total - part)) + (k21 - part)
     half = 0.5 * total
     product, square = k11 * k22, half * half
-    errors = product_error(k11, k22, product) - product_error(half, half, square)
+    errors = _product_error(k11, k22, product) - _product_error(half, half, square)
     inner = ((product - square) + (errors - half * lost)) / outer
     low, high = min(inner, outer), max(inner, outer)
     return 2.0 * math.atan2(math.sqrt(max(-low, 0.0)), math.sqrt(max(high, 0.0)))
 
 
 @kernel
-def product_error(a: float, b: float, product: float) -> float:
+def _product_error(a: float, b: float, product: float) -> float:
     """Rounding error of a product, `a b - product` (Dekker), within `TINY` and `HUGE`."""
     high_a = SPLITTER * a - (SPLITTER * a - a)
     high_b = SPLITTER * b - (SPLITTER * b - b)

@@ -13,7 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
-from loops.compiled.kernel import kernel
+from loops.compiled import kernel
 
 
 @kernel

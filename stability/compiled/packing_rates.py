@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.compiled.kernel import kernel
+from loops.compiled import kernel
 
 
 @kernel

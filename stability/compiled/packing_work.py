@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Regimes
-from loops.compiled.kernel import kernel
+from loops.compiled import kernel
 
 # Two points on (0, 1): exact to the third power of time.
 FIRST = 0.5 - math.sqrt(3.0) / 6.0
@@ -23,6 +23,7 @@ def add_work(
     pairs: NDArray[Any],
     regime: Regimes,
     touching: Floats,
+    walls: Floats,
     load: Floats,
     unit: float,
     strain: Floats,
@@ -53,6 +54,7 @@ def add_work(
     for k in range(len(u)):
         force[:, k] = -load[k]
     cell, shear, held, half_unit = 0.0, 0.0, 0.0, 0.5 / unit
+    first_wall = count - len(walls)
     for p in range(len(pairs)):
         pair = pairs[p]
         i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
@@ -64,6 +66,12 @@ def add_work(
         half = 0.5 * (pair["arm"][0] + pair["arm"][1])
         for q in range(2):
             b0, b1 = start0 + times[q] * r0, start1 + times[q] * r1
+            e0, e1 = b0, b1
+            if pair["grains"][1] >= first_wall:
+                wall = pair["grains"][1] - first_wall
+                n0, n1 = walls[wall, 0], walls[wall, 1]
+                away = n0 * b0 + n1 * b1
+                b0, b1 = away * n0, away * n1
             square = b0 * b0 + b1 * b1
             if regime[p] == 0 and square >= touching[p] * touching[p]:
                 continue
@@ -74,7 +82,7 @@ def add_work(
             S = T[p] + times[q] * rates[p, 2] if regime[p] != 0 else 0.0
             f0, f1 = N * n0 - S * n1, N * n1 + S * n0
             t = turns[q]
-            cell += f0 * (t[0] * b0 + t[1] * b1) + f1 * (t[2] * b0 + t[3] * b1)
+            cell += f0 * (t[0] * e0 + t[1] * e1) + f1 * (t[2] * e0 + t[3] * e1)
             longer = half_unit * length - half
             arm_i, arm_j = pair["arm"][0] + longer, pair["arm"][1] + longer
             spins = arm_i * v[i + 2] + arm_j * v[j + 2]

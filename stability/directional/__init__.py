@@ -2,7 +2,7 @@
 
 from stability.directional.edge import YieldingContacts as YieldingContacts
 from stability.directional.edge import edge_contacts as edge_contacts
-from stability.directional.fraction import BranchFraction as BranchFraction
-from stability.directional.fraction import branch_fraction as branch_fraction
+from stability.directional.work import BranchFraction as BranchFraction
 from stability.directional.work import DirectionalWork as DirectionalWork
+from stability.directional.work import branch_fraction as branch_fraction
 from stability.directional.work import directional_work as directional_work

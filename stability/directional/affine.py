@@ -1,7 +1,7 @@
-"""Branches of the affine closure: each contact picks its regime by itself.
+"""Branches of the affine closure: the regime of a contact depends on no other contact.
 
-Branch rates follow `H'` whatever the forces do, and so do spins that are blocked or turn with the
-loop. Every contact at the edge then has one answer, which is a continuous function of direction:
+Branch rates follow `H'` whatever the forces, and so do spins that are blocked or turn with the
+loop. The force rate of every contact at the edge is then one continuous function of direction:
 there is always one solution, and W2 is continuous and piecewise quadratic.
 """
 
@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import ContactLaw, GrainGraph, Regime, affine_tangent, reference_branch_vectors
-from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.arrays import Flags, Floats, Integers
 from loops.closures import Spins
-from loops.closures.spins import affine_spin
+from loops.closures.system import affine_spin
 from loops.geometry import reference_volume
 from stability.cones import plane_cone
 from stability.directional.edge import (
-    Answer,
+    Solutions,
     YieldingContacts,
     line_angles,
     middles,
-    one_answer,
+    one_solution,
     plane_directions,
 )
-from stability.subspaces import restrict, subspace_basis
+from stability.spectra import restrict, subspace_basis
 
 
 class _Picked(NamedTuple):
@@ -69,13 +69,18 @@ class AffineBranches:
         """No equations are solved: none is singular."""
         return 0
 
-    def answer(self, directions: Floats) -> Answer:
+    def solve(self, directions: Floats) -> Solutions:
         """The one solution in each direction, (..., D, m)."""
         sticking = self._sticking(directions)
         picked = self._pick(sticking)
         elastic = np.einsum("...ij,...dj->...di", self.K, directions)
         stress = elastic + self._change(picked, sticking)
-        return one_answer(directions, stress, self._regimes(picked))
+        base = self.edge.regime
+        regime = np.broadcast_to(base[..., None, :], (*picked.slides.shape[:-1], base.shape[-1]))
+        regime = regime.copy()
+        chosen = np.where(picked.slides, Regime.SLIDING, regime[..., self.which])
+        regime[..., self.which] = np.where(picked.opens, Regime.OPEN, chosen)
+        return one_solution(directions, stress, regime)
 
     def critical_angles(self) -> Floats:
         """(..., A) ascending angles in [0, 2 pi) between which neither regimes nor sign(W2) change.
@@ -85,7 +90,15 @@ class AffineBranches:
         ends = line_angles(np.concatenate(self._switching(), axis=-2))
         if ends.shape[-1] == 0:
             ends = np.zeros((*self.K.shape[:-2], 1))
-        zeros = plane_cone(self._operators(middles(ends)), rtol=0.0).edges
+        # (..., A, 2, 2) operators of the regimes that hold between two ends.
+        middle = middles(ends)
+        picked = self._pick(self._sticking(plane_directions(middle)))
+        columns = [
+            self._change(picked, self._sticking(np.broadcast_to(unit, (*middle.shape, 2))))
+            for unit in np.eye(2)
+        ]
+        operators = self.K[..., None, :, :] + np.stack(columns, axis=-1)
+        zeros = plane_cone(operators, rtol=0.0).edges
         zeros = np.where(np.isnan(zeros), ends[..., None], zeros)
         zeros = zeros.reshape(*zeros.shape[:-2], -1)
         every = np.concatenate([ends, zeros, zeros + np.pi], axis=-1)
@@ -113,26 +126,8 @@ class AffineBranches:
         change += np.einsum("...de,...em->...dm", shear, self.tau)
         return np.asarray(change / self.volume[..., None, None])
 
-    def _operators(self, angle: Floats) -> Floats:
-        """(..., A, 2, 2) operators of the regimes that hold at each angle."""
-        picked = self._pick(self._sticking(plane_directions(angle)))
-        columns = [
-            self._change(picked, self._sticking(np.broadcast_to(unit, (*angle.shape, 2))))
-            for unit in np.eye(2)
-        ]
-        return np.asarray(self.K[..., None, :, :] + np.stack(columns, axis=-1))
-
-    def _regimes(self, picked: _Picked) -> Regimes:
-        """(..., D, C) regimes of all contacts."""
-        base = self.edge.regime
-        regime = np.broadcast_to(base[..., None, :], (*picked.slides.shape[:-1], base.shape[-1]))
-        regime = regime.copy()
-        chosen = np.where(picked.slides, Regime.SLIDING, regime[..., self.which])
-        regime[..., self.which] = np.where(picked.opens, Regime.OPEN, chosen)
-        return regime
-
     def _switching(self) -> list[Floats]:
-        """Rows (..., E, m) whose zeros bound the regimes; zero rows where there is no question."""
+        """Rows (..., E, m) whose zeros bound the regimes; zero rows where nothing can change."""
         edge, which = self.edge, self.which
         closing, _, shear, strength = self.rows
         yields, touches = edge.at_yield[..., which, None], edge.touching[..., which, None]

@@ -1,4 +1,4 @@
-"""Contacts whose regime the direction of loading decides, and the answers in each direction."""
+"""Contacts whose regime depends on the direction of loading, and solutions in each direction."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class YieldingContacts:
 
     `regime` has those at the edge elastic: the branch on which nothing slides and touching contacts
     stick. `at_yield`, `touching` and `apex` are as in `loops.laws.frictional.Edge`; `slides` marks
-    which may slide at all, `side` is the sign of `T` at yield, else 0. `stick` and `slide`
+    those that may slide, `side` is the sign of `T` at yield, else 0. `stick` and `slide`
     (..., C, 2, 2) are the law's stiffnesses in either regime, `unit` their size.
     """
 
@@ -63,9 +63,9 @@ def edge_contacts(
 ) -> YieldingContacts:
     """Find the contacts at the edge of their law.
 
-    At yield is a closed contact that carries its strength, or one that is flagged sliding; touching
-    one without force and without gap, unless it is flagged open. Frictionless contacts slide both
-    ways and are no question.
+    A closed contact is at yield if it carries its strength or is flagged sliding; it is touching
+    without force and without gap, unless flagged open. Frictionless contacts slide both ways and
+    are left out.
     """
     require_law(law)
     state = contact_state(graph)
@@ -95,7 +95,7 @@ def edge_contacts(
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Solutions:
     """Solutions in each of D directions, batch axes `...` first.
 
     `count` (..., D) is 0 for none, 1, or 2 for several; `work` and `cosine` (..., D, 2) are the
@@ -109,11 +109,11 @@ class Answer:
     regime: Regimes
 
 
-def one_answer(directions: Floats, stress: Floats, regime: Regimes) -> Answer:
-    """Answer with one solution, of the stress rates (..., D, m), in each direction."""
+def one_solution(directions: Floats, stress: Floats, regime: Regimes) -> Solutions:
+    """One solution in each direction, from its stress rate (..., D, m)."""
     work, cosine = works(directions, stress)
     count = np.ones(work.shape, dtype=np.int64)
-    return Answer(count, np.stack([work] * 2, axis=-1), np.stack([cosine] * 2, axis=-1), regime)
+    return Solutions(count, np.stack([work] * 2, axis=-1), np.stack([cosine] * 2, axis=-1), regime)
 
 
 def works(directions: Floats, stress: Floats) -> tuple[Floats, Floats]:
@@ -166,7 +166,7 @@ def edges_of(angle: Floats, inside: Flags) -> Floats:
     `angle` (..., A) ascends in [0, 2 pi), `inside` belongs to the arc from each angle to the next.
     """
     count = angle.shape[-1]
-    # An arc without length is like the last one with a length before it.
+    # An arc without length counts as the last one before it that has a length.
     order = np.where(widths(angle) > NO_ARC, np.arange(count), -1)
     twice = np.concatenate([order, np.where(order >= 0, order + count, -1)], axis=-1)
     before = np.maximum.accumulate(twice, axis=-1)[..., count - 1 :]

@@ -1,7 +1,7 @@
-"""Branches of a closure that relaxes: the regimes of all contacts decide together.
+"""Branches of a closure that relaxes: the regimes of all contacts depend on each other.
 
 For each combination of regimes the motion is linear in `H'`; it solves the rate problem in the
-directions in which every contact agrees with the rates that it gets. These are convex cones, one a
+directions in which every contact agrees with its rates. These are convex cones, one for each
 combination, which may overlap (several solutions) or leave gaps (none).
 """
 
@@ -23,16 +23,15 @@ from loops import (
     reference_branch_vectors,
 )
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.assembly import motions
+from loops.assembly import contact_kinematics, motions
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.closures.system import contact_springs, drive, form_of, relax, spring_sizes
-from loops.contact_tangent import contact_kinematics
 from loops.graph import require_one_state
 from stability.cones import plane_cone
-from stability.directional.edge import Answer, YieldingContacts, line_angles, works
+from stability.directional.edge import Solutions, YieldingContacts, line_angles, works
 from stability.rate_problem import SIGN_TOLERANCE, SOLUTION_RTOL, Choice, edge_options
-from stability.subspaces import restrict, subspace_basis
+from stability.spectra import restrict, subspace_basis
 
 # All combinations of regimes are tried: eight contacts at yield.
 COMBINATIONS = 256
@@ -45,7 +44,7 @@ class RelaxedBranches:
     `K` (R, m, m) are the operators, NaN where the equations have no single answer; `regime` (R, C)
     the regimes of all contacts. Of the E contacts at the edge, in the motion of each combination:
     `closing`, `shear` and `strength` (R, E, m) as in `YieldingContacts.rows`; `chosen` (R, E) the
-    regime, `side` (R, E) the sign of `T` where it slides or would; and (E,) what they may do:
+    regime, `side` (R, E) the sign of `T` where it slides or would; and (E,) the possible regimes:
     `touching` (open), `yields` (slide to one side), `slides`, `frictional`.
     """
 
@@ -71,7 +70,7 @@ class RelaxedBranches:
         """Combinations whose equations have no single answer."""
         return int((~self.trusted).sum())
 
-    def answer(self, directions: Floats) -> Answer:
+    def solve(self, directions: Floats) -> Solutions:
         """All solutions in each direction, (D, m)."""
         agrees = self._agrees(directions)
         stress = np.einsum("rij,dj->dri", self.K, directions)
@@ -82,7 +81,7 @@ class RelaxedBranches:
         count = np.where(several, 2, np.minimum(agrees.sum(axis=-1), 1))
         found = (count > 0)[:, None]
         both = np.stack([least, most], axis=-1)
-        return Answer(
+        return Solutions(
             count=count,
             work=np.where(found, np.take_along_axis(work, both, axis=-1), np.nan),
             cosine=np.where(found, np.take_along_axis(cosine, both, axis=-1), np.nan),
@@ -146,7 +145,7 @@ def relaxed_branches(
     regime[:, which] = [[choice.regime for choice in row] for row in choices]
     side = np.array([[choice.side for choice in row] for row in choices]).reshape(count, -1)
     shear_force = np.repeat(graph.shear_force[None], count, axis=0)
-    # A sliding contact without force yet has a side all the same: its sign is all the law reads.
+    # The law reads the side of a sliding contact from the sign of `T`, also without force yet.
     shear_force[:, which] = np.where(
         edge.touching[which] & (side != 0.0) & (shear_force[:, which] == 0.0),
         side * np.finfo(float).tiny,
@@ -154,7 +153,7 @@ def relaxed_branches(
     )
     batch = graph.replace(shear_force=shear_force)
     tangent = macroscopic_tangent(batch, law, closure, spins=spins, regime=regime, volume=volume)
-    un, ut, known = contact_rates(batch, law, closure, spins, regime, which)
+    un, ut, known = _contact_rates(batch, law, closure, spins, regime, which)
     K = np.where(
         (tangent.trusted & known)[:, None, None], restrict(tangent.matrix, subspace), np.nan
     )
@@ -198,7 +197,7 @@ def _options(edge: YieldingContacts, c: int) -> tuple[Choice, ...]:
     )
 
 
-def contact_rates(
+def _contact_rates(
     graph: GrainGraph,
     law: ContactLaw,
     closure: Closure,
@@ -221,7 +220,7 @@ def contact_rates(
     watched = np.zeros((2, len(which), graph.contact_count, 4))
     watched[:, np.arange(len(which)), which] = rows.swapaxes(0, 1)
     S = contact_springs(state, law, regime, spins)
-    # Moments that a gear mode leaves standing make a rate problem without a solution: no gear.
+    # No gear modes here: their unbalanced moments mean that the rate problem has no solution.
     sizes = spring_sizes(state, law, regime, spins)
     relaxed = relax(form, S, sizes, rows=watched.reshape(-1, graph.contact_count, 4))
     motion = drive(form) + motions(relaxed.v, form.ends)

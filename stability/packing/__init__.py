@@ -14,3 +14,7 @@ from stability.packing.response import PackingRates as PackingRates
 from stability.packing.response import PackingResponse as PackingResponse
 from stability.packing.response import packing_response as packing_response
 from stability.packing.state import PackingState as PackingState
+from stability.packing.sustain import LoadPath as LoadPath
+from stability.packing.sustain import Motion as Motion
+from stability.packing.sustain import Sustained as Sustained
+from stability.packing.sustain import sustain as sustain

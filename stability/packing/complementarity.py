@@ -55,7 +55,7 @@ def solve_complementarity(
     """
     if len(q) <= ENUMERATED:
         return Complementarity(_distinct(_every_solution(q, M), len(q)), "enumeration")
-    certain = _positive_definite(M)
+    certain = positive_definite(M)
     found = [active for active in known if violation(q, M, active) <= SIGN]
     if certain and found:
         return Complementarity(np.array(found[:1]), "positive definite")
@@ -67,6 +67,13 @@ def solve_complementarity(
     if not found and (active := lemke(q, M)) is not None:
         found = [active]
     proof = "infeasible" if not found and _infeasible(q, M) else ""
+    return known_solutions(q, M, found, proof)
+
+
+def known_solutions(q: Floats, M: Floats, known: Sequence[Flags], proof: str) -> Complementarity:
+    """Known sets that solve the problem, each solution once."""
+    once = {active.tobytes(): active for active in known}.values()
+    found = [active for active in once if violation(q, M, active) <= SIGN]
     slips = [np.where(active, basic_values(q, M, active), 0.0) for active in found]
     return Complementarity(_distinct(list(zip(found, slips, strict=True)), len(q)), proof)
 
@@ -252,7 +259,8 @@ def _exchange(table: Floats, row: int, column: int) -> None:
     table[row] = line
 
 
-def _positive_definite(M: Floats) -> bool:
+def positive_definite(M: Floats) -> bool:
+    """Whether the symmetric part is positive definite: then there is one solution for every `q`."""
     try:
         cholesky(M + M.T, lower=True, check_finite=False)
     except LinAlgError:

@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 from scipy.linalg import expm, logm
 
 from loops.arrays import Floats
-from loops.errors import InputError
+from loops.errors import InputError, number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
-from stability.arguments import number
+from loops.packing import PlaneContacts
+from loops.shown import Shown
 from stability.packing.pairs import (
     Pairs,
     contact_pairs,
@@ -45,8 +46,8 @@ REST_FORCE, REST_STRAIN = 1e-5, 1e-2
 CHECK_STEPS, MAX_CHECKS = 1000, 200
 
 
-@dataclass(frozen=True, eq=False)
-class Replay:
+@dataclass(frozen=True, eq=False, repr=False)
+class Replay(Shown):
     """A packing after its equations of motion have been integrated.
 
     Attributes
@@ -74,6 +75,8 @@ def replay(
     law: ContactLaw,
     strain: ArrayLike | Stage,
     *,
+    planes: PlaneContacts | None = None,
+    plane_force: ArrayLike | None = None,
     inertial_number: float = 2e-6,
     duration: float | None = None,
     time_step: float | None = None,
@@ -85,20 +88,27 @@ def replay(
     viscous: float = 0.0,
     balanced: bool = False,
 ) -> Replay:
-    """Strain a periodic packing as a DEM code would: inertia, damping, explicit steps.
+    """Strain a packing as a DEM code would: inertia, damping, explicit steps.
 
     Normal forces are those of the geometry, shear forces start from the stored ones.
 
     Parameters
     ----------
     graph : GrainGraph
-        One periodic state.
+        One state: periodic, or between walls.
     law : LinearFrictional
         Contact law.
     strain : (2, 2) array or Stage
-        Displacement gradient `H` of the cell at the end, compression positive: `h = (1 - H) h0`,
-        reached at a constant velocity gradient. Or a programme and its end, 'parameter' or a
-        component that is driven alone: strains are prescribed, stresses held by a servo on `H'`.
+        Displacement gradient `H` of the cell, or of the box between walls, at the end, compression
+        positive: `h = (1 - H) h0`, reached at a constant velocity gradient. Or a programme and its
+        end, 'parameter' or a component that is driven alone: strains are prescribed, stresses held
+        by a servo on `H'`.
+        Walls don't turn: `H12 = H21 = 0`.
+    planes : PlaneContacts, optional
+        Contacts with four walls along the axes, in place of a cell. Grains that touch a wall later
+        have its mean stiffness over the radius, or its mean stiffness where that varies less.
+    plane_force : (W, 2) array, optional
+        Force of the wall on the grain at each of them (force), for shear forces of rough walls.
     inertial_number : float
         Rate: `|H| / duration * sqrt(mean mass / pressure)`; of a programme with the elastic affine
         estimate of `H`. Slower is closer to quasi-static.
@@ -125,8 +135,9 @@ def replay(
     Raises
     ------
     InputError
-        If the law is another, the packing is not periodic, a number has the wrong sign, or the
-        stage ends by a quantity that its programme doesn't drive.
+        If the law is another, the packing has neither a cell nor a box of walls, a number has the
+        wrong sign, the stage ends by a quantity that its programme doesn't drive, or walls would
+        turn.
 
     Examples
     --------
@@ -142,7 +153,8 @@ def replay(
     masses, inertias = masses_of(graph.radii, mass, inertia)
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
-    pairs, start = contact_pairs(graph, checked), start_state(graph)
+    start = start_state(graph, planes, plane_force)
+    pairs = contact_pairs(start, checked, planes)
     dt = time_step or step_of(masses, pairs)
     servo, H = _steering(start, pairs, masses, strain)
     if duration is None:
@@ -166,10 +178,25 @@ def replay(
     motion = moving.motion
     if balanced:
         moving.load(-motion.resultant)
+    count = start.count
     if not moving.run(steps, dt, damping, viscous):
         found = f"grains that move {moving.gap:.2g} in one of {steps} steps"
         raise InputError("replay", found, "a stable motion", "Take shorter steps.")
-    return Replay(moving.state(), motion.velocity, motion.spin, steps, dt, steps * dt)
+    velocity, spin = motion.velocity[:count], motion.spin[:count]
+    return Replay(moving.state(), velocity, spin, steps, dt, steps * dt)
+
+
+def require_upright(start: PackingState, stress: Floats, strain: Floats, rate: Floats) -> None:
+    """Raise `InputError` where `stress @ P' + strain @ H' = rate` would turn or shear a box."""
+    if not len(start.walls):
+        return
+    rows, asked = np.hstack([stress, strain]), np.eye(8)[[5, 6]]
+    # Combinations of the equations that are H12' = 0 and H21' = 0.
+    share = np.linalg.lstsq(rows.T, asked.T, rcond=None)[0].T
+    if np.abs(share @ rows - asked).max() > 1e-9 or np.abs(share @ rate).max() > 1e-9:
+        expected = "H12 = H21 = 0 between walls, which keep their directions"
+        remedy = "Drive or hold the components 11 and 22 alone."
+        raise InputError("control", "strains that turn or shear the box", expected, remedy)
 
 
 def _steering(
@@ -180,6 +207,7 @@ def _steering(
     if isinstance(strain, Stage):
         programme, span = strain.programme, _span(strain)
         stress, rows, rate = (np.array(part) for part in programme.equations(np.zeros(4)))
+        require_upright(start, stress, rows, rate)
         servo = steered(servo, start, pairs, stress, rows, rate * span)
         row = programme.isochoric_row
         servo = servo._replace(isochoric=-1 if row is None else row)
@@ -189,6 +217,7 @@ def _steering(
         raise InputError(
             "strain", f"{H.tolist()}", "(2, 2) finite numbers that leave a cell", "Take less."
         )
+    require_upright(start, np.zeros((4, 4)), np.eye(4), H.ravel())
     return servo, H
 
 
@@ -222,12 +251,12 @@ def snap_through(
     span: float,
     by_radii: bool,
 ) -> Snap:
-    """Strain slowly by `span` of the parameter under a load (G, 3), then hold until at rest.
+    """Strain slowly by `span` of the parameter under a load (B, 3), then hold until at rest.
 
     Masses are those of discs of unit density, damping is Cundall's. `ArithmeticError` where grains
     run off, or don't come to rest.
     """
-    masses, inertias = masses_of(state.radii)
+    masses, inertias = masses_of(state.radii[: state.count])
     servo = servo_of(state, pairs, masses)
     servo = steered(servo, state, pairs, control.stress, control.strain, control.rate * span)
     H, dt = servo.gain @ servo.rate, step_of(masses, pairs)
@@ -237,7 +266,7 @@ def snap_through(
     energy = stored_energy(state, pairs)
     ran, checks = moving.run(steps, dt), 0
     slow = REST_STRAIN * float(np.linalg.norm(H)) / (steps * dt)
-    while ran and not _rests(moving, slow):
+    while ran and not rests(moving, slow):
         if checks == MAX_CHECKS:
             raise ArithmeticError(
                 f"no rest in {MAX_CHECKS * CHECK_STEPS} steps after an instability"
@@ -246,11 +275,21 @@ def snap_through(
     end = moving.state()
     if not ran or not np.isfinite(end.x).all():
         raise ArithmeticError("grains ran off at an instability")
-    work = np.append(moving.motion.work, 0.0)
-    moved = end.x - state.x @ (end.cell @ np.linalg.inv(state.cell)).T
-    work[0] += float(np.sum(load[:, :2] * moved) + load[:, 2] @ (end.angle - state.angle))
-    work[3] = work[0] - work[1] - work[2] - (stored_energy(end, moving.pairs) - energy)
+    work = work_of(moving, end, load, energy)
     return Snap(end, moving.pairs, work)
+
+
+def work_of(moving: Moving, end: PackingState, load: Floats, energy: float) -> Floats:
+    """Work until the end of a motion under a load (G, 3), as `PackingPath.work`.
+
+    `energy` is that of the springs at the start. The last term is what damping took, and what the
+    motion still has.
+    """
+    start, work = moving.start, np.append(moving.motion.work, 0.0)
+    moved = end.x - start.x @ (end.cell @ np.linalg.inv(start.cell)).T
+    work[0] += float(np.sum(load[:, :2] * moved) + load[:, 2] @ (end.angle - start.angle))
+    work[3] = work[0] - work[1] - work[2] - (stored_energy(end, moving.pairs) - energy)
+    return work
 
 
 def stored_energy(state: PackingState, pairs: Pairs) -> float:
@@ -260,13 +299,12 @@ def stored_energy(state: PackingState, pairs: Pairs) -> float:
     return 0.5 * float(np.sum(N**2 / pairs.kn + shear))
 
 
-def _rests(moving: Moving, slow: float) -> bool:
+def rests(moving: Moving, slow: float) -> bool:
     """Whether resultants are small and the cell strains no faster than `slow`."""
     state, motion = moving.state(), moving.motion
-    force = np.hypot(state.normal_force, state.shear_force)[state.closed]
-    if not len(force):
+    if not state.closed.any():
         return True
-    left = np.linalg.norm(motion.resultant[:, :2], axis=1).mean() / force.mean()
+    left = np.linalg.norm(motion.resultant[: state.count, :2], axis=1).mean() / state.mean_force
     return bool(left < REST_FORCE and np.linalg.norm(motion.gradient) < slow)
 
 
@@ -328,10 +366,9 @@ def lasting(servo: Servo, duration: float) -> Servo:
 
 def _affine_stiffness(state: PackingState, pairs: Pairs) -> Floats:
     """`P' = C H'` (4, 4) if all grains went with the cell and none turned: too stiff."""
-    d = state.branches
-    length = np.linalg.norm(d, axis=1)
+    d, length = state.apart, np.linalg.norm(state.branches, axis=1)
     touch = length <= touching_distances(state, pairs)
-    n = d / length[:, None]
+    n = state.branches / length[:, None]
     frames = (n, np.column_stack([-n[:, 1], n[:, 0]]))
     K = sum(
         k[:, None, None] * a[:, :, None] * a[:, None, :]
@@ -341,25 +378,11 @@ def _affine_stiffness(state: PackingState, pairs: Pairs) -> Floats:
     return np.asarray(C.reshape(4, 4))
 
 
-class Planes(NamedTuple):
-    """Planes at rest beside a packing: normals into it, offsets `n . x`, stiffness and friction.
-
-    `normal` (P, 2), `offset` (P,), `kn` and `kt` (P, G) of every grain at every plane, `mu` (P,),
-    `shear` (P, G) the shear forces at the start.
-    """
-
-    normal: Floats
-    offset: Floats
-    kn: Floats
-    kt: Floats
-    mu: Floats
-    shear: Floats
-
-
 class Moving:
     """A packing in motion; its pairs are listed anew where grains come closer.
 
-    The velocity gradient of the cell is that of the servo if it isn't given.
+    The velocity gradient of the cell is that of the servo if it isn't given. Masses, inertias,
+    velocities and spins are those of the grains; walls go with the cell.
     """
 
     def __init__(
@@ -374,32 +397,31 @@ class Moving:
         velocity: ArrayLike = 0.0,
         spin: ArrayLike = 0.0,
         gradient: Floats | None = None,
-        planes: Planes | None = None,
     ) -> None:
         from loops.compiled.replay import Motion, contact_forces
 
         self.start, self.pairs, self.servo, self.by_radii = start, pairs, servo, by_radii
-        self.lightness = 1.0 / masses, 1.0 / inertias
-        self.gap = LISTED_GAP * 2.0 * float(start.radii.mean())
-        count = len(start.radii)
-        none = np.zeros((0, count))
-        no_planes = Planes(np.zeros((0, 2)), np.zeros(0), none, none, np.zeros(0), none)
-        self.planes = no_planes if planes is None else planes
+        self.gap = LISTED_GAP * 2.0 * start.mean_radius
+        bodies, grains = len(start.radii), slice(start.count)
+        # Nothing accelerates a wall.
+        self.lightness = np.zeros(bodies), np.zeros(bodies)
+        self.lightness[0][grains], self.lightness[1][grains] = 1.0 / masses, 1.0 / inertias
+        velocities, spins = np.zeros((bodies, 2)), np.zeros(bodies)
+        velocities[grains], spins[grains] = velocity, spin
         self.motion = Motion(
             x=np.array(start.x),
-            velocity=np.array(np.broadcast_to(velocity, (count, 2)), dtype=float),
+            velocity=velocities,
             angle=np.array(start.angle),
-            spin=np.array(np.broadcast_to(spin, count), dtype=float),
+            spin=spins,
             cell=np.array(start.cell),
             shear=np.array(start.shear_force),
-            resultant=np.zeros((count, 3)),
-            speed=np.zeros((count, 2)),
+            resultant=np.zeros((bodies, 3)),
+            speed=np.zeros((bodies, 2)),
             gradient=-(servo.gain @ servo.rate).reshape(2, 2) if gradient is None else gradient,
-            load=np.zeros((count, 3)),
+            load=np.zeros((bodies, 3)),
             moment=np.zeros(4),
             work=np.zeros(3),
             closer=np.zeros(1),
-            plane_shear=np.array(self.planes.shear),
         )
         self._list()
         contact_forces(self.motion, self.discs, 0.0, by_radii, servo.on)
@@ -410,19 +432,20 @@ class Moving:
         from loops.compiled.replay import Discs
 
         motion = self.motion
-        self.pairs = with_near(self.pairs, motion.x, motion.cell, self.start.radii, self.gap)
+        now = replace(self.start, x=motion.x, cell=motion.cell)
+        self.pairs = with_near(self.pairs, now, self.gap)
         fresh = np.zeros(len(self.pairs) - len(motion.shear))
         self.motion = motion._replace(shear=np.append(motion.shear, fresh))
         self.motion.closer[:] = 0.0
         images = self.pairs.images.astype(float)
-        wraps = np.asarray(images.any(axis=1))
         grains = self.pairs.grains.astype(np.uint32)
-        radii = np.array(self.start.radii)
-        springs = (*self.pairs[2:], *self.planes[:5])
-        self.discs = Discs(radii, *self.lightness, grains, images, wraps, *springs)
+        wraps = images.any(axis=1) | (grains[:, 1] >= now.count)
+        radii, walls = np.array(now.radii), np.array(now.walls)
+        springs = self.pairs[2:]
+        self.discs = Discs(radii, walls, *self.lightness, grains, images, wraps, *springs)
 
     def load(self, load: Floats) -> None:
-        """Add constant forces and moments (G, 3) on the grains, from now on."""
+        """Add constant forces and moments (B, 3) on the bodies, from now on."""
         self.motion.load[:] += load
         self.motion.resultant[:] += load
 

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.closures.macro_tangent import check_choice
-from loops.errors import InputError
-from loops.graph import GrainGraph, require_one_state
+from loops.errors import InputError, number
+from loops.graph import GrainGraph
 from loops.laws import ContactLaw, LinearFrictional
 from loops.packing import PlaneContacts
-from stability.arguments import number
+from loops.shown import Shown
 from stability.packing.equations_of_motion import (
     Moving,
-    Planes,
     lasting,
     masses_of,
     servo_of,
@@ -39,14 +38,10 @@ HELD_STRESS = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5, 0.5, 0], [0, 0, 0, 
 NO_ROTATION = np.array([[0] * 4, [0] * 4, [0] * 4, [0, 1, -1, 0.0]])
 # Contacts within this share of their strength count as sliding, as in the tables of Yade.
 SLIDING_SHARE = 0.999
-# Feet on one plane: their normals and offsets agree to this share.
-SAME_PLANE = 1e-6
-# Between walls no image is met in a cell of so many times the sample.
-FAR_CELL = 8.0
 
 
-@dataclass(frozen=True, eq=False)
-class HeldPacking:
+@dataclass(frozen=True, eq=False, repr=False)
+class HeldPacking(Shown):
     """A packing at rest, and what holding it changed.
 
     Attributes
@@ -186,19 +181,19 @@ def hold(
     number("unbalanced", unbalanced, 0.0, open_low=True)
     if not all(0.0 < share < 1.0 for share in damping):
         raise InputError("damping", f"{damping}", "two shares between 0 and 1", "Correct it.")
+    checked = require_replayable(graph, law)
     walled = planes is not None and graph.cell is None
-    in_cell = _in_far_cell(graph) if walled else graph
-    checked = require_replayable(in_cell, law)
+    if walled and (control == "stress" or volume is None):
+        received = "control='stress'" if control == "stress" else "no volume"
+        expected = "control='strain' and a volume between walls"
+        raise InputError("hold", received, expected, "Hold the walls, and give the area.")
     masses, inertias = masses_of(graph.radii, mass, inertia)
-    pairs, start = contact_pairs(in_cell, checked), start_state(in_cell)
+    start = start_state(graph, planes, plane_force, volume)
+    pairs = contact_pairs(start, checked, planes)
     dt, by_radii = step_of(masses, pairs), checked.shear_increment == "radii"
-    walls = None
-    if planes is not None and walled:
-        if control == "stress" or volume is None:
-            received = "control='stress'" if control == "stress" else "no volume"
-            expected = "control='strain' and a volume between walls"
-            raise InputError("hold", received, expected, "Hold the walls, and give the area.")
-        walls = planes_of(graph, planes, plane_force)
+    if not np.linalg.norm(start.forces[start.closed]) > 0:
+        expected, remedy = "contacts that carry force", "Take a state with forces, or overlaps."
+        raise InputError("hold", "no contact force", expected, remedy)
     runs = []
     for share in damping:
         servo = servo_of(start, pairs, masses)
@@ -208,37 +203,37 @@ def hold(
         moving = Moving(
             start, pairs, masses, inertias, servo, by_radii,
             velocity=0.0 if velocity is None else velocity, spin=0.0 if spin is None else spin,
-            planes=walls,
         )  # fmt: skip
         before = _unbalanced(moving, start)
         runs.append((moving, *_rest(moving, dt, share, unbalanced, most_steps)))
-    (moving, end, status, steps), (second, other, other_status, _) = runs
-    stress, elsewhere = (
-        _stress(state, run.planes._replace(shear=run.motion.plane_shear), volume)
-        for run, state in ((moving, end), (second, other))
-    )
-    closed, count = end.closed, graph.contact_count
+    (moving, end, status, steps), (_, other, other_status, _) = runs
+    stress, elsewhere = _stress(end), _stress(other)
+    # Contacts between grains.
+    first, last = start.closed & ~start.at_wall, end.closed & ~end.at_wall
     change = end.forces.copy()
-    change[:count] -= start.forces
-    kept = int(np.count_nonzero(start.closed & closed[:count]))
-    held = end.graph()
-    kn, kt, mu = (k[closed] for k in moving.pairs[2:])
-    touching = _touching(end, moving.planes._replace(shear=moving.motion.plane_shear))
+    change[: len(pairs)] -= start.forces
+    kept = int(np.count_nonzero(first & last[: len(pairs)]))
+    kn, kt, mu = (k[last] for k in moving.pairs[2:])
+    touching = end.closed & end.at_wall
+    walls = PlaneContacts(
+        moving.pairs.grains[touching, 0], end.branches[touching],
+        *(k[touching] for k in moving.pairs[2:]),
+    )  # fmt: skip
     return HeldPacking(
-        graph=held.replace(images=None, cell=None, cell0=None) if walled else held,
+        graph=end.graph(),
         law=LinearFrictional(kn, kt, mu, checked.shear_increment),
-        planes=touching.contacts if walled else None,
-        plane_force=touching.force,
+        planes=walls if walled else None,
+        plane_force=-end.forces[touching],
         status=status if status != "at rest" else other_status,
         control=control,
         unbalanced_before=before,
         unbalanced=_unbalanced(moving, end),
-        stress_before=_stress(start, walls, volume),
+        stress_before=_stress(start),
         stress=stress,
-        strain=np.eye(2) - end.cell @ np.linalg.inv(start.cell),
+        strain=end.strain,
         forces_changed=float(np.linalg.norm(change) / np.linalg.norm(start.forces)),
-        lost=int(np.count_nonzero(start.closed)) - kept,
-        gained=int(np.count_nonzero(closed)) - kept,
+        lost=int(np.count_nonzero(first)) - kept,
+        gained=int(np.count_nonzero(last)) - kept,
         sliding_before=_sliding(start, pairs),
         sliding=_sliding(end, moving.pairs),
         spread=float(np.linalg.norm(elsewhere - stress) / np.linalg.norm(stress)),
@@ -255,92 +250,25 @@ def unbalanced_force(
 
     `plane_force` (W, 2) of the contacts with walls; without it each pushes by its overlap.
     """
-    state = start_state(graph if graph.cell is not None else _in_far_cell(graph))
-    resultant = state.resultants[:, :2].copy()
-    if planes is not None:
-        distance = np.linalg.norm(planes.branch, axis=1)
-        push = planes.kn * np.maximum(graph.radii[planes.grain] - distance, 0.0) / distance
-        force = -push[:, None] * planes.branch if plane_force is None else np.asarray(plane_force)
-        np.add.at(resultant, planes.grain, force)
-    carried = np.linalg.norm(state.forces[state.closed], axis=1)
-    mean = carried.mean() if len(carried) else np.nan
-    return float(np.linalg.norm(resultant, axis=1).mean() / mean)
+    return start_state(graph, planes, plane_force, volume=1.0).unbalanced
 
 
-def _in_far_cell(graph: GrainGraph) -> GrainGraph:
-    """The same packing in a periodic cell so large that nothing meets its own image."""
-    require_one_state(graph)
-    side = FAR_CELL * float(np.ptp(graph.x, axis=0).max() + 2.0 * graph.radii.max())
-    none = np.zeros((graph.contact_count, 2), dtype=np.int64)
-    return graph.replace(cell=side * np.eye(2), cell0=None, images=none)
-
-
-def planes_of(graph: GrainGraph, contacts: PlaneContacts, plane_force: ArrayLike | None) -> Planes:
-    """Walls from the contacts that grains have with them: normals, offsets, stiffness."""
-    grain, count = contacts.grain, graph.grain_count
-    distance = np.linalg.norm(contacts.branch, axis=1)
-    normal = -contacts.branch / distance[:, None]
-    offset = np.sum(normal * graph.x[grain], axis=1) - distance
-    size = float(np.abs(graph.x).max() + graph.radii.max())
-    key = np.round(np.column_stack([normal, offset / size]) / SAME_PLANE).astype(np.int64)
-    _, first, wall = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    wall = wall.ravel()
-    kn, kt, shear = np.zeros((3, len(first), count))
-    for p in range(len(first)):
-        own = wall == p
-        radii = graph.radii[grain[own]]
-        for known, every in ((contacts.kn[own], kn), (contacts.kt[own], kt)):
-            per_radius = known / radii
-            # Stiffness of grains that have not touched this wall yet.
-            by_radius = np.std(per_radius) * known.mean() < np.std(known) * per_radius.mean()
-            every[p] = per_radius.mean() * graph.radii if by_radius else known.mean()
-            every[p, grain[own]] = known
-    if plane_force is not None:
-        force = np.asarray(plane_force, dtype=float)
-        shear[wall, grain] = normal[:, 0] * force[:, 1] - normal[:, 1] * force[:, 0]
-    mu = np.where((kt > 0).any(axis=1), np.inf, 0.0)
-    return Planes(normal[first], offset[first], kn, kt, mu, shear)
-
-
-class _Touching(NamedTuple):
-    """Contacts with planes, and the force of the plane on the grain at each."""
-
-    contacts: PlaneContacts
-    force: Floats
-
-
-def _touching(state: PackingState, planes: Planes) -> _Touching:
-    distance = planes.normal @ state.x.T - planes.offset[:, None]
-    overlap = state.radii - distance
-    p, grain = np.nonzero(overlap > 0)
-    n = planes.normal[p]
-    t = np.column_stack([-n[:, 1], n[:, 0]])
-    kn = planes.kn[p, grain]
-    force = (kn * overlap[p, grain])[:, None] * n + planes.shear[p, grain][:, None] * t
-    branch = -distance[p, grain][:, None] * n
-    return _Touching(PlaneContacts(grain, branch, kn, planes.kt[p, grain]), force)
-
-
-def _stress(state: PackingState, planes: Planes | None, volume: float | None) -> Floats:
-    """Cauchy stress, contacts with walls included."""
-    if planes is None or volume is None:
-        return state.stress
-    walls = _touching(state, planes)
-    return (state.forces.T @ state.branches - walls.force.T @ walls.contacts.branch) / volume
+def _stress(state: PackingState) -> Floats:
+    """Stress of Love and Weber, contacts with walls of any direction included."""
+    return np.asarray(state.forces.T @ state.branches / abs(np.linalg.det(state.cell)))
 
 
 def _unbalanced(moving: Moving, state: PackingState) -> float:
     """Mean resultant on a grain, walls included, over the mean contact force."""
-    carried = np.linalg.norm(state.forces[state.closed], axis=1)
-    mean = carried.mean() if carried.any() else np.nan
-    return float(np.linalg.norm(moving.motion.resultant[:, :2], axis=1).mean() / mean)
+    left = np.linalg.norm(moving.motion.resultant[: state.count, :2], axis=1)
+    return float(left.mean() / state.mean_force)
 
 
 def _rest(
     moving: Moving, dt: float, damping: float, bound: float, most_steps: int
 ) -> tuple[PackingState, Status, int]:
     """The state where a run ends, why it ended, and its steps."""
-    back, steps = np.linalg.inv(moving.start.cell), 0
+    steps = 0
     while True:
         ran = moving.run(LOOK, dt, damping)
         steps += LOOK
@@ -349,7 +277,7 @@ def _rest(
             found = f"grains that move {moving.gap:.2g} in one step"
             raise InputError("hold", found, "a stable motion", "Check masses and stiffness.")
         # Without any force left there is nothing to be in balance with.
-        if not state.closed.any() or np.linalg.norm(state.cell @ back - np.eye(2)) > FLOWS:
+        if not state.closed.any() or np.linalg.norm(state.strain) > FLOWS:
             return state, "flows", steps
         if _unbalanced(moving, state) <= bound:
             return state, "at rest", steps
@@ -359,4 +287,5 @@ def _rest(
 
 def _sliding(state: PackingState, pairs: Pairs) -> int:
     limit = SLIDING_SHARE * strength(pairs, state.normal_force)
-    return int(np.count_nonzero(state.closed & (np.abs(state.shear_force) >= limit)))
+    slides = state.closed & ~state.at_wall & (np.abs(state.shear_force) >= limit)
+    return int(np.count_nonzero(slides))

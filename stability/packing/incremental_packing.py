@@ -90,7 +90,8 @@ class IncrementalPacking:
         self.frame: NDArray[Any] = frame_of(state, pairs, by_radii)
         self.regime, self.side = regime.copy(), side.copy()
         self.stiffest = float(self.frame["kn"].max())
-        self.count, self.length = len(state.x), float(state.radii.mean())
+        self.count, self.length = len(state.x), state.mean_radius
+        self.wall_freedoms = np.arange(3 * state.count, 3 * self.count)
         self.volume = abs(float(np.linalg.det(state.cell)))
         self.load, self.ground_spring = load, np.zeros(self.count)
         self.time_to_event = np.full(len(pairs), np.inf)
@@ -122,9 +123,17 @@ class IncrementalPacking:
         degree = np.bincount(frame["grains"][closed].ravel(), minlength=self.count)
         own = np.select([degree < 2, degree < 3], [RATTLERS, PAIRED], GEARS)
         springs = np.repeat(np.maximum(own, self.ground_spring), 3) * unit
-        # All grains may move together: one is held.
-        anchor = 3 * int(np.argmax(degree))
-        springs[anchor : anchor + 2] += unit
+        if len(self.wall_freedoms):
+            # Walls are held: nothing couples to them.
+            held = np.zeros(size, dtype=bool)
+            held[place[self.wall_freedoms]] = True
+            kept = ~(held[at[0, :k]] | held[at[1, :k]])
+            free = int(np.count_nonzero(kept))
+            at[:, :free], values[:free], k = at[:, :k][:, kept], values[:k][kept], free
+        else:
+            # All grains may move together: one is held.
+            anchor = 3 * int(np.argmax(degree))
+            springs[anchor : anchor + 2] += unit
         at[:, k : k + size] = np.arange(size)
         values[k + place] = springs
         self.lu = splu(
@@ -178,6 +187,7 @@ class IncrementalPacking:
         """Motions (8, 3G) under loads in the order of the factors, zero before row `first`."""
         from stability.compiled.packing_columns import solve_eight
 
+        x[self.into[self.wall_freedoms]] = 0.0
         solve_eight(*self.factors, x, first)
         return np.ascontiguousarray(x[self.out_of].T)
 

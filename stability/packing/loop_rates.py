@@ -7,20 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from loops.arrays import Flags, Floats
-from loops.contact_state import contact_state
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import GrainGraph, branch_vectors
+from loops.graph import GrainGraph, branch_vectors, contact_state
 from loops.loop_batches import LoopBatch, loop_batches
-from loops.stress import contact_forces
+from loops.shown import Shown
+from loops.stress_strain import contact_forces
 from stability.packing.response import PackingResponse
 from stability.packing.state import PackingState
 
 QUARTER_TURN: Floats = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
-@dataclass(frozen=True, eq=False)
-class LoopRates:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopRates(Shown):
     """Rates of the loops of a packing, in the order of `Faces.loops`.
 
     Where a loop has a contact that carries nothing its rates are not numbers.
@@ -97,12 +97,11 @@ def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopR
         are shares of the way as if overlaps and gaps had changed evenly.
     """
     count = before.contact_count
-    assert before.cell is not None
     d, end = branch_vectors(before), after.branches[:count]
     parts = _Parts(
         before,
         np.ones(count, dtype=bool),
-        np.eye(2) - after.cell @ np.linalg.inv(before.cell),
+        after.strain,
         end - d,
         after.forces[:count] - contact_forces(before),
     )
@@ -111,6 +110,13 @@ def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopR
     overlap = before.radii[before.contacts].sum(axis=1) - length
     parts.losing = _time(overlap, length - np.linalg.norm(end, axis=1))
     return _of_all(parts, faces)
+
+
+def loop_sums(values: Floats, faces: Faces) -> Floats:
+    """(L,) sums over the contacts of each loop."""
+    face = np.repeat(np.arange(len(faces.kind)), faces.order)
+    sums = np.bincount(face, values[faces.contacts], minlength=len(faces.kind))
+    return np.asarray(sums[faces.loops])
 
 
 def _of_all(parts: _Parts, faces: Faces) -> LoopRates:

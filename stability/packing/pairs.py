@@ -1,4 +1,4 @@
-"""Pairs of grains that touch or soon might, with the parameters of the law, and their frames."""
+"""Pairs of grains, or of a grain and a wall, that touch or soon might: law's parameters, frames."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from scipy.spatial import cKDTree
 
 from loops.arrays import Floats, Integers
 from loops.errors import InputError
-from loops.graph import GrainGraph, require_one_state
+from loops.graph import GrainGraph, contact_state, require_one_state
 from loops.laws import LinearFrictional
+from loops.packing import PlaneContacts
 from stability.packing.state import PackingState
 
 # A pair at one geometry, as the kernels take it; all lengths but `d` are over the mean radius.
 PAIR = np.dtype(
     [
         ("grains", "i8", 2),
-        ("d", "f8", 2),  # branch vector
+        ("d", "f8", 2),  # from the first centre to the second, or to the point of the wall
         ("n", "f8", 2),
         ("t", "f8", 2),
         ("turning", "f8"),  # the shear rate is `turning` times `t . d'`
@@ -33,9 +34,15 @@ PAIR = np.dtype(
     ]
 )
 
+# N over the overlap times Hertz's tangent; the law is his where most contacts are that close to it.
+HERTZ, HERTZ_BAND, MOSTLY = 2.0 / 3.0, 0.01, 0.9
+
 
 class Pairs(NamedTuple):
-    """Pairs (P, 2) with the image of the second grain (P, 2), and `kn`, `kt`, `mu` (P,)."""
+    """Pairs (P, 2) with the image of the second grain (P, 2), and `kn`, `kt`, `mu` (P,).
+
+    The second one of a pair is the wall, if there is one.
+    """
 
     grains: Integers
     images: Integers
@@ -59,7 +66,7 @@ def strength(pairs: Pairs, N: Floats) -> Floats:
 
 
 def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
-    """The law; refuse all but `LinearFrictional`, and graphs that are not one periodic state."""
+    """The law; refuse all but linear springs, and graphs that are not one state with contacts."""
     require_one_state(graph)
     if not isinstance(law, LinearFrictional):
         raise InputError(
@@ -68,20 +75,30 @@ def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
             "LinearFrictional: springs and a cone that are piecewise linear",
             "Give gl.LinearFrictional.",
         )
-    if graph.cell is None:
-        raise InputError(
-            "packing", "no cell", "a periodic packing", "Paths of samples with walls are missing."
-        )
     if not graph.contact_count:
         raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
+    state = contact_state(graph)
+    closed = (graph.normal_force > 0) & (state.overlap > 0)
+    hertz = HERTZ * (law.kn * state.overlap)[closed]
+    as_hertz = np.abs(graph.normal_force[closed] - hertz) < HERTZ_BAND * hertz
+    if np.count_nonzero(as_hertz) > MOSTLY * len(as_hertz):
+        received = "normal forces of 2/3 of kn times the overlap, as Hertz's tangents give them"
+        expected = "linear springs, of which N is kn times the overlap"
+        raise InputError("law", received, expected, "Study rates: snapshot, probe, series.")
     return law
 
 
-def contact_pairs(graph: GrainGraph, law: LinearFrictional) -> Pairs:
-    """The contacts of a graph as pairs."""
-    assert graph.images is not None
-    numbers = (np.broadcast_to(k, graph.contact_count) for k in (law.kn, law.kt, law.mu))
-    return Pairs(graph.contacts, graph.images, *(np.array(k, dtype=float) for k in numbers))
+def contact_pairs(
+    start: PackingState, law: LinearFrictional, planes: PlaneContacts | None = None
+) -> Pairs:
+    """The contacts of the start as pairs, those with walls last."""
+    count = int(np.count_nonzero(~start.at_wall))
+    numbers = [np.broadcast_to(k, count).astype(float) for k in (law.kn, law.kt, law.mu)]
+    if len(start.walls) and planes is not None:
+        mu = np.where(planes.kt > 0, np.inf, 0.0) if planes.mu is None else planes.mu
+        at_walls = (planes.kn, planes.kt, mu)
+        numbers = [np.append(k, own) for k, own in zip(numbers, at_walls, strict=True)]
+    return Pairs(start.contacts, start.images, *numbers)
 
 
 def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> NDArray[Any]:
@@ -93,13 +110,15 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> NDArray[Any]:
     t = np.column_stack([-n[:, 1], n[:, 0]])
     radii = state.radii[pairs.grains]
     arms = 0.5 * (length[:, None] + radii - radii[:, ::-1])
-    unit = float(state.radii.mean())
+    unit = state.mean_radius
     N, T = state.normal_force, state.shear_force
-    frame["grains"], frame["d"], frame["n"], frame["t"] = pairs.grains, d, n, t
+    frame["grains"], frame["d"], frame["n"], frame["t"] = pairs.grains, state.apart, n, t
     frame["turning"] = radii.sum(axis=1) / length if by_radii else 1.0
     frame["lever"] = (radii if by_radii else arms) / unit
     frame["arm"] = arms / unit
     frame["rotation"] = (N[:, None] * t - T[:, None] * n) / length[:, None]
+    # A wall keeps its direction.
+    frame["rotation"][state.at_wall] = 0.0
     frame["growth"] = 0.5 * T / unit
     frame["kn"], frame["kt"] = pairs.kn, pairs.kt
     frame["slides"] = np.isfinite(pairs.mu)
@@ -107,22 +126,48 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> NDArray[Any]:
     return frame
 
 
-def with_near(pairs: Pairs, x: Floats, cell: Floats, radii: Floats, gap: float) -> Pairs:
-    """The pairs, then all others closer than `gap`, with medians of the parameters."""
-    grains, images = near_pairs(x, cell, radii, gap)
+def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:
+    """The pairs, then all others closer than `gap`, with medians of the parameters.
+
+    A wall is as stiff to other grains as to those that are known, over their radius if that varies
+    less.
+    """
+    count, radii, walls = state.count, state.radii, state.walls
+    grains, images = near_pairs(state.x[:count], state.cell, radii[:count], gap)
+    if len(walls):
+        away = np.sum((state.x[:count, None] - state.x[count:]) * walls, axis=2)
+        grain, wall = np.nonzero(away < radii[:count, None] + gap)
+        near = np.column_stack([grain, count + wall])
+        grains = np.vstack([grains[~images.any(axis=1)], near])
+        images = np.zeros_like(grains)
     # Compared in one order: the smaller grain first, of one grain the larger image.
     known = {tuple(row) for row in np.column_stack(_ordered(pairs.grains, pairs.images)).tolist()}
     rows = np.column_stack([grains, images]).tolist()
     new = np.array([tuple(row) not in known for row in rows], dtype=bool)
-    numbers = (
-        np.append(k, np.full(np.count_nonzero(new), np.median(k)))
-        for k in (pairs.kn, pairs.kt, pairs.mu)
-    )
+    grains, images = grains[new], images[new]
+    numbers = []
+    for k in (pairs.kn, pairs.kt, pairs.mu):
+        added = np.full(len(grains), np.median(k[pairs.grains[:, 1] < count]))
+        for body in range(count, count + len(walls)):
+            of, own = pairs.grains[:, 1] == body, grains[:, 1] == body
+            added[own] = _as_known(k[of], radii[pairs.grains[of, 0]], radii[grains[own, 0]])
+        numbers.append(np.append(k, added))
     return Pairs(
-        np.concatenate([pairs.grains, grains[new]]),
-        np.concatenate([pairs.images, images[new]]),
+        np.concatenate([pairs.grains, grains]),
+        np.concatenate([pairs.images, images]),
         *numbers,
     )
+
+
+def _as_known(values: Floats, radii: Floats, others: Floats) -> Floats:
+    """The mean of the values, or of the values over the radii where that varies less."""
+    mean = float(values.mean())
+    if not np.isfinite(mean):
+        return np.full(len(others), mean)
+    per_radius = values / radii
+    if np.std(per_radius) * mean < np.std(values) * per_radius.mean():
+        return np.asarray(per_radius.mean() * others)
+    return np.full(len(others), mean)
 
 
 def near_pairs(x: Floats, cell: Floats, radii: Floats, gap: float) -> tuple[Integers, Integers]:

@@ -1,4 +1,4 @@
-"""The quasi-static path of a periodic packing, followed from event to event."""
+"""The quasi-static path of a packing, followed from event to event."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.laws.protocol import Regime
-from stability.packing.equations_of_motion import snap_through, stored_energy
+from loops.packing import PlaneContacts
+from loops.shown import Shown
+from stability.packing.equations_of_motion import require_upright, snap_through, stored_energy
 from stability.packing.incremental_packing import AT_YIELD, IncrementalPacking
 from stability.packing.pairs import (
     Pairs,
@@ -33,7 +36,7 @@ from stability.packing.strain_increment import (
 )
 from stability.paths.path import FINISHED, Event, Past, PathStatus, follow_stages
 from stability.programmes import Stage
-from stability.subspaces import COMPONENTS
+from stability.spectra import COMPONENTS
 
 # Pairs closer than this share of the mean diameter are listed, as open contacts.
 LISTED_GAP = 0.01
@@ -46,8 +49,8 @@ class RejectedError(Exception):
     """The path ends in the state before the interval: status and message."""
 
 
-@dataclass(frozen=True, eq=False)
-class PackingPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class PackingPath(Shown):
     """The path of a packing: a row at the start and wherever `rows` asks.
 
     Attributes
@@ -68,7 +71,9 @@ class PackingPath:
     parameter, stage : (R,) array
         Loading parameter since the start, and stage.
     H, P : (R, 4) array
-        Displacement gradient and nominal stress, over the reference cell; 11, 12, 21, 22.
+        Displacement gradient and nominal stress, over the reference cell; 11, 12, 21, 22. Between
+        walls their displacements over the sides of the box, and the forces on the right and on the
+        upper wall over its first sides.
     states : tuple of PackingState
         The packing at every row.
     work : (R, 4) array
@@ -117,9 +122,11 @@ def follow_packing(
     past: Past,
     max_steps: int,
     progress: Callable[[float], None] | None = None,
+    planes: PlaneContacts | None = None,
+    plane_force: ArrayLike | None = None,
 ) -> PackingPath:
     """Path of a packing: `stability.follow` with the packing closure."""
-    solver = PackingPathSolver(graph, law, interval, past)
+    solver = PackingPathSolver(graph, law, stages, interval, past, planes, plane_force)
     stop = follow_stages(
         lambda number, stage: solver.follow(
             number, stage, max(rows, 1), instabilities, max_steps, progress
@@ -132,8 +139,20 @@ def follow_packing(
 class PackingPathSolver:
     """The current state of a packing on its path, and the rows and events so far."""
 
-    def __init__(self, graph: GrainGraph, law: ContactLaw, interval: float, past: Past) -> None:
+    def __init__(
+        self,
+        graph: GrainGraph,
+        law: ContactLaw,
+        stages: Sequence[Stage],
+        interval: float,
+        past: Past,
+        planes: PlaneContacts | None,
+        plane_force: ArrayLike | None,
+    ) -> None:
         checked = require_replayable(graph, law)
+        start = start_state(graph, planes, plane_force)
+        for stage in stages:
+            require_upright(start, *stage.programme.equations(np.zeros(4)))
         self.by_radii = checked.shear_increment == "radii"
         self.size, self.past = interval, past
         self.parameter, self.intervals = 0.0, 0
@@ -142,11 +161,11 @@ class PackingPathSolver:
         self.rows: list[tuple[Any, ...]] = []
         # Memory and order of elimination of the increment before.
         self.packing: IncrementalPacking | None = None
-        self.pairs = contact_pairs(graph, checked)
-        self.state = _with_forces_of_geometry(start_state(graph), self.pairs)
+        self.pairs = contact_pairs(start, checked, planes)
+        self.state = _with_forces_of_geometry(start, self.pairs)
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
-        self.first_stress = float(np.linalg.norm(start_state(graph).stress))
+        self.first_stress = float(np.linalg.norm(start.stress))
         self.regime, self.side = np.zeros(0, dtype=np.int8), np.zeros(0)
         self._list_pairs()
         self._find_regimes()
@@ -159,7 +178,7 @@ class PackingPathSolver:
         """Add the pairs that are close to the list, as open contacts."""
         state, gap = self.state, self._listed_gap()
         self.wandered = 0.0
-        self.pairs = with_near(self.pairs, state.x, state.cell, state.radii, gap)
+        self.pairs = with_near(self.pairs, state, gap)
         new = np.zeros(len(self.pairs) - len(state.contacts))
         N, T = np.append(state.normal_force, new), np.append(state.shear_force, new)
         self.state = replace(
@@ -175,7 +194,7 @@ class PackingPathSolver:
         self.side = np.append(self.side, np.zeros(len(N) - first))
 
     def _listed_gap(self) -> float:
-        return LISTED_GAP * 2.0 * float(self.state.radii.mean())
+        return LISTED_GAP * 2.0 * self.state.mean_radius
 
     def _find_regimes(self) -> None:
         """Mark closed contacts on the friction limit as sliding, on the side of their force."""
@@ -259,14 +278,14 @@ class PackingPathSolver:
             status, message = error.args
         except ControlLimitError:
             status = "control_limit"
-            message = "the control has met its limit: it asks for ever more strain"
+            message = "limit of the control: the strain grows without bound"
         except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
-            status, message = "lost", f"the system has no answer: {error}"
+            status, message = "lost", f"the system can't be solved: {error}"
         else:
             stop = self._pass(met, duration, stage, target) if met else None
             found = {event.contacts for event in self.events if event.kind == "instability"}
             if stop is None and len(found) >= instabilities:
-                stop = "instabilities", f"{len(found)} contacts found no regimes that agree"
+                stop = "instabilities", f"{len(found)} contacts have no consistent regime"
             return stop
         self.state, self.F, self.regime, self.side, self.pairs = before
         if status == "lost":
@@ -404,9 +423,7 @@ class PackingPathSolver:
         """Add a row."""
         state = self.state
         energy = stored_energy(state, self.pairs)
-        carried = np.hypot(state.normal_force, state.shear_force)[state.closed]
-        mean = float(carried.mean() if len(carried) else np.nan)
-        largest = np.abs(self.imbalance)[:, :2].max() / mean
+        largest = np.abs(self.imbalance)[:, :2].max() / state.mean_force
         row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, largest
         self.rows.append(row)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,18 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
 from loops.closures.macro_tangent import check_choice
-from loops.errors import InputError
+from loops.errors import InputError, whole_number
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 from loops.packing import PackingSystem, PlaneContacts
-from stability.arguments import whole_number
+from loops.shown import Shown
 from stability.destabilising import LinearControl, control_along, no_control
-from stability.directional.edge import plane_directions, unit_directions
+from stability.directional.edge import plane_directions, unit_directions, works
 from stability.packing.complementarity import STARTS
+from stability.packing.loop_rates import loop_sums
 from stability.packing.regime_regions import (
     NEUTRAL,
     TURN,
     Cones,
+    DirectionAnswer,
     Driven,
     RegimeRegions,
     Subspace,
@@ -30,14 +33,43 @@ from stability.packing.regime_regions import (
 )
 from stability.packing.response import PackingRates, PackingResponse
 from stability.packing.yield_response import YieldResponse, yield_response
-from stability.subspaces import subspace_basis
+from stability.spectra import subspace_basis
 
 # Turn from one point of the spiral on the sphere to the next.
 GOLDEN = np.pi * (3.0 - 5.0**0.5)
 
 
-@dataclass(frozen=True, eq=False)
-class Probe:
+class Solutions(NamedTuple):
+    """S solutions of all directions, compression positive.
+
+    `direction` (S,) is the number of each one's direction, `strain_rate` and `stress_rate`
+    (S, 2, 2) are its `H'` and nominal `P'`, `normalised` (S,) is its second-order work over the
+    sizes of both in the subspace, `sliding` (S,) the number of contacts that slide.
+    """
+
+    direction: Integers
+    strain_rate: Floats
+    stress_rate: Floats
+    normalised: Floats
+    sliding: Integers
+
+    @property
+    def work(self) -> Floats:
+        """(S,) `W2 = P':H'`."""
+        return np.asarray(np.sum(self.strain_rate * self.stress_rate, axis=(1, 2)))
+
+
+NO_SOLUTIONS = Solutions(
+    np.empty(0, dtype=np.int64),
+    np.empty((0, 2, 2)),
+    np.empty((0, 2, 2)),
+    np.empty(0),
+    np.empty(0, dtype=np.int64),
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Probe(Shown):
     """Answers of a packing along D directions of an m-dimensional subspace, compression positive.
 
     Values that depend on the regimes are not numbers where `determined` is False.
@@ -92,6 +124,13 @@ class Probe:
         Grains of each loop.
     area : (L,) array
         Area of each loop.
+    folds : (K,) array, radians
+        In the plane, the angles at which a branch of solutions turns back: two solutions on one
+        side, none of this branch on the other. They bound the directions without a solution.
+    closed : bool
+        Whether all branches that were followed returned to their start.
+    solutions : Solutions
+        All solutions that are known, the one reported first in each direction.
     candidates, settled : int
         Contacts that might slide; those of grains with two contacts that are within the yield band
         and inside the cone: they stick.
@@ -123,6 +162,9 @@ class Probe:
     loop_work: Floats
     order: Integers
     area: Floats
+    folds: Floats
+    closed: bool
+    solutions: Solutions
     candidates: int
     settled: int
     system: PackingSystem
@@ -141,6 +183,20 @@ class Probe:
     def softest(self) -> int | None:
         """Number of the direction with the smallest normalised work; None if none is determined."""
         return int(np.nanargmin(self.normalised)) if self.determined.any() else None
+
+    @property
+    def between_folds(self) -> Floats:
+        """(D, 2) folds before and after each direction without a solution; else not numbers.
+
+        Nor where a branch did not close: what lies beyond its end is unknown.
+        """
+        bounds = np.full((len(self.directions), 2), np.nan)
+        if self.closed and len(self.folds):
+            around = np.concatenate([self.folds[-1:] - TURN, self.folds, self.folds[:1] + TURN])
+            open_ones = np.isin(self.status, ("none", "none found"))
+            after = np.searchsorted(around, self.theta[open_ones], side="right")
+            bounds[open_ones] = np.mod(np.column_stack([around[after - 1], around[after]]), TURN)
+        return bounds
 
     def __str__(self) -> str:
         unknown = int(np.count_nonzero(~self.determined))
@@ -229,15 +285,23 @@ def probe_edge(
     subspace: Subspace = "diagonal",
     faces: Faces | None = None,
     starts: int = STARTS,
+    progress: Callable[[int], None] | None = None,
 ) -> Probe:
-    """Probe a rate problem that is set up already; see `probe`."""
+    """Probe a rate problem that is set up already; see `probe`.
+
+    `progress` is told how many directions are done.
+    """
     check_choice("control", control, get_args(Driven))
     check_choice("subspace", subspace, get_args(Subspace))
     pieces = RegimeRegions(PackingRates(yielding), control, subspace, starts)
     graph = yielding.system.graph
     found = find_faces(graph) if faces is None else faces
     wanted = probe_directions(directions, subspace)
-    answers = [pieces.at(direction) for direction in wanted]
+    answers: list[DirectionAnswer] = []
+    for direction in wanted:
+        answers.append(pieces.at(direction))
+        if progress is not None:
+            progress(len(answers))
     rows = [answer.response for answer in answers]
     piece = np.array([answer.piece for answer in answers])
     loop_work = np.array([additive_work(row, found) for row in rows])
@@ -279,10 +343,33 @@ def probe_edge(
         loop_work=loop_work,
         order=found.order[found.loops],
         area=found.area[found.loops],
+        folds=pieces.folds,
+        closed=all(branch.closed for branch in pieces.branches),
+        solutions=_solutions(pieces, answers),
         candidates=len(yielding.rows),
         settled=yielding.settled,
         system=yielding.system,
     )
+
+
+def _solutions(pieces: RegimeRegions, answers: list[DirectionAnswer]) -> Solutions:
+    strain, stress = (
+        np.concatenate([getattr(answer, name) for answer in answers])
+        for name in ("strains", "stresses")
+    )
+    normalised = works(*(_unit(rates @ pieces.basis.T) for rates in (strain, stress)))[1]
+    return Solutions(
+        direction=np.repeat(np.arange(len(answers)), [len(answer.strains) for answer in answers]),
+        strain_rate=strain.reshape(-1, 2, 2),
+        stress_rate=stress.reshape(-1, 2, 2),
+        normalised=normalised,
+        sliding=np.concatenate([answer.slides for answer in answers]),
+    )
+
+
+def _unit(rates: Floats) -> Floats:
+    size = np.linalg.norm(rates, axis=1, keepdims=True)
+    return rates / np.where(size > 0, size, 1.0)
 
 
 def probe_directions(directions: ArrayLike, subspace: Subspace) -> Floats:
@@ -310,9 +397,7 @@ def probe_directions(directions: ArrayLike, subspace: Subspace) -> Floats:
 def additive_work(response: PackingResponse, faces: Faces) -> Floats:
     """(L,) `V_l w_l / V = -(1/(2 V)) sum f'.d'` of every loop."""
     contact = np.sum(response.force_rate * response.branch_rate, axis=1)
-    face = np.repeat(np.arange(len(faces.kind)), faces.order)
-    sums = np.bincount(face, contact[faces.contacts], minlength=len(faces.kind))
-    return np.asarray(-0.5 * sums[faces.loops] / response.system.volume)
+    return -0.5 / response.system.volume * loop_sums(contact, faces)
 
 
 def _destabilising(

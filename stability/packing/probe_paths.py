@@ -6,23 +6,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
+from loops.errors import number
 from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
-from stability.arguments import number
+from loops.packing import PlaneContacts
 from stability.destabilising import no_control
+from stability.packing.equations_of_motion import require_upright
 from stability.packing.incremental_packing import AT_YIELD
 from stability.packing.loop_rates import loop_changes
 from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength
 from stability.packing.path import PackingPath
-from stability.packing.probe import Probe
-from stability.packing.regime_regions import NEUTRAL
-from stability.packing.state import PackingState
+from stability.packing.probe import NO_SOLUTIONS, Probe
+from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
+from stability.packing.state import PackingState, start_state
 from stability.paths import follow as path_of
 from stability.programmes import Programme, Stage
-from stability.subspaces import subspace_basis
+from stability.spectra import subspace_basis
 
 Follow = Callable[[Sequence[Stage]], Sequence[PackingPath]]
 
@@ -34,6 +37,8 @@ def probe_to(
     faces: Faces,
     amplitude: float,
     follow: Follow | None = None,
+    planes: PlaneContacts | None = None,
+    plane_force: ArrayLike | None = None,
 ) -> Probe:
     """The probe with each direction followed by events until what is driven has grown so much.
 
@@ -42,12 +47,14 @@ def probe_to(
     found : Probe
         Directions, control, subspace and elastic answers are kept.
     graph, law, faces
-        The packing that was probed; periodic, under `LinearFrictional`.
+        The packing that was probed, under `LinearFrictional`.
     amplitude : float
         Strain, or stress under stress control.
     follow : callable, optional
         Function that follows the stages, one a direction, and returns their paths in order; by
         default `stability.follow`, one after the other.
+    planes, plane_force
+        Contacts with walls, as in `stability.follow`.
 
     Returns
     -------
@@ -55,7 +62,7 @@ def probe_to(
         `H'`, `P'` and works are increments over the amplitude (works over its square), `status` is
         that of the path and only what is 'finished' is determined; `sliding` counts contacts of the
         start that slide at the end, `disagreeing` the unstable ones, `residual` is the imbalance.
-        There are no pieces, cones or destabilising control.
+        There are no pieces, folds, lists of solutions, cones or destabilising control.
 
     Raises
     ------
@@ -64,11 +71,18 @@ def probe_to(
     """
     checked = require_replayable(graph, law)
     number("amplitude", amplitude, 0.0, open_low=True)
-    pairs = contact_pairs(graph, checked)
-    stages = [_stage(found, direction, amplitude) for direction in found.directions]
+    at_start = start_state(graph, planes, plane_force)
+    pairs = contact_pairs(at_start, checked, planes)
+    stages = [
+        stage_along(direction, found.subspace, found.control, amplitude)
+        for direction in found.directions
+    ]
+    for stage in stages:
+        require_upright(at_start, *stage.programme.equations(np.zeros(4)))
     if follow is None:
         paths: Sequence[PackingPath] = [
-            path_of(graph, law, stage, closure="packing") for stage in stages
+            path_of(graph, law, stage, closure="packing", planes=planes, plane_force=plane_force)
+            for stage in stages
         ]
     else:
         paths = follow(stages)
@@ -78,7 +92,7 @@ def probe_to(
         for parts in ([path.H for path in paths], [path.P for path in paths])
     )
     # Forces at the start of a path are those of the geometry.
-    first, count = paths[0].states[0], len(pairs)
+    first, count = paths[0].states[0], graph.contact_count
     start = graph.replace(
         normal_force=first.normal_force[:count], shear_force=first.shear_force[:count]
     )
@@ -103,6 +117,8 @@ def probe_to(
         arcs=np.empty((0, 2)),
         cones=np.empty((0, 2)),
         refined=np.empty((0, 2), dtype=bool),
+        folds=np.empty(0),
+        solutions=NO_SOLUTIONS,
         unstable_fraction=float(np.mean(known < -NEUTRAL)) if len(known) else float("nan"),
         destabilising=no_control("undetermined", m),
         loop_work=_of_finished(done, loops) * found.area / (found.system.volume * amplitude**2),
@@ -126,15 +142,13 @@ def _unstable(path: PackingPath) -> int:
     return len({event.contacts for event in path.of_kind("instability")})
 
 
-def _stage(found: Probe, direction: Floats, amplitude: float) -> Stage:
+def stage_along(direction: Floats, subspace: Subspace, control: Driven, amplitude: float) -> Stage:
     """Stage that drives one direction of the subspace, with no strain outside of it."""
-    basis = subspace_basis(found.subspace)
+    basis = subspace_basis(subspace)
     m = len(basis)
     # The rest of an orthonormal basis.
     outside = np.linalg.svd(basis)[2][m:]
     driven, other = np.vstack([basis, 0.0 * outside]), np.vstack([0.0 * basis, outside])
-    stress, strain = (
-        (0.0 * driven, driven + other) if found.control == "strain" else (driven, other)
-    )
+    stress, strain = (0.0 * driven, driven + other) if control == "strain" else (driven, other)
     rate = np.append(direction, np.zeros(4 - m))
     return Stage(Programme("probe", stress, strain, rate), "parameter", amplitude)

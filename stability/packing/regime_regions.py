@@ -6,13 +6,19 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from loops.arrays import Flags, Floats
+from loops.arrays import Flags, Floats, Integers
 from stability.cones import plane_cone
 from stability.directional.edge import plane_directions, works
-from stability.packing.complementarity import ENUMERATED, solve_from
+from stability.packing.complementarity import (
+    ENUMERATED,
+    known_solutions,
+    positive_definite,
+    solve_from,
+)
 from stability.packing.response import (
     HELD_STUCK,
     SOLVED,
+    WHOLE_CIRCLE,
     HeldAndDriven,
     PackingRates,
     PackingResponse,
@@ -21,7 +27,7 @@ from stability.packing.response import (
 )
 from stability.packing.solution_branch import SolutionBranch, trace_branch
 from stability.packing.yield_response import complementary_rates
-from stability.subspaces import subspace_basis
+from stability.spectra import subspace_basis
 
 Driven = Literal["strain", "stress"]
 Subspace = Literal["diagonal", "symmetric"]
@@ -30,17 +36,28 @@ TURN = 2.0 * np.pi
 # Normalised W2 within NEUTRAL has no sign; angles closer than SAME are equal.
 NEUTRAL, SAME = 1e-9, 1e-10
 HALVINGS = 40
+# Strain directions in which solutions are sought whose images may be missed otherwise.
+SEEDS = 24
+# Segments of a branch of few contacts at most.
+FEW_SEGMENTS = 500
 # Where both components fall nearly all contacts at yield stick: a solution is found at once.
 UNLOADING = -np.sqrt([0.5, 0.5])
 
 
 class DirectionAnswer(NamedTuple):
-    """Response along one direction; if undetermined, works are nan and the region is -1."""
+    """Response along one direction; if undetermined, works are nan and the region is -1.
+
+    `strains`, `stresses` (k, 4) and `slides` (k,) are the rates of all solutions that are known and
+    the number of contacts that slide; the first one is that of the response.
+    """
 
     response: PackingResponse
     work: float
     normalised: float
     piece: int
+    strains: Floats
+    stresses: Floats
+    slides: Integers
 
 
 class Cones(NamedTuple):
@@ -68,19 +85,79 @@ class RegimeRegions:
         self.tangents: list[Floats] = []
         self.arcs: list[Floats] = []
         self.branches: list[SolutionBranch] = []
-        count = len(rates.every)
-        self.traced = len(self.basis) == 2 and rates.small and count > ENUMERATED
+        self.answered: list[tuple[Floats, Flags]] = []
+        self.complete = ""
+        self.traced = len(self.basis) == 2 and rates.small and len(rates.every) > 0
         if self.traced:
-            units = [rates.problem(self.control(e)) for e in np.eye(2)]
-            self.circle = np.column_stack([q for q, _ in units]), units[0][1]
-            unloading = solve_from(self.circle[0] @ UNLOADING, self.circle[1], rates.none)
-            if unloading is not None:
-                self._trace(UNLOADING, unloading)
+            self.circle = self._circle()
+            self._unload()
+        if self.traced and control == "stress":
+            self._map_strains()
+
+    def _circle(self) -> tuple[Floats, Floats]:
+        """`Q` and `M` of all directions of the plane."""
+        units = [self.rates.problem(self.control(e)) for e in np.eye(2)]
+        return np.column_stack([q for q, _ in units]), units[0][1]
+
+    def _unload(self) -> None:
+        """Follow the solution of the direction that unloads."""
+        unloading = solve_from(self.circle[0] @ UNLOADING, self.circle[1], self.rates.none)
+        if unloading is not None:
+            self._trace(UNLOADING, unloading)
+
+    def _map_strains(self) -> None:
+        """Follow the images of the strain directions' solutions over the stress directions.
+
+        With the regimes fixed `P' = A H'`, so a branch over strains is one over stresses too. Where
+        each strain direction has one solution, its image is all that there is.
+        """
+        strains = RegimeRegions(self.rates, "strain", "diagonal", self.starts)
+        strains.seek()
+        for branch in strains.branches:
+            middle, sliding = branch.longest
+            control = strains.control(plane_directions(np.asarray(middle)))
+            stress = self.basis @ self.rates.rates_of(control, sliding)[1]
+            if not self._known(stress, sliding):
+                self._trace(stress, sliding)
+        images = [branch for branch in self.branches if branch.closed]
+        single = positive_definite(strains.circle[1]) and len(strains.branches) == 1
+        if single and strains.branches[0].closed and strains.branches[0].winding == 1:
+            if len(images) == len(self.branches) == 1:
+                self.complete = WHOLE_CIRCLE
+
+    def seek(self, count: int = SEEDS) -> None:
+        """Search from some directions around the circle, besides the one that unloads."""
+        if positive_definite(self.circle[1]):
+            return
+        for angle in TURN * np.arange(count) / count:
+            direction = plane_directions(np.asarray(angle))
+            found = solve_from(self.circle[0] @ direction, self.circle[1], self.rates.none)
+            if found is not None and not self._known(direction, found):
+                self._trace(direction, found)
+
+    def _sets(self, direction: Floats) -> list[Flags]:
+        """Sliding contacts of the solutions that branches have along a direction."""
+        angle = float(np.arctan2(*direction[1::-1]))
+        return [branch.sliding[k] for branch in self.branches for k in branch.at(angle)]
+
+    def _known(self, direction: Floats, sliding: Flags) -> bool:
+        return any(np.array_equal(sliding, other) for other in self._sets(direction))
 
     def _trace(self, direction: Floats, sliding: Flags) -> None:
         """Follow a solution around the circle."""
+        few = len(self.rates.every) <= ENUMERATED
+        # Where every combination is tried branches only tell folds; in a lattice they don't close.
+        if few and not all(branch.closed for branch in self.branches):
+            return
         angle = float(np.arctan2(direction[1], direction[0]))
-        self.branches.append(trace_branch(*self.circle, angle, sliding))
+        most = FEW_SEGMENTS if few else 20_000
+        self.branches.append(trace_branch(*self.circle, angle, sliding, most))
+
+    @property
+    def folds(self) -> Floats:
+        """(k,) angles at which branches turn back, sorted, in [0, 2 pi)."""
+        angles = [branch.folds for branch in self.branches]
+        return np.unique(np.concatenate([np.empty(0), *angles]))
 
     def control(self, direction: Floats) -> HeldAndDriven:
         """Control along a direction; strain outside of the subspace is zero."""
@@ -96,23 +173,49 @@ class RegimeRegions:
 
     def at(self, direction: Floats) -> DirectionAnswer:
         """Response along a unit direction."""
-        angle = float(np.arctan2(*direction[1::-1]))
-        known = [branch.sliding[k] for branch in self.branches for k in branch.at(angle)]
-        solved = self.rates.solved(self.control(direction), self.starts, known)
+        control, known = self.control(direction), self._sets(direction)
+        complete = self.complete if len(self.rates.every) > ENUMERATED else ""
+        solved = self.rates.solved(control, self.starts, known, complete)
+        if solved.response.status not in SOLVED and not solved.response.proof:
+            solved = self._from_nearest(direction, control) or solved
         response = solved.response
-        if self.traced and response.proof != HELD_STUCK:
+        if self.traced and response.proof != HELD_STUCK and not complete:
             for active in solved.solutions:
-                if not any(np.array_equal(active, other) for other in known):
+                if not self._known(direction, active):
                     self._trace(direction, active)
         if response.status not in SOLVED:
-            return DirectionAnswer(response, np.nan, np.nan, -1)
+            none = np.empty((0, 4))
+            return DirectionAnswer(
+                response, np.nan, np.nan, -1, none, none, np.empty(0, dtype=np.int64)
+            )
+        self.answered.append((direction, solved.active))
         strain = self.basis @ response.strain_rate.ravel()
         stress = self.basis @ response.stress_rate.ravel()
         size = float(np.linalg.norm(strain))
         work, normalised = works(strain / size if size > 0 else strain, stress)
+        own = response.strain_rate.ravel(), response.stress_rate.ravel()
+        others = [self.rates.rates_of(control, active) for active in solved.solutions[1:]]
+        rates = np.array([own, *others])
         return DirectionAnswer(
-            response, float(work) * size, float(normalised), self._piece(solved, direction)
-        )
+            response, float(work) * size, float(normalised), self._piece(solved, direction),
+            rates[:, 0], rates[:, 1], np.count_nonzero(solved.solutions, axis=1),
+        )  # fmt: skip
+
+    def _from_nearest(self, direction: Floats, control: HeldAndDriven) -> Solved | None:
+        """Follow the solution of the nearest answered direction along the great circle to here."""
+        if len(self.basis) == 2 or not (self.answered and self.rates.small):
+            return None
+        first, sliding = max(self.answered, key=lambda one: float(one[0] @ direction))
+        across = direction - (first @ direction) * first
+        plane = np.column_stack([first, across / np.linalg.norm(across)])
+        units = [self.rates.problem(self.control(column)) for column in plane.T]
+        Q, M = np.column_stack([q for q, _ in units]), units[0][1]
+        branch = trace_branch(Q, M, 0.0, sliding)
+        ends = branch.at(float(np.arctan2(plane[:, 1] @ direction, first @ direction)))
+        found = known_solutions(Q @ (plane.T @ direction), M, list(branch.sliding[ends]), "")
+        if not len(found.active):
+            return None
+        return self.rates.solved(control, 1, list(found.active))
 
     def elastic(self, direction: Floats) -> Floats:
         """(2, 2, 2): `H'` and `P'` with all contacts at yield sticking."""

@@ -14,10 +14,12 @@ from loops.errors import InputError
 from loops.graph import GrainGraph, branch_vectors
 from loops.laws.protocol import ContactLaw, Regime
 from loops.packing import PackingSystem, PlaneContacts, balancing_forces
+from loops.shown import Shown
 from stability.packing.complementarity import (
     SIGN,
     STARTS,
     Complementarity,
+    known_solutions,
     nearest_regimes,
     regular_factors,
     solve_complementarity,
@@ -40,20 +42,25 @@ SOLVED: tuple[Status, ...] = ("unique", "one found", "several")
 
 # In place of a proof: a mechanism moves under the strain or under slip with all contacts sticking.
 MECHANISM = "mechanism"
+# Proof: each strain direction has one solution, and the image of them all closed.
+WHOLE_CIRCLE = "whole circle"
 # In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
 HELD_STUCK = "two-contact grains stick"
 
 # Forces left out of balance beyond this share: a mechanism that no regime stops.
 TRUSTED = 1e-6
 # Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
-CONDENSED = 600
-ROUNDS = 14
+CONDENSED = 2000
+# Up to so many several starts are worth their time.
+STARTED = 600
+# Candidates of one part, and rounds of parts.
+PART, ROUNDS = 300, 14
 # Smallest scale of residuals, over the contacts' forces: in a lattice grain loads are rounding.
 IDLE = 1e-8
 
 
-@dataclass(frozen=True, eq=False)
-class PackingResponse:
+@dataclass(frozen=True, eq=False, repr=False)
+class PackingResponse(Shown):
     """Rates of a packing under a strain rate `H'`, compression positive.
 
     Attributes
@@ -70,9 +77,11 @@ class PackingResponse:
         holds them.
     proof : str
         Proof behind `unique` and `none`: 'enumeration' (up to 12 contacts at yield), 'positive
-        definite', 'infeasible'. Otherwise '', or what limits the answer:
-        'two-contact grains stick' (no solution was found until their contacts were kept from
-        sliding, an assumption), 'mechanism' (with all contacts sticking a mechanism moves).
+        definite', 'infeasible', 'whole circle' (of stress directions: each strain direction has
+        one solution, proved, and their image was followed until it closed). Otherwise '', or what
+        limits the answer: 'two-contact grains stick' (no solution was found until their contacts
+        were kept from sliding, an assumption), 'mechanism' (with all contacts sticking a mechanism
+        moves).
     residual : float
         Out-of-balance force rate with every contact in the regime that its own rates ask for, over
         that of the affine motion.
@@ -173,9 +182,16 @@ class PackingRates:
         return controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
 
     def solved(
-        self, control: HeldAndDriven, starts: int = STARTS, known: Sequence[Flags] = ()
+        self,
+        control: HeldAndDriven,
+        starts: int = STARTS,
+        known: Sequence[Flags] = (),
+        complete: str = "",
     ) -> Solved:
-        """Answer one control; `known` are sets of sliding candidates to try first."""
+        """Answer one control; `known` are sets of sliding candidates to try first.
+
+        They are all that there are if `complete` names a proof of it.
+        """
         free = ~self.yielding.of_two
         if not self.small:
             first = self._by_parts(control, ~self.none, "")
@@ -184,7 +200,11 @@ class PackingRates:
             second = self._by_parts(control, free, HELD_STUCK)
             return second if second.response.status in SOLVED else first
         q, M = self.problem(control)
-        found = solve_complementarity(q, M, starts, known)
+        starts = starts if len(q) <= STARTED else 1
+        if complete:
+            found = known_solutions(q, M, known, complete)
+        else:
+            found = solve_complementarity(q, M, starts, known)
         if not len(found.active) and not found.proof and not free.all():
             others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
             if len(others):
@@ -195,6 +215,12 @@ class PackingRates:
         answer = self._answer(active)
         response = self._response(answer, active, found, control)
         return Solved(response, active, answer, found.active)
+
+    def rates_of(self, control: HeldAndDriven, active: Flags) -> tuple[Floats, Floats]:
+        """(4,) strain and stress rate of the solution with these candidates sliding."""
+        answer = self._answer(active)
+        H = controlled_strain(answer, control)
+        return H, answer.stress @ H
 
     def _by_parts(self, control: HeldAndDriven, free: Flags, proof: str) -> Solved:
         active, answer, done = regimes_by_parts(self.yielding, control, free)
@@ -297,7 +323,7 @@ def regimes_by_parts(
             return active, answer, True
         active = active.copy()
         chosen = np.intersect1d(_near(yielding, wrong), np.flatnonzero(free))
-        if improves or len(chosen) > CONDENSED // 2:
+        if improves or len(chosen) > PART:
             active[wrong] ^= True
             continue
         pair = condensed(yielding, active, answer, chosen, slip_motion(yielding, answer, chosen)[0])
@@ -439,7 +465,7 @@ def controlled_strain(answer: LinearAnswer, control: HeldAndDriven) -> Floats:
 
 def _status(solutions: int, proof: str, residual: float) -> Status:
     if solutions and residual <= TRUSTED:
-        proved = proof in ("enumeration", "positive definite")
+        proved = proof in ("enumeration", "positive definite", WHOLE_CIRCLE)
         return "several" if solutions > 1 else "unique" if proved else "one found"
     if solutions or proof == MECHANISM:
         return "not converged"

@@ -61,9 +61,20 @@ class SolutionBranch:
     status: Status
 
     @property
+    def closed(self) -> bool:
+        """Whether nothing of the branch is missing."""
+        return self.status == "closed"
+
+    @property
     def winding(self) -> int:
         """Times that a closed branch runs around the circle; 0 if it covers only a part twice."""
         return round(float(np.sum(self.angle[:, 1] - self.angle[:, 0])) / TURN)
+
+    @property
+    def longest(self) -> tuple[float, Flags]:
+        """The middle of the longest segment, and its sliding contacts."""
+        k = int(np.argmax(np.abs(self.angle[:, 1] - self.angle[:, 0])))
+        return float(self.angle[k].mean()), self.sliding[k]
 
     @property
     def folds(self) -> Floats:
@@ -71,11 +82,7 @@ class SolutionBranch:
         way = self.angle[:, 1] - self.angle[:, 0]
         moves = np.flatnonzero(np.abs(way) > SAME_ANGLE)
         forwards = way[moves] > 0
-        after = (
-            np.roll(forwards, -1)
-            if self.status == "closed"
-            else np.append(forwards[1:], forwards[-1:])
-        )
+        after = np.roll(forwards, -1) if self.closed else np.append(forwards[1:], forwards[-1:])
         return np.mod(self.angle[moves[forwards != after], 1], TURN)
 
     def at(self, angle: float) -> Integers:
@@ -96,12 +103,12 @@ def trace_branch(
         none = np.zeros((1, 0), dtype=bool)
         return SolutionBranch(np.array([[0.0, TURN]]), none, "closed")
     found = _both_ways(Q, M, angle, sliding, most)
-    if found.status == "closed":
+    if found.closed:
         return found
     # In a symmetric packing contacts change regime together; apart by next to nothing they don't.
     apart = np.random.default_rng(0).standard_normal(Q.shape) * np.abs(Q).max()
     parted = _both_ways(Q + TIE_BREAK * apart, M, angle, sliding, most)
-    return parted if parted.status == "closed" else found
+    return parted if parted.closed else found
 
 
 def _both_ways(Q: Floats, M: Floats, angle: float, sliding: Flags, most: int) -> SolutionBranch:

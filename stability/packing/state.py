@@ -6,28 +6,44 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers
+from loops.errors import InputError
 from loops.graph import GrainGraph, branches_between
+from loops.packing import PlaneContacts
+from loops.shown import Shown
 
+# Feet on one plane: their normals and offsets agree to this share.
+SAME_PLANE = 1e-6
+# Walls along the axes lean by less than this sine.
+UPRIGHT = 1e-6
 # Largest change in an interval: of the stress, over itself; of a centre, over the mean diameter.
 JUMP, LEAP = 0.5, 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class PackingState:
+@dataclass(frozen=True, eq=False, repr=False)
+class PackingState(Shown):
     """A state of a packing on its path.
 
     Attributes
     ----------
-    x, angle : (G, 2), (G,) array
-        Centres, and angles that the grains have turned by since the start.
+    radii : (B,) array
+        Radii of the grains, then zero for each wall.
+    x, angle : (B, 2), (B,) array
+        Centres, and angles that the grains have turned by since the start; then a point of each
+        wall, which goes with the cell.
     cell : (2, 2) array
-        Periodic cell.
+        Periodic cell, or the sides of the box between walls.
     contacts, images : (C, 2) array of int
-        Contacts of the start first, then pairs that have touched since, or might.
+        Contacts of the start first, those with walls last, then pairs that have touched since, or
+        might.
     normal_force, shear_force : (C,) array
         `N` and `T`; zero where open.
+    walls : (W, 2) array
+        Unit normals of the walls into the sample, which keep their directions.
+    cell0 : (2, 2) array
+        Cell at the start.
     """
 
     radii: Floats
@@ -38,6 +54,28 @@ class PackingState:
     images: Integers
     normal_force: Floats
     shear_force: Floats
+    walls: Floats
+    cell0: Floats
+
+    @property
+    def count(self) -> int:
+        """Number of grains."""
+        return len(self.x) - len(self.walls)
+
+    @property
+    def mean_radius(self) -> float:
+        """Mean radius of the grains."""
+        return float(self.radii[: self.count].mean())
+
+    @property
+    def strain(self) -> Floats:
+        """(2, 2) displacement gradient of the cell since the start, compression positive."""
+        return np.asarray(np.eye(2) - self.cell @ np.linalg.inv(self.cell0))
+
+    @property
+    def at_wall(self) -> Flags:
+        """(C,) contacts with walls."""
+        return np.asarray(self.contacts[:, 1] >= self.count)
 
     @property
     def closed(self) -> Flags:
@@ -45,9 +83,19 @@ class PackingState:
         return self.normal_force > 0
 
     @cached_property
-    def branches(self) -> Floats:
-        """(C, 2) branch vectors."""
+    def apart(self) -> Floats:
+        """(C, 2) from the centre of a grain to that of the other, or to the point of the wall."""
         return branches_between(self.x, self.contacts, self.images, self.cell)
+
+    @cached_property
+    def branches(self) -> Floats:
+        """(C, 2) branch vectors; to the foot on a wall."""
+        if not len(self.walls):
+            return self.apart
+        d, rows = self.apart.copy(), self.at_wall
+        normal = self.walls[self.contacts[rows, 1] - self.count]
+        d[rows] = np.sum(d[rows] * normal, axis=1, keepdims=True) * normal
+        return d
 
     @cached_property
     def forces(self) -> Floats:
@@ -59,12 +107,16 @@ class PackingState:
 
     @cached_property
     def stress(self) -> Floats:
-        """(2, 2) stress, compression positive, over the current cell."""
-        return self.forces.T @ self.branches / abs(np.linalg.det(self.cell))
+        """(2, 2) stress, compression positive, over the current cell.
+
+        In a box it is the force on the upper and on the right wall over their lengths, whose
+        diagonal is that of Love and Weber between smooth walls.
+        """
+        return self.forces.T @ self.apart / abs(np.linalg.det(self.cell))
 
     @cached_property
     def resultants(self) -> Floats:
-        """(G, 3) contact forces and moments on the grains."""
+        """(B, 3) contact forces and moments on the grains; walls need no balance."""
         i, j = self.contacts.T
         out = np.zeros((len(self.x), 3))
         length = np.linalg.norm(self.branches, axis=1)
@@ -73,42 +125,122 @@ class PackingState:
         np.add.at(out[:, :2], i, -self.forces)
         np.add.at(out[:, 2], i, -arm_i * self.shear_force)
         np.add.at(out[:, 2], j, -(length - arm_i) * self.shear_force)
+        out[self.count :] = 0.0
         return out
+
+    @property
+    def mean_force(self) -> float:
+        """Mean force of the closed contacts between grains; nan if there are none."""
+        carried = np.linalg.norm(self.forces[self.closed & ~self.at_wall], axis=1)
+        return float(carried.mean()) if carried.any() else float("nan")
 
     @property
     def unbalanced(self) -> float:
         """Mean resultant on a grain over the mean contact force, as Yade; nan without forces."""
-        carried = np.linalg.norm(self.forces[self.closed], axis=1)
-        mean = carried.mean() if carried.any() else np.nan
-        return float(np.linalg.norm(self.resultants[:, :2], axis=1).mean() / mean)
+        left = np.linalg.norm(self.resultants[: self.count, :2], axis=1)
+        return float(left.mean() / self.mean_force)
 
     def graph(self) -> GrainGraph:
-        """The closed contacts as a graph of their own."""
-        c = self.closed
+        """The closed contacts between grains as a graph of their own."""
+        c, periodic = self.closed & ~self.at_wall, not len(self.walls)
         return GrainGraph(
-            x=self.x,
-            radii=self.radii,
+            x=self.x[: self.count],
+            radii=self.radii[: self.count],
             contacts=self.contacts[c],
-            images=self.images[c],
-            cell=self.cell,
+            images=self.images[c] if periodic else None,
+            cell=self.cell if periodic else None,
             normal_force=self.normal_force[c],
             shear_force=self.shear_force[c],
         )
 
 
-def start_state(graph: GrainGraph) -> PackingState:
-    """The state of a graph, with its own forces."""
-    assert graph.cell is not None and graph.images is not None
+def start_state(
+    graph: GrainGraph,
+    planes: PlaneContacts | None = None,
+    plane_force: ArrayLike | None = None,
+    volume: float | None = None,
+) -> PackingState:
+    """The state of a graph with its own forces, in its cell or between the walls that it touches.
+
+    `plane_force` (W, 2) are the forces of the walls on the grains, of the overlaps if left out.
+    The cell is the box of four walls along the axes, or any of a given `volume`.
+    """
+    x, radii, angle = graph.x, graph.radii, np.zeros(graph.grain_count)
+    N, T = graph.normal_force, graph.shear_force
+    if graph.cell is not None:
+        assert graph.images is not None
+        cell, normals = graph.cell, np.zeros((0, 2))
+        contacts, images = graph.contacts, graph.images
+    elif planes is None or not len(planes.grain):
+        remedy = "Give the cell, or the contacts with the walls."
+        raise InputError("packing", "no cell and no walls", "either of them", remedy)
+    else:
+        normals, offsets, wall = _walls(graph, planes)
+        cell, points = _box(x, normals, offsets, volume)
+        count, n = graph.grain_count, normals[wall]
+        x, radii, angle = (
+            np.concatenate([old, new])
+            for old, new in ((x, points), (radii, 0.0 * offsets), (angle, 0.0 * offsets))
+        )
+        contacts = np.vstack([graph.contacts, np.column_stack([planes.grain, count + wall])])
+        images = np.zeros_like(contacts)
+        distance = np.linalg.norm(planes.branch, axis=1)
+        push = planes.kn * np.maximum(graph.radii[planes.grain] - distance, 0.0)
+        force = push[:, None] * n if plane_force is None else np.asarray(plane_force, dtype=float)
+        # The normal of a contact points from the grain to the wall.
+        frame = n, np.column_stack([-n[:, 1], n[:, 0]])
+        N, T = (
+            np.append(old, np.sum(force * way, axis=1))
+            for old, way in zip((N, T), frame, strict=True)
+        )
     return PackingState(
-        radii=graph.radii,
-        x=graph.x,
-        angle=np.zeros(graph.grain_count),
-        cell=graph.cell,
-        contacts=graph.contacts,
-        images=graph.images,
-        normal_force=graph.normal_force,
-        shear_force=graph.shear_force,
+        radii=radii,
+        x=x,
+        angle=angle,
+        cell=cell,
+        contacts=contacts,
+        images=images,
+        normal_force=N,
+        shear_force=T,
+        walls=normals,
+        cell0=cell,
     )
+
+
+def _walls(graph: GrainGraph, planes: PlaneContacts) -> tuple[Floats, Floats, Integers]:
+    """Normals into the sample and offsets `n . x` of the planes; the plane of each contact."""
+    distance = np.linalg.norm(planes.branch, axis=1)
+    normal = -planes.branch / distance[:, None]
+    offset = np.sum(normal * graph.x[planes.grain], axis=1) - distance
+    size = float(np.abs(graph.x).max() + graph.radii.max())
+    key = np.round(np.column_stack([normal, offset / size]) / SAME_PLANE).astype(np.int64)
+    _, first, wall = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    return normal[first], offset[first], wall.ravel()
+
+
+def _box(
+    x: Floats, normals: Floats, offsets: Floats, volume: float | None
+) -> tuple[Floats, Floats]:
+    """The cell (2, 2) and a point (W, 2) of each wall.
+
+    The left and the lower wall have the lower left corner, the others the end of its sides.
+    """
+    if volume is not None:
+        side = float(np.ptp(x, axis=0)[0]) or np.sqrt(volume)
+        return np.diag([side, volume / side]), offsets[:, None] * normals
+    axis = np.argmax(np.abs(normals), axis=1)
+    sides = {(int(a), bool(n[a] < 0)): o for a, n, o in zip(axis, normals, offsets, strict=True)}
+    upright = np.abs(normals[np.arange(len(axis)), 1 - axis]) < UPRIGHT
+    if len(sides) != 4 or len(normals) != 4 or not upright.all():
+        listed = ", ".join(f"({n[0]:.3g}, {n[1]:.3g})" for n in normals)
+        expected = "one wall on each side of a box along the axes: such walls keep their direction"
+        remedy = "Other walls can be held, not moved; give a contact with each wall."
+        raise InputError("walls", f"{len(normals)} with normals {listed}", expected, remedy)
+    corner = np.array([sides[0, False], sides[1, False]])
+    end = -np.array([sides[0, True], sides[1, True]])
+    upper = normals[np.arange(4), axis] < 0
+    points = np.where(upper[:, None] & (axis[:, None] == [0, 1]), end, corner)
+    return np.diag(end - corner), points
 
 
 def jumped(before: PackingState, after: PackingState, stress: float) -> str:
@@ -123,5 +255,5 @@ def jumped(before: PackingState, after: PackingState, stress: float) -> str:
         return f"the stress jumped by {change:.2g} of what it was"
     beyond = after.x - before.x @ (after.cell @ np.linalg.inv(before.cell)).T
     carries = np.bincount(after.contacts[after.closed].ravel(), minlength=len(beyond)) > 1
-    leap = np.abs(beyond[carries]).max(initial=0.0) / (2.0 * float(after.radii.mean()))
+    leap = np.abs(beyond[carries]).max(initial=0.0) / (2.0 * after.mean_radius)
     return f"a grain leapt by {leap:.2g} diameters" if leap > LEAP else ""

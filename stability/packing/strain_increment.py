@@ -176,7 +176,7 @@ class StrainIncrement:
         pairs = (packing.frame, packing.regime)
         motion = (packing.length, self.strain, self.u, h, v, step)
         forces = (self.T, self.rates, self.work, self.released)
-        add_work(*pairs, self.touching, self.load, *motion, *forces)
+        add_work(*pairs, self.touching, self.state.walls, self.load, *motion, *forces)
         advance(*pairs, step, self.rates, self.N, self.T, self.gap, self.work)
         self.strain += step * h[:4]
         self.u += step * v

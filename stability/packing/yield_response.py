@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers
-from loops.contact_state import contact_state
-from loops.contact_tangent import contact_regime, contact_tangent
+from loops.assembly import contact_regime, contact_tangent
 from loops.errors import InputError
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, contact_state
 from loops.laws.frictional import edge_of
 from loops.laws.protocol import ContactLaw, Regime, require_law
 from loops.packing import (
@@ -25,13 +24,13 @@ from loops.packing import (
     PackingSystem,
     PlaneContacts,
     UpdatedFactors,
-    assembled,
     balancing_forces,
     factorised,
     in_freedoms,
+    packing_stress_rate,
     packing_system,
     relative_motion,
-    stress_rate,
+    stiffness_matrix,
 )
 
 # H' = e_i (x) e_j for the four components in the order 11, 12, 21, 22.
@@ -154,7 +153,7 @@ def linear_answer(
     motion = factor.solve(loads)
     relative = relative_motion(system, motion, UNIT_STRAINS)
     forces = -blocks @ relative
-    stress = stress_rate(system, forces).reshape(4, 4)
+    stress = packing_stress_rate(system, forces).reshape(4, 4)
     return LinearAnswer(
         factor, loads, loads - factor.matrix @ motion, motion, relative, forces, stress
     )
@@ -179,8 +178,8 @@ def updated_factor(
     """Factors with the active candidates sliding, as an update of those with all sticking."""
     gauge = in_freedoms(yielding.system, yielding.rows[active], yielding.gauge[active])
     small = np.linalg.inv(matrix[np.ix_(active, active)])
-    lu = UpdatedFactors(elastic.factor.lu, -slips[:, active] @ small, gauge)
-    return Factor(assembled(yielding.system, stiffness_of(yielding, active)), lu)
+    lu = UpdatedFactors(elastic.factor.lu, -slips[:, active], small @ gauge)
+    return Factor(stiffness_matrix(yielding.system, stiffness_of(yielding, active)), lu)
 
 
 def condensed(

@@ -17,7 +17,7 @@ from stability.paths.model import PathModel, pair_keys
 from stability.paths.state import Mode
 from stability.paths.state_rates import StateRates
 from stability.programmes import Stage
-from stability.subspaces import subspace_basis
+from stability.spectra import subspace_basis
 
 Anything = TypeVar("Anything")
 # Points at which the polynomial through the samples looks for an excursion between them.

@@ -13,9 +13,9 @@ from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from loops.closures.macro_tangent import check_choice
-from loops.contact_state import ContactState
+from loops.errors import number, whole_number
+from loops.graph import ContactState
 from loops.laws.protocol import require_law
-from stability.arguments import number, whole_number
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
 from stability.paths.model import START_MISMATCH, PathModel, compressed, path_model
 from stability.paths.path import Past, Path, follow_stages
@@ -26,6 +26,7 @@ from stability.programmes import Programme, Stage
 from stability.rate_problem import RateProblem
 
 if TYPE_CHECKING:
+    from loops.packing import PlaneContacts
     from stability.packing.path import PackingPath
 
 Options = TypeVar("Options")
@@ -44,6 +45,8 @@ class PackingPathOptions:
     instabilities: int = 20
     past: Past = "viscous"
     progress: Callable[[float], None] | None = None
+    planes: PlaneContacts | None = None
+    plane_force: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         number("interval", self.interval, 0.0, open_low=True)
@@ -96,13 +99,13 @@ def follow(
     to them again. Where contacts are at the edge of their law, a rate problem decides
     (`stability.rate_problem`).
 
-    Under the `packing` closure the whole of a periodic packing under `LinearFrictional` is
-    followed, its spins free: within short intervals of strain the rates are piecewise linear and
-    contacts change regime by pivots (Theory, equation (11.10)); geometry and normal forces are
-    exact at their ends, so the error halves with the interval. What is out of balance at the start
-    stays as a constant load.
+    Under the `packing` closure the whole of a packing under `LinearFrictional` is followed,
+    periodic or between walls, its spins free: within short intervals of strain the rates are
+    piecewise linear and contacts change regime by pivots (Theory, equation (11.10)); geometry and
+    normal forces are exact at their ends, so the error halves with the interval. What is out of
+    balance at the start stays as a constant load.
     Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities`,
-    `past` and `progress`.
+    `past`, `progress`, `planes` and `plane_force`.
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
@@ -152,12 +155,18 @@ def follow(
     instabilities : int
         Of a packing: number of unstable contacts at which the path stops.
     past : {'viscous', 'dynamic', 'stop'}
-        Of a packing, the way past an instability, where no regimes of a contact agree: springs on
+        Of a packing, how the path continues where no regime of a contact is consistent: springs on
         the grains of its mode until the interval ends; the equations of motion from there on, over
         the strain of an interval at an inertial number of 2.5e-7, then held until at rest (discs of
         unit density, Cundall's damping of 0.3); or the path stops there, status 'instabilities'.
     progress : callable, optional
         Of a packing: called after every interval with the parameter that the path has reached.
+    planes : PlaneContacts, optional
+        Of a packing without a cell: its contacts with four walls along the axes, which move with
+        the strain of the box and keep their directions (`H12 = H21 = 0`). Grains that touch a wall
+        later have its mean stiffness over the radius, or its mean stiffness where that varies less.
+    plane_force : (W, 2) array, optional
+        Of these contacts: force of the wall on the grain (force), for shear forces of rough walls.
 
     Returns
     -------

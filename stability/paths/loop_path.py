@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.closures import Spins
 from loops.closures.macro_tangent import check_choice
-from loops.errors import InputError
+from loops.errors import InputError, number
 from loops.laws.frictional import TOUCHING
 from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup
-from stability.arguments import number
 from stability.paths.event_functions import event_functions
 from stability.paths.model import PathModel, with_contact, without_pairs
 from stability.paths.path import FINISHED, ModelOption, PathStatus
@@ -46,7 +45,7 @@ from stability.paths.state import (
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme, Stage
 from stability.rate_problem import ELASTIC, SEARCH_LIMIT, Choice, RateProblem
-from stability.subspaces import subspace_basis
+from stability.spectra import subspace_basis
 
 # Steps that a stage takes at least, if it is as long as its start promises.
 MIN_STEPS = 8
@@ -207,8 +206,7 @@ class LoopPathSolver:
                     return self._came_apart()
                 contacts = tuple(sorted(expected))
                 reason = (
-                    f"contacts {list(contacts)} leave at once every regime that agrees with its"
-                    " rates"
+                    f"contacts {list(contacts)} have no regime that stays consistent with its rates"
                 )
                 self.record.event("control_limit", self.parameter, contacts, reason)
                 return "no_solution", f"{name} at parameter {self.parameter:.15g}: {reason}"
@@ -397,7 +395,7 @@ class LoopPathSolver:
             reason = "the controlled system is singular"
         else:
             status = "no_solution"
-            reason = "no choice of regimes agrees with the rates it causes"
+            reason = "no choice of regimes is consistent with its own rates"
         if not problem.exhaustive:
             reason += (
                 f" (of {problem.combinations:.3g} combinations pivoting from three starts found"

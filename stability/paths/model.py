@@ -15,9 +15,8 @@ from loops.arrays import Flags, Floats, Integers
 from loops.assembly import motions
 from loops.closures import Closure, Spins
 from loops.closures.system import ClosureForm, closure_form, drive
-from loops.contact_state import ContactState
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
-from loops.graph import branch_vectors, reference_branch_vectors, require_one_state
+from loops.graph import ContactState, branch_vectors, reference_branch_vectors, require_one_state
 from loops.symmetry import PointGroup, invariant_fields
 
 # Rounding of coordinates, in units of r_i + r_j: gaps within it are none.

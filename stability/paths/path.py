@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from loops.arrays import Floats, Integers, Regimes
 from loops.shown import Shown
 from stability.programmes import Stage
-from stability.spectra import spectrum, symmetric_part, symmetric_spectrum
-from stability.subspaces import COMPONENTS, restrict
+from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, symmetric_spectrum
 
 EventKind = Literal[
     "yield",
@@ -48,8 +47,8 @@ FINISHED: tuple[PathStatus, str] = ("finished", "every stage reached its target"
 Past = Literal["viscous", "dynamic", "stop"]
 
 
-@dataclass(frozen=True)
-class ModelChoice:
+@dataclass(frozen=True, repr=False)
+class ModelChoice(Shown):
     """Model of a path: what was left out for its symmetry; counts as 'part of whole'.
 
     `choice`: 'auto' for the smallest model, 'full' for all of it; `symmetry`: Point group that
@@ -74,8 +73,8 @@ class ModelChoice:
     kept: str
 
 
-@dataclass(frozen=True)
-class Event:
+@dataclass(frozen=True, repr=False)
+class Event(Shown):
     """Event of a path.
 
     Attributes

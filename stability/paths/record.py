@@ -25,8 +25,7 @@ from stability.paths.regimes import EdgeTrial
 from stability.paths.state import Mode, shear_stiffness
 from stability.paths.state_rates import StateRates
 from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, Choice, RateProblem
-from stability.spectra import RTOL, operator_norm, symmetric_spectrum
-from stability.subspaces import restrict
+from stability.spectra import RTOL, operator_norm, restrict, symmetric_spectrum
 
 CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
 SINGULAR = "the controlled system is singular"

@@ -9,7 +9,7 @@ from math import prod
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
-from loops.contact_state import ContactState
+from loops.graph import ContactState
 from loops.laws.frictional import edge_of, edge_rates
 from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup, point_group

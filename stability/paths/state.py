@@ -8,8 +8,7 @@ import numpy as np
 
 from loops import GrainGraph
 from loops.arrays import Floats, Regimes
-from loops.contact_state import ContactState
-from loops.graph import branch_vectors, reference_branch_vectors
+from loops.graph import ContactState, branch_vectors, reference_branch_vectors
 from loops.laws.frictional import with_sides
 from loops.laws.protocol import Regime
 from stability.paths.model import PathModel

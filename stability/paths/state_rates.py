@@ -8,12 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from loops.arrays import Floats, Regimes
+from loops.assembly import translational_blocks, translational_compliances
 from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
-from loops.closures.spins import LoopSpin, spin_of_gradient
-from loops.closures.system import closure_matrix, contact_springs, drive
-from loops.closures.traction import ring_equations
-from loops.contact_state import ContactState
-from loops.contact_tangent import translational_blocks, translational_compliances
+from loops.closures.system import LoopSpin, closure_matrix, contact_springs, drive, spin_of_gradient
+from loops.closures.tangents import ring_equations
+from loops.graph import ContactState
 from loops.laws.frictional import edge_rates
 from loops.laws.protocol import Regime
 from loops.null_space import LeastSquares, solve_through_null_space

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import math
+import os
+import platform
+import time
+import tracemalloc
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +25,11 @@ from loops import (
     traction_tangent,
 )
 from loops.arrays import Floats, Regimes
-from loops.closures import Closure
-from patterns import diamond, synthetic_network
+from loops.closures import Closure, Spins
+from patterns import diamond, regular_polygon, synthetic_network
 from patterns.diamond import TABLE_1, drained_end
 from stability import (
+    Path,
     Stage,
     follow,
     plane_cone,
@@ -30,10 +38,13 @@ from stability import (
     restrict,
     symmetric_spectrum,
 )
-from stability.loop_stability import loop_stability
-from studies.bench.fifty_digits import DIGITS, affine_tangent_50, as_array, traction_tangent_50
-from studies.bench.measure import Row, Rows, largest
+from stability.verdict import loop_stability
+from studies.bench.hard_cases import DIGITS, affine_tangent_50, as_array, traction_tangent_50
 
+# Least total time of the repeated runs in seconds; the fastest run counts.
+LONG_ENOUGH, LONG_ENOUGH_QUICK = 0.15, 0.01
+# Calls longer than this (seconds) are not run again for their memory: tracing slows Python down.
+TRACED = 2.0
 # E1, E2, s1 at B of Table 1, from the quadrature in 20 digits.
 POINT_B = (0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503)
 # Increase of E1 from A to a strain beyond B.
@@ -43,11 +54,95 @@ PATH_COUNTS = (1, 100, 10_000)
 DIRECTION_COUNTS = (36, 360, 3600, 36_000)
 BATCH_SIZES = (1, 10, 100, 1000, 10_000)
 # Names of `compiled=False` and `compiled=True`.
-WAYS = ("numpy", "compiled")
+COMPILED_NAMES = ("numpy", "compiled")
 KN, KT, MU, SLIDING_SHARE = 1.0, 0.4, 0.5, 0.2
 
 
 # ---- paths
+BENCH_LAW = LinearFrictional(kn=1.0, kt=0.8, mu=float(np.tan(np.radians(20.0))))
+STAGES = (
+    Stage(programmes.isotropic_strain(), "H11", 0.1),
+    Stage(programmes.drained_biaxial(), "H11", 0.25),
+)
+STATE_FIELDS = (
+    "parameter", "H", "P", "x", "normal_force", "shear_force", "A", "H_rate", "P_rate", "work"
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Row:
+    """Time, error and memory of one method at one setting."""
+
+    group: str
+    method: str
+    setting: str
+    items: int
+    seconds_per_item: float
+    error: float
+    peak_bytes: float
+    oracle: str
+    default: bool = False
+
+
+class Rows(list[Row]):
+    """Rows of one group and oracle."""
+
+    def __init__(self, group: str, oracle: str, quick: bool) -> None:
+        super().__init__()
+        self.group, self.oracle, self.quick = group, oracle, quick
+
+    def add(
+        self,
+        method: str,
+        setting: str,
+        call: Callable[[], Any],
+        gap: Any,
+        items: int = 1,
+        default: bool = False,
+    ) -> None:
+        """Run a method for its time, once more for its memory; `gap` is its error."""
+        seconds = least_seconds(call, quick=self.quick)
+        peak = peak_bytes(call) if seconds < TRACED else float("nan")
+        measured = (items, seconds / items, largest(np.abs(gap)), peak)
+        self.append(Row(self.group, method, setting, *measured, self.oracle, default))
+
+
+def least_seconds(call: Callable[[], Any], *, quick: bool) -> float:
+    """Processor time of the fastest of several runs, the least disturbed by other work."""
+    enough = LONG_ENOUGH_QUICK if quick else LONG_ENOUGH
+    times: list[float] = []
+    while sum(times) < enough or (len(times) < 3 and times[0] < enough):
+        start = time.process_time()
+        call()
+        times.append(max(time.process_time() - start, 1e-9))
+    return min(times)
+
+
+def peak_bytes(call: Callable[[], Any]) -> float:
+    """Peak of the memory that a call asks for, beyond the memory held before."""
+    tracemalloc.start()
+    try:
+        call()
+        return float(tracemalloc.get_traced_memory()[1])
+    finally:
+        tracemalloc.stop()
+
+
+def machine(*packages: str) -> dict[str, Any]:
+    """Interpreter, processor, cores and packages: times depend on them."""
+    found: dict[str, Any] = {"python": platform.python_version(), "cores": os.cpu_count()}
+    found["processor"] = platform.machine()
+    for name in packages:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def largest(errors: Any) -> float:
+    """Largest error, 1 where there is no answer."""
+    return float(np.max(np.where(np.isfinite(errors), errors, 1.0)))
 
 
 def path_methods(quick: bool) -> Rows:
@@ -248,7 +343,7 @@ def compiled_methods(quick: bool) -> list[Row]:
         found = call()
         same = np.array_equal(found.offsets, plain.offsets)
         wrong = float((found.contacts != plain.contacts).mean()) if same else 1.0
-        name, setting = f"faces, {WAYS[compiled]}", f"{graph.contact_count:,} contacts"
+        name, setting = f"faces, {COMPILED_NAMES[compiled]}", f"{graph.contact_count:,} contacts"
         rows.add(name, setting, call, wrong, len(plain.contacts))
     matrices = random_rings(200 if quick else 20_000, 6, seed=13).tangents("affine")
     exact, count = symmetric_spectrum(restrict(matrices, "symmetric")), len(matrices)
@@ -256,14 +351,89 @@ def compiled_methods(quick: bool) -> list[Row]:
     for compiled in kernels:
         call = partial(loop_stability, matrices, compiled=compiled)
         gap = (call().eigenvalues - exact) / np.abs(exact).max(axis=1, keepdims=True)
-        modes.add(f"modes, {WAYS[compiled]}", f"{count:,} loops", call, gap, count)
+        modes.add(f"modes, {COMPILED_NAMES[compiled]}", f"{count:,} loops", call, gap, count)
     return rows + modes
 
 
-GROUPS: dict[str, Callable[[bool], list[Row]]] = {
+METHOD_GROUPS: dict[str, Callable[[bool], list[Row]]] = {
     "paths": path_methods,
     "closures": closure_methods,
     "directions": direction_methods,
     "batches": batch_sizes,
     "compiled": compiled_methods,
 }
+
+
+@dataclass(frozen=True)
+class Family:
+    """Regular polygons, a corner on axis 1, confined to 10 % and loaded to 25 %."""
+
+    closure: Closure
+    spins: Spins
+    orders: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Closure and spins in words."""
+        return f"{self.closure}, spins {self.spins}"
+
+
+FAMILIES = (
+    Family("affine", "blocked", (4, 6, 8, 12, 20, 40, 100)),
+    Family("traction", "blocked", (4, 6, 8, 12, 20, 40, 100)),
+    Family("traction", "affine", (4, 6, 8, 12, 20, 40, 100)),
+    Family("traction", "free", (4, 6, 8, 12, 20, 40)),
+)
+
+
+def smallest_model_rows() -> list[dict[str, Any]]:
+    """One row for each family and order."""
+    return [compared(family, order) for family in FAMILIES for order in family.orders]
+
+
+def compared(family: Family, order: int) -> dict[str, Any]:
+    """Cost of one loop by both models, and their largest difference."""
+    small, seconds_small = _timed(family, order, "auto")
+    full, seconds_full = _timed(family, order, "full")
+    unknowns, of_all = small.model.unknowns.split(" of ")
+    return {
+        "scene": family.name,
+        "order": order,
+        "symmetry": small.model.symmetry,
+        "freedoms": small.model.freedoms,
+        "seconds_auto": seconds_small,
+        "seconds_full": seconds_full,
+        "saved": seconds_full / seconds_small,
+        "unknowns_auto": int(unknowns),
+        "unknowns_full": int(of_all),
+        "solves_auto": small.model.branch_solves,
+        "solves_full": full.model.branch_solves,
+        "difference": largest_difference(small, full),
+        "status": small.status,
+    }
+
+
+def largest_difference(small: Path, full: Path) -> float:
+    """Largest difference of two paths at their events and ends, over the size of each quantity.
+
+    States, tangents and rates; sizes below 1 count as 1. The steps between are each path's own.
+    """
+    told = [[(each.kind, each.contacts) for each in path.events] for path in (small, full)]
+    if told[0] != told[1] or small.status != full.status:
+        return float("inf")
+    at = [[*(event.index for event in path.events), -1] for path in (small, full)]
+    apart = 0.0
+    for name in STATE_FIELDS:
+        a, b = getattr(small, name)[at[0]], getattr(full, name)[at[1]]
+        if not np.array_equal(np.isnan(a), np.isnan(b)):
+            return float("inf")
+        size = max(1.0, float(np.nanmax(np.abs(b), initial=0.0)))
+        apart = max(apart, float(np.nanmax(np.abs(a - b), initial=0.0)) / size)
+    return apart
+
+
+def _timed(family: Family, order: int, model: Any) -> tuple[Path, float]:
+    how: Any = {"closure": family.closure, "spins": family.spins, "model": model}
+    start = process_time()
+    path = follow(regular_polygon(order), BENCH_LAW, STAGES, **how)
+    return path, process_time() - start

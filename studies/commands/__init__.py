@@ -1,1 +1,1 @@
-"""The commands of `grainloops`, one module each."""
+"""The commands of `grainloops`."""

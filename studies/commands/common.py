@@ -17,9 +17,18 @@ from cyclopts import Parameter
 from loops.errors import InputError
 
 # Listed here, since the readers themselves are loaded only by the commands that read.
-FORMATS = ("table", "yade-vtk", "yade-xml", "yade-text", "lammps", "liggghts", "mercury")
+FORMAT_NAMES = (
+    "table",
+    "yade-vtk",
+    "yade-xml",
+    "yade-text",
+    "lammps",
+    "liggghts",
+    "mercury",
+    "pegs",
+)
 # File endings that are removed where a result folder is named after its input.
-ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
+NAME_ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
 # Seconds before the clock is first shown, and between two changes of it.
 PATIENCE, TICK = 2.0, 0.5
 CLEAR = "\r\x1b[K"
@@ -105,7 +114,7 @@ class Reading:
     ] = None
     format: Annotated[
         str,
-        Parameter(help=f"Format of the input: auto (by its content), {', '.join(FORMATS)}."),
+        Parameter(help=f"Format of the input: auto (by its content), {', '.join(FORMAT_NAMES)}."),
     ] = "auto"
     columns: Annotated[
         str | None,
@@ -142,6 +151,19 @@ class OneReading(PlaneReading):
         int | None,
         Parameter(help="Snapshot of a file with several: 0 is the first, -1 the last."),
     ] = None
+    cells: Cells = None
+
+    def how_of(self, path: Path) -> dict[str, Any]:
+        """The options for this file: its cell from the table of `--cells`, if that is given."""
+        given = self.how()
+        cells = given.pop("cells")
+        if cells is None:
+            return given
+        if self.cell is not None:
+            raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
+        from studies.series.plan import cell_reader
+
+        return given | {"cell": cell_reader(cells)(path, self.frame)}
 
 
 @dataclass(frozen=True)
@@ -202,7 +224,7 @@ def out_or(out: Path | None, command: str, path: Path | None = None) -> Path:
     """
     if out is not None or path is None:
         return out or Path(command)
-    while path.suffix.lower() in ENDINGS:
+    while path.suffix.lower() in NAME_ENDINGS:
         path = path.with_suffix("")
     return Path(f"{path.name}-{command}")
 

@@ -1,4 +1,4 @@
-"""`grainloops diamond`, `polygon` and `domain`: loops without a packing."""
+"""`grainloops diamond`, `polygon`, `domain` and `bench`: loops without a packing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from cyclopts import Parameter
 from loops.errors import InputError
 from studies.commands.common import (
     Answer,
+    Force,
+    Json,
     OneReading,
+    Out,
     Writing,
     answer,
     clock,
@@ -22,19 +25,26 @@ from studies.commands.common import (
 
 # Default stiffness ratio kt/kn; that of spheres is for Poisson's ratio 0.3.
 KAPPA = {"linear": 0.2, "hertz": 1.4 / 1.7}
+Closure = Annotated[
+    str, Parameter(help="Loading of the loop by its surroundings: affine or traction.")
+]
 Phi = Annotated[float | None, Parameter(help="Friction angle of the contacts (degrees).")]
 
 
 def diamond(
     *,
     table: Annotated[int | None, Parameter(help="Table 1 or 2 of the paper.")] = None,
-    alpha0: Annotated[float | None, Parameter(help="Reference angle (degrees).")] = None,
+    alpha0: Annotated[
+        float | None, Parameter(help="Branch angle of the reference (degrees).")
+    ] = None,
     kappa: Annotated[float | None, Parameter(help="Stiffness ratio kt/kn.")] = None,
     phi: Phi = None,
-    confine: Annotated[float | None, Parameter(help="Isotropic strain at state A.")] = None,
-    closure: Annotated[str, Parameter(help="affine or traction.")] = "affine",
+    confine: Annotated[
+        float | None, Parameter(help="Isotropic strain at state A, where the biaxial test starts.")
+    ] = None,
+    closure: Closure = "affine",
     contact_on_touch: Annotated[
-        str, Parameter(help="If opposite grains touch: ignore, stop or add a contact.")
+        str, Parameter(help="If opposite grains touch: ignore it, stop, or add a contact.")
     ] = "ignore",
     model: Annotated[
         str,
@@ -42,14 +52,20 @@ def diamond(
     ] = "auto",
     writing: Writing | None = None,
 ) -> Answer:
-    """Follow the four-grain diamond of the paper; without options, its Table 1."""
+    """Follow the four-grain diamond of the paper; without options, its Table 1.
+
+    Figures of the paper: with --table 1 path_dependence (Fig. 4),
+    axial_stress (6), determinant (7); with --table 2 axial_stress (8),
+    determinant (9), eigenvalues (10), polar (11), cone (12).
+    """
     writing = writing or Writing()
     own = {alpha0, kappa, phi, confine} != {None}
     out = out_or(writing.out, "diamond" if own else f"diamond-table{table or 1}")
     # The options check the words themselves, and say what is expected.
     words: Any = (closure, contact_on_touch, model)
     with clock("grainloops diamond"):
-        from studies.paths import DiamondOptions, run_diamond
+        from studies.paths.options import DiamondOptions
+        from studies.paths.run import run_diamond
 
         options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
         summary = run_diamond(options, out, **writing.files())
@@ -61,30 +77,33 @@ def _cone(cone: dict[str, Any]) -> str:
     if cone["status"] == "empty":
         return "no unstable direction"
     if cone["status"] == "ray":
-        return "on the edge: second-order work vanishes in one direction"
+        return "second-order work vanishes in one direction"
     return f"cone of unstable directions {cone['opening_deg']:.2f} degrees wide"
 
 
 def _diamond_lines(summary: dict[str, Any]) -> list[str]:
+    from studies.paths.polygon import event_words
+
     lines = [
-        f"{event['kind']:<18} E1 = {event['E1']:.10f}  E2 = {event['E2']:.10f}  "
+        f"{event_words(event['kind']):<22} E1 = {event['E1']:.10f}  E2 = {event['E2']:.10f}  "
         f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
         for event in summary["events"]
     ]
     reached = {name: state for name, state in summary["states"].items() if state is not None}
     for name, state in reached.items():
         lines.append(
-            f"state {name:<12} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
+            f"state {name:<16} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
             f"{state['verdict']['status']}, {_cone(state['cone'])}"
         )
     model = summary["model"]
     lines.append(
-        f"model {model['choice']}: symmetry {model['symmetry']}, freedoms {model['freedoms']}"
+        f"model {model['choice']}: symmetry {model['symmetry']}, "
+        f"degrees of freedom {model['freedoms']}"
     )
     if model["check"] is not None:
         found = model["check"]["differences"].items()
         apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in found)
-        lines.append(f"all freedoms against the smallest model: {apart or 'nothing to compare'}")
+        lines.append(f"differences from the full model: {apart or 'nothing to compare'}")
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
@@ -92,7 +111,7 @@ def polygon(
     *,
     order: Annotated[int | None, Parameter(help="Number of grains, 3 or more.")] = None,
     compare: Annotated[
-        str | None, Parameter(metavar="ORDERS", help="Several orders side by side, such as 3-12.")
+        str | None, Parameter(metavar="ORDERS", help="Compare several orders, such as 3-12.")
     ] = None,
     radii: Annotated[
         str | None,
@@ -105,7 +124,7 @@ def polygon(
     ] = None,
     loop: Annotated[int | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
     orientation: Annotated[
-        str | None, Parameter(help="vertex or edge on axis 1. Default: vertex.")
+        str | None, Parameter(help="On axis 1: vertex or edge. Default: vertex.")
     ] = None,
     kappa: Annotated[
         float | None,
@@ -114,17 +133,24 @@ def polygon(
     phi: Annotated[
         float | None, Parameter(help="Friction angle of the contacts (degrees). Default: 5.")
     ] = None,
-    law: Annotated[str | None, Parameter(help="linear or hertz. Default: linear.")] = None,
+    law: Annotated[
+        str | None, Parameter(help="Contact law: linear or hertz. Default: linear.")
+    ] = None,
     rolling: Annotated[
         float | None, Parameter(help="Rolling stiffness over kn l0^2, with --spins free.")
     ] = None,
-    closure: Annotated[str, Parameter(help="affine or traction.")] = "affine",
-    spins: Annotated[str, Parameter(help="blocked, affine or free.")] = "blocked",
+    closure: Closure = "affine",
+    spins: Annotated[
+        str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
+    ] = "blocked",
     confine: Annotated[
-        float | None, Parameter(help="Isotropic strain at state A. Default: 0.1.")
+        float | None, Parameter(help="Isotropic strain before the programme. Default: 0.1.")
     ] = None,
     programme: Annotated[
-        str, Parameter(help="drained, isotropic, isotropic-stress, oedometric or undrained.")
+        str,
+        Parameter(
+            help="Loading programme: drained, isotropic, isotropic-stress, oedometric, undrained."
+        ),
     ] = "drained",
     end: Annotated[float | None, Parameter(help="Strain E1 at which the programme ends.")] = None,
     model: Annotated[
@@ -150,11 +176,11 @@ def polygon(
     named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'radii'}"
     out = out_or(writing.out, named, snapshot)
     with clock("grainloops polygon"):
-        from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
-        from studies.paths.options import orders_of
+        from studies.paths.options import ComparisonOptions, PolygonOptions, orders_of
+        from studies.paths.run import run_comparison, run_polygon
 
         if snapshot is not None:
-            options = _of_snapshot(snapshot, loop, [*asked], words, reading.how())
+            options = _of_snapshot(snapshot, loop, [*asked], words, reading.how_of(snapshot))
             summary = run_polygon(options, out, **writing.files())
             return answer(writing.json, out, _polygon_lines(summary))
         _refuse_reading(loop, reading)
@@ -188,7 +214,7 @@ def _of_snapshot(
     """Options of one loop of a snapshot."""
     from patterns import loop_of_snapshot
     from studies.paths.options import LoopOptions
-    from studies.snapshot.source import read_planar
+    from studies.snapshot.run import read_planar
 
     if own:
         given = ", ".join(f"--{name.removesuffix('_deg').removeprefix('contact_')}" for name in own)
@@ -217,8 +243,8 @@ def _polygon_lines(summary: dict[str, Any]) -> list[str]:
         lines.append(f"peak of s1 = {peak['s1']:.8f} at E1 = {peak['E1']:.8f}")
     model = summary["model"]
     lines.append(
-        f"model {model['choice']}: symmetry {model['symmetry']}, freedoms {model['freedoms']}, "
-        f"contacts {model['contact_orbits']}"
+        f"model {model['choice']}: symmetry {model['symmetry']}, "
+        f"degrees of freedom {model['freedoms']}, contacts {model['contact_orbits']}"
     )
     return lines + [f"note: {note}" for note in summary["notes"]]
 
@@ -265,8 +291,52 @@ def domain(
 def _domain_lines(summary: dict[str, Any]) -> list[str]:
     return [
         f"alpha0 = {case['alpha0_deg']:g}  kappa = {case['kappa']:g}  phi = {case['phi_deg']:g}  "
-        f"{contacts:<10}  {summary['directions']} programmes: {found['det_Ks_zero']} lose det Ks, "
-        f"{found['det_K_zero']} det K, {found['by_yielding']} by yielding"
+        f"{contacts:<10}  {summary['directions']} strain paths: det Ks vanishes on "
+        f"{found['det_Ks_zero']}, det K on {found['det_K_zero']}, "
+        f"by yielding on {found['by_yielding']}"
         for case in summary["cases"]
         for contacts, found in case["contacts"].items()
     ]
+
+
+def bench(
+    *,
+    out: Out = None,
+    quick: Annotated[
+        bool, Parameter(help="Smaller sizes, fewer settings, no compiled code.")
+    ] = False,
+    only: Annotated[
+        str | None,
+        Parameter(metavar="NAME,...", help="Only these groups, such as faces,hard-cases."),
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> Answer:
+    """Measure speed against error of the methods that can be chosen, and run the hard cases."""
+    out = out_or(out, "bench")
+    with clock("grainloops bench") as tell:
+        from studies.bench import run_bench
+
+        summary = run_bench(out, quick=quick, only=only, force=force, progress=tell)
+    return answer(json, out, _bench_lines(summary))
+
+
+def _bench_lines(summary: dict[str, Any]) -> list[str]:
+    lines = []
+    for name, group in summary["groups"].items():
+        for row in group["defaults"][:1]:
+            knee = group["knee"]
+            lines.append(
+                f"{name:<20} {row['method']} ({row['setting']}): "
+                f"{row['seconds_per_item']:.1e} s, error {row['error']:.0e}; "
+                f"best trade-off {knee['method']} ({knee['setting']}): "
+                f"{knee['seconds_per_item']:.1e} s, error {knee['error']:.0e}"
+            )
+    hard = summary["hard_cases"]
+    if hard["cases"]:
+        lines.append(
+            f"hard cases: {hard['cases']}, tangents {hard['tangents']}, wrong signs "
+            f"{hard['wrong_signs']}, errors above their bound {hard['over_bound']}, "
+            f"unexpected {len(hard['unexpected']) + len(hard['paths_missed'])}"
+        )
+    return lines

@@ -21,26 +21,26 @@ from studies.commands.common import (
 )
 
 # So many notes are printed, and so much of the reason why a snapshot was skipped.
-NOTES, LONGEST = 8, 300
-PREDICTORS = {
+NOTES, LONGEST_REASON = 8, 300
+PREDICTOR_WORDS = {
     "packing": "its packing's rate problem",
     "packing_path": "its packing's path by events",
     "replay": "the DEM replayed from rest",
-    "own_motion": "its grains' own motion (bound)",
+    "own_motion": "its grains' motion in DEM (bound)",
     "affine": "affine closure, blocked",
     "affine_free": "affine closure, free spins",
     "traction": "traction closure, blocked",
     "traction_free": "traction closure, free spins",
-    "affine_lambda_min": "unstable, affine, blocked",
-    "traction_lambda_min": "unstable, traction, blocked",
-    "traction_free_lambda_min": "unstable, traction, free spins",
-    "packing_lambda_min": "unstable in its packing",
+    "affine_lambda_min": "least eigenvalue, affine, blocked",
+    "traction_lambda_min": "least eigenvalue, tract., blocked",
+    "traction_free_lambda_min": "least eigenvalue, tract., free",
+    "packing_lambda_min": "least eigenvalue in its packing",
     "persistence": "its work in the interval before",
     "order": "number of grains",
     "sliding": "number of sliding contacts",
     "smallest_N": "smallest normal force",
 }
-TARGETS = {
+TARGET_WORDS = {
     "nonaffine": "least affine tenth",
     "contact_lost": "contact lost",
     "topology": "topology changed",
@@ -57,28 +57,30 @@ def _series_lines(summary: dict[str, Any]) -> list[str]:
         row = summary[when]
         lines.append(
             f"{when} snapshot: {row['loops']} loops, mean order {shown(row['mean_order'])}, "
-            f"coordination {shown(row['coordination'])}"
+            f"mean contacts per grain {shown(row['coordination'])}"
         )
-    strain = "  ".join(f"{name} = {_strain(summary, name)}" for name in ("H11", "H22"))
-    lines.append(f"strain between them: {strain}")
+    strains = {name: summary["last"][name] for name in ("H11", "H22")}
+    said = (f"{name} = {'-' if e is None else f'{e:.6f}'}" for name, e in strains.items())
+    lines.append(f"strain between them: {'  '.join(said)}")
     if "packing" in summary:
-        lines += _packing_lines(summary["packing"])
+        packing = summary["packing"]
+        lines.insert(
+            0,
+            f"rate problem of the packing ({packing['boundary'] or 'none'}): solved in "
+            f"{packing['solved']} of {packing['intervals']} intervals, no solution found in "
+            f"{packing['intervals'] - packing['solved']}",
+        )
     if "skill" in summary:
         lines += _skill_lines(summary["skill"])
     if "skill_of_targets" in summary:
         lines += _target_lines(summary["skill_of_targets"])
     lines += [
-        f"skipped: snapshot {one['snapshot']} ({one['name']}), {one['reason'][:LONGEST]}"
+        f"skipped: snapshot {one['snapshot']} ({one['name']}): {one['reason'][:LONGEST_REASON]}"
         for one in summary["skipped"]
     ]
     lines += [f"note: {note}" for note in summary["notes"][:NOTES]]
     more = len(summary["notes"]) - NOTES
-    return lines + ([f"{more} more notes in summary.json"] if more > 0 else [])
-
-
-def _strain(summary: dict[str, Any], name: str) -> str:
-    value = summary["last"][name]
-    return "-" if value is None else f"{value:.6f}"
+    return lines + ([f"{more} more notes are in summary.json"] if more > 0 else [])
 
 
 def _skill_lines(skill: dict[str, Any]) -> list[str]:
@@ -94,17 +96,8 @@ def _skill_lines(skill: dict[str, Any]) -> list[str]:
     for name, row in skill.items():
         values = "  ".join(f"{shown(row[key]):>7}" for key in ("precision", "recall", "auc"))
         spread = f"   ({row['auc_min']:.3f} to {row['auc_max']:.3f})" if "auc_min" in row else ""
-        lines.append(f"  {PREDICTORS.get(name, name):<32}  {values}{spread}")
-    return [*lines, "  (an AUC of 0.5 is chance; compare precision with the base rate)"]
-
-
-def _packing_lines(packing: dict[str, Any]) -> list[str]:
-    """Number of intervals that the rate problem of the packing solves."""
-    return [
-        f"rate problem of the packing ({packing['boundary'] or 'none'}): solved in "
-        f"{packing['solved']} of {packing['intervals']} intervals, no solution found in "
-        f"{packing['intervals'] - packing['solved']}"
-    ]
+        lines.append(f"  {PREDICTOR_WORDS.get(name, name):<32}  {values}{spread}")
+    return [*lines, "  (precision: compare with the base rate; AUC: 0.5 is chance, 1 is perfect)"]
 
 
 def _target_lines(targets: dict[str, Any]) -> list[str]:
@@ -116,7 +109,7 @@ def _target_lines(targets: dict[str, Any]) -> list[str]:
         values.append(skill.get("own_motion", {}).get("auc"))
         widths = zip(values, (9, 7, 11, 10), strict=True)
         columns = "  ".join(f"{shown(value):>{width}}" for value, width in widths)
-        lines.append(f"  {TARGETS[target]:<18} {columns}")
+        lines.append(f"  {TARGET_WORDS[target]:<18} {columns}")
     return lines
 
 
@@ -159,7 +152,7 @@ def series(
     animation: Annotated[bool, Parameter(help="Write an animation as GIF.")] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
-    """Follow the loops through a series of snapshots; after a stop the same command goes on."""
+    """Follow the loops through a series of snapshots; after a stop the same command continues."""
     from studies.series import run_series
 
     writing, reading = writing or Writing(), reading or PlaneReading()
@@ -181,6 +174,6 @@ def series(
             **reading.how(),
         )
     except KeyboardInterrupt:
-        kept = "what is finished is kept, the same command goes on"
+        kept = "finished snapshots are kept: the same command continues"
         raise KeyboardInterrupt(kept) from None
     return answer(writing.json, out, _series_lines(summary))

@@ -1,19 +1,27 @@
-"""`grainloops snapshot`."""
+"""`grainloops snapshot` and `check`: one snapshot, or the files before any mechanics."""
 
 from __future__ import annotations
 
 import ctypes
 import os
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from loops.errors import InputError
 from studies.commands.common import (
     Answer,
+    Cells,
+    Contacts,
+    Csv,
+    Force,
+    Json,
     NoFigures,
     OneReading,
+    Reading,
     Writing,
     answer,
     clock,
@@ -22,12 +30,13 @@ from studies.commands.common import (
 )
 
 M_ARENA_MAX = -8  # of malloc.h
-JUDGES = {
+JUDGE_WORDS = {
     "affine": "affine closure, spins blocked",
     "traction": "traction closure, spins blocked",
     "traction_free": "traction closure, spins free",
     "packing": "in its packing, spins free",
 }
+SEVERITIES = ("ok", "doubt", "error")
 
 
 def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
@@ -48,12 +57,12 @@ def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
 
 def _verdicts(summary: dict[str, Any]) -> list[str]:
     """Shares of unstable loops, with what each assumes."""
-    from studies.columns import definitions
+    from studies.output import definitions
 
     assumed = definitions("assumptions")
     lines = ["unstable loops by order:"]
     for judge in summary["unstable_by_order"]:
-        name = JUDGES[judge]
+        name = JUDGE_WORDS[judge]
         text = "  ".join(
             f"{group}: {_percent(share['mean'])}"
             for group, share in summary["unstable_by_order"][judge].items()
@@ -95,7 +104,7 @@ def _percent(share: float) -> str:
 
 def _grouped(orders: dict[str, int]) -> dict[str, int]:
     """Loops by order, those of the last one and beyond together."""
-    from studies.snapshot.statistics import LAST_ORDER
+    from studies.snapshot.table import LAST_ORDER
 
     counts: dict[str, int] = {}
     for n, count in orders.items():
@@ -126,25 +135,153 @@ def snapshot(
     """Find the loops of a DEM snapshot and judge the stability of each."""
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "snapshot", path)
+    # The study checks the words itself, and says what is expected.
+    words: Any = {"in_packing": in_packing}
     # The cores have threads of their own; numpy, loaded after this, would add as many.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Threads take memory from one place (glibc); each would keep what it freed.
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
     with clock("grainloops snapshot"):
-        _share_memory()
         from studies.snapshot import run_snapshot
 
         summary = run_snapshot(
             path,
             out,
-            in_packing=in_packing,
+            **words,
             figures=not no_figures,
             paraview=paraview,
             **writing.files(),
-            **reading.how(),
+            **reading.how_of(path),
         )
     return answer(writing.json, out, _snapshot_lines(summary))
 
 
-def _share_memory() -> None:
-    """Let threads take memory from one place (glibc); each would keep what it freed."""
-    with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
+def check(
+    *paths: Annotated[
+        Path,
+        Parameter(
+            required=True,
+            help="Files of the snapshots, or of their grains; every snapshot of each file.",
+        ),
+    ],
+    out: Annotated[
+        Path | None, Parameter(help="Result folder, created. If omitted, only print.")
+    ] = None,
+    force: Force = False,
+    csv: Csv = False,
+    json: Json = False,
+    cells: Cells = None,
+    exit_zero: Annotated[
+        bool, Parameter(help="Exit with status 0 also if the verdict is error.")
+    ] = False,
+    contacts: Contacts = None,
+    reading: Reading | None = None,
+) -> Answer:
+    """Check each file for consistency: signs, units, columns, balance, jamming.
+
+    Of several snapshots each is checked against the one before it: kt against the changes of T.
+    Exit status 1 if the verdict is error, 2 if a file can't be read.
+    """
+    from studies.output import as_json, provenance
+    from studies.study import study
+
+    how = {"contacts": contacts, **(reading or Reading()).how()}
+    with clock("grainloops check"):
+        rows, unread = _rows(paths, cells, how)
+        worst = max((SEVERITIES.index(row["severity"]) for row in rows), default=0)
+        made = ("check", {"paths": paths, "cells": cells, **how}, "numbers as their text")
+        summary = {
+            "verdict": "unreadable" if unread else SEVERITIES[worst],
+            "snapshots": len({(row["path"], row["snapshot"]) for row in rows}),
+            "findings": {name: sum(row["severity"] == name for row in rows) for name in SEVERITIES},
+            "unread": [str(error) for error in unread],
+            "checks": rows,
+            "provenance": provenance(*made),
+        }
+        if out is not None:
+            with study(made[0], out, *made[1:], force=force, csv=csv) as results:
+                columns = {name: [row[name] for row in rows] for name in (rows or [{}])[0]}
+                results.write_tables({"findings": columns} if columns else {})
+                results.write_summary(summary)
+    return Answer(
+        _check_lines(rows, summary),
+        as_json(summary) if json else None,
+        errors=tuple(map(str, unread)),
+        status=2 if unread else int(summary["verdict"] == "error" and not exit_zero),
+        out=out,
+    )
+
+
+def _rows(
+    paths: Sequence[Path], cells: Path | None, options: dict[str, Any]
+) -> tuple[list[dict[str, Any]], list[InputError]]:
+    """One row per finding, and the errors of the files that could not be read."""
+    from patterns.snapshots.checks import check_kt
+
+    if options["cell"] is not None and cells is not None:
+        raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
+    rows: list[dict[str, Any]] = []
+    unread: list[InputError] = []
+    before = None
+    for path in paths:
+        try:
+            for number, snapshot in enumerate(_snapshots(path, cells, options)):
+                place = {"path": str(path), "snapshot": number}
+                found = [*snapshot.findings, _crossings(snapshot)]
+                kt = None if before is None else check_kt(before, snapshot)
+                found += [] if kt is None else [kt]
+                rows += [place | one._asdict() for one in found]
+                before = snapshot
+        except InputError as error:
+            unread.append(error)
+    return rows, unread
+
+
+def _snapshots(path: Path, cells: Path | None, options: dict[str, Any]) -> Iterator[Any]:
+    """Snapshots of a file, each with its own cell if there is a table of cells."""
+    import numpy as np
+
+    from patterns import count_frames, read_frames, read_snapshot
+
+    if cells is None:
+        cell = options["cell"]
+        read = options | {"cell": None if cell is None else np.reshape(cell, (2, 2))}
+        yield from read_frames(path, strict=False, **read)
+        return
+    from studies.series.plan import cell_reader
+
+    cell_of, how = cell_reader(cells), {n: options[n] for n in ("format", "columns")}
+    count = count_frames(path, options["contacts"], **how)
+    for frame in range(count):
+        place = frame if count > 1 else None
+        own = {"cell": np.reshape(cell_of(path, place), (2, 2)), "frame": place}
+        yield read_snapshot(path, strict=False, **options | own)
+
+
+def _crossings(snapshot: Any) -> Any:
+    """Whether the network is plane, which loops need."""
+    from loops import find_crossings
+    from patterns.snapshots.checks import Finding
+
+    count = len(find_crossings(snapshot.graph, 1_000_000))
+    found = Finding("crossings", float(count), f"{count} pairs of branches cross")
+    if count == 0:
+        return found
+    return found.error(
+        ": opposite grains of a loop overlap, or the cell is wrong",
+        "Give the right cell, or leave out one of each pair by --drop-crossings.",
+    )
+
+
+def _check_lines(rows: list[dict[str, Any]], summary: dict[str, Any]) -> list[str]:
+    lines = []
+    place = None
+    for row in rows:
+        if place != (row["path"], row["snapshot"]):
+            place = row["path"], row["snapshot"]
+            lines.append(f"{row['path']}, snapshot {row['snapshot']}")
+        text = row["says"] + (f". {row['remedy']}" if row["remedy"] else "")
+        lines.append(f"  {row['severity']:<5}  {row['check']:<13}  {text}")
+    found = ", ".join(f"{count} {name}" for name, count in summary["findings"].items())
+    return [*lines, f"{summary['snapshots']} snapshots: {found}; verdict: {summary['verdict']}"]

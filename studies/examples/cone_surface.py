@@ -71,7 +71,7 @@ def cone_edge(K: Floats, count: int = 145) -> tuple[Floats, Floats, bool]:
     return axis, np.cos(polar) * axis + np.sin(polar) * (vectors[:, others] @ circle).T, inside
 
 
-def draw_cone(K: Floats, ax: Axes3D, title: str) -> None:
+def draw_sphere(K: Floats, ax: Axes3D, title: str) -> None:
     """The sphere coloured by the sign of W2, the cone within it and its rims."""
     polar, phi = np.meshgrid(np.linspace(0, np.pi, 91), np.linspace(0, 2 * np.pi, 181))
     ring = np.sin(polar)
@@ -105,7 +105,7 @@ def draw(found: dict[str, Floats]) -> Figure:
     """States side by side; W2 < 0 in vermilion, isotropic strain dashed."""
     figure = new_figure(TWO_COLUMNS, 3.4)
     for k, (name, K) in enumerate(found.items(), start=1):
-        draw_cone(K, figure.add_subplot(1, len(found), k, projection="3d"), name)
+        draw_sphere(K, figure.add_subplot(1, len(found), k, projection="3d"), name)
     return figure
 
 

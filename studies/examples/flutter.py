@@ -38,7 +38,7 @@ def corners(rng: np.random.Generator, loops: int, order: int) -> Floats:
     return distance[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def contact_forces(rng: np.random.Generator, x: Floats, forces: str) -> tuple[Floats, Floats]:
+def random_forces(rng: np.random.Generator, x: Floats, forces: str) -> tuple[Floats, Floats]:
     """(N, T) without or with little shear, and more of it to add in any amount."""
     size = x.shape[:-1]
     if forces == "assigned":
@@ -63,7 +63,7 @@ def random_loops(
     """Loops with the largest |T|/N uniform from 0.01 to 1.2, N/l log-uniform from 1e-4 to 0.5."""
     rng = np.random.default_rng([seed, order, FORCES.index(forces), CONTACTS.index(contacts)])
     x = corners(rng, loops, order)
-    (N, T), (dN, dT) = (np.moveaxis(f, -1, 0) for f in contact_forces(rng, x, forces))
+    (N, T), (dN, dT) = (np.moveaxis(f, -1, 0) for f in random_forces(rng, x, forces))
     friction = rng.uniform(0.01, 1.2, (loops, 1))
     # The least share of the second set that brings a contact to |T| = friction N.
     side = np.array([1.0, -1.0])[:, None, None]

@@ -25,7 +25,7 @@ from loops import (
 )
 from loops.arrays import Floats
 from patterns import regular_polygon
-from studies.bench.measure import least_seconds
+from studies.bench.methods import least_seconds
 from studies.examples import run, save
 from studies.paths.polygon import isotropic_threshold
 from studies.style import BLUE, GREY, LINE_COLOURS, TWO_COLUMNS, VERMILION, new_figure, styled

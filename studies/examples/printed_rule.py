@@ -63,7 +63,7 @@ def drained_test(table: int, rule: str) -> tuple[pd.DataFrame, float]:
     return pd.DataFrame(columns), float(np.abs(T - closed.T).max())
 
 
-def compare() -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+def compare_rules() -> tuple[pd.DataFrame, list[dict[str, Any]]]:
     """Curves of every table and rule; their values `AFTER_YIELD` beyond B and at the end."""
     curves, numbers = [], []
     for table in TABLES:
@@ -96,7 +96,7 @@ def draw(curves: pd.DataFrame) -> Figure:
 
 def main(out: Path) -> dict[str, Any]:
     """Follow both rules; write curves, numbers and the figure."""
-    curves, numbers = compare()
+    curves, numbers = compare_rules()
     told = {"strain_after_yield": AFTER_YIELD, "rules": numbers}
     return save(out, "printed_rule", draw(curves), told, curves)
 

@@ -44,8 +44,8 @@ def convected(H: Floats, stress: Floats) -> Floats:
     return np.trace(H, axis1=1, axis2=2)[:, None, None] * stress - stress @ np.swapaxes(H, 1, 2)
 
 
-def compared(name: str) -> pd.DataFrame:
-    """A row a band, amplitude and direction: measured and predicted stress, error, both W2."""
+def compared_state(name: str) -> pd.DataFrame:
+    """One row per band, amplitude and direction: measured and predicted stress, error, both W2."""
     (snapshot, measured), parts = state(name), []
     law, regime = snapshot.mechanics()
     stress, theta = love_weber_stress(snapshot.graph), measured["theta_deg"].unique()
@@ -157,7 +157,7 @@ def draw(rows: pd.DataFrame, sums: pd.DataFrame, kn: float = 1e6) -> Figure:
 
 def main(out: Path) -> dict[str, Any]:
     """Compare both states, write the table and the figure."""
-    rows = pd.concat(map(compared, STATES), ignore_index=True)
+    rows = pd.concat(map(compared_state, STATES), ignore_index=True)
     sums = summed(rows)
     amplitudes = rows["amplitude"].unique()
     numbers = {"errors": sums, "on_the_way": {name: reached(name, amplitudes) for name in STATES}}

@@ -24,7 +24,7 @@ from studies.style import LINE_COLOURS, SEQUENTIAL, TWO_COLUMNS, new_figure, sty
 
 # Ranges of alpha0, kappa, phi and the isotropic strain at A; degrees.
 LOW, HIGH = np.array([5.0, 0.05, 1.0, 1e-4]), np.array([85.0, 1.5, 35.0, 0.5])
-METHODS = (("RK45", 1e-3), ("DOP853", 1e-8), ("DOP853", 1e-12))
+INTEGRATORS = (("RK45", 1e-3), ("DOP853", 1e-8), ("DOP853", 1e-12))
 
 
 def drained(
@@ -83,7 +83,7 @@ def random_diamonds(count: int, seed: int = 1) -> Floats:
     return drawn
 
 
-def compare(diamonds: Floats, paths: int) -> tuple[dict[str, int], list[dict[str, Any]]]:
+def compare_methods(diamonds: Floats, paths: int) -> tuple[dict[str, int], list[dict[str, Any]]]:
     """Counts by how paths end; by method, time a path and difference at B from the exact sweep."""
     start = perf_counter()
     end = drained_end(*diamonds.T)
@@ -94,7 +94,7 @@ def compare(diamonds: Floats, paths: int) -> tuple[dict[str, int], list[dict[str
     rows: list[dict[str, Any]] = [
         {"method": "exact, all at once", "seconds": seconds, "error": 0.0}
     ]
-    for method, rtol in METHODS:
+    for method, rtol in INTEGRATORS:
         start = perf_counter()
         found = np.array(
             [by_scipy(diamonds[k].tolist(), method, rtol, 1e-3 * rtol) for k in picked]
@@ -125,7 +125,7 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
 
 def main(out: Path, diamonds: int = 100_000, paths: int = 300) -> dict[str, Any]:
     """Sweep, compare, write the table and the figure."""
-    status, rows = compare(random_diamonds(diamonds), paths)
+    status, rows = compare_methods(random_diamonds(diamonds), paths)
     numbers = {"diamonds": diamonds, "status": status, "methods": rows}
     return save(out, "sweep", draw(rows), numbers, pd.DataFrame(rows), "dimensionless, seconds")
 

@@ -32,7 +32,7 @@ KAPPA, UNIT = 0.2, 1e5 * 0.02  # kt/kn; kn l0 in newton
 CONFINING_STEPS, NO_SLIDING = 3000, 1e6
 
 
-class Probe(NamedTuple):
+class DiamondProbe(NamedTuple):
     """A path of Yade beside the exact states at its strains; forces over `kn l0`."""
 
     line: StrainLine
@@ -44,7 +44,7 @@ class Probe(NamedTuple):
     increment: ShearIncrement
 
 
-def probe_of(rows: pd.DataFrame) -> Probe:
+def probe_of(rows: pd.DataFrame) -> DiamondProbe:
     """The records of one path, without its isotropic stage."""
     first = rows.step[rows.step <= CONFINING_STEPS + 1].max()
     rows = rows[rows.step >= first].sort_values("step")
@@ -59,10 +59,12 @@ def probe_of(rows: pd.DataFrame) -> Probe:
     yade = (rows[name].fillna(0.0).to_numpy() / UNIT for name in
             ("Fx_right", "Fy_top", "Fn_RT", "Fs_RT"))  # fmt: skip
     forces = dict(zip(("F1", "F2", "N", "T"), zip(yade, ours, strict=True), strict=True))
-    return Probe(line, u, exact, forces, (rows.step - first).to_numpy(), float(mu), increment)
+    return DiamondProbe(
+        line, u, exact, forces, (rows.step - first).to_numpy(), float(mu), increment
+    )
 
 
-def probes() -> list[Probe]:
+def probes() -> list[DiamondProbe]:
     """All paths of the sample."""
     keys = ["a0_deg", "mu", "agr", "E0", "probe_deg"]
     tables = (pd.read_csv(sample_path("yade_diamond") / f"{name}.csv.gz")
@@ -70,7 +72,7 @@ def probes() -> list[Probe]:
     return [probe_of(own) for table in tables for _, own in table.groupby(keys)]
 
 
-def error(probe: Probe, name: str) -> float:
+def error(probe: DiamondProbe, name: str) -> float:
     """Largest difference of a force over its largest value; 0 on lines that do not turn."""
     yade, ours = probe.forces[name]
     size = np.abs(ours).max()
@@ -94,7 +96,7 @@ def replayed_shear(line: StrainLine, rise: float, steps: int, mu: float, increme
     return shear
 
 
-def replay_error(probe: Probe) -> float:
+def replay_error(probe: DiamondProbe) -> float:
     """Yade's rule replayed against Yade, over the largest N."""
     rise, steps = float(probe.u[-1] - probe.u[0]), int(probe.steps[-1])
     shear = replayed_shear(probe.line, rise, steps, probe.mu, probe.increment)[probe.steps]
@@ -114,7 +116,7 @@ def step_errors() -> dict[int, float]:
 
 
 @styled()
-def draw(found: list[Probe], steps: dict[int, float]) -> Figure:
+def draw(found: list[DiamondProbe], steps: dict[int, float]) -> Figure:
     """Shear forces of Yade on the exact curves, and Yade's error over its steps."""
     figure = new_figure(TWO_COLUMNS, 2.8)
     left, right = figure.subplots(1, 2)

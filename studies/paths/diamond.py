@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from loops import Regime
+from loops import GrainGraph, Regime
 from loops.arrays import Flags, Floats
 from patterns.diamond import (
     DiamondParameters,
@@ -34,13 +34,15 @@ from patterns.diamond.geometry import opposite_contact_strain
 from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
 from stability import (
     Path,
+    PolarDiagram,
     alpha_e,
+    directional_work,
     normalised_second_order_work,
     operator_norm,
     plane_cone,
     statuses,
 )
-from studies.paths.followed import Followed, follow_path, plane_columns
+from studies.paths.followed import Followed, follow_path, operator_diagram, plane_columns
 from studies.paths.options import DiamondOptions
 
 NAMED = {"det_K_zero": "I", "programme_change": "A", "yield": "B"}
@@ -202,8 +204,42 @@ class FollowedDiamond(Followed):
         return {name: values / path.volume for name, values in given.items()}
 
     @cached_property
+    def beyond(self) -> DiamondStates | None:
+        """State B with sliding contacts, as they are beyond it; None if the path has no B."""
+        if "B" not in self.marks:
+            return None
+        row, states = self.marks["B"], self.states
+        at = (states.E1[row], states.E2[row], states.T[row])
+        return diamond_states(self.loop, *at, sliding=True, added=states.added[row])
+
+    @cached_property
+    def diagrams(self) -> dict[str, tuple[PolarDiagram, Flags]]:
+        """Polar diagrams of the named states, and whether the contacts slide in each direction.
+
+        At B the direction decides on the regime, elastic or sliding.
+        """
+        path, graph, diagrams = self.path, self.options.graph(), {}
+        for name, row in self.marks.items():
+            closed = path.regime[row] != Regime.OPEN
+            here = GrainGraph(
+                x=path.x[row],
+                x0=graph.x,
+                radii=graph.radii,
+                contacts=path.contacts[closed],
+                normal_force=path.normal_force[row, closed],
+                shear_force=path.shear_force[row, closed],
+            )
+            one = operator_diagram(self.K[row])
+            work = directional_work(here, self.options.law(), one.direction, volume=path.volume)
+            diagrams[name] = (
+                operator_diagram(self.K[row], work.normalised[:, 0]),
+                work.regime[:, 0] == Regime.SLIDING,
+            )
+        return diagrams
+
+    @cached_property
     def table(self) -> pd.DataFrame:
-        """Table of the path, one row a state.
+        """Table of the path, one row per state.
 
         `stage, regime`; `E1, E2, alpha_deg, l, N, T, s1, s2`; K, Kmat (27), Kgeo (28) by
         components; `det_K, det_Ks`; eigenvalues of Ks, `lambda_*`, and of K; `status` of the
@@ -279,15 +315,6 @@ def listed_events(
         at_A = next(k for k, (kind, _) in enumerate(listed) if kind == "programme_change")
         listed.insert(at_A + 1, ("yield", listed[at_A][1]))
     return tuple(listed)
-
-
-def beyond_yield(found: FollowedDiamond) -> DiamondStates | None:
-    """State B with sliding contacts, as they are beyond it; None if the path has no B."""
-    if "B" not in found.marks:
-        return None
-    row, states = found.marks["B"], found.states
-    at = (states.E1[row], states.E2[row], states.T[row])
-    return diamond_states(found.loop, *at, sliding=True, added=states.added[row])
 
 
 def touching_strains(loop: DiamondParameters) -> tuple[float, float]:

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from loops.arrays import Floats
 from stability import symmetric_spectrum
-from studies.paths.diamond import FollowedDiamond, beyond_yield
-from studies.paths.diamond_tables import (
-    isotropic_eigenvalues,
-    path_dependence_table,
-    state_diagram,
-)
+from studies.paths.diamond import FollowedDiamond
+from studies.paths.diamond_tables import isotropic_eigenvalues
 from studies.paths.figures import (
     DASHED,
     STRAIN_LABEL,
@@ -50,14 +47,14 @@ CONTACT_LOOKS = {
 
 
 def diamond_figures(
-    found: FollowedDiamond, ignored: FollowedDiamond | None
+    found: FollowedDiamond, ignored: FollowedDiamond | None, path_dependence: pd.DataFrame
 ) -> Iterator[tuple[str, Figure]]:
     """Figures of the study with their names; `ignored` is the path without added contacts.
 
-    Figures of named states only where the path reaches them, `added_contact` only with contacts
-    added.
+    `path_dependence` is the table of that name. Named states are drawn where the path reaches them,
+    `added_contact` where contacts are added.
     """
-    yield "path_dependence", draw_path_dependence(found)
+    yield "path_dependence", draw_path_dependence(path_dependence)
     yield "axial_stress", figure_of(draw_stress(found))
     yield "determinant", figure_of(draw_determinant(found))
     yield "eigenvalues", figure_of(draw_eigenvalues(found))
@@ -65,9 +62,8 @@ def diamond_figures(
     yield "cone", figure_of(draw_cone(found))
     if found.marks:
         # At B every direction has the regime that it activates; beyond B all contacts slide.
-        diagrams = {name: state_diagram(found, name)[0] for name in found.marks}
-        sliding = beyond_yield(found)
-        beyond = {} if sliding is None else {"B": operator_diagram(sliding.K[0])}
+        diagrams = {name: diagram for name, (diagram, _) in found.diagrams.items()}
+        beyond = {} if found.beyond is None else {"B": operator_diagram(found.beyond.K[0])}
         yield "polar", draw_polar_figure(diagrams, beyond)
     if "A" in found.marks:
         yield "loop_A", draw_loops(found, ["A"])
@@ -163,12 +159,11 @@ def draw_added_contact(found: FollowedDiamond, ignored: FollowedDiamond) -> Figu
 
 
 @styled()
-def draw_path_dependence(found: FollowedDiamond) -> Figure:
+def draw_path_dependence(table: pd.DataFrame) -> Figure:
     """Two routes between the same two positions of a contact, and the work along each (Fig. 4).
 
     Lines are (9) and (10), points the integrated rate law.
     """
-    table = path_dependence_table(found.loop)
     fig, ((geometry, works),) = new_panels(1, 2, 2.8, width_ratios=[1.0, 1.25])
     _draw_routes(float(table["compression"].iloc[0]), geometry)
     points = slice(None, None, 5)

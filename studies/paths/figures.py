@@ -308,37 +308,30 @@ def draw_grains(
     regime: Regimes,
     largest: float,
 ) -> None:
-    """Draw grains of the diameters `size`, and the force of every contact as a line along it.
+    """Draw grains of the diameters `size`, and the force of every contact along its branch.
 
     Its width is in proportion, the widest of the force `largest`; for few grains arrows show the
     forces from outside that hold the contacts in balance, in proportion as well.
     """
-    closed = regime != Regime.OPEN
     ax.add_collection(
         EllipseCollection(
             size, size, 0.0 * size, units="xy", offsets=x, offset_transform=ax.transData,
             facecolors="none", edgecolors=GREY, linewidths=0.7,
         )
     )  # fmt: skip
-    drawn = closed | (np.arange(len(pairs)) < len(x))
+    drawn = (regime != Regime.OPEN) | (np.arange(len(pairs)) < len(x))
     ax.add_collection(LineCollection(list(x[pairs[drawn]]), colors=LIGHT_GREY, linewidths=0.6))
+    largest = max(largest, np.finfo(float).tiny)
+    colours = [REGIME_COLOURS[Regime(int(each))] for each in regime]
+    width = WIDEST * np.hypot(N, T) / largest
+    ax.add_collection(LineCollection(list(x[pairs]), colors=colours, linewidths=width))
+    ax.plot(*x.T, "o", color=BLACK, markersize=1.5)
+    if len(x) > MOST_WITH_ARROWS:
+        return
     d = x[pairs[:, 1]] - x[pairs[:, 0]]
     n = d / np.linalg.norm(d, axis=1, keepdims=True)
     # Forces on the second grain of every contact.
     force = N[:, None] * n + T[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
-    largest = max(largest, np.finfo(float).tiny)
-    strength = np.linalg.norm(force, axis=1)
-    branch = np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=1)
-    half = 0.5 * force * (branch / np.where(strength > 0.0, strength, 1.0))[:, None]
-    first = size[pairs[:, :1]] / size[pairs].sum(axis=1, keepdims=True)
-    contact = x[pairs[:, 0]] + first * (x[pairs[:, 1]] - x[pairs[:, 0]])
-    lines = np.stack([contact - half, contact + half], axis=1)
-    colours = [REGIME_COLOURS[Regime(int(each))] for each in regime]
-    width = WIDEST * strength / largest
-    ax.add_collection(LineCollection(list(lines), colors=colours, linewidths=width))
-    ax.plot(*x.T, "o", color=BLACK, markersize=1.5)
-    if len(x) > MOST_WITH_ARROWS:
-        return
     external = np.zeros_like(x)
     np.add.at(external, pairs[:, 0], force)
     np.add.at(external, pairs[:, 1], -force)
@@ -363,7 +356,7 @@ def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool)
     width = f"contact force, widest: {largest:.3g} {unit}"
     key.append(Line2D([], [], color=BLACK, linewidth=WIDEST, label=width))
     if arrows:
-        length = f"external force, {ARROW:g} diameters long: as large"
+        length = f"external force, {ARROW:g} diameters long: {largest:.3g} {unit}"
         key.append(
             Line2D([], [], color=BLACK, linewidth=0.0, marker=r"$\rightarrow$", label=length)
         )
@@ -424,7 +417,7 @@ def draw_yield_and_peak(compared: Compared) -> Figure:
 
 @styled()
 def draw_stress_strain(compared: Compared, ax: Axes | None = None) -> Axes:
-    """Axial stress over axial strain, a curve an order; a ring where a path ends early."""
+    """Axial stress over axial strain, one curve per order; a ring where a path ends early."""
     ax = axes_or_new(ax, 4.6, 3.0)
     shades = colormaps[SEQUENTIAL](np.linspace(0.0, 0.92, len(compared.found)))
     for order, found, shade in zip(compared.options.orders, compared.found, shades, strict=True):

@@ -70,9 +70,14 @@ class Followed:
         return self.path.P[:, 3]
 
     @cached_property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the stages."""
+        return tuple(name for name, _ in self.options.stages())
+
+    @cached_property
     def stage(self) -> NDArray[np.str_]:
         """(R,) name of each row's stage."""
-        return np.array([name for name, _ in self.options.stages()])[self.path.stage]
+        return np.array(self.stages)[self.path.stage]
 
     @cached_property
     def slides(self) -> Flags:
@@ -88,7 +93,7 @@ class Followed:
     @property
     def loading(self) -> Integers:
         """Rows of the programme that follows the confinement."""
-        return np.flatnonzero(self.path.stage == len(self.options.stages()) - 1)
+        return np.flatnonzero(self.path.stage == len(self.stages) - 1)
 
     @cached_property
     def direction(self) -> Floats:

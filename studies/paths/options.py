@@ -35,6 +35,7 @@ from patterns.polygons.shapes import Orientation
 from stability import Programme, Stage, programmes
 from stability.paths.loop_path import OnTouch
 from stability.paths.path import ModelOption
+from studies.study import one_of
 
 if TYPE_CHECKING:
     from patterns import Snapshot
@@ -201,7 +202,7 @@ class PolygonOptions:
         one_of("--law", self.contact_law, get_args(LawName))
         inside("--rolling", self.rolling, lambda k: k >= 0.0, "a stiffness of zero or more")
         if self.rolling > 0.0 and self.spins != "free":
-            expected = "--spins free: where grains don't turn on their own no spring turns"
+            expected = "--spins free: a rolling spring acts only if grains rotate on their own"
             raise InputError("--rolling", f"spins {self.spins}", expected, "Add --spins free.")
         if self.contact_law == "hertz":
             expected = "2 (1 - nu)/(2 - nu) of spheres, from 2/3 (nu = 0.5) to below 4/3"
@@ -283,6 +284,8 @@ class LoopOptions(PolygonOptions):
         assert self.snapshot is not None
         found = loop_of_snapshot(self.snapshot, self.loop)
         given, law = found.graph, found.law
+        # Files hold no other law.
+        assert isinstance(law, LinearFrictional)
         length, kn = 2.0 * given.radii.mean(), float(np.mean(law.kn))
         law = LinearFrictional(law.kn / kn, law.kt / kn, law.mu, law.shear_increment)
         N, T = (force / (kn * length) for force in (given.normal_force, given.shear_force))
@@ -381,14 +384,6 @@ def orders_of(text: str) -> tuple[int, ...]:
             "--compare", repr(text), "orders such as 3-12 or 3,4,6-8", "Write them so."
         ) from None
     return tuple(sorted(orders))
-
-
-def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    """Raise `InputError` for a word that is none of the choices."""
-    if value not in choices:
-        *others, last = (str(choice) for choice in choices)
-        expected = f"{', '.join(others)} or {last}"
-        raise InputError(name, repr(value), expected, "Pick one of these.")
 
 
 def _check_shared(options: DiamondOptions | PolygonOptions) -> None:

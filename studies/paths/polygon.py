@@ -22,7 +22,7 @@ from stability import (
     restrict,
     symmetric_spectrum,
 )
-from studies.columns import definitions
+from studies.output import definitions
 from studies.paths.diamond import YIELD_RTOL
 from studies.paths.followed import SUBSPACES, Followed, follow_path
 from studies.paths.options import ComparisonOptions, PolygonOptions
@@ -34,6 +34,13 @@ SLOPE_ATOL, STEP_ATOL = 1e-10, 1e-12
 FIRST, LAST, COUNT, CHUNKS = 1e-6, 0.99, 100, 9
 # Values printed of an event, and the most lines of events; beyond, one line for each kind.
 VALUES, MOST_LINES = ("E1", "E2", "s1", "s2"), 40
+EVENT_WORDS = {
+    "det_K_zero": "det K = 0",
+    "det_Ks_zero": "det Ks = 0",
+    "opposite_contact": "opposite grains touch",
+    "programme_change": "next stage",
+    "control_limit": "limit of the control",
+}
 # Ks is not definite if its smallest eigenvalue at the first load is at most this share of the norm.
 DEFINITE_RTOL = 1e-12
 # Most numbers in a list column of a table, grains times rows.
@@ -61,7 +68,7 @@ def event_values(found: Followed, event: Event) -> dict[str, Any]:
         "kind": event.kind,
         "subspace": event.subspace or None,
         **dict(zip(VALUES, (event.H[0], event.H[3], event.P[0], event.P[3]), strict=True)),
-        "stage": found.options.stages()[event.stage][0],
+        "stage": found.stages[event.stage],
         "parameter": event.parameter,
         "contacts": list(event.contacts),
         "detail": event.detail,
@@ -105,7 +112,7 @@ def _between(found: Followed, row: int) -> dict[str, float] | None:
         or not (rates[:, 0] > STEP_ATOL).all()
     ):
         return None
-    # Slow to import, and not needed by the diamond.
+    # Loaded here: slow to import, and the diamond does not need it.
     from scipy.interpolate import CubicHermiteSpline
 
     axial = CubicHermiteSpline(E1, path.P[[a, b], 0], path.P_rate[[a, b], 0] / rates[:, 0])
@@ -123,7 +130,7 @@ def _between(found: Followed, row: int) -> dict[str, float] | None:
 def thresholds(options: PolygonOptions) -> dict[str, float | None]:
     """Isotropic threshold by subspace, from the barely touching loop on.
 
-    None as well where isotropic strain doesn't keep the loop's shape.
+    Also None where isotropic strain does not keep the loop's shape.
     """
     law, o = options.law(), options
     if not o.keeps_shape:
@@ -184,7 +191,7 @@ def isotropic_threshold(
 
 
 def polygon_table(found: Followed) -> pd.DataFrame:
-    """Table of a polygon's path, one row a state.
+    """Table of a polygon's path, one row per state.
 
     `stage, parameter`; `E1, E2, H12, H21`; stresses `s1, s2, s12, s21`; lists `N, T, regime` by
     contact and `x, y` by grain; the tangent `A11_11 ..`; spectra and cone in (11, 22);
@@ -212,10 +219,10 @@ def polygon_table(found: Followed) -> pd.DataFrame:
         "energy_error": path.energy_error,
         "imbalance": path.imbalance,
     }  # fmt: skip
-    return pd.DataFrame(columns).iloc[table_rows(found)]
+    return pd.DataFrame(columns).iloc[written_rows(found)]
 
 
-def table_rows(found: Followed) -> Integers:
+def written_rows(found: Followed) -> Integers:
     """Rows of the table: all of the path, or for large loops the ends of stages and a selection."""
     count, grains = found.path.x.shape[:2]
     most = max(MOST_NUMBERS // grains, 2)
@@ -261,6 +268,11 @@ def event_lines(summary: dict[str, Any]) -> list[str]:
     return [_event_line(group) for group in groups.values()]
 
 
+def event_words(kind: str) -> str:
+    """A kind of event as it is printed."""
+    return EVENT_WORDS.get(kind, kind.replace("_", " "))
+
+
 def _event_line(group: list[dict[str, Any]]) -> str:
     first, last = group[0], group[-1]
     pairs = first["kind"] == "opposite_contact"
@@ -270,7 +282,9 @@ def _event_line(group: list[dict[str, Any]]) -> str:
         start, end = f"{first[key]:.8f}", f"{last[key]:.8f}"
         values.append(f"{key} = {start}" + (f" to {end}" if end != start else ""))
     said = f"  {count} {'pairs' if pairs else 'contacts'}" if count else ""
-    return f"{first['kind']:<16} {first['subspace'] or '':<10} {'  '.join(values)}{said}"
+    return (
+        f"{event_words(first['kind']):<22} {first['subspace'] or '':<10} {'  '.join(values)}{said}"
+    )
 
 
 def _state(found: Followed, row: int) -> dict[str, Any]:
@@ -319,7 +333,7 @@ def _notes(
     if not found.options.keeps_shape:  # type: ignore[union-attr]
         notes.append(
             "no critical isotropic strain: isotropic strain changes this loop's shape; the events "
-            "tell where stability is lost on the way"
+            "say where stability is lost on the path"
         )
     if path.status != "finished":
         notes.append(f"the path ends early ({path.status}): {path.message}")
@@ -328,9 +342,11 @@ def _notes(
         falls = s1.max() <= s1[0] + STEP_ATOL
         notes.append("no peak: s1 " + ("falls from A on" if falls else "still rises at the end"))
     if path.of_kind("opposite_contact"):
-        notes.append("grains without a contact touch on the way and overlap from there on")
-    if len(table_rows(found)) < len(path):
-        notes.append(f"the table holds {len(table_rows(found))} of {len(path)} rows of the path")
+        notes.append(
+            "grains that are not in contact touch during the path and overlap from then on"
+        )
+    if len(written_rows(found)) < len(path):
+        notes.append(f"the table holds {len(written_rows(found))} of {len(path)} rows of the path")
     if path.of_kind("branching"):
         notes.append("other paths branch off: the path followed keeps the loop's symmetry")
     return notes
@@ -349,7 +365,7 @@ class Compared:
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        """One row an order; NaN where a loop has no such state."""
+        """One row per order; NaN where a loop has no such state."""
         rows = []
         for loop in self.loops:
             row: dict[str, Any] = {"order": loop["order"]}
@@ -383,7 +399,7 @@ class Compared:
         }
 
 
-def compare(options: ComparisonOptions) -> Compared:
+def compare_orders(options: ComparisonOptions) -> Compared:
     """Follow a loop of every order."""
     found, rows = [], []
     for order in options.orders:

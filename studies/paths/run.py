@@ -8,11 +8,12 @@ from typing import Any
 
 from studies.output import UNITS_OF_A_LOOP
 from studies.paths.diamond import follow_diamond
-from studies.paths.diamond_summary import diamond_summary
-from studies.paths.diamond_tables import diamond_tables
+from studies.paths.diamond_figures import diamond_figures
+from studies.paths.diamond_tables import diamond_summary, diamond_tables
+from studies.paths.figures import comparison_figures, polygon_figures
 from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
 from studies.paths.polygon import (
-    compare,
+    compare_orders,
     follow_polygon,
     polygon_summary,
     polygon_table,
@@ -33,12 +34,10 @@ def run_diamond(
         found, ignored = follow_diamond(options), None
         if options.contact_on_touch == "add":
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
-        results.write_tables(diamond_tables(found, ignored))
+        tables = diamond_tables(found, ignored)
+        results.write_tables(tables)
         summary = results.write_summary(diamond_summary(found))
-        # matplotlib is loaded only when there is something to draw.
-        from studies.paths.diamond_figures import diamond_figures
-
-        results.save_figures(diamond_figures(found, ignored))
+        results.save_figures(diamond_figures(found, ignored, tables["path_dependence"]))
     return summary
 
 
@@ -51,8 +50,6 @@ def run_polygon(
         found = follow_polygon(options)
         results.write_tables({"path": polygon_table(found)})
         summary = results.write_summary(polygon_summary(found))
-        from studies.paths.figures import polygon_figures
-
         results.save_figures(polygon_figures(found, summary["critical_strain"]["diagonal"]))
     return summary
 
@@ -63,10 +60,8 @@ def run_comparison(
     """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
     made = ("polygon --compare", out, options.described(), UNITS_OF_A_LOOP)
     with study(*made, force=force, csv=csv) as results:
-        compared = compare(options)
+        compared = compare_orders(options)
         results.write_tables({"compare": compared.table, "paths": compared.curves()})
         summary = results.write_summary(compared.summary())
-        from studies.paths.figures import comparison_figures
-
         results.save_figures(comparison_figures(compared))
     return summary

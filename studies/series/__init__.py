@@ -1,3 +1,3 @@
-"""The study behind `grainloops series`: the loops of many snapshots, and what becomes of them."""
+"""The study behind `grainloops series`: the loops of many snapshots and their fates."""
 
 from studies.series.run import run_series as run_series

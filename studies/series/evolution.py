@@ -1,4 +1,4 @@
-"""Summaries of one snapshot and of one interval of a series, each a row of `evolution`."""
+"""Loops over an interval (fates, strain, stress, work), and the rows of `evolution`."""
 
 from __future__ import annotations
 
@@ -6,21 +6,168 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
+import pyarrow as pa
 
-from loops import InputError, Regime, euler_check, love_weber_stress, outline_area
+from loops import (
+    InputError,
+    LoopBatch,
+    Regime,
+    branch_vectors,
+    contact_forces,
+    euler_check,
+    loop_batches,
+    love_weber_stress,
+    macroscopic_tangent,
+    outline_area,
+    polygon_area,
+)
 from loops.arrays import Floats
-from loops.loop_strain import best_fit_strain
-from loops.tracking import Fate, LoopFates
+from loops.closures import Closure, Spins
+from loops.stress_strain import (
+    best_fit_strain,
+    loop_strain,
+    rotation_and_stretch,
+    rotation_minus_one,
+)
+from loops.tracking import Fate, LoopFates, loop_fates, match_contacts
 from patterns import Snapshot
 from stability import COMPONENTS, RTOL
 from stability.packing.probe import probe_edge
-from studies.series.increments import PREDICTIONS
-from studies.snapshot.in_packing import sample_edge
-from studies.snapshot.statistics import LAST_ORDER
+from studies.output import Columns
+from studies.snapshot.in_packing import box_sides, sample_edge
 from studies.snapshot.summary import judges
+from studies.snapshot.table import LAST_ORDER
 
+# Closure and spins of each column of predictions.
+PREDICTIONS: dict[str, tuple[Closure, Spins]] = {
+    "affine_W2": ("affine", "blocked"),
+    "affine_free_W2": ("affine", "free"),
+    "traction_W2": ("traction", "blocked"),
+    "traction_free_W2": ("traction", "free"),
+}
+STRAIN_COLUMNS = (*(f"H{ij}" for ij in COMPONENTS), "rotation")
+WORK_COLUMNS = (
+    *(f"dP{ij}" for ij in COMPONENTS),
+    *("hill_work", "hill_cosine", "W2", "w2"),
+    *PREDICTIONS,
+)
 CONE = ("probe_cone_begin_deg", "probe_cone_end_deg")
 PROBE = ("probe_w2", "probe_theta_deg", "probe_unstable_fraction", *CONE, "probe_undetermined")
+
+
+def track_loops(before: Snapshot, after: Snapshot) -> LoopFates:
+    """Fate of every loop between two snapshots, by the contacts that they share."""
+    contacts = match_contacts(before.graph, before.ids, after.graph, after.ids)
+    return loop_fates(contacts, before.faces, after.faces)
+
+
+def fate_columns(fates: LoopFates) -> dict[str, Any]:
+    """Table of fates: one row per earlier loop, then one row per born loop.
+
+    `loop_before`, `fate`, `successor` (the one that shares most half-edges), `successors` (all that
+    share any), `order_before`, `order_after` (of the successor). A born loop has no earlier number
+    (-1) and order (0).
+    """
+    born = np.flatnonzero(fates.after == Fate.BORN)
+    count = np.bincount(fates.links[:, 0], minlength=len(fates.before))
+    ends = np.cumsum([0, *count, *np.ones_like(born)], dtype=np.int32)
+    successors = np.concatenate([fates.links[:, 1], born])
+    none = np.full(len(born), -1)
+    # A loop without successor (-1) finds the order 0 at the end.
+    order = np.append(fates.order_after, 0)
+    successor = np.concatenate([fates.successor, born])
+    names = np.array([fate.name.lower() for fate in Fate])
+    return {
+        "loop_before": np.concatenate([np.arange(len(fates.before)), none]),
+        "fate": names[np.concatenate([fates.before, fates.after[born]])],
+        "successor": successor,
+        "successors": pa.ListArray.from_arrays(pa.array(ends), pa.array(successors)),
+        "order_before": np.concatenate([fates.order_before, np.zeros_like(born)]),
+        "order_after": order[successor],
+    }
+
+
+def increments(before: Snapshot, after: Snapshot, fates: LoopFates) -> dict[str, Any]:
+    """Table of the loops that survived from one snapshot to the next, by their earlier number.
+
+    `loop_before`, `loop_after` as the tables of the snapshots number them, `order`, `area` of the
+    earlier polygon, `H11..H22` and `rotation` (degrees, anticlockwise); with forces `dP11..dP22`
+    (force per length), `hill_work` and `hill_cosine` (over `|dP||H|`), corotated `W2` and `w2`, the
+    predictions (not a number where the tangent is not trusted), earlier `sliding_contacts`.
+    """
+    survived = np.flatnonzero(fates.before == Fate.SURVIVED)
+    mechanical = before.mechanical and after.mechanical
+    names = ("area", *STRAIN_COLUMNS, *(WORK_COLUMNS if mechanical else ()))
+    table: dict[str, Any] = {
+        "loop_before": survived,
+        "loop_after": fates.successor[survived],
+        "order": fates.order_before[survived],
+        **{name: np.empty(len(survived)) for name in names},
+        **({"sliding_contacts": np.empty(len(survived), dtype=np.int64)} if mechanical else {}),
+    }
+    match, c = fates.contacts, fates.contacts.shared
+    branches, forces = branch_vectors(before.graph), contact_forces(before.graph)
+    # Contacts that opened are nan at the later snapshot.
+    later_branches, later_forces = (np.full_like(branches, np.nan) for _ in range(2))
+    sign = np.where(match.reversed[c], -1.0, 1.0)[:, None]
+    later_branches[c] = sign * branch_vectors(after.graph)[match.after[c]]
+    later_forces[c] = sign * contact_forces(after.graph)[match.after[c]]
+    chosen = before.faces.loops[survived]
+    row = np.full(len(before.faces.kind), -1)
+    row[chosen] = np.arange(len(survived))
+    for loops in loop_batches(before.graph, before.faces, loops=chosen):
+        at, x = loops.contacts, loops.graph.x
+        # Signs (L, n, 1): +1 for a contact along the loop's side, -1 against it.
+        sides = np.roll(x, -1, axis=1) - x
+        along = np.sign(np.sum(sides * branches[at], axis=2, keepdims=True))
+        # Both polygons are summed from their sides: a loop that didn't move has exactly no strain.
+        start, end = (np.cumsum(along * d[at], axis=1) for d in (branches, later_branches))
+        H = loop_strain(start, end)
+        columns = components("H", H)
+        columns["area"] = polygon_area(start)
+        columns["rotation"] = np.degrees(rotation_and_stretch(H)[0])
+        if mechanical:
+            columns |= _work(before, loops, H, branches[at], (forces[at], later_forces[at]))
+        for name, values in columns.items():
+            table[name][row[loops.face]] = values
+    return table
+
+
+def _work(
+    snapshot: Snapshot, loops: LoopBatch, H: Floats, branches: Floats, forces: tuple[Floats, Floats]
+) -> Columns:
+    """Second-order work of a batch of loops, actual and predicted."""
+    volume = polygon_area(loops.graph.x)[:, None, None]
+    # A contact against the loop has both its force and its branch reversed.
+    P0 = 0.5 * np.swapaxes(forces[0], 1, 2) @ branches / volume
+    dP = 0.5 * np.swapaxes(forces[1] - forces[0], 1, 2) @ branches / volume
+    angle, e = rotation_and_stretch(H)
+    turned = dP + rotation_minus_one(-angle) @ (P0 + dP)
+    columns = components("dP", dP)
+    columns["hill_work"], columns["hill_cosine"] = _product(dP, H)
+    columns["W2"], columns["w2"] = _product(turned, e)
+    assert snapshot.law is not None and snapshot.regime is not None  # a mechanical snapshot
+    law, regime = snapshot.law.take(loops.contacts), snapshot.regime[loops.contacts]
+    columns["sliding_contacts"] = np.count_nonzero(regime == Regime.SLIDING, axis=1)
+    strain = e.reshape(len(e), 4)
+    for name, (closure, spins) in PREDICTIONS.items():
+        A = macroscopic_tangent(loops.graph, law, closure, spins=spins, regime=regime).matrix
+        columns[name] = 0.5 * np.einsum("li,lij,lj->l", strain, A, strain)
+    return columns
+
+
+def components(name: str, values: Floats) -> Columns:
+    """Columns `name11`, `name12`, `name21`, `name22` of (n, 2, 2) tensors."""
+    return {
+        f"{name}{ij}": part for ij, part in zip(COMPONENTS, values.reshape(-1, 4).T, strict=True)
+    }
+
+
+def _product(stress: Floats, strain: Floats) -> tuple[Floats, Floats]:
+    """`stress : strain`, and the same over the norms; 0 where one of them is zero."""
+    work = np.sum(stress * strain, axis=(1, 2))
+    scale = np.linalg.norm(stress, axis=(1, 2)) * np.linalg.norm(strain, axis=(1, 2))
+    return work, np.divide(work, scale, out=np.zeros_like(work), where=scale > 0)
 
 
 def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> dict[str, Any]:
@@ -110,14 +257,19 @@ def interval_row(
 
 def sample_strain(
     before: Snapshot, after: Snapshot
-) -> tuple[Floats, Literal["cell", "grains", "unknown"]]:
+) -> tuple[Floats, Literal["cell", "walls", "grains", "unknown"]]:
     """Displacement gradient of the sample between two snapshots, and its source.
 
-    The source is the periodic cell, else the best fit to the motion of the grains in both.
+    The source is the periodic cell, or four walls along the axes, else the best fit to the motion
+    of the grains in both.
     """
     one, two = before.graph, after.graph
     if one.cell is not None and two.cell is not None:
         return cell_strain(one.cell, two.cell), "cell"
+    if one.cell is None and before.walls is not None and after.walls is not None:
+        sides = box_sides(one.x, before.walls), box_sides(two.x, after.walls)
+        if sides[0] is not None and sides[1] is not None:
+            return np.diag(1.0 - sides[1] / sides[0]), "walls"
     _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
     if len(here) < 3:
         return np.full((2, 2), np.nan), "unknown"

@@ -1,26 +1,47 @@
-"""Figures over a series: orders, fates, stress, probes, exchange of orders, survival, kinetics."""
+"""Figures, maps and animation of a series, drawn from its finished parts.
+
+Orders, fates, stress, probes, exchange of orders, survival, kinetics.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+import pyarrow.parquet
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, LogNorm, Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, exchange_matrix
-from studies.series.survival import ALL, VERDICTS, pooled
+from patterns import Snapshot
+from studies.output import Columns
+from studies.series.evolution import PREDICTIONS
+from studies.series.skill import ALL, VERDICTS, part_columns, pooled
+from studies.series.skill_figures import (
+    MappedInterval,
+    nonaffinity_map,
+    skill_by_interval,
+    skill_by_predictor,
+    work_map,
+    work_signs,
+)
+from studies.series.tasks import PartTask, Series, tracked
 from studies.snapshot.figures import JUDGE_TITLES
-from studies.snapshot.statistics import GROUPS, LAST_ORDER
+from studies.snapshot.loop_map import ORDER_SCALE, loop_drawer, order_bar
+from studies.snapshot.polygons import MOST_LOOPS, LoopsForMap, loops_for_map
+from studies.snapshot.table import GROUPS, LAST_ORDER
 from studies.style import (
     BLACK,
     BLUE,
+    DIVERGING,
     GREEN,
     GREY,
     LIGHT_GREY,
@@ -34,12 +55,14 @@ from studies.style import (
     axes_or_new,
     figure_of,
     key_columns,
+    new_figure,
     new_panels,
     say_empty,
     styled,
+    write_animation,
 )
 
-STRAIN_LABEL = r"accumulated shear strain, $\Sigma\,(\varepsilon_1 - \varepsilon_2)/2$"
+SHEAR_LABEL = r"accumulated shear strain, $\Sigma\,(\varepsilon_1 - \varepsilon_2)/2$"
 ORDER_MARKERS = "os^DvP"
 FATE_COLOURS = {
     "split": BLUE,
@@ -51,6 +74,13 @@ LOOKS = dict(zip(VERDICTS, ((BLUE, "o"), (VERMILION, "s"), (GREY, "^")), strict=
 # Largest order in the figure of kinetics, and colours of the merged loops by order.
 LAST_DRAWN = 12
 MERGED = dict(zip(range(4, 9), (SKY, BLUE, GREEN, ORANGE, VERMILION), strict=True))
+WORK_COLUMNS = ("W2", "w2", *PREDICTIONS)
+PACKING_COLUMNS = ("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing")
+SMALLEST = "traction_lambda_min"
+# Most maps on a page, and frames of an animation.
+MOST_MAPS, MOST_SCENES = 20, 60
+# Width of a panel of the animation, inches.
+PANEL_INCHES = 4.6
 
 
 @styled()
@@ -69,7 +99,7 @@ def orders_over_strain(evolution: pd.DataFrame) -> Figure:
         ):
             values = _column(evolution, f"{kind}_{3 + n}")
             ax.plot(strain, values, marker=marker, color=colour, label=f"order {group}")
-        ax.set(xlabel=STRAIN_LABEL, title=title)
+        ax.set(xlabel=SHEAR_LABEL, title=title)
     figure.axes[0].set(ylabel="share of the loops", ylim=(0, None))
     key = figure.axes[0].get_legend_handles_labels()
     figure.legend(*key, loc="outside upper center", ncols=3)
@@ -135,7 +165,7 @@ def stress_strain(evolution: pd.DataFrame) -> Figure:
     shear = 0.5 * (_column(evolution, "S12") + _column(evolution, "S21"))
     left.plot(strain, shear, marker="^", color=GREY, label=r"$(\sigma_{12} + \sigma_{21})/2$")
     left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
-    left.set(xlabel=STRAIN_LABEL, ylabel="stress (force/length of the input)")
+    left.set(xlabel=SHEAR_LABEL, ylabel="stress (force/length of the input)")
     left.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     unstable = _column(evolution, "traction_unstable")
     right.plot(strain, unstable, "s-", color=VERMILION, label="loops unstable, traction closure")
@@ -146,22 +176,52 @@ def stress_strain(evolution: pd.DataFrame) -> Figure:
             worked = _column(evolution, "negative_W2") / _column(evolution, "survived")
         label = r"survived loops with $W_2 < 0$ in the interval"
         right.plot(strain, worked, "o-", color=BLUE, label=label)
-    right.set(xlabel=STRAIN_LABEL, ylabel="share", ylim=(0, None))
+    right.set(xlabel=SHEAR_LABEL, ylabel="share", ylim=(0, None))
     right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
 
 
 @styled()
 def probes_over_strain(evolution: pd.DataFrame) -> Figure:
-    """Smallest second-order work and the share of unstable directions, above the stress ratio."""
-    figure, ((left, right),) = new_panels(1, 2, 2.6)
-    strain = _column(evolution, "shear_strain")
-    left.plot(strain, _column(evolution, "probe_w2"), "o-", color=BLUE)
+    """Smallest second-order work and the share of unstable directions over the shear strain.
+
+    Hollow where directions are undetermined, with their number; a cross below where all are.
+    """
+    figure, ((left, right),) = new_panels(1, 2, 2.9)
+    strain, undetermined = (
+        _column(evolution, name) for name in ("shear_strain", "probe_undetermined")
+    )
+    for ax, name, scale, look, colour in (
+        (left, "probe_w2", 1, "o", BLUE),
+        (right, "probe_unstable_fraction", 100, "s", VERMILION),
+    ):
+        values = scale * _column(evolution, name)
+        ax.plot(strain, values, f"{look}-", color=colour)
+        some = (undetermined > 0) & np.isfinite(values)
+        if some.any():
+            hollow = {"color": colour, "markerfacecolor": "white", "zorder": 3}
+            label = "with this number of undetermined directions"
+            ax.plot(strain[some], values[some], look, label=label, **hollow)
+            for at, value, count in zip(
+                strain[some], values[some], undetermined[some], strict=True
+            ):
+                ax.annotate(
+                    f"{count:.0f}", (at, value), (0, 4), textcoords="offset points",
+                    ha="center", va="bottom", fontsize=7,
+                )  # fmt: skip
+        none = (undetermined > 0) & ~np.isfinite(values)
+        if none.any():
+            ax.plot(
+                strain[none], np.zeros(np.count_nonzero(none)), "x", color=GREY, clip_on=False,
+                transform=ax.get_xaxis_transform(), label="all directions undetermined",
+            )  # fmt: skip
+        if some.any() or none.any():
+            ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
+        ax.set(xlabel=SHEAR_LABEL)
+        ax.margins(y=0.12)
     left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
-    left.set(xlabel=STRAIN_LABEL, ylabel=r"smallest $w_2$ of the sample")
-    share = 100 * _column(evolution, "probe_unstable_fraction")
-    right.plot(strain, share, "s-", color=VERMILION)
-    right.set(xlabel=STRAIN_LABEL, ylabel=r"directions with $W_2 < 0$ (%)", ylim=(0, None))
+    left.set(ylabel=r"smallest $w_2$ of the sample")
+    right.set(ylabel=r"directions with $W_2 < 0$ (%)", ylim=(0, None))
     return figure
 
 
@@ -172,7 +232,7 @@ def _column(evolution: pd.DataFrame, name: str) -> Floats:
 
 @styled()
 def survival_by_verdict(table: pd.DataFrame) -> Figure:
-    """Share of the loops that survive, a row a judge: interval by interval, and order by order.
+    """Share of the loops that survive, one row per judge: interval by interval, and order by order.
 
     Bars are Wilson's 95 % intervals: the uncertainty of so few loops, not the spread between
     intervals.
@@ -270,3 +330,159 @@ def _balance(ax: Axes, table: pd.DataFrame) -> None:
         axis.set_major_formatter("{x:.0f}")
         axis.set_minor_locator(NullLocator())
     ax.set(xlabel="contacts that closed (splits)", ylabel="contacts that opened (mergers)")
+
+
+def series_figures(
+    tables: Mapping[str, pd.DataFrame],
+    increments: Mapping[str, Any],
+    mapped: MappedInterval | None,
+) -> Iterator[tuple[str, Figure]]:
+    """Every figure of a series by name; `increments` are those of all intervals together."""
+    evolution = tables["evolution"]
+    yield "orders_over_strain", orders_over_strain(evolution)
+    if "S11" in evolution:
+        yield "stress_strain", stress_strain(evolution)
+    if "probe_w2" in evolution:
+        yield "probes", probes_over_strain(evolution)
+    if len(evolution) > 1:
+        yield "fates", figure_of(fates_over_strain(evolution))
+    if "survival" in tables:
+        yield "survival", survival_by_verdict(tables["survival"])
+    if len(evolution) > 1:
+        exchange = [tables["exchange"][name].to_numpy() for name in ExchangeCounts._fields]
+        yield "exchange", figure_of(exchange_heatmap(ExchangeCounts(*exchange)))
+    if "kinetics" in tables:
+        yield "kinetics", kinetics_figure(tables)
+    if len(increments.get("W2", ())):
+        yield "work_signs", work_signs(increments)
+    packed = "skill" in tables and "packing" in set(tables["skill"]["predictor"])
+    if packed:
+        yield "skill_by_predictor", skill_by_predictor(tables["skill"])
+        yield "skill_by_interval", skill_by_interval(tables["skill"])
+    if mapped is not None:
+        if packed and np.isfinite(mapped.predicted["packing_nonaffinity"]).any():
+            yield "nonaffinity_map", nonaffinity_map(mapped)
+        if "W2" in mapped.increments:
+            yield "work_map", figure_of(work_map(mapped))
+
+
+def joined_increments(series: Series) -> Columns:
+    """Actual and predicted work of all intervals."""
+    parts = [task.part for task in series.intervals]
+    if not parts:
+        return {}
+    there = set(pyarrow.parquet.read_schema(parts[0]).names)
+    names = [name for name in WORK_COLUMNS if name in there]
+    tables = [pyarrow.parquet.read_table(part, columns=names) for part in parts]
+    table = pyarrow.concat_tables(tables)
+    return {name: table.column(name).to_numpy() for name in names}
+
+
+def map_data(task: PartTask) -> MappedInterval:
+    """Snapshot, fates, increments and predictions of one interval."""
+    before, _, fates = tracked(task)
+    predicted = part_columns(task.packing_part) if task.packing_part.is_file() else {}
+    return MappedInterval(before, fates, pd.read_parquet(task.part), predicted)
+
+
+def picked_snapshots(count: int, most: int = MOST_SCENES) -> list[int]:
+    """Numbers of the snapshots to show: all of a short series, evenly spread ones of a long one."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round()).astype(int).tolist()
+
+
+def maps_of(series: Series, counts: Sequence[int], first: int) -> list[LoopsForMap]:
+    """Maps of all snapshots, or of as many evenly spread ones as a page can handle.
+
+    The columns include the fates and the work of the interval that follows each snapshot.
+    """
+    planned, intervals, about = series.planned, series.intervals, ""
+    number = min(MOST_MAPS, MOST_LOOPS // max(*counts, 1))
+    places = sorted({*picked_snapshots(len(planned), number), first}) if number else []
+    if len(places) < len(planned):
+        about = f"{len(places)} of {len(planned)} snapshots are shown, a page can't hold more. "
+    maps = []
+    for k in places:
+        one, table = planned[k], pd.read_parquet(series.snapshots[k].part)
+        table = table.drop(columns=["grains", "snapshot", "step"])
+        if k < len(intervals):
+            task = intervals[k]
+            fates = pd.read_parquet(task.fates_part)[: len(table)]
+            table = table.join(fates[["fate", "successor", "order_after"]])
+            own = pd.read_parquet(task.part).set_index("loop_before")
+            table = table.join(
+                own[[name for name in (*WORK_COLUMNS, "nonaffinity") if name in own]]
+            )
+            if task.packing_part.is_file():
+                predicted = pd.read_parquet(task.packing_part)
+                table = table.join(predicted[[n for n in PACKING_COLUMNS if n in predicted]])
+        name = f"{one.number} ({one.name})"
+        place: Any = {"name": name, "number": one.number, "first": k == first, "about": about}
+        maps += loops_for_map(one.read(), table, **place)
+    return maps
+
+
+class AnimationFrame(NamedTuple):
+    """One frame of an animation."""
+
+    state: Snapshot
+    title: str
+    smallest: Floats | None = None
+
+
+def animation_frames(series: Series, evolution: pd.DataFrame) -> Iterator[AnimationFrame]:
+    """Frames of the animation of a series, one snapshot in memory at a time."""
+    for k in picked_snapshots(len(series.planned)):
+        one, part = series.planned[k], series.snapshots[k].part
+        title = f"snapshot {one.number}, shear strain {evolution['shear_strain'][k]:.4f}"
+        smallest = None
+        if SMALLEST in pyarrow.parquet.read_schema(part).names:
+            table = pyarrow.parquet.read_table(part, columns=[SMALLEST])
+            smallest = table.column(SMALLEST).to_numpy()
+        yield AnimationFrame(one.read(), title, smallest)
+
+
+@styled()
+def animate_series(
+    folder: Path, frames: Iterable[AnimationFrame], source: Mapping[str, Any]
+) -> list[Path]:
+    """Write the animation of a series: loops by order and, with forces, smallest eigenvalue.
+
+    Colours keep their meaning; the scale of the eigenvalues is that of the first frame.
+    """
+    rest = iter(frames)
+    first = next(rest)
+    scales: list[Normalize] = [ORDER_SCALE]
+    if first.smallest is not None:
+        known = first.smallest[np.isfinite(first.smallest) & (first.smallest > 0)]
+        high = float(np.percentile(known, 95)) if len(known) else 1.0
+        # The negative side has few loops, at first often none: it reaches a quarter as far.
+        scales.append(TwoSlopeNorm(0.0, vmin=-0.25 * high, vmax=high))
+    palettes = ListedColormap(ORDER_COLOURS), mpl.colormaps[DIVERGING]
+    extent = np.ptp(first.state.graph.x, axis=0)
+    # A panel less its colour bar, with room for the title.
+    height = float(
+        np.clip((PANEL_INCHES - 1.2) * extent[1] / extent[0] + 0.9, 2.0, 1.5 * PANEL_INCHES)
+    )
+    figure = new_figure(PANEL_INCHES * len(scales), height)
+    axes: list[Axes] = list(figure.subplots(1, len(scales), squeeze=False)[0])
+    drawn: list[Any] = []
+
+    def show(frame: AnimationFrame) -> None:
+        for artist in drawn:
+            artist.remove()
+        faces, draw = frame.state.faces, loop_drawer(frame.state)
+        values: list[Any] = [np.minimum(faces.order[faces.loops], LAST_ORDER), frame.smallest]
+        panels = zip(axes, values, palettes, scales, strict=False)
+        drawn[:] = [draw(ax, value, palette, scale) for ax, value, palette, scale in panels]
+        figure.suptitle(frame.title)
+
+    show(first)
+    order_bar(ScalarMappable(ORDER_SCALE, palettes[0]), axes[0])
+    if first.smallest is not None:
+        colours = ScalarMappable(scales[1], palettes[1])
+        bar = figure.colorbar(colours, ax=axes[1], shrink=0.75, extend="both")
+        low, high = colours.get_clim()
+        ticks = [low, 0.0, 0.5 * high, high]
+        bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
+        bar.set_label(r"smallest eigenvalue of $K_s$ / mean $k_n$")
+    return write_animation(folder, figure, map(show, rest), source)

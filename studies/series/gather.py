@@ -16,22 +16,21 @@ import pyarrow as pa
 
 from loops import order_kinetics
 from loops.kinetics import FATES, OrderEvents
-from loops.loop_strain import rotation_and_stretch
+from loops.stress_strain import rotation_and_stretch
 from loops.tracking import ExchangeCounts, Fate
 from stability import COMPONENTS
 from stability.packing.response import SOLVED
-from studies.columns import definitions
-from studies.output import move_files
-from studies.series.dataset import (
+from studies.output import definitions, move_files
+from studies.series.skill import skill_summary, skill_tables, survival_summary, write_fates
+from studies.series.tasks import (
     UNFINISHED,
+    Failure,
+    Series,
     keep_only,
     require_about,
     require_one_schema,
     write_csv,
 )
-from studies.series.skill import skill_summary, skill_tables
-from studies.series.survival import survival_summary, write_fates
-from studies.series.tasks import Failure, Series
 from studies.study import Results
 
 Row = Mapping[str, Any]
@@ -46,7 +45,7 @@ def gather(
     figures: bool,
     animation: bool,
 ) -> dict[str, Any]:
-    """Put the finished parts of a series together; the summary."""
+    """Put the finished parts of a series together; return the summary."""
     out, band = series.out, series.yield_band
     parts = {
         "loops": [task.part for task in series.snapshots],
@@ -80,14 +79,14 @@ def gather(
             whole = {"fates": [fates]} if fates.is_file() else {}
             for name, files in (parts | whole).items():
                 write_csv(files, folder / f"{name}.csv")
-        # Drawing is loaded only when there is something to draw.
+        # matplotlib is loaded only when there is something to draw.
         pictures: list[Path] = []
         if animation:
-            from studies.series.report import animate_series, animation_frames
+            from studies.series.figures import animate_series, animation_frames
 
             pictures = animate_series(folder, animation_frames(series, evolution), made)
         if figures:
-            from studies.series.report import joined_increments, map_data, maps_of, series_figures
+            from studies.series.figures import joined_increments, map_data, maps_of, series_figures
 
             interval = None if mapped is None else map_data(series.intervals[mapped])
             drawn = series_figures(tables, joined_increments(series), interval)
@@ -103,7 +102,7 @@ def gather(
 def series_tables(
     series: Series, about: Mapping[str, list[dict[str, Any]]], parts: Mapping[str, Sequence[Path]]
 ) -> tuple[dict[str, pd.DataFrame], dict[str, Any]]:
-    """Tables and summary of a series from its parts and from what their metadata tell."""
+    """Tables and summary of a series from its parts and their metadata."""
     states = [
         {"snapshot": one.number, "name": one.name} | kept["row"]
         for one, kept in zip(series.planned, about["loops"], strict=True)
@@ -233,7 +232,7 @@ def kinetics(
         "share_of_opened": float(found.opened.sum() / max(all_opened, 1)),
         "share_of_closed": float(found.closed.sum() / max(all_closed, 1)),
         **{f"share_{name}": getattr(found, name) / earlier for name in FATES},
-        **{name: value for name, value in balance._asdict().items() if name not in ("z", "p")},
+        **{name: value for name, value in vars(balance).items() if name not in ("z", "p")},
     }
     tables = {"kinetics": found.table(), "kinetics_orders": orders}
     return {name: pd.DataFrame(table) for name, table in tables.items()}, summary

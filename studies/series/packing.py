@@ -19,12 +19,11 @@ import numpy as np
 from loops import InputError, loop_batches
 from loops.arrays import Floats
 from loops.graph import branch_vectors
-from loops.loop_strain import rotation_and_stretch
 from loops.packing import loops_in_place
+from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from patterns import Snapshot
 from stability import COMPONENTS, Programme, Stage, follow
-from stability.loop_stability import loop_spectra
 from stability.packing import (
     LoopRates,
     PackingRates,
@@ -35,9 +34,10 @@ from stability.packing import (
 )
 from stability.packing.response import SOLVED
 from stability.packing.yield_response import YieldResponse, forces_of_motion
-from studies.columns import Columns
+from stability.verdict import loop_spectra
+from studies.output import Columns
 from studies.series.evolution import sample_strain
-from studies.snapshot.in_packing import balance_notes, sample_boundary, sample_edge
+from studies.snapshot.in_packing import balance_notes, followed_walls, sample_boundary, sample_edge
 
 # Field of `LoopRates` of each column of predictions.
 PREDICTED = {
@@ -96,7 +96,7 @@ def packing_predictions(
         found, why = _by_events(before, H)
         columns, notes = columns | found, [*notes, *why]
     place = loops_in_place(graph, law, before.faces, planes=planes, held=held)
-    columns["packing_lambda_min"] = loop_spectra(place.matrix / np.mean(law.kn))[:, 0]
+    columns["packing_lambda_min"] = loop_spectra(place.matrix / before.mean_kn)[:, 0]
     row = {
         "packing_status": response.status,
         **{
@@ -112,17 +112,21 @@ def packing_predictions(
 def _by_events(before: Snapshot, H: Floats) -> tuple[Columns, list[str]]:
     """Predictions of the packing's path and of its replay from rest; notes on failures."""
     graph, (law, _) = before.graph, before.mechanics()
-    strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
     ends, notes = {}, list[str]()
     try:
         notes += balance_notes(before)
+        strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
         stage = Stage(strain, "parameter", 1.0)
-        path = follow(graph, law, stage, closure="packing", instabilities=PASSED)
+        planes, force = followed_walls(before)
+        path = follow(
+            graph, law, stage, closure="packing", instabilities=PASSED, planes=planes,
+            plane_force=force,
+        )  # fmt: skip
         if path.status == "finished":
             ends["path"] = path.states[-1]
         else:
             notes.append(f"path by events {path.status}: {path.message}")
-        ends["replay"] = replay(graph, law, H).state
+        ends["replay"] = replay(graph, law, H, planes=planes, plane_force=force).state
     except InputError as error:
         notes.append(f"not followed by events: {error}")
     columns: Columns = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from loops import InputError
 from patterns import Snapshot, count_frames
 from patterns.snapshots.tables import read_table
 from studies.output import as_json, code_version, provenance, readable
-from studies.snapshot.source import read_planar
+from studies.snapshot.run import read_planar
 
 Cell = tuple[float, float, float, float]
 CELL_COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
@@ -52,13 +52,18 @@ def plan_series(
     _require_distinct(paths)
     if how["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
-    asked = [(path.absolute(), one) for path in paths for one in _frames(path, how)]
-    planned = [PlannedSnapshot(number, *one) for number, one in enumerate(asked)]
-    if cells is not None:
-        table = cells_by_number(cells)
-        planned = [
-            replace(one, how=one.how | {"cell": _cell_of(one, table, cells)}) for one in planned
-        ]
+    cell = None if cells is None else cell_reader(cells)
+    planned: list[PlannedSnapshot] = []
+    for path in paths:
+        try:
+            count = count_frames(path, format=how["format"], columns=how["columns"])
+        except InputError:  # the task of an unreadable file tells why
+            count = 1
+        for frame in range(count):
+            own = how if count == 1 else how | {"frame": frame}
+            if cell is not None:
+                own = own | {"cell": cell(path, own["frame"])}
+            planned.append(PlannedSnapshot(len(planned), path.absolute(), own))
     return with_fingerprints(planned)
 
 
@@ -77,15 +82,6 @@ def _require_distinct(paths: Sequence[Path]) -> None:
         seen[path.resolve()] = path
 
 
-def _frames(path: Path, how: dict[str, Any]) -> list[dict[str, Any]]:
-    """Options for each snapshot of a file; an unreadable file is left to its task."""
-    try:
-        count = count_frames(path, format=how["format"], columns=how["columns"])
-    except InputError:
-        count = 1
-    return [how] if count == 1 else [how | {"frame": frame} for frame in range(count)]
-
-
 def cells_by_number(path: Path) -> dict[int, Cell]:
     """Cells of a table by the number of their snapshot."""
     table = read_table(path)
@@ -99,16 +95,25 @@ def cells_by_number(path: Path) -> dict[int, Cell]:
     return dict(zip(numbers, rows, strict=True))
 
 
-def _cell_of(snapshot: PlannedSnapshot, cells: dict[int, Cell], table: Path) -> Cell:
-    number = number_of(snapshot.path, snapshot.how["frame"])
-    if number not in cells:
+def cell_reader(cells: Path) -> Callable[[Path, int | None], Cell]:
+    """Function that gives the cell of a snapshot, by its file and its number in a file of several.
+
+    `InputError` where the table has no row of it.
+    """
+    table = cells_by_number(cells)
+
+    def cell_of(path: Path, frame: int | None) -> Cell:
+        number = number_of(path, frame)
+        if number in table:
+            return table[number]
         raise InputError(
-            f"--cells {table}",
-            f"no row with snap = {number}, for {snapshot.path.name}",
+            f"--cells {cells}",
+            f"no row with snap = {number}, for {path.name}",
             "one row a snapshot",
             "Add the row; snap is the last number in the name, or the place in a file of several.",
         )
-    return cells[number]
+
+    return cell_of
 
 
 def number_of(path: Path, frame: int | None = None) -> int:
@@ -128,28 +133,22 @@ def number_of(path: Path, frame: int | None = None) -> int:
 
 def with_fingerprints(planned: Sequence[PlannedSnapshot]) -> list[PlannedSnapshot]:
     """Add the digest of each snapshot's number, code, options and files."""
-    folders = {folder: _by_name(folder) for folder in {one.path.parent for one in planned}}
-    return [
-        replace(one, fingerprint=_digest(one, folders[one.path.parent].get(_common(one.path), [])))
-        for one in planned
-    ]
+    # The files of one snapshot: their folder, and the common part of their names.
+    states = defaultdict(list)
+    for folder in {one.path.parent for one in planned}:
+        for file in sorted(folder.iterdir()):
+            if file.is_file():
+                found = file.stat()
+                states[_snapshot_name(file)].append((file.name, found.st_size, found.st_mtime_ns))
+    digests = []
+    for one in planned:
+        files = states.get(_snapshot_name(one.path), [])
+        known = {"number": one.number, "path": one.path.name, "how": one.how, "files": files}
+        text = as_json(provenance("series", known, code_version()))
+        digests.append(hashlib.blake2b(text.encode(), digest_size=16).hexdigest())
+    return [replace(one, fingerprint=digest) for one, digest in zip(planned, digests, strict=True)]
 
 
-def _digest(one: PlannedSnapshot, files: list[Path]) -> str:
-    states = [(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files]
-    known = {"number": one.number, "path": one.path.name, "how": one.how, "files": states}
-    made = provenance("series", known, code_version())
-    return hashlib.blake2b(as_json(made).encode(), digest_size=16).hexdigest()
-
-
-def _by_name(folder: Path) -> dict[str, list[Path]]:
-    """Files of a folder by the common part of the names of one snapshot's files."""
-    found: dict[str, list[Path]] = defaultdict(list)
-    for path in sorted(folder.iterdir()):
-        if path.is_file():
-            found[_common(path)].append(path)
-    return found
-
-
-def _common(path: Path) -> str:
-    return CONTENTS.sub("", FILE_ENDINGS.sub("", path.name))
+def _snapshot_name(path: Path) -> tuple[Path, str]:
+    """Folder and common part of the names of the files of one snapshot."""
+    return path.parent, CONTENTS.sub("", FILE_ENDINGS.sub("", path.name))

@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from loops import InputError
-from stability.arguments import whole_number
+from loops.errors import whole_number
 from stability.packing.yield_response import checked_band
 from studies.output import SERIES, errors_of, folder_lock, provenance, require_folder
-from studies.paths.options import one_of
-from studies.series.dataset import has_parts, open_folder
 from studies.series.plan import plan_series
-from studies.series.tasks import Failure, Series, do_tasks
+from studies.series.tasks import Failure, Series, do_tasks, has_parts, open_folder
 from studies.series.workers import Runner, open_runner
-from studies.snapshot.source import reading
+from studies.snapshot.run import reading
+from studies.study import one_of
 
 UNITS = (
     "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
@@ -42,7 +41,7 @@ def run_series(
     probe: int | None = None,
     **how: Any,
 ) -> dict[str, Any]:
-    """Find the loops of every snapshot of a series and what becomes of them; the summary.
+    """Find the loops of every snapshot of a series and their fates; return the summary.
 
     `how` are options of `read_planar`; `cells` is a table of the snapshots' cells. With
     `in_packing` the packing's rate problem predicts each interval and `skill.parquet` compares the
@@ -81,7 +80,7 @@ def run_series(
                 if new and not has_parts(out):
                     shutil.rmtree(out)
                 raise
-            # Its tables and figures need libraries that the processes of the tasks don't.
+            # Tables and figures need libraries that the processes of the tasks do not load.
             from studies.series.gather import gather
 
             return gather(series, failures, made, csv=csv, figures=figures, animation=animation)

@@ -47,22 +47,22 @@ TARGET_TITLES = {
     "topology": "topology changed",
 }
 PREDICTORS = {
-    "packing": "packing",
-    "packing_path": "packing, by events",
-    "replay": "replay",
+    "packing": "packing: rates",
+    "packing_path": "packing: by events",
+    "replay": "packing: DEM replay",
     "own_motion": "own motion (bound)",
     "persistence": "persistence",
-    "traction_free": "traction, free spins",
-    "traction": "traction, blocked",
+    "traction_free": "cut out, free spins",
+    "traction": "cut out, spins blocked",
     "affine_free": "affine, free spins",
-    "affine": "affine, blocked",
+    "affine": "affine, spins blocked",
     "packing_lambda_min": r"$\lambda_{\min}$ in its packing",
-    "traction_free_lambda_min": r"$\lambda_{\min}$ traction, free",
-    "traction_lambda_min": r"$\lambda_{\min}$ traction, blocked",
+    "traction_free_lambda_min": r"$\lambda_{\min}$ cut out, free",
+    "traction_lambda_min": r"$\lambda_{\min}$ cut out, blocked",
     "affine_lambda_min": r"$\lambda_{\min}$ affine, blocked",
-    "order": "order",
-    "sliding": "number sliding",
-    "smallest_N": "smallest N",
+    "order": "number of grains",
+    "sliding": "sliding contacts",
+    "smallest_N": "smallest force N",
 }
 # Predictors drawn from interval to interval; the figure of all predictors shows the others.
 FOLLOWED = {
@@ -142,7 +142,7 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
 
 @styled()
 def skill_by_predictor(table: pd.DataFrame) -> Figure:
-    """AUC of every predictor, a dot an interval and the mean of them, for each target."""
+    """AUC of every predictor, one dot per interval and the mean of them, for each target."""
     walked = set(table["predictor"])
     names = [name for name in PREDICTORS if name in walked or name not in EVENT_PREDICTORS]
     figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)

@@ -1,7 +1,8 @@
-"""Runners of tasks: this process, several processes, or a Dask cluster."""
+"""Runners of tasks: this process, several processes, or a running Dask cluster."""
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -11,18 +12,19 @@ import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
-from multiprocessing import connection
+from multiprocessing import connection, resource_tracker
 from pathlib import Path
 from typing import Any, TypeVar
 
-# Limits hold for what is loaded before them: scipy brings its own linear algebra.
+# A limit holds for libraries that are loaded before it: scipy has linear algebra of its own.
 import scipy.linalg  # noqa: F401
 from threadpoolctl import threadpool_limits
 
 from loops import InputError
 from loops.arrays import available_cores
+from studies.output import code_version
 
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
@@ -32,19 +34,20 @@ THREADS = (
 )
 Runner = Callable[[Callable[[Any], Any], Sequence[Any]], Generator[Any]]
 
+# Seconds to wait for an answer of the scheduler, and for a first worker.
+PATIENCE = 8
+
 
 @contextmanager
 def open_runner(
     workers: int | None, scheduler: str | None, paths: Sequence[Path]
 ) -> Iterator[Runner]:
-    """Open the runner that was asked for; `paths` are files that a cluster must see."""
+    """Open the runner of the options; `paths` are files that all workers of a cluster must see."""
     if workers is not None and scheduler is not None:
         raise InputError("--workers, --scheduler", "both", "one of them", "Leave one out.")
     if workers is not None and workers < 1:
         raise InputError("--workers", str(workers), "at least 1", "Change it.")
     if scheduler is not None:
-        from studies.series.cluster import connected, run_on_cluster
-
         with connected(scheduler, paths) as client:
             yield partial(run_on_cluster, client)
         return
@@ -65,11 +68,8 @@ def run_here(function: Callable[[Asked], Answer], tasks: Sequence[Asked]) -> Gen
 @contextmanager
 def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Processes that end with the block; tasks that have not started by then are dropped."""
-    pool = ProcessPoolExecutor(
-        workers,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_begin,
-    )
+    spawn = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, mp_context=spawn, initializer=_begin)
     try:
         yield pool
     finally:
@@ -86,7 +86,7 @@ def run_in_processes(
     futures: list[Future[Answer]] = []
     try:
         # The processes start while the tasks are handed out.
-        with _one_thread_each(), _interrupts_ignored():
+        with _one_thread_each(), _interrupts_held():
             futures += [pool.submit(function, task) for task in tasks]
         for future in as_completed(futures):
             yield future.result()
@@ -95,7 +95,7 @@ def run_in_processes(
             "a worker process",
             "its sudden end",
             "an answer",
-            "Its memory may be used up: give a smaller --workers. What is finished is kept.",
+            "Its memory may be used up: give a smaller --workers. Finished snapshots are kept.",
         ) from None
     finally:
         for future in futures:
@@ -104,7 +104,7 @@ def run_in_processes(
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Give the processes that start here one thread each: there is one process a core."""
+    """Give the processes that start here one thread each: there is one process per core."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
@@ -118,16 +118,21 @@ def _one_thread_each() -> Iterator[None]:
 
 
 @contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Let processes that start here ignore Ctrl-C, which the main process handles."""
-    if threading.current_thread() is not threading.main_thread():
+def _interrupts_held() -> Iterator[None]:
+    """Hold a Ctrl-C back until the block ends; processes that start here hold it back for good.
+
+    The main process handles it. Where signals cannot be held back, nothing is done.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # It starts with the first process otherwise, and some Pythons release the signal then.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin() -> None:
@@ -153,3 +158,146 @@ def one_blas_thread() -> threadpool_limits:
     unknowns on; one process, several, and a cluster of other machines must write the same bytes.
     """
     return threadpool_limits(1, user_api="blas")
+
+
+@contextmanager
+def connected(address: str, paths: Sequence[Path]) -> Iterator[Any]:
+    """Connect to the scheduler at an address and check its workers."""
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        remedy = "Install it: pip install distributed."
+        raise InputError("--scheduler", "no Dask here", "dask.distributed", remedy) from None
+    with _quiet():
+        client = _client(address)
+        try:
+            _check_workers(client, address, paths)
+            yield client
+        finally:
+            client.close(timeout=PATIENCE)
+
+
+def run_on_cluster(
+    client: Any, function: Callable[[Any], Answer], tasks: Sequence[Any]
+) -> Generator[Answer]:
+    """Yield the answers in any order; the tasks of a lost worker go to another one.
+
+    Tasks have a `name` for messages.
+    """
+    from distributed import CancelledError, KilledWorker, as_completed
+
+    futures = client.map(function, tasks, pure=False, key=function.__name__)
+    named: dict[Any, str] = {
+        future.key: task.name for future, task in zip(futures, tasks, strict=True)
+    }
+    try:
+        for future in as_completed(futures, loop=client.loop):
+            yield future.result()
+    except KilledWorker as error:
+        raise InputError(
+            named.get(error.task, str(error.task)),
+            "the loss of every worker that computed it",
+            "an answer",
+            "Their memory may be used up: give the workers more. Finished snapshots are kept.",
+        ) from None
+    except (CancelledError, OSError) as error:
+        raise InputError(
+            "the Dask scheduler",
+            f"a lost connection ({type(error).__name__})",
+            "answers",
+            "Start the cluster again and give the same command: finished snapshots are kept.",
+        ) from None
+    finally:
+        with suppress(Exception):
+            client.cancel(futures, force=True)
+
+
+def _client(address: str) -> Any:
+    """Client of a scheduler; a client alone would wait long for one that is not there."""
+    import asyncio
+
+    from distributed import Client
+    from distributed.comm.core import connect
+
+    async def ask() -> Any:
+        async with asyncio.timeout(PATIENCE):
+            comm = await connect(address, timeout=PATIENCE)
+            try:
+                await comm.write({"op": "identity", "reply": True})
+                return await comm.read()
+            finally:
+                comm.abort()
+
+    try:
+        answer = asyncio.run(ask())
+        if not isinstance(answer, dict) or answer.get("type") != "Scheduler":
+            raise ValueError("an answer from something else")
+    except TimeoutError:
+        raise _no_scheduler(address, f"no answer within {PATIENCE} s") from None
+    except (OSError, ValueError) as error:
+        raise _no_scheduler(address, str(error)) from None
+    return Client(address, timeout=PATIENCE, set_as_default=False)
+
+
+def _no_scheduler(address: str, received: str) -> InputError:
+    return InputError(
+        f"--scheduler {address}",
+        received,
+        "the address of a Dask scheduler, tcp://HOST:PORT",
+        "Start `dask scheduler` and `dask worker ADDRESS` first.",
+    )
+
+
+def _check_workers(client: Any, address: str, paths: Sequence[Path]) -> None:
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
+        raise _no_scheduler(address, "a scheduler without workers") from None
+    expected = code_version()
+    for worker, (version, missing) in client.run(_probe([str(path) for path in paths])).items():
+        where = f"Dask worker {worker}"
+        if version != expected:
+            raise InputError(
+                where,
+                f"grainloops {version}" if version else "no grainloops",
+                f"grainloops {expected}, as here",
+                "Install the same version for the workers, and start them again.",
+            )
+        if missing:
+            raise InputError(
+                where,
+                f"no file {missing}",
+                "a file system shared with this machine",
+                "Use paths that every worker sees, for the snapshots and for --out.",
+            )
+
+
+def _probe(paths: list[str]) -> Callable[[], tuple[str | None, str | None]]:
+    # A nested function is sent as code: it runs on workers without grainloops too.
+    def probe() -> tuple[str | None, str | None]:
+        import os
+
+        try:
+            from studies.output import code_version
+
+            version = code_version()
+        except ImportError:
+            version = None
+        missing = [path for path in paths if not os.path.exists(path)]
+        return version, missing[0] if missing else None
+
+    return probe
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence the log of lost connections: an error reports those that matter."""
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    levels = {name: logging.getLogger(name).level for name in (*names, "distributed")}
+    for name in levels:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)

@@ -16,12 +16,19 @@ from matplotlib.ticker import MaxNLocator
 from loops import ForceChains, GrainGraph, branch_vectors
 from loops.arrays import Floats
 from patterns import Snapshot
-from studies.columns import Columns
+from studies.output import Columns
 from studies.snapshot.in_packing import PLACE, surroundings_share
 from studies.snapshot.loop_map import VECTOR_LIMIT, Drawer, draw_orders, loop_drawer, loop_map
-from studies.snapshot.statistics import GROUPS, axes_density, group_rows, share
 from studies.snapshot.summary import judges, unstable_loops
-from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE
+from studies.snapshot.table import (
+    CLOSURES,
+    EIGENVALUES,
+    FREE,
+    GROUPS,
+    axes_density,
+    group_rows,
+    share,
+)
 from studies.style import (
     BLACK,
     BLUE,
@@ -106,7 +113,7 @@ def order_bars(summary: dict[str, Any], ax: Axes | None = None) -> Axes:
 
 @styled()
 def eigenvalue_distribution(table: Columns) -> Figure:
-    """Histograms of the three eigenvalues of Ks: a row a judge, a colour a group of orders."""
+    """Histograms of the eigenvalues of Ks: one row per judge, one colour per group of orders."""
     present, groups = judges(table), group_rows(table["order"])
     figure, panels = new_panels(len(present), 3, 0.2 + 1.8 * len(present), sharey=True)
     for k, (name, shown) in enumerate(zip(EIGENVALUES, EIGENVALUE_NAMES, strict=True)):
@@ -139,7 +146,7 @@ def eigenvalue_distribution(table: Columns) -> Figure:
 
 
 def _edges(values: Floats, tables: int = 1) -> Floats:
-    """Borders of the bins, which hold nearly all values of `tables` tables; one of them is zero."""
+    """Edges of the bins of a histogram; one edge is zero, the outer bins collect the tails."""
     known = values[np.isfinite(values)]
     if len(known) == 0:
         return np.linspace(0.0, 1.0, BIN_COUNTS[0] + 1)
@@ -220,7 +227,7 @@ def fabric_rose(graph: GrainGraph, summary: dict[str, Any]) -> Figure:
 
 
 def fabric_table(graph: GrainGraph, summary: dict[str, Any]) -> Columns:
-    """Numbers of `fabric_rose`: one row a bin of contact directions."""
+    """Numbers of `fabric_rose`: one row per bin of contact directions."""
     columns = axes_density(_contact_axes(graph), FINE)
     second = _second_order(np.radians(columns["angle"]), summary["contact_fabric"])
     return columns | {"second_order": second}
@@ -240,6 +247,7 @@ def _second_order(theta: Floats, fabric: dict[str, Any]) -> Floats:
 def unstable_rose(table: Columns, summary: dict[str, Any]) -> Figure:
     """Directions of the unstable loops: softest direction and long axis."""
     figure, (axes,) = new_panels(1, 2, 3.7, subplot_kw={"projection": "polar"})
+    unstable = {closure: unstable_loops(table, closure) for closure in CLOSURES}
     for ax, (title, column, key) in zip(
         axes,
         (
@@ -248,17 +256,23 @@ def unstable_rose(table: Columns, summary: dict[str, Any]) -> Figure:
         ),
         strict=True,
     ):
-        for closure in CLOSURES:
-            rows = unstable_loops(table, closure)
+        for closure, rows in unstable.items():
             angles = table[column.format(closure)][rows]
             angles = angles[np.isfinite(angles)]
             width = FINE if len(angles) >= FEW else COARSE
             label = f"{closure}, {len(angles)} loops"
             _bars(ax, angles, width, CLOSURE_COLOURS[closure], label, filled=False)
-        if not any(len(table["order"][unstable_loops(table, closure)]) for closure in CLOSURES):
+        if not any(rows.any() for rows in unstable.values()):
             say_empty(ax, "no loop is unstable")
-        for closure in CLOSURES:
-            _mean_axis(ax, summary["soft_loops"][closure][key], CLOSURE_COLOURS[closure])
+        for closure in unstable:
+            mean, colour = summary["soft_loops"][closure][key], CLOSURE_COLOURS[closure]
+            if mean["count"]:
+                highest = ax.get_ylim()[1]
+                ax.set_ylim(0.0, highest)
+                angle, reach = np.radians(mean["direction"]), mean["resultant"] * highest
+                both, reaches = [angle, angle + np.pi], [reach, reach]
+                ax.plot(both, reaches, "o", color=colour, markersize=3)
+                ax.plot(both, reaches, color=colour, linewidth=2.2)
         _finish(ax, f"{title}, unstable loops", "probability density (1/rad)")
     return figure
 
@@ -310,16 +324,6 @@ def _bars(ax: Axes, axes: Floats, width: float, colour: str, label: str, *, fill
         linewidth=0.4 if filled else 1.1,
         label=label,
     )
-
-
-def _mean_axis(ax: Axes, block: dict[str, Any], colour: str) -> None:
-    if block["count"] == 0:
-        return
-    ax.set_ylim(0.0, ax.get_ylim()[1])
-    reach = block["resultant"] * ax.get_ylim()[1]
-    angle = np.radians(block["direction"])
-    ax.plot([angle, angle + np.pi], [reach, reach], "o", color=colour, markersize=3)
-    ax.plot([angle, angle + np.pi], [reach, reach], color=colour, linewidth=2.2)
 
 
 def _finish(ax: PolarAxes, title: str, unit: str) -> None:

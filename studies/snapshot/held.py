@@ -11,7 +11,7 @@ from loops import InputError, Regime
 from patterns import Snapshot, WallContacts
 from stability.packing.hold import SLIDING_SHARE, HoldControl, hold, unbalanced_force
 from studies.snapshot.in_packing import box_area, sample_boundary
-from studies.snapshot.source import planar
+from studies.snapshot.run import planar
 
 # Above this unbalanced force the rates of a state are not those of an equilibrium.
 MOVING = 5e-4
@@ -38,14 +38,20 @@ def held_snapshot(
     planes, outline, _ = sample_boundary(snapshot)
     walls = snapshot.walls
     if control is None:
+        if outline is not None:
+            return snapshot, None
         before = unbalanced_force(snapshot.graph, planes, None if walls is None else walls.force)
-        if not before > MOVING or outline is not None:
+        if not before > MOVING:
             return snapshot, None
         note = (
             f"the state moves: its unbalanced force is {before:.2g} of the mean contact force, so "
             "that its rates are not those of an equilibrium; bring it to rest first with --hold"
         )
-        return replace(snapshot, notes=(*snapshot.notes, note)), None
+        noted = replace(snapshot, notes=(*snapshot.notes, note))
+        if "faces" in vars(snapshot):
+            # A copy would look for its loops again.
+            vars(noted)["faces"] = snapshot.faces
+        return noted, None
     if outline is not None:
         expected, remedy = "a periodic cell or known walls", "Give --cell, or the wall contacts."
         raise InputError("--hold", "a sample whose walls are not known", expected, remedy)
@@ -58,8 +64,9 @@ def held_snapshot(
     notes = [str(held)]
     if held.spread > SPREAD:
         notes.append(
-            f"the state at rest depends on the way to it: the stresses of two dampings differ by "
-            f"{100 * held.spread:.2g} %; all results are about the held state alone"
+            "the state at rest depends on how it is reached: with two values of damping the "
+            f"stresses differ by {100 * held.spread:.2g} %; all results apply only to "
+            "the state at rest that was found"
         )
     graph, limit = held.graph, SLIDING_SHARE * held.law.mu * held.graph.normal_force
     regime = np.where(np.abs(graph.shear_force) >= limit, Regime.SLIDING, Regime.ELASTIC)

@@ -11,10 +11,16 @@ from numpy.typing import NDArray
 from loops import InputError, love_weber_stress, outline_area
 from loops.arrays import Flags, Floats
 from patterns import Snapshot, WallContacts
-from stability.loop_stability import loop_spectra, loop_stability
-from studies.columns import Columns
-from studies.snapshot.statistics import Groups, share_by_group, spread, spread_by_group
-from studies.snapshot.table import EIGENVALUES, FREE
+from stability.verdict import loop_spectra, loop_stability
+from studies.output import Columns
+from studies.snapshot.table import (
+    EIGENVALUES,
+    FREE,
+    Groups,
+    share_by_group,
+    spread,
+    spread_by_group,
+)
 
 if TYPE_CHECKING:
     from loops.packing import LoopsInPlace, Method, PlaneContacts
@@ -29,7 +35,7 @@ UPRIGHT = 1e-6
 
 
 def sample_boundary(snapshot: Snapshot) -> tuple[PlaneContacts | None, Flags | None, list[str]]:
-    """Walls as planes and grains held at the outline, either may be None; notes.
+    """Walls as planes, grains held at the outline (None where there are none), and notes.
 
     The outline is held only in a sample that has neither a periodic cell nor walls.
     """
@@ -40,19 +46,37 @@ def sample_boundary(snapshot: Snapshot) -> tuple[PlaneContacts | None, Flags | N
         return PlaneContacts(walls.grain, -walls.branch, walls.kn, walls.kt), None, []
     if walls is not None:
         planes = plane_contacts(snapshot.graph, walls.grain, walls.force, walls.branch)
-        return planes, None, ["walls: smooth, as stiff as their forces over the overlaps"]
+        return (
+            planes,
+            None,
+            ["walls: frictionless, with the stiffness that their forces and overlaps give"],
+        )
     if snapshot.graph.cell is not None:
         return None, None, []
     held = outline_grains(snapshot.graph, snapshot.faces)
     note = (
         f"no walls known: the {np.count_nonzero(held)} grains of the outline follow the affine "
-        "motion; their own loops are not judged in the packing, the next ones are judged too stiff"
+        "motion; their own loops are not judged in the packing, loops beside them are judged too "
+        "stiff"
     )
     return None, held, [note]
 
 
+def followed_walls(snapshot: Snapshot) -> tuple[PlaneContacts | None, Floats | None]:
+    """Contacts with the walls that paths and replays move, and the forces of the walls there."""
+    if snapshot.walls is None:
+        return None, None
+    return sample_boundary(snapshot)[0], snapshot.walls.force
+
+
 def box_area(x: Floats, walls: WallContacts) -> float | None:
     """Area within upright walls if grains touch all four of them; else None."""
+    sides = box_sides(x, walls)
+    return None if sides is None else float(np.prod(sides))
+
+
+def box_sides(x: Floats, walls: WallContacts) -> Floats | None:
+    """(2,) width and height within upright walls if grains touch all four of them; else None."""
     feet = x[walls.grain] - walls.branch
     length = np.hypot(*walls.branch.T)
     across = np.abs(walls.branch) > UPRIGHT * length[:, None]
@@ -69,7 +93,7 @@ def box_area(x: Floats, walls: WallContacts) -> float | None:
         if max(np.ptp(feet[low, axis]), np.ptp(feet[high, axis])) > UPRIGHT * side:
             return None
         sides.append(side)
-    return sides[0] * sides[1]
+    return np.array(sides)
 
 
 def wall_summary(snapshot: Snapshot, outline: float) -> dict[str, Any]:
@@ -99,7 +123,7 @@ def wall_summary(snapshot: Snapshot, outline: float) -> dict[str, Any]:
 
 
 def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldResponse:
-    """Rate problem of the packing; contacts from `yield_band` of their strength on may slide."""
+    """Rate problem of the packing; contacts with |T| of at least `yield_band` mu N may slide."""
     from stability.packing.yield_response import yield_response
 
     graph, (law, regime) = snapshot.graph, snapshot.mechanics()
@@ -115,38 +139,28 @@ def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldResponse:
 
 def balance_notes(snapshot: Snapshot) -> list[str]:
     """Notes on the unbalanced force of a state to be followed; `InputError` if the sample flows."""
-    from stability.packing.pairs import contact_pairs, require_replayable
+    from stability.packing.pairs import contact_pairs, require_replayable, touching_distances
     from stability.packing.state import start_state
 
-    graph, law = snapshot.graph, snapshot.mechanics()[0]
-    pairs, state = contact_pairs(graph, require_replayable(graph, law)), start_state(graph)
-    overlap = graph.radii[graph.contacts].sum(axis=1) - np.linalg.norm(state.branches, axis=1)
+    graph, law = snapshot.graph, require_replayable(snapshot.graph, snapshot.mechanics()[0])
+    planes, force = followed_walls(snapshot)
+    state = start_state(graph, planes, force)
+    pairs = contact_pairs(state, law, planes)
+    overlap = touching_distances(state, pairs) - np.linalg.norm(state.branches, axis=1)
     # Paths begin with the normal forces of the overlaps.
     share = replace(state, normal_force=np.maximum(pairs.kn * overlap, 0.0)).unbalanced
     told = f"an unbalanced force of {share:.2g} of the mean contact force"
     if share > FLOWS:
         expected = f"{FLOWS:g} at most: a state near rest"
-        raise InputError("snapshot", told, expected, "Hold the sample until it is quiet.")
+        raise InputError("snapshot", told, expected, "Bring the sample to rest first.")
     kept = "it stays as a constant load, and the motion it stands for is not followed"
     return [f"{told}: {kept}"] if share > UNBALANCED else []
-
-
-def method_named(asked: str) -> Method:
-    """Method of `loops_in_place` of that name."""
-    from loops.packing import METHODS
-
-    for method in METHODS:
-        if method == asked:
-            return method
-    raise InputError(
-        "--in-packing", repr(asked), ", ".join(METHODS), "Write --in-packing whole for example."
-    )
 
 
 def add_in_packing(
     snapshot: Snapshot, table: Columns, method: Method
 ) -> tuple[dict[str, Any], list[str]]:
-    """Add to the table the columns of the loops in place; the method for the summary, and notes."""
+    """Add the columns of the loops in place to the table; return the method used, and notes."""
     # Loaded only when loops are judged in place.
     from loops.packing import loops_in_place
 
@@ -155,7 +169,7 @@ def add_in_packing(
     place = loops_in_place(
         snapshot.graph, law, snapshot.faces, method=method, planes=planes, held=held
     )
-    for name, values in place_columns(place, float(np.mean(law.kn))).items():
+    for name, values in place_columns(place, snapshot.mean_kn).items():
         table[name] = values
     if not np.isfinite(place.matrix).any():
         notes.append(
@@ -202,7 +216,7 @@ def share_by_order(table: Columns, orders: list[int]) -> dict[str, NDArray[Any]]
 
 
 def packing_summary(table: Columns, groups: Groups, method: dict[str, Any]) -> dict[str, Any]:
-    """Keys of the summary that only loops in place have."""
+    """Keys of the summary for loops in place."""
     smallest, error = table["surroundings_lambda_min"], table[f"{PLACE}_error"]
     known = ~np.isnan(smallest)
     return {

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
 from patterns import Snapshot
-from studies.columns import Columns
+from studies.output import Columns
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
-from studies.snapshot.statistics import GROUPS, LAST_ORDER
+from studies.snapshot.table import GROUPS, LAST_ORDER
 from studies.style import (
     DIVERGING,
     ORDER_COLOURS,

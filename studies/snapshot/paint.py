@@ -1,4 +1,4 @@
-"""Loops painted into pixels: for each pixel the loop that contains its centre."""
+"""Loops painted into pixels: for each pixel the loop that contains its centre (loads numba)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from loops import Faces, GrainGraph
 from loops.arrays import Floats, Integers
-from loops.compiled.kernel import given, kernel
+from loops.compiled import given, kernel
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
 
 

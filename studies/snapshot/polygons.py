@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from loops import Faces, GrainGraph, InputError, Regime, branch_vectors
 from loops.arrays import Floats, Integers
 from patterns import Snapshot
-from studies.columns import Columns
-from studies.output import as_json
+from studies.output import Columns, as_json
 
 # A page with more loops reacts too slowly.
 MOST_LOOPS = 50_000
@@ -137,7 +136,7 @@ def encoded(values: NDArray[Any]) -> dict[str, Any]:
 def write_paraview(
     folder: Path, snapshot: Snapshot, table: Mapping[str, Any], provenance: Mapping[str, Any]
 ) -> None:
-    """Write `loops.vtp`, a polygon a loop, and `contacts.vtp`, a line a contact.
+    """Write `loops.vtp`, one polygon per loop, and `contacts.vtp`, one line per contact.
 
     Loops and contacts that cross the border of a periodic cell are unrolled. Cell data of the
     polygons are the columns of the table, point data the ids of the grains; cell data of the

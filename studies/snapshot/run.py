@@ -1,23 +1,134 @@
-"""The study behind `grainloops snapshot`."""
+"""The study behind `grainloops snapshot`, and the reading of a snapshot whose loops are defined."""
 
 from __future__ import annotations
 
+import inspect
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from loops import force_chains
+import numpy as np
+import pyarrow
+
+from loops import InputError, crossing_contacts_to_drop, find_crossings, force_chains
+from loops.arrays import Integers
+from patterns import Snapshot, read_snapshot
 from studies.output import readable
-from studies.snapshot.in_packing import add_in_packing, method_named
-from studies.snapshot.source import read_planar, reading
+from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import chains_table, order_table, snapshot_summary
 from studies.snapshot.table import loop_table
-from studies.study import study
+from studies.study import one_of, study
 
+if TYPE_CHECKING:
+    from loops.packing import Method
+
+# Most crossing pairs that are looked for, and that an error names.
+MOST, NAMED = 1_000_000, 3
 UNITS = (
     "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
     "mean kn; angles in degrees"
 )
+
+
+def reading(**how: Any) -> dict[str, Any]:
+    """All options of `read_planar` but the path: the given ones, defaults for the others."""
+    asked = list(inspect.signature(read_snapshot).parameters.values())[1:]
+    # Contradictory input is always refused here.
+    defaults = {one.name: one.default for one in asked if one.name != "strict"}
+    return {**defaults, "drop_crossings": False, **how}
+
+
+def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snapshot:
+    """Read a snapshot, find its faces; `InputError` for crossing branches, unless dropped."""
+    if how.get("cell") is not None:
+        how["cell"] = np.reshape(how["cell"], (2, 2))
+    snapshot = read_snapshot(path, **how)
+    # Otherwise Arrow keeps memory, a quarter of the size of a large file, for later tables.
+    pyarrow.default_memory_pool().release_unused()
+    # Crossings and faces are found on two cores. If branches cross, the result and the errors of
+    # the search for faces mean nothing.
+    with ThreadPoolExecutor(1) as other:
+        found = other.submit(getattr, snapshot, "faces")
+        plane = planar(snapshot, str(path), drop=drop_crossings)
+    if plane is snapshot:
+        found.result()
+    return plane
+
+
+def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = False) -> Snapshot:
+    """Return a snapshot whose network has no crossing branches, so that its loops are defined.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    where : str
+        Its name in the error.
+    drop : bool
+        Whether to leave out one contact of each crossing pair, the less loaded one.
+
+    Returns
+    -------
+    Snapshot
+        The same one if no branches cross; its notes name the contacts that were left out.
+
+    Raises
+    ------
+    InputError
+        If branches cross and `drop` is false.
+
+    Examples
+    --------
+    Both diagonals of a square of four grains:
+
+    >>> from patterns import snapshot_from_tables
+    >>> grains = {"id": range(4), "x": [0, 1, 1, 0], "y": [0, 0, 1, 1], "r": [0.71] * 4}
+    >>> contacts = {"i": [0, 1, 2, 3, 0, 1], "j": [1, 2, 3, 0, 2, 3]}
+    >>> crossed = snapshot_from_tables(grains, contacts, strict=False)
+    >>> planar(crossed, drop=True).graph.contact_count
+    5
+    """
+    pairs = find_crossings(snapshot.graph, MOST)
+    if len(pairs) == 0:
+        return snapshot
+    if drop:
+        return _without(snapshot, crossing_contacts_to_drop(snapshot.graph, pairs), len(pairs))
+    named = snapshot.ids[snapshot.graph.contacts[pairs[:NAMED]]]
+    shown = "; ".join(f"{a[0]}-{a[1]} and {b[0]}-{b[1]}" for a, b in named.tolist())
+    more = "; ..." if len(pairs) > NAMED else ""
+    raise InputError(
+        f"contacts of {where}",
+        f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
+        "a planar network",
+        "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings (in Python "
+        "gl.planar(snapshot, drop=True)) leaves out one contact of each pair, the less loaded one.",
+    )
+
+
+def _without(snapshot: Snapshot, dropped: Integers, crossings: int) -> Snapshot:
+    """Leave contacts out, with a note that names the first ten."""
+    graph = snapshot.graph
+    kept = np.delete(np.arange(graph.contact_count), dropped)
+    named = ", ".join(f"{a}-{b}" for a, b in snapshot.ids[graph.contacts[dropped[:10]]].tolist())
+    more = ", ..." if len(dropped) > 10 else ""
+    law, regime = snapshot.law, snapshot.regime
+    return replace(
+        snapshot,
+        graph=graph.replace(
+            contacts=graph.contacts[kept],
+            normal_force=graph.normal_force[kept],
+            shear_force=graph.shear_force[kept],
+            images=None if graph.images is None else graph.images[kept],
+            regime=None if regime is None else regime[kept],
+        ),
+        law=None if law is None else law.take(kept),
+        regime=None if regime is None else regime[kept],
+        notes=(
+            *snapshot.notes,
+            f"{crossings} pairs of crossing branches: {len(dropped)} contacts left out, of grains "
+            f"{named}{more}; their forces are missing in every stress",
+        ),
+    )
 
 
 def run_snapshot(
@@ -28,31 +139,34 @@ def run_snapshot(
     csv: bool = False,
     figures: bool = True,
     paraview: bool = False,
-    in_packing: str | None = None,
+    in_packing: Method | None = None,
     **how: Any,
 ) -> dict[str, Any]:
-    """Find the loops of a snapshot, judge each, write tables, figures and a report; the summary.
+    """Find and judge the loops of a snapshot, write tables, figures and a report; the summary.
 
     `how` are options of `read_planar`; `in_packing` is auto, whole or blocks.
     """
     configuration = {"path": path, **reading(**how)}
     if in_packing is not None:
-        configuration["in_packing"] = method_named(in_packing)
+        from loops.packing import METHODS
+
+        one_of("--in-packing", in_packing, METHODS)
+        configuration["in_packing"] = in_packing
     with study("snapshot", out, configuration, UNITS, force=force, csv=csv) as results:
         snapshot = read_planar(path, **how)
         with ThreadPoolExecutor(1) as other:
             found = other.submit(force_chains, snapshot.graph) if snapshot.mechanical else None
             table = loop_table(snapshot)
         chains = None if found is None else found.result()
-        method, notes = None, list[str]()
+        in_place, notes = None, list[str]()
         if in_packing is not None:
-            method, notes = add_in_packing(snapshot, table, method_named(in_packing))
+            in_place, notes = add_in_packing(snapshot, table, in_packing)
         if chains is not None:
             table["chain_contacts"] = chains.on_loops(snapshot.faces)
         # Writing a million loops takes a third of the time of the summary, on another core.
         with ThreadPoolExecutor(1) as other:
             written = other.submit(results.write_tables, {"loops": table})
-            summary = snapshot_summary(snapshot, table, method, chains)
+            summary = snapshot_summary(snapshot, table, in_place, chains)
             written.result()
         summary["notes"] += notes
         tables: dict[str, Any] = {"orders": order_table(summary, table)}

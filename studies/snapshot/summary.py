@@ -20,9 +20,12 @@ from loops.arrays import Flags
 from loops.fabric import direction_tensors, edge_tensors, mean_tensor
 from patterns import Snapshot
 from stability import RTOL
-from studies.columns import Columns, definitions
+from studies.output import Columns, definitions
 from studies.snapshot.in_packing import PLACE, packing_summary, share_by_order, wall_summary
-from studies.snapshot.statistics import (
+from studies.snapshot.table import (
+    CLOSURES,
+    EIGENVALUES,
+    FREE,
     GROUPS,
     Groups,
     axes_block,
@@ -34,7 +37,6 @@ from studies.snapshot.statistics import (
     spread_by_group,
     tensor_block,
 )
-from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE
 
 # Judges of a loop: both closures with blocked spins, the traction closure with free spins, and the
 # loop in its packing if that was asked for.
@@ -163,7 +165,7 @@ def _mechanics(
     snapshot: Snapshot, table: Columns, groups: Groups, outline: float
 ) -> dict[str, Any]:
     """Stress, sliding and stability of a snapshot with forces."""
-    law, regime = snapshot.mechanics()
+    _, regime = snapshot.mechanics()
     sliding, area = regime == Regime.SLIDING, table["area"]
     sums = [float(np.dot(table[name], area)) for name in TENSOR]
     tensors = np.stack([table[name] for name in TENSOR], axis=1).reshape(-1, 2, 2)
@@ -179,7 +181,7 @@ def _mechanics(
     return {
         "stress": love_weber_stress(snapshot.graph, outline) if whole else None,
         "stress_loops": np.reshape(sums, (2, 2)) / outline if whole else None,
-        "mean_kn": float(np.mean(law.kn)),
+        "mean_kn": snapshot.mean_kn,
         "normal_force": spread(snapshot.graph.normal_force),
         "sliding_fraction": float(np.mean(sliding)),
         "sliding_contacts": share(sliding),
@@ -208,25 +210,25 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
         found["eigenvalues"][judge] = {
             name: spread_by_group(groups, table[f"{judge}_{name}"]) for name in EIGENVALUES
         }
-    for closure in CLOSURES:
-        unstable = unstable_loops(table, closure)
-        directions = table[f"{closure}_unstable_fraction"]
-        opening = table[f"{closure}_cone_opening"]
+        if judge not in CLOSURES:
+            continue
+        directions = table[f"{judge}_unstable_fraction"]
+        opening = table[f"{judge}_cone_opening"]
         # Stable loops have no cone: they don't count as an opening of zero.
         cones = np.where(opening > 0, opening, np.nan)
         means = mean_by_order(order, directions, ~np.isnan(directions))
-        found["mean_unstable_directions"][closure] = means
-        found["unstable_directions"][closure] = spread_by_group(groups, directions)
-        found["cone_opening"][closure] = spread_by_group(groups, cones)
-        found["soft_loops"][closure] = {
+        found["mean_unstable_directions"][judge] = means
+        found["unstable_directions"][judge] = spread_by_group(groups, directions)
+        found["cone_opening"][judge] = spread_by_group(groups, cones)
+        found["soft_loops"][judge] = {
             "long_axis": axes_block(table["orientation"][unstable]),
-            "soft_angle": axes_block(table[f"{closure}_soft_angle"][unstable]),
+            "soft_angle": axes_block(table[f"{judge}_soft_angle"][unstable]),
         }
     return found
 
 
 def order_table(summary: dict[str, Any], table: Columns) -> Columns:
-    """One row an order: number and area of its loops, and the share of unstable ones."""
+    """One row per order: number and area of its loops, and the share of unstable ones."""
     orders = [int(n) for n in summary["orders"]]
     columns = {
         "order": np.array(orders, dtype=np.int64),

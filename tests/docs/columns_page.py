@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from studies.columns import definitions, words
+from studies.output import definitions, words
 
 # Keys of the summary of a command, by their parts.
 KEYS = {
     "snapshot": ("snapshot", "snapshot_forces", "snapshot_in_packing"),
-    **{name: (name,) for name in ("series", "probe", "evolve", "diamond", "polygon")},
+    **{name: (name,) for name in ("series", "probe", "sustain", "evolve", "diamond", "polygon")},
 }
 
 
@@ -22,8 +22,8 @@ def page() -> str:
         "and strains are positive in",
         "compression, angles counter-clockwise. A name is a pattern: `*` stands for any letters, "
         "`[12]` for one of them;",
-        "`table:name` or `command:name` holds there alone. Units are those of the input; `kn`, "
-        "`l0` say by what a number was divided.",
+        "`table:name` or `command:name` applies only to that table or command. Units are those of "
+        "the input; `kn`, `l0` say what a number was divided by.",
         "Other tables (`bench`, `check`, the examples) explain themselves on their pages.",
     ]
     for title, columns in words("columns").items():

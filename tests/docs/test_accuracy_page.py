@@ -7,7 +7,7 @@ from loops import LinearFrictional, traction_tangent
 from patterns import random_loop
 from patterns.hard_cases import HARD_CASES
 from studies.bench.hard_cases import path_rows, tangent_rows
-from studies.bench.methods import GROUPS
+from studies.bench.methods import METHOD_GROUPS
 from tests.docs.pages import DOCS, of_size, page, section, tables
 from tests.tools.scaling.in_place import METHODS, measured
 from tests.tools.settled.__main__ import GROUPS as SETTLED
@@ -16,7 +16,7 @@ TEXT = page("accuracy")
 HARD = section(TEXT, "## The hard cases")
 IN_PLACE = "## Loops in place"
 SECTIONS = ("Speed against error", "Settled choices")
-EVERY = GROUPS | SETTLED
+EVERY = METHOD_GROUPS | SETTLED
 FAST = {"eigenvalues", "cone fractions", "directions"}
 
 

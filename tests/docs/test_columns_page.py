@@ -6,8 +6,8 @@ import pyarrow.parquet
 import pytest
 
 from patterns import sample_path
-from studies.columns import COMMANDS, described, metadata
 from studies.evolve import run_evolve
+from studies.output import DESCRIBED_COMMANDS, described, field_metadata
 from studies.probe import run_probe
 from studies.series import run_series
 from studies.snapshot.run import run_snapshot
@@ -27,7 +27,7 @@ def test_the_page_is_up_to_date():
 @pytest.mark.parametrize("answer", sorted(FOLDER.glob("*.json")), ids=lambda path: path.stem)
 def test_columns_of_the_stored_answers_are_described(answer):
     command = answer.stem.split("-")[0]
-    if command not in COMMANDS:
+    if command not in DESCRIBED_COMMANDS:
         return
     tables = json.loads(answer.read_text())["tables"]
     assert tables
@@ -44,7 +44,7 @@ def files_say(command, out, least):
         place = f"{command}/{name}"
         for field in pyarrow.parquet.read_schema(path):
             said = {key: field.metadata.get(key) for key in (b"unit", b"meaning")}
-            assert said == metadata(place, field.name), (path.name, field.name)
+            assert said == field_metadata(place, field.name), (path.name, field.name)
             seen += 1
     assert seen >= least
 
@@ -78,4 +78,4 @@ def test_a_name_means_what_its_table_says():
     assert described("diamond/path", "work")[0] == "kn"
     assert described("evolve/path", "work")[0] == "force length"
     assert described("diamond/path", "unheard_of") is None
-    assert described("bench/bench", "work") is metadata("bench/bench", "work") is None
+    assert described("bench/bench", "work") is field_metadata("bench/bench", "work") is None

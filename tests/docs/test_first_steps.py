@@ -1,13 +1,23 @@
 """`docs/first-steps.md`: its blocks run, print what stands below them, and are as short as said."""
 
+import base64
+import inspect
+import io
+import os
 import re
+import runpy
+import sys
 from itertools import pairwise
+from pathlib import Path
 
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib import pyplot
+from PIL import Image
 
 import grainloops as gl
+from studies import cli
 from tests.docs.pages import page
 
 TEXT = page("first-steps")
@@ -24,6 +34,14 @@ LINES = {
     "A contact law of your own": 10,
     "A loop by hand, its forces from its overlaps": 4,
     "networkx": 1,
+    "Arrays in, a snapshot out, and back": 2,
+    "A table of several snapshots, and a plot": 5,
+    "The smallest eigenvalue by order, at three stiffness ratios": 7,
+    "A cohesive law in a path and in a snapshot": 8,
+    "Fates of the unstable loops": 3,
+    "Strain, stress and work of each loop": 1,
+    "The envelope of a snapshot": 1,
+    "A loop of seven given grains": 3,
 }
 
 
@@ -41,6 +59,8 @@ def session():
         for code, said in blocks:
             lines.clear()
             exec(compile(code, "first-steps.md", "exec"), names)
+            # As after a cell of a notebook.
+            pyplot.close("all")
             printed.append((code, "\n".join(lines), said.rstrip("\n")))
     return names, printed
 
@@ -61,6 +81,49 @@ def test_the_tasks_are_as_short_as_said():
             if not line.startswith(("print(", "law, ", "pentagon =", "own = "))
         ]
         assert len(task) <= most, title
+
+
+def test_the_lines_for_the_shell_are_options_of_the_commands():
+    """One command each, and no option that its help does not know."""
+    lines = re.findall(r"^- `grainloops (.*?)`", TEXT.split("## From the shell")[1], re.MULTILINE)
+    assert len(lines) == 3
+    for line in lines:
+        command, *words = line.split()
+        parameters = inspect.signature(getattr(cli, command)).parameters
+        known = {name.replace("_", "-") for name in parameters}
+        known |= {"out", "table", "vtk"}
+        for word in words:
+            assert not word.startswith("--") or word.removeprefix("--") in known, line
+
+
+@pytest.mark.slow
+def test_the_page_runs_as_a_notebook_with_its_pictures(tmp_path, monkeypatch):
+    """Cells of its results show a table, cells of its plots a picture; none prints an error."""
+    nbclient = pytest.importorskip("nbclient")
+    nbformat = pytest.importorskip("nbformat")
+    builder = runpy.run_path(str(Path(__file__).parents[2] / "docs/site/notebooks.py"))
+    book = nbformat.reads(builder["notebook"](builder["cells_of_page"](TEXT)), as_version=4)
+    own = nbformat.v4.new_code_cell("gl.plot_map(snapshot)\nsnapshot")
+    book.cells.append(own)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # the kernel's own draws into the notebook
+    nbclient.NotebookClient(book, timeout=300, kernel_name="python3").execute()
+    shown = {}
+    for cell in book.cells:
+        if cell.cell_type == "code":
+            kinds = [kind for out in cell.outputs for kind in out.get("data", {})]
+            assert not [out for out in cell.outputs if out.output_type == "error"]
+            for plot in re.findall(r"gl\.plot_\w+|\.plot\(", cell.source):
+                shown.setdefault(plot, []).append("image/png" in kinds)
+    assert shown.keys() >= {"gl.plot_map", "gl.plot_loop", "gl.plot_cone", "gl.plot_path",
+                            "gl.plot_envelope", ".plot("}  # fmt: skip
+    assert all(all(pictures) for pictures in shown.values()), shown
+    rich = {kind: out["data"][kind] for out in book.cells[-1].outputs for kind in out["data"]}
+    assert rich["text/html"].startswith("<table><caption>Snapshot</caption>")
+    picture = Image.open(io.BytesIO(base64.b64decode(rich["image/png"])))
+    # A map of loops, not an empty sheet: many colours, few of them white.
+    pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3)
+    assert min(picture.size) > 300 and (pixels != 255).any(axis=1).mean() > 0.3
 
 
 def test_pentagons_are_those_of_the_table(session):
@@ -125,6 +188,22 @@ def test_plots_draw_into_the_axes_that_they_are_given(session):
     figure.canvas.draw()
 
 
+def test_without_axes_a_plot_is_pyplots_current_figure(session):
+    """`plt.show`, `plt.savefig` and notebooks find it; a second plot goes into the same axes."""
+    names = session[0]
+    ax = gl.plot_map(names["snapshot"])
+    assert pyplot.gca() is ax and pyplot.gcf() is ax.figure
+    # The map's own size, where no figure was open.
+    assert ax.figure.get_size_inches().tolist() == [4.2, 4.2]
+    pyplot.close("all")
+    own = pyplot.figure(figsize=(3.0, 2.0))
+    assert gl.plot_path(names["path"]).figure is own
+    curves = len(pyplot.gca().lines)
+    assert gl.plot_path(names["path"]).figure is own
+    assert len(pyplot.gca().lines) == 2 * curves
+    assert own.get_size_inches().tolist() == [3.0, 2.0]
+
+
 def test_an_envelope_is_what_each_direction_answers():
     """P' = A H' where all contacts stick; at yield W2 = P'.H' of the directional analysis."""
     loop, law = gl.regular_polygon(5, strain=0.1), gl.LinearFrictional(kn=1.0, kt=0.3, mu=0.2)
@@ -134,7 +213,7 @@ def test_an_envelope_is_what_each_direction_answers():
     for line in gl.plot_envelope(loop, law).lines[:2]:
         np.testing.assert_allclose(line.get_xydata(), e @ K.T, atol=1e-14)
     at_yield = loop.replace(shear_force=0.2 * loop.normal_force * [1, -1, 1, -1, 1])
-    answer = gl.plot_envelope(at_yield, law).lines[1].get_xydata()
+    answer = gl.plot_envelope(at_yield, law, ax=pyplot.figure().add_subplot()).lines[1].get_xydata()
     work = gl.directional_work(at_yield, law, e).work[:, 0]
     np.testing.assert_allclose((answer * e).sum(axis=1), work, atol=1e-14)
 
@@ -146,6 +225,20 @@ def test_signed_values_have_zero_in_the_middle_of_the_colours(session):
     low, high = figure.axes[0].collections[0].get_clim()
     assert low < 0 < high
     assert figure.axes[0].collections[0].norm(0.0) == 0.5
+
+
+def test_keys_of_a_path_are_symbols_and_words(session):
+    path = session[0]["path"]
+    for y, label, key in (
+        (("P11", "P22"), "$P_{}$ (force / length)", ["$P_{11}$", "$P_{22}$", "yield"]),
+        ("det_Ks", r"$\det K_s$", [r"$\det K_s$", "yield"]),
+        (("N_0", "T_0"), "$N_{}$ (force)", ["$N_{0}$", "$T_{0}$", "yield"]),
+        ("external_work", "external work", ["external work", "yield"]),
+    ):
+        ax = gl.plot_path(path, y=y, ax=matplotlib.figure.Figure().subplots())
+        assert ax.get_xlabel() == "$H_{11}$ (–)"
+        assert ax.get_ylabel() == label
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == key
 
 
 def test_wrong_arguments_of_plots_are_named(session):
@@ -161,22 +254,20 @@ def test_wrong_arguments_of_plots_are_named(session):
 
 def test_the_door_is_small_and_what_it_shows_tells_itself_in_a_line(session):
     names = session[0]
-    assert len(gl.__all__) <= 66
-    assert all(getattr(gl, name).__doc__ for name in gl.__all__ if name != "__version__")
+    assert len(gl.__all__) <= 72
+    told = {name: getattr(gl, name).__doc__ or "" for name in gl.__all__ if name != "__version__"}
+    assert not [name for name, text in told.items() if ">>>" not in text]
     for name in ("snapshot", "loop", "tangent", "tangents", "verdict", "path", "square"):
         assert len(repr(names[name])) < 250
         assert names[name]._repr_html_().startswith("<table><caption>")
     assert len(repr(names["snapshot"].faces)) < 250
 
 
-def test_forces_of_a_loop_pass_through_its_contacts(session):
+def test_the_force_of_a_contact_is_drawn_from_centre_to_centre(session):
     loop = session[0]["loop"].graph
     ax = gl.plot_loop(loop)
-    middles = [path.vertices.mean(axis=0) for path in ax.collections[2].get_paths()]
-    i, j = loop.contacts.T
-    share = loop.radii[i] / (loop.radii[i] + loop.radii[j])
-    contact = loop.x[i] + share[:, None] * (loop.x[j] - loop.x[i])
-    np.testing.assert_allclose(middles, contact, rtol=0, atol=1e-12)
+    ends = [path.vertices for path in ax.collections[2].get_paths()]
+    np.testing.assert_array_equal(ends, loop.x[loop.contacts])
 
 
 def test_the_key_of_a_loop_tells_its_forces(session):
@@ -198,6 +289,7 @@ def test_the_key_of_a_loop_tells_its_forces(session):
     moved = np.linalg.norm(outside, axis=1) > 1e-12 * forces.max()
     share = np.linalg.norm(outside[moved], axis=1) / forces.max()
     diameters = float(said[-1].split()[2])
+    assert said[-1].endswith(f"long: {forces.max():.3g} force units")
     expected = diameters * 2 * loop.radii.mean() * share
     np.testing.assert_allclose(length, expected, rtol=1e-12)
 
@@ -214,7 +306,7 @@ def test_curves_of_a_path_are_those_of_a_dense_one():
     assert len(path) < 25 < 800 < len(dense)
     exact = dense.columns()
     for name, tolerance in (("P11", 2e-6), ("det_Ks", 1e-3)):
-        line = gl.plot_path(path, y=name).lines[0]
+        line = gl.plot_path(path, y=name, ax=pyplot.figure().add_subplot()).lines[0]
         x, y = (np.asarray(values, dtype=float) for values in line.get_data())
         assert np.count_nonzero(np.isnan(y)) == 1 + len(np.unique(
             [event.index for event in path.events if event.kind in ("yield", "opening")]

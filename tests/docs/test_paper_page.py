@@ -9,6 +9,7 @@ import pytest
 
 from patterns.diamond import TABLE_1
 from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
+from studies.commands.loops import diamond
 from studies.examples import printed_rule
 from tests.docs.pages import DOCS, of_size, page, says, section, tables, unsaid
 from tests.golden.answers import run
@@ -142,7 +143,7 @@ def test_every_number_of_the_page_is_computed(runs):
         else:
             values += added_values(summary, path)
         assert table in TITLES
-    for row in printed_rule.compare()[1]:
+    for row in printed_rule.compare_rules()[1]:
         values += [row["shear_ratio"], row["s1"]]
     D, kappa, turn = TABLE_1.confinement, TABLE_1.kappa, np.pi / 4
     routes = [w(1.0, turn, D, 1.0, kappa) for w in
@@ -174,3 +175,15 @@ def test_figures_of_the_page_exist_and_are_small():
 def test_a_number_that_nothing_computes_is_seen():
     assert unsaid("reaches 1.18643 at 0.1", [1.18643]) == []
     assert unsaid("reaches 1.18653 at 0.1", [1.18643]) == ["1.18653"]
+
+
+def test_the_help_names_the_file_of_each_figure():
+    """`grainloops diamond --help` against the pictures on the page."""
+    said = " ".join(diamond.__doc__.split()).partition("with --table 1")[2]
+    for number, part in zip((1, 2), said.split("with --table 2"), strict=True):
+        for name, figure in re.findall(r"(\w+) \((?:Fig\. )?(\d+)\)", part):
+            shown = section(page("paper"), f"### Fig. {figure}")
+            assert f"figures/paper-table{number}-{name.replace('_', '-')}.png" in shown
+    figures = [int(number) for number in re.findall(r"\((?:Fig\. )?(\d+)\)", said)]
+    assert figures == [4, 6, 7, 8, 9, 10, 11, 12]
+    assert figures == [int(n) for n in re.findall(r"^### Fig\. (\d+)", page("paper"), re.M)]

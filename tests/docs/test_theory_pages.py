@@ -19,10 +19,10 @@ from patterns.diamond import (
     diamond,
     drained_end,
     external_forces,
-    isotropic_strain,
-    isotropic_stress,
+    isotropic_strain_of_stress,
     isotropic_tangent,
     printed_states_after_turn,
+    stress_of_isotropic_strain,
 )
 from patterns.diamond.drained import drained_path
 from patterns.diamond.geometry import (
@@ -64,9 +64,9 @@ def test_equations_name_code_that_the_reference_shows():
         for path in said.get("code", ()):
             assert callable(named(path)), (number, path)
             assert {path, path.rpartition(".")[0]} & in_reference, path
-    # Steps of a derivation, and what holds for any code.
+    # Steps of a derivation, statements on any code, and 11.17 of `tests.tools`.
     unnamed = {number for number, said in EQUATIONS.items() if "code" not in said}
-    assert unnamed == {"2.7", "3.2", "5.4", "5.23", "8.3", "11.9"}
+    assert unnamed == {"2.7", "3.2", "5.4", "5.23", "8.3", "11.9", "11.17"}
 
 
 def test_citations_of_equations_lead_somewhere():
@@ -215,12 +215,12 @@ def test_numbers_of_the_open_points():
     turn = path.end.alpha - TABLE_1.alpha0 + np.linspace(0.0, 0.3, 3001)
     states = printed_states_after_turn(path, turn)
     ratio = np.interp(path.end.E1 + 0.1, states.E1, np.abs(states.T) / (TABLE_1.mu * states.N))
-    E = float(isotropic_strain(0.35, TABLE_2.alpha0))
+    E = float(isotropic_strain_of_stress(0.35, TABLE_2.alpha0))
     # Equal stresses on the diamond as it barely touches.
     F1, F2 = np.sin(TABLE_2.alpha0), np.cos(TABLE_2.alpha0)
     N, T = F1 * F2 + F2 * F1, F1 * F1 - F2 * F2
     touch = [float(opposite_contact_strain(p.alpha0)) for p in (TABLE_1, TABLE_2)]
-    values = [ratio, E, isotropic_stress(E, TABLE_2.alpha0)[1], T / N, TABLE_2.mu, *touch,
+    values = [ratio, E, stress_of_isotropic_strain(E, TABLE_2.alpha0)[1], T / N, TABLE_2.mu, *touch,
               0.24 / 1.24, 0.35, 0.3]  # fmt: skip
     assert unsaid_decimals("open-points", [*values, 0.1]) == []
 

@@ -11,7 +11,7 @@ from loops import (
     contact_tangent,
     translational_blocks,
 )
-from loops.contact_tangent import contact_sizes
+from loops.assembly import contact_sizes
 from patterns import diamond
 
 

@@ -5,7 +5,12 @@ import pytest
 from mpmath import matrix, mp
 
 from loops import InputError
-from loops.loop_strain import best_fit_strain, loop_strain, rotation_and_stretch, rotation_minus_one
+from loops.stress_strain import (
+    best_fit_strain,
+    loop_strain,
+    rotation_and_stretch,
+    rotation_minus_one,
+)
 from patterns import random_loop
 
 

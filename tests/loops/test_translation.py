@@ -15,7 +15,7 @@ from loops import (
     macroscopic_tangent,
     polygon_shape,
 )
-from loops.compiled.kernel import given
+from loops.compiled import given
 from loops.compiled.packing import compiled_packing
 from patterns import regular_polygon, synthetic_network
 from stability import Stage, follow, programmes

@@ -128,7 +128,7 @@ def test_scalar_shear_with_the_other_sign_is_found_by_the_balance(tmp_path):
     grains.to_csv(tmp_path / "grains_1.csv", index=False, sep=";", decimal=",")
     kept = contacts.drop(columns=["fsx", "fsy", "fx_on_2", "fy_on_2"])
     kept.to_csv(tmp_path / "contacts_1.csv", index=False, sep=";", decimal=",")
-    with pytest.raises(InputError, match="with shear turned around"):
+    with pytest.raises(InputError, match="with the opposite shear"):
         read_snapshot(tmp_path / "grains_1.csv")
     kept.assign(ft=-kept["ft"]).to_csv(tmp_path / "contacts_1.csv", index=False)
     found, plain = (

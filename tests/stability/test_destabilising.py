@@ -5,7 +5,14 @@ import pytest
 
 from loops import InputError, LinearFrictional, macroscopic_tangent
 from patterns import regular_polygon
-from patterns.diamond import TABLE_1, TABLE_2, diamond, elastic_moduli, isotropic_stress, tangent
+from patterns.diamond import (
+    TABLE_1,
+    TABLE_2,
+    diamond,
+    elastic_moduli,
+    stress_of_isotropic_strain,
+    tangent,
+)
 from stability import Stage, follow, plane_cone, restrict, symmetric_modes, symmetric_spectrum
 from stability.destabilising import (
     constrained_tangent,
@@ -36,7 +43,7 @@ def falls(strength, length):
 def diamond_at_A(table):
     """Tangent (26), graph and law of the diamond at the end of its confinement; nothing slides."""
     E = table.confinement
-    s1, s2 = isotropic_stress(E, table.alpha0)
+    s1, s2 = stress_of_isotropic_strain(E, table.alpha0)
     K = tangent(E, E, s1, s2, table.alpha0, *elastic_moduli(table.kappa))
     law = LinearFrictional(kn=1.0, kt=table.kappa)
     return K, diamond(table.alpha0, E1=E, E2=E), law, 2 * np.sin(2 * table.alpha0)

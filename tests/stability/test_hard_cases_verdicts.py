@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from loops import affine_tangent, contact_state, traction_tangent
-from loops.closures.macro_tangent import ROUNDING
-from loops.closures.traction import FORCE_METHOD_LIMIT, SADDLE_GAIN
-from loops.contact_tangent import compliance_growth
+from loops.arrays import ROUNDING
+from loops.assembly import compliance_growth
+from loops.closures.tangents import FORCE_METHOD_LIMIT, SADDLE_GAIN
 from patterns.hard_cases import HARD_CASES, hard_case
 from stability import (
     branch_fraction,

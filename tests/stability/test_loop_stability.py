@@ -13,7 +13,7 @@ from stability import (
     unstable_fraction,
 )
 from stability.compiled.modes import loop_modes
-from stability.loop_stability import loop_stability, soft_angle
+from stability.verdict import loop_stability, soft_angle
 
 
 def tangents():

@@ -5,7 +5,7 @@ import pytest
 
 from loops import InputError
 from stability import Programme, Stage, programmes
-from stability.subspaces import COMPONENTS
+from stability.spectra import COMPONENTS
 
 ZERO = np.zeros(4)
 

@@ -19,6 +19,14 @@ def test_definiteness_is_not_a_matter_of_pairs():
     np.testing.assert_allclose(np.abs(verdict.witness), np.full(3, 3**-0.5), atol=1e-14)
 
 
+def test_the_smallest_eigenvalue_is_given_in_the_unit_of_the_tangent():
+    """Eigenvalues 0.45 + 0.55 and 0.45 - 0.55, times kn = 1e6."""
+    K = 1e6 * np.array([[0.45, 0.55], [0.55, 0.45]])
+    verdict = judge(K)
+    assert verdict.lambda_min == pytest.approx(-1e5, rel=1e-13)
+    assert verdict.lambda_min == pytest.approx(verdict.margin * np.linalg.norm(K), rel=1e-14)
+
+
 @pytest.mark.parametrize("alpha0", np.radians([20.0, 35.0, 45.0, 70.0]))
 @pytest.mark.parametrize("kappa", [0.05, 0.24, 1.5])
 def test_diamond_changes_status_at_its_critical_strain(alpha0, kappa):

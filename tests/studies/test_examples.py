@@ -74,7 +74,7 @@ def test_yade_diamond():
 
 def test_printed_rule_leaves_coulombs_cone():
     """Integrated from (8c) and the balance by hand: T = 2 mu N_B - mu N beyond B."""
-    curves, numbers = printed_rule.compare()
+    curves, numbers = printed_rule.compare_rules()
     found = {(row["table"], row["rule"]): row for row in numbers}
     for table, ratio in ((1, 1.1864284), (2, 1.2507328)):
         assert found[table, "coulomb"]["shear_ratio"] == pytest.approx(1.0, abs=1e-14)
@@ -104,7 +104,7 @@ def test_sweep():
     diamonds = sweep.random_diamonds(2000)
     drawn = np.degrees(diamonds[:, 0])
     assert drawn.min() >= 5 and drawn.max() <= 85
-    status, rows = sweep.compare(diamonds, 20)
+    status, rows = sweep.compare_methods(diamonds, 20)
     assert sum(status.values()) == 2000 and status["yield"] > 1000
     errors = [row["error"] for row in rows]
     # DOP853 at 1e-12 agrees with the exact sweep; solve_ivp's default does not.

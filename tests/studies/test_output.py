@@ -231,6 +231,44 @@ def test_what_the_system_refuses_is_one_line(monkeypatch, capsys):
     assert capsys.readouterr().err == "grainloops: out of memory\n"
 
 
+def test_little_address_space_is_said_at_once():
+    """As `ulimit -v` limits it: below, the linear algebra asks for its buffers without end."""
+    code = (
+        "import resource, studies.cli as cli\n"
+        "def limit(size): resource.setrlimit(resource.RLIMIT_AS, (size, -1))\n"
+        "limit(700_000_000)\n"
+        "cli.main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "diamond"], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 1
+    said = "grainloops: out of memory: 0.7 GB of address space; at least 0.8 GB, see ulimit -v.\n"
+    assert done.stderr == said
+
+
+def test_threads_and_libraries_without_room_are_out_of_memory(monkeypatch, capsys):
+    """Any other error of these kinds is a fault of the code, and shown in full."""
+    for kind, words in (
+        (RuntimeError, "can't start new thread"),
+        (ImportError, "a.so: failed to map segment from shared object"),
+    ):
+
+        def refuse(*args, kind=kind, words=words, **how):
+            raise kind(words)
+
+        monkeypatch.setattr("studies.domain.run_domain", refuse)
+        assert in_process(monkeypatch, "domain") == 1
+        assert capsys.readouterr().err == f"grainloops: out of memory. {words}\n"
+
+    def fault(*args, **how):
+        raise RuntimeError("a fault")
+
+    monkeypatch.setattr("studies.domain.run_domain", fault)
+    with pytest.raises(RuntimeError, match="a fault"):
+        in_process(monkeypatch, "domain")
+
+
 def test_a_small_snapshot_loads_no_pandas(tmp_path):
     """A third of a second that only tables as CSV need."""
     script = (

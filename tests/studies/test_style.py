@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -33,6 +34,7 @@ def test_figures_take_the_width_that_was_asked_for():
         assert figure.get_figwidth() == pytest.approx(two)
         assert axes.shape == (1, 2)
         assert style.new_figure(fixed=True).get_figwidth() == pytest.approx(SINGLE)
+        pyplot.close("all")
         ax = gl.plot_loop(gl.regular_polygon(5, strain=0.1))
         assert ax.figure.get_figwidth() == pytest.approx(one)
         # Axes that are given are drawn into as they are.

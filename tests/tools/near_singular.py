@@ -64,6 +64,37 @@ def random_loops(rng, count, n, kind, increment):
     )  # fmt: skip
 
 
+def closed_loops(rng, count, n, increment):
+    """Elastic loops with N of 1e-10 to 1e-2 and the overlaps N/kn, kt of 1e-6 to 1 of kn.
+
+    In even loops of small overlaps load and stiffness of the gear mode are both next to nothing,
+    and both decide where a law shares the arms by the point of contact.
+    """
+    radii = rng.uniform(0.35, 0.65, (count, n))
+    normal = 10.0 ** rng.uniform(-10, -2, (count, 1)) * rng.uniform(0.3, 1.7, (count, n))
+    edges = radii + np.roll(radii, -1, axis=1) - normal
+    # All edges but two in a bow; these close the loop.
+    angles = 2 * np.pi * np.arange(n - 2) / n + rng.uniform(-0.3, 0.3, (count, n - 2))
+    steps = edges[:, :-2, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    chain = np.concatenate([np.zeros((count, 1, 2)), np.cumsum(steps, axis=1)], axis=1)
+    a, b, chord = edges[:, -2], edges[:, -1], -chain[:, -1]
+    size = np.linalg.norm(chord, axis=1)
+    along = (a**2 - b**2 + size**2) / (2 * size)
+    square = a**2 - along**2
+    left = np.stack([-chord[:, 1], chord[:, 0]], axis=-1)
+    # To the right of the chord that closes the loop: outside.
+    last = along[:, None] * chord - np.sqrt(np.maximum(square, 0.0))[:, None] * left
+    last = chain[:, -1] + last / size[:, None]
+    x = rotated(np.concatenate([chain, last[:, None]], axis=1), rng.uniform(0, 2 * np.pi, count))
+    shear = rng.uniform(-0.45, 0.45, (count, n)) * normal * (rng.random((count, 1)) < 0.6)
+    loops = Loops(
+        x, x, radii, normal, shear, np.ones((count, n), np.int8),
+        np.ones(count), 10.0 ** rng.uniform(-6, 0, count), np.full(count, 0.5), increment,
+    )  # fmt: skip
+    good = (square > 0) & (polygon_area(x) > 0)
+    return Loops(*(part if isinstance(part, str) else part[good] for part in loops))
+
+
 def rotated(x, angle):
     c, s = np.cos(angle), np.sin(angle)
     turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)

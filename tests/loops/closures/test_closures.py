@@ -15,9 +15,9 @@ from loops import (
     traction_tangent,
 )
 from loops.closures.macro_tangent import solved
-from loops.closures.spins import affine_spin
+from loops.closures.system import affine_spin
 from patterns import regular_polygon
-from studies.bench.fifty_digits import as_array, traction_tangent_50
+from studies.bench.hard_cases import as_array, traction_tangent_50
 from tests.oracles.finite_motion import external_forces
 from tests.oracles.rings import member, random_rings, ring, slide
 

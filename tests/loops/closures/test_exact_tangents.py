@@ -15,16 +15,28 @@ from loops import (
     polygon_area,
     traction_tangent,
 )
-from loops.closures.macro_tangent import ROUNDING
-from loops.closures.spins import _spin_error, affine_spin, spin_of_gradient
-from loops.closures.system import boundary_matrix
-from loops.loop_strain import loop_strain
+from loops.arrays import ROUNDING
+from loops.closures.system import _spin_error, affine_spin, boundary_matrix, spin_of_gradient
 from loops.null_space import solve_through_null_space
-from patterns import loop_of_snapshot, random_loop, read_snapshot, sample_path
+from loops.stress_strain import loop_strain
+from patterns import (
+    loop_of_snapshot,
+    polydisperse_polygon,
+    random_loop,
+    read_snapshot,
+    sample_path,
+)
 from stability import judge
 from tests.oracles.exact_loops import Loops, exact_tangent, mp_solve
 from tests.oracles.rings import member, random_rings, ring, slide
-from tests.tools.near_singular import counted, random_loops, run, usable, with_spread
+from tests.tools.near_singular import (
+    closed_loops,
+    counted,
+    random_loops,
+    run,
+    usable,
+    with_spread,
+)
 
 LAW = LinearFrictional(kn=1.3, kt=0.5, mu=0.5)
 RADII = LinearFrictional(kn=1.3, kt=0.5, mu=0.5, shear_increment="radii")
@@ -58,6 +70,30 @@ def test_bounds_hold_where_kt_spans_eleven_decades_in_one_loop(closure, seed):
     assert broken == 0, largest
     # Bounds that are not idle: one of these loops errs by more than half of its own.
     assert largest > 0.5
+
+
+def assert_soft_gears_have_no_wrong_answer(seed, count, orders):
+    rng = np.random.default_rng(seed)
+    for order in orders:
+        for increment in ("branch", "radii"):
+            for closure in ("affine", "traction"):
+                loops = closed_loops(rng, count, order, increment)
+                numbers, _ = counted(loops, closure, "free")
+                assert numbers["loops"] > 0.3 * count
+                assert numbers["wrong signs"] == numbers["broken bounds"] == 0
+                # Gear modes are exact by the radii, and odd loops have none.
+                if increment == "radii" or order % 2:
+                    assert numbers["untrusted"] < 0.02 * count
+
+
+def test_soft_gear_modes_of_small_overlaps_are_within_their_bounds():
+    """Load and stiffness of such a mode are below rounding, their ratio is not."""
+    assert_soft_gears_have_no_wrong_answer(11, 150, (4, 5, 6))
+
+
+@pytest.mark.slow
+def test_soft_gear_modes_of_many_loops_are_within_their_bounds():
+    assert_soft_gears_have_no_wrong_answer(12, 3000, (3, 4, 5, 6, 8))
 
 
 def test_the_oracle_has_the_digits():
@@ -127,6 +163,33 @@ def test_gear_modes_are_the_limit_of_a_vanishing_resistance(order):
         size = np.linalg.norm(found.matrix[b])
         # Of the first order in eps over the softness of the loops, about N/l.
         assert np.linalg.norm(stress - found.matrix[b]) < 1e-3 * size
+
+
+@pytest.mark.parametrize("order", [4, 6, 8])
+@pytest.mark.parametrize("overlap", [1e-2, 1e-4, 1e-6])
+def test_rings_of_alternating_grains_have_an_answer_by_either_arms(order, overlap):
+    """By symmetry nothing turns the gear mode, so that holding it by a spring changes nothing."""
+    graph = polydisperse_polygon(np.tile([1.0, 0.8], order // 2), strain=overlap)
+    for law in (
+        LinearFrictional(1.0, 0.5, 0.5, "branch"),
+        LinearFrictional(1.0, 0.5, 0.5, "radii"),
+    ):
+        found = traction_tangent(graph, law, spins="free")
+        assert found.trusted
+        assert found.sensitivity < 1e-12
+        k, boundary = assemble_tangent(graph, law, spins=True), boundary_matrix(graph.x0)
+        rolling = k[2 * order, 2 * order :]
+        ratio = rolling[0] / (rolling[1] + rolling[-1])
+        gear = np.append(np.zeros(2 * order), np.tile([1.0, -ratio], order // 2))
+        assert np.abs(k @ gear).max() < 1e-14
+        k += np.outer(gear, gear)
+        system = np.zeros((3 * order + 4, 3 * order + 4))
+        system[:-4, :-4], system[: 2 * order, -4:] = k, boundary
+        system[-4:, : 2 * order] = boundary.T
+        rhs = np.zeros((3 * order + 4, 4))
+        rhs[-4:] = -polygon_area(graph.x0) * np.eye(4)
+        held = np.linalg.lstsq(system, rhs, rcond=1e-13)[0][-4:]
+        np.testing.assert_allclose(found.matrix, held, atol=1e-11 * np.abs(held).max())
 
 
 def test_loops_of_four_whose_arms_decide_have_no_verdict():

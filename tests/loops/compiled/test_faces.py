@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from loops import InputError, euler_check, find_faces
-from loops.compiled.kernel import given
+from loops.compiled import given
 from loops.compiled.network import UNDECIDED, following_half_edges, spatial_order, turn
 from patterns.synthetic import synthetic_network
 from tests.loops.test_crossings import network, wheel

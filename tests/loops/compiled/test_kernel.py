@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loops.compiled import LARGE, use_compiled
-from loops.compiled.kernel import given
+from loops.compiled import COMPILED_FROM, given, use_compiled
 
 ROOT = Path(__file__).resolve().parents[3]
 SMALL = """
@@ -90,17 +89,17 @@ def test_in_a_process_of_its_own(script):
 def test_a_place_that_cannot_be_written_costs_the_cache_alone(monkeypatch):
     from numba.core import caching
 
-    from loops.compiled.kernel import kernel
+    from loops.compiled import kernel
 
     monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
     assert kernel(lambda a: a + 1)(1) == 2
 
 
 def test_the_choice_is_by_size_unless_it_is_told():
-    assert not use_compiled(None, LARGE - 1)
-    assert use_compiled(None, LARGE)
+    assert not use_compiled(None, COMPILED_FROM - 1)
+    assert use_compiled(None, COMPILED_FROM)
     assert use_compiled(True, 1)
-    assert not use_compiled(False, 10 * LARGE)
+    assert not use_compiled(False, 10 * COMPILED_FROM)
 
 
 def test_inputs_are_views_where_they_can_be():

@@ -13,11 +13,11 @@ from loops import (
     loop_batches,
     macroscopic_tangent,
 )
-from loops.compiled.kernel import given
+from loops.compiled import given
 from loops.compiled.packing import TANGENTS, compiled_packing
 from patterns.synthetic import synthetic_network
-from stability.loop_stability import loop_spectra
-from studies.bench.fifty_digits import affine_tangent_50, as_array, traction_tangent_50
+from stability.verdict import loop_spectra
+from studies.bench.hard_cases import affine_tangent_50, as_array, traction_tangent_50
 
 KN, KT, MU = 1.0, 0.4, 0.5
 

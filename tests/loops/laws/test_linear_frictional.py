@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from loops import ContactLaw, GrainGraph, InputError, LinearFrictional, Regime, contact_state
-from loops.contact_tangent import translational_blocks, translational_compliances
+from loops.assembly import translational_blocks, translational_compliances
 
 
 def one_contact(angle=0.0, length=0.9, normal=0.1, shear=0.0, radii=(0.5, 0.5)):

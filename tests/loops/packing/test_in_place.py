@@ -19,9 +19,8 @@ from loops import (
 from loops.arrays import frobenius
 from loops.geometry import boundary_vectors, polygon_area
 from loops.packing import in_place, loops_in_place, packing_system
-from loops.packing.blocks import polygons_of
-from loops.packing.inversion import _inverses, _sketches, inverted, spin_modes
-from loops.packing.multifrontal import _vertex_cover, dissection, eliminate
+from loops.packing.inversion import _inverses, _sketches, inverted, polygons_of, spin_modes
+from loops.packing.multifrontal import _vertex_cover, dissection, frontal_lu
 from patterns.synthetic import synthetic_network
 from tests.packings import LAW, packing, with_idle_triangle
 from tests.tools.loops_in_place import SIGNS, campaign
@@ -118,7 +117,7 @@ def plain_lu(dense):
     """Factors of a small matrix in one front."""
     count = len(dense)
     fronts = dissection(np.zeros((count, 2)), np.empty((0, 2), dtype=int))
-    return eliminate(sparse.csr_array(dense), fronts, np.arange(count)[:, None])
+    return frontal_lu(sparse.csr_array(dense), fronts, np.arange(count)[:, None])
 
 
 def test_a_front_without_an_inverse_gets_one():
@@ -277,7 +276,7 @@ def test_selected_inverse_of_any_matrix_on_any_tree():
     dense += 8.0 * np.eye(size)
     fronts = dissection(x, edges)
     assert np.array_equal(np.sort(np.concatenate([front.own for front in fronts])), np.arange(150))
-    lu = eliminate(sparse.csr_array(dense), fronts, freedom)
+    lu = frontal_lu(sparse.csr_array(dense), fronts, freedom)
     inverse, met = np.linalg.inv(dense), []
 
     def compare(k, at, z):

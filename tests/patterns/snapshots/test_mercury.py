@@ -235,12 +235,13 @@ def test_other_files_are_not_taken(tmp_path, head):
     assert not mercury.recognises(tmp_path / "a.data", head)
 
 
-def test_stiffness_must_be_given(tmp_path):
+def test_without_stiffness_there_is_no_law(tmp_path):
     own = packing()
     path, _ = write_mercury(tmp_path, own)
     frame = mercury.frames(Source(path, cell=own.graph.cell))[0]()
-    with pytest.raises(InputError, match="give --kn"):
-        build_snapshot(frame, Parameters())
+    snapshot = build_snapshot(frame, Parameters())
+    assert snapshot.lacks == ("kn", "kt") and snapshot.has_forces
+    assert any("give --kn and --kt" in note for note in snapshot.notes)
 
 
 def test_three_dimensions_are_refused(tmp_path):

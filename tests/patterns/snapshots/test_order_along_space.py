@@ -18,7 +18,7 @@ WALLS, PERIODIC = sample_path(), sample_path("grains_periodic.parquet")
 @pytest.fixture
 def sorts(monkeypatch):
     """The samples count as large, and a jump across them as far."""
-    monkeypatch.setattr("loops.compiled.LARGE", 100)
+    monkeypatch.setattr("loops.compiled.COMPILED_FROM", 100)
     monkeypatch.setattr("patterns.snapshots.geometry.FAR", 4.0)
 
 
@@ -69,7 +69,7 @@ def loops_by_grains(snapshot):
 def test_a_shuffled_file_gives_the_same_loops(sample, cell, tmp_path, sorts, monkeypatch):
     grains = shuffled_copy(sample, tmp_path)
     sorted_along_space = read_snapshot(grains, cell=cell)
-    monkeypatch.setattr("loops.compiled.LARGE", 10**9)
+    monkeypatch.setattr("loops.compiled.COMPILED_FROM", 10**9)
     as_numbered = read_snapshot(grains, cell=cell)
     # Grains that touch are close in memory, which by their ids they are not.
     near, far = (np.abs(np.diff(s.graph.contacts)) for s in (sorted_along_space, as_numbered))

@@ -187,7 +187,7 @@ BAD_GRAINS = [
 BAD_CONTACTS = [
     *(
         (changed(CONTACTS, **{name: None}), [f"column '{name}'", "contacts_1.csv"])
-        for name in ("id1", "id2", "nx", "ny", "fn", "kn", "ks", "fsy")
+        for name in ("id1", "id2", "nx", "ny", "fn", "fsy")
     ),
     (at(CONTACTS, "fn", 1, None), ["column 'fn'", "row 1"]),
     (changed(CONTACTS, kn=["a"] * 5), ["column 'kn'"]),
@@ -337,7 +337,7 @@ def test_column_map(tmp_path):
     grains = {names.get(name, name): values for name, values in GRAINS.items()}
     contacts = {names.get(name, name): values for name, values in CONTACTS.items()}
     path = write(tmp_path, grains, contacts)
-    with pytest.raises(InputError, match="--columns x=COLUMN"):
+    with pytest.raises(InputError, match="--columns x=COLUMN,id1=COLUMN"):
         read_snapshot(path)
     snapshot = read_snapshot(path, columns=names)
     assert snapshot.graph.normal_force.tolist() == [2.0, 3.0, 4.0, 5.0]
@@ -476,3 +476,24 @@ def test_lack_of_memory_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("patterns.snapshots.text.gzip.open", lambda path: refuse())
     with pytest.raises(MemoryError, match=r"out of memory while .*grains_1.csv.gz was read"):
         read_snapshot(write(tmp_path, ending="csv.gz"))
+    for said in ("can't start new thread", "Failed to launch worker thread: Resource temporarily"):
+
+        def refuse_thread(*args, said=said, **how):
+            raise RuntimeError(said)
+
+        monkeypatch.setattr("pyarrow.csv.read_csv", refuse_thread)
+        with pytest.raises(MemoryError, match=r"out of memory while .*grains_1.csv was read"):
+            read_snapshot(path)
+
+
+def test_an_id_beyond_64_bits_far_down_a_long_table_is_told(tmp_path):
+    """Beyond the first block, by which the columns' types are told."""
+    count = 40_000
+    lines = [f"{k},{k}.000000000,1.000000000,0.5000000000" for k in range(count)]
+    lines[-7] = lines[-7].replace(f"{count - 7},", f"{2**63},", 1)
+    path = tmp_path / "grains_1.csv"
+    path.write_text("\n".join(["id,x,y,radius", *lines, ""]))
+    assert path.stat().st_size > 1 << 20
+    (tmp_path / "contacts_1.csv").write_text("id1,id2,fn,ft\n0,1,1.0,0.0\n")
+    with pytest.raises(InputError, match=r"column 'id' .*, row 39993: .* below 2\*\*63"):
+        read_snapshot(path)

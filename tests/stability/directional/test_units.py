@@ -50,7 +50,7 @@ def test_regimes_of_one_contact_change_at_critical_angles_alone(closure, spins, 
     branches, edge = branches_of(graph, law, closure, spins, "diagonal", None, None)
     assert edge.at_yield.tolist() == [False, True, False, False, False]
     angle = 2 * np.pi * (np.arange(4001) + 0.5) / 4001
-    answer = branches.answer(np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    answer = branches.solve(np.stack([np.cos(angle), np.sin(angle)], axis=-1))
     # One solution: its W2 is the smallest and the largest, whatever the other branch would do.
     one = answer.count == 1
     assert one.any()

@@ -5,6 +5,7 @@ import pytest
 
 from stability.packing import complementarity
 from stability.packing.complementarity import (
+    _newton,
     basic_values,
     lemke,
     nearest_regimes,
@@ -113,3 +114,17 @@ def test_a_singular_block_is_no_solution_of_the_search():
     M[-2:, -2:] = block
     assert solve_from(q, M, np.append(np.zeros(11, bool), [True, True])) is None
     assert len(solve_complementarity(q, M).active) == 0
+
+
+@pytest.mark.parametrize("unit", [1.0, 2.0**9, 2.0**-9])
+def test_violation_is_the_worst_sign_over_the_largest_rate(unit):
+    q, M = np.array([1.0, -0.25, 4.0]), np.eye(3)
+    assert violation(unit * q, M, np.zeros(3, bool)) == 0.25 / 4.0
+    assert violation(unit * q, M, np.array([False, True, False])) == 0.0
+    assert violation(0 * q, M, np.zeros(3, bool)) == 0.0
+
+
+def test_newton_stops_where_a_block_is_singular():
+    """The second set has no values: the best set met before it is kept."""
+    found, wrong = _newton(np.array([-1.0, 1.0]), np.zeros((2, 2)), np.zeros(2, bool))
+    assert not found.any() and wrong == 1

@@ -214,6 +214,15 @@ def test_bad_input_is_one_clear_error(options, told):
         hold(snapshot.graph, snapshot.law, **(walls | options))
 
 
+def test_a_packing_without_contact_force_is_refused():
+    row = GrainGraph(
+        x=[[0, 0], [1, 0]], radii=[0.5] * 2, contacts=[[0, 1], [1, 0]], images=[[0, 0], [1, 0]],
+        cell=[[2, 0], [0, 3]], normal_force=[0.0, 0.0],
+    )  # fmt: skip
+    with pytest.raises(InputError, match="hold: got no contact force"):
+        hold(row, LinearFrictional(1.0, 0.5, 0.5))
+
+
 def test_yade_holds_a_moving_state_to_the_same_forces():
     # Yade 2023.02a, 2000 discs 50 steps after a restart, held at fixed cell with damping 0.4:
     # spheres of density 2600, moments of inertia 2/5 m r^2.

@@ -3,9 +3,22 @@
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, branch_vectors, find_faces, love_weber_stress
-from stability.packing import loop_rates, packing_response
-from tests.packings import LAW, balanced, packing, touching_lattice, with_idle_triangle
+from loops import (
+    LinearFrictional,
+    branch_vectors,
+    contact_forces,
+    find_faces,
+    love_weber_stress,
+)
+from stability.packing import loop_changes, loop_rates, packing_response, replay
+from tests.packings import (
+    LAW,
+    balanced,
+    jammed,
+    packing,
+    touching_lattice,
+    with_idle_triangle,
+)
 
 H = np.array([[0.8, 0.3], [-0.1, -0.5]])
 
@@ -41,6 +54,18 @@ def test_a_rotation_does_no_corotated_work():
     nominal = np.sum(loops.stress * loops.strain, axis=(1, 2))
     assert np.abs(nominal).min() > 1e-5 and abs(love_weber_stress(graph)).max() > 1e-3
     assert np.abs(loops.second_order_work).max() < 1e-12
+
+
+def test_nonaffinity_is_told_by_strains_whatever_the_sample_turns_by():
+    graph = balanced(packing(24, seed=5))
+    turned = H + np.array([[0.0, 0.7], [-0.7, 0.0]])
+    law = LinearFrictional(1.0, 0.5, np.inf, "radii")
+    one, two = (
+        loop_rates(packing_response(graph, law, h), find_faces(graph)).nonaffinity
+        for h in (H, turned)
+    )
+    assert np.ptp(one) > 0.1
+    np.testing.assert_allclose(two, one, rtol=1e-10)
 
 
 def test_times_of_opening_and_closing_are_those_of_straight_motion():
@@ -90,3 +115,39 @@ def test_loops_of_what_carries_nothing_have_no_rates():
     assert (found.system.carrying.clusters, found.system.carrying.clustered) == (1, 3)
     assert np.flatnonzero(np.isnan(loops.second_order_work)).size == 1
     assert np.isfinite(loops.area).all()
+
+
+def test_changes_up_to_a_later_state_contact_by_contact():
+    """Forces, openings by the overlaps, and the work, after a short replay."""
+    graph = jammed(24, 3, LAW)
+    after = replay(graph, LAW, 1e-3 * H, inertial_number=1e-3).state
+    faces = find_faces(graph)
+    found = loop_changes(graph, after, faces)
+    start, end = branch_vectors(graph), after.branches[: graph.contact_count]
+    lengths = np.hypot(*start.T), np.hypot(*end.T)
+    change = after.forces[: graph.contact_count] - contact_forces(graph)
+    finite = 0
+    for row, face in enumerate(faces.loops):
+        part = slice(faces.offsets[face], faces.offsets[face + 1])
+        first, work = np.inf, 0.0
+        for c in faces.contacts[part]:
+            i, j = graph.contacts[c]
+            overlap = graph.radii[i] + graph.radii[j] - lengths[0][c]
+            if lengths[1][c] > lengths[0][c]:
+                first = min(first, max(overlap, 0.0) / (lengths[1][c] - lengths[0][c]))
+            work -= 0.5 * change[c] @ (end[c] - start[c])
+        assert found.opening[row] == pytest.approx(first, rel=1e-9)
+        assert found.additive_work[row] == pytest.approx(work / found.area[row], rel=1e-9)
+        finite += np.isfinite(first)
+    assert finite > 10
+    share = found.area / abs(np.linalg.det(graph.cell))
+    np.testing.assert_allclose(np.tensordot(share, found.strain, 1), after.strain, atol=1e-12)
+
+
+def test_contacts_that_carry_nothing_follow_the_strain():
+    graph = with_idle_triangle(packing(16, seed=1))
+    found = packing_response(graph, LAW, H)
+    idle = np.arange(graph.contact_count - 3, graph.contact_count)
+    expected = [-H @ d for d in branch_vectors(graph)[idle]]
+    np.testing.assert_allclose(found.branch_rate[idle], expected, atol=1e-15)
+    assert (found.force_rate[idle] == 0).all()

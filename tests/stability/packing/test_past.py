@@ -78,7 +78,7 @@ def test_dynamic_ends_where_a_slow_replay_ends():
 def snapped(steps, damping, drag):
     """Energy lost in motion when an interval is strained and held: by the works, by the drag."""
     graph = passed("stop").states[-1].graph()
-    pairs, start = contact_pairs(graph, BRANCH), start_state(graph)
+    pairs, start = contact_pairs(start_state(graph), BRANCH), start_state(graph)
     masses, inertias = masses_of(start.radii)
     dt, rate = step_of(masses, pairs), INTERVAL * STRAIN.ravel() / np.linalg.norm(STRAIN)
     servo = steered(servo_of(start, pairs, masses), start, pairs, np.zeros((4, 4)), np.eye(4), rate)

@@ -64,12 +64,13 @@ def test_halving_the_interval_halves_the_error(case):
 @cases
 def test_a_slow_replay_comes_to_the_same_state(case):
     """A replay ten times slower is closer; the rest is its rate and the path's interval."""
-    graph, wanted = packed(*case[:3]), forces(case, INTERVALS[-1])[1]
-    error = []
+    graph, (path, wanted) = packed(*case[:3]), forces(case, INTERVALS[-1])
+    turned, error = path.states[-1].angle, []
     for duration in (2e4, 2e5):
         end = replay(graph, case[2], H, duration=duration, viscous=0.02).state
         error.append(np.linalg.norm(end.forces[: len(wanted)] - wanted) / np.linalg.norm(wanted))
     assert error[1] < error[0] < 2e-5 and error[1] < 1e-5
+    assert np.allclose(end.angle, turned, rtol=0, atol=1e-3 * np.abs(turned).max())
 
 
 def unaccounted(path):

@@ -23,7 +23,7 @@ def stuck_packing(seed):
     at_yield = np.abs(graph.shear_force) >= (1 - 1e-9) * LAW.mu * graph.normal_force
     regime = np.full(graph.contact_count, ELASTIC, dtype=np.int8)
     side = np.sign(graph.shear_force)
-    pairs = contact_pairs(graph, LAW)
+    pairs = contact_pairs(start_state(graph), LAW)
     frozen = IncrementalPacking(start_state(graph), pairs, regime, side, True, np.zeros(24))
     return graph, frozen, np.flatnonzero(at_yield)
 

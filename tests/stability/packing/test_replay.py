@@ -161,7 +161,7 @@ def test_pairs_are_those_of_brute_force(gap):
         ({"strain": Stage(isotropic_stress(), "P11", 1.0)}, "P11 at the end, expected 'parameter'"),
         ({"strain": Stage(drained_biaxial(1), "H22", 1.0)}, "H22 at the end, expected 'parameter'"),
         ({"strain": Stage(drained_biaxial(1), "H11", -1e-4)}, "a target that lies ahead"),
-        ({"graph": pair(0.99).replace(cell=None, cell0=None, images=None)}, "periodic"),
+        ({"graph": pair(0.99).replace(cell=None, cell0=None, images=None)}, "no walls"),
     ],
 )
 def test_bad_input(change, message):

@@ -2,15 +2,22 @@
 
 from collections import Counter
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from loops import InputError
-from stability.packing.complementarity import STARTS, basic_values, solve_from
+from loops import GrainGraph, InputError, LinearFrictional
+from stability.packing import probe
+from stability.packing.complementarity import (
+    STARTS,
+    basic_values,
+    positive_definite,
+    solve_from,
+)
 from stability.packing.regime_regions import RegimeRegions
-from stability.packing.response import HELD_STUCK, PackingRates
-from stability.packing.solution_branch import TURN, trace_branch
+from stability.packing.response import HELD_STUCK, WHOLE_CIRCLE, PackingRates
+from stability.packing.solution_branch import TURN, SolutionBranch, trace_branch
 from stability.packing.yield_response import yield_response
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
 
@@ -154,3 +161,124 @@ def test_probes_know_the_solutions_that_every_combination_of_regimes_has(monkeyp
     assert ("several", "unique") not in said and ("unique", "none") not in said
     assert missed <= 2
     assert said["several", "several"] > 20 and said["unique", "one found"] > 20
+
+
+def test_segments_at_an_angle_are_those_that_hold_it_in_any_turn():
+    """Segments of a branch that winds, forwards and backwards, over several turns."""
+    rng = np.random.default_rng(2)
+    ends = rng.uniform(-8.0, 8.0, (40, 1)) + rng.uniform(-5.0, 5.0, (40, 2))
+    branch = SolutionBranch(ends, np.zeros((40, 0), bool), "closed")
+    for angle in (*rng.uniform(-9.0, 9.0, 60), *ends[:5, 0], *(ends[:5, 1] + 3 * TURN)):
+        expected = [
+            k
+            for k, (low, high) in enumerate(np.sort(ends, axis=1))
+            if any(low - 1e-9 <= angle + TURN * turn <= high + 1e-9 for turn in range(-9, 10))
+        ]
+        assert branch.at(angle).tolist() == expected
+
+
+def packings(seeds, share=0.4, most=12):
+    """Small packings with some contacts at yield, and their laws."""
+    for seed in seeds:
+        with suppress(InputError):
+            graph, law = small(8, seed, share)
+            if 1 <= len(at_yield(graph, law)) <= most:
+                yield graph, law
+
+
+def test_stress_directions_list_the_image_of_every_strain_solution():
+    # A solution along a strain direction answers the direction of its stress too.
+    held = 0
+    for graph, law in packings(range(8)):
+        strain = probe(graph, law, 24, yield_band=AT_YIELD).solutions
+        stress = strain.stress_rate[:, [0, 1], [0, 1]]
+        unit_stress = stress / np.linalg.norm(stress, axis=1, keepdims=True)
+        answered = probe(graph, law, unit_stress, control="stress", yield_band=AT_YIELD)
+        listed = answered.solutions
+        for k, H in enumerate(strain.strain_rate / np.linalg.norm(stress, axis=1)[:, None, None]):
+            own = listed.strain_rate[listed.direction == k]
+            off = np.abs(own - H).max(axis=(1, 2), initial=0.0) / np.abs(H).max()
+            if answered.status[k] != "not converged":
+                assert off.min(initial=np.inf) < 1e-6, (k, answered.status[k])
+                held += 1
+        # Negative second-order work along strain directions shows along those of stress.
+        if (strain.normalised < -1e-6).any() and (answered.status != "not converged").all():
+            assert listed.normalised.min() < strain.normalised.min() + 1e-6
+    assert held > 60
+
+
+def test_the_image_of_the_circle_proves_the_number_of_stress_solutions(monkeypatch):
+    # As if contacts were too many to be enumerated; held to the enumeration.
+    cases = [
+        case
+        for case in packings(range(20), share=0.25)
+        if positive_definite(PackingRates(yield_response(*case, yield_band=AT_YIELD)).whole[0])
+    ]
+    true = [probe(*case, 24, control="stress", yield_band=AT_YIELD) for case in cases]
+    for module in ("complementarity", "regime_regions"):
+        monkeypatch.setattr(f"stability.packing.{module}.ENUMERATED", 0)
+    proved = 0
+    for case, other in zip(cases, true, strict=True):
+        rates = PackingRates(yield_response(*case, yield_band=AT_YIELD))
+        regions = RegimeRegions(rates, "stress", "diagonal", STARTS)
+        for k, direction in enumerate(other.directions):
+            found = regions.at(direction).response
+            if found.proof == WHOLE_CIRCLE:
+                assert found.status == other.status[k]
+                proved += 1
+    assert proved > 50
+
+
+def test_folds_bound_the_directions_without_a_solution():
+    bounded = 0
+    for graph, law in packings(range(14)):
+        found = probe(graph, law, 72, yield_band=AT_YIELD)
+        before, after = found.between_folds.T
+        none = np.isin(found.status, ("none", "none found"))
+        assert np.isnan(before[~none]).all()
+        if not (found.closed and none.any() and len(found.folds)):
+            continue
+        # All directions between two folds have none.
+        for k in np.flatnonzero(none):
+            ahead = np.mod(found.theta - before[k], TURN)
+            inside = ahead < np.mod(after[k] - before[k], TURN)
+            assert none[inside].all() and inside[k]
+            bounded += 1
+    assert bounded > 20
+
+
+def test_listed_solutions_agree_with_the_response_to_all_digits():
+    for graph, law in packings(range(4)):
+        for control in ("strain", "stress"):
+            found = probe(graph, law, 12, control=control, yield_band=AT_YIELD)
+            listed = found.solutions
+            first = np.unique(listed.direction, return_index=True)[1]
+            assert (listed.direction[first] == np.flatnonzero(found.determined)).all()
+            for name in ("strain_rate", "stress_rate"):
+                ours = getattr(listed, name)[first]
+                np.testing.assert_array_equal(ours, getattr(found, name)[found.determined])
+            np.testing.assert_allclose(listed.work[first], found.work[found.determined], rtol=1e-9)
+
+
+def test_stress_steps_are_those_of_yade():
+    # Yade 2023.02a, 2000 discs held to 8e-7, the stress stepped along a direction from one state
+    # and held again. Columns: direction (degrees), size (N/m), H11, H22, nominal P11, P22.
+    with np.load(Path(__file__).with_name("yade_stress_probes.npz")) as stored:
+        yade = dict(stored)
+    steps = yade.pop("steps")
+    steps = steps[steps[:, 1] == 0.5]
+    size = np.hypot(*steps[:, 4:].T)
+    found = probe(
+        GrainGraph(**yade), LinearFrictional(1e6, 5e5, 0.5, "radii"), steps[:, 4:],
+        control="stress", yield_band=0.999,
+    )  # fmt: skip
+    assert (found.status == "unique").all()
+    off, elastic = (
+        np.linalg.norm(rate[:, [0, 1], [0, 1]] * size[:, None] - steps[:, 2:4], axis=1)
+        / np.linalg.norm(steps[:, 2:4], axis=1)
+        for rate in (found.strain_rate, found.elastic_strain)
+    )
+    # 150 degrees is the softest direction: contacts reach their strength on the way.
+    soft = steps[:, 0] == 150
+    assert off[~soft].max() < 0.01 and off[soft].max() < 0.2
+    assert (off < 1.05 * elastic).all() and elastic[~soft].max() > 0.03

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from loops import GrainGraph
+from loops.packing import PlaneContacts
 from stability.packing.state import jumped, start_state
 from tests.packings import jammed
 
@@ -46,3 +48,53 @@ def test_a_carrying_grain_moves_less_than_a_fiftieth_of_a_diameter(contacts, los
         after = replace(before, x=before.x @ F.T + share * step, cell=F @ before.cell)
         wanted = "a grain leapt by 0.021 diameters" if leaps and lost else ""
         assert jumped(before, after, 1e9) == wanted
+
+
+def walled(shift=0.0, angle=0.3):
+    """Three discs on a tilted floor, the last against another one at right angles."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn, radii = np.array([[c, -s], [s, c]]), np.array([0.5, 0.4, 0.6])
+    overlap = np.array([0.01, 0.02, 0.03, 0.04])
+    grain, away = np.array([0, 1, 2, 2]), np.array([[0, -1], [0, -1], [0, -1], [1, 0]]) @ turn.T
+    places = np.column_stack([[0.0, 1.5, 3.0], radii - overlap[:3]])
+    graph = GrainGraph(x=shift + places @ turn.T, radii=radii, contacts=np.zeros((0, 2), int))
+    branch = (radii[grain] - overlap)[:, None] * away
+    return graph, PlaneContacts(grain, branch, np.array([1.0, 2.0, 3.0, 4.0]), np.ones(4)), overlap
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e9])
+def test_contacts_with_walls_join_grains_to_planes(shift):
+    """Two walls, near or far from the origin, where their places are known to 1e-7 alone."""
+    graph, planes, overlap = walled(shift)
+    made = start_state(graph, planes, volume=2.0)
+    assert len(made.walls) == 2 and made.count == 3
+    own = made.contacts
+    assert own[:, 0].tolist() == [0, 1, 2, 2] and own[0, 1] == own[1, 1] == own[2, 1] != own[3, 1]
+    np.testing.assert_allclose(made.normal_force, planes.kn * overlap, rtol=1e-9)
+    np.testing.assert_allclose(made.shear_force, 0.0, atol=1e-12)
+    for c in range(4):
+        n = made.walls[own[c, 1] - 3]
+        length = np.hypot(*planes.branch[c])
+        np.testing.assert_allclose(n, -planes.branch[c] / length, atol=1e-12)
+        # The place of a wall is a point of it: as far from the grain as the branch is long.
+        away = n @ (graph.x[planes.grain[c]] - made.x[own[c, 1]])
+        assert away == pytest.approx(length, abs=1e-12 + 1e-15 * shift)
+
+
+def test_given_forces_of_walls_are_resolved_along_and_across():
+    graph, planes, _ = walled()
+    force = np.random.default_rng(1).normal(size=(4, 2))
+    made = start_state(graph, planes, force, volume=2.0)
+    for c in range(4):
+        n = -planes.branch[c] / np.hypot(*planes.branch[c])
+        assert made.normal_force[c] == pytest.approx(force[c] @ n)
+        assert made.shear_force[c] == pytest.approx(n[0] * force[c, 1] - n[1] * force[c, 0])
+
+
+@pytest.mark.parametrize("gap", [0.3e-6, 3e-6])
+def test_planes_closer_than_a_millionth_of_the_sample_are_one_wall(gap):
+    """Relative to the reach of the sample: its largest coordinate and radius, 3.5."""
+    x = [[0.0, 0.0], [3.0, 3.5 * gap]]
+    graph = GrainGraph(x=x, radii=[0.5, 0.5], contacts=np.zeros((0, 2), int))
+    planes = PlaneContacts(np.array([0, 1]), np.full((2, 2), [0.0, -0.49]), np.ones(2), np.ones(2))
+    assert len(start_state(graph, planes, volume=2.0).walls) == (1 if gap < 1e-6 else 2)

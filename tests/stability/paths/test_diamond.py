@@ -25,7 +25,7 @@ from patterns.diamond import (
     tangent,
 )
 from patterns.diamond import drained_path as exact_drained_path
-from patterns.diamond.geometry import SHEAR_SIGNS
+from patterns.diamond.geometry import DIAMOND_SHEAR_SIGNS
 from patterns.diamond.tangents import drained_slope
 from stability import Stage, follow, programmes
 from tests.oracles.diamond_forces import contact_forces
@@ -167,7 +167,7 @@ def test_strain_programmes_against_quadrature(name, closure):
         trial = elastic_shear(strains, alpha0, kappa, t)
         T = trial if row <= slid else np.sign(trial) * mu * N
         assert path.normal_force[row] == pytest.approx(N, abs=1e-13)
-        assert path.shear_force[row] == pytest.approx(T * SHEAR_SIGNS, abs=1e-12)
+        assert path.shear_force[row] == pytest.approx(T * DIAMOND_SHEAR_SIGNS, abs=1e-12)
         F1, F2 = external_forces(N, T, angle_from_strains(E1, E2, alpha0))
         assert path.P[row, 0] == pytest.approx(F1 / (2 * np.sin(alpha0)), abs=1e-12)
         assert path.P[row, 3] == pytest.approx(F2 / (2 * np.cos(alpha0)), abs=1e-12)
@@ -232,7 +232,7 @@ def test_contacts_that_slide_from_the_first_touch(closure):
     path = follow_diamond(alpha0, 0.5, mu, stage, closure=closure)
     assert [event.kind for event in path.events][:1] == ["yield"]
     assert path.regime[0].tolist() == [Regime.SLIDING] * 4
-    T, N = path.shear_force * SHEAR_SIGNS, path.normal_force
+    T, N = path.shear_force * DIAMOND_SHEAR_SIGNS, path.normal_force
     assert pytest.approx(mu * N, abs=1e-16) == T
     assert N[-1, 0] == pytest.approx(float(overlap_ratio(0.1, -0.06, alpha0)), abs=1e-14)
 

@@ -13,8 +13,7 @@ from stability.paths.model import path_model
 from stability.paths.record import record_changes, record_jumps
 from stability.paths.regimes import path_symmetry
 from stability.paths.state import Mode, initial_state
-from stability.spectra import symmetric_spectrum
-from stability.subspaces import restrict
+from stability.spectra import restrict, symmetric_spectrum
 
 CLOSURES = ("affine", "traction")
 ELASTIC = LinearFrictional(kn=1.0, kt=0.2)

@@ -10,7 +10,7 @@ from loops import GrainGraph, InputError, LinearFrictional, Regime
 from patterns import diamond, regular_polygon
 from patterns.diamond import TABLE_1, DiamondParameters, determinant_elastic, overlap_ratio
 from patterns.diamond import drained_path as exact_drained_path
-from patterns.diamond.geometry import SHEAR_SIGNS, opposite_contact_strain
+from patterns.diamond.geometry import DIAMOND_SHEAR_SIGNS, opposite_contact_strain
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.event_functions import first_crossing, polish
 from tests.oracles.diamond_general import drained_states
@@ -408,7 +408,7 @@ def test_rates_at_a_state_softening_makes_two_solutions():
         T=TABLE_1.mu * float(overlap_ratio(path.H[-1, 0], path.H[-1, 3], np.pi / 4)),
     )
     assert graph.shear_force == pytest.approx(path.shear_force[-1], abs=1e-13)
-    assert (path.shear_force[-1] * SHEAR_SIGNS > 0).all()
+    assert (path.shear_force[-1] * DIAMOND_SHEAR_SIGNS > 0).all()
     rising = rates_at(graph, LAW, programmes.proportional_stress(1, 0), volume=SQUARE_BOX)
     falling = rates_at(graph, LAW, programmes.proportional_stress(-1, 0), volume=SQUARE_BOX)
     assert (rising.status, falling.status) == ("none", "several")

@@ -7,7 +7,7 @@ from loops import LinearFrictional
 from patterns import diamond, regular_polygon
 from patterns.diamond import DiamondParameters, angle_from_strains
 from patterns.diamond import drained_path as exact_drained_path
-from patterns.diamond.geometry import SHEAR_SIGNS
+from patterns.diamond.geometry import DIAMOND_SHEAR_SIGNS
 from stability import Stage, follow, programmes
 from tests.tools.random_paths import random_scene
 
@@ -48,7 +48,7 @@ def test_yield_of_extreme_diamonds(alpha0, kappa, phi, confinement, closure):
     assert path.H[reached.index, [0, 3]] == pytest.approx(expected, abs=1e-11 * size)
     N, T = path.normal_force[reached.index], path.shear_force[reached.index]
     assert pytest.approx(float(exact.end.N), abs=1e-11 * confinement) == N
-    assert pytest.approx(float(exact.end.T) * SHEAR_SIGNS, abs=1e-11 * confinement) == T
+    assert pytest.approx(float(exact.end.T) * DIAMOND_SHEAR_SIGNS, abs=1e-11 * confinement) == T
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
@@ -68,7 +68,7 @@ def test_shear_by_radii_counts_the_turn_alone(closure):
     stages = [Stage(programmes.isotropic_strain(), "H11", 0.1), oedometric]
     path = follow(diamond(0.7), law, stages, closure=closure)
     turned = angle_from_strains(path.H[:, 0], path.H[:, 3], 0.7) - 0.7
-    expected = 0.3 * turned[:, None] * SHEAR_SIGNS
+    expected = 0.3 * turned[:, None] * DIAMOND_SHEAR_SIGNS
     assert path.shear_force == pytest.approx(expected, abs=1e-13)
     assert np.abs(path.energy_error).max() < 1e-12
 
@@ -130,7 +130,7 @@ def test_through_a_singular_threshold_there_is_always_an_answer(order, orientati
         # Hertzian contacts that yield with 1e-11 of overlap left: no digit of their forces tells.
         (48, "control_limit", "isotropic stress"),
         # Contacts that slide without a force, and part as soon as they move.
-        (170, "no_solution", "leave at once every regime"),
+        (170, "no_solution", "no regime that stays consistent"),
     ],
 )
 def test_regimes_do_not_keep_switching(seed, status, said):

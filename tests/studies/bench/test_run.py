@@ -11,23 +11,26 @@ from patterns import regular_polygon
 from patterns.hard_cases import hard_case
 from stability import Stage, follow, programmes
 from studies.bench import run_bench
-from studies.bench.fifty_digits import (
+from studies.bench.hard_cases import (
     as_array,
     compliance_tangent_50,
     tangent_50,
     traction_tangent_50,
 )
-from studies.bench.measure import Row, Rows
 from studies.bench.methods import (
-    GROUPS,
+    METHOD_GROUPS,
+    Family,
+    Row,
+    Rows,
+    compared,
     direction_methods,
     error_at_b,
     exact_solver,
+    largest_difference,
     path_solver,
     random_rings,
 )
 from studies.bench.run import chosen_groups
-from studies.bench.smallest import Family, compared, largest_difference
 from tests.studies.snapshot.test_run import run
 
 
@@ -108,7 +111,7 @@ def test_a_row_counts_time_per_item_and_memory():
 
 
 def test_groups_are_chosen_by_name():
-    assert set(chosen_groups(None)) == {*GROUPS, "hard-cases", "smallest-model"}
+    assert set(chosen_groups(None)) == {*METHOD_GROUPS, "hard-cases", "smallest-model"}
     with pytest.raises(InputError, match="hard-cases"):
         chosen_groups("paths,nothing")
 
@@ -135,7 +138,7 @@ def test_the_command_refuses_unknown_groups(tmp_path, monkeypatch, capsys):
     assert "speed" in capsys.readouterr().err
     assert not out.exists()
     assert run(monkeypatch, "bench", "--out", out, "--quick", "--only", "closures") == 0
-    assert "dense saddle" in capsys.readouterr().out
+    assert "closures, n = 6" in capsys.readouterr().out
     closures = json.loads((tmp_path / "o" / "summary.json").read_text())["groups"]
     assert closures["closures, n = 6"]["defaults"][0]["method"] == "both"
 

@@ -14,13 +14,20 @@ from patterns import diamond
 from patterns.diamond import sliding_moduli, tangent
 from stability import Stage, follow, programmes, restrict, symmetric_part
 from studies.cli import main
-from studies.domain import DomainParameters, run_domain
-from studies.domain.figures import domain_figure
-from studies.domain.losses import TABLES, Case, first_losses, programme_fan, sticking_det_Ks
-from studies.domain.run import domain_table
+from studies.domain import (
+    PAPER_CASES,
+    Case,
+    DomainParameters,
+    domain_figure,
+    domain_table,
+    first_losses,
+    programme_fan,
+    run_domain,
+    sticking_det_Ks,
+)
 
 # The paper's diamonds, flat and tall ones, soft and stiff shear.
-CASES = (*TABLES, Case(0.2, 0.05, 0.3), Case(1.3, 1.0, 0.6), Case(0.9, 4.0, 0.2))
+CASES = (*PAPER_CASES, Case(0.2, 0.05, 0.3), Case(1.3, 1.0, 0.6), Case(0.9, 4.0, 0.2))
 KINDS = ("det_Ks_zero", "det_K_zero")
 
 
@@ -70,7 +77,7 @@ def test_isotropic_programme_loses_both_at_kappa(table, case):
     assert (isotropic.regime == "elastic").all()
 
 
-@pytest.mark.parametrize("case", TABLES)
+@pytest.mark.parametrize("case", PAPER_CASES)
 def test_losses_against_mpmath(table, case):
     rows = of(table, case)
     sticking = rows[rows.contacts == "sticking"]
@@ -83,7 +90,7 @@ def test_losses_against_mpmath(table, case):
             np.testing.assert_allclose(found, exact, atol=1e-13)
 
 
-@pytest.mark.parametrize("case", TABLES)
+@pytest.mark.parametrize("case", PAPER_CASES)
 @pytest.mark.parametrize("friction", [False, True])
 def test_general_path_solver_meets_the_same_losses(case, friction):
     losses = first_losses(case, 9, friction=friction)
@@ -155,8 +162,8 @@ def test_generic_operator_is_singular_there(table):
 
 
 def test_friction_cuts_the_domain_of_sticking_contacts():
-    sticking = first_losses(TABLES[0], 201, friction=False)
-    frictional = first_losses(TABLES[0], 201, friction=True)
+    sticking = first_losses(PAPER_CASES[0], 201, friction=False)
+    frictional = first_losses(PAPER_CASES[0], 201, friction=True)
     both = np.isfinite(sticking.det_Ks_zero)
     assert np.all(frictional.det_Ks_zero[both] <= sticking.det_Ks_zero[both])
     by_yielding = frictional.det_Ks_zero == frictional.yields
@@ -258,5 +265,5 @@ def test_empty_list_is_refused():
 
 
 def test_tables_are_the_default():
-    assert DomainParameters().cases() == TABLES
-    assert isinstance(domain_table(TABLES[:1], 3), pd.DataFrame)
+    assert DomainParameters().cases() == PAPER_CASES
+    assert isinstance(domain_table(PAPER_CASES[:1], 3), pd.DataFrame)

@@ -14,10 +14,10 @@ from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import Stage, follow, programmes
 from stability.packing import loop_changes
 from stability.paths.path import Event
-from studies.evolve import run_evolve
-from studies.evolve.run import _passed, stage_of
+from studies.evolve import _passed, run_evolve, stage_of
 from studies.series.plan import plan_series
-from studies.snapshot.source import read_planar, reading
+from studies.snapshot.in_packing import box_sides
+from studies.snapshot.run import read_planar, reading
 from tests.packings import LAW, jammed
 from tests.studies.probe.test_run import plain
 from tests.studies.snapshot.test_run import run
@@ -172,7 +172,7 @@ def test_programmes_drive_what_they_say(programme, sense, small):
     ("arguments", "said"),
     [
         (["--to", "0"], "--to: got 0, expected a finite number other than zero"),
-        (["--to", "1e-5", "--programme", "odd"], "--programme: got 'odd', expected one of drained"),
+        (["--to", "1e-5", "--programme", "odd"], "--programme: got 'odd', expected drained"),
         (
             ["--to", "1"],
             "--to: got a strain of 1, expected less than 1: there the cell has no length",
@@ -235,9 +235,31 @@ def test_a_state_out_of_balance_is_said_and_one_that_flows_refused(small, tmp_pa
 def test_no_forces_and_no_cell_are_refused(tmp_path):
     with pytest.raises(InputError, match="no forces"):
         run_evolve([plain(tmp_path / "a", forces=False)], tmp_path / "out", to=1e-5)
-    with pytest.raises(InputError, match="packing: got no cell, expected a periodic packing"):
-        run_evolve([plain(tmp_path / "b")], tmp_path / "out", to=1e-5)
+    with pytest.raises(InputError, match="packing: got no cell and no walls, expected either"):
+        run_evolve([plain(tmp_path / "b", walls=False)], tmp_path / "out", to=1e-5)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_sample_between_walls_is_followed_beside_its_later_states(tmp_path):
+    first = plain(tmp_path / "a")
+    out = tmp_path / "out"
+    how = {"to": 1e-5, "rows": 2, "hold": True, "figures": False, "instabilities": 1000}
+    summary = run_evolve([first, plain(tmp_path / "b")], out, **how)
+    assert summary["status"] == "finished" and summary["dem"] == 1
+    path, dem = (pd.read_parquet(out / f"{name}.parquet") for name in ("path", "dem"))
+    left = path["work"] - path[["slip_work", "shear_work", "released"]].sum(axis=1)
+    np.testing.assert_allclose(left, path["energy"] - path["energy"][0], rtol=1e-9, atol=1e-14)
+    # The stress of the file is that of its walls: force over length.
+    snapshot = read_snapshot(first)
+    walls = snapshot.walls
+    width, height = box_sides(snapshot.graph.x, walls)
+    upright = np.abs(walls.branch[:, 0]) > np.abs(walls.branch[:, 1])
+    right, top = upright & (walls.branch[:, 0] < 0), ~upright & (walls.branch[:, 1] < 0)
+    pressed = -walls.force[right, 0].sum() / height, -walls.force[top, 1].sum() / width
+    np.testing.assert_allclose(dem[["P11", "P22"]].to_numpy()[0], pressed, rtol=0.03)
+    np.testing.assert_allclose(dem[["H11", "H22"]], 0.0, atol=1e-15)
+    events = pd.read_parquet(out / "events.parquet")
+    assert (events[["id1", "id2"]].to_numpy()[:, 0] >= 0).all()
 
 
 @pytest.mark.parametrize("kind", ["files", "folder"])

@@ -2,9 +2,9 @@
 
 import functools
 
-from studies.paths import DiamondOptions
 from studies.paths.diamond import FollowedDiamond, follow_diamond
-from studies.paths.diamond_summary import diamond_summary
+from studies.paths.diamond_tables import diamond_summary
+from studies.paths.options import DiamondOptions
 
 # Nobody writes into these: a test that spoils a path follows one of its own.
 

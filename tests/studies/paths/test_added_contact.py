@@ -11,13 +11,15 @@ from scipy.optimize import brentq
 from loops import LinearFrictional, affine_tangent
 from patterns import diamond
 from stability import restrict, symmetric_spectrum
-from studies.paths import DiamondOptions, run_diamond
-from studies.paths.diamond_summary import energy_imbalance, verification
 from studies.paths.diamond_tables import (
     added_critical_strain,
     definite_intervals,
+    energy_imbalance,
     isotropic_eigenvalues,
+    verification,
 )
+from studies.paths.options import DiamondOptions
+from studies.paths.run import run_diamond
 from tests.studies.paths.followed import followed, summary_of
 
 

@@ -9,10 +9,13 @@ from patterns.diamond import drained_path, tangent
 from patterns.diamond.geometry import work_compress_then_shear
 from patterns.diamond.geometry import work_shear_then_compress as shear_then_compress
 from stability import symmetric_part
-from studies.paths import DiamondOptions
-from studies.paths.diamond import beyond_yield, follow_diamond
-from studies.paths.diamond_summary import energy_imbalance, verification
-from studies.paths.diamond_tables import path_dependence_table, state_diagram
+from studies.paths.diamond import follow_diamond
+from studies.paths.diamond_tables import (
+    energy_imbalance,
+    path_dependence_table,
+    verification,
+)
+from studies.paths.options import DiamondOptions
 from tests.studies.paths.followed import followed, summary_of
 
 POINT_B = {
@@ -260,7 +263,7 @@ def test_coulombs_law_holds_beyond_B():
 
 
 def beyond_yield_operator(path):
-    return beyond_yield(path).K[0]
+    return path.beyond.K[0]
 
 
 @pytest.mark.parametrize("table", [1, 2])
@@ -287,7 +290,7 @@ def test_loading_direction_enters_the_cone_at_A():
 
 def test_polar_diagram_at_B_takes_the_regime_that_a_direction_activates():
     path = followed(table=2)
-    diagram, slides = state_diagram(path, "B")
+    diagram, slides = path.diagrams["B"]
     loading = np.radians(path.table["loading_alphaE_deg"][path.marks["B"] + 1])
     along = int(np.argmin(np.abs(diagram.angle - loading)))
     assert slides[along] and not slides[(along + 360) % 720]

@@ -8,10 +8,10 @@ from scipy.optimize import brentq
 from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
 from patterns import diamond
 from stability import restrict
-from studies.paths import DiamondOptions
 from studies.paths.diamond import diamond_states, follow_diamond
-from studies.paths.diamond_summary import verification
+from studies.paths.diamond_tables import verification
 from studies.paths.followed import operator_diagram
+from studies.paths.options import DiamondOptions
 from tests.studies.paths.followed import Confined, followed, summary_of
 
 
@@ -122,7 +122,7 @@ def test_stop_ends_the_path_where_opposite_grains_meet():
     assert abs(path.states.E1[-1] - touch) < 1e-15
     summary = summary_of(table=2, contact_on_touch="stop")
     assert summary["states"] == {"I": None, "A": None, "B": None}
-    assert any("ends where opposite grains meet" in note for note in summary["notes"])
+    assert any("ends where opposite grains touch" in note for note in summary["notes"])
 
 
 def test_grains_that_overlap_from_the_start_have_no_event_but_a_note():

@@ -11,8 +11,14 @@ from patterns import loop_of_snapshot, read_snapshot, regular_polygon, sample_pa
 from patterns.diamond import DiamondParameters
 from patterns.diamond import drained_path as exact_drained_path
 from stability import restrict, symmetric_spectrum
-from studies.paths import ComparisonOptions, PolygonOptions, run_comparison, run_polygon
-from studies.paths.options import PROGRAMMES, LoopOptions, orders_of, ring_of_lengths
+from studies.paths.options import (
+    PROGRAMMES,
+    ComparisonOptions,
+    LoopOptions,
+    PolygonOptions,
+    orders_of,
+    ring_of_lengths,
+)
 from studies.paths.polygon import (
     axial_peak,
     event_lines,
@@ -22,6 +28,7 @@ from studies.paths.polygon import (
     polygon_table,
     thresholds,
 )
+from studies.paths.run import run_comparison, run_polygon
 from tests.unsaved import leave_files_empty
 
 SUMMARY_KEYS = {

@@ -38,6 +38,14 @@ def test_a_state_that_moves_is_said_to_move(tmp_path):
     assert "--hold" in note
 
 
+def test_a_note_does_not_make_the_faces_again():
+    before = read_snapshot(WALLS)
+    faces = before.faces
+    noted, held = held_snapshot(before, None)
+    assert held is None and "the state moves" in noted.notes[-1]
+    assert vars(noted).get("faces") is faces
+
+
 def test_unbalanced_force_counts_walls():
     snapshot = read_snapshot(WALLS)
     planes, _, _ = sample_boundary(snapshot)
@@ -123,11 +131,11 @@ def test_directions_without_an_answer_stand_first_and_none_at_all_is_exit_1(
 
     status, lines = said(1)
     assert status == 0
-    assert lines[0].startswith("1 of 4 directions are not answered, shares are of the others; ")
+    assert lines[0].startswith("no solution found in 1 of 4 directions: shares are of the others; ")
     status, lines = said(4)
     assert status == 1
     assert lines[0] == (
-        "none of 4 directions is answered; bring the state to rest first with --hold"
+        "no solution found in any of 4 directions; bring the state to rest first with --hold"
     )
     status, lines = said(0)
     assert status == 0 and lines[0].startswith("4 directions of H'")

@@ -17,7 +17,7 @@ from loops import InputError
 from patterns import sample_path
 from studies.output import code_version
 from studies.probe import run_probe
-from studies.series import cluster
+from studies.series import workers as cluster
 from tests.studies.series.test_run import (
     command,
     contents,
@@ -154,7 +154,7 @@ def test_interrupted_on_the_cluster(tmp_path, scheduler, workers):
     _, complaints = process.communicate(timeout=60)
     assert process.returncode == 130
     assert complaints == (
-        "grainloops: interrupted; what is finished is kept, the same command goes on.\n"
+        "grainloops: interrupted; finished snapshots are kept: the same command continues.\n"
     )
     before = times(out)
     assert len(before) < 15

@@ -16,16 +16,18 @@ from loops import (
     macroscopic_tangent,
     traction_tangent,
 )
-from loops.loop_strain import loop_strain
+from loops.stress_strain import loop_strain
 from loops.tracking import Fate
 from patterns import Snapshot, loop_of_snapshot, random_loop, synthetic_network
 from studies.series.evolution import (
+    PREDICTIONS,
     evolution_row,
+    increments,
     interval_row,
     sample_strain,
+    track_loops,
 )
 from studies.series.gather import evolution_table
-from studies.series.increments import PREDICTIONS, increments, track_loops
 
 LAW = LinearFrictional(kn=1.0, kt=0.4, mu=0.5)
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(12)

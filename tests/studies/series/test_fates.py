@@ -13,12 +13,12 @@ from loops.tracking import Fate
 from patterns import sample_path
 from stability import RTOL
 from studies.series import run_series
-from studies.series.increments import track_loops
+from studies.series.evolution import track_loops
+from studies.series.figures import maps_of
 from studies.series.plan import plan_series, with_fingerprints
-from studies.series.report import maps_of
-from studies.series.survival import ENDS, pooled, survival, verdict_codes
+from studies.series.skill import ENDS, pooled, survival, verdict_codes
 from studies.series.tasks import Series
-from studies.snapshot.source import read_planar, reading
+from studies.snapshot.run import read_planar, reading
 from studies.snapshot.summary import JUDGES
 from tests.studies.series.test_run import write_series
 
@@ -143,11 +143,11 @@ def test_the_page_has_a_map_of_every_snapshot_with_the_fates(ran, monkeypatch):
         assert np.isfinite(one.columns["w2"]).tolist() == lived.tolist()
     assert "fate" not in maps[-1].columns
     # Where not all fit, some are shown, the chosen one among them, and the page says so.
-    monkeypatch.setattr("studies.series.report.MOST_LOOPS", 2 * max(counts))
+    monkeypatch.setattr("studies.series.figures.MOST_LOOPS", 2 * max(counts))
     some = maps_of(Series(planned, out), counts, 2)
     assert [one.number for one in some] == [0, 2, 3]
     assert some[0].about.startswith("3 of 4 snapshots are shown")
-    monkeypatch.setattr("studies.series.report.MOST_LOOPS", min(counts) - 1)
+    monkeypatch.setattr("studies.series.figures.MOST_LOOPS", min(counts) - 1)
     assert maps_of(Series(planned, out), counts, 2) == []
 
 

@@ -12,24 +12,27 @@ from loops import LinearFrictional, Regime, polygon_area
 from loops.tracking import ExchangeCounts, Fate, exchange_counts
 from patterns import Snapshot, synthetic_network
 from studies.output import provenance
-from studies.series.evolution import evolution_row, interval_row
+from studies.series.evolution import (
+    PREDICTIONS,
+    evolution_row,
+    increments,
+    interval_row,
+    track_loops,
+)
 from studies.series.figures import (
+    MOST_SCENES,
+    AnimationFrame,
+    animate_series,
     exchange_heatmap,
     fates_over_strain,
     orders_over_strain,
+    picked_snapshots,
+    series_figures,
     stress_strain,
 )
 from studies.series.gather import evolution_table
-from studies.series.increments import PREDICTIONS, increments, track_loops
-from studies.series.report import (
-    MOST_SCENES,
-    Scene,
-    animate_series,
-    picked_snapshots,
-    series_figures,
-)
 from studies.series.skill_figures import MappedInterval, work_map, work_signs
-from studies.snapshot.statistics import GROUPS
+from studies.snapshot.table import GROUPS
 from studies.study import Results
 
 SOURCE = provenance("series", {}, "as the input's")
@@ -214,7 +217,9 @@ def test_work_histogram_counts_every_known_loop_once(series):
 @pytest.mark.parametrize("stability", [False, True])
 def test_animation(tmp_path, series, stability):
     frames = (
-        Scene(one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None)
+        AnimationFrame(
+            one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None
+        )
         for k, one in enumerate(series.states)
     )
     written = animate_series(tmp_path, frames, SOURCE)

@@ -11,11 +11,12 @@ import pandas as pd
 import pytest
 
 from loops import InputError, Regime, contact_forces, contact_state, find_faces
-from loops.loop_strain import rotation_and_stretch
+from loops.stress_strain import rotation_and_stretch
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import loop_changes, loop_rates, packing_response, replay
+from studies.commands.series import _series_lines
 from studies.series import packing as series_packing
-from studies.series.increments import increments, track_loops
+from studies.series.evolution import increments, track_loops
 from studies.series.packing import PREDICTED, packing_predictions
 from studies.series.plan import cells_by_number
 from studies.series.skill_figures import (
@@ -91,8 +92,8 @@ def test_the_path_and_the_replay_predict_beside(tmp_path, monkeypatch, unsaved):
     """One step of 2e-5, whose AUC of the path is .99 and more, of the replay .995 and more."""
     out, replayed = tmp_path / "series", []
 
-    def kept(*given):
-        replayed.append((*given, replay(*given)))
+    def kept(*given, **walls):
+        replayed.append((*given, replay(*given, **walls)))
         return replayed[-1][-1]
 
     monkeypatch.setattr(series_packing, "replay", kept)
@@ -215,6 +216,10 @@ def test_skill_on_the_sample_series(result):
     summary = json.loads((result / "summary.json").read_text())
     assert (summary["packing"]["solved"], summary["packing"]["intervals"]) == (3, 3)
     assert summary["packing"]["worst residual"] < 1e-12
+    for solved in (3, 2):
+        said = _series_lines(summary | {"packing": summary["packing"] | {"solved": solved}})[0]
+        left = f"no solution found in {3 - solved}"
+        assert said.endswith(f"solved in {solved} of 3 intervals, {left}")
     skill, others = summary["skill"], summary["skill_of_targets"]
     assert quotes_the_sample(skill)
     assert skill["packing"]["auc"] > 0.965 and skill["packing"]["rank_correlation"] > 0.92
@@ -361,7 +366,7 @@ def test_samples_between_walls_and_without_forces(tmp_path):
     for path in paths:
         contacts = path.with_name(path.name.replace("grains", "contacts"))
         pd.read_csv(contacts)[["id1", "id2"]].to_csv(contacts, index=False)
-    with pytest.raises(InputError, match="got no forces, expected forces and a law"):
+    with pytest.raises(InputError, match=r"got no forces.*, expected forces and a law"):
         run(paths, tmp_path / "bare", in_packing=True)
 
 

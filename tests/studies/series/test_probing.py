@@ -9,8 +9,31 @@ import pytest
 from loops import InputError
 from studies.probe import run_probe
 from studies.series.evolution import PROBE
+from studies.series.figures import probes_over_strain
 from tests.studies.series.test_packing import CELLS, PATHS, predict
 from tests.studies.series.test_run import run, write_series
+
+
+def test_undetermined_directions_are_marked():
+    """Hollow with their number where there are some, a cross where no direction is determined."""
+    evolution = pd.DataFrame(
+        {
+            "shear_strain": [0.0, 1e-5, 2e-5],
+            "probe_w2": [0.2, -0.1, np.nan],
+            "probe_unstable_fraction": [0.0, 0.05, np.nan],
+            "probe_undetermined": [0, 3, 12],
+        }
+    )
+    for ax, value in zip(probes_over_strain(evolution).axes, (-0.1, 5.0), strict=True):
+        (hollow,) = (line for line in ax.lines if line.get_markerfacecolor() == "white")
+        assert hollow.get_xydata().tolist() == [[1e-5, pytest.approx(value)]]
+        assert [text.get_text() for text in ax.texts] == ["3"]
+        (cross,) = (line for line in ax.lines if line.get_marker() == "x")
+        assert cross.get_xydata().tolist() == [[2e-5, 0.0]]
+        assert len(ax.get_legend().get_texts()) == 2
+    evolution["probe_undetermined"] = 0
+    for ax in probes_over_strain(evolution).axes:
+        assert ax.get_legend() is None and not ax.texts
 
 
 def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path, unsaved):

@@ -1,6 +1,7 @@
 """Runs of a series: the dataset, restarts, bad snapshots, the choice of cells."""
 
 import errno
+import functools
 import gzip
 import json
 import os
@@ -28,7 +29,7 @@ from studies.cli import main
 from studies.output import folder_lock, result_folder, write_summary
 from studies.series import run_series, workers
 from studies.series.plan import PlannedSnapshot, number_of, with_fingerprints
-from studies.snapshot.source import reading
+from studies.snapshot.run import reading
 from studies.snapshot.table import loop_table
 
 ROOT = Path(studies.__file__).resolve().parents[1]
@@ -289,7 +290,7 @@ def test_interrupted(paths, result, tmp_path):
     )
     assert process.returncode == 130
     assert text == (
-        "grainloops: interrupted; what is finished is kept, the same command goes on.\n"
+        "grainloops: interrupted; finished snapshots are kept: the same command continues.\n"
     )
     run(paths, out)
     assert contents(out) == contents(result)
@@ -470,8 +471,32 @@ def test_the_command(paths, result, tmp_path, monkeypatch, capsys):
 
 def test_a_worker_that_ends_by_itself():
     """As the system ends a process when the memory is used up."""
-    with pytest.raises(InputError, match="smaller --workers"), workers.processes(1) as pool:
-        list(workers.run_in_processes(pool, os._exit, [1]))
+    with (
+        pytest.raises(InputError, match="smaller --workers"),
+        workers.open_runner(2, None, []) as runner,
+    ):
+        list(runner(os._exit, [1]))
+
+
+class Pressed:
+    """A pool for which Ctrl-C is pressed while its processes start."""
+
+    def __init__(self, pool):
+        self.pool = pool
+
+    def submit(self, function, task):
+        os.kill(os.getpid(), signal.SIGINT)
+        return self.pool.submit(function, task)
+
+
+def test_an_interrupt_is_not_lost_while_processes_start():
+    with pytest.raises(KeyboardInterrupt), workers.processes(1) as pool:
+        list(workers.run_in_processes(Pressed(pool), abs, [1]))
+    # The processes hold it back for good, the main process does not.
+    held = functools.partial(signal.pthread_sigmask, signal.SIG_BLOCK)
+    with workers.processes(1) as pool:
+        (found,) = workers.run_in_processes(pool, held, [()])
+    assert signal.SIGINT in found and signal.SIGINT not in held(())
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from loops import GrainGraph, InputError, LinearFrictional, Regime, find_faces
 from loops.packing import loops_in_place, outline_grains
 from patterns import Snapshot, read_snapshot, sample_path
 from stability import restrict, symmetric_part
-from studies.columns import definitions
+from studies.output import definitions
 from studies.snapshot import figures
 from studies.snapshot.in_packing import add_in_packing, place_columns
 from studies.snapshot.summary import snapshot_summary
@@ -111,9 +111,9 @@ def test_figure_report_and_words(results, monkeypatch, tmp_path, capsys):
     asked = ("--cell", cell, "--in-packing", "blocks", "--out", tmp_path / "r", "--no-figures")
     assert run(monkeypatch, "snapshot", SLOW, *asked) == 0
     said = capsys.readouterr().out
-    assert "in its packing: grains turn freely" in said
+    assert "in its packing: grains rotate freely" in said
     assert "boundary of the sample: periodic cell" in said
-    assert "neither case is the loop in its packing" not in said
+    assert "neither case is the loop inside its packing" not in said
     assert "stated errors of the operators: median" in said and "exact" not in said
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
     assert summary["in_packing"]["method"] == "blocks"
@@ -243,7 +243,9 @@ def test_walls_are_planes_of_the_files_stiffness(box):
     assert summary["untrusted_loops"]["packing"] == 0
     # Yade's law is N = kn times overlap, and tables have fifteen digits of lengths.
     notes, again, _ = judged(replace(box, walls=replace(box.walls, kn=None, kt=None)))
-    assert notes[-1] == "walls: smooth, as stiff as their forces over the overlaps"
+    assert (
+        notes[-1] == "walls: frictionless, with the stiffness that their forces and overlaps give"
+    )
     for name in COLUMNS[:3]:
         np.testing.assert_allclose(again[name], table[name], rtol=1e-6, atol=1e-9)
 

@@ -20,7 +20,7 @@ from loops import (
 )
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from stability import imhof_fraction, restrict, symmetric_part
-from studies.bench.fifty_digits import as_array, traction_tangent_50
+from studies.bench.hard_cases import as_array, traction_tangent_50
 from studies.cli import main
 from studies.snapshot import figures
 from studies.snapshot.table import loop_table
@@ -154,7 +154,7 @@ def test_free_spins_beside_blocked_ones(results, capsys, monkeypatch):
     assert run(monkeypatch, "snapshot", PERIODIC, "--cell", CELL, "--out", results / "again",
                "--no-figures") == 0  # fmt: skip
     said = capsys.readouterr().out
-    assert "held from turning" in said
+    assert "no grain is allowed to rotate" in said
     assert "cut out of its packing" in said
     shutil.rmtree(results / "again")
 

@@ -18,18 +18,18 @@ from patterns import (
     sample_path,
     synthetic_network,
 )
-from studies.columns import definitions
-from studies.snapshot.statistics import (
+from studies.output import definitions
+from studies.snapshot.summary import snapshot_summary
+from studies.snapshot.table import (
     GROUPS,
     axes_block,
     axes_density,
     group_rows,
+    loop_table,
     share,
     spread,
     spread_by_group,
 )
-from studies.snapshot.summary import snapshot_summary
-from studies.snapshot.table import loop_table
 
 PERIODIC = sample_path("grains_periodic.parquet")
 MECHANICAL = [

@@ -13,7 +13,7 @@ import cyclopts
 import pandas as pd
 from cyclopts import Parameter
 
-from studies.bench.measure import machine
+from studies.bench.methods import machine
 from studies.study import study
 from tests.tools.scaling.measure import (
     FLOORS,

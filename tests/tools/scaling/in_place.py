@@ -22,7 +22,7 @@ from scipy.sparse.linalg import spsolve
 from loops import Faces, GrainGraph, LinearFrictional, Regime, find_faces, loop_batches
 from loops.arrays import Floats
 from loops.geometry import boundary_vectors
-from loops.packing import assembled, loops_in_place, packing_system
+from loops.packing import loops_in_place, packing_system, stiffness_matrix
 from patterns import read_snapshot, sample_path
 from studies.output import provenance, result_folder, write_table
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
@@ -101,7 +101,7 @@ def peer(name: str, times: int, sliding: bool) -> dict[str, Any]:
     """Seconds that a script takes without the platform, all loops."""
     graph, law, faces = scene(times, sliding)
     system = packing_system(graph, law)
-    K = assembled(system)
+    K = stiffness_matrix(system)
     held = system.freedom[system.carrying.anchors, :2].ravel()
     free = np.setdiff1d(np.arange(system.size), held)
     matrix = K[free][:, free]

@@ -14,7 +14,7 @@ import numpy as np
 
 from loops import find_faces
 from loops.arrays import Floats
-from loops.compiled.kernel import kernel
+from loops.compiled import kernel
 from studies.snapshot.table import loop_table
 from tests.tools.scaling.methods import (
     COMMANDS,

@@ -8,7 +8,9 @@
 - `rates`: replays at four rates, against path and Yade;
 - `growth`: time of an event and of a replay, and memory, over the number of grains;
 - `past`: both ways past an instability, against slow replays that keep the load of the start, over
-  steps of 1e-4 and of 2e-5 of `yade-slow` and over probes along the softest direction.
+  steps of 1e-4 and of 2e-5 of `yade-slow` and over probes along the softest direction;
+- `walls`: skill between walls, over the steps of `yade-walls-linear` that the collection's
+  `scripts/yade_walls.py` makes: the path with `dynamic`, the replay from rest at the sample's rate.
 
 Times are the processor's.
 """
@@ -18,6 +20,7 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -37,9 +40,12 @@ from stability.packing import loop_changes, replay
 from studies.examples.probing import STRESS, state
 from studies.output import provenance, result_folder, write_table
 from studies.series import run_series
-from studies.series.increments import increments, track_loops
+from studies.series.evolution import increments, sample_strain, track_loops
+from studies.series.packing import packing_predictions
 from studies.series.plan import cells_by_number
 from studies.series.skill import mean_skill, skill
+from studies.series.skill_figures import PREDICTORS
+from studies.snapshot.in_packing import followed_walls
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
 from tests.tools.scaling.in_place import replicated
 from tests.tools.scaling.measure import MB, _peak, _reset_peak, _timed
@@ -99,18 +105,19 @@ def _predicted(collection: Path, numbers: Sequence[int]) -> pd.DataFrame:
 def skill_figure(rows: Rows) -> Figure:
     """AUC over the strain of a step, a panel a target."""
     table = pd.DataFrame(rows)
-    figure = new_figure(TWO_COLUMNS, 2.6)
+    figure = new_figure(TWO_COLUMNS, 2.8)
     panels = figure.subplots(1, len(TARGETS), sharey=True)
     for ax, (target, title) in zip(panels, TARGETS.items(), strict=True):
         for name, colour, mark in zip(SHOWN, LINE_COLOURS, "os^vDP", strict=False):
             own = table[(table.target == target) & (table.predictor == name)]
-            ax.semilogx(own.step, own.auc, f"{mark}-", color=colour, label=name, markersize=3)
+            look = {"color": colour, "label": PREDICTORS[name], "markersize": 3}
+            ax.semilogx(own.step, own.auc, f"{mark}-", **look)
         ax.axhline(0.5, color="0.7", linewidth=0.8)
         ax.set(title=title, xlabel="axial strain of a step")
         ax.set_xticks(list(STEPS), [f"{step:.0e}".replace("e-0", "e-") for step in STEPS])
         ax.xaxis.set_minor_locator(NullLocator())
     panels[0].set_ylabel("AUC")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -231,9 +238,10 @@ def rates_figure(rows: Rows) -> Figure:
     table = pd.DataFrame(rows)
     figure = new_figure(TWO_COLUMNS, 2.6)
     left, right = figure.subplots(1, 2)
+    words = {"held": "from a state at rest", "under way": "a step of the compression"}
     for (name, own), colour in zip(table.groupby("state"), LINE_COLOURS, strict=False):
         moving, still = own[own.rate > 0], own[own.rate == 0]
-        left.loglog(moving.rate, moving.from_path, "o-", color=colour, label=name)
+        left.loglog(moving.rate, moving.from_path, "o-", color=colour, label=words[name])
         if own.auc.notna().all():
             right.semilogx(moving.rate, moving.auc, "o-", color=colour)
             right.axhline(still.auc.iloc[0], color=colour, linestyle="--", linewidth=0.8)
@@ -357,6 +365,46 @@ def _ways(
         }
 
 
+def between_walls(collection: Path) -> Iterator[dict[str, Any]]:
+    """AUC for W2 < 0 of every step between walls, from the displacement of the walls alone."""
+    folder = collection / "yade-walls-linear"
+    macro = pd.read_csv(folder / "macro.csv")
+    numbers = macro.snap[2:].tolist()
+    tables = [pd.read_csv(folder / f"grains_{k:02d}.csv.gz") for k in numbers]
+    files = [folder / f"grains_{k:02d}.csv.gz" for k in numbers]
+    states = [read_snapshot(path, shear_increment="radii") for path in files]
+    before: Floats | None = None
+    for k, (one, two) in enumerate(pairwise(states)):
+        tracked = track_loops(one, two)
+        table = increments(one, two, tracked)
+        actual = np.full(len(one.faces.loops), np.nan)
+        actual[table["loop_before"]] = table["w2"]
+        graph, law, faces = one.graph, one.mechanics()[0], one.faces
+        H, source = sample_strain(one, two)
+        assert source == "walls"
+        planes, force = followed_walls(one)
+        walls = {"planes": planes, "plane_force": force}
+        mass = tables[k].set_index("id").mass[one.ids].to_numpy()
+        time = float(np.diff(macro.time[numbers[k : k + 2]])[0])
+        path = followed(graph, law, strained(H), instabilities=1000, past="dynamic", **walls)
+        again = replay(graph, law, H, duration=time, mass=mass, **walls)
+        row: dict[str, Any] = {"snapshot": numbers[k], "strain": H[1, 1], "status": path.status}
+        row |= {"unbalanced": macro.unbalanced[numbers[k]], "events": len(path.events)}
+        for name, end in (("path", path.states[-1]), ("replay", again.state)):
+            changed = loop_changes(graph, end, faces).normalised_work
+            row[name] = float(skill(-changed, actual, signed=True)["auc"])
+            row[f"{name}_stress"] = end.stress[1, 1]
+        row["stress"] = macro.sig_yy_wall[numbers[k + 1]]
+        if before is not None:
+            row["persistence"] = float(skill(-before, actual, signed=True)["auc"])
+        column, why, _ = packing_predictions(one, two, tracked, 0.99)
+        for name in ("own_w2", "packing_w2"):
+            row[name] = float(skill(-np.asarray(column[name]), actual, signed=True)["auc"])
+        yield row | {"rate_problem": why["packing_status"]}
+        before = np.full(len(two.faces.loops), np.nan)
+        before[table["loop_after"]] = table["w2"]
+
+
 def _spent(work: Callable[..., Any], *given: Any, **options: Any) -> tuple[Any, float]:
     found: list[Any] = []
     _, cpu = _timed(lambda: found.append(work(*given, **options)))
@@ -387,6 +435,7 @@ STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure] | None]
     "rates": (by_rate, rates_figure),
     "growth": (lambda _: growth(), growth_figure),
     "past": (by_way, None),
+    "walls": (between_walls, None),
 }
 
 

@@ -11,9 +11,8 @@ import cyclopts
 import pandas as pd
 from cyclopts import Parameter
 
-from studies.bench.figures import pareto
-from studies.bench.measure import Row, machine
-from studies.bench.run import UNITS, knee
+from studies.bench.methods import Row, machine
+from studies.bench.run import UNITS, knee, pareto
 from studies.study import study
 from tests.tools.settled.closures import closure_switch, least_squares_methods
 from tests.tools.settled.eigenvalues import eigenvalue_methods

@@ -8,9 +8,16 @@ import numpy as np
 
 from loops import assemble_tangent, boundary_vectors, polygon_area, traction_tangent
 from loops.arrays import Floats
-from loops.closures.traction import FORCE_METHOD_LIMIT, SADDLE_GAIN
-from studies.bench.measure import Row, Rows, least_seconds
-from studies.bench.methods import Rings, by_method, random_rings, relative_error
+from loops.closures.tangents import FORCE_METHOD_LIMIT, SADDLE_GAIN
+from studies.bench.methods import (
+    Rings,
+    Row,
+    Rows,
+    by_method,
+    least_seconds,
+    random_rings,
+    relative_error,
+)
 
 ORACLE = "primal system, 50 digits"
 LIMITS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)

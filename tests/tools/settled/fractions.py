@@ -12,8 +12,8 @@ from scipy.stats import norm, qmc
 
 from loops.arrays import Floats
 from stability import imhof_fraction, unstable_fraction
-from studies.bench.fifty_digits import DIGITS
-from studies.bench.measure import Rows
+from studies.bench.hard_cases import DIGITS
+from studies.bench.methods import Rows
 
 ORACLE = "mean over the azimuth, 50 digits"
 STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)

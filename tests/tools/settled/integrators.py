@@ -14,8 +14,7 @@ from typing import Any
 from scipy.optimize import brentq
 
 from patterns.diamond import TABLE_1
-from studies.bench.measure import Rows
-from studies.bench.methods import SPAN, error_at_b
+from studies.bench.methods import SPAN, Rows, error_at_b
 from studies.examples.sweep import by_scipy, drained
 
 State = tuple[float, float, float]

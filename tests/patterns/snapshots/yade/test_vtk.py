@@ -97,29 +97,47 @@ def test_gzip_of_both_files(tmp_path):
     assert cycles(found) == cycles(table_of(BOX))
 
 
-def test_ids_are_those_of_the_file_not_its_order(tmp_path):
-    """Spheres recorded in another order: lines go by place, ids by the array."""
+def recorded(folder, order, ids):
+    """The spheres in another order, with other ids."""
     from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
     piece = read_vtk(SPHERES)
-    order = np.random.default_rng(5).permutation(len(piece.points))
     grid, points = vtkUnstructuredGrid(), vtkPoints()
     points.SetData(numpy_to_vtk(piece.points[order].astype(np.float32), deep=True))
     grid.SetPoints(points)
-    for name in ("radii", "id"):
-        array = numpy_to_vtk(piece.points_data[name][order], deep=True)
+    for name, values in (("radii", piece.points_data["radii"]), ("id", ids)):
+        array = numpy_to_vtk(values[order], deep=True)
         array.SetName(name)
         grid.GetPointData().AddArray(array)
     writer = vtkXMLUnstructuredGridWriter()
-    writer.SetFileName(str(tmp_path / SPHERES.name))
+    writer.SetFileName(str(folder / SPHERES.name))
     writer.SetInputData(grid)
     writer.Write()
+    return folder / SPHERES.name
+
+
+def test_ids_are_those_of_the_file_not_its_order(tmp_path):
+    """Spheres recorded in another order: lines go by place, ids by the array."""
+    piece = read_vtk(SPHERES)
+    order = np.random.default_rng(5).permutation(len(piece.points))
+    recorded(tmp_path, order, piece.points_data["id"])
     shuffled = snapshot_of(yade_vtk, tmp_path / SPHERES.name, contacts=LINES)
     assert cycles(shuffled) == cycles(table_of(BOX))
     assert (shuffled.ids == np.sort(order)).all()
+
+
+def test_ids_of_19_digits_keep_every_digit(tmp_path):
+    """As floats they are refused: each stands for hundreds of whole numbers."""
+    count = len(read_vtk(SPHERES).points)
+    ids = 2**62 + 1 + 3 * np.arange(count)
+    path = recorded(tmp_path, np.arange(count), ids)
+    assert (snapshot_of(yade_vtk, path, contacts=LINES).ids == ids).all()
+    path = recorded(tmp_path, np.arange(count), ids.astype(float))
+    with pytest.raises(InputError, match=r"column 'id' .*\.vtu, row 0: got 4.6.*below 2\*\*63"):
+        snapshot_of(yade_vtk, path, contacts=LINES)
 
 
 def test_files_of_two_snapshots(tmp_path):

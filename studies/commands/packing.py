@@ -1,0 +1,366 @@
+"""`grainloops probe`, `sustain` and `evolve`: the response of a snapshot's packing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from studies.commands.common import (
+    Answer,
+    Cells,
+    Hold,
+    HoldStress,
+    NoFigures,
+    OneReading,
+    PlaneReading,
+    Scheduler,
+    Workers,
+    Writing,
+    YieldBand,
+    answer,
+    clock,
+    out_or,
+    shown,
+)
+
+STATUS_WORDS = {
+    "unique": "one solution (proved)",
+    "one found": "one solution found",
+    "several": "several solutions",
+    "none": "no solution (proved)",
+    "none found": "no solution found",
+    "not converged": "not converged",
+}
+SUSTAINED_WORDS = {
+    "held": "held",
+    "snapped": "held through snaps",
+    "failed": "failed",
+    "unfinished": "unfinished (no limit found)",
+}
+# How the path went on past an instability.
+PASSED_WORDS = {
+    "dragged": "continued with viscous damping",
+    "held": "continued with the contact held",
+    "replayed": "continued by the equations of motion",
+    "stopped": "ended the path",
+    "lost": "where the path ends without a solution",
+    "other": "of another kind",
+}
+
+
+# Folds that one line names at most.
+SHOWN_FOLDS = 8
+
+
+def _probe_lines(summary: dict[str, Any]) -> list[str]:
+    statuses = ", ".join(
+        f"{STATUS_WORDS.get(name, name)}: {count}" for name, count in summary["statuses"].items()
+    )
+    driven = "H'" if summary["control"] == "strain" else "P'"
+    how = (
+        f"followed from event to event up to {summary['amplitude']:g}; numbers are increments over "
+        f"it; boundary: {summary['boundary']}"
+        if summary["amplitude"] is not None
+        else f"{summary['candidates']} contacts are allowed to slide (yield band "
+        f"{summary['yield_band']:g}), {summary['pieces']} different sets of sliding contacts; "
+        f"boundary: {summary['boundary']}"
+    )
+    lines = [
+        f"{summary['directions']} directions of {driven} ({summary['subspace']}): {statuses}",
+        how,
+    ]
+    if summary["undetermined"]:
+        lines.insert(0, _unanswered(summary))
+    if summary["smallest_w2"] is not None:
+        lines.append(
+            f"smallest w2 {summary['smallest_w2']:.4f} at {summary['softest_theta_deg']:.1f} "
+            f"degrees; W2 < 0 in {100 * summary['unstable_fraction']:.2f} % of directions"
+        )
+    least = summary["solutions_smallest_w2"]
+    if least is not None and least < summary["smallest_w2"] - 1e-9:
+        lines.append(
+            f"of all {summary['solutions']} solutions the smallest w2 is {least:.4f} at "
+            f"{summary['solutions_softest_theta_deg']:.1f} degrees; W2 < 0 in one at least of "
+            f"{summary['solutions_unstable_directions']} directions"
+        )
+    if len(summary["folds_deg"]) and {"none", "none found"} & set(summary["statuses"]):
+        folds = ", ".join(f"{angle:.2f}" for angle in summary["folds_deg"][:SHOWN_FOLDS])
+        more = len(summary["folds_deg"]) - SHOWN_FOLDS
+        lines.append(
+            f"solutions turn back at {folds}"
+            + (f" and {more} more" if more > 0 else "")
+            + " degrees"
+        )
+    lines += [
+        f"cone from {cone['begin_deg']:.2f} to {cone['end_deg']:.2f} degrees"
+        + ("" if all(cone["refined"]) else " (one end is known only to the next direction)")
+        for cone in summary["cones"]
+    ]
+    control = summary["destabilising"]
+    if control["status"] == "found":
+        held = ", ".join(f"{value:.4f}" for value in control["held"])
+        lines.append(
+            f"the sample loses its strength if this combination of strains is held constant: {held}"
+        )
+    if summary["orders"]:
+        lines.append(
+            "softest direction, by order of the loops: share of W2, share of its negative part"
+        )
+        lines += [
+            f"  {order:>3}  {shown(row['W2_share']):>7}  {shown(row['negative_share']):>7}"
+            for order, row in summary["orders"].items()
+            if row["loops"]
+        ]
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def _unanswered(summary: dict[str, Any]) -> str:
+    """Headline where directions have no answer, with what can be done."""
+    count, of = summary["undetermined"], summary["directions"]
+    moves = any("the state moves" in note for note in summary["notes"])
+    remedy = (
+        "bring the state to rest first with --hold"
+        if moves
+        else "try another --yield-band, or take a snapshot farther from failure"
+    )
+    if count == of:
+        return f"no solution found in any of {of} directions; {remedy}"
+    return f"no solution found in {count} of {of} directions: shares are of the others; {remedy}"
+
+
+def probe(
+    path: Annotated[Path, Parameter(help="File of the snapshot, or of its grains.")],
+    /,
+    *,
+    writing: Writing | None = None,
+    directions: Annotated[int, Parameter(help="Number of directions.")] = 72,
+    control: Annotated[
+        str,
+        Parameter(metavar="strain|stress", help="Which increment is prescribed in each direction."),
+    ] = "strain",
+    subspace: Annotated[
+        str,
+        Parameter(
+            metavar="diagonal|symmetric",
+            help="Directions (11, 22) on a circle, or with shear on a sphere.",
+        ),
+    ] = "diagonal",
+    yield_band: YieldBand = 0.99,
+    amplitude: Annotated[
+        float | None,
+        Parameter(help="Finite probe to this strain. Default: infinitesimal."),
+    ] = None,
+    hold: Hold = False,
+    hold_stress: HoldStress = False,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    no_figures: NoFigures = False,
+    reading: OneReading | None = None,
+) -> Answer:
+    """Probe a DEM snapshot in many directions: response envelope, cones, unstable loops."""
+    writing, reading = writing or Writing(), reading or OneReading()
+    out = out_or(writing.out, "probe", path)
+    words: Any = {"control": control, "subspace": subspace}
+    with clock("grainloops probe") as tell:
+        from studies.probe import run_probe
+
+        summary = run_probe(
+            path,
+            out,
+            directions=directions,
+            **words,
+            yield_band=yield_band,
+            amplitude=amplitude,
+            hold=hold,
+            hold_stress=hold_stress,
+            workers=workers,
+            scheduler=scheduler,
+            figures=not no_figures,
+            progress=lambda done: tell(f"{done} of {directions} directions"),
+            **writing.files(),
+            **reading.how_of(path),
+        )
+    said = answer(writing.json, out, _probe_lines(summary))
+    # The question found no answer at all.
+    return replace(said, status=int(summary["undetermined"] == summary["directions"]))
+
+
+def _sustain_lines(summary: dict[str, Any]) -> list[str]:
+    statuses = ", ".join(
+        f"{count} {SUSTAINED_WORDS[name]}" for name, count in summary["statuses"].items()
+    )
+    lines = [
+        f"{summary['directions']} directions of the stress rate ({summary['subspace']}), load up "
+        f"to {summary['largest']:.4g}: {statuses}"
+    ]
+    weakest = summary["weakest"]
+    if weakest is None:
+        lines.append("the equilibrium was lost in no direction")
+    elif weakest["failed_under"] is not None:
+        lines.append(
+            f"weakest direction: {weakest['theta_deg']:.1f} degrees; largest load in equilibrium: "
+            f"{weakest['limit']:.4g}, load of the failure: {weakest['failed_under']:.4g}, snaps "
+            f"before it: {weakest['snaps']}"
+        )
+    else:
+        lines.append(
+            "no direction failed; the smallest load at which the equilibrium was lost: "
+            f"{weakest['first_instability']:.4g}, at {weakest['theta_deg']:.1f} degrees"
+        )
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def sustain(
+    path: Annotated[Path, Parameter(help="Snapshot with forces, periodic or between known walls.")],
+    *,
+    writing: Writing | None = None,
+    directions: Annotated[int, Parameter(help="Number of directions of the stress rate.")] = 24,
+    subspace: Annotated[
+        str,
+        Parameter(
+            metavar="diagonal|symmetric",
+            help="Stress components that change: 11 and 22, or also the shear stress.",
+        ),
+    ] = "diagonal",
+    largest: Annotated[
+        float | None,
+        Parameter(
+            help="Largest load (force/length) in each direction, added to the stress of the start. "
+            "Default: a tenth of the mean stress."
+        ),
+    ] = None,
+    interval: Annotated[float, Parameter(help="Strain over which the geometry is kept.")] = 5e-6,
+    most_snaps: Annotated[
+        int, Parameter(help="Largest number of snaps; a direction with more stays unfinished.")
+    ] = 30,
+    hold_stress: Annotated[
+        bool,
+        Parameter(help="Bring the sample to rest at fixed stress first. Default: at fixed cell."),
+    ] = False,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    no_figures: NoFigures = False,
+    reading: OneReading | None = None,
+) -> Answer:
+    """Find the largest load that a DEM snapshot sustains in each direction of stress."""
+    writing, reading = writing or Writing(), reading or OneReading()
+    out = out_or(writing.out, "sustain", path)
+    words: Any = {"subspace": subspace}
+    with clock("grainloops sustain"):
+        from studies.sustain import run_sustain
+
+        try:
+            summary = run_sustain(
+                path,
+                out,
+                directions=directions,
+                **words,
+                largest=largest,
+                interval=interval,
+                most_snaps=most_snaps,
+                hold_stress=hold_stress,
+                workers=workers,
+                scheduler=scheduler,
+                figures=not no_figures,
+                **writing.files(),
+                **reading.how_of(path),
+            )
+        except KeyboardInterrupt:
+            kept = "finished directions are kept; the same command computes the others"
+            raise KeyboardInterrupt(kept) from None
+    return answer(writing.json, out, _sustain_lines(summary))
+
+
+def _evolve_lines(summary: dict[str, Any]) -> list[str]:
+    counts = ", ".join(f"{count} {kind}" for kind, count in summary["events"].items())
+    lines = [
+        f"{summary['status']} at {summary['driven']} = {summary['reached']:.4g} of "
+        f"{summary['to']:g}: {summary['message']}",
+        f"{summary['intervals']} intervals, events: {counts or 'none'}",
+    ]
+    if summary["unstable_contacts"]:
+        ways = ", ".join(
+            f"{count} {PASSED_WORDS.get(name, name)}" for name, count in summary["passed"].items()
+        )
+        lines.append(f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}")
+    end = "  ".join(f"{name} = {value:.6g}" for name, value in summary["end"].items())
+    lines.append(f"end: {end}")
+    if summary["negative_loops"] is not None:
+        lines.append(
+            f"W2 < 0 in {100 * summary['negative_loops']:.1f} % of {summary['loops']} loops"
+        )
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def evolve(
+    *paths: Annotated[
+        Path,
+        Parameter(
+            required=True,
+            help="Snapshot to start from; further snapshots are plotted for comparison.",
+        ),
+    ],
+    writing: Writing | None = None,
+    to: Annotated[
+        float,
+        Parameter(help="Change of the driven strain or stress, negative in extension; say 1e-4."),
+    ],
+    programme: Annotated[
+        str,
+        Parameter(
+            metavar="NAME",
+            help="Loading programme: drained, isotropic, isotropic-stress, oedometric, undrained.",
+        ),
+    ] = "drained",
+    axis: Annotated[int, Parameter(help="Driven axis: 1 or 2.")] = 1,
+    rows: Annotated[int, Parameter(help="Rows of the path, evenly spaced.")] = 20,
+    interval: Annotated[
+        float,
+        Parameter(help="Strain over which the geometry is kept; the error is proportional to it."),
+    ] = 5e-6,
+    instabilities: Annotated[int, Parameter(help="Stop after this many unstable contacts.")] = 20,
+    past: Annotated[
+        str,
+        Parameter(
+            metavar="viscous|dynamic|stop",
+            help="How the path continues past an unstable contact.",
+        ),
+    ] = "viscous",
+    hold: Hold = False,
+    hold_stress: HoldStress = False,
+    cells: Cells = None,
+    no_figures: NoFigures = False,
+    animation: Annotated[
+        bool, Parameter(help="Draw the second-order work of the loops row by row, as GIF.")
+    ] = False,
+    reading: PlaneReading | None = None,
+) -> Answer:
+    """Follow a DEM snapshot from event to event: stresses, events, second-order work of loops."""
+    writing, reading = writing or Writing(), reading or PlaneReading()
+    out = out_or(writing.out, "evolve", paths[0])
+    words: Any = {"programme": programme, "past": past}
+    with clock("grainloops evolve") as tell:
+        from studies.evolve import run_evolve
+
+        summary = run_evolve(
+            paths,
+            out,
+            to=to,
+            **words,
+            axis=axis,
+            rows=rows,
+            interval=interval,
+            instabilities=instabilities,
+            hold=hold,
+            hold_stress=hold_stress,
+            cells=cells,
+            figures=not no_figures,
+            animation=animation,
+            progress=lambda reached: tell(f"{reached:.3g} of {abs(to):g}"),
+            **writing.files(),
+            **reading.how(),
+        )
+    return answer(writing.json, out, _evolve_lines(summary))

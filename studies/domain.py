@@ -1,0 +1,402 @@
+"""The bifurcation domain of the diamond: where loading programmes lose stability in (s1, s2).
+
+From the virgin loop, a fan of straight strain programmes `E' = (cos b, sin b)`; on each the first
+state where `det Ks = 0` and where `det K = 0`, exact, with contacts that always stick and with
+friction. Sticking contacts have `det K = kappa - N/l` (35) and `det Ks = det K - (T/2l)^2`, because
+`K12 - K21 = -T/l`: in terms of the branch alone, the same for every `alpha0`. With
+`T = s mu N` they slide, and `det K = -(1 + mu^2) N/l` (36) is negative at once: where a programme
+yields before, both determinants are lost in a jump.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from loops import InputError
+from loops.arrays import Floats
+from patterns.diamond import (
+    TABLE_1,
+    TABLE_2,
+    critical_strain,
+    determinant_elastic,
+    determinant_sliding,
+    opposite_gaps,
+    stress_of_isotropic_strain,
+)
+from patterns.diamond.strain_lines import (
+    StrainLine,
+    bisect,
+    line_states,
+    sticking_shear,
+    strain_line,
+    yield_position,
+)
+from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
+from studies.output import definitions
+from studies.study import study
+from studies.style import (
+    BLACK,
+    LIGHT_GREY,
+    LINE_COLOURS,
+    ONE_COLUMN,
+    TWO_COLUMNS,
+    axes_or_new,
+    key_columns,
+    new_panels,
+    styled,
+)
+
+# Points of a programme among which the first change of sign of det Ks is bracketed.
+POINTS = 256
+UNITS = "dimensionless: forces over kn l0, stresses over kn; angles in degrees"
+LOSSES = ("det_Ks_zero", "det_K_zero")
+# Opposite grains nearer than this, in reference branches, touch within rounding.
+OVERLAP_ATOL = 1e-14
+DRAWN_PROGRAMMES = 31
+
+
+class Case(NamedTuple):
+    """One diamond: reference angle and friction angle in radians, stiffness ratio."""
+
+    alpha0: float
+    kappa: float
+    phi: float
+
+    @property
+    def mu(self) -> float:
+        """Coefficient of friction; infinite where nothing slides."""
+        return float(np.tan(self.phi)) if self.phi < 0.5 * np.pi else float("inf")
+
+    def described(self) -> dict[str, float]:
+        """Columns of the table and the summary that name the diamond, angles in degrees."""
+        alpha0, phi = (round(float(np.degrees(angle)), 12) for angle in (self.alpha0, self.phi))
+        return {"alpha0_deg": alpha0, "kappa": self.kappa, "phi_deg": phi}
+
+
+def rows_of(table: pd.DataFrame, case: Case) -> pd.DataFrame:
+    """The rows of one diamond."""
+    named = case.described()
+    return table[(table[list(named)] == list(named.values())).all(axis=1)]
+
+
+PAPER_CASES = tuple(Case(table.alpha0, table.kappa, table.phi) for table in (TABLE_1, TABLE_2))
+
+
+@dataclass(frozen=True)
+class DomainParameters:
+    """Options of `grainloops domain`; angles in degrees."""
+
+    alpha0_deg: tuple[float, ...] | None = None
+    kappa: tuple[float, ...] | None = None
+    phi_deg: float | None = None
+    directions: int = 1441
+
+    def __post_init__(self) -> None:
+        _each("--alpha0", self.alpha0_deg, lambda a: 0.0 < a < 90.0, "degrees in (0, 90)")
+        _each("--kappa", self.kappa, lambda k: 0.0 < k < np.inf, "positive ratios")
+        phi = None if self.phi_deg is None else (self.phi_deg,)
+        _each("--phi", phi, lambda p: 0.0 < p <= 90.0, "degrees in (0, 90]")
+        if self.directions < 3 or self.directions % 2 == 0:
+            raise InputError(
+                "--directions", str(self.directions), "an odd number from 3 on", "Correct it."
+            )
+
+    def cases(self) -> tuple[Case, ...]:
+        """The diamonds, in radians."""
+        if self.alpha0_deg is None and self.kappa is None and self.phi_deg is None:
+            return PAPER_CASES
+        angles = (TABLE_1.alpha0,) if self.alpha0_deg is None else np.radians(self.alpha0_deg)
+        ratios = (TABLE_1.kappa,) if self.kappa is None else self.kappa
+        phi = TABLE_1.phi if self.phi_deg is None else float(np.radians(self.phi_deg))
+        return tuple(Case(float(a), k, phi) for a, k in product(angles, ratios))
+
+    def described(self) -> dict[str, Any]:
+        """Value of every option by its name on the command line."""
+        cases = [case.described() for case in self.cases()]
+        return {"cases": cases, "directions": self.directions}
+
+
+def _each(
+    name: str, values: tuple[float, ...] | None, holds: Callable[[float], bool], expected: str
+) -> None:
+    if values is None:
+        return
+    wrong = [f"{value:.17g}" for value in values if not holds(value)]
+    if wrong or not values:
+        received = ", ".join(wrong) or "an empty list"
+        raise InputError(name, received, expected, f"Correct {name}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """First losses along the programmes of a fan; arrays (n,), NaN where there is none.
+
+    Positions `u` on `line`, of yield too: a loss at yield is a jump. `programme` holds angles in
+    (E1, E2), radians; `mu` is infinite where the contacts stick.
+    """
+
+    programme: Floats
+    line: StrainLine
+    mu: float
+    det_Ks_zero: Floats
+    det_K_zero: Floats
+    yields: Floats
+
+
+def programme_fan(alpha0: float, directions: int) -> tuple[Floats, StrainLine]:
+    """Programmes that compress the virgin loop, evenly spread about the isotropic one.
+
+    Evenly means by the angle between the line and the branch, in half diagonals: the forces along
+    the lines are then the same for every `alpha0`.
+    """
+    spread = 0.5 * np.pi * np.arange(-(directions // 2), directions // 2 + 1)
+    turned = alpha0 + spread / (directions // 2 + 1)
+    programme = np.arctan2(np.sin(turned) / np.sin(alpha0), np.cos(turned) / np.cos(alpha0))
+    return programme, strain_line(alpha0, 0.0, 0.0, programme)
+
+
+def first_losses(case: Case, directions: int, *, friction: bool) -> Losses:
+    """Losses of one diamond along its fan of programmes."""
+    programme, line = programme_fan(case.alpha0, directions)
+    last = np.minimum(line.opening, line.folding)
+    lost_K = _within(sticking_det_K_zero(line, case.kappa), last)
+    lost_Ks = sticking_det_Ks_zero(line, case.kappa, lost_K, last)
+    mu = case.mu if friction else float("inf")
+    yields = _within(yield_position(line, case.kappa, mu), last)
+    return Losses(
+        programme=programme,
+        line=line,
+        mu=mu,
+        # fmin takes the other where one of the two is NaN.
+        det_Ks_zero=np.fmin(lost_Ks, yields),
+        det_K_zero=np.fmin(lost_K, yields),
+        yields=yields,
+    )
+
+
+def sticking_det_K_zero(line: StrainLine, kappa: float) -> Floats:
+    """`u` where `l = 1/(1 + kappa)`, the zero of (35); NaN on lines that never come so close."""
+    with np.errstate(invalid="ignore"):
+        return -np.sqrt((1.0 + kappa) ** -2 - line.distance**2)
+
+
+def sticking_det_Ks(line: StrainLine, u: Floats, kappa: float) -> Floats:
+    """`det Ks = kappa - N/l - (T/2l)^2` of sticking contacts."""
+    length = np.hypot(line.distance, u)
+    # The branch vanishes at the limit of a radial line: avoid a division by zero there.
+    length = np.maximum(length, np.finfo(float).tiny)
+    T = sticking_shear(line, u, kappa)
+    return kappa + 1.0 - 1.0 / length - (0.5 * T / length) ** 2
+
+
+def sticking_det_Ks_zero(line: StrainLine, kappa: float, lost_K: Floats, last: Floats) -> Floats:
+    """First `u` where `det Ks = 0`, no later than `lost_K` (Bromwich); NaN if none."""
+    high = np.where(np.isnan(lost_K), last, lost_K)
+    grid = line.start + np.linspace(0.0, 1.0, POINTS)[:, None] * (high - line.start)
+    lost = sticking_det_Ks(line, grid, kappa) < 0.0
+    # On a line without shear both vanish together, and rounding may hide the sign.
+    lost[-1] |= ~np.isnan(lost_K)
+    first, rows = np.argmax(lost, axis=0), np.arange(high.size)
+    bracket = grid[np.maximum(first - 1, 0), rows], grid[first, rows]
+    root = bisect(lambda u: -sticking_det_Ks(line, u, kappa), *bracket)
+    return np.where(lost.any(axis=0), root, np.nan)
+
+
+def _within(u: Floats, last: Floats) -> Floats:
+    with np.errstate(invalid="ignore"):
+        return np.where(u <= last, u, np.nan)
+
+
+def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
+    """Losses of every diamond along its fan, with contacts that stick and with friction."""
+    parts = []
+    for case in cases:
+        for friction in (False, True) if np.isfinite(case.mu) else (False,):
+            losses = first_losses(case, directions, friction=friction)
+            parts += [loss_table(case, losses, kind) for kind in LOSSES]
+    return pd.concat(parts, ignore_index=True)
+
+
+def loss_table(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
+    """One row for each programme with a loss of this kind: its state and determinants."""
+    u = getattr(losses, kind)
+    found = np.isfinite(u)
+    line, sliding = losses.line.take(found), (u == losses.yields)[found]
+    state = line_states(line, u[found], case.kappa, losses.mu)
+    # (29) to (36); `line.sense` is the sign of T.
+    measures = (state.E1, state.E2, state.s1, state.s2, state.alpha)
+    sign, mu = np.where(sliding, line.sense, 1.0), case.mu if np.isfinite(case.mu) else 0.0
+    elastic, slipping = (
+        determinant_elastic(*measures, case.kappa),
+        determinant_sliding(*measures, mu, sign),
+    )
+    det_K = np.where(sliding, slipping, elastic)
+    asymmetry = np.where(sliding, material_asymmetry(mu, sign), 0.0) + geometric_asymmetry(
+        *measures
+    )
+    gaps = np.minimum(*opposite_gaps(state.E1, state.E2, case.alpha0))
+    columns: dict[str, Any] = {
+        **case.described(),
+        "contacts": "frictional" if np.isfinite(losses.mu) else "sticking",
+        "kind": kind,
+        "programme_deg": np.degrees(losses.programme[found]),
+        "regime": np.where(sliding, "sliding", "elastic"),
+        **{name: getattr(state, name) for name in ("E1", "E2", "s1", "s2", "N", "T")},
+        "alpha_deg": np.degrees(state.alpha),
+        "det_K": det_K,
+        "det_Ks": det_K - (0.5 * asymmetry) ** 2,
+        "opposite_overlap": gaps < -OVERLAP_ATOL,
+    }
+    return pd.DataFrame(columns)
+
+
+def run_domain(
+    parameters: DomainParameters, out: Path, *, force: bool = False, csv: bool = False
+) -> dict[str, Any]:
+    """Find the bifurcation domains of diamonds, and write the table, summary and figure."""
+    with study("domain", out, parameters.described(), UNITS, force=force, csv=csv) as results:
+        table = domain_table(parameters.cases(), parameters.directions)
+        results.write_tables({"domain": table})
+        summary = results.write_summary(domain_summary(table, parameters))
+        results.save_figures([("domain", domain_figure(table, parameters.cases()))])
+    return summary
+
+
+def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> dict[str, Any]:
+    """Counts and bounds of each diamond's domain."""
+    return {
+        "directions": parameters.directions,
+        "cases": [
+            {
+                **case.described(),
+                "isotropic_strain": float(critical_strain(case.kappa)),
+                "contacts": {
+                    str(name): _contacts(own)
+                    for name, own in rows_of(table, case).groupby("contacts")
+                },
+            }
+            for case in parameters.cases()
+        ],
+        "definitions": definitions("domain"),
+    }
+
+
+def _contacts(table: pd.DataFrame) -> dict[str, Any]:
+    first, last = (table[table.kind == kind].set_index("programme_deg") for kind in LOSSES)
+    # Along one programme the strains grow in proportion.
+    size = [np.hypot(own.E1, own.E2) for own in (first, last)]
+    return {
+        "det_Ks_zero": len(first),
+        "det_K_zero": len(last),
+        "by_yielding": int((first.regime == "sliding").sum()),
+        "opposite_overlap": int(first.opposite_overlap.sum()),
+        "det_Ks_first": len(first) - int((size[0] >= size[1].reindex(size[0].index)).sum()),
+        "s1": [float(first.s1.min()), float(first.s1.max())],
+        "s2": [float(first.s2.min()), float(first.s2.max())],
+    }
+
+
+@styled()
+def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
+    """The domains, a column for each reference angle; below, near a single diamond's curves."""
+    angles = list(dict.fromkeys(case.alpha0 for case in cases))
+    rows, columns = 2 if len(angles) == len(cases) else 1, len(angles)
+    width = ONE_COLUMN * 1.2 if columns == 1 else max(TWO_COLUMNS, 2.4 * columns)
+    figure, panels = new_panels(rows, columns, 0.8 + 2.4 * rows, width)
+    for angle, (whole, *near) in zip(angles, panels.T, strict=True):
+        own = [case for case in cases if case.alpha0 == angle]
+        if near:
+            draw_programmes(own[0], whole)
+            ax = draw_domain(table, own, near[0], _colours(cases))
+            # Limits around the curves of sticking contacts.
+            losses = pd.concat([rows_of(table, case) for case in own])
+            sticking = losses[losses.contacts == "sticking"]
+            for values, limit in ((sticking.s1, ax.set_xlim), (sticking.s2, ax.set_ylim)):
+                margin = 0.1 * (values.max() - values.min())
+                limit(values.min() - margin, values.max() + margin)
+        draw_domain(table, own, whole, _colours(cases))
+        phi = (
+            rf"$\varphi$ = {np.degrees(own[0].phi):g}°" if np.isfinite(own[0].mu) else "no sliding"
+        )
+        whole.set_title(rf"$\alpha_0$ = {np.degrees(angle):g}°, {phi}")
+    handles = _legend(cases, drawn_programmes=rows == 2)
+    beside = key_columns(figure, 2 if columns == 1 else 4)
+    figure.legend(handles=handles, loc="outside lower center", ncols=beside)
+    return figure
+
+
+def _colours(cases: Sequence[Case]) -> dict[float, str]:
+    """Colour of each stiffness ratio."""
+    ratios = dict.fromkeys(case.kappa for case in cases)
+    return {kappa: LINE_COLOURS[k % len(LINE_COLOURS)] for k, kappa in enumerate(ratios)}
+
+
+def _legend(cases: Sequence[Case], *, drawn_programmes: bool) -> list[Artist]:
+    handles: list[Artist] = [
+        Line2D([], [], color=BLACK, label=r"$\det K_s = 0$, sticking"),
+        Line2D([], [], color=BLACK, linestyle="--", label=r"$\det K = 0$, sticking"),
+    ]
+    if any(np.isfinite(case.mu) for case in cases):
+        handles += [
+            Line2D([], [], color=BLACK, linestyle=":", label="yield: both lost by sliding"),
+            Patch(facecolor=BLACK, alpha=0.15, label="stable with friction"),
+        ]
+    if drawn_programmes:
+        handles.append(Line2D([], [], color=LIGHT_GREY, label="programmes, sticking"))
+    for kappa, colour in _colours(cases).items():
+        label = rf"isotropic strain, $\kappa$ = {kappa:g}"
+        handles.append(Line2D([], [], color=colour, marker="o", linestyle="", label=label))
+    return handles
+
+
+@styled()
+def draw_domain(
+    table: pd.DataFrame,
+    cases: Sequence[Case],
+    ax: Axes | None = None,
+    colours: Mapping[float, str] | None = None,
+) -> Axes:
+    """Domains of diamonds of one reference angle."""
+    ax = axes_or_new(ax)
+    for case in cases:
+        colour = (colours or _colours(cases))[case.kappa]
+        own = rows_of(table, case)
+        for kind, style in (("det_Ks_zero", "-"), ("det_K_zero", "--")):
+            curve = own[(own.contacts == "sticking") & (own.kind == kind)]
+            ax.plot(curve.s1, curve.s2, style, color=colour, linewidth=1.0)
+        bound = own[(own.contacts == "frictional") & (own.kind == "det_Ks_zero")]
+        ax.fill(bound.s1, bound.s2, color=colour, alpha=0.15, linewidth=0.0)
+        # The part lost by sliding, up to its neighbours on the elastic side.
+        sliding = np.pad((bound.regime == "sliding").to_numpy(), 1)
+        near = sliding[:-2] | sliding[1:-1] | sliding[2:]
+        yielding = (np.where(near, values, np.nan) for values in (bound.s1, bound.s2))
+        ax.plot(*yielding, ":", color=colour, linewidth=1.6)
+        s1, s2 = stress_of_isotropic_strain(critical_strain(case.kappa), case.alpha0)
+        ax.plot(float(s1), float(s2), "o", color=colour)
+    ax.set(xlabel="$s_1$ over $k_n$ (–)", ylabel="$s_2$ over $k_n$ (–)")
+    ax.locator_params(nbins=6)
+    return ax
+
+
+@styled()
+def draw_programmes(case: Case, ax: Axes | None = None) -> Axes:
+    """Stresses along a few programmes, of contacts that stick, up to the loss of `det Ks`."""
+    ax = axes_or_new(ax)
+    losses = first_losses(case, DRAWN_PROGRAMMES, friction=False)
+    share = np.linspace(0.0, 1.0, 200)[:, None]
+    start, end = losses.line.start, losses.det_Ks_zero
+    states = line_states(losses.line, start + share * (end - start), case.kappa)
+    ax.plot(states.s1, states.s2, color=LIGHT_GREY, linewidth=0.6, zorder=0)
+    return ax

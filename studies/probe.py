@@ -1,0 +1,355 @@
+"""The study behind `grainloops probe`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from loops import GrainGraph, InputError
+from loops.arrays import Floats
+from loops.errors import number
+from loops.laws import ContactLaw
+from loops.packing import PlaneContacts
+from patterns import Snapshot
+from stability import Stage, follow
+from stability.packing import PackingPath, Probe
+from stability.packing.hold import HoldControl
+from stability.packing.probe import probe_edge
+from stability.packing.probe_paths import probe_to
+from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
+from studies.output import definitions, readable
+from studies.series.evolution import components
+from studies.series.workers import one_blas_thread, open_runner
+from studies.snapshot.held import held_snapshot, hold_control
+from studies.snapshot.in_packing import balance_notes, followed_walls, sample_edge
+from studies.snapshot.run import read_planar, reading
+from studies.study import study
+
+UNITS = (
+    "as the input's: stress = force/length (two dimensions); P', H' and W2 are rates per unit of "
+    "the direction; angles in degrees"
+)
+OUTLINE = (
+    "walls and cell are unknown: the outline's grains follow the strain, which stiffens the sample"
+)
+
+
+def run_probe(
+    path: Path,
+    out: Path,
+    *,
+    directions: int = 72,
+    control: Driven = "strain",
+    subspace: Subspace = "diagonal",
+    yield_band: float = 0.99,
+    amplitude: float | None = None,
+    hold: bool = False,
+    hold_stress: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    force: bool = False,
+    csv: bool = False,
+    figures: bool = True,
+    progress: Callable[[int], None] | None = None,
+    **how: Any,
+) -> dict[str, Any]:
+    """Probe a snapshot, write tables, figures and a report; return the summary.
+
+    `hold` brings the state to rest at fixed cell or walls first, `hold_stress` at fixed stress.
+    `progress` is told how many directions are done.
+    `how` are options of `read_planar`. Directions that are followed to an amplitude are shared
+    among this number of processes, by default one a core, or among the workers of a Dask scheduler.
+    """
+    if amplitude is not None:
+        number("amplitude", amplitude, 0.0, open_low=True)
+    elif workers is not None or scheduler is not None:
+        which, remedy = "--workers, --scheduler", "Give --amplitude, or leave them out."
+        raise InputError(which, "rates alone", "directions to follow", remedy)
+    asked: dict[str, Any] = {
+        "directions": directions,
+        "control": control,
+        "subspace": subspace,
+        "yield_band": yield_band,
+        "amplitude": amplitude,
+    }
+    held_control = hold_control(hold, hold_stress)
+    configuration = {"path": path, **reading(**how), **asked, "hold": held_control}
+    with study("probe", out, configuration, UNITS, force=force, csv=csv) as results:
+        snapshot, held = held_snapshot(read_planar(path, **how), held_control)
+        faces, notes = snapshot.faces, list(snapshot.notes)
+        edge = sample_edge(snapshot, yield_band)
+        found = probe_edge(edge, directions, control, subspace, faces, progress=progress)
+        if amplitude is not None:
+            notes += balance_notes(snapshot)
+            shared = partial(_followed, snapshot, workers, scheduler)
+            packing = (snapshot.graph, snapshot.mechanics()[0], faces)
+            found = probe_to(found, *packing, amplitude, shared, *followed_walls(snapshot))
+        if found.system.held:
+            notes.append(OUTLINE)
+        orders, loops = order_work_table(found), loop_work_table(found)
+        tables = {"probe": direction_table(found), "orders": orders, "loops": loops}
+        if amplitude is None:
+            tables |= {"pieces": piece_table(found), "solutions": solution_table(found)}
+        results.write_tables(tables)
+        kn = snapshot.mean_kn
+        found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
+        summary = results.write_summary(found_values | asked)
+        if figures:
+            from studies.probe_figures import probe_figures
+            from studies.snapshot.polygons import loops_for_map
+
+            pictures = results.save_figures(probe_figures(snapshot, found, loops, summary))
+            title, maps = f"Probes of {readable(path.name)}", loops_for_map(snapshot, loops)
+            results.write_report(title, summary, pictures, maps)
+    return summary
+
+
+def probe(
+    snapshot: Snapshot,
+    directions: ArrayLike = 72,
+    *,
+    control: Driven = "strain",
+    subspace: Subspace = "diagonal",
+    yield_band: float = 0.99,
+    hold: HoldControl | None = None,
+) -> Probe:
+    """Probe a snapshot: the response of its packing in many directions, from this one state.
+
+    The sample ends at its periodic cell or at its walls, which are planes that move with the
+    strain; without either the grains of the outline follow the strain. Theory, section 11.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        A snapshot with forces.
+    directions : int or (D, m) array_like
+        How many, evenly spread; or the directions themselves (m = 2, or 3 with shear).
+    control : {'strain', 'stress'}
+        Whether the directions are those of `H'` or of `P'`, compression positive.
+    subspace : {'diagonal', 'symmetric'}
+        Components (11, 22), or (11, 22, (12 + 21)/sqrt 2).
+    yield_band : float
+        Contacts with `|T| >= yield_band mu N` may slide, 0 to 1.
+    hold : {'strain', 'stress'}, optional
+        Bring the sample to rest first, at a fixed cell (between walls that stand still) or at
+        fixed stress.
+
+    Returns
+    -------
+    Probe
+        Rates, second-order work and status of every direction; see `stability.packing.Probe`.
+
+    Raises
+    ------
+    InputError
+        If the snapshot has no forces, an option is unknown, or the sample does not come to rest.
+
+    Examples
+    --------
+    >>> import grainloops as gl
+    >>> snapshot = gl.read_snapshot(gl.sample_path())
+    >>> found = gl.probe(snapshot, 8, hold="strain")
+    >>> int(found.determined.sum())
+    8
+    """
+    at_rest, _ = held_snapshot(snapshot, hold)
+    edge = sample_edge(at_rest, yield_band)
+    return probe_edge(edge, directions, control, subspace, at_rest.faces)
+
+
+@dataclass(frozen=True, eq=False)
+class _Direction:
+    """Task of a worker: one direction to follow."""
+
+    number: int
+    graph: GrainGraph
+    law: ContactLaw
+    planes: PlaneContacts | None
+    plane_force: Floats | None
+    stage: Stage
+
+    @property
+    def name(self) -> str:
+        return f"direction {self.number}"
+
+
+def _follow(one: _Direction) -> tuple[int, PackingPath]:
+    with one_blas_thread():
+        return one.number, follow(
+            one.graph, one.law, one.stage, closure="packing", planes=one.planes,
+            plane_force=one.plane_force,
+        )  # fmt: skip
+
+
+def _followed(
+    snapshot: Snapshot, workers: int | None, scheduler: str | None, stages: Sequence[Stage]
+) -> list[PackingPath]:
+    """Paths of all directions, independent of the number of processes."""
+    packing = (snapshot.graph, snapshot.mechanics()[0], *followed_walls(snapshot))
+    tasks = [_Direction(k, *packing, stage) for k, stage in enumerate(stages)]
+    with open_runner(workers, scheduler, []) as runner:
+        found = dict(runner(_follow, tasks))
+    return [found[k] for k in range(len(stages))]
+
+
+def direction_table(found: Probe) -> pd.DataFrame:
+    """One row per direction: strain and stress rates, second-order work, status."""
+    columns = {"theta_deg": np.degrees(found.theta)}
+    for name, values in (
+        ("H", found.strain_rate),
+        ("P", found.stress_rate),
+        ("elastic_H", found.elastic_strain),
+        ("elastic_P", found.elastic_stress),
+    ):
+        columns |= components(name, values)
+    return pd.DataFrame(
+        columns
+        | {
+            "W2": found.work,
+            "w2": found.normalised,
+            "status": found.status,
+            "sliding": found.sliding,
+            "disagreeing": found.disagreeing,
+            "residual": found.residual,
+            "piece": found.piece,
+            "fold_before_deg": np.degrees(found.between_folds[:, 0]),
+            "fold_after_deg": np.degrees(found.between_folds[:, 1]),
+        }
+    )
+
+
+def solution_table(found: Probe) -> pd.DataFrame:
+    """One row per solution that is known: its direction, rates, second-order work."""
+    listed = found.solutions
+    return pd.DataFrame(
+        {
+            "direction": listed.direction,
+            "theta_deg": np.degrees(found.theta)[listed.direction],
+            **components("H", listed.strain_rate),
+            **components("P", listed.stress_rate),
+            "W2": listed.work,
+            "w2": listed.normalised,
+            "sliding": listed.sliding,
+        }
+    )
+
+
+def piece_table(found: Probe) -> pd.DataFrame:
+    """One row per piece: the arc where it holds, the number of its directions, its tangent."""
+    m = found.directions.shape[1]
+    count = np.bincount(found.piece[found.determined], minlength=len(found.tangents))
+    tangents = found.tangents.reshape(-1, m * m).T
+    names = [f"K{i + 1}{j + 1}" for i in range(m) for j in range(m)]
+    return pd.DataFrame(
+        {
+            "piece": np.arange(len(found.tangents)),
+            "begin_deg": np.degrees(found.arcs[:, 0]),
+            "end_deg": np.degrees(found.arcs[:, 1]),
+            "directions": count,
+            **dict(zip(names, tangents, strict=True)),
+        }
+    )
+
+
+def order_work_table(found: Probe) -> pd.DataFrame:
+    """One row per direction and order: share of the loops in the sample's W2, in its negative part.
+
+    Order 0 stands for the contacts that are in no loop or in only one.
+    """
+    orders, at = np.unique(found.order, return_inverse=True)
+    member = at == np.arange(len(orders))[:, None]
+    work = found.loop_work @ member.T
+    negative = np.minimum(found.loop_work, 0.0) @ member.T
+    rest = (found.work - work.sum(axis=1))[:, None]
+    work, negative = np.hstack([rest, work]), np.hstack([0.0 * rest, negative])
+    shape = work.shape
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shares = work / found.work[:, None], negative / negative.sum(axis=1, keepdims=True) + 0.0
+    area = np.bincount(at, found.area, minlength=len(orders)) / found.area.sum()
+    columns = {
+        "theta_deg": np.degrees(found.theta)[:, None],
+        "order": np.append(0, orders),
+        "loops": np.append(0, member.sum(axis=1)),
+        "area_share": np.append(0.0, area),
+        "W2": work,
+        "W2_share": shares[0],
+        "negative": negative,
+        "negative_share": shares[1],
+    }
+    return pd.DataFrame(
+        {name: np.broadcast_to(value, shape).ravel() for name, value in columns.items()}
+    )
+
+
+def loop_work_table(found: Probe) -> pd.DataFrame:
+    """One row per loop: its work in the softest direction, and that work over its own area."""
+    softest = found.softest
+    work = np.full(len(found.order), np.nan) if softest is None else found.loop_work[softest]
+    return pd.DataFrame(
+        {
+            "loop": np.arange(len(found.order)),
+            "order": found.order,
+            "area": found.area,
+            "W2": work,
+            "additive_w": work * found.system.volume / found.area,
+        }
+    )
+
+
+def probe_summary(found: Probe, orders: pd.DataFrame) -> dict[str, Any]:
+    """Summary of a probe and its table of orders."""
+    statuses, counts = np.unique(found.status, return_counts=True)
+    softest, control, carrying = found.softest, found.destabilising, found.system.carrying
+    theta, shares, cover = np.degrees(found.theta), {}, None
+    listed = found.solutions
+    least = int(np.argmin(listed.normalised)) if len(listed.normalised) else None
+    unstable = listed.direction[listed.normalised < -NEUTRAL]
+    if softest is not None:
+        # Every direction has the same number of rows.
+        per_direction = len(orders) // len(theta)
+        rows = orders[softest * per_direction :][:per_direction].set_index("order")
+        names = ["loops", "area_share", "W2_share", "negative_share"]
+        shares = {str(order): row for order, row in rows[names].to_dict("index").items()}
+    if found.directions.shape[1] == 2 and len(found.arcs):
+        # Arcs overlap only where a direction has several solutions.
+        cover = float(min(np.ptp(found.arcs, axis=1).sum() / (2.0 * np.pi), 1.0))
+    return {
+        "boundary": found.system.boundary,
+        "candidates": found.candidates,
+        "clusters": carrying.clusters,
+        "cones": [
+            {"begin_deg": begin, "end_deg": end, "refined": sure.tolist()}
+            for (begin, end), sure in zip(np.degrees(found.cones), found.refined, strict=True)
+        ],
+        "definitions": definitions("probe"),
+        "destabilising": {
+            name: getattr(control, name)
+            for name in ("status", "direction", "held", "work", "reaction")
+        },
+        "elastic_tangent": found.elastic_tangent,
+        "folds_deg": np.degrees(found.folds),
+        "loops": len(found.order),
+        "orders": shares,
+        "pieces": len(found.tangents),
+        "pieces_cover": cover,
+        "rattlers": carrying.rattlers,
+        "settled": found.settled,
+        "smallest_w2": None if softest is None else float(found.normalised[softest]),
+        "softest_theta_deg": None if softest is None else float(theta[softest]),
+        "solutions": len(listed.direction),
+        "solutions_smallest_w2": None if least is None else float(listed.normalised[least]),
+        "solutions_softest_theta_deg": (
+            None if least is None else float(theta[listed.direction[least]])
+        ),
+        "solutions_unstable_directions": len(np.unique(unstable)),
+        "statuses": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
+        "undetermined": int(np.count_nonzero(~found.determined)),
+        "unstable_fraction": found.unstable_fraction,
+    }

@@ -1,0 +1,166 @@
+"""Loops of several snapshots in memory, as data frames: fates, increments, one table of all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from patterns import Snapshot
+from stability import COMPONENTS
+from studies.frames import loop_table
+from studies.output import provenance
+from studies.series import evolution
+from studies.series.plan import plan_series
+from studies.series.run import UNITS
+from studies.snapshot.run import planar, reading
+
+File = str | os.PathLike[str]
+
+
+def fates(before: Snapshot, after: Snapshot) -> pd.DataFrame:
+    """One row a loop: its fate between two snapshots.
+
+    Parameters
+    ----------
+    before, after : Snapshot
+        Earlier and later state of one sample, grains known by their ids.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row a loop of the earlier snapshot, then one a loop that was born: `loop_before`, its
+        number (-1 if born); `fate`, see `loop_fates`; `successor`, the later loop that shares most
+        sides with it (-1 for none), `successors`, all that share any; `order_before`, `order_after`
+        (of the successor), 0 for none.
+
+    Raises
+    ------
+    InputError
+        If branches cross, or ids repeat.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> snapshot = read_snapshot(sample_path())
+    >>> fates(snapshot, snapshot)["fate"].value_counts().to_dict()
+    {'survived': 309}
+    """
+    found = evolution.track_loops(planar(before), planar(after))
+    return _frame("fates", evolution.fate_columns(found))
+
+
+def increments(before: Snapshot, after: Snapshot) -> pd.DataFrame:
+    """One row a loop that survives: its strain, stress and second-order work between two snapshots.
+
+    Parameters
+    ----------
+    before, after : Snapshot
+        Earlier and later state of one sample, grains known by their ids.
+
+    Returns
+    -------
+    pandas.DataFrame
+        `loop_before`, `loop_after`, `order`, `area`; displacement gradient `H11` to `H22` and
+        `rotation` (degrees, anticlockwise); where both snapshots have a law `dP11` to `dP22`
+        (nominal stress, force per length, compression positive), `hill_work`, `hill_cosine`; the
+        work `W2` in the frame that turns with the loop and over the norms `w2`; `affine_W2` to
+        `traction_free_W2`, predictions by tangents of the earlier state; `sliding_contacts`.
+
+    Raises
+    ------
+    InputError
+        If branches cross, or ids repeat.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> snapshot = read_snapshot(sample_path())
+    >>> table = increments(snapshot, snapshot)
+    >>> len(table), float(table["H22"].abs().max()), float(table["W2"].abs().max())
+    (309, 0.0, 0.0)
+    """
+    before, after = planar(before), planar(after)
+    found = evolution.track_loops(before, after)
+    return _frame("increments", evolution.increments(before, after, found))
+
+
+def series(
+    snapshots: Sequence[File | Snapshot], cells: File | None = None, **how: Any
+) -> pd.DataFrame:
+    """One row a loop of each of several snapshots, with the strain of the sample between them.
+
+    Parameters
+    ----------
+    snapshots : sequence of path or Snapshot
+        In the order of time; of a file with several snapshots all.
+    cells : path, optional
+        Table of the periodic cells of files: `snap`, `h_xx`, `h_xy`, `h_yx`, `h_yy`.
+    **how
+        Options of `read_snapshot`, the same for all files.
+
+    Returns
+    -------
+    pandas.DataFrame
+        `snapshot`, its place from 0; displacement gradient of the sample since the first snapshot
+        `sample_H11` to `sample_H22`, and over the interval that led here `sample_dH11` to
+        `sample_dH22` (from the cells, else from the motion of the grains; nan for the first); then
+        the columns of `loop_table`.
+
+    Raises
+    ------
+    InputError
+        As `read_snapshot`; if branches cross or there is no snapshot.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> state = read_snapshot(sample_path())
+    >>> table = series([state, state])
+    >>> table.groupby("snapshot")["sample_H22"].agg(["size", "max"]).to_numpy().tolist()
+    [[309.0, 0.0], [309.0, 0.0]]
+    """
+    tables: list[pd.DataFrame] = []
+    F, before = np.eye(2), None
+    for place, state in enumerate(_read(snapshots, cells, how)):
+        dH = np.full((2, 2), np.nan)
+        if before is not None:
+            dH = evolution.sample_strain(before, state)[0]
+            F = (np.eye(2) - dH) @ F
+        own: dict[str, float] = {"snapshot": place}
+        own |= {f"sample_H{ij}": h for ij, h in zip(COMPONENTS, (np.eye(2) - F).flat, strict=True)}
+        own |= {f"sample_dH{ij}": h for ij, h in zip(COMPONENTS, dH.flat, strict=True)}
+        loops = loop_table(state)
+        strains = pd.DataFrame(own, index=loops.index)
+        tables.append(pd.concat([strains, loops], axis="columns"))
+        before = state
+    frame = pd.concat(tables, ignore_index=True)
+    frame.attrs = provenance("series", {}, UNITS)
+    return frame
+
+
+def _read(
+    snapshots: Sequence[File | Snapshot], cells: File | None, how: dict[str, Any]
+) -> Iterator[Snapshot]:
+    files = [Path(one) for one in snapshots if not isinstance(one, Snapshot)]
+    table = None if cells is None else Path(cells)
+    planned = plan_series(files, table, reading(**how)) if files or not snapshots else []
+    for one in snapshots:
+        if isinstance(one, Snapshot):
+            yield planar(one)
+            continue
+        path = Path(one).absolute()
+        for each in planned:
+            if each.path == path:
+                yield each.read()
+
+
+def _frame(name: str, columns: dict[str, Any]) -> pd.DataFrame:
+    frame: pd.DataFrame = pa.table(columns).to_pandas()
+    frame.attrs = provenance(name, {}, UNITS)
+    return frame

@@ -1,0 +1,501 @@
+"""The study behind `grainloops sustain`."""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import closing
+from dataclasses import dataclass, fields
+from functools import partial
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from loops import Faces, GrainGraph, InputError
+from loops.arrays import Floats
+from loops.laws import LinearFrictional
+from loops.packing import PlaneContacts
+from patterns import Snapshot
+from stability import COMPONENTS
+from stability.packing import LoadPath, Motion, Sustained
+from stability.packing import sustain as sustain_packing
+from stability.packing.hold import HoldControl
+from stability.packing.pairs import require_replayable
+from stability.packing.probe import Probe, probe_edge
+from stability.packing.regime_regions import Subspace
+from stability.packing.sustain import load_path
+from studies.output import code_version, definitions, errors_of, readable, require_folder
+from studies.series.workers import Runner, one_blas_thread, open_runner
+from studies.snapshot.held import held_snapshot
+from studies.snapshot.in_packing import followed_walls, sample_edge
+from studies.snapshot.run import read_planar, reading
+from studies.study import study
+
+UNITS = (
+    "as the input's: stress and load = force/length (two dimensions), energy = force times length; "
+    "H and P over the cell of the start; angles in degrees"
+)
+# Contacts within this share of their strength may slide in the rate problem beside the limits.
+YIELD_BAND = 0.99
+
+
+def run_sustain(
+    path: Path,
+    out: Path,
+    *,
+    directions: int = 24,
+    subspace: Subspace = "diagonal",
+    largest: float | None = None,
+    interval: float = 5e-6,
+    most_snaps: int = 30,
+    hold_stress: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    force: bool = False,
+    csv: bool = False,
+    figures: bool = True,
+    **how: Any,
+) -> dict[str, Any]:
+    """Find the loads that a snapshot sustains, write tables, figures and a report; the summary.
+
+    The state is brought to rest first, at fixed cell or with `hold_stress` at fixed stress. `how`
+    are options of `read_planar`. Directions are shared among this number of processes, by default
+    one a core, or among the workers of a Dask scheduler. Finished directions are kept beside `out`:
+    the same call continues an interrupted run.
+    """
+    control: HoldControl = "stress" if hold_stress else "strain"
+    asked: dict[str, Any] = {
+        "directions": directions,
+        "subspace": subspace,
+        "largest": largest,
+        "interval": interval,
+        "most_snaps": most_snaps,
+    }
+    configuration = {"path": path, **reading(**how), **asked, "hold": control}
+    require_folder(out, force=force)
+    parts = _Parts(out.absolute(), "")
+    with study("sustain", out, configuration, UNITS, force=force, csv=csv) as results:
+        snapshot, held = held_snapshot(_followable(read_planar(path, **how), subspace), control)
+        law, _ = snapshot.mechanics()
+        assert isinstance(law, LinearFrictional)
+        faces = snapshot.faces
+        planes, plane_force = followed_walls(snapshot)
+        chosen = subspace, interval, most_snaps, faces, planes, plane_force
+        task = partial(_Direction, snapshot.graph, law, *chosen)
+        parts = _Parts(out.absolute(), _digest(snapshot.graph, law, planes, plane_force, asked))
+        with open_runner(workers, scheduler, []) as runner:
+            found = sustain_packing(
+                snapshot.graph,
+                law,
+                directions,
+                subspace=subspace,
+                largest=largest,
+                interval=interval,
+                most_snaps=most_snaps,
+                faces=faces,
+                follow=partial(_followed, runner, parts, task),
+                planes=planes,
+                plane_force=plane_force,
+            )
+        rates = probe_edge(
+            sample_edge(snapshot, YIELD_BAND), found.directions, "stress", subspace, faces
+        )
+        tables = {
+            "sustain": direction_table(found, rates),
+            "motions": motion_table(found),
+            "paths": path_table(found),
+            "orders": order_table(found, faces),
+            "loops": loop_table(found, faces),
+        }
+        results.write_tables(tables)
+        summary = results.write_summary(
+            asked
+            | {"largest": found.largest, "held": held, "notes": list(snapshot.notes)}
+            | {"mean_kn": float(np.mean(law.kn))}
+            | sustain_summary(found, rates, tables)
+        )
+        if figures:
+            from studies.snapshot.polygons import loops_for_map
+            from studies.sustain_figures import sustain_figures
+
+            drawn = sustain_figures(snapshot, found, rates, tables, summary)
+            pictures = results.save_figures(drawn)
+            maps = loops_for_map(snapshot, tables["loops"])
+            title = f"Loads that {readable(path.name)} sustains"
+            results.write_report(title, summary, pictures, maps)
+    parts.remove()
+    return summary
+
+
+def sustain(
+    snapshot: Snapshot,
+    directions: ArrayLike = 24,
+    *,
+    subspace: Subspace = "diagonal",
+    largest: float | None = None,
+    most_snaps: int = 30,
+    hold: HoldControl = "strain",
+) -> Sustained:
+    """Load a snapshot along directions of stress until it fails.
+
+    The sample is brought to rest first. Each direction of the stress rate is followed from event to
+    event; where its equilibrium is lost the load is kept constant and the equations of motion tell
+    whether the sample comes to rest again (a snap) or fails.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        A snapshot with forces, periodic or between known walls, under the linear frictional law.
+    directions : int or (D, m) array_like
+        How many, evenly spread; or the directions themselves (m = 2, or 3 with shear), compression
+        positive.
+    subspace : {'diagonal', 'symmetric'}
+        Components (11, 22), or (11, 22, (12 + 21)/sqrt 2).
+    largest : float, optional
+        Load (force per length) up to which each direction is followed; by default a tenth of the
+        mean stress.
+    most_snaps : int
+        Snaps after which a direction is left 'unfinished'.
+    hold : {'strain', 'stress'}
+        Whether the sample comes to rest at a fixed cell or at fixed stress.
+
+    Returns
+    -------
+    Sustained
+        Loads at the first event and the first instability, limits, snaps and modes of failure by
+        direction; see `stability.packing.Sustained`.
+
+    Raises
+    ------
+    InputError
+        If the snapshot has no forces, neither cell nor known walls, an option is out of its
+        range, or the sample does not come to rest.
+
+    Examples
+    --------
+    A square lattice of discs under 0.01 along each axis comes apart without it:
+
+    >>> import grainloops as gl
+    >>> import numpy as np
+    >>> lattice = gl.GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.505] * 4,
+    ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+    ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
+    >>> snapshot = gl.Snapshot(lattice, gl.LinearFrictional(1.0, 0.5, 0.5),
+    ...     np.full(8, gl.Regime.ELASTIC, dtype=np.int8), np.arange(4), 0, ())
+    >>> found = gl.sustain(snapshot, [[-1, 0], [1, 0]], largest=0.02)
+    >>> found.status.tolist(), found.limit.round(6).tolist()
+    (['failed', 'held'], [0.01, 0.02])
+    """
+    at_rest, _ = held_snapshot(_followable(snapshot, subspace), hold)
+    law, _ = at_rest.mechanics()
+    planes, plane_force = followed_walls(at_rest)
+    return sustain_packing(
+        at_rest.graph,
+        law,
+        directions,
+        subspace=subspace,
+        largest=largest,
+        most_snaps=most_snaps,
+        faces=at_rest.faces,
+        planes=planes,
+        plane_force=plane_force,
+    )
+
+
+def _followable(snapshot: Snapshot, subspace: Subspace) -> Snapshot:
+    """The snapshot; refuse what can't be loaded before it is held."""
+    require_replayable(snapshot.graph, snapshot.mechanics()[0])
+    if snapshot.graph.cell is None:
+        if snapshot.walls is None:
+            expected, remedy = "either of them", "Give --cell, or the wall contacts."
+            raise InputError("the sample", "no cell and no walls", expected, remedy)
+        if subspace == "symmetric":
+            remedy = "Walls can't shear the sample: leave --subspace out."
+            raise InputError("subspace", "'symmetric'", "'diagonal' between walls", remedy)
+    return snapshot
+
+
+@dataclass(frozen=True, eq=False)
+class _Direction:
+    """Task of a worker: one direction to load."""
+
+    graph: GrainGraph
+    law: LinearFrictional
+    subspace: Subspace
+    interval: float
+    most_snaps: int
+    faces: Faces
+    planes: PlaneContacts | None
+    plane_force: Floats | None
+    number: int
+    direction: Floats
+    largest: float
+
+    @property
+    def name(self) -> str:
+        return f"direction {self.number}"
+
+
+def _load(one: _Direction) -> tuple[int, LoadPath]:
+    with one_blas_thread():
+        how = one.subspace, one.largest, one.interval, one.most_snaps, one.faces
+        walls = one.planes, one.plane_force
+        return one.number, load_path(one.graph, one.law, one.direction, *how, *walls)
+
+
+def _followed(
+    runner: Runner, parts: _Parts, task: partial[_Direction], directions: Floats, largest: float
+) -> list[LoadPath]:
+    """Paths of all directions, independent of the number of processes; finished ones are kept."""
+    found = {k: path for k in range(len(directions)) if (path := parts.read(k)) is not None}
+    left = [task(k, one, largest) for k, one in enumerate(directions) if k not in found]
+    with closing(runner(_load, left)) as answers:
+        for number, path in answers:
+            parts.write(number, path)
+            found[number] = path
+    return [found[k] for k in range(len(directions))]
+
+
+def _digest(
+    graph: GrainGraph,
+    law: LinearFrictional,
+    planes: PlaneContacts | None,
+    plane_force: Floats | None,
+    asked: dict[str, Any],
+) -> str:
+    """Digest of all that the directions depend on."""
+    numbers: list[Any] = [graph.x, graph.radii, graph.contacts, graph.normal_force]
+    if graph.cell is not None:
+        numbers += [graph.images, graph.cell]
+    if planes is not None:
+        numbers += [planes.grain, planes.branch, planes.kn, planes.kt, plane_force]
+    digest = blake2b(f"{code_version()} {asked}".encode(), digest_size=8)
+    for values in (*numbers, graph.shear_force, law.kn, law.kt, law.mu):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return f"{digest.hexdigest()}-{law.shear_increment}"
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Finished directions of an unfinished run, one file each in a folder beside the results."""
+
+    out: Path
+    digest: str
+
+    @property
+    def folder(self) -> Path:
+        return self.out.parent / f".{self.out.name}.directions"
+
+    def _file(self, number: int) -> Path:
+        return self.folder / f"{self.digest}-{number:05d}.npz"
+
+    def read(self, number: int) -> LoadPath | None:
+        """A direction that was finished before; None if it was not."""
+        if not self._file(number).is_file():
+            return None
+        with np.load(self._file(number)) as kept:
+            count = int(kept["motions"])
+            motions = [
+                Motion(**{f.name: _plain(kept[f"motion {f.name}"][k]) for f in fields(Motion)})
+                for k in range(count)
+            ]
+            own = [one.name for one in fields(LoadPath) if one.name != "motions"]
+            values = {name: _plain(kept[name]) for name in own}
+        return LoadPath(motions=tuple(motions), **values)
+
+    def write(self, number: int, path: LoadPath) -> None:
+        """Keep a finished direction; the file appears when it is whole."""
+        with errors_of(self.out):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            arrays = {
+                one.name: getattr(path, one.name)
+                for one in fields(LoadPath)
+                if one.name != "motions"
+            }
+            arrays["motions"] = len(path.motions)
+            for one in fields(Motion):
+                arrays[f"motion {one.name}"] = [getattr(m, one.name) for m in path.motions]
+            partial_file = self.folder / f"{number}.partial.npz"
+            np.savez(partial_file, **arrays)
+            partial_file.replace(self._file(number))
+
+    def remove(self) -> None:
+        """Remove the folder: the results are written."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _plain(value: Any) -> Any:
+    """A number or text where the stored array holds one."""
+    return value.item() if value.ndim == 0 else value
+
+
+def _components(name: str, values: Floats) -> dict[str, Any]:
+    parts = values.reshape(-1, 4).T
+    return {f"{name}{ij}": part for ij, part in zip(COMPONENTS, parts, strict=True)}
+
+
+def direction_table(found: Sustained, rates: Probe) -> pd.DataFrame:
+    """One row a direction: loads, status, strain, snaps, mode; w2 of the rate problem beside."""
+    rows = []
+    for path in found.paths:
+        mode, taken = path.mode, [float(np.linalg.norm(one.strain)) for one in path.snaps]
+        row = {
+            "status": path.status,
+            "first_event": path.first_event,
+            "first_instability": path.first_instability,
+            "limit": path.limit,
+            "failed_under": path.failed_under,
+            "snaps": len(taken),
+            "snap_strain": sum(taken),
+            "largest_snap": max(taken, default=0.0),
+            "released": path.work[-1, 3] - path.work[0, 3],
+            "balance_error": path.balance_error,
+            "mode_cause": "" if mode is None else mode.cause,
+        }
+        counts = ("opened", "closed", "slid")
+        row["mode_load"] = np.nan if mode is None else mode.load
+        row["mode_grains"] = 0 if mode is None else len(mode.grains)
+        row |= {f"mode_{name}": 0 if mode is None else getattr(mode, name) for name in counts}
+        rows.append(row)
+    names = ("n11", "n22", "n12")[: found.directions.shape[1]]
+    head = {"theta_deg": np.degrees(found.theta)} | dict(
+        zip(names, found.directions.T, strict=True)
+    )
+    ends = _components("H", np.array([path.H[-1] for path in found.paths]))
+    ends |= _components("P", np.array([path.P[-1] for path in found.paths]))
+    beside = {"rate_status": rates.status, "rate_w2": rates.normalised}
+    return pd.DataFrame(head).join(pd.DataFrame(rows)).assign(**ends, **beside)
+
+
+def motion_table(found: Sustained) -> pd.DataFrame:
+    """One row a motion at constant load, direction by direction."""
+    rows = [
+        {
+            "theta_deg": angle,
+            "status": one.status,
+            "lost": one.lost,
+            "load": one.load,
+            "cause": one.cause,
+            "contact": one.contact,
+            **{f"H{ij}": value for ij, value in zip(COMPONENTS, one.strain, strict=True)},
+            "released": one.released,
+            "kinetic": one.kinetic,
+            "steps": one.steps,
+            "opened": one.opened,
+            "closed": one.closed,
+            "slid": one.slid,
+            "grains": len(one.grains),
+        }
+        for angle, path in zip(np.degrees(found.theta), found.paths, strict=True)
+        for one in path.motions
+    ]
+    names = "theta_deg status lost load cause contact H11 H12 H21 H22 released kinetic steps"
+    return pd.DataFrame(rows, columns=[*names.split(), "opened", "closed", "slid", "grains"])
+
+
+def path_table(found: Sustained) -> pd.DataFrame:
+    """One row a row of a path, direction by direction."""
+    terms = ("work", "slip_work", "shear_work", "released")
+    tables = [
+        pd.DataFrame(
+            {
+                "theta_deg": np.full(len(path.load), angle),
+                "load": path.load,
+                **_components("H", path.H),
+                **_components("P", path.P),
+                **dict(zip(terms, path.work.T, strict=True)),
+                "energy": path.energy,
+            }
+        )
+        for angle, path in zip(np.degrees(found.theta), found.paths, strict=True)
+    ]
+    return pd.concat(tables, ignore_index=True)
+
+
+def _modes(found: Sustained) -> list[tuple[float, Motion]]:
+    angles = np.degrees(found.theta).tolist()
+    paired = zip(angles, found.paths, strict=True)
+    return [(angle, path.mode) for angle, path in paired if path.mode is not None]
+
+
+def order_table(found: Sustained, faces: Faces) -> pd.DataFrame:
+    """One row a direction with a mode and an order: share of the loops in the mode's work."""
+    orders, at = np.unique(faces.order[faces.loops], return_inverse=True)
+    area = np.bincount(at, faces.area[faces.loops])
+    tables = [pd.DataFrame(columns=["theta_deg", "order", "loops", "area_share"])]
+    for angle, mode in _modes(found):
+        work = np.bincount(at, mode.loop_work, minlength=len(orders))
+        negative = np.bincount(at, np.minimum(mode.loop_work, 0.0), minlength=len(orders))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shares = {"W2_share": work / work.sum(), "negative_share": negative / negative.sum()}
+        tables.append(
+            pd.DataFrame(
+                {
+                    "theta_deg": angle,
+                    "order": orders,
+                    "loops": np.bincount(at),
+                    "area_share": area / area.sum(),
+                    "W2": work,
+                    "negative": negative,
+                    **shares,
+                }
+            )
+        )
+    return pd.concat(tables[1:] or tables, ignore_index=True)
+
+
+def loop_table(found: Sustained, faces: Faces) -> pd.DataFrame:
+    """One row a loop: its work in the mode of the weakest direction, and that over its area."""
+    weakest, area = weakest_of(found), faces.area[faces.loops]
+    mode = None if weakest is None else found.paths[weakest].mode
+    work = np.zeros(len(area)) if mode is None else mode.loop_work
+    return pd.DataFrame(
+        {
+            "loop": np.arange(len(area)),
+            "order": faces.order[faces.loops],
+            "area": area,
+            "W2": work,
+            "additive_w": work / area,
+        }
+    )
+
+
+def weakest_of(found: Sustained) -> int | None:
+    """The direction that fails under the smallest load, else that of the first instability."""
+    for name in ("failed_under", "first_instability"):
+        loads = np.array([getattr(path, name) for path in found.paths])
+        if not np.isnan(loads).all():
+            return int(np.nanargmin(loads))
+    return None
+
+
+def sustain_summary(
+    found: Sustained, rates: Probe, tables: dict[str, pd.DataFrame]
+) -> dict[str, Any]:
+    """Summary of the loads that a sample sustains."""
+    statuses, counts = np.unique(found.status, return_counts=True)
+    weakest, row, shares = weakest_of(found), None, {}
+    if weakest is not None:
+        names = ["theta_deg", "status", "first_instability", "limit", "failed_under", "snaps"]
+        names += ["mode_grains", "mode_opened", "mode_closed", "mode_slid"]
+        whole = tables["sustain"][names].astype(object)
+        row = whole.where(whole.notna(), None).iloc[weakest].to_dict()
+        orders = tables["orders"]
+        own = orders[orders["theta_deg"] == row["theta_deg"]].set_index("order")
+        wanted = ["loops", "area_share", "W2_share", "negative_share"]
+        shares = {str(order): one for order, one in own[wanted].to_dict("index").items()}
+    return {
+        "definitions": definitions("sustain"),
+        "loops": len(tables["loops"]),
+        "orders": shares,
+        "rate_cones": np.degrees(rates.cones),
+        "rate_undetermined": int(np.count_nonzero(~rates.determined)),
+        "statuses": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
+        "stress": found.stress,
+        "weakest": row,
+        "balance_error": max(path.balance_error for path in found.paths),
+    }

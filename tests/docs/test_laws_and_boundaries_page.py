@@ -1,0 +1,151 @@
+"""`docs/laws-and-boundaries.md`: every cell of its table, run with every law that it stands for."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import grainloops as gl
+from loops import FrictionalLaw, HertzMindlin, LinearFrictional, RollingResistance, contact_state
+from loops.packing import loops_in_place
+from patterns import Snapshot, WallContacts
+from stability import Stage, follow, programmes
+from stability.packing import hold, replay
+from stability.packing.probe import probe_edge
+from stability.packing.probe_paths import probe_to
+from studies.series.evolution import track_loops
+from studies.series.packing import packing_predictions
+from studies.snapshot.in_packing import box_area, followed_walls, sample_boundary, sample_edge
+from tests.docs.pages import page
+from tests.packings import LAW, jammed
+from tests.stability.packing.walled_packings import jammed_in_box
+
+BAND = 1 - 1e-6
+
+
+class Power(FrictionalLaw):
+    """The law of `docs/first-steps.md`."""
+
+    def __init__(self, k, kt, mu, m):
+        self.k, self.kt, self.mu, self.m = k, kt, mu, m
+
+    def closed_force(self, state):
+        return self.k * state.overlap**self.m
+
+    def stiffnesses(self, state):
+        return self.k * self.m * state.overlap ** (self.m - 1), self.kt
+
+
+LAWS = {
+    "linear": [LAW],
+    "others": [
+        HertzMindlin(5.0, 0.2, 0.5),
+        RollingResistance(LinearFrictional(1.0, 0.5, 0.5), 0.02),
+        Power(2.0, 0.2, 0.5, 1.2),
+    ],
+}
+
+
+def sample(boundary, law):
+    """A small snapshot that ends so, with the normal forces of the law."""
+    walls = None
+    if boundary == "cell":
+        graph = jammed(24, 3)
+    else:
+        graph, planes, force = jammed_in_box(24, 1)
+        if boundary == "walls":
+            walls = WallContacts(planes.grain, force, -planes.branch, planes.kn, planes.kt)
+    N = np.maximum(np.asarray(law.normal_force(contact_state(graph))), 1e-12)
+    T = np.clip(graph.shear_force, -0.4 * N, 0.4 * N)
+    graph = graph.replace(normal_force=N, shear_force=T)
+    regime = np.ones(graph.contact_count, dtype=np.int8)
+    ids = np.arange(graph.grain_count)
+    rows = 0 if walls is None else len(walls.grain)
+    return Snapshot(graph, law, regime, ids, rows, (), walls, rotation=0.0 * ids)
+
+
+def in_place(one):
+    planes, held, _ = sample_boundary(one)
+    return loops_in_place(one.graph, one.law, one.faces, planes=planes, held=held).matrix
+
+
+def amplitude(one):
+    found = probe_edge(sample_edge(one, BAND), 2, faces=one.faces)
+    walls = followed_walls(one)
+    return probe_to(found, one.graph, one.law, one.faces, 1e-6, None, *walls).strain_rate
+
+
+def at_rest(one):
+    planes, force = followed_walls(one)
+    volume = None if one.walls is None else box_area(one.graph.x, one.walls)
+    how = {"planes": planes, "plane_force": force, "volume": volume}
+    return hold(one.graph, one.law, **how).stress
+
+
+def packing_path(one):
+    planes, force = followed_walls(one)
+    stage = Stage(programmes.drained_biaxial(), "H11", 1e-5)
+    how = {"closure": "packing", "planes": planes, "plane_force": force}
+    return follow(one.graph, one.law, stage, **how).P
+
+
+def motion(one):
+    planes, force = followed_walls(one)
+    how = {"planes": planes, "plane_force": force, "inertial_number": 1e-4}
+    return replay(one.graph, one.law, 1e-5 * np.diag([1.0, -0.5]), **how).state.stress
+
+
+def predicted(one, by_events=False):
+    less = 1 - 1e-6
+    cell = None if one.graph.cell is None else less * one.graph.cell
+    graph = one.graph.replace(x=less * one.graph.x, x0=None, cell=cell, cell0=None)
+    later = replace(one, graph=graph)
+    columns, row, notes = packing_predictions(
+        one, later, track_loops(one, later), BAND, by_events=by_events
+    )
+    if row["packing_status"] == "refused" or any("not followed" in note for note in notes):
+        raise gl.InputError("series", "; ".join(notes), "a packing that is followed", "See there.")
+    return columns["path_w2" if by_events else "packing_work"]
+
+
+DONE = {
+    "`loop_table`": lambda one: gl.loop_table(one)["traction_lambda_min"],
+    "`snapshot --in-packing`": in_place,
+    "`probe`": lambda one: probe_edge(sample_edge(one, BAND), 4, faces=one.faces).elastic_stress,
+    "`probe --amplitude`": amplitude,
+    "`--hold`": at_rest,
+    '`evolve`, `follow(closure="packing")`': packing_path,
+    "`replay`": motion,
+    "`sustain`": lambda one: gl.sustain(one, 2, largest=1e-3).limit,
+    "`series --in-packing`": predicted,
+    "`series --in-packing events`": lambda one: predicted(one, by_events=True),
+}
+COLUMNS = [(law, boundary) for law in LAWS for boundary in ("cell", "walls", "outline")]
+
+
+def rows():
+    """Cells of the table by its first column."""
+    lines = [line for line in page("laws-and-boundaries").splitlines() if line.startswith("| `")]
+    return {cells[0]: cells[1:] for cells in ([c.strip() for c in line.strip("|").split("|")]
+                                              for line in lines)}  # fmt: skip
+
+
+def test_the_table_names_everything_that_is_run():
+    assert list(rows()) == list(DONE)
+    assert all(len(cells) == len(COLUMNS) for cells in rows().values())
+
+
+@pytest.mark.parametrize("name", DONE)
+@pytest.mark.parametrize("column", range(len(COLUMNS)))
+def test_a_cell_works_or_ends_in_its_error(name, column):
+    law, boundary = COLUMNS[column]
+    said = rows()[name][column]
+    for own in LAWS[law]:
+        one = sample(boundary, own)
+        if said == "yes":
+            assert np.isfinite(np.asarray(DONE[name](one), dtype=float)).any()
+        else:
+            message = re.search(rf"^- {re.escape(said)}: `(.*)`", page("laws-and-boundaries"), re.M)
+            with pytest.raises(gl.InputError, match=re.escape(message[1])):
+                DONE[name](one)

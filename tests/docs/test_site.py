@@ -1,0 +1,45 @@
+"""The site's own pages: API reference, installation."""
+
+import re
+import tomllib
+
+import grainloops as gl
+from tests.docs.pages import DOCS, page, section, tables
+
+PAGES = sorted(path for path in (DOCS / "reference").glob("*.md") if path.stem != "index")
+
+
+def test_every_name_of_the_front_door_stands_on_one_page_of_the_reference():
+    """A new name goes to the page of its task in `docs/reference`."""
+    named = []
+    for path in PAGES:
+        (block,) = re.findall(r"^```{names} grainloops\n(.*?)```", path.read_text(), re.M | re.S)
+        named += block.split()
+    # The programmes have a page of their own.
+    assert sorted([*named, "__version__", "programmes"]) == sorted(gl.__all__)
+    assert "rooms/programmes.md" in page("reference/paths")
+
+
+def test_the_reference_lists_its_pages():
+    (rows,) = tables(page("reference/index"))
+    linked = [re.search(r"\((\w+)\.md\)", row["page"])[1] for row in rows]
+    assert sorted(linked) == [path.stem for path in PAGES]
+    assert linked == page("reference/index").partition(":hidden:")[2].strip("`\n").split()
+
+
+def test_the_installation_lists_the_optional_libraries():
+    project = tomllib.loads((DOCS.parent / "pyproject.toml").read_text())["project"]
+    (rows,) = tables(section(page("installation"), "## Optional libraries"))
+    listed = {row["extra"].strip("`"): row["brings"] for row in rows}
+    extras = project["optional-dependencies"]
+    # Those that a user of the package asks for.
+    assert listed.keys() == extras.keys() - {"test", "lint", "docs"}
+    for name, brings in listed.items():
+        assert brings.split(", ") == [re.match(r"[\w-]+", need)[0] for need in extras[name]]
+    assert project["requires-python"] == ">=3.11" and "Python 3.11" in page("installation")
+
+
+def test_the_commands_of_the_installation_are_targets_of_make():
+    targets = re.findall(r"^(\w+):", (DOCS.parent / "Makefile").read_text(), re.MULTILINE)
+    named = re.findall(r"`make (\w+)`", page("installation"))
+    assert len(named) == 3 and set(named) <= set(targets)

@@ -1,0 +1,203 @@
+"""Packings and paths in other units of force and length: the same answers, bit for bit or nearly.
+
+Units differ by powers of two, so that every number is the same but for its exponent. A length that
+is compared with a force, or with a number, shows.
+"""
+
+import numpy as np
+import pytest
+
+from loops import GrainGraph, LinearFrictional, RollingResistance, find_faces
+from loops.packing import PlaneContacts, loops_in_place
+from loops.packing.boundary import plane_stiffness
+from patterns import random_loop
+from stability import Stage, follow, programmes
+from stability.packing import hold, loop_changes, loop_rates, packing_response, probe, replay
+from stability.packing.loop_rates import LoopRates
+from tests.packings import BRANCH, LAW, jammed, packing, strained
+
+# Unit discs have masses of r^2: the unit of time is a power of two as well.
+FORCE, LENGTH = 2.0**12, 2.0**-8
+TIME = LENGTH**1.5 * FORCE**-0.5
+H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
+
+
+def graph_in_units(graph):
+    scaled = {"x": LENGTH * graph.x, "radii": LENGTH * graph.radii}
+    if graph.cell is not None:
+        scaled["cell"], scaled["images"] = LENGTH * graph.cell, graph.images
+    return GrainGraph(
+        contacts=graph.contacts,
+        normal_force=FORCE * graph.normal_force,
+        shear_force=FORCE * graph.shear_force,
+        **scaled,
+    )
+
+
+def law_in_units(law):
+    unit = FORCE / LENGTH
+    return LinearFrictional(unit * law.kn, unit * law.kt, law.mu, law.shear_increment)
+
+
+def same(found, other, unit=1.0, rtol=1e-9, atol=0.0):
+    np.testing.assert_allclose(np.asarray(other) / unit, found, rtol=rtol, atol=atol)
+
+
+@pytest.mark.parametrize("method", ["whole", "blocks"])
+def test_operators_in_place(method):
+    graph = packing(30, seed=2, sliding=0.15)
+    faces = find_faces(graph)
+    one = loops_in_place(graph, LAW, faces, method=method)
+    other = loops_in_place(graph_in_units(graph), law_in_units(LAW), faces, method=method)
+    for name in ("matrix", "alone"):
+        a, b = getattr(one, name), getattr(other, name)
+        same(a, b, FORCE / LENGTH, atol=1e-9 * np.nanmax(np.abs(a)))
+    same(one.error, other.error, rtol=1e-2)
+    same(one.alone_error, other.alone_error, FORCE / LENGTH, rtol=1e-2)
+    assert np.isfinite(one.error).any()
+
+
+@pytest.mark.parametrize("law", [LAW, BRANCH], ids=["radii", "branch"])
+def test_rates_of_a_packing(law):
+    graph = packing(30, seed=4, sliding=0.2, law=law)
+    other = graph_in_units(graph)
+    found = [
+        packing_response(graph, law, H),
+        packing_response(other, law_in_units(law), H),
+    ]
+    assert found[0].status == found[1].status and found[0].proof == found[1].proof
+    units = {
+        "stress_rate": FORCE / LENGTH,
+        "motion": LENGTH,
+        "spin": 1.0,
+        "branch_rate": LENGTH,
+        "force_rate": FORCE,
+    }
+    for name, unit in units.items():
+        one, two = (np.asarray(getattr(response, name)) for response in found)
+        same(one, two, unit, atol=1e-10 * np.abs(one).max())
+    assert (found[0].regime == found[1].regime).all()
+    compare_loops(*(loop_rates(one, find_faces(graph)) for one in found))
+
+
+def compare_loops(one, other):
+    units = {"stress": FORCE / LENGTH, "second_order_work": FORCE / LENGTH, "area": LENGTH**2}
+    units["additive_work"] = FORCE / LENGTH
+    for name in LoopRates.__annotations__:
+        a, b = np.asarray(getattr(one, name)), np.asarray(getattr(other, name))
+        unit = units.get(name, 1.0)
+        same(
+            a, b, unit, atol=1e-9 * np.nanmax(np.abs(np.where(np.isfinite(a), a, 0.0)), initial=0.0)
+        )
+
+
+@pytest.mark.parametrize("control", ["strain", "stress"])
+def test_probes(control):
+    graph = packing(16, seed=1, sliding=0.3)
+    one = probe(graph, LAW, 12, control=control)
+    other = probe(graph_in_units(graph), law_in_units(LAW), 12, control=control)
+    assert list(one.status) == list(other.status)
+    assert (one.piece == other.piece).all() and (one.order == other.order).all()
+    stiffness = FORCE / LENGTH
+    size = np.abs(one.elastic_tangent).max()
+    same(one.elastic_tangent, other.elastic_tangent, stiffness, atol=1e-9 * size)
+    same(one.tangents, other.tangents, stiffness, atol=1e-9 * size)
+    for name in ("arcs", "cones", "unstable_fraction"):
+        same(getattr(one, name), getattr(other, name), atol=1e-9)
+    strain, stress = (1.0, stiffness) if control == "strain" else (1 / stiffness, 1.0)
+    same(one.strain_rate, other.strain_rate, strain, atol=1e-9)
+    same(one.stress_rate, other.stress_rate, stress, atol=1e-9)
+    same(one.area, other.area, LENGTH**2)
+    same(one.loop_work, other.loop_work, strain * stress, atol=1e-9 * np.abs(one.loop_work).max())
+
+
+def test_a_packing_comes_to_rest():
+    graph = jammed(12, 1, LAW)
+    shaken = graph.replace(shear_force=0.97 * graph.shear_force)
+    one = hold(shaken, LAW)
+    other = hold(graph_in_units(shaken), law_in_units(LAW))
+    assert one.status == other.status == "at rest" and one.steps == other.steps
+    same(one.graph.x, other.graph.x, LENGTH)
+    same(one.graph.normal_force, other.graph.normal_force, FORCE)
+    for name in ("unbalanced", "spread"):
+        same(getattr(one, name), getattr(other, name), rtol=1e-6)
+
+
+def test_a_replay_and_what_its_loops_do():
+    graph = jammed(12, 1, LAW)
+    one = replay(graph, LAW, H, inertial_number=1e-3)
+    other = replay(graph_in_units(graph), law_in_units(LAW), H, inertial_number=1e-3)
+    assert one.steps == other.steps and one.duration == one.steps * one.time_step
+    for name, unit in (("time_step", TIME), ("duration", TIME), ("velocity", LENGTH / TIME)):
+        same(getattr(one, name), getattr(other, name), unit)
+    same(one.spin, other.spin, 1 / TIME)
+    same(one.state.normal_force, other.state.normal_force, FORCE)
+    faces = find_faces(graph)
+    changes = [
+        loop_changes(graph, one.state, faces),
+        loop_changes(graph_in_units(graph), other.state, faces),
+    ]
+    compare_loops(*changes)
+
+
+@pytest.mark.parametrize(("case", "law"), [((12, 1), LAW), ((16, 2), BRANCH)])
+def test_paths_of_packings(case, law):
+    graph = jammed(*case, law)
+    one = follow(graph, law, strained(H), closure="packing", interval=2e-4)
+    other = follow(
+        graph_in_units(graph), law_in_units(law), strained(H), closure="packing", interval=2e-4
+    )
+    assert one.status == other.status == "finished" and len(one.events) > 2
+    assert [(e.kind, e.contacts) for e in one.events] == [
+        (e.kind, e.contacts) for e in other.events
+    ]
+    same(one.parameter, other.parameter)
+    same(one.H, other.H, atol=1e-12)
+    size = np.abs(one.P).max()
+    same(one.P, other.P, FORCE / LENGTH, atol=1e-9 * size)
+    same(one.work, other.work, FORCE * LENGTH, rtol=1e-6, atol=1e-9 * np.abs(one.work).max())
+
+
+@pytest.mark.parametrize("spins", ["blocked", "free"])
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_paths_of_loops(closure, spins):
+    loop = random_loop(5, 3, strain=0.02, mu=0.3)
+    found = []
+    for force, length in ((1.0, 1.0), (FORCE, LENGTH)):
+        unit = force / length
+        graph = loop.replace(
+            x=length * loop.x,
+            x0=length * loop.x0,
+            radii=length * loop.radii,
+            normal_force=force * loop.normal_force,
+            shear_force=0.0 * loop.shear_force,
+        )
+        law = LinearFrictional(unit, 0.3 * unit, 0.3)
+        if spins == "free":
+            law = RollingResistance(law, unit * length**2 * 0.01 * np.ones(5))
+        stage = Stage(programmes.undrained(), "H11", 0.03)
+        found.append(follow(graph, law, stage, closure=closure, spins=spins, rows=12))
+    one, other = found
+    assert one.status == other.status
+    assert [e.kind for e in one.events] == [e.kind for e in other.events]
+    same(one.H, other.H, rtol=1e-7, atol=1e-9)
+    same(one.P, other.P, FORCE / LENGTH, rtol=1e-6, atol=1e-8)
+
+
+def test_walls_resist_along_and_across():
+    """`N' = -kn n.d'`, `T' = -kt (t.d' - r w)` and the moment `-r T`, motion by motion."""
+    rng = np.random.default_rng(1)
+    planes = PlaneContacts(
+        np.array([2, 0]), rng.normal(size=(2, 2)), np.array([3.0, 5.0]), np.array([0.7, 1.1])
+    )
+    radii = np.array([0.3, 9.0, 0.8])
+    S = plane_stiffness(planes, radii)
+    for c in range(2):
+        n = planes.branch[c] / np.hypot(*planes.branch[c])
+        t = np.array([-n[1], n[0]])
+        r = radii[planes.grain[c]]
+        for k in range(3):
+            motion = np.eye(4)[k]
+            d, w = motion[:2], motion[2]
+            N, T = -planes.kn[c] * (n @ d), -planes.kt[c] * (t @ d - r * w)
+            np.testing.assert_allclose(-S[c, :, k], [*(N * n + T * t), -r * T, 0.0], atol=1e-14)

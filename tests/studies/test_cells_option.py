@@ -1,0 +1,83 @@
+"""One table of cells serves every command that reads periodic snapshots."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from patterns import sample_path, synthetic_network
+from studies.cli import main
+from tests.patterns.dump_writers import Packing, write_lammps
+
+CELLS = sample_path("slow/cells.csv")
+GRAINS = sample_path("slow/grains_10.parquet")
+CELL = "0.914723458490276,0,0,0.897826511170329"  # the row of snapshot 10
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["grainloops", *map(str, arguments)])
+        try:
+            main()
+            status = 0
+        except SystemExit as stop:
+            status = stop.code or 0
+        said = capsys.readouterr()
+        return status, said.out + said.err
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("snapshot", GRAINS, "--no-figures"),
+        pytest.param(
+            ("probe", GRAINS, "--directions", "4", "--no-figures"), marks=pytest.mark.slow
+        ),
+        pytest.param(
+            ("polygon", "--snapshot", GRAINS, "--loop", "3", "--end", "1e-5"),
+            marks=pytest.mark.slow,
+        ),
+        ("check", GRAINS),
+    ],
+    ids=lambda command: command[0],
+)
+def test_a_table_of_cells_is_the_cell_of_its_row(run, tmp_path, command):
+    for name, given in (("table", ("--cells", CELLS)), ("cell", ("--cell", CELL))):
+        status, said = run(*command, *given, "--out", tmp_path / name)
+        assert status == 0, said
+    table, cell = (
+        json.loads((tmp_path / name / "summary.json").read_text()) for name in ("table", "cell")
+    )
+    for summary in (table, cell):
+        summary.pop("provenance")
+    assert table == cell
+
+
+@pytest.mark.parametrize("command", ["snapshot", "probe", "check"])
+def test_a_missing_row_and_both_options_are_told(run, tmp_path, command):
+    for ending in ("grains", "contacts"):
+        shutil.copy(sample_path(f"slow/{ending}_10.parquet"), tmp_path / f"{ending}_77.parquet")
+    status, said = run(command, tmp_path / "grains_77.parquet", "--cells", CELLS)
+    assert status == 2 and "no row with snap = 77, for grains_77.parquet" in said
+    status, said = run(command, GRAINS, "--cells", CELLS, "--cell", CELL)
+    assert status == 2 and "--cell, --cells: got both" in said
+
+
+def test_check_takes_the_cell_of_each_snapshot_of_a_file(run, tmp_path):
+    """Two frames of one dump: the row of the second is no cell of its grains."""
+    graph = synthetic_network(60, seed=1, periodic=True, jitter=0.1)
+    cell, force = graph.cell, np.ones(graph.contact_count)
+    packing = Packing(graph.replace(normal_force=force), np.arange(graph.grain_count))
+    for step in (0, 1):
+        path, _ = write_lammps(tmp_path, packing, step)
+    table = tmp_path / "cells.csv"
+    rows = [f"{k},{','.join(map(repr, (scale * cell).ravel().tolist()))}"
+            for k, scale in ((0, 1.0), (1, 1.02))]  # fmt: skip
+    table.write_text("\n".join(["snap,h_xx,h_xy,h_yx,h_yy", *rows, ""]))
+    status, said = run("check", path, "--cells", table)
+    assert status == 2 and f"{path}, snapshot 0" in said
+    assert "1 snapshots:" in said and "snapshot 1" not in said

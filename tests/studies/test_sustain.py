@@ -1,0 +1,159 @@
+"""`grainloops sustain`: its tables against the numerics, restarts, processes, what it refuses."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import grainloops as gl
+from loops import InputError, Regime
+from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
+from stability.packing import sustain as sustain_packing
+from studies import sustain as study_module
+from studies.commands.packing import _sustain_lines
+from studies.sustain import run_sustain
+from tests.docs.test_columns_page import files_say
+from tests.packings import LAW, jammed
+from tests.studies.snapshot.test_run import run
+from tests.unsaved import leave_files_empty
+
+HOW = {"directions": 8, "largest": 0.0022, "interval": 4e-5, "shear_increment": "radii"}
+TABLES = ("sustain", "motions", "paths", "orders", "loops")
+FIGURES = [f"{n}.{k}" for n in ("limits", "work", "paths", "orders", "map") for k in ("png", "svg")]
+
+
+@pytest.fixture(scope="module")
+def state(tmp_path_factory):
+    """A jammed packing of 24 grains as tables."""
+    graph = jammed(24, 3, LAW)
+    count = graph.contact_count
+    law = gl.LinearFrictional(np.ones(count), np.full(count, 0.5), np.full(count, 0.5), "radii")
+    regime = np.full(count, Regime.ELASTIC, dtype=np.int8)
+    snapshot = Snapshot(graph, law, regime, np.arange(24), 0, ())
+    path = tmp_path_factory.mktemp("state") / "grains.parquet"
+    write_snapshot(path, snapshot)
+    return path
+
+
+@pytest.fixture(scope="module")
+def results(state, tmp_path_factory):
+    """The command, run once in this process; its figures are not saved."""
+    out = tmp_path_factory.mktemp("results") / "sustain"
+    with pytest.MonkeyPatch.context() as patch:
+        leave_files_empty(patch)
+        status = run(
+            patch, "sustain", state, "--directions", "8", "--largest", "0.0022",
+            "--interval", "4e-5", "--shear-increment", "radii", "--workers", "1", "--out", out,
+        )  # fmt: skip
+    assert status == 0
+    return out
+
+
+def test_files_of_the_contract(results):
+    files = {path.name for path in results.iterdir()}
+    tables = {f"{name}.parquet" for name in TABLES}
+    assert files == {*tables, *FIGURES, "summary.json", "report.html"}
+    files_say("sustain", results, 70)
+    assert not (results.parent / ".sustain.directions").exists()
+
+
+def test_printed_lines_of_a_direction_that_fails_or_is_unstable(results):
+    summary = json.loads((results / "summary.json").read_text())
+    weakest = summary["weakest"]
+    first, second, *_ = _sustain_lines(summary)
+    assert first.startswith("8 directions of the stress rate (diagonal), load up to 0.0022: ")
+    assert f"{summary['statuses']['failed']} failed" in first and "held" in first
+    assert f"load of the failure: {weakest['failed_under']:.4g}, snaps before it" in second
+    unstable = summary | {"weakest": weakest | {"failed_under": None}}
+    assert f"{weakest['first_instability']:.4g}, at" in _sustain_lines(unstable)[1]
+    assert "lost in no direction" in _sustain_lines(summary | {"weakest": None})[1]
+
+
+def test_tables_are_the_numerics(results, state):
+    read = read_snapshot(state, shear_increment="radii")
+    held = gl.hold(read.graph, read.law)
+    found = sustain_packing(held.graph, held.law, 8, largest=0.0022, interval=4e-5)
+    table = pd.read_parquet(results / "sustain.parquet")
+    assert table["status"].tolist() == found.status.tolist()
+    assert {"failed", "held"} <= set(found.status)
+    np.testing.assert_array_equal(table["limit"], found.limit)
+    np.testing.assert_array_equal(table[["n11", "n22"]], found.directions)
+    assert table["balance_error"].max() < 1e-10
+    modes = [path.mode for path in found.paths]
+    grains = [0 if mode is None else len(mode.grains) for mode in modes]
+    assert table["mode_grains"].tolist() == grains
+    motions = pd.read_parquet(results / "motions.parquet")
+    assert len(motions) == sum(len(path.motions) for path in found.paths)
+    assert (motions["load"] >= motions["lost"]).all()
+    weakest = json.loads((results / "summary.json").read_text())["weakest"]
+    assert weakest["failed_under"] == table["failed_under"].min()
+    loops = pd.read_parquet(results / "loops.parquet")
+    mode = modes[int(table["failed_under"].argmin())]
+    np.testing.assert_array_equal(loops["W2"], mode.loop_work)
+    orders = pd.read_parquet(results / "orders.parquet")
+    own = orders[orders["theta_deg"] == weakest["theta_deg"]]
+    assert own["W2"].sum() == pytest.approx(mode.loop_work.sum(), rel=1e-12)
+    assert own["negative_share"].sum() == pytest.approx(1.0)
+
+
+def test_an_interrupted_run_goes_on(results, state, tmp_path, monkeypatch):
+    """Two directions are finished, then Ctrl-C: the second run does the other six."""
+    done, load_path = [], study_module.load_path
+
+    def broken(*how):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(0)
+        return load_path(*how)
+
+    out = tmp_path / "out"
+    monkeypatch.setattr(study_module, "load_path", broken)
+    with pytest.raises(KeyboardInterrupt):
+        run_sustain(state, out, **HOW, workers=1, figures=False)
+    parts = tmp_path / ".out.directions"
+    assert len(list(parts.glob("*.npz"))) == 2 and not out.exists()
+    monkeypatch.setattr(study_module, "load_path", lambda *how: done.append(0) or load_path(*how))
+    run_sustain(state, out, **HOW, workers=1, figures=False)
+    assert len(done) == 8 and not parts.exists()
+    for name in TABLES:
+        pd.testing.assert_frame_equal(
+            pd.read_parquet(out / f"{name}.parquet"),
+            pd.read_parquet(results / f"{name}.parquet"),
+            check_exact=True,
+        )
+
+
+@pytest.mark.slow
+def test_any_number_of_processes_writes_the_same(results, state, tmp_path):
+    run_sustain(state, tmp_path / "two", **HOW, workers=2, figures=False)
+    for name in TABLES:
+        file = f"{name}.parquet"
+        assert (tmp_path / "two" / file).read_bytes() == (results / file).read_bytes()
+
+
+def test_a_sample_between_walls_is_loaded_with_its_walls(tmp_path):
+    """The tables are the numerics of the held packing with its planes and their forces."""
+    out = tmp_path / "out"
+    run_sustain(sample_path(), out, directions=2, largest=2.0, workers=1, figures=False)
+    table = pd.read_parquet(out / "sustain.parquet")
+    found = gl.sustain(read_snapshot(sample_path()), 2, largest=2.0)
+    assert table["status"].tolist() == found.status.tolist() == ["held", "failed"]
+    np.testing.assert_allclose(table["limit"], found.limit, rtol=1e-12)
+    assert table["balance_error"].max() < 1e-9
+    summary = json.loads((out / "summary.json").read_text())
+    np.testing.assert_array_equal(summary["stress"], found.stress)
+
+
+def test_refusals(state, tmp_path, monkeypatch, capsys):
+    with pytest.raises(InputError, match="diagonal"):
+        run_sustain(sample_path(), tmp_path / "walls", subspace="symmetric", figures=False)
+    with pytest.raises(InputError, match="between walls"):
+        run_sustain(sample_path(), tmp_path / "walls", hold_stress=True, figures=False)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match="largest"):
+        run_sustain(state, tmp_path / "a", largest=0.0, shear_increment="radii", figures=False)
+    with pytest.raises(InputError, match="subspace"):
+        run_sustain(state, tmp_path / "b", subspace="full", shear_increment="radii", figures=False)
+    assert run(monkeypatch, "sustain", state, "--directions", "0", "--out", tmp_path / "c") == 2
+    assert "directions" in capsys.readouterr().err and list(tmp_path.iterdir()) == []
