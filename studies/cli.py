@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from typing import Annotated
+from types import FrameType
+from typing import Annotated, NoReturn
 
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 
@@ -156,32 +159,56 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     _require_address_space()
+    interrupted = _note_interrupts()
     try:
         answer = app.meta(sys.argv[1:])
-    except InputError as error:
-        _fail(str(error))
-    except MissingArgumentError as error:
-        name = "" if error.argument is None else error.argument.name
-        kind = "option" if name.startswith("-") else "argument"
-        _fail(f"Missing {kind} '{name}'. Try 'grainloops --help'.")
-    except CycloptsError as error:
-        said = str(error).removesuffix(".")
-        _fail(f"{said}. Try 'grainloops --help'.")
     except KeyboardInterrupt as error:
         _fail(f"interrupted; {str(error) or 'nothing was written'}.", status=INTERRUPTED)
-    except (MemoryError, RuntimeError, ImportError) as error:
-        if not out_of_memory(error):
-            raise
-        said = str(error)
-        said = said if said.startswith("out of memory") else f"out of memory. {said}"
-        _fail(said.rstrip(". "), status=1)
-    except OSError as error:
-        _forget_output()
-        _fail(str(error), status=1)
+    except Exception as error:
+        if interrupted.is_set():
+            _fail("interrupted.", status=INTERRUPTED)
+        _report(error)
     sys.exit(answer.status if isinstance(answer, Answer) else 0)
 
 
-def _fail(message: str, status: int = 2) -> None:
+def _note_interrupts() -> threading.Event:
+    """Event that is set at the first Ctrl-C, which is raised as always.
+
+    Compiled code of libraries may turn the exception into another one.
+    """
+    interrupted = threading.Event()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        interrupted.set()
+        signal.default_int_handler(number, frame)
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, note)
+    return interrupted
+
+
+def _report(error: Exception) -> NoReturn:
+    """End with the line that explains an error; one that nobody expects keeps its traceback."""
+    said = str(error)
+    match error:
+        case InputError():
+            _fail(said)
+        case MissingArgumentError():
+            name = "" if error.argument is None else error.argument.name
+            kind = "option" if name.startswith("-") else "argument"
+            _fail(f"Missing {kind} '{name}'. Try 'grainloops --help'.")
+        case CycloptsError():
+            _fail(f"{said.removesuffix('.')}. Try 'grainloops --help'.")
+        case OSError():
+            _forget_output()
+            _fail(said, status=1)
+        case MemoryError() | RuntimeError() | ImportError() if out_of_memory(error):
+            said = said if said.startswith("out of memory") else f"out of memory. {said}"
+            _fail(said.rstrip(". "), status=1)
+    raise error
+
+
+def _fail(message: str, status: int = 2) -> NoReturn:
     _print_error(message)
     sys.exit(status)
 

@@ -242,11 +242,23 @@ def wait_for(condition, seconds=60):
 
 
 def stop_in_the_middle(folder, paths, how, workers):
-    """Send a signal to a running command when its first part is there; what it had then."""
-    process = command(*paths, "--out", folder, "--workers", workers, "--no-figures")
-    wait_for(lambda: times(folder) or process.poll() is not None)
-    how(process)
-    return process, process.communicate(timeout=60)
+    """A command that sends itself a signal when its first task is done; what it said."""
+    options = ("--out", folder, "--workers", workers, "--no-figures")
+    code = f"""
+import os, signal, sys
+from rich.progress import Progress
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    Progress.advance = lambda *_: {how}
+    sys.argv = {["grainloops", "series", *map(str, paths), *map(str, options)]!r}
+    from studies.cli import main
+    main()
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True,
+    )  # fmt: skip
+    return process, process.communicate(timeout=300)
 
 
 def children_of(pid):
@@ -266,7 +278,7 @@ def children_of(pid):
 def test_killed_and_started_again(paths, result, tmp_path, workers):
     """What was finished stays as it was, the rest is the same as without the accident."""
     out = tmp_path / "out"
-    process, _ = stop_in_the_middle(out, paths, lambda p: p.send_signal(signal.SIGKILL), workers)
+    process, _ = stop_in_the_middle(out, paths, "os.kill(os.getpid(), signal.SIGKILL)", workers)
     assert process.returncode == -signal.SIGKILL
     before = times(out)
     assert 0 < len(before) < 9
@@ -285,9 +297,7 @@ def test_killed_and_started_again(paths, result, tmp_path, workers):
 def test_interrupted(paths, result, tmp_path):
     """Ctrl-C, as a terminal sends it: to the whole group of processes."""
     out = tmp_path / "out"
-    process, (_, text) = stop_in_the_middle(
-        out, paths, lambda p: os.killpg(p.pid, signal.SIGINT), workers=2
-    )
+    process, (_, text) = stop_in_the_middle(out, paths, "os.killpg(0, signal.SIGINT)", workers=2)
     assert process.returncode == 130
     assert text == (
         "grainloops: interrupted; finished snapshots are kept: the same command continues.\n"
