@@ -120,7 +120,8 @@ main()
 
 def test_a_terminal_sees_the_seconds(tmp_path):
     code = (
-        "import sys, time; from studies.commands import common as c; c.PATIENCE = 0.01; c.TICK = 0.2\n"
+        "import sys, time; from studies.commands import common as c\n"
+        "c.PATIENCE, c.TICK = 0.01, 0.2\n"
         "with c.clock('work') as tell: tell('0.3 of 1'); time.sleep(2)\n"
         "print('done', file=sys.stderr)"
     )
