@@ -31,8 +31,9 @@ SAME_ANGLE = 1e-11
 TOUCHING = 1e-7
 # A diagonal entry below this share of its column would cost the digits of the exchange.
 PIVOT_MIN = 1e-11
-# Over the largest entry of Q: parts zeros that fall together.
-TIE_BREAK = 1e-10
+# Over the largest entry of Q: parts zeros that fall together by far more than SAME_ANGLE, or some
+# stay tied and the exchange by pivots leads in circles.
+TIE_BREAK = 1e-8
 # Exchanges after which the transform is made anew from `M`.
 REFRESH = 64
 # A variable whose largest value over the circle is below this share of the largest is zero.

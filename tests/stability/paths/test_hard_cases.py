@@ -139,5 +139,6 @@ def test_regimes_do_not_keep_switching(seed, status, said):
     assert path.status == status
     assert said in path.message
     if status == "no_solution":
-        switches = [event for event in path.events if event.parameter == path.parameter[-1]]
-        assert 12 < len(switches) < 60
+        # A row for each of the switches in place; what they release there hangs on rounding.
+        still = np.abs(path.H - path.H[-1]).max(axis=1) <= 1e-13
+        assert 12 < still.sum() < 60
