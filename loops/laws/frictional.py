@@ -34,9 +34,10 @@ class FrictionalLaw(Shown):
     """Base of contact laws: a normal force of the overlap, an elastic shear spring, friction.
 
     A law of your own gives `closed_force`, and `stiffnesses` unless they are its constants `kn` and
-    `kt`. Its parameters are attributes (numbers, or arrays with the contacts in the last axis), set
-    by name when it is made. The rest has defaults: Coulomb's `strength` `mu N`, opening where the
-    grains part (`gap`), no rolling spring.
+    `kt`; without a constant `kn` it is the slope of `closed_force`. Its parameters are attributes
+    (numbers, or arrays with the contacts in the last axis), set by name when it is made. The rest
+    has defaults: Coulomb's `strength` `mu N`, opening where the grains part (`gap`), no rolling
+    spring.
 
     - elastic: `N' = -kn un'`, `T' = -kt ut'`;
     - sliding (`|T|` at the strength): `T' = s mu N'`, `s = sign(T)`, while the slip dissipates:
@@ -84,11 +85,19 @@ class FrictionalLaw(Shown):
         raise NotImplementedError(f"{type(self).__name__}.closed_force")
 
     def stiffnesses(self, state: ContactState) -> tuple[ArrayLike, ArrayLike]:
-        """`kn = dN/d(overlap)` and `kt`, broadcastable to (..., C); by default its constants."""
-        try:
-            return vars(self)["kn"], vars(self)["kt"]
-        except KeyError:
-            raise NotImplementedError(f"{type(self).__name__}.stiffnesses") from None
+        """`kn = dN/d(overlap)` and `kt`, broadcastable to (..., C); by default its constants.
+
+        Without a constant `kn` differences of `closed_force` over a thousandth of the overlap.
+        """
+        constants = vars(self)
+        if "kt" not in constants:
+            raise NotImplementedError(f"{type(self).__name__}.stiffnesses")
+        if "kn" in constants:
+            return constants["kn"], constants["kt"]
+        step = 1e-3 * np.maximum(np.abs(state.overlap), TOUCHING * state.touching_length)
+        # Central differences of the fourth order: what is left is rounding, some 1e-10.
+        near = [self.closed_force(_plain(state, state.length - k * step)) for k in (1, -1, 2, -2)]
+        return (8.0 * (near[0] - near[1]) - (near[2] - near[3])) / (12.0 * step), constants["kt"]
 
     def gap(self, state: ContactState) -> Floats:
         """`l - (r_i + r_j)`: a closed contact opens where its grains part."""

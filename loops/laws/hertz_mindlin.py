@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats
+from loops.arrays import Floats, Regimes
+from loops.errors import InputError
 from loops.graph import ContactState
 from loops.laws.frictional import FrictionalLaw, ShearIncrement, friction_and_increment, parameter
+from loops.laws.protocol import Regime
+
+ShearHistory = Literal["force", "displacement"]
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -22,15 +27,16 @@ class HertzMindlin(FrictionalLaw):
 
     - `N = (4/3) E* sqrt(R*) delta^(3/2)` (Hertz), so `N' = -kn un'`, `kn = 2 E* sqrt(R* delta)`;
     - elastic: `T' = -kt ut'`, `kt = 8 G* sqrt(R* delta)` (Mindlin, no slip), with the `kt` of the
-      current overlap: hypoelastic, like the linear law;
+      current overlap: hypoelastic, like the linear law; or `T = -kt(delta) xi`, `xi' = ut'`, so
+      `T' = -kt ut' - T/(2 delta) un'`;
     - sliding: `T' = s mu N'` and its condition, as in `LinearFrictional`;
     - open: `N = T = 0` once the branch is longer than `r_i + r_j`.
 
     The ratio `kt/kn = 2 (1 - nu)/(2 - nu)` is that of the material, 2/3 to 1 for `nu` from 0.5
     to 0; both stiffnesses vanish at touching. `T` keeps its value while `kt` falls with the
-    overlap: no rescaling on unloading (LAMMPS's `mindlin_rescale`), no secant `T = kt(delta)` times
-    the whole slip (LIGGGHTS), no partial slip (Mindlin and Deresiewicz); a closed cycle of shear
-    and compression may therefore gain energy (Elata and Berryman 1996).
+    overlap (`shear_history="force"`), or goes with it (`"displacement"`). There is no rescaling on
+    unloading alone (LAMMPS's `mindlin_rescale`) and no partial slip (Mindlin and Deresiewicz); a
+    closed cycle of shear and compression may therefore gain energy (Elata and Berryman 1996).
 
     The stiffnesses of a state follow from its `N`, `kn = (6 E*^2 R* N)^(1/3)`: the same as from
     the overlap where `N` is Hertz's force, and exact where positions are rounded, as in the tables
@@ -50,11 +56,16 @@ class HertzMindlin(FrictionalLaw):
         Coefficient of friction (not negative; inf never slides).
     shear_increment : {'branch', 'radii'}
         What a turn of the branch adds to `ut`, see `LinearFrictional`.
+    shear_history : {'force', 'displacement'}
+        What a contact keeps while its `kt` changes: `T`, to which increments are added (Yade's
+        `Law2_ScGeom_MindlinPhys_Mindlin`, LAMMPS's `mindlin/force`), or the displacement that
+        `kt` is multiplied with (LIGGGHTS's `tangential history`, LAMMPS's `mindlin` and
+        `gran/hertz/history`).
 
     Raises
     ------
     InputError
-        If a parameter leaves its range or `shear_increment` is unknown.
+        If a parameter leaves its range, or `shear_increment` or `shear_history` is unknown.
 
     Examples
     --------
@@ -73,6 +84,7 @@ class HertzMindlin(FrictionalLaw):
     poisson: Floats
     mu: Floats
     shear_increment: ShearIncrement
+    shear_history: ShearHistory
 
     def __init__(
         self,
@@ -80,6 +92,7 @@ class HertzMindlin(FrictionalLaw):
         poisson: ArrayLike,
         mu: ArrayLike = np.inf,
         shear_increment: ShearIncrement = "branch",
+        shear_history: ShearHistory = "force",
     ) -> None:
         young = parameter("young", young, "a positive finite stiffness", 0.0, open_low=True)
         object.__setattr__(self, "young", young)
@@ -87,6 +100,10 @@ class HertzMindlin(FrictionalLaw):
         poisson = parameter("poisson", poisson, expected, -1.0, open_low=True, high=0.5)
         object.__setattr__(self, "poisson", poisson)
         friction_and_increment(self, mu, shear_increment)
+        if shear_history not in get_args(ShearHistory):
+            expected = "'force' or 'displacement'"
+            raise InputError("shear_history", repr(shear_history), expected, "See the docstring.")
+        object.__setattr__(self, "shear_history", shear_history)
 
     @property
     def stiffness_ratio(self) -> Floats:
@@ -102,6 +119,15 @@ class HertzMindlin(FrictionalLaw):
         """`kn` and `kt = kappa kn` of the current `N`."""
         kn = self.normal_stiffness(state)
         return kn, self.stiffness_ratio * kn
+
+    def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
+        """As of every law with friction; of a displacement also `T/(2 delta) = T kn/(3 N)`."""
+        stiffness = super().local_stiffness(state, regime)
+        if self.shear_history == "displacement":
+            sticks = (regime == Regime.ELASTIC) & (state.normal_force > 0)
+            share = state.shear_force / (3.0 * np.where(sticks, state.normal_force, 1.0))
+            stiffness[..., 1, 0] += np.where(sticks, share, 0.0) * self.normal_stiffness(state)
+        return stiffness
 
     def closed_force(self, state: ContactState) -> Floats:
         """`N = (4/3) E* sqrt(R*) delta^(3/2)`, odd in the overlap."""

@@ -441,7 +441,7 @@ class Moving:
         grains = self.pairs.grains.astype(np.uint32)
         wraps = images.any(axis=1) | (grains[:, 1] >= now.count)
         radii, walls = np.array(now.radii), np.array(now.walls)
-        springs = self.pairs[2:]
+        springs = self.pairs[2:5]
         self.discs = Discs(radii, walls, *self.lightness, grains, images, wraps, *springs)
 
     def load(self, load: Floats) -> None:

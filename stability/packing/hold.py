@@ -213,11 +213,11 @@ def hold(
     change = end.forces.copy()
     change[: len(pairs)] -= start.forces
     kept = int(np.count_nonzero(first & last[: len(pairs)]))
-    kn, kt, mu = (k[last] for k in moving.pairs[2:])
+    kn, kt, mu = (k[last] for k in moving.pairs[2:5])
     touching = end.closed & end.at_wall
     walls = PlaneContacts(
         moving.pairs.grains[touching, 0], end.branches[touching],
-        *(k[touching] for k in moving.pairs[2:]),
+        *(k[touching] for k in moving.pairs[2:5]),
     )  # fmt: skip
     return HeldPacking(
         graph=end.graph(),

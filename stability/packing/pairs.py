@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from loops.arrays import Floats, Integers
 from loops.errors import InputError
 from loops.graph import GrainGraph, contact_state, require_one_state
-from loops.laws import LinearFrictional
+from loops.laws import FrictionalLaw, HertzMindlin, LinearFrictional
 from loops.packing import PlaneContacts
 from stability.packing.state import PackingState
 
@@ -41,7 +41,9 @@ HERTZ, HERTZ_BAND, MOSTLY = 2.0 / 3.0, 0.01, 0.9
 class Pairs(NamedTuple):
     """Pairs (P, 2) with the image of the second grain (P, 2), and `kn`, `kt`, `mu` (P,).
 
-    The second one of a pair is the wall, if there is one.
+    The second one of a pair is the wall, if there is one. Under Hertz's law `kn`, `kt` are the
+    tangents over the root of the overlap, `N = 2/3 kn overlap^(3/2)`; `by_displacement`, `T` goes
+    with `kt`. A `law` of one's own holds between grains, `kn` and `kt` at walls.
     """
 
     grains: Integers
@@ -49,6 +51,9 @@ class Pairs(NamedTuple):
     kn: Floats
     kt: Floats
     mu: Floats
+    hertz: bool = False
+    by_displacement: bool = False
+    law: FrictionalLaw | None = None
 
     def __len__(self) -> int:
         return len(self.grains)
@@ -57,6 +62,28 @@ class Pairs(NamedTuple):
 def touching_distances(state: PackingState, pairs: Pairs) -> Floats:
     """(P,) distances of the centres at first touch."""
     return np.asarray(state.radii[pairs.grains].sum(axis=1))
+
+
+def overlaps(state: PackingState, pairs: Pairs) -> Floats:
+    """(P,) overlaps, zero where a pair is apart."""
+    length = np.linalg.norm(state.branches, axis=1)
+    return np.asarray(np.maximum(touching_distances(state, pairs) - length, 0.0))
+
+
+def normal_forces(pairs: Pairs, overlap: Floats) -> Floats:
+    """(P,) `N` of the overlaps."""
+    return HERTZ * pairs.kn * overlap**1.5 if pairs.hertz else pairs.kn * overlap
+
+
+def tangents(pairs: Pairs, overlap: Floats) -> tuple[Floats, Floats]:
+    """(P,) `kn` and `kt` at the overlaps."""
+    root = np.sqrt(overlap) if pairs.hertz else 1.0
+    return pairs.kn * root, pairs.kt * root
+
+
+def normal_energy(pairs: Pairs, overlap: Floats) -> Floats:
+    """(P,) energy of the normal springs at the overlaps."""
+    return (0.4 if pairs.hertz else 0.5) * normal_forces(pairs, overlap) * overlap
 
 
 def strength(pairs: Pairs, N: Floats) -> Floats:
@@ -89,16 +116,36 @@ def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
 
 
 def contact_pairs(
-    start: PackingState, law: LinearFrictional, planes: PlaneContacts | None = None
+    start: PackingState, law: LinearFrictional | HertzMindlin, planes: PlaneContacts | None = None
 ) -> Pairs:
-    """The contacts of the start as pairs, those with walls last."""
-    count = int(np.count_nonzero(~start.at_wall))
-    numbers = [np.broadcast_to(k, count).astype(float) for k in (law.kn, law.kt, law.mu)]
+    """The contacts of the start as pairs, those with walls last.
+
+    Under Hertz's law walls have the stiffness over the root of the overlap that their forces tell,
+    and the ratio of their `kt` to `kn`.
+    """
+    count, hertz = int(np.count_nonzero(~start.at_wall)), isinstance(law, HertzMindlin)
+    if isinstance(law, HertzMindlin):
+        radii = start.radii[start.contacts[:count]]
+        kn = law.young / (1.0 - law.poisson**2) * np.sqrt(_effective_radii(radii))
+        kt = law.stiffness_ratio * kn
+    else:
+        kn, kt = law.kn, law.kt
+    numbers = [np.broadcast_to(k, count).astype(float) for k in (kn, kt, law.mu)]
     if len(start.walls) and planes is not None:
         mu = np.where(planes.kt > 0, np.inf, 0.0) if planes.mu is None else planes.mu
-        at_walls = (planes.kn, planes.kt, mu)
-        numbers = [np.append(k, own) for k, own in zip(numbers, at_walls, strict=True)]
-    return Pairs(start.contacts, start.images, *numbers)
+        kn, kt = planes.kn, planes.kt
+        if hertz:
+            foot = np.linalg.norm(planes.branch, axis=1)
+            root = np.sqrt(np.maximum(start.radii[planes.grain] - foot, 0.0))
+            carried = start.normal_force[count:]
+            told = (root > 0) & (carried > 0)
+            over = np.where(told, root, 1.0)
+            own = np.where(told, carried / (HERTZ * over**3), kn)
+            kn, kt = own, kt * own / kn
+        numbers = [np.append(k, own) for k, own in zip(numbers, (kn, kt, mu), strict=True)]
+    kn, kt, mu = numbers
+    by_displacement = isinstance(law, HertzMindlin) and law.shear_history == "displacement"
+    return Pairs(start.contacts, start.images, kn, kt, mu, hertz, by_displacement)
 
 
 def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> NDArray[Any]:
@@ -130,7 +177,7 @@ def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:
     """The pairs, then all others closer than `gap`, with medians of the parameters.
 
     A wall is as stiff to other grains as to those that are known, over their radius if that varies
-    less.
+    less. Under Hertz's law stiffness goes with the root of the effective radius.
     """
     count, radii, walls = state.count, state.radii, state.walls
     grains, images = near_pairs(state.x[:count], state.cell, radii[:count], gap)
@@ -145,18 +192,32 @@ def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:
     rows = np.column_stack([grains, images]).tolist()
     new = np.array([tuple(row) not in known for row in rows], dtype=bool)
     grains, images = grains[new], images[new]
+    one, other = np.ones(len(pairs)), np.ones(len(grains))
+    if pairs.hertz:
+        one, other = (np.sqrt(_effective_radii(radii[g])) for g in (pairs.grains, grains))
     numbers = []
-    for k in (pairs.kn, pairs.kt, pairs.mu):
+    for k, old, fresh in ((pairs.kn, one, other), (pairs.kt, one, other), (pairs.mu, 1.0, 1.0)):
+        k = k / old
         added = np.full(len(grains), np.median(k[pairs.grains[:, 1] < count]))
         for body in range(count, count + len(walls)):
             of, own = pairs.grains[:, 1] == body, grains[:, 1] == body
             added[own] = _as_known(k[of], radii[pairs.grains[of, 0]], radii[grains[own, 0]])
-        numbers.append(np.append(k, added))
+        numbers.append(np.append(k * old, added * fresh))
+    kn, kt, mu = numbers
     return Pairs(
         np.concatenate([pairs.grains, grains]),
         np.concatenate([pairs.images, images]),
-        *numbers,
+        kn,
+        kt,
+        mu,
+        *pairs[5:],
     )
+
+
+def _effective_radii(radii: Floats) -> Floats:
+    """(P,) `r_i r_j/(r_i + r_j)` of radii (P, 2); of the grain alone at a wall."""
+    i, j = radii.T
+    return np.asarray(np.where(j > 0, i * j / (i + j), i))
 
 
 def _as_known(values: Floats, radii: Floats, others: Floats) -> Floats:

@@ -5,6 +5,7 @@ from scipy.optimize import brentq
 
 from loops import (
     ContactLaw,
+    FrictionalLaw,
     GrainGraph,
     HertzMindlin,
     InputError,
@@ -106,6 +107,42 @@ def test_tangent_is_the_slope_of_the_law(rule, share):
         return external_forces(graph, YOUNG, POISSON, MU, 0.0, regime, v, w, step, rule)
 
     assert_slope(forces, rate, 2.0 ** -np.arange(9, 14), atol=0.03)
+
+
+def test_a_kept_displacement_turns_the_shear_force_with_its_stiffness():
+    """`T = -kt(delta) xi`: slope along a compression with slip; with `force` only `kt xi'`."""
+    xi, un, ut, step = 0.01, -0.3, 0.2, 1e-6
+
+    def shear(time):
+        kt = mindlin_stiffness(YOUNG, POISSON, 0.7, 0.4, 0.9 + time * un)
+        return -kt * (xi + time * ut)
+
+    slope = (shear(step) - shear(-step)) / (2 * step)
+    state = contact_state(one_contact(shear=shear(0.0)))
+    elastic = np.array([Regime.ELASTIC], dtype=np.int8)
+    kept = HertzMindlin(YOUNG, POISSON, MU, shear_history="displacement")
+    rate = -(kept.local_stiffness(state, elastic)[0] @ [un, ut])[1]
+    assert rate == pytest.approx(slope, rel=1e-9)
+    added = -(LAW.local_stiffness(state, elastic)[0] @ [un, ut])[1]
+    assert added == pytest.approx(shear(0.0) / xi * ut, rel=1e-12)
+    with pytest.raises(InputError, match="'force' or 'displacement'"):
+        HertzMindlin(YOUNG, POISSON, MU, shear_history="slip")
+
+
+def test_a_law_without_its_tangent_has_the_slope_of_its_force():
+    class OfForces(FrictionalLaw):
+        def closed_force(self, state):
+            return LAW.closed_force(state)
+
+    own = OfForces(kt=0.3, mu=0.5)
+    for length in (0.9, 1.09, 1.0999):
+        state = contact_state(one_contact(length))
+        kn, kt = own.stiffnesses(state)
+        # Lengths are rounded: eps over a thousandth of the overlap.
+        np.testing.assert_allclose(kn, LAW.normal_stiffness(state), rtol=1e-12 / (1.1 - length))
+        assert kt == 0.3
+    with pytest.raises(NotImplementedError, match="OfForces"):
+        OfForces(mu=0.5).stiffnesses(state)
 
 
 def test_rigid_turn_only_turns_the_forces():
