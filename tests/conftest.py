@@ -1,6 +1,7 @@
 """One setting for every property test: the same examples on each run, no clock."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -33,6 +34,14 @@ def unsaved(monkeypatch):
     from tests.unsaved import leave_files_empty
 
     leave_files_empty(monkeypatch)
+
+
+@pytest.fixture
+def interruptible():
+    """Ctrl-C raises here, also where a shell runs the tests in the background and ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

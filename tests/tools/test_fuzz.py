@@ -59,10 +59,10 @@ def test_each_outcome_is_seen(tmp_path):
     script = (
         "import os, sys, time; from pathlib import Path; from loops import InputError\n"
         "from tests.tools.fuzz import trial; from tests.tools.fuzz.samples import Sample\n"
-        "trial.SECONDS = 1.0\n"
         "sample = Sample('csv', Path(sys.argv[1]) / 'grains_1.csv', {})\n"
         "sample.path.write_text('id')\n"
         "for fault in sys.argv[2:]:\n"
+        "    trial.SECONDS = 0.5 if 'sleep' in fault else 60.0\n"
         "    trial.read_snapshot = lambda path, **_: exec(fault)\n"
         "    print(trial.try_one(sample, 0, whole=False)[0], flush=True)\n"
     )

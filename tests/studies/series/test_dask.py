@@ -144,6 +144,7 @@ def test_a_scheduler_lost_in_the_middle(tmp_path, scheduler, workers):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("interruptible")
 def test_interrupted_on_the_cluster(tmp_path, scheduler, workers):
     """Ctrl-C gives up what has not begun; the workers stay, and the same command goes on."""
     paths, out = write_series(tmp_path / "run", 8), tmp_path / "out"

@@ -499,6 +499,7 @@ class Pressed:
         return self.pool.submit(function, task)
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_is_not_lost_while_processes_start():
     with pytest.raises(KeyboardInterrupt), workers.processes(1) as pool:
         list(workers.run_in_processes(Pressed(pool), abs, [1]))
