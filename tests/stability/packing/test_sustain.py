@@ -40,7 +40,7 @@ def loaded(grains, seed, turns=6):
 
 def test_a_square_lattice_fails_where_its_contacts_open():
     """The stress of each axis is its force over the spacing: 0.01."""
-    found = sustain(SQUARE, LAW, [[-1, 0], [1, 0], [0, -1]], largest=0.02)
+    found = sustain(SQUARE, LAW, [[-1, 0], [1, 0], [0, -1]], largest=0.02, interval=1e-4)
     assert found.status.tolist() == ["failed", "held", "failed"]
     np.testing.assert_allclose(found.limit, [0.01, 0.02, 0.01], rtol=1e-9)
     assert found.paths[1].motions == () and np.isnan(found.paths[1].first_event)
@@ -64,19 +64,19 @@ def test_a_diamond_fails_where_it_yields(direction):
 
     wanted = fsolve(left, [0.006, a0, 0.01], xtol=1e-12)[0]
     errors = []
-    for interval in (2e-5, 1e-5):
+    for interval in (4e-5, 2e-5):
         (path,) = sustain(graph, LAW, [direction], largest=0.02, interval=interval).paths
         assert path.status == "failed" and path.first_event == path.first_instability == path.limit
         assert path.failed_under == pytest.approx(1.02 * path.limit, rel=0.01)
         errors.append(abs(path.limit / wanted - 1))
-    assert errors[1] < errors[0] < 1e-7
+    assert errors[1] < errors[0] < 1.5e-7
 
 
 def test_the_load_is_raised_to_the_largest_at_most():
     """The largest load is above the limit of the diamonds, by less than a fiftieth."""
-    (free,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02).paths
+    (free,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, interval=1e-4).paths
     largest = 1.01 * free.limit
-    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=largest).paths
+    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=largest, interval=1e-4).paths
     assert path.failed_under == pytest.approx(largest, rel=1e-12)
     assert free.failed_under == pytest.approx(1.02 * free.limit, rel=1e-12)
 
@@ -143,7 +143,7 @@ def test_the_energy_balance_closes_through_snaps(grains, seed, turns):
 
 def test_the_mode_of_a_failure():
     """The diamonds collapse alike and affinely; the motion feeds on internal second-order work."""
-    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02).paths
+    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, interval=1e-4).paths
     mode = path.mode
     assert mode is path.motions[-1] and np.linalg.norm(mode.strain) > FAILURE_STRAIN > MODE_STRAIN
     assert np.abs(mode.displacement).max() < 1e-13 and mode.opened == mode.closed == 0
@@ -165,7 +165,8 @@ def test_directions_with_shear():
 
     The direction counts the shear stress sqrt 2 times.
     """
-    found = sustain(SQUARE, LAW, [[0, 0, 1]], subspace="symmetric", largest=0.01)
+    how = {"subspace": "symmetric", "largest": 0.01, "interval": 2e-5}
+    found = sustain(SQUARE, LAW, [[0, 0, 1]], **how)
     (path,) = found.paths
     # `T = kt (r_i + r_j) e`, `N = kn (r_i + r_j - sqrt(1 + e^2))`.
     e = brentq(lambda e: LAW.kt * 1.01 * e - LAW.mu * (1.01 - np.hypot(1, e)), 0, 0.02, xtol=1e-15)
@@ -196,7 +197,7 @@ def test_a_square_of_discs_between_walls_fails_where_its_contacts_open():
     branch = 0.5 * np.repeat([[-1, 0], [1, 0], [0, -1], [0, 1]], 2, axis=0)
     planes = PlaneContacts(np.array(grain), branch, np.full(8, 2.0), np.zeros(8))
     directions = [[-1, 0], [1, 0], [0, -1]]
-    found = sustain(graph, LAW, directions, largest=0.02, planes=planes)
+    found = sustain(graph, LAW, directions, largest=0.02, interval=1e-4, planes=planes)
     assert found.status.tolist() == ["failed", "held", "failed"]
     np.testing.assert_allclose(found.limit, [0.01, 0.02, 0.01], rtol=1e-9)
     assert found.paths[0].mode.displacement.shape == (4, 2)

@@ -118,7 +118,7 @@ def test_table(written):
             # It lies between two rows of its stage, within what a chord between them misses.
             rows = table[table["stage"] == event["stage"]]
             k = int(np.searchsorted(rows["E1"], event["E1"]))
-            assert rows["E1"].iloc[k - 1] < event["E1"] < rows["E1"].iloc[k]
+            assert rows["E1"].iloc[k - 1] < event["E1"] <= rows["E1"].iloc[k]
             for key in ("E2", "s1", "s2"):
                 chord = np.interp(
                     event["E1"], rows["E1"].iloc[k - 1 : k + 1], rows[key].iloc[k - 1 : k + 1]
