@@ -30,9 +30,9 @@ demo: $(INSTALLED)
 	@echo "  . $(VENV)/bin/activate"
 	@echo "  grainloops snapshot grains_05.csv     # contacts_05.csv stands beside it"
 
-# One thread of BLAS for each of the two processes; bytecode is kept, for them and for what they start.
+# One thread of BLAS for each of the two processes, neighbouring tests in one of them; bytecode is kept.
 test: $(INSTALLED)
-	OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(RUN) pytest -n 2
+	OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(RUN) pytest -n 2 --dist worksteal
 
 # What `make test` leaves out, with the time that each took; half an hour on two quiet cores.
 slow: $(INSTALLED)

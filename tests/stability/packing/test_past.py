@@ -29,7 +29,7 @@ from tests.stability.packing.test_path import H, followed, unaccounted
 
 GRAPH = jammed(12, 1, BRANCH)
 STRAIN = 7.7 * H
-INTERVAL = 4e-5
+INTERVAL = 1e-4
 HELD = np.diag([1.0, 0, 0, 0]), np.diag([0, 1.0, 1.0, 1.0])
 
 
