@@ -215,6 +215,7 @@ def direction_table(found: Probe) -> pd.DataFrame:
             "W2": found.work,
             "w2": found.normalised,
             "status": found.status,
+            "proof": found.proof,
             "sliding": found.sliding,
             "disagreeing": found.disagreeing,
             "residual": found.residual,

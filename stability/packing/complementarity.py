@@ -29,6 +29,8 @@ NEWTON_STEPS = 15
 PIVOT = 1e-11
 # Determinant over the product of the rows' sizes below which a matrix is taken as singular.
 SINGULAR = 1e-13
+# Share of the unit matrix by which a scaled matrix is definite; steps of the search for a scaling.
+MARGIN, BARRIER_STEPS = 1e-9, 60
 # Slip over the largest entry of q that stands for any amount.
 LARGE = 1e3
 
@@ -266,6 +268,48 @@ def positive_definite(M: Floats) -> bool:
     except LinAlgError:
         return False
     return True
+
+
+def scaled_definite(M: Floats, start: Floats | None = None) -> tuple[bool, Floats, Floats]:
+    """Whether `D M + M^T D > 0` for a diagonal `D > 0`: there is one solution for every `q`.
+
+    Also (m,) `D`, or where the search for it ended, and (m,) which contacts stand in its way.
+    Newton's method for the least `s` with `D M + M^T D + s 1 > 0`, `0 < D < 1`, behind a barrier.
+    """
+    m, one = len(M), np.eye(len(M))
+    d = np.full(m, 0.5) if start is None else start
+    if m == 0:
+        return True, d, d
+    sums = d[:, None] * (M - MARGIN * one)
+    s = 1e-3 - 1.1 * float(np.linalg.eigvalsh(sums + sums.T)[0])
+    weight, blame = 2.0 * m / abs(s), np.zeros(m)
+    for _ in range(BARRIER_STEPS):
+        if positive_definite(d[:, None] * (M - MARGIN * one)):
+            return True, d, np.zeros(m)
+        inverse = np.linalg.inv(_shifted(d, M, s))
+        rows = M @ inverse
+        blame = np.diag(inverse)
+        slope = np.append(-2.0 * np.diag(rows) - 1.0 / d + 1.0 / (1.0 - d), weight - blame.sum())
+        curve = np.empty((m + 1, m + 1))
+        curve[:m, :m] = 2.0 * (rows * rows.T + (rows @ M.T) * inverse)
+        curve[:m, :m] += np.diag(1.0 / d**2 + 1.0 / (1.0 - d) ** 2)
+        curve[:m, m] = curve[m, :m] = 2.0 * np.einsum("ij,ji->i", rows, inverse)
+        curve[m, m] = np.sum(inverse**2)
+        step = -np.linalg.solve(curve, slope)
+        decrease = float(-slope @ step)
+        # Within this length the step stays inside, and the barrier falls.
+        length = 1.0 / (1.0 + np.sqrt(max(decrease, 0.0)))
+        d, s = d + length * step[:m], s + length * float(step[m])
+        if decrease < 1.0:
+            if s > 3.0 * m / weight:
+                break
+            weight *= 8.0
+    return False, d, blame
+
+
+def _shifted(d: Floats, M: Floats, s: float) -> Floats:
+    scaled = d[:, None] * M
+    return np.asarray(scaled + scaled.T + s * np.eye(len(M)))
 
 
 def _infeasible(q: Floats, M: Floats) -> bool:

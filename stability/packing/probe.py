@@ -83,8 +83,8 @@ class Probe(Shown):
         Strain outside of it is zero under either control.
     directions : (D, m) array
         Unit directions.
-    status : (D,) array of str
-        As `PackingResponse.status`.
+    status, proof : (D,) array of str
+        As `PackingResponse.status` and `.proof`: what the status stands on.
     residual : (D,) array
         Out-of-balance force rate over that of the affine motion.
     sliding, disagreeing : (D,) array of int
@@ -142,6 +142,7 @@ class Probe(Shown):
     subspace: Subspace
     directions: Floats
     status: NDArray[np.str_]
+    proof: NDArray[np.str_]
     residual: Floats
     sliding: Integers
     disagreeing: Integers
@@ -298,10 +299,16 @@ def probe_edge(
     found = find_faces(graph) if faces is None else faces
     wanted = probe_directions(directions, subspace)
     answers: list[DirectionAnswer] = []
+    branches: list[int] = []
     for direction in wanted:
+        branches.append(len(pieces.branches))
         answers.append(pieces.at(direction))
         if progress is not None:
             progress(len(answers))
+    # A branch that this or a later direction led to may have more solutions here.
+    for k, direction in enumerate(wanted):
+        if pieces.traced and pieces.sets(direction, branches[k]):
+            answers[k] = pieces.at(direction)
     rows = [answer.response for answer in answers]
     piece = np.array([answer.piece for answer in answers])
     loop_work = np.array([additive_work(row, found) for row in rows])
@@ -323,6 +330,7 @@ def probe_edge(
         subspace=subspace,
         directions=wanted,
         status=np.array([row.status for row in rows]),
+        proof=np.array([row.proof for row in rows]),
         residual=np.array([row.residual for row in rows]),
         sliding=np.array([row.sliding for row in rows]),
         disagreeing=np.array([row.disagreeing for row in rows]),

@@ -13,11 +13,16 @@ from stability.packing.complementarity import (
     ENUMERATED,
     known_solutions,
     positive_definite,
+    scaled_definite,
     solve_from,
 )
 from stability.packing.response import (
+    CRITICAL,
     HELD_STUCK,
+    SCALED,
     SOLVED,
+    STARTED,
+    TRUSTED,
     WHOLE_CIRCLE,
     HeldAndDriven,
     PackingRates,
@@ -25,7 +30,11 @@ from stability.packing.response import (
     Solved,
     controlled_strain,
 )
-from stability.packing.solution_branch import SolutionBranch, trace_branch
+from stability.packing.solution_branch import (
+    SolutionBranch,
+    solutions_over_slip,
+    trace_branch,
+)
 from stability.packing.yield_response import complementary_rates
 from stability.spectra import subspace_basis
 
@@ -40,6 +49,8 @@ HALVINGS = 40
 SEEDS = 24
 # Segments of a branch of few contacts at most.
 FEW_SEGMENTS = 500
+# Contacts that are tried as the critical one.
+CRITICAL_TRIED = 3
 # Where both components fall nearly all contacts at yield stick: a solution is found at once.
 UNLOADING = -np.sqrt([0.5, 0.5])
 
@@ -87,11 +98,13 @@ class RegimeRegions:
         self.branches: list[SolutionBranch] = []
         self.answered: list[tuple[Floats, Flags]] = []
         self.complete = ""
+        self.critical: int | None = None
         self.traced = len(self.basis) == 2 and rates.small and len(rates.every) > 0
         if self.traced:
             self.circle = self._circle()
             self._unload()
-        if self.traced and control == "stress":
+            self._prove()
+        if self.traced and control == "stress" and not self.complete:
             self._map_strains()
 
     def _circle(self) -> tuple[Floats, Floats]:
@@ -104,6 +117,44 @@ class RegimeRegions:
         unloading = solve_from(self.circle[0] @ UNLOADING, self.circle[1], self.rates.none)
         if unloading is not None:
             self._trace(UNLOADING, unloading)
+
+    def _prove(self) -> None:
+        """Whether each direction has one solution, or all can be counted over one contact's slip.
+
+        The branch from the unloading direction tells the solution of each where it closes.
+        """
+        M = self.circle[1]
+        if not ENUMERATED < len(M) <= STARTED or self.rates.slips_left > TRUSTED:
+            return
+        single, scale, blame = scaled_definite(M)
+        if single:
+            around = [branch for branch in self.branches if branch.closed and branch.winding == 1]
+            self.complete = SCALED if len(around) == 1 else ""
+            return
+        for k in np.argsort(-blame)[:CRITICAL_TRIED]:
+            rest = np.arange(len(M)) != k
+            if scaled_definite(M[np.ix_(rest, rest)], scale[rest])[0]:
+                self.critical = int(k)
+                return
+
+    def _counted(self, direction: Floats) -> list[Flags] | None:
+        """All solutions along a direction, over the slip of the critical contact; None if unknown.
+
+        Each set must solve the problem to rounding; otherwise nothing was shown.
+        """
+        if self.critical is None:
+            return None
+        (Q, M), k = self.circle, self.critical
+        q, rest = Q @ direction, np.arange(len(M)) != k
+        start = solve_from(q[rest], M[np.ix_(rest, rest)], self.rates.none[rest])
+        sets = None
+        if start is not None:
+            slides = self.rates.none.copy()
+            slides[rest] = start
+            sets = solutions_over_slip(q, M, k, slides)
+        if sets is None or len(known_solutions(q, M, sets, CRITICAL).active) != len(sets):
+            return None
+        return sets
 
     def _map_strains(self) -> None:
         """Follow the images of the strain directions' solutions over the stress directions.
@@ -120,14 +171,15 @@ class RegimeRegions:
             if not self._known(stress, sliding):
                 self._trace(stress, sliding)
         images = [branch for branch in self.branches if branch.closed]
-        single = positive_definite(strains.circle[1]) and len(strains.branches) == 1
-        if single and strains.branches[0].closed and strains.branches[0].winding == 1:
-            if len(images) == len(self.branches) == 1:
-                self.complete = WHOLE_CIRCLE
+        single = strains.complete or positive_definite(strains.circle[1])
+        if single and len(strains.branches) == 1:
+            if strains.branches[0].closed and strains.branches[0].winding == 1:
+                if len(images) == len(self.branches) == 1:
+                    self.complete = WHOLE_CIRCLE
 
     def seek(self, count: int = SEEDS) -> None:
         """Search from some directions around the circle, besides the one that unloads."""
-        if positive_definite(self.circle[1]):
+        if self.complete or positive_definite(self.circle[1]):
             return
         for angle in TURN * np.arange(count) / count:
             direction = plane_directions(np.asarray(angle))
@@ -135,13 +187,13 @@ class RegimeRegions:
             if found is not None and not self._known(direction, found):
                 self._trace(direction, found)
 
-    def _sets(self, direction: Floats) -> list[Flags]:
-        """Sliding contacts of the solutions that branches have along a direction."""
+    def sets(self, direction: Floats, first: int = 0) -> list[Flags]:
+        """Sliding contacts of the solutions that branches, from one on, have along a direction."""
         angle = float(np.arctan2(*direction[1::-1]))
-        return [branch.sliding[k] for branch in self.branches for k in branch.at(angle)]
+        return [branch.sliding[k] for branch in self.branches[first:] for k in branch.at(angle)]
 
     def _known(self, direction: Floats, sliding: Flags) -> bool:
-        return any(np.array_equal(sliding, other) for other in self._sets(direction))
+        return any(np.array_equal(sliding, other) for other in self.sets(direction))
 
     def _trace(self, direction: Floats, sliding: Flags) -> None:
         """Follow a solution around the circle."""
@@ -173,13 +225,15 @@ class RegimeRegions:
 
     def at(self, direction: Floats) -> DirectionAnswer:
         """Response along a unit direction."""
-        control, known = self.control(direction), self._sets(direction)
+        control, known = self.control(direction), self.sets(direction)
         complete = self.complete if len(self.rates.every) > ENUMERATED else ""
+        if not complete and (counted := self._counted(direction)) is not None:
+            known, complete = counted, CRITICAL
         solved = self.rates.solved(control, self.starts, known, complete)
         if solved.response.status not in SOLVED and not solved.response.proof:
             solved = self._from_nearest(direction, control) or solved
         response = solved.response
-        if self.traced and response.proof != HELD_STUCK and not complete:
+        if self.traced and response.proof != HELD_STUCK and not self.complete:
             for active in solved.solutions:
                 if not self._known(direction, active):
                     self._trace(direction, active)
@@ -207,6 +261,8 @@ class RegimeRegions:
             return None
         first, sliding = max(self.answered, key=lambda one: float(one[0] @ direction))
         across = direction - (first @ direction) * first
+        if np.linalg.norm(across) < SAME:
+            return self.rates.solved(control, 1, [sliding])
         plane = np.column_stack([first, across / np.linalg.norm(across)])
         units = [self.rates.problem(self.control(column)) for column in plane.T]
         Q, M = np.column_stack([q for q, _ in units]), units[0][1]

@@ -44,6 +44,10 @@ SOLVED: tuple[Status, ...] = ("unique", "one found", "several")
 MECHANISM = "mechanism"
 # Proof: each strain direction has one solution, and the image of them all closed.
 WHOLE_CIRCLE = "whole circle"
+# Proof: scaled, the matrix of the contacts at yield is definite; there is one solution.
+SCALED = "scaled definite"
+# Proof: without one contact the others are; all solutions over its slip were followed.
+CRITICAL = "one critical contact"
 # In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
 HELD_STUCK = "two-contact grains stick"
 
@@ -77,11 +81,13 @@ class PackingResponse(Shown):
         holds them.
     proof : str
         Proof behind `unique` and `none`: 'enumeration' (up to 12 contacts at yield), 'positive
-        definite', 'infeasible', 'whole circle' (of stress directions: each strain direction has
-        one solution, proved, and their image was followed until it closed). Otherwise '', or what
-        limits the answer: 'two-contact grains stick' (no solution was found until their contacts
-        were kept from sliding, an assumption), 'mechanism' (with all contacts sticking a mechanism
-        moves).
+        definite', 'infeasible'; of probes besides 'scaled definite' (the matrix of the contacts at
+        yield times a diagonal one is definite), 'one critical contact' (so it is without one
+        contact, and all solutions over its slip were followed), 'whole circle' (of stress
+        directions: each strain direction has one solution, proved, and their image was followed
+        until it closed). Otherwise '', or what limits the answer: 'two-contact grains stick' (no
+        solution was found until their contacts were kept from sliding, an assumption), 'mechanism'
+        (with all contacts sticking a mechanism moves).
     residual : float
         Out-of-balance force rate with every contact in the regime that its own rates ask for, over
         that of the affine motion.
@@ -465,7 +471,9 @@ def controlled_strain(answer: LinearAnswer, control: HeldAndDriven) -> Floats:
 
 def _status(solutions: int, proof: str, residual: float) -> Status:
     if solutions and residual <= TRUSTED:
-        proved = proof in ("enumeration", "positive definite", WHOLE_CIRCLE)
+        proved = proof in (
+            "enumeration", "positive definite", WHOLE_CIRCLE, SCALED, CRITICAL
+        )  # fmt: skip
         return "several" if solutions > 1 else "unique" if proved else "one found"
     if solutions or proof == MECHANISM:
         return "not converged"

@@ -20,9 +20,9 @@ from scipy.linalg.blas import dger
 from loops.arrays import Flags, Floats, Integers
 from stability.packing.complementarity import principal_transform
 
-# Begin, end, sliding contacts.
-Segment = tuple[float, float, Flags]
-Status = Literal["closed", "degenerate", "too long"]
+# Begin, end, sliding contacts, line of the watched contact's rate.
+Segment = tuple[float, float, Flags, Floats]
+Status = Literal["closed", "degenerate", "too long", "reached"]
 
 TURN = 2.0 * np.pi
 # Angles closer than this are one: contacts that change regime together are exchanged in turn.
@@ -117,18 +117,49 @@ def _both_ways(Q: Floats, M: Floats, angle: float, sliding: Flags, most: int) ->
     segments, status = _follow(Q, M, angle, sliding, 1.0, most)
     if status != "closed":
         behind, _ = _follow(Q, M, angle, sliding, -1.0, most)
-        segments = [(end, begin, active) for begin, end, active in behind[::-1]] + segments
+        backwards = [(end, begin, active, line) for begin, end, active, line in behind[::-1]]
+        segments = backwards + segments
     return SolutionBranch(
-        angle=np.array([[begin, end] for begin, end, _ in segments]).reshape(-1, 2),
-        sliding=np.array([active for *_, active in segments]).reshape(-1, len(Q)),
+        angle=np.array([[begin, end] for begin, end, *_ in segments]).reshape(-1, 2),
+        sliding=np.array([active for _, _, active, _ in segments]).reshape(-1, len(Q)),
         status=status,
     )
 
 
+def solutions_over_slip(q: Floats, M: Floats, k: int, start: Flags) -> list[Flags] | None:
+    """Sliding contacts of all solutions where the others have one for every load.
+
+    `start` (m,) are those that slide while contact `k` sticks. They are followed over the slip of
+    `k` from zero to infinity: each change of sign of its rate `w_k` on the way is a solution. None
+    where they can't be followed so far.
+    """
+    lines, end = np.column_stack([q, M[:, k]]), 0.5 * np.pi
+    segments, status = _follow(lines, M, 0.0, start, 1.0, 20_000, end, k)
+    if status != "reached":
+        return None
+    loads = bool(segments[0][3][0] >= 0)
+    found = [start] if loads else []
+    for _, last, slides, rate in segments:
+        if bool(rate @ [np.cos(min(last, end)), np.sin(min(last, end))] >= 0) != loads:
+            loads = not loads
+            found.append(slides | (np.arange(len(q)) == k))
+    return found
+
+
 def _follow(
-    Q: Floats, M: Floats, angle: float, start: Flags, sense: float, most: int
+    Q: Floats,
+    M: Floats,
+    angle: float,
+    start: Flags,
+    sense: float,
+    most: int,
+    until: float = np.inf,
+    watched: int | None = None,
 ) -> tuple[list[Segment], Status]:
-    """Segments from an angle on: begin, end, sliding contacts."""
+    """Segments from an angle on, up to the angle `until`.
+
+    The contact that is `watched` sticks, whatever the sign of its rate.
+    """
     transform = principal_transform(Q, M, start)
     if transform is None:
         return [], "degenerate"
@@ -144,16 +175,20 @@ def _follow(
         if changed >= 0:
             ahead[changed] = np.pi
         ahead[size <= ZERO_ROW * size.max()] = np.pi
+        if watched is not None:
+            ahead[watched] = np.pi
         if ahead.max() > np.pi + TOUCHING:
             return segments, "degenerate"
         reach = float(ahead.min())
         if step > 0 and sense == first_sense and np.array_equal(sliding, start):
             back = float(np.mod(sense * (angle - at), TURN))
             if back <= reach + SAME_ANGLE:
-                segments.append((at, at + sense * back, sliding.copy()))
+                segments.append((at, at + sense * back, sliding.copy(), lines[0].copy()))
                 return segments, "closed"
         end = at + sense * reach
-        segments.append((at, end, sliding.copy()))
+        segments.append((at, end, sliding.copy(), lines[watched or 0].copy()))
+        if end >= until:
+            return segments, "reached"
         ties = np.flatnonzero(ahead <= reach + SAME_ANGLE)
         share = table[ties, ties] / np.abs(table[:, ties]).max(axis=0)
         changed = int(ties[np.argmax(np.abs(share))])

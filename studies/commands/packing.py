@@ -126,6 +126,8 @@ def _unanswered(summary: dict[str, Any]) -> str:
         if moves
         else "try another --yield-band, or take a snapshot farther from failure"
     )
+    if summary["statuses"].get("none", 0) == count:
+        return f"{count} of {of} directions have no solution, proved: shares are of the others"
     if count == of:
         return f"no solution found in any of {of} directions; {remedy}"
     return f"no solution found in {count} of {of} directions: shares are of the others; {remedy}"
@@ -160,7 +162,12 @@ def probe(
     no_figures: NoFigures = False,
     reading: OneReading | None = None,
 ) -> Answer:
-    """Probe a DEM snapshot in many directions: response envelope, cones, unstable loops."""
+    """Probe a DEM snapshot in many directions: response envelope, cones, unstable loops.
+
+    Status of a direction. unique: one solution, proved. one found: one solution, others are
+    possible. several: at least two solutions. none: no solution exists, proved. none found: no
+    solution was found. not converged: a mechanism moves. Column proof says what each stands on.
+    """
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "probe", path)
     words: Any = {"control": control, "subspace": subspace}

@@ -9,10 +9,13 @@ from stability.packing.complementarity import (
     basic_values,
     lemke,
     nearest_regimes,
+    positive_definite,
+    scaled_definite,
     solve_complementarity,
     solve_from,
     violation,
 )
+from stability.packing.solution_branch import solutions_over_slip
 
 
 def random_problem(m, seed):
@@ -128,3 +131,42 @@ def test_newton_stops_where_a_block_is_singular():
     """The second set has no values: the best set met before it is kept."""
     found, wrong = _newton(np.array([-1.0, 1.0]), np.zeros((2, 2)), np.zeros(2, bool))
     assert not found.any() and wrong == 1
+
+
+def principal_minors(M):
+    sets = (np.arange(1, 2 ** len(M))[:, None] >> np.arange(len(M)) & 1).astype(bool)
+    return np.array([np.linalg.det(M[np.ix_(one, one)]) for one in sets])
+
+
+def test_a_matrix_that_a_scaling_makes_definite_is_recognised_and_no_other():
+    """Hidden by a scaling it is found; a matrix with a negative principal minor never is."""
+    rng, hidden, refused = np.random.default_rng(1), 0, 0
+    for _ in range(40):
+        M = random_problem(7, int(rng.integers(1 << 30)))[1]
+        scale = np.exp(rng.standard_normal(7))
+        away = scale[:, None] * M * np.exp(rng.standard_normal(7))
+        found, d, _ = scaled_definite(away)
+        hidden += found and not positive_definite(away)
+        assert found and (np.linalg.eigvalsh(d[:, None] * away + (d[:, None] * away).T) > 0).all()
+        other = np.eye(7) + 0.5 * rng.standard_normal((7, 7))
+        if principal_minors(other).min() < 0:
+            refused += 1
+            assert not scaled_definite(other)[0]
+    assert hidden > 30 and refused > 10
+
+
+def test_all_solutions_are_met_over_the_slip_of_one_critical_contact():
+    """Held to every combination: none, one, two and more solutions."""
+    rng, met = np.random.default_rng(4), dict.fromkeys(range(4), 0)
+    for _ in range(300):
+        m = int(rng.integers(2, 7))
+        q, M = rng.standard_normal(m), np.eye(m) + 0.3 * rng.standard_normal((m, m))
+        M[:, 0] *= rng.choice([-2.0, 1.0])
+        rest = np.arange(m) > 0
+        if not scaled_definite(M[np.ix_(rest, rest)])[0]:
+            continue
+        start = np.insert(solve_from(q[1:], M[1:, 1:], np.zeros(m - 1, bool)), 0, False)
+        found = {one.tobytes() for one in solutions_over_slip(q, M, 0, start)}
+        assert found == {one.tobytes() for one in solve_complementarity(q, M).active}
+        met[min(len(found), 3)] += 1
+    assert met[0] > 20 and met[1] > 20 and met[2] > 20

@@ -9,6 +9,7 @@ from patterns.diamond import tangent
 from patterns.diamond.tangents import elastic_moduli, sliding_moduli
 from stability import plane_cone, restrict
 from stability.packing import packing_response, probe, response, yield_response
+from stability.packing.response import CRITICAL, SCALED
 from tests.oracles.lattices import lattice, lattice_rates
 from tests.packings import LAW, packing
 
@@ -127,6 +128,13 @@ def test_elastic_packings_are_never_stiffer_than_the_affine_sum():
         assert found.destabilising.status == "definite" and found.unstable_fraction == 0.0
 
 
+def said(found, k):
+    """Statuses of one response: a probe proves more of them, of what a search alone has found."""
+    proved = found.proof[k] in (SCALED, CRITICAL)
+    searched = {"unique": "one found", "none": "none found"}
+    return {found.status[k]} | ({searched.get(found.status[k], "several")} if proved else set())
+
+
 @pytest.mark.parametrize("subspace", ["diagonal", "symmetric"])
 def test_strain_probes_are_the_responses_one_by_one(subspace):
     graph = packing(30, seed=3, sliding=0.3)
@@ -134,7 +142,7 @@ def test_strain_probes_are_the_responses_one_by_one(subspace):
     assert len(found.arcs) > 5 and found.residual.max() < 1e-12
     for k, H in enumerate(found.strain_rate):
         one = packing_response(graph, LAW, H)
-        assert (found.status[k], found.sliding[k]) == (one.status, one.sliding)
+        assert one.status in said(found, k) and found.sliding[k] == one.sliding
         size = np.abs(one.stress_rate).max()
         assert np.allclose(found.stress_rate[k], one.stress_rate, rtol=0, atol=1e-13 * size)
         elastic = packing_response(graph, LinearFrictional(1.0, 0.5, np.inf, "radii"), H)
@@ -149,7 +157,7 @@ def test_stress_probes_are_the_responses_one_by_one():
         one = packing_response(
             graph, LAW, [[np.nan, 0], [0, np.nan]], stress_rate=np.diag([p1, p2])
         )
-        assert found.status[k] == one.status
+        assert one.status in said(found, k)
         if found.determined[k]:
             assert np.allclose(found.strain_rate[k], one.strain_rate, rtol=1e-10, atol=1e-12)
             assert np.allclose(np.diag(found.stress_rate[k]), [p1, p2], atol=1e-11)
@@ -292,7 +300,7 @@ def test_where_there_is_no_solution_nothing_is_said():
     graph = under_load(2, 0.6)
     loads = probe(graph, LAW, 36, control="stress")
     lost = probe(graph, LAW, loads.directions[~loads.determined], control="stress")
-    assert len(lost.directions) == 31 and lost.softest is None and len(lost.cones) == 0
+    assert len(lost.directions) == 30 and lost.softest is None and len(lost.cones) == 0
     assert np.isnan(lost.unstable_fraction) and lost.destabilising.status == "undetermined"
 
 

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,18 @@ from loops import GrainGraph, InputError, LinearFrictional
 from stability.packing import probe
 from stability.packing.complementarity import (
     STARTS,
+    Complementarity,
     basic_values,
     positive_definite,
+    solve_complementarity,
     solve_from,
 )
 from stability.packing.regime_regions import RegimeRegions
-from stability.packing.response import HELD_STUCK, WHOLE_CIRCLE, PackingRates
+from stability.packing.response import HELD_STUCK, SOLVED, WHOLE_CIRCLE, PackingRates
 from stability.packing.solution_branch import TURN, SolutionBranch, trace_branch
 from stability.packing.yield_response import yield_response
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
+from tests.tools import small_packings
 
 
 def unit(angle):
@@ -283,3 +287,111 @@ def test_stress_steps_are_those_of_yade():
     soft = steps[:, 0] == 150
     assert off[~soft].max() < 0.01 and off[soft].max() < 0.2
     assert (off < 1.05 * elastic).all() and elastic[~soft].max() > 0.03
+
+
+def compared_packings(count, monkeypatch):
+    """Totals over small packings of what probes say against all solutions, by brute force."""
+    for module in ("complementarity", "regime_regions"):
+        monkeypatch.setattr(f"stability.packing.{module}.ENUMERATED", 0)
+    totals, done = Counter(), 0
+    for _, graph, law in small_packings.packings(most=10):
+        for control in ("strain", "stress"):
+            counts = small_packings.compared(graph, law, control)
+            totals += counts or Counter()
+            done += counts is not None
+        if done >= 2 * count:
+            return totals
+
+
+def hold_to_brute_force(totals):
+    assert totals["false"] == totals["invented"] == totals["missed on a known branch"] == 0
+    assert totals["missed"] <= 0.01 * totals["solutions"]
+
+
+def test_nothing_that_probes_say_of_small_packings_is_false(monkeypatch):
+    totals = compared_packings(3, monkeypatch)
+    hold_to_brute_force(totals)
+    assert totals["directions"] > 120 and totals["solutions"] > 100
+
+
+@pytest.mark.slow
+def test_nothing_that_probes_say_of_many_small_packings_is_false(monkeypatch):
+    totals = compared_packings(60, monkeypatch)
+    hold_to_brute_force(totals)
+    assert min(totals[f"said {one}"] for one in ("unique", "one found", "several", "none")) > 50
+
+
+def test_the_dense_problem_of_the_brute_force_is_that_of_the_sparse_one():
+    for _, graph, law in islice(small_packings.packings(), 12):
+        dense = small_packings.dense_problem(graph, law, at_yield(graph, law))
+        rates = PackingRates(yield_response(graph, law, yield_band=AT_YIELD))
+        if dense and rates.slips_left < 1e-9:
+            regions = RegimeRegions(rates, "strain", "diagonal", STARTS)
+            for one, other in zip(regions.circle, dense[:2], strict=True):
+                assert np.abs(one - other).max() < 1e-11 * np.abs(other).max()
+
+
+def nearest_alone(graph, law, control):
+    """Answers in three components, each from the nearest answered direction where it can be."""
+    rates = PackingRates(yield_response(graph, law, yield_band=AT_YIELD))
+    regions = RegimeRegions(rates, control, "symmetric", STARTS)
+    rng, rows = np.random.default_rng(1), []
+    for direction in rng.standard_normal((40, 3)):
+        direction /= np.linalg.norm(direction)
+        asked = regions.control(direction)
+        followed = regions._from_nearest(direction, asked)
+        rows.append((asked, regions.at(direction), followed))
+    return rates, rows
+
+
+@pytest.mark.parametrize("control", ["strain", "stress"])
+def test_in_three_components_the_nearest_answer_leads_to_the_solution(control):
+    """Followed along great circles, against direct solves and all combinations of regimes."""
+    followed = several = 0
+    for graph, law in packings(range(5), share=0.3, most=8):
+        rates, rows = nearest_alone(graph, law, control)
+        for asked, direct, there in rows:
+            if there is None or there.response.status not in SOLVED:
+                continue
+            q, M = rates.problem(asked)
+            true = [rates.rates_of(asked, one) for one in solve_complementarity(q, M).active]
+            H, P = there.response.strain_rate.ravel(), there.response.stress_rate.ravel()
+            off = [max(np.abs(H - h).max(), np.abs(P - p).max()) for h, p in true]
+            assert min(off) < 1e-12 * max(np.abs(H).max(), np.abs(P).max(), 1.0)
+            if len(true) == 1:
+                own = direct.response
+                size = max(np.abs(H).max(), np.abs(P).max())
+                assert np.abs(H - own.strain_rate.ravel()).max() < 1e-12 * size
+                assert np.abs(P - own.stress_rate.ravel()).max() < 1e-12 * size
+            followed, several = followed + 1, several + (len(true) > 1)
+    assert followed > 60
+
+
+def test_where_the_search_fails_in_three_components_the_nearest_answer_is_followed(monkeypatch):
+    """As if only the first direction could be solved from its starts."""
+    cases = [
+        case
+        for case in packings(range(20), share=0.25, most=9)
+        if positive_definite(PackingRates(yield_response(*case, yield_band=AT_YIELD)).whole[0])
+    ]
+    true = [probe(*case, 8, subspace="symmetric", yield_band=AT_YIELD) for case in cases]
+    for module in ("complementarity", "regime_regions"):
+        monkeypatch.setattr(f"stability.packing.{module}.ENUMERATED", 0)
+    asked = []
+
+    def only_once(q, M, starts=STARTS, known=()):
+        asked.append(q)
+        active = true_solution(q, M) if len(asked) == 1 or known else []
+        return Complementarity(np.array(active, dtype=bool).reshape(-1, len(q)), "")
+
+    true_solution = lambda q, M: [solve_from(q, M, np.zeros(len(q), bool))]  # noqa: E731
+    monkeypatch.setattr("stability.packing.response.solve_complementarity", only_once)
+    followed = 0
+    for case, wanted in zip(cases, true, strict=True):
+        asked.clear()
+        found = probe(*case, 8, subspace="symmetric", yield_band=AT_YIELD)
+        assert found.determined.all()
+        size = np.abs(wanted.stress_rate).max()
+        assert np.abs(found.stress_rate - wanted.stress_rate).max() < 1e-12 * size
+        followed += len(asked) - 1
+    assert followed > 50
