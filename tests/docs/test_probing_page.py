@@ -10,6 +10,9 @@ from studies.examples import probing
 from tests.docs.pages import page, says, section, tables
 from tests.unsaved import leave_files_empty
 
+# Three states in 24 directions; one of Yade's probes is held to in tests/studies/probe.
+pytestmark = pytest.mark.slow
+
 TEXT = section(page("probing"), "## Held to Yade")
 *ERRORS, ON_THE_WAY = tables(TEXT)
 WORDS = " ".join(TEXT.split())
