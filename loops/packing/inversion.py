@@ -179,6 +179,60 @@ def _operators(
     return operator, error
 
 
+def inverse_at_contacts(system: PackingSystem, threads: int = 1) -> Floats:
+    """(E', 6, 6) entries of `K^-1` at the freedoms of each contact of grains, in their order.
+
+    Translations that nothing resists are taken out: it is the inverse on motions without them, by
+    component. Zero where a grain has no such freedom, or no contact resists it.
+    """
+    none = Polygons([], [], [], [], np.empty((0, 2)))
+    (block,) = packing_blocks(system, none, np.inf, 0.0)
+    grains, number = np.flatnonzero(block.free), np.cumsum(block.free) - 1
+    matrix, freedom, coupled = _regular_matrix(system, block)
+    edges = np.concatenate([_edges(system, none, block.free), coupled])
+    fronts = dissection(block.x[grains], number[edges])
+    lu = frontal_lu(matrix, fronts, freedom[grains], threads)
+    turn = np.empty(len(grains), dtype=np.int64)
+    for k, front in enumerate(fronts):
+        turn[front.own] = k
+    pairs = system.graph.contacts[system.contacts]
+    ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
+    first = turn[number[pairs]].min(axis=1)
+    by_front = np.argsort(first, kind="stable")
+    start = np.searchsorted(first[by_front], np.arange(len(fronts) + 1))
+    found = np.zeros((len(pairs), 6, 6))
+
+    def use(k: int, freedoms: Integers, z: Floats) -> None:
+        rows = by_front[start[k] : start[k + 1]]
+        order = np.argsort(freedoms)
+        place = order[np.searchsorted(freedoms, ends[rows].clip(0), sorter=order) % len(order)]
+        known = ends[rows] >= 0
+        both = known[:, :, None] & known[:, None, :]
+        found[rows] = np.where(both, z[place[:, :, None], place[:, None, :]], 0.0)
+
+    lu.on_fronts(use)
+    if not len(system.carrying.anchors):
+        return found
+    joined = sparse.coo_array((np.ones(len(pairs)), tuple(pairs.T)), (len(number), len(number)))
+    _, component = connected_components(joined, directed=False)
+    _, component = np.unique(component[grains], return_inverse=True)
+    T = np.zeros((len(matrix.indptr), 2 * (component.max() + 1)))
+    for axis in (0, 1):
+        T[freedom[grains, axis], 2 * component + axis] = 1.0
+    T = T[:-1] / np.sqrt(np.bincount(component, minlength=1).repeat(2))
+    right, left = lu.solve(T), lu.solve(T, transposed=True)
+    middle = T.T @ right
+    T, right, left = (
+        np.concatenate([a, np.zeros((1, a.shape[1]))])[ends] for a in (T, right, left)
+    )
+    return (
+        found
+        - T @ np.swapaxes(left, 1, 2)
+        - right @ np.swapaxes(T, 1, 2)
+        + T @ middle @ np.swapaxes(T, 1, 2)
+    )
+
+
 def _inverses(
     C: Floats, terms: Floats, left: Floats, right: Floats, residual: Floats
 ) -> tuple[Floats, Floats]:
