@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from studies.series.tables import fates as fates
     from studies.series.tables import increments as increments
     from studies.series.tables import series as series
+    from studies.series.tables import skill as skill
     from studies.snapshot.run import planar as planar
     from studies.style import figure_width as figure_width
     from studies.sustain import sustain as sustain
@@ -100,7 +101,7 @@ NAMES = {
     "studies.frames": "chain_table loop_table path_table to_geodataframe",
     "studies.plots": "plot_cone plot_envelope plot_loop plot_map plot_path",
     "studies.probe": "probe",
-    "studies.series.tables": "fates increments series",
+    "studies.series.tables": "fates increments series skill",
     "studies.snapshot.run": "planar",
     "studies.style": "figure_width",
     "studies.sustain": "sustain",

@@ -9,7 +9,7 @@ import pytest
 
 from patterns import read_snapshot
 from studies.series.evolution import increments, track_loops
-from studies.series.skill import skill
+from studies.series.skill import score_skill
 
 COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM") or "none") / "yade-slow"
 in_collection = pytest.mark.collection
@@ -34,4 +34,4 @@ def predicted(before, after, changes):
     table = increments(one, two, track_loops(one, two))
     actual = np.full(len(one.faces.loops), np.nan)
     actual[table["loop_before"]] = table["w2"]
-    return skill(-changes(one.faces).normalised_work, actual, signed=True)["auc"]
+    return score_skill(-changes(one.faces).normalised_work, actual, signed=True)["auc"]

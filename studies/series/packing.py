@@ -75,7 +75,7 @@ def packing_predictions(
     """
     graph, (law, _) = before.graph, before.mechanics()
     H, source = sample_strain(before, after)
-    columns = _facts(before, fates)
+    columns = facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
     columns |= {name: blank for name in (*PREDICTED, *OWN_FIELDS, "packing_lambda_min")}
     columns |= {name: blank for name in EVENT_FIELDS if by_events}
@@ -140,7 +140,7 @@ def _picked(rates: LoopRates, names: dict[str, str]) -> Columns:
     return {name: getattr(rates, field) for name, field in names.items()}
 
 
-def _facts(before: Snapshot, fates: LoopFates) -> Columns:
+def facts(before: Snapshot, fates: LoopFates) -> Columns:
     """Order, fate, lost contacts and smallest force of every earlier loop."""
     graph, faces = before.graph, before.faces
     lost = np.ones(graph.contact_count, dtype=bool)
@@ -168,36 +168,49 @@ def _own_motion(
     """The packing under the grains' actual motion; None if rotations are unknown."""
     if before.rotation is None or after.rotation is None:
         return None
-    graph = before.graph
+    spin = np.full(before.graph.grain_count, np.nan)
     _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
-    x, spin = np.full((graph.grain_count, 2), np.nan), np.full(graph.grain_count, np.nan)
-    x[here] = after.graph.x[there]
     # Codes give angles up to a full turn; a grain turns by less than half of one in an interval.
     turned = after.rotation[there] - before.rotation[here]
     spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
+    rate = moved_branches(before, after, response.strain_rate) - branch_vectors(before.graph)
+    return replace(response, branch_rate=rate, force_rate=forces_of_motion(edge, rate, spin))
+
+
+def moved_branches(before: Snapshot, after: Snapshot, strain: Floats) -> Floats:
+    """(C, 2) later branch vectors of the contacts of a snapshot, open or not.
+
+    The image of the second grain is the one nearest to where the sample's strain moves it; not
+    numbers where a grain is gone.
+    """
+    graph, cell = before.graph, after.graph.cell
+    _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
+    x = np.full((graph.grain_count, 2), np.nan)
+    x[here] = after.graph.x[there]
     i, j = graph.contacts.T
     d = branch_vectors(graph)
-    affine = d - d @ response.strain_rate.T
+    affine = d - d @ strain.T
     beyond = x[j] - x[i] - affine
-    cell = after.graph.cell
     if cell is not None:
         away = np.linalg.solve(cell, beyond.T)
         beyond = beyond - (cell @ np.round(away)).T
-    rate = beyond + affine - d
-    return replace(response, branch_rate=rate, force_rate=forces_of_motion(edge, rate, spin))
+    return np.asarray(beyond + affine)
 
 
 def increment_columns(table: Columns, row: Mapping[str, Any], columns: Columns) -> dict[str, Any]:
     """Columns of the increments with `--in-packing`: actual non-affinity and predictions."""
+    at = table["loop_before"]
+    predicted = {name: columns[name][at] for name in PREDICTED}
+    status = np.full(len(at), row["packing_status"])
+    return {"nonaffinity": nonaffinity(table, row)} | predicted | {"packing_status": status}
+
+
+def nonaffinity(table: Columns, row: Mapping[str, Any]) -> Floats:
+    """`|strain of a loop - strain of the sample| / |strain of the sample|` of survived loops."""
     H, whole = (
         np.stack([values[f"{name}{ij}"] for ij in COMPONENTS], axis=-1).reshape(-1, 2, 2)
         for name, values in (("H", table), ("dH", row))
     )
     own, sample = rotation_and_stretch(H)[1], rotation_and_stretch(whole)[1]
     with np.errstate(invalid="ignore", divide="ignore"):
-        size = np.linalg.norm(sample)
-        nonaffinity = np.linalg.norm(own - sample, axis=(1, 2)) / size
-    at = table["loop_before"]
-    predicted = {name: columns[name][at] for name in PREDICTED}
-    status = np.full(len(at), row["packing_status"])
-    return {"nonaffinity": nonaffinity} | predicted | {"packing_status": status}
+        return np.asarray(np.linalg.norm(own - sample, axis=(1, 2)) / np.linalg.norm(sample))

@@ -109,9 +109,9 @@ def skill_tables(
                 continue
             numbers = [own[name][0] for name in SKILL_COLUMNS[:2]]
             place = dict(zip(SKILL_COLUMNS[:4], (*numbers, predictor, target), strict=True))
-            rows.append(place | skill(score, value, signed=signed))
+            rows.append(place | score_skill(score, value, signed=signed))
             for n in ORDERS if packing else ():
-                some = skill(score[order == n], value[order == n], signed=signed)
+                some = score_skill(score[order == n], value[order == n], signed=signed)
                 by_order.append(place | {"order": n} | some)
         earlier = own
     ordered = [*SKILL_COLUMNS[:4], "order", *SKILL_COLUMNS[4:]]
@@ -155,11 +155,27 @@ def targets(
             yield target, name, score, value, name in SIGNED[target]
 
 
+def actual_values(own: Columns, state: Columns) -> dict[str, Floats]:
+    """Value of each target for every earlier loop: negative where it came true.
+
+    Targets other than the work need the columns of `facts`.
+    """
+    at = own["loop_before"]
+    found = {TARGET: _of_all(state, own["w2"], at)}
+    if "fate" in state:
+        moved = own["nonaffinity"]
+        tenth = np.quantile(moved, 0.9) - moved if len(moved) else moved
+        found["nonaffine"] = _of_all(state, tenth, at)
+        found["contact_lost"] = np.where(state["contact_lost"], -1.0, 1.0)
+        found["topology"] = np.where(state["fate"] == "survived", 1.0, -1.0)
+    return found
+
+
 def _predicted(
     own: Columns, state: Columns, earlier: Columns | None
 ) -> Iterator[tuple[str, Floats, dict[str, Floats], Floats]]:
     """Target, value, scores of the packing and of the grains' own motion, and score of the past."""
-    at = own["loop_before"]
+    actual = actual_values(own, state)
     unknown = np.full(len(state["order"]), np.nan)
 
     def past(name: str) -> Floats:
@@ -169,14 +185,12 @@ def _predicted(
     work = {"packing": -state["packing_w2"], "own_motion": -state["own_w2"]} if packed else {}
     walked = {name: column for name, column in EVENT_PREDICTORS.items() if f"{column}_w2" in state}
     work |= {name: -state[f"{column}_w2"] for name, column in walked.items()}
-    yield TARGET, _of_all(state, own["w2"], at), work, -past("w2")
+    yield TARGET, actual[TARGET], work, -past("w2")
     if not packed:
         return
-    moved = own["nonaffinity"]
-    tenth = np.quantile(moved, 0.9) - moved if len(moved) else moved
     nonaffinity = {"packing": state["packing_nonaffinity"]}
     nonaffinity |= {name: state[f"{column}_nonaffinity"] for name, column in walked.items()}
-    yield "nonaffine", _of_all(state, tenth, at), nonaffinity, past("nonaffinity")
+    yield "nonaffine", actual["nonaffine"], nonaffinity, past("nonaffinity")
     # Persistence: a loop that was not there before the last interval changes again.
     new = unknown if earlier is None else np.where(np.isnan(past("w2")), 1.0, -1.0)
     opening, closing = (
@@ -188,9 +202,9 @@ def _predicted(
         for what in ("opening", "closing")
     )
     soon = {name: _soon(time) for name, time in opening.items()}
-    yield "contact_lost", np.where(state["contact_lost"], -1.0, 1.0), soon, new
+    yield "contact_lost", actual["contact_lost"], soon, new
     soon = {name: _soon(np.minimum(opening[name], closing[name])) for name in opening}
-    yield "topology", np.where(state["fate"] == "survived", 1.0, -1.0), soon, new
+    yield "topology", actual["topology"], soon, new
 
 
 def _of_all(state: Columns, values: Floats, rows: Integers) -> Floats:
@@ -205,7 +219,7 @@ def _soon(time: Floats) -> Floats:
     return 1.0 / np.maximum(time, SOONEST) - 1.0
 
 
-def skill(score: Floats, value: Floats, *, signed: bool) -> dict[str, Any]:
+def score_skill(score: Floats, value: Floats, *, signed: bool) -> dict[str, Any]:
     """Skill of a score over one interval; nan where a share has no denominator.
 
     `base`: share of the loops with `value < 0` among those with a value other than zero;

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+from numpy.typing import ArrayLike
 
+from loops import InputError
 from patterns import Snapshot
 from stability import COMPONENTS
 from studies.frames import loop_table
 from studies.output import provenance
 from studies.series import evolution
+from studies.series.packing import facts, nonaffinity
 from studies.series.plan import plan_series
 from studies.series.run import UNITS
+from studies.series.skill import actual_values, score_skill
 from studies.snapshot.run import planar, reading
 
 File = str | os.PathLike[str]
@@ -88,6 +92,73 @@ def increments(before: Snapshot, after: Snapshot) -> pd.DataFrame:
     before, after = planar(before), planar(after)
     found = evolution.track_loops(before, after)
     return _frame("increments", evolution.increments(before, after, found))
+
+
+def skill(
+    pairs: Iterable[tuple[Snapshot, Snapshot]], indicator: Callable[[Snapshot], ArrayLike]
+) -> pd.DataFrame:
+    """How well an indicator of your own predicts what becomes of the loops.
+
+    Parameters
+    ----------
+    pairs : iterable of (Snapshot, Snapshot)
+        Earlier and later states, of one sample or of several, with forces.
+    indicator : callable
+        Returns one number for each loop of the earlier snapshot, in the order of
+        `snapshot.faces.loops`; a larger one predicts the target. Not a number where it knows
+        nothing.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each pair (its place from 0), target and predictor: your `indicator`, and the
+        trivial ones `order` (number of grains) and `smallest_N`. Targets are negative second-order
+        work (`W2_negative`), the upper tenth of the non-affinity (`nonaffine`), a lost contact
+        (`contact_lost`), any change of topology (`topology`). `base`, share of the loops with the
+        target; `coverage`; `auc`, the chance that of two loops with and without it the first one
+        has the larger number; `rank_correlation`; `loops`.
+
+    Raises
+    ------
+    InputError
+        If the indicator returns another number of values, forces are unknown, or branches cross.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> state = read_snapshot(sample_path())
+    >>> table = skill([(state, state)], lambda one: one.faces.order[one.faces.loops])
+    >>> table[["target", "predictor"]].drop_duplicates().groupby("target").size().to_dict()
+    {'W2_negative': 3, 'contact_lost': 3, 'nonaffine': 3, 'topology': 3}
+    """
+    rows: list[dict[str, Any]] = []
+    for place, (one, two) in enumerate(pairs):
+        before, after = planar(one), planar(two)
+        before.mechanics()
+        after.mechanics()
+        found = evolution.track_loops(before, after)
+        own, state = evolution.increments(before, after, found), facts(before, found)
+        own["nonaffinity"] = nonaffinity(own, evolution.interval_row(before, after, found, own))
+        score = np.asarray(indicator(before), dtype=float)
+        if score.shape != state["order"].shape:
+            raise InputError(
+                f"indicator of pair {place}",
+                f"an array of shape {score.shape}",
+                f"one number for each of the {len(state['order'])} loops of the earlier snapshot",
+                "Return them in the order of snapshot.faces.loops.",
+            )
+        scores = {
+            "indicator": score,
+            "order": state["order"].astype(float),
+            "smallest_N": -state["smallest_N"],
+        }
+        for target, value in actual_values(own, state).items():
+            for name, values in scores.items():
+                measured = score_skill(values, value, signed=False)
+                for signed in ("agreement", "precision", "recall"):
+                    del measured[signed]
+                rows.append({"pair": place, "target": target, "predictor": name} | measured)
+    return _frame("skill", {name: [row[name] for row in rows] for name in rows[0]} if rows else {})
 
 
 def series(

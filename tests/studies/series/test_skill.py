@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy.stats import spearmanr
 
-from studies.series.skill import SKILL_COLUMNS, mean_skill, skill, skill_tables
+from studies.series.skill import SKILL_COLUMNS, mean_skill, score_skill, skill_tables
 from tests.studies.series.test_run import run, write_series
 
 
@@ -16,7 +16,7 @@ def test_by_hand():
     """Five loops moved; one has no score. Predicted: 1, 2, 3 of which 1, 2 came; 4 was missed."""
     w2 = np.array([-1.0, -0.5, 0.5, -0.2, 0.9, 0.0, -0.3])
     score = np.array([3.0, 1.0, 1.0, -1.0, -2.0, 9.0, np.nan])
-    found = skill(score, w2, signed=True)
+    found = score_skill(score, w2, signed=True)
     assert (found["base"], found["coverage"]) == (4 / 6, 5 / 6)
     assert (found["precision"], found["recall"], found["agreement"]) == (2 / 3, 2 / 3, 3 / 5)
     assert found["loops"] == 5
@@ -28,7 +28,7 @@ def test_by_hand():
 def test_against_pairs_and_scipy(seed):
     rng = np.random.default_rng(seed)
     score, w2 = rng.integers(-4, 5, 80).astype(float), rng.normal(size=80)
-    found = skill(score, w2, signed=False)
+    found = score_skill(score, w2, signed=False)
     pairs = list(product(score[w2 < 0], score[w2 > 0]))
     auc = np.mean([1.0 if a > b else 0.5 if a == b else 0.0 for a, b in pairs])
     # Sums of 80 ranks and of 1,600 pairs: exact halves, one division.
@@ -39,13 +39,13 @@ def test_against_pairs_and_scipy(seed):
 
 def test_a_perfect_score_and_none():
     w2 = np.array([-1.0, 1.0, -2.0, 3.0])
-    assert skill(-w2, w2, signed=True)["auc"] == 1.0
-    assert skill(w2, w2, signed=True)["auc"] == 0.0
-    assert skill(np.zeros(4), w2, signed=True)["auc"] == 0.5
-    empty = skill(np.full(4, np.nan), w2, signed=True)
+    assert score_skill(-w2, w2, signed=True)["auc"] == 1.0
+    assert score_skill(w2, w2, signed=True)["auc"] == 0.0
+    assert score_skill(np.zeros(4), w2, signed=True)["auc"] == 0.5
+    empty = score_skill(np.full(4, np.nan), w2, signed=True)
     assert (empty["loops"], empty["coverage"]) == (0, 0.0)
     assert np.isnan(empty["auc"])
-    assert np.isnan(skill(np.zeros(0), np.zeros(0), signed=True)["base"])
+    assert np.isnan(score_skill(np.zeros(0), np.zeros(0), signed=True)["base"])
 
 
 @pytest.fixture(scope="module")

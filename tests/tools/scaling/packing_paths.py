@@ -43,7 +43,7 @@ from studies.series import run_series
 from studies.series.evolution import increments, sample_strain, track_loops
 from studies.series.packing import packing_predictions
 from studies.series.plan import cells_by_number
-from studies.series.skill import mean_skill, skill
+from studies.series.skill import mean_skill, score_skill
 from studies.series.skill_figures import PREDICTORS
 from studies.snapshot.in_packing import followed_walls
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
@@ -392,14 +392,14 @@ def between_walls(collection: Path) -> Iterator[dict[str, Any]]:
         row |= {"unbalanced": macro.unbalanced[numbers[k]], "events": len(path.events)}
         for name, end in (("path", path.states[-1]), ("replay", again.state)):
             changed = loop_changes(graph, end, faces).normalised_work
-            row[name] = float(skill(-changed, actual, signed=True)["auc"])
+            row[name] = float(score_skill(-changed, actual, signed=True)["auc"])
             row[f"{name}_stress"] = end.stress[1, 1]
         row["stress"] = macro.sig_yy_wall[numbers[k + 1]]
         if before is not None:
-            row["persistence"] = float(skill(-before, actual, signed=True)["auc"])
+            row["persistence"] = float(score_skill(-before, actual, signed=True)["auc"])
         column, why, _ = packing_predictions(one, two, tracked, 0.99)
         for name in ("own_w2", "packing_w2"):
-            row[name] = float(skill(-np.asarray(column[name]), actual, signed=True)["auc"])
+            row[name] = float(score_skill(-np.asarray(column[name]), actual, signed=True)["auc"])
         yield row | {"rate_problem": why["packing_status"]}
         before = np.full(len(two.faces.loops), np.nan)
         before[table["loop_after"]] = table["w2"]
@@ -426,7 +426,7 @@ def _auc(one: Snapshot, two: Snapshot | None, work: Floats) -> float:
     table = increments(one, two, track_loops(one, two))
     actual = np.full(len(work), np.nan)
     actual[table["loop_before"]] = table["w2"]
-    return float(skill(-work, actual, signed=True)["auc"])
+    return float(score_skill(-work, actual, signed=True)["auc"])
 
 
 STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure] | None]] = {
