@@ -180,15 +180,15 @@ def sustain(
 
     >>> import grainloops as gl
     >>> import numpy as np
-    >>> lattice = gl.GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.505] * 4,
+    >>> lattice = gl.GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5005] * 4,
     ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
     ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
-    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
+    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.001))
     >>> snapshot = gl.Snapshot(lattice, gl.LinearFrictional(1.0, 0.5, 0.5),
     ...     np.full(8, gl.Regime.ELASTIC, dtype=np.int8), np.arange(4), 0, ())
-    >>> found = gl.sustain(snapshot, [[-1, 0], [1, 0]], largest=0.02)
+    >>> found = gl.sustain(snapshot, [[-1, 0], [1, 0]], largest=0.002)
     >>> found.status.tolist(), found.limit.round(6).tolist()
-    (['failed', 'held'], [0.01, 0.02])
+    (['failed', 'held'], [0.001, 0.002])
     """
     at_rest, _ = held_snapshot(_followable(snapshot, subspace), hold)
     law, _ = at_rest.mechanics()

@@ -307,7 +307,8 @@ def sustain(
     ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
     ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
     ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
-    >>> found = sustain(lattice, LinearFrictional(1.0, 0.5, 0.5), [[-1, 0], [1, 0]], largest=0.02)
+    >>> found = sustain(lattice, LinearFrictional(1.0, 0.5, 0.5), [[-1, 0], [1, 0]],
+    ...                 largest=0.02, interval=1e-4)
     >>> found.status.tolist(), found.limit.round(6).tolist()
     (['failed', 'held'], [0.01, 0.02])
     """
