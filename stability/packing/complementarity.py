@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, lapack, lu_solve
+from scipy.linalg.blas import dger
 from scipy.optimize import linprog
 
 from loops.arrays import Flags, Floats, Integers
@@ -124,7 +125,7 @@ def lemke(q: Floats, M: Floats) -> Flags | None:
     m = len(q)
     if (q >= 0).all():
         return np.zeros(m, dtype=bool)
-    table = np.column_stack([M, np.ones(m), q / np.abs(q).max()])
+    table = np.asfortranarray(np.column_stack([M, np.ones(m), q / np.abs(q).max()]))
     basic, nonbasic = np.arange(m), np.arange(m, 2 * m + 1)
     row, column = int(np.argmin(q)), m
     for _ in range(10 * m + 50):
@@ -250,14 +251,17 @@ def _starts(q: Floats, count: int) -> list[Flags]:
 
 
 def _exchange(table: Floats, row: int, column: int) -> None:
-    """Exchange the basic variable of a row with the nonbasic one of a column, in place."""
+    """Exchange the basic variable of a row with the nonbasic one of a column, in place.
+
+    `table` is in Fortran's order, so that BLAS adds the matrix of rank one where it stands.
+    """
     pivot = table[row, column]
     factor = table[:, column].copy()
     factor[row] = 0.0
     line = table[row] / -pivot
     line[column] = 1.0 / pivot
     table[:, column] = 0.0
-    table += factor[:, None] * line
+    dger(1.0, factor, line, a=table, overwrite_a=1)
     table[row] = line
 
 

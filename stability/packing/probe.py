@@ -308,7 +308,7 @@ def probe_edge(
     # A branch that this or a later direction led to may have more solutions here.
     for k, direction in enumerate(wanted):
         if pieces.traced and pieces.sets(direction, branches[k]):
-            answers[k] = pieces.at(direction)
+            answers[k] = pieces.at(direction, 0)
     rows = [answer.response for answer in answers]
     piece = np.array([answer.piece for answer in answers])
     loop_work = np.array([additive_work(row, found) for row in rows])

@@ -223,13 +223,14 @@ class RegimeRegions:
             np.empty(0),
         )
 
-    def at(self, direction: Floats) -> DirectionAnswer:
-        """Response along a unit direction."""
+    def at(self, direction: Floats, starts: int | None = None) -> DirectionAnswer:
+        """Response along a unit direction; with zero starts from the known branches alone."""
         control, known = self.control(direction), self.sets(direction)
         complete = self.complete if len(self.rates.every) > ENUMERATED else ""
         if not complete and (counted := self._counted(direction)) is not None:
             known, complete = counted, CRITICAL
-        solved = self.rates.solved(control, self.starts, known, complete)
+        starts = self.starts if starts is None else starts
+        solved = self.rates.solved(control, starts, known, complete)
         if solved.response.status not in SOLVED and not solved.response.proof:
             solved = self._from_nearest(direction, control) or solved
         response = solved.response

@@ -56,7 +56,7 @@ def measured(path, how):
     before, after = held["stress_before"], held["stress"]
     return {
         "unbalanced": held["unbalanced_before"],
-        "answered": float(np.mean(found.determined)),
+        "answered": float(np.mean(found.determined | (found.status == "none"))),
         "hold_s": between - begin,
         "probe_s": end - between,
         "stress_change": float(np.linalg.norm(after - before) / np.linalg.norm(before)),

@@ -6,9 +6,12 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional
+from patterns import read_snapshot
+from patterns.snapshots import sample_path
 from stability.packing import probe
 from stability.packing.complementarity import (
     STARTS,
@@ -18,12 +21,23 @@ from stability.packing.complementarity import (
     solve_complementarity,
     solve_from,
 )
+from stability.packing.probe import probe_edge
 from stability.packing.regime_regions import RegimeRegions
-from stability.packing.response import HELD_STUCK, SOLVED, WHOLE_CIRCLE, PackingRates
+from stability.packing.response import (
+    CRITICAL,
+    HELD_STUCK,
+    SCALED,
+    SOLVED,
+    WHOLE_CIRCLE,
+    PackingRates,
+)
 from stability.packing.solution_branch import TURN, SolutionBranch, trace_branch
-from stability.packing.yield_response import yield_response
+from stability.packing.yield_response import linear_answer, yield_response
+from studies.snapshot.held import held_snapshot
+from studies.snapshot.in_packing import sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
 from tests.tools import small_packings
+from tests.yade_slow import COLLECTION, in_collection
 
 
 def unit(angle):
@@ -395,3 +409,79 @@ def test_where_the_search_fails_in_three_components_the_nearest_answer_is_follow
         assert np.abs(found.stress_rate - wanted.stress_rate).max() < 1e-12 * size
         followed += len(asked) - 1
     assert followed > 50
+
+
+REAL = ("yade-slow 07", "yade-slow 19", "yade-slow 32", "yade-periodic 06", "yade-medium 05")
+
+
+def at_rest(name):
+    """A held state: the sample of the package, or one of the collection, some between walls."""
+    if name == "sample":
+        return held_snapshot(read_snapshot(sample_path()), "strain")[0]
+    folder, number = name.split()
+    macro = pd.read_csv(COLLECTION.parent / folder / "macro.csv").set_index("snap").loc[int(number)]
+    periodic = "h_xx" in macro
+    cell = (
+        macro[["h_xx", "h_xy", "h_yx", "h_yy"]].to_numpy(float).reshape(2, 2) if periodic else None
+    )
+    path = COLLECTION.parent / folder / f"grains_{number}.parquet"
+    return held_snapshot(read_snapshot(path, cell=cell), "strain")[0]
+
+
+@in_collection
+@pytest.mark.parametrize("name", ("sample", *REAL))
+def test_traced_solutions_of_real_states_are_those_solved_one_by_one(name):
+    """Each from its own search and its own factorisation."""
+    yielding = sample_edge(at_rest(name), 0.99)
+    found, rates = probe_edge(yielding, 24), PackingRates(yielding)
+    regions = RegimeRegions(rates, "strain", "diagonal", STARTS)
+    compared = 0
+    for k in np.flatnonzero(found.determined)[::2]:
+        H = found.strain_rate[k].ravel()
+        q, M = rates.problem(regions.control(found.directions[k]))
+        active = solve_from(q, M, rates.none)
+        if active is None:
+            continue
+        P = linear_answer(yielding, active).stress @ H
+        listed = found.solutions
+        own = listed.stress_rate[listed.direction == k].reshape(-1, 4)
+        assert np.abs(own - P).max(axis=1).min() < 1e-12 * np.abs(P).max()
+        compared += 1
+    assert compared >= (12 if found.determined.all() else 4)
+
+
+@in_collection
+def test_a_state_near_failure_has_two_solutions_or_none_proved():
+    # 41 directions without a solution, between two folds, 31 with two: one critical contact.
+    found = probe_edge(sample_edge(at_rest("yade-slow 35"), 0.99), 72)
+    assert Counter(found.status.tolist()) == {"none": 41, "several": 31}
+    assert (found.proof == CRITICAL).all()
+    assert np.bincount(found.solutions.direction, minlength=72).max() == 2
+    assert np.degrees(found.folds) == pytest.approx([107.167, 310.648], abs=2e-3)
+    # Between the folds the count is none, and two outside of them.
+    inside = (found.theta > found.folds[0]) & (found.theta < found.folds[1])
+    assert (inside == (found.status == "none")).all()
+
+
+@in_collection
+@pytest.mark.parametrize(("name", "proof"), [("yade-slow 07", SCALED), ("yade-slow 05", CRITICAL)])
+def test_real_states_have_one_solution_in_each_direction_proved(name, proof):
+    found = probe_edge(sample_edge(at_rest(name), 0.99), 72)
+    assert (found.status == "unique").all() and (found.proof == proof).all()
+
+
+@in_collection
+@pytest.mark.parametrize("number", ("11", "32"))
+def test_negative_work_on_the_strain_circle_shows_on_the_stress_circle(number):
+    yielding = sample_edge(at_rest(f"yade-slow {number}"), 0.99)
+    strain = probe_edge(yielding, 72).solutions
+    unstable = strain.normalised < -1e-6
+    stress = strain.stress_rate[unstable][:, [0, 1], [0, 1]]
+    found = probe_edge(yielding, stress, "stress").solutions
+    assert unstable.any()
+    for k, (H, P) in enumerate(zip(strain.strain_rate[unstable], stress, strict=True)):
+        wanted = H / np.linalg.norm(P)
+        own = found.strain_rate[found.direction == k]
+        off = np.abs(own - wanted).max(axis=(1, 2), initial=0.0)
+        assert off.min(initial=np.inf) < 1e-9 * np.abs(wanted).max()
+        assert found.normalised[found.direction == k].min() < -1e-6
