@@ -1,4 +1,4 @@
-"""The equations of motion of a DEM code: discs, linear springs with Coulomb friction, damping.
+"""The equations of motion of a DEM code: springs or Hertz-Mindlin, Coulomb friction, damping.
 
 A step is Cundall and Strack's as Yade does it: forces at positions, velocities half a step later
 (symplectic), shear forces from the increments of the step. Centres move by `x' = L x + c`, the
@@ -27,13 +27,16 @@ class Motion(NamedTuple):
     spin: Floats  # (G,)
     cell: Floats  # (2, 2)
     shear: Floats  # (P,) `T`
+    root: Floats  # (P,) under Hertz's law root of the overlap, zero where open
     resultant: Floats  # (G, 3) forces and moments of the state
     speed: Floats  # (G, 2) `L x + c` in the last step
     gradient: Floats  # (2, 2) `L`
     load: Floats  # (G, 3) constant forces and moments on the grains
     # Under a servo, else zero:
     moment: Floats  # (4,) forces times branches, 11, 12, 21, 22: stress times area
-    work: Floats  # (3,) of the cell's strain, of slip, of `T` in the law's shear less the motion's
+    # (3,) of the cell's strain, of slip, of `T` in the law's shear less the motion's with the
+    # energy `T^2/(2 kt)` that goes as `kt` changes
+    work: Floats
     closer: Floats  # (1,) largest possible approach of grains since the pairs were listed
 
 
@@ -50,9 +53,11 @@ class Discs(NamedTuple):
     pairs: NDArray[np.uint32]  # (P, 2) unsigned: no index counts from the end
     images: Floats  # (P, 2)
     wraps: Flags  # (P,) whether an image isn't zero, or the second one is a wall
-    kn: Floats
+    kn: Floats  # under Hertz's law over the root of the overlap, as `kt`
     kt: Floats
     mu: Floats
+    hertz: bool
+    by_displacement: bool  # `T` is `kt` times a displacement: it goes with `kt`
 
 
 class Servo(NamedTuple):
@@ -181,16 +186,19 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
         touching = radius_i + radius_j
         square = d0 * d0 + d1 * d1
         if square >= touching * touching:
-            if summed and motion.shear[p] != 0.0 and discs.kt[p] > 0.0:
-                slipped += 0.5 * motion.shear[p] ** 2 / discs.kt[p]
-            motion.shear[p] = 0.0
+            if motion.shear[p] != 0.0:
+                kt = discs.kt[p] * motion.root[p] if discs.hertz else discs.kt[p]
+                if summed and kt > 0.0:
+                    slipped += 0.5 * motion.shear[p] ** 2 / kt
+                motion.shear[p] = 0.0
+            motion.root[p] = 0.0
             continue
         length = math.sqrt(square)
         over = 1.0 / length
         n0, n1 = d0 * over, d1 * over
         arm_i = 0.5 * (length + radius_i - radius_j)
         arm_j = length - arm_i
-        normal = discs.kn[p] * (touching - length)
+        normal, kt = discs.kn[p] * (touching - length), discs.kt[p]
         across = n0 * v1 - n1 * v0
         if by_radii:
             slip = touching * over * across - radius_i * w[i] - radius_j * w[j]
@@ -198,7 +206,18 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
             slip = across - arm_i * w[i] - arm_j * w[j]
         most = discs.mu[p] * normal
         before = motion.shear[p]
-        stuck = before - discs.kt[p] * slip * dt
+        if discs.hertz:
+            root, was = math.sqrt(touching - length), motion.root[p]
+            motion.root[p] = root
+            normal *= root
+            most *= root
+            kt *= root
+            if before != 0.0 and kt > 0.0:
+                stored = before * before / was
+                if discs.by_displacement:
+                    before *= root / was
+                beyond += 0.5 * (stored - before * before / root) / discs.kt[p]
+        stuck = before - kt * slip * dt
         shear = min(max(stuck, -most), most)
         motion.shear[p] = shear
         f0, f1 = normal * n0 - shear * n1, normal * n1 + shear * n0
@@ -214,8 +233,8 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
             s10 += f1 * e0
             s11 += f1 * e1
             mean = 0.5 * (before + shear)
-            if shear != stuck and discs.kt[p] > 0.0:
-                slipped += mean * (stuck - shear) / discs.kt[p]
+            if shear != stuck and kt > 0.0:
+                slipped += mean * (stuck - shear) / kt
             if by_radii:
                 beyond += mean * (slip - across + arm_i * w[i] + arm_j * w[j]) * dt
     motion.moment[0], motion.moment[1], motion.moment[2], motion.moment[3] = s00, s01, s10, s11

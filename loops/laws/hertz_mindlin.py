@@ -61,6 +61,8 @@ class HertzMindlin(FrictionalLaw):
         `Law2_ScGeom_MindlinPhys_Mindlin`, LAMMPS's `mindlin/force`), or the displacement that
         `kt` is multiplied with (LIGGGHTS's `tangential history`, LAMMPS's `mindlin` and
         `gran/hertz/history`).
+    ratio : float or (..., C) array, optional
+        `kt/kn` (not negative) in place of the material's, as LAMMPS's `gran/hertz/history` has it.
 
     Raises
     ------
@@ -85,6 +87,7 @@ class HertzMindlin(FrictionalLaw):
     mu: Floats
     shear_increment: ShearIncrement
     shear_history: ShearHistory
+    ratio: Floats | None
 
     def __init__(
         self,
@@ -93,6 +96,7 @@ class HertzMindlin(FrictionalLaw):
         mu: ArrayLike = np.inf,
         shear_increment: ShearIncrement = "branch",
         shear_history: ShearHistory = "force",
+        ratio: ArrayLike | None = None,
     ) -> None:
         young = parameter("young", young, "a positive finite stiffness", 0.0, open_low=True)
         object.__setattr__(self, "young", young)
@@ -104,10 +108,15 @@ class HertzMindlin(FrictionalLaw):
             expected = "'force' or 'displacement'"
             raise InputError("shear_history", repr(shear_history), expected, "See the docstring.")
         object.__setattr__(self, "shear_history", shear_history)
+        if ratio is not None:
+            ratio = parameter("ratio", ratio, "a ratio, zero or more", 0.0, open_low=False)
+        object.__setattr__(self, "ratio", ratio)
 
     @property
     def stiffness_ratio(self) -> Floats:
-        """`kappa = kt/kn = 2 (1 - nu)/(2 - nu)`, whatever the overlap."""
+        """`kappa = kt/kn`, whatever the overlap: as given, or `2 (1 - nu)/(2 - nu)`."""
+        if self.ratio is not None:
+            return self.ratio
         return 2.0 * (1.0 - self.poisson) / (2.0 - self.poisson)
 
     def normal_stiffness(self, state: ContactState) -> Floats:

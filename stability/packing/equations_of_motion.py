@@ -17,10 +17,16 @@ from loops.laws import ContactLaw
 from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.pairs import (
+    HERTZ,
     Pairs,
     contact_pairs,
-    require_replayable,
+    normal_energy,
+    normal_forces,
+    overlaps,
+    require_movable,
+    tangents,
     touching_distances,
+    typical_stiffness,
     with_near,
 )
 from stability.packing.state import PackingState, start_state
@@ -96,7 +102,7 @@ def replay(
     ----------
     graph : GrainGraph
         One state: periodic, or between walls.
-    law : LinearFrictional
+    law : LinearFrictional or HertzMindlin
         Contact law.
     strain : (2, 2) array or Stage
         Displacement gradient `H` of the cell, or of the box between walls, at the end, compression
@@ -107,6 +113,8 @@ def replay(
     planes : PlaneContacts, optional
         Contacts with four walls along the axes, in place of a cell. Grains that touch a wall later
         have its mean stiffness over the radius, or its mean stiffness where that varies less.
+        Walls have the law of the grains, under `HertzMindlin` with the modulus that their forces
+        tell.
     plane_force : (W, 2) array, optional
         Force of the wall on the grain at each of them (force), for shear forces of rough walls.
     inertial_number : float
@@ -115,7 +123,7 @@ def replay(
     duration : float, optional
         Time of the whole strain, in place of the inertial number.
     time_step : float, optional
-        Length of a step; 0.3 of the smallest `sqrt(m/kn)` if left out.
+        Length of a step; 0.3 of the smallest `sqrt(m/kn)` if left out, `kn` that of the start.
     mass, inertia : (G,) array, optional
         Masses, those of discs of unit density if left out; moments of inertia, `2/5 m r^2` if left
         out.
@@ -149,13 +157,13 @@ def replay(
     >>> end.normal_force.round(6).tolist()
     [0.011, 0.011]
     """
-    checked = require_replayable(graph, law)
+    checked = require_movable(graph, law)
     masses, inertias = masses_of(graph.radii, mass, inertia)
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
     start = start_state(graph, planes, plane_force)
     pairs = contact_pairs(start, checked, planes)
-    dt = time_step or step_of(masses, pairs)
+    dt = time_step or step_of(masses, pairs, start)
     servo, H = _steering(start, pairs, masses, strain)
     if duration is None:
         number("inertial_number", inertial_number, 0.0, open_low=True)
@@ -259,7 +267,7 @@ def snap_through(
     masses, inertias = masses_of(state.radii[: state.count])
     servo = servo_of(state, pairs, masses)
     servo = steered(servo, state, pairs, control.stress, control.strain, control.rate * span)
-    H, dt = servo.gain @ servo.rate, step_of(masses, pairs)
+    H, dt = servo.gain @ servo.rate, step_of(masses, pairs, state)
     steps = max(1, round(duration_of(H, masses, state, SNAP_RATE) / dt))
     moving = Moving(state, pairs, masses, inertias, lasting(servo, steps * dt), by_radii)
     moving.load(load)
@@ -293,10 +301,12 @@ def work_of(moving: Moving, end: PackingState, load: Floats, energy: float) -> F
 
 
 def stored_energy(state: PackingState, pairs: Pairs) -> float:
-    """Energy of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`."""
+    """Energy of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`; of Hertz's `2/5 N overlap`."""
     N, T = state.normal_force, state.shear_force
-    shear = np.divide(T**2, pairs.kt, out=np.zeros(len(pairs)), where=pairs.kt > 0)
-    return 0.5 * float(np.sum(N**2 / pairs.kn + shear))
+    overlap = (N / (HERTZ * pairs.kn)) ** (2.0 / 3.0) if pairs.hertz else N / pairs.kn
+    kt = tangents(pairs, overlap)[1]
+    shear = np.divide(T**2, 2.0 * kt, out=np.zeros(len(pairs)), where=kt > 0)
+    return float(np.sum(normal_energy(pairs, overlap) + shear))
 
 
 def rests(moving: Moving, slow: float) -> bool:
@@ -322,9 +332,9 @@ def masses_of(
     return np.ascontiguousarray(masses), np.ascontiguousarray(inertias)
 
 
-def step_of(masses: Floats, pairs: Pairs) -> float:
+def step_of(masses: Floats, pairs: Pairs, state: PackingState) -> float:
     """Length of a step."""
-    return TIME_STEP * math.sqrt(float(masses.min() / pairs.kn.max()))
+    return TIME_STEP * math.sqrt(float(masses.min() / typical_stiffness(pairs, state).max()))
 
 
 def duration_of(H: Floats, masses: Floats, state: PackingState, inertial_number: float) -> float:
@@ -340,7 +350,7 @@ def servo_of(state: PackingState, pairs: Pairs, masses: Floats) -> Servo:
     from loops.compiled.replay import Servo
 
     back = np.ascontiguousarray(np.linalg.inv(state.cell))
-    lag = LAG * math.sqrt(masses.mean() / pairs.kn.mean())
+    lag = LAG * math.sqrt(masses.mean() / typical_stiffness(pairs, state).mean())
     none, nothing = np.zeros((4, 4)), np.zeros(4)
     start, z, ask = np.zeros((3, 4))
     steering = (none, none, nothing, none)
@@ -367,12 +377,12 @@ def lasting(servo: Servo, duration: float) -> Servo:
 def _affine_stiffness(state: PackingState, pairs: Pairs) -> Floats:
     """`P' = C H'` (4, 4) if all grains went with the cell and none turned: too stiff."""
     d, length = state.apart, np.linalg.norm(state.branches, axis=1)
-    touch = length <= touching_distances(state, pairs)
+    touch, overlap = length <= touching_distances(state, pairs), overlaps(state, pairs)
     n = state.branches / length[:, None]
     frames = (n, np.column_stack([-n[:, 1], n[:, 0]]))
     K = sum(
-        k[:, None, None] * a[:, :, None] * a[:, None, :]
-        for k, a in zip((touch * pairs.kn, touch * pairs.kt), frames, strict=True)
+        (touch * k)[:, None, None] * a[:, :, None] * a[:, None, :]
+        for k, a in zip(tangents(pairs, overlap), frames, strict=True)
     )
     C = np.einsum("kac,kb,kd->abcd", K, d, d) / abs(np.linalg.det(state.cell))
     return np.asarray(C.reshape(4, 4))
@@ -415,6 +425,7 @@ class Moving:
             spin=spins,
             cell=np.array(start.cell),
             shear=np.array(start.shear_force),
+            root=np.sqrt(overlaps(start, pairs)),
             resultant=np.zeros((bodies, 3)),
             speed=np.zeros((bodies, 2)),
             gradient=-(servo.gain @ servo.rate).reshape(2, 2) if gradient is None else gradient,
@@ -435,14 +446,18 @@ class Moving:
         now = replace(self.start, x=motion.x, cell=motion.cell)
         self.pairs = with_near(self.pairs, now, self.gap)
         fresh = np.zeros(len(self.pairs) - len(motion.shear))
-        self.motion = motion._replace(shear=np.append(motion.shear, fresh))
+        shear, root = (np.append(old, fresh) for old in (motion.shear, motion.root))
+        self.motion = motion._replace(shear=shear, root=root)
         self.motion.closer[:] = 0.0
         images = self.pairs.images.astype(float)
         grains = self.pairs.grains.astype(np.uint32)
         wraps = images.any(axis=1) | (grains[:, 1] >= now.count)
         radii, walls = np.array(now.radii), np.array(now.walls)
-        springs = self.pairs[2:5]
-        self.discs = Discs(radii, walls, *self.lightness, grains, images, wraps, *springs)
+        _, _, kn, kt, mu, hertz, by_displacement, _ = self.pairs
+        kn = HERTZ * kn if hertz else kn
+        self.discs = Discs(
+            radii, walls, *self.lightness, grains, images, wraps, kn, kt, mu, hertz, by_displacement
+        )
 
     def load(self, load: Floats) -> None:
         """Add constant forces and moments (B, 3) on the bodies, from now on."""
@@ -467,7 +482,7 @@ class Moving:
 
     def state(self) -> PackingState:
         """The current packing; its first pairs are those of the start."""
-        motion, kn = self.motion, self.pairs.kn
+        motion = self.motion
         state = replace(
             self.start,
             x=motion.x.copy(),
@@ -475,8 +490,7 @@ class Moving:
             cell=motion.cell.copy(),
             contacts=self.pairs.grains,
             images=self.pairs.images,
-            normal_force=np.zeros(len(kn)),
+            normal_force=np.zeros(len(motion.shear)),
             shear_force=motion.shear.copy(),
         )
-        overlap = touching_distances(state, self.pairs) - np.linalg.norm(state.branches, axis=1)
-        return replace(state, normal_force=np.maximum(kn * overlap, 0.0))
+        return replace(state, normal_force=normal_forces(self.pairs, overlaps(state, self.pairs)))

@@ -12,7 +12,7 @@ from loops.arrays import Floats
 from loops.closures.macro_tangent import check_choice
 from loops.errors import InputError, number
 from loops.graph import GrainGraph
-from loops.laws import ContactLaw, LinearFrictional
+from loops.laws import ContactLaw, HertzMindlin, LinearFrictional
 from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
@@ -23,7 +23,15 @@ from stability.packing.equations_of_motion import (
     steered,
     step_of,
 )
-from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength
+from stability.packing.pairs import (
+    Pairs,
+    contact_pairs,
+    law_of,
+    overlaps,
+    require_movable,
+    strength,
+    tangents,
+)
 from stability.packing.state import PackingState, start_state
 
 HoldControl = Literal["strain", "stress"]
@@ -48,7 +56,7 @@ class HeldPacking(Shown):
     ----------
     graph : GrainGraph
         The closed contacts at rest.
-    law : LinearFrictional
+    law : LinearFrictional or HertzMindlin
         Stiffness and friction of these contacts.
     planes : PlaneContacts or None
         Contacts with walls at rest.
@@ -79,7 +87,7 @@ class HeldPacking(Shown):
     """
 
     graph: GrainGraph
-    law: LinearFrictional
+    law: LinearFrictional | HertzMindlin
     planes: PlaneContacts | None
     plane_force: Floats
     status: Status
@@ -134,7 +142,7 @@ def hold(
     ----------
     graph : GrainGraph
         One state: periodic, or between walls.
-    law : LinearFrictional
+    law : LinearFrictional or HertzMindlin
         Contact law.
     control : {'strain', 'stress'}
         What is held: the cell or the walls; or the stress of a periodic cell (11, 22 and the mean
@@ -181,7 +189,7 @@ def hold(
     number("unbalanced", unbalanced, 0.0, open_low=True)
     if not all(0.0 < share < 1.0 for share in damping):
         raise InputError("damping", f"{damping}", "two shares between 0 and 1", "Correct it.")
-    checked = require_replayable(graph, law)
+    checked = require_movable(graph, law)
     walled = planes is not None and graph.cell is None
     if walled and (control == "stress" or volume is None):
         received = "control='stress'" if control == "stress" else "no volume"
@@ -190,7 +198,7 @@ def hold(
     masses, inertias = masses_of(graph.radii, mass, inertia)
     start = start_state(graph, planes, plane_force, volume)
     pairs = contact_pairs(start, checked, planes)
-    dt, by_radii = step_of(masses, pairs), checked.shear_increment == "radii"
+    dt, by_radii = step_of(masses, pairs, start), checked.shear_increment == "radii"
     if not np.linalg.norm(start.forces[start.closed]) > 0:
         expected, remedy = "contacts that carry force", "Take a state with forces, or overlaps."
         raise InputError("hold", "no contact force", expected, remedy)
@@ -213,15 +221,13 @@ def hold(
     change = end.forces.copy()
     change[: len(pairs)] -= start.forces
     kept = int(np.count_nonzero(first & last[: len(pairs)]))
-    kn, kt, mu = (k[last] for k in moving.pairs[2:5])
     touching = end.closed & end.at_wall
-    walls = PlaneContacts(
-        moving.pairs.grains[touching, 0], end.branches[touching],
-        *(k[touching] for k in moving.pairs[2:5]),
-    )  # fmt: skip
+    kn, kt = (k[touching] for k in tangents(moving.pairs, overlaps(end, moving.pairs)))
+    grain, mu = moving.pairs.grains[touching, 0], moving.pairs.mu[touching]
+    walls = PlaneContacts(grain, end.branches[touching], kn, kt, mu)
     return HeldPacking(
         graph=end.graph(),
-        law=LinearFrictional(kn, kt, mu, checked.shear_increment),
+        law=law_of(checked, moving.pairs, last, end),
         planes=walls if walled else None,
         plane_force=-end.forces[touching],
         status=status if status != "at rest" else other_status,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Flags, Floats, Integers
 from loops.errors import InputError
 from loops.graph import GrainGraph, contact_state, require_one_state
 from loops.laws import FrictionalLaw, HertzMindlin, LinearFrictional
@@ -34,6 +34,8 @@ PAIR = np.dtype(
     ]
 )
 
+# Smallest overlap, over the distance of the centres, that stiffnesses are estimated at.
+SMALL_OVERLAP = 1e-4
 # N over the overlap times Hertz's tangent; the law is his where most contacts are that close to it.
 HERTZ, HERTZ_BAND, MOSTLY = 2.0 / 3.0, 0.01, 0.9
 
@@ -86,15 +88,36 @@ def normal_energy(pairs: Pairs, overlap: Floats) -> Floats:
     return (0.4 if pairs.hertz else 0.5) * normal_forces(pairs, overlap) * overlap
 
 
+def typical_stiffness(pairs: Pairs, state: PackingState) -> Floats:
+    """(P,) `kn`, of pairs that hardly touch at a small overlap."""
+    least = SMALL_OVERLAP * touching_distances(state, pairs)
+    return tangents(pairs, np.maximum(overlaps(state, pairs), least))[0]
+
+
 def strength(pairs: Pairs, N: Floats) -> Floats:
     """`mu N`, infinite where a closed contact never slides."""
     finite = np.isfinite(pairs.mu)
     return np.where(finite, np.where(finite, pairs.mu, 0.0) * N, np.inf)
 
 
+def require_movable(graph: GrainGraph, law: object) -> LinearFrictional | HertzMindlin:
+    """The law of equations of motion, checked as that of a path but for Hertz and Mindlin's."""
+    if isinstance(law, HertzMindlin):
+        require_carrying(graph)
+        return law
+    return require_replayable(graph, law)
+
+
+def require_carrying(graph: GrainGraph) -> None:
+    """Refuse graphs that are not one state with contacts."""
+    require_one_state(graph)
+    if not graph.contact_count:
+        raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
+
+
 def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
     """The law; refuse all but linear springs, and graphs that are not one state with contacts."""
-    require_one_state(graph)
+    require_carrying(graph)
     if not isinstance(law, LinearFrictional):
         raise InputError(
             "law",
@@ -102,8 +125,6 @@ def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
             "LinearFrictional: springs and a cone that are piecewise linear",
             "Give gl.LinearFrictional.",
         )
-    if not graph.contact_count:
-        raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
     state = contact_state(graph)
     closed = (graph.normal_force > 0) & (state.overlap > 0)
     hertz = HERTZ * (law.kn * state.overlap)[closed]
@@ -143,9 +164,20 @@ def contact_pairs(
             own = np.where(told, carried / (HERTZ * over**3), kn)
             kn, kt = own, kt * own / kn
         numbers = [np.append(k, own) for k, own in zip(numbers, (kn, kt, mu), strict=True)]
-    kn, kt, mu = numbers
     by_displacement = isinstance(law, HertzMindlin) and law.shear_history == "displacement"
+    kn, kt, mu = numbers
     return Pairs(start.contacts, start.images, kn, kt, mu, hertz, by_displacement)
+
+
+def law_of(
+    law: LinearFrictional | HertzMindlin, pairs: Pairs, rows: Flags, state: PackingState
+) -> LinearFrictional | HertzMindlin:
+    """The law of the picked pairs between grains, of the same kind as the one given."""
+    kn, kt, mu = (k[rows] for k in pairs[2:5])
+    if isinstance(law, LinearFrictional):
+        return LinearFrictional(kn, kt, mu, law.shear_increment)
+    modulus = kn / np.sqrt(_effective_radii(state.radii[pairs.grains[rows]]))
+    return HertzMindlin(modulus, 0.0, mu, law.shear_increment, law.shear_history, kt / kn)
 
 
 def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> NDArray[Any]:
@@ -204,14 +236,8 @@ def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:
             added[own] = _as_known(k[of], radii[pairs.grains[of, 0]], radii[grains[own, 0]])
         numbers.append(np.append(k * old, added * fresh))
     kn, kt, mu = numbers
-    return Pairs(
-        np.concatenate([pairs.grains, grains]),
-        np.concatenate([pairs.images, images]),
-        kn,
-        kt,
-        mu,
-        *pairs[5:],
-    )
+    every = np.concatenate([pairs.grains, grains]), np.concatenate([pairs.images, images])
+    return Pairs(*every, kn, kt, mu, pairs.hertz, pairs.by_displacement, pairs.law)
 
 
 def _effective_radii(radii: Floats) -> Floats:

@@ -459,7 +459,7 @@ def _motion(
     masses, inertias = masses_of(state.radii[: state.count])
     servo = servo_of(state, pairs, masses)
     servo = steered(servo, state, pairs, control.stress, control.strain, control.rate)
-    dt = step_of(masses, pairs)
+    dt = step_of(masses, pairs, state)
     moving = Moving(state, pairs, masses, inertias, lasting(servo, PUSH_STEPS * dt), by_radii)
     moving.load(load)
     pressure = 0.5 * float(np.trace(state.stress))

@@ -39,8 +39,11 @@ class Power(FrictionalLaw):
 
 LAWS = {
     "linear": [LAW],
-    "others": [
+    "hertz": [
         HertzMindlin(5.0, 0.2, 0.5),
+        HertzMindlin(5.0, 0.2, 0.5, shear_history="displacement"),
+    ],
+    "others": [
         RollingResistance(LinearFrictional(1.0, 0.5, 0.5), 0.02),
         Power(2.0, 0.2, 0.5, 1.2),
     ],

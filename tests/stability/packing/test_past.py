@@ -80,7 +80,7 @@ def snapped(steps, damping, drag):
     graph = passed("stop").states[-1].graph()
     pairs, start = contact_pairs(start_state(graph), BRANCH), start_state(graph)
     masses, inertias = masses_of(start.radii)
-    dt, rate = step_of(masses, pairs), INTERVAL * STRAIN.ravel() / np.linalg.norm(STRAIN)
+    dt, rate = step_of(masses, pairs, start), INTERVAL * STRAIN.ravel() / np.linalg.norm(STRAIN)
     servo = steered(servo_of(start, pairs, masses), start, pairs, np.zeros((4, 4)), np.eye(4), rate)
     moving = Moving(start, pairs, masses, inertias, lasting(servo, steps * dt), False)
     moving.load(-moving.motion.resultant)
