@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -14,19 +14,25 @@ from numpy.typing import NDArray
 from loops import Faces, InputError
 from loops.arrays import Floats
 from patterns import Snapshot
-from stability import Stage, follow
-from stability.packing import LoopRates, PackingPath, loop_changes
+from stability import COMPONENTS, Stage, follow
+from stability.packing import LoopRates, PackingPath, loop_changes, replay
 from stability.packing.state import start_state
 from stability.paths.path import Event, Past
 from studies.output import definitions, readable
 from studies.paths.options import PROGRAMMES
 from studies.series.evolution import components, sample_strain
-from studies.series.plan import PlannedSnapshot, plan_series
+from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
+from studies.series.plan import plan_series
 from studies.snapshot.held import held_snapshot, hold_control
 from studies.snapshot.in_packing import balance_notes, followed_walls
 from studies.snapshot.run import reading
 from studies.study import one_of, study
 
+By = Literal["events", "replay", "both"]
+# A drop: the driven stress falls between two snapshots by more than this share of itself.
+DROP = 1e-4
+# Snapshots beyond the end of a path by less than this share of it are at its end.
+END = 1e-3
 # A path is given up after so many strain increments.
 INTERVALS = 20_000
 # Number of a wall in the table of events.
@@ -48,6 +54,11 @@ def run_evolve(
     interval: float = 5e-6,
     instabilities: int = 20,
     past: Past = "viscous",
+    by: By = "events",
+    inertial_number: float | None = None,
+    times: Path | None = None,
+    time_step: float | None = None,
+    mean_mass: float | None = None,
     hold: bool = False,
     hold_stress: bool = False,
     cells: Path | None = None,
@@ -60,9 +71,11 @@ def run_evolve(
 ) -> dict[str, Any]:
     """Follow the first snapshot, write tables, figures and a report; return the summary.
 
-    `how` are options of `read_planar`; later snapshots are plotted for comparison. `hold` brings
-    the first to rest at fixed cell before it is followed, `hold_stress` at fixed stress.
-    `progress` is called with the strain or stress that the path has reached.
+    `how` are options of `read_planar`; later snapshots are compared with the path `by` events, with
+    a `replay` by the equations of motion, or with both. The replay has the rate at which the code
+    went on to the next snapshot, as in `run_series`. `hold` brings the first snapshot to rest at
+    fixed cell before it is followed, `hold_stress` at fixed stress. `progress` is called with the
+    strain or stress that the path has reached.
     """
     asked = {
         "programme": programme,
@@ -72,7 +85,9 @@ def run_evolve(
         "interval": interval,
         "instabilities": instabilities,
         "past": past,
+        "by": by,
     }
+    one_of("--by", by, get_args(By))
     held_control = hold_control(hold, hold_stress)
     require_reach(programme, to, interval)
     stage, sense = stage_of(programme, axis, to), float(np.sign(to))
@@ -88,25 +103,34 @@ def run_evolve(
         "hold": held_control,
     }
     with study("evolve", out, configuration, UNITS, force=force, csv=csv) as results:
-        first, *later = plan_series(paths, cells, reading(**how))
+        first, *later = plan_series(paths, cells, reading(**how), times)
         snapshot, held = held_snapshot(first.read(), held_control)
         law, _ = snapshot.mechanics()
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         planes, force_of_walls = followed_walls(snapshot)
-        path = follow(
-            snapshot.graph,
-            law,
-            stage,
-            closure="packing",
-            max_steps=INTERVALS,
-            rows=rows,
-            interval=interval,
-            instabilities=instabilities,
-            past=past,
-            progress=progress,
-            planes=planes,
-            plane_force=force_of_walls,
-        )
+        after = [one.read() for one in later]
+        ways: dict[str, PackingPath] = {}
+        if by != "replay":
+            ways["events"] = follow(
+                snapshot.graph,
+                law,
+                stage,
+                closure="packing",
+                max_steps=INTERVALS,
+                rows=rows,
+                interval=interval,
+                instabilities=instabilities,
+                past=past,
+                progress=progress,
+                planes=planes,
+                plane_force=force_of_walls,
+            )
+        rate: Rate | None = None
+        if by != "events":
+            known = Following(past, inertial_number, time_step, mean_mass)
+            rate = replay_rate(snapshot, after, [one.time for one in (first, *later)], known, stage)
+            ways["replay"] = replayed_path(snapshot, stage, rows, rate)
+        path = next(iter(ways.values()))
         faces, driven = snapshot.faces, sense * path.parameter
         changes = [loop_changes(snapshot.graph, state, faces) for state in path.states[1:]]
         tables = {
@@ -114,11 +138,17 @@ def run_evolve(
             "events": event_table(path, snapshot.ids, sense),
             "loops": change_table(changes, faces, driven),
         }
+        forecast: dict[str, Any] | None = None
         if later:
-            tables["dem"] = dem_table(snapshot, later)
+            tables["dem"] = dem_table(snapshot, [one.name for one in later], after)
+        if later and component[0] == "H":
+            tables["forecast"] = forecast_table(ways, tables["dem"], component, sense)
+            forecast = forecast_summary(tables["forecast"], [*ways])
         results.write_tables(tables)
         found = path_summary(path, tables) | {"driven": component, "notes": notes}
         found |= {"dem": len(later), "held": held, "mean_kn": snapshot.mean_kn}
+        found["forecast"] = forecast
+        found["replay"] = None if rate is None else rate._asdict() | {"options": None}
         summary = results.write_summary(asked | found)
         if animation:
             from studies.evolve_figures import animate_path
@@ -235,26 +265,140 @@ def change_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.D
     )
 
 
-def dem_table(snapshot: Snapshot, later: Sequence[PlannedSnapshot]) -> pd.DataFrame:
+def replay_rate(
+    snapshot: Snapshot,
+    after: Sequence[Snapshot],
+    times: Sequence[float | None],
+    known: Following,
+    stage: Stage,
+) -> Rate:
+    """Rate of the replay of a stage: that of the code until the next snapshot."""
+    if known.inertial_number is None and not after:
+        return Rate(DEFAULT_RATE, "no later snapshot", {"inertial_number": DEFAULT_RATE})
+    H = np.eye(2) if not after else sample_strain(snapshot, after[0])[0]
+    found = interval_rate(snapshot, after[0] if after else snapshot, H, times[:2], known)
+    if "duration" not in found.options:
+        return found
+    # The driven strains of the stage, in the time that the code takes for them.
+    driven = stage.programme.equations(np.zeros(4))[1].T @ stage.programme.rate
+    ahead = float(driven @ H.ravel()) / float(driven @ driven) if driven.any() else 0.0
+    if ahead > 0:
+        duration = found.options["duration"] * stage.target / ahead
+        return found._replace(options=found.options | {"duration": duration})
+    return found._replace(options={"inertial_number": found.inertial_number})
+
+
+def replayed_path(snapshot: Snapshot, stage: Stage, rows: int, rate: Rate) -> PackingPath:
+    """A replay of a stage in the form of a path: no events, and no works."""
+    law, _ = snapshot.mechanics()
+    planes, force = followed_walls(snapshot)
+    done = replay(
+        snapshot.graph, law, stage, planes=planes, plane_force=force, rows=rows, **rate.options
+    )
+    unknown = np.full(rows + 1, np.nan)
+    strains = [state.strain for state in done.states]
+    stresses = [nominal(state.stress, state.strain) for state in done.states]
+    return PackingPath(
+        status="finished",
+        message=f"replayed in {done.steps} steps, inertial number {rate.inertial_number:.2g}",
+        events=(),
+        parameter=np.linspace(0.0, stage.target, rows + 1),
+        stage=np.zeros(rows + 1, dtype=int),
+        H=np.reshape(strains, (-1, 4)),
+        P=np.reshape(stresses, (-1, 4)),
+        states=done.states,
+        work=np.full((rows + 1, 4), np.nan),
+        energy=unknown,
+        imbalance=unknown,
+        intervals=0,
+    )
+
+
+def nominal(stress: Floats, H: Floats) -> Floats:
+    """Nominal stress over the first cell, `det F P F^-T` with `F = 1 - H`."""
+    F = np.eye(2) - H
+    return np.asarray(np.linalg.det(F) * stress @ np.linalg.inv(F).T)
+
+
+def dem_table(snapshot: Snapshot, names: Sequence[str], later: Sequence[Snapshot]) -> pd.DataFrame:
     """Strain and nominal stress of the later snapshots, over the cell of the first."""
     strains, stresses = [], []
-    for one in later:
-        after = one.read()
+    for name, after in zip(names, later, strict=True):
         after.mechanics()
         H, source = sample_strain(snapshot, after)
         if source not in ("cell", "walls"):
-            raise InputError(one.name, "no cell", "the cell of a later state", "Give --cells.")
-        F = np.eye(2) - H
-        stress = start_state(after.graph, *followed_walls(after)).stress
+            raise InputError(name, "no cell", "the cell of a later state", "Give --cells.")
         strains.append(H)
-        stresses.append(np.linalg.det(F) * stress @ np.linalg.inv(F).T)
+        stresses.append(nominal(start_state(after.graph, *followed_walls(after)).stress, H))
     return pd.DataFrame(
         {
-            "snapshot": [one.name for one in later],
+            "snapshot": names,
             **components("H", np.array(strains)),
             **components("P", np.array(stresses)),
         }
     )
+
+
+def forecast_table(
+    ways: dict[str, PackingPath], dem: pd.DataFrame, driven: str, sense: float
+) -> pd.DataFrame:
+    """One row per snapshot of the DEM: its driven stress and volume, and those of each way there.
+
+    Empty beyond the end of a way. `persistence` is the stress of the start.
+    """
+    stress, at = f"P{driven[1:]}", COMPONENTS.index(driven[1:])
+    start = next(iter(ways.values()))
+    table = pd.DataFrame(
+        {
+            "snapshot": dem["snapshot"],
+            "driven": dem[driven],
+            "stress_dem": dem[stress],
+            "volume_dem": dem["H11"] + dem["H22"],
+            "stress_persistence": start.P[0, at],
+        }
+    )
+    for name, path in ways.items():
+        # Ascending, as interpolation wants it.
+        strain, reached = sense * path.H[:, at], sense * dem[driven]
+        for quantity, values in (("stress", path.P[:, at]), ("volume", path.H[:, [0, 3]].sum(1))):
+            told = np.interp(reached, strain, values)
+            beyond = (reached > strain[-1] * (1 + END)) | (reached < 0)
+            table[f"{quantity}_{name}"] = np.where(beyond, np.nan, told)
+    before = np.append(start.P[0, at], table["stress_dem"][:-1])
+    table["drop"] = table["stress_dem"] - before < -DROP * np.abs(before)
+    return table
+
+
+def forecast_summary(table: pd.DataFrame, ways: Sequence[str]) -> dict[str, Any]:
+    """Errors of each way and of persistence, drops of stress predicted and missed, and how far.
+
+    `holds_to` is the driven strain up to which the error, over all snapshots until there, is less
+    than half of that of persistence; `lead` that of the last drop predicted.
+    """
+    told, start = {}, table["stress_persistence"].iloc[0]
+    rest = start - table["stress_dem"].to_numpy()
+    for name in ways:
+        stress = table[f"stress_{name}"].to_numpy()
+        known = np.isfinite(stress)
+        error = (stress - table["stress_dem"].to_numpy())[known]
+        better = np.cumsum(error**2) < 0.25 * np.cumsum(rest[known] ** 2)
+        ahead = int(np.argmin(better)) if not better.all() else len(better)
+        before = np.append(start, stress[:-1])
+        falls = known & (stress - before < -DROP * np.abs(before))
+        drops = table["drop"].to_numpy() & known
+        found = np.flatnonzero(falls & drops)
+        told[name] = {
+            "snapshots": int(known.sum()),
+            "error": float(np.sqrt(np.mean(error**2))) if len(error) else None,
+            "persistence_error": float(np.sqrt(np.mean(rest[known] ** 2))) if len(error) else None,
+            "holds_to": float(table["driven"].iloc[ahead - 1]) if ahead else 0.0,
+            "drops": int(drops.sum()),
+            "drops_predicted": len(found),
+            "drops_missed": int((drops & ~falls).sum()),
+            "drops_false": int((falls & ~drops).sum()),
+            "lead": float(table["driven"].iloc[found[-1]]) if len(found) else None,
+        }
+    return told
 
 
 def path_summary(path: PackingPath, tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
@@ -274,5 +418,5 @@ def path_summary(path: PackingPath, tables: dict[str, pd.DataFrame]) -> dict[str
         "reached": float(end["driven"]),
         "status": path.status,
         "unstable_contacts": len({event.contacts for event in instabilities}),
-        "work": path.work[-1, 0],
+        "work": float(path.work[-1, 0]) if np.isfinite(path.work[-1, 0]) else None,
     }

@@ -19,6 +19,12 @@ from patterns import Snapshot
 from studies.snapshot.loop_map import draw_values, loop_drawer
 from studies.style import BLUE, DIVERGING, GREY, VERMILION, new_panels, styled, write_animation
 
+FORECAST_LOOKS: dict[str, tuple[str, dict[str, Any]]] = {
+    "dem": ("DEM", {"linestyle": "none", "marker": "o", "fillstyle": "none", "color": "black"}),
+    "events": ("path by events", {"linestyle": "-", "color": BLUE}),
+    "replay": ("replay", {"linestyle": "--", "color": VERMILION}),
+    "persistence": ("stress of the start", {"linestyle": ":", "color": GREY}),
+}
 STRESS_LOOKS = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
 
 
@@ -27,6 +33,8 @@ def path_figures(
 ) -> Iterator[tuple[str, Figure]]:
     """Every figure of a path by name."""
     yield "stress_strain", stress_and_volume(tables, summary["driven"])
+    if summary["forecast"] is not None:
+        yield "forecast", forecast_figure(tables, summary["driven"])
     yield "map", work_maps(snapshot, tables["loops"], summary)
 
 
@@ -52,6 +60,30 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
     volume.ticklabel_format(axis="x", scilimits=(-3, 3))
     for ax in (stress, volume):
         ax.legend()
+    return figure
+
+
+@styled()
+def forecast_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
+    """Driven stress and volume as predicted at the snapshots of the DEM, and the DEM's own."""
+    table = tables["forecast"]
+    figure, ((stress, volume),) = new_panels(1, 2, 2.7)
+    start, at = table["stress_persistence"].iloc[0], np.append(0.0, table["driven"])
+    for quantity, ax, first in (("stress", stress, start), ("volume", volume, 0.0)):
+        for name, (label, look) in FORECAST_LOOKS.items():
+            column = f"{quantity}_{name}"
+            if column in table:
+                ax.plot(at, np.append(first, table[column]), label=label, **look)
+        ax.set_xlabel(f"${_change(driven)}$ from the start of the forecast")
+        ax.ticklabel_format(axis="x", scilimits=(-3, 3))
+        ax.legend()
+    drops = np.flatnonzero(table["drop"])
+    for k in drops:
+        stress.axvspan(at[k], at[k + 1], color=GREY, alpha=0.25, linewidth=0)
+    stress.set_ylabel(
+        f"nominal stress $P_{{{driven[1:]}}}$ (force/length)\nshaded: drops of the DEM's"
+    )
+    volume.set_ylabel(r"$H_{11} + H_{22}$")
     return figure
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -24,13 +24,14 @@ from stability.packing.hold import HoldControl
 from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
+from stability.paths.path import Past
 from studies.output import definitions, readable
 from studies.series.evolution import components
 from studies.series.workers import one_blas_thread, open_runner
 from studies.snapshot.held import held_snapshot, hold_control
 from studies.snapshot.in_packing import balance_notes, followed_walls, sample_edge
 from studies.snapshot.run import read_planar, reading
-from studies.study import study
+from studies.study import one_of, study
 
 UNITS = (
     "as the input's: stress = force/length (two dimensions); P', H' and W2 are rates per unit of "
@@ -50,6 +51,7 @@ def run_probe(
     subspace: Subspace = "diagonal",
     yield_band: float = 0.99,
     amplitude: float | None = None,
+    past: Past = "viscous",
     hold: bool = False,
     hold_stress: bool = False,
     workers: int | None = None,
@@ -63,7 +65,8 @@ def run_probe(
     """Probe a snapshot, write tables, figures and a report; return the summary.
 
     `hold` brings the state to rest at fixed cell or walls first, `hold_stress` at fixed stress.
-    `progress` is told how many directions are done.
+    `past` is the way of the paths to an amplitude past an instability. `progress` is told how many
+    directions are done.
     `how` are options of `read_planar`. Directions that are followed to an amplitude are shared
     among this number of processes, by default one a core, or among the workers of a Dask scheduler.
     """
@@ -78,7 +81,9 @@ def run_probe(
         "subspace": subspace,
         "yield_band": yield_band,
         "amplitude": amplitude,
+        "past": past,
     }
+    one_of("--past", past, get_args(Past))
     held_control = hold_control(hold, hold_stress)
     configuration = {"path": path, **reading(**how), **asked, "hold": held_control}
     with study("probe", out, configuration, UNITS, force=force, csv=csv) as results:
@@ -88,7 +93,7 @@ def run_probe(
         found = probe_edge(edge, directions, control, subspace, faces, progress=progress)
         if amplitude is not None:
             notes += balance_notes(snapshot)
-            shared = partial(_followed, snapshot, workers, scheduler)
+            shared = partial(_followed, snapshot, past, workers, scheduler)
             packing = (snapshot.graph, snapshot.mechanics()[0], faces)
             found = probe_to(found, *packing, amplitude, shared, *followed_walls(snapshot))
         if found.system.held:
@@ -173,6 +178,7 @@ class _Direction:
     law: ContactLaw
     planes: PlaneContacts | None
     plane_force: Floats | None
+    past: Past
     stage: Stage
 
     @property
@@ -183,17 +189,21 @@ class _Direction:
 def _follow(one: _Direction) -> tuple[int, PackingPath]:
     with one_blas_thread():
         return one.number, follow(
-            one.graph, one.law, one.stage, closure="packing", planes=one.planes,
+            one.graph, one.law, one.stage, closure="packing", past=one.past, planes=one.planes,
             plane_force=one.plane_force,
         )  # fmt: skip
 
 
 def _followed(
-    snapshot: Snapshot, workers: int | None, scheduler: str | None, stages: Sequence[Stage]
+    snapshot: Snapshot,
+    past: Past,
+    workers: int | None,
+    scheduler: str | None,
+    stages: Sequence[Stage],
 ) -> list[PackingPath]:
     """Paths of all directions, independent of the number of processes."""
     packing = (snapshot.graph, snapshot.mechanics()[0], *followed_walls(snapshot))
-    tasks = [_Direction(k, *packing, stage) for k, stage in enumerate(stages)]
+    tasks = [_Direction(k, *packing, past, stage) for k, stage in enumerate(stages)]
     with open_runner(workers, scheduler, []) as runner:
         found = dict(runner(_follow, tasks))
     return [found[k] for k in range(len(stages))]

@@ -133,6 +133,9 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         findings,
         bodies.rotation,
         lacks,
+        # Codes that move no grain may write zeros.
+        None if bodies.mass is None or not (bodies.mass > 0).all() else bodies.mass,
+        frame.time,
     )
 
 

@@ -18,7 +18,7 @@ from patterns.snapshots.checks import Finding
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import Text, beside, listed, read_body
 
-GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius", "diameter", "theta_z")
+GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius", "diameter", "theta_z", "mass")
 CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
     *("fn", "ft", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
@@ -67,10 +67,11 @@ def contacts_path(source: Source, names: Sequence[str], lacks: str, wanted: str,
 class Frame:
     """One snapshot, columns by their plain names (see `read_snapshot`).
 
-    `grains` may have `z`, which must be one plane, and `theta_z` (rad); of a wall the branch starts
-    at its foot, the contact point. Columns of `cell` (2, 2) are its vectors (length); `step` is the
-    code's own number, a step, iteration or time; `notes` name guesses and missing data, `findings`
-    are those of the reader, and `shear_increment` is that of the code, if the source has it.
+    `grains` may have `z`, which must be one plane, `theta_z` (rad) and `mass`; of a wall the branch
+    starts at its foot, the contact point. Columns of `cell` (2, 2) are its vectors (length); `step`
+    is the code's own number, a step, iteration or time, `time` the time, if known; `notes` name
+    guesses and missing data, `findings` are those of the reader, and `shear_increment` is that of
+    the code, if the source has it.
     `walls`, a row a contact with a wall, stands in for rows of `type` 1 and their contacts;
     `measured` forces are those of an experiment, a law of them needs their balance.
     """
@@ -84,6 +85,7 @@ class Frame:
     shear_increment: ShearIncrement | None = None
     walls: Table | None = None
     measured: bool = False
+    time: float | None = None
 
 
 def check_names(source: Source, known: Collection[str]) -> None:

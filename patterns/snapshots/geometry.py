@@ -35,6 +35,7 @@ class Bodies(NamedTuple):
     x: Floats
     radii: Floats
     rotation: Floats | None
+    mass: Floats | None
 
     @property
     def grain_ids(self) -> Integers:
@@ -52,7 +53,9 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
     refuse_repeated(table, ids)
     is_wall = table.integers("type") == WALL if table.has("type") else np.zeros(len(ids), bool)
     x, radii = table.columns("x", "y"), table.column("radius")
-    rotation = table.column("theta_z") if table.has("theta_z") else None
+    rotation, mass = (
+        table.column(name) if table.has(name) else None for name in ("theta_z", "mass")
+    )
     grains = np.flatnonzero(~is_wall)
     if (ids[1:] < ids[:-1]).any():
         order = np.argsort(ids)
@@ -61,7 +64,8 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
     if len(grains) < len(x) or (grains[1:] < grains[:-1]).any():
         x, radii = x[grains], radii[grains]
         rotation = None if rotation is None else rotation[grains]
-    bodies = Bodies(ids, is_wall, x, radii, rotation)
+        mass = None if mass is None else mass[grains]
+    bodies = Bodies(ids, is_wall, x, radii, rotation, mass)
     if along_space:
         # Successive grains lie many mean spacings apart, as after a random insertion.
         spacing = np.sqrt(np.prod(np.ptp(x, axis=0)) / len(x))
@@ -84,8 +88,9 @@ def _along_space(bodies: Bodies) -> Bodies:
     grains, walls = np.flatnonzero(~bodies.is_wall)[order], np.flatnonzero(bodies.is_wall)
     every = np.append(grains, walls)
     rotation = None if bodies.rotation is None else bodies.rotation[order]
+    mass = None if bodies.mass is None else bodies.mass[order]
     ids, is_wall = bodies.ids[every], bodies.is_wall[every]
-    return Bodies(ids, is_wall, bodies.x[order], bodies.radii[order], rotation)
+    return Bodies(ids, is_wall, bodies.x[order], bodies.radii[order], rotation, mass)
 
 
 def rows_by_first_grain(pairs: Integers) -> Integers:

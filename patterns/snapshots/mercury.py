@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -189,7 +190,8 @@ def _frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame
         counts = ", ".join(f"{-1 - k} ({len(w.grains)} contacts)" for k, w in enumerate(walls))
         notes = (*notes, f"walls: {counts}")
     forces = Forces(-force[between])
-    return frame_of_pairs((data, fstat), atoms, space, pairs, forces, walls, notes)
+    frame = frame_of_pairs((data, fstat), atoms, space, pairs, forces, walls, notes)
+    return replace(frame, time=data.step)
 
 
 def _atoms(listing: Listing) -> tuple[Atoms, str]:

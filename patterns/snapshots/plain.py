@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow
@@ -16,7 +17,6 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.arrays import Floats
 from loops.laws.frictional import ShearIncrement, checked_increment
 from patterns.snapshots.frame import (
     CONTACT_COLUMNS,
@@ -54,7 +54,7 @@ def frames(source: Source) -> Frames:
 
     The contacts stand beside the grains, `grains` in the name replaced by `contacts`, and so may
     `cell_....json`: `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000,
-    "shear_increment": "radii"}`, null for no cell.
+    "time": 0.5, "shear_increment": "radii"}`, null for no cell.
     """
     return [partial(_frame, source)]
 
@@ -73,14 +73,14 @@ def _frame(source: Source) -> Frame:
                 )
                 for group in ("grains/", "contacts/")
             ]
-            cell, step, increment = arrays.get("cell"), None, None
+            cell, beside = arrays.get("cell"), {}
     if not tables:
         grains = read_table(source.path, wanted)
         tables = grains, read_table(source.contacts or contacts_beside(source.path), wanted)
-        cell, step, increment = _cell_beside(source.path)
+        beside = _cell_beside(source.path)
+        cell = beside.pop("cell", None)
     frame = frame_of_tables(source, *tables)
-    cell = cell if source.cell is None else source.cell
-    return replace(frame, cell=cell, step=step, shear_increment=increment or frame.shear_increment)
+    return replace(frame, cell=cell if source.cell is None else source.cell, **beside)
 
 
 def frame_of_tables(source: Source, grains: Table, contacts: Table) -> Frame:
@@ -103,22 +103,26 @@ def contacts_beside(path: Path) -> Path:
     return path.with_name(path.name.replace("grains", "contacts"))
 
 
-def _cell_beside(path: Path) -> tuple[Floats | None, float | None, ShearIncrement | None]:
-    """Cell, iteration and shear increment of `cell_....json` beside the grains, if it is there."""
+def _cell_beside(path: Path) -> dict[str, Any]:
+    """Fields of a `Frame` that `cell_....json` beside the grains tells."""
     if "grains" not in path.name:
-        return None, None, None
+        return {}
     name = path.name.replace("grains", "cell")
     for ending in TABLE_ENDINGS:
         name = name.removesuffix(ending)
     file = path.with_name(f"{name}.json")
     if not file.is_file():
-        return None, None, None
+        return {}
     try:
         given = json.loads(file.read_text())
-        cell = None if given["cell"] is None else np.array(given["cell"], dtype=float)
-        step = None if given.get("iteration") is None else float(given["iteration"])
-        increment = given.get("shear_increment")
-        return cell, step, None if increment is None else checked_increment(increment)
+        found: dict[str, Any] = {}
+        found["cell"] = None if given["cell"] is None else np.array(given["cell"], dtype=float)
+        for name, field in (("iteration", "step"), ("time", "time")):
+            if given.get(name) is not None:
+                found[field] = float(given[name])
+        if given.get("shear_increment") is not None:
+            found["shear_increment"] = checked_increment(given["shear_increment"])
+        return found
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError) as error:
         raise InputError(
             str(file),

@@ -89,6 +89,10 @@ class Snapshot(Shown):
     lacks : tuple of str
         All that is missing for a law: 'forces', 'shear forces', 'kn', 'kt', 'balance' (of forces
         that were measured).
+    mass : (G,) array or None
+        Masses of the grains (mass); None if the file lacks them.
+    time : float or None
+        Time of the snapshot, if the file tells it.
 
     Examples
     --------
@@ -111,6 +115,8 @@ class Snapshot(Shown):
     findings: tuple[Finding, ...] = ()
     rotation: NDArray[np.float64] | None = None
     lacks: tuple[str, ...] = ()
+    mass: NDArray[np.float64] | None = None
+    time: float | None = None
 
     @cached_property
     def faces(self) -> Faces:
@@ -182,6 +188,8 @@ class Snapshot(Shown):
         }
         if self.rotation is not None:
             grains["theta_z"] = self.rotation
+        if self.mass is not None:
+            grains["mass"] = self.mass
         one, two = graph.contacts.T
         contacts: dict[str, NDArray[Any]] = {"id1": ids[one], "id2": ids[two]}
         contacts["branch_x"], contacts["branch_y"] = branch_vectors(graph).T

@@ -38,9 +38,9 @@ def add_work(
 ) -> None:
     """Add the work of a time `step`, in which `strain` and `u` go on at the rates `h` and `v`.
 
-    `work[0]` gains the work of the cell and of the constant load that balances the resultants
-    `load` of the start, `work[2]` the work of `T` in the law's shear minus that in the motion at
-    the contact, `released` (G,) the work of the resultants that have appeared since the start.
+    `work[0]` gains the work of the cell and of the load that balances the resultants `load`,
+    `work[2]` the work of `T` in the law's shear minus that in the motion at the contact, `released`
+    (G,) the work of all other resultants.
     """
     if step <= 0.0:
         return

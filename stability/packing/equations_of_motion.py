@@ -66,6 +66,8 @@ class Replay(Shown):
         Steps made and their length.
     duration : float
         Duration of the motion, in the unit of the masses.
+    states : tuple of PackingState
+        The packing at the start and at the end of each of `rows` equal parts of the motion.
     """
 
     state: PackingState
@@ -74,6 +76,7 @@ class Replay(Shown):
     steps: int
     time_step: float
     duration: float
+    states: tuple[PackingState, ...]
 
 
 def replay(
@@ -93,6 +96,7 @@ def replay(
     damping: float = 0.3,
     viscous: float = 0.0,
     balanced: bool = False,
+    rows: int = 1,
 ) -> Replay:
     """Strain a packing as a DEM code would: inertia, damping, explicit steps.
 
@@ -134,7 +138,9 @@ def replay(
     viscous : float
         Drag of every grain over its momentum, 1/time.
     balanced : bool
-        Balance the resultants of the start by a constant load, as a path by events does.
+        Balance the resultants of the start by a constant load.
+    rows : int
+        Number of states that are kept after the start.
 
     Returns
     -------
@@ -186,12 +192,14 @@ def replay(
     motion = moving.motion
     if balanced:
         moving.load(-motion.resultant)
-    count = start.count
-    if not moving.run(steps, dt, damping, viscous):
-        found = f"grains that move {moving.gap:.2g} in one of {steps} steps"
-        raise InputError("replay", found, "a stable motion", "Take shorter steps.")
+    count, states = start.count, [moving.state()]
+    for part in np.diff(np.linspace(0, steps, rows + 1).round().astype(int)).tolist():
+        if not moving.run(part, dt, damping, viscous):
+            found = f"grains that move {moving.gap:.2g} in one of {steps} steps"
+            raise InputError("replay", found, "a stable motion", "Take shorter steps.")
+        states.append(moving.state())
     velocity, spin = motion.velocity[:count], motion.spin[:count]
-    return Replay(moving.state(), velocity, spin, steps, dt, steps * dt)
+    return Replay(states[-1], velocity, spin, steps, dt, steps * dt, tuple(states))
 
 
 def require_upright(start: PackingState, stress: Floats, strain: Floats, rate: Floats) -> None:

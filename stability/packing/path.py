@@ -40,6 +40,8 @@ from stability.spectra import COMPONENTS
 
 # Pairs closer than this share of the mean diameter are listed, as open contacts.
 LISTED_GAP = 0.01
+# Strain over which the load that balances the start decreases to the share that is kept.
+DECAY = 1e-5
 # Largest strain speed over the smallest of the stage; beyond, the control has met its limit.
 MAX_SPEED_RATIO = 1e3
 Stop = tuple[PathStatus, str]
@@ -77,7 +79,7 @@ class PackingPath(Shown):
     states : tuple of PackingState
         The packing at every row.
     work : (R, 4) array
-        External work `Int V0 P:H'`, with that of the constant load that balances the start; slip;
+        External work `Int V0 P:H'`, with that of the load that balances the start; slip;
         `T` times the difference between the motion at the contact and the law's shear increment
         (`branch`: next to nothing); and the work of unbalanced forces, at instabilities and by
         rattlers. The first is the change of `energy` and the other three, to rounding (Theory,
@@ -121,12 +123,13 @@ def follow_packing(
     instabilities: int,
     past: Past,
     max_steps: int,
+    load_kept: float = 1.0,
     progress: Callable[[float], None] | None = None,
     planes: PlaneContacts | None = None,
     plane_force: ArrayLike | None = None,
 ) -> PackingPath:
     """Path of a packing: `stability.follow` with the packing closure."""
-    solver = PackingPathSolver(graph, law, stages, interval, past, planes, plane_force)
+    solver = PackingPathSolver(graph, law, stages, interval, past, planes, plane_force, load_kept)
     stop = follow_stages(
         lambda number, stage: solver.follow(
             number, stage, max(rows, 1), instabilities, max_steps, progress
@@ -148,13 +151,14 @@ class PackingPathSolver:
         past: Past,
         planes: PlaneContacts | None,
         plane_force: ArrayLike | None,
+        load_kept: float = 1.0,
     ) -> None:
         checked = require_replayable(graph, law)
         start = start_state(graph, planes, plane_force)
         for stage in stages:
             require_upright(start, *stage.programme.equations(np.zeros(4)))
         self.by_radii = checked.shear_increment == "radii"
-        self.size, self.past = interval, past
+        self.size, self.past, self.load_kept = interval, past, load_kept
         self.parameter, self.intervals = 0.0, 0
         self.work = np.zeros(4)
         self.events: list[Event] = []
@@ -169,7 +173,7 @@ class PackingPathSolver:
         self.regime, self.side = np.zeros(0, dtype=np.int8), np.zeros(0)
         self._list_pairs()
         self._find_regimes()
-        self.balance = self.state.resultants
+        self.first_resultants, self.unbalanced_share = self.state.resultants, 1.0
         self.imbalance = 0.0 * self.balance
         self._start_stage(0)
         self._record()
@@ -214,6 +218,11 @@ class PackingPathSolver:
     def H(self) -> Floats:
         """(4,) displacement gradient."""
         return (np.eye(2) - self.F).ravel()
+
+    @property
+    def balance(self) -> Floats:
+        """(B, 3) resultants of the start that are still balanced by a load."""
+        return self.unbalanced_share * self.first_resultants
 
     @property
     def P(self) -> Floats:
@@ -314,15 +323,19 @@ class PackingPathSolver:
         if speed > max_speed:
             raise ControlLimitError
         duration = self.size / speed
-        # Remove the force imbalance over this interval by adding it as a load.
         scale = np.tile([1.0, 1.0, 1.0 / packing.length], len(self.state.x))
-        packing.set_load(self.imbalance.ravel() * scale / duration)
+        decrease = (1.0 - self.load_kept) * self.size / DECAY
+        decrease = min(decrease, self.unbalanced_share - self.load_kept)
+        relief = decrease * self.first_resultants.ravel() * scale / duration
+        # Remove the force imbalance over this interval by adding it as a load.
+        packing.set_load(self.imbalance.ravel() * scale / duration + relief)
         increment = StrainIncrement(
             packing,
             self.state,
             self.pairs,
             self._control(stage, 1.0 / duration),
             self.balance.ravel() * scale,
+            relief,
             duration,
             self._goal(stage, target),
             max_speed,
@@ -344,6 +357,7 @@ class PackingPathSolver:
             raise RejectedError("lost", jump)
         self._add_events(events, increment.released)
         self.F = self.F - increment.strain.reshape(2, 2) @ self.F
+        self.unbalanced_share -= decrease * min(increment.time / duration, 1.0)
         self._accept(state, increment.time, work)
         self.intervals += 1
         # Neighbours come nearer with the cell as well, by twice this.

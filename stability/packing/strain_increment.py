@@ -92,8 +92,9 @@ class End(NamedTuple):
 class StrainIncrement:
     """A packing under a control for a `duration` of the loading parameter, or to its goal.
 
-    `load` are the resultants on the grains at the start of the path. Instabilities are passed if
-    `viscous`, else they end the increment (`InstabilityError`).
+    `load` are the resultants on the grains that a load balances, which decrease at the rate
+    `relief`. Instabilities are passed if `viscous`, else they end the increment
+    (`InstabilityError`).
     """
 
     def __init__(
@@ -103,13 +104,15 @@ class StrainIncrement:
         pairs: Pairs,
         control: MixedControl,
         load: Floats,
+        relief: Floats,
         duration: float,
         goal: Goal,
         max_strain_speed: float,
         viscous: bool,
     ) -> None:
         self.packing, self.state, self.pairs = packing, state, pairs
-        self.control, self.load, self.duration = control, load, duration
+        self.control, self.duration = control, duration
+        self.load, self.relief = load, relief
         self.goal, self.left = goal, goal.left
         self.max_strain_speed, self.viscous = max_strain_speed, viscous
         self.touching = touching_distances(state, pairs)
@@ -176,7 +179,9 @@ class StrainIncrement:
         pairs = (packing.frame, packing.regime)
         motion = (packing.length, self.strain, self.u, h, v, step)
         forces = (self.T, self.rates, self.work, self.released)
-        add_work(*pairs, self.touching, self.state.walls, self.load, *motion, *forces)
+        # Rates are constant: the mean load does the work of the decreasing one.
+        load = self.load - (self.time + 0.5 * step) * self.relief
+        add_work(*pairs, self.touching, self.state.walls, load, *motion, *forces)
         advance(*pairs, step, self.rates, self.N, self.T, self.gap, self.work)
         self.strain += step * h[:4]
         self.u += step * v

@@ -44,6 +44,7 @@ class PackingPathOptions:
     interval: float = 5e-6
     instabilities: int = 20
     past: Past = "viscous"
+    load_kept: float = 1.0
     progress: Callable[[float], None] | None = None
     planes: PlaneContacts | None = None
     plane_force: ArrayLike | None = None
@@ -52,6 +53,8 @@ class PackingPathOptions:
         number("interval", self.interval, 0.0, open_low=True)
         whole_number("instabilities", self.instabilities, 1)
         check_choice("past", self.past, get_args(Past))
+        number("load_kept", self.load_kept, 0.0)
+        number("1 - load_kept", 1.0 - self.load_kept, 0.0)
 
 
 @overload
@@ -103,9 +106,9 @@ def follow(
     periodic or between walls, its spins free: within short intervals of strain the rates are
     piecewise linear and contacts change regime by pivots (Theory, equation (11.10)); geometry and
     normal forces are exact at their ends, so the error halves with the interval. What is out of
-    balance at the start stays as a constant load.
+    balance at the start is balanced by a load, of which `load_kept` stays.
     Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities`,
-    `past`, `progress`, `planes` and `plane_force`.
+    `past`, `load_kept`, `progress`, `planes` and `plane_force`.
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
@@ -159,6 +162,10 @@ def follow(
         the grains of its mode until the interval ends; the equations of motion from there on, over
         the strain of an interval at an inertial number of 2.5e-7, then held until at rest (discs of
         unit density, Cundall's damping of 0.3); or the path stops there, status 'instabilities'.
+    load_kept : float
+        Of a packing that is out of balance at the start: share of the load that balances it that
+        stays; the rest decreases to zero over the first strain of 1e-5. 1 for a sample that goes on
+        at its rate, 0 for the limit of slow loading from this state.
     progress : callable, optional
         Of a packing: called after every interval with the parameter that the path has reached.
     planes : PlaneContacts, optional

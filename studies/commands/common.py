@@ -58,6 +58,30 @@ Hold = Annotated[
     bool, Parameter(help="Bring the state to rest first, at fixed cell or between its walls.")
 ]
 HoldStress = Annotated[bool, Parameter(help="Bring the state to rest first, at fixed stress.")]
+Past = Annotated[
+    str,
+    Parameter(
+        metavar="viscous|dynamic|stop",
+        help="How paths continue past an unstable contact: dynamic is the limit of slow loading.",
+    ),
+]
+InertialNumber = Annotated[
+    float | None,
+    Parameter(help="Rate of replays. Default: that of the sample, else 2e-6."),
+]
+Times = Annotated[
+    Path | None,
+    Parameter(
+        help="Table with the time of each snapshot: snap, time. Default: --cells, if it has the "
+        "column time, else the files."
+    ),
+]
+TimeStep = Annotated[
+    float | None, Parameter(help="Time of one step, where snapshots are numbered by steps.")
+]
+MeanMass = Annotated[
+    float | None, Parameter(help="Mean mass of a grain, if the files have no column mass.")
+]
 Contacts = Annotated[
     Path | None,
     Parameter(help="File of the contacts. Default: the file of matching name beside PATH."),

@@ -13,10 +13,15 @@ from studies.commands.common import (
     Cells,
     Hold,
     HoldStress,
+    InertialNumber,
+    MeanMass,
     NoFigures,
     OneReading,
+    Past,
     PlaneReading,
     Scheduler,
+    Times,
+    TimeStep,
     Workers,
     Writing,
     YieldBand,
@@ -50,6 +55,8 @@ PASSED_WORDS = {
     "other": "of another kind",
 }
 
+
+FORECAST_WORDS = {"events": "path by events", "replay": "replay"}
 
 # Folds that one line names at most.
 SHOWN_FOLDS = 8
@@ -155,6 +162,7 @@ def probe(
         float | None,
         Parameter(help="Finite probe to this strain. Default: infinitesimal."),
     ] = None,
+    past: Past = "viscous",
     hold: Hold = False,
     hold_stress: HoldStress = False,
     workers: Workers = None,
@@ -170,7 +178,7 @@ def probe(
     """
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "probe", path)
-    words: Any = {"control": control, "subspace": subspace}
+    words: Any = {"control": control, "subspace": subspace, "past": past}
     with clock("grainloops probe") as tell:
         from studies.probe import run_probe
 
@@ -293,8 +301,19 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
             f"{count} {PASSED_WORDS.get(name, name)}" for name, count in summary["passed"].items()
         )
         lines.append(f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}")
+    if summary["replay"] is not None:
+        rate = summary["replay"]
+        lines.append(f"replay at inertial number {rate['inertial_number']:.2g} ({rate['source']})")
     end = "  ".join(f"{name} = {value:.6g}" for name, value in summary["end"].items())
     lines.append(f"end: {end}")
+    lines += [
+        f"{FORECAST_WORDS[name]}: error of the driven stress {row['error']:.4g}, of the stress of "
+        f"the start {row['persistence_error']:.4g}, over {row['snapshots']} snapshots; below half "
+        f"of it up to {row['holds_to']:.3g}; drops of stress: {row['drops_predicted']} of "
+        f"{row['drops']} predicted, {row['drops_false']} false"
+        for name, row in (summary["forecast"] or {}).items()
+        if row["error"] is not None
+    ]
     if summary["negative_loops"] is not None:
         lines.append(
             f"W2 < 0 in {100 * summary['negative_loops']:.1f} % of {summary['loops']} loops"
@@ -329,13 +348,19 @@ def evolve(
         Parameter(help="Strain over which the geometry is kept; the error is proportional to it."),
     ] = 5e-6,
     instabilities: Annotated[int, Parameter(help="Stop after this many unstable contacts.")] = 20,
-    past: Annotated[
+    past: Past = "viscous",
+    by: Annotated[
         str,
         Parameter(
-            metavar="viscous|dynamic|stop",
-            help="How the path continues past an unstable contact.",
+            metavar="events|replay|both",
+            help="Follow from event to event, or replay by the equations of motion, or both; "
+            "tables and map are those of the first.",
         ),
-    ] = "viscous",
+    ] = "events",
+    inertial_number: InertialNumber = None,
+    times: Times = None,
+    time_step: TimeStep = None,
+    mean_mass: MeanMass = None,
     hold: Hold = False,
     hold_stress: HoldStress = False,
     cells: Cells = None,
@@ -345,10 +370,10 @@ def evolve(
     ] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
-    """Follow a DEM snapshot from event to event: stresses, events, second-order work of loops."""
+    """Follow a DEM snapshot by events or by a replay: stresses, events, W2 of the loops."""
     writing, reading = writing or Writing(), reading or PlaneReading()
     out = out_or(writing.out, "evolve", paths[0])
-    words: Any = {"programme": programme, "past": past}
+    words: Any = {"programme": programme, "past": past, "by": by}
     with clock("grainloops evolve") as tell:
         from studies.evolve import run_evolve
 
@@ -361,6 +386,10 @@ def evolve(
             rows=rows,
             interval=interval,
             instabilities=instabilities,
+            inertial_number=inertial_number,
+            times=times,
+            time_step=time_step,
+            mean_mass=mean_mass,
             hold=hold,
             hold_stress=hold_stress,
             cells=cells,

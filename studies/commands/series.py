@@ -10,8 +10,13 @@ from cyclopts import Parameter
 from studies.commands.common import (
     Answer,
     Cells,
+    InertialNumber,
+    MeanMass,
+    Past,
     PlaneReading,
     Scheduler,
+    Times,
+    TimeStep,
     Workers,
     Writing,
     YieldBand,
@@ -22,10 +27,12 @@ from studies.commands.common import (
 
 # So many notes are printed, and so much of the reason why a snapshot was skipped.
 NOTES, LONGEST_REASON = 8, 300
+# Bistable intervals that one line names at most.
+SHOWN_BISTABLE = 8
 PREDICTOR_WORDS = {
     "packing": "its packing's rate problem",
     "packing_path": "its packing's path by events",
-    "replay": "the DEM replayed from rest",
+    "replay": "the DEM replayed",
     "own_motion": "its grains' motion in DEM (bound)",
     "affine": "affine closure, blocked",
     "affine_free": "affine closure, free spins",
@@ -70,6 +77,8 @@ def _series_lines(summary: dict[str, Any]) -> list[str]:
             f"{packing['solved']} of {packing['intervals']} intervals, no solution found in "
             f"{packing['intervals'] - packing['solved']}",
         )
+    if "followed" in summary:
+        lines[1:1] = _followed_lines(summary["followed"])
     if "skill" in summary:
         lines += _skill_lines(summary["skill"])
     if "skill_of_targets" in summary:
@@ -81,6 +90,30 @@ def _series_lines(summary: dict[str, Any]) -> list[str]:
     lines += [f"note: {note}" for note in summary["notes"][:NOTES]]
     more = len(summary["notes"]) - NOTES
     return lines + ([f"{more} more notes are in summary.json"] if more > 0 else [])
+
+
+def _followed_lines(followed: dict[str, Any]) -> list[str]:
+    """Rate of the replays and where it is from; how the paths ended."""
+    if followed["replay_inertial_number"] is None:
+        return []
+    low, high = (f"{value:.2g}" for value in followed["replay_inertial_number"])
+    sources = ", ".join(
+        f"{source}: {count} intervals" for source, count in followed["replay_rate_from"].items()
+    )
+    ends = ", ".join(f"{status}: {count}" for status, count in followed["path_statuses"].items())
+    lines = [
+        f"replay at inertial number {low if low == high else f'{low} to {high}'} ({sources})",
+        f"path by events ({ends}), {followed['path_instabilities']} instabilities passed by "
+        f"{followed['past']}",
+    ]
+    if followed["bistable"]:
+        named = ", ".join(f"{k}-{k + 1}" for k in followed["bistable"][:SHOWN_BISTABLE])
+        more = len(followed["bistable"]) - SHOWN_BISTABLE
+        lines.append(
+            f"path and replay end in different states (bistable) between snapshots {named}"
+            + (f" and in {more} more" if more > 0 else "")
+        )
+    return lines
 
 
 def _skill_lines(skill: dict[str, Any]) -> list[str]:
@@ -135,6 +168,11 @@ def series(
         ),
     ] = "",
     yield_band: YieldBand = 0.99,
+    past: Past = "viscous",
+    inertial_number: InertialNumber = None,
+    times: Times = None,
+    time_step: TimeStep = None,
+    mean_mass: MeanMass = None,
     probe: Annotated[
         int | None,
         Parameter(metavar="N", help="Probe each snapshot along N directions of strain."),
@@ -157,6 +195,7 @@ def series(
 
     writing, reading = writing or Writing(), reading or PlaneReading()
     out = out_or(writing.out, "series", paths[0] if paths else None)
+    words: Any = {"past": past}
     try:
         summary = run_series(
             paths,
@@ -166,6 +205,11 @@ def series(
             cells=cells,
             in_packing=in_packing,
             yield_band=yield_band,
+            **words,
+            inertial_number=inertial_number,
+            times=times,
+            time_step=time_step,
+            mean_mass=mean_mass,
             probe=probe,
             skip_bad=skip_bad,
             figures=figures,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
@@ -34,6 +35,8 @@ from studies.series.tasks import (
 from studies.study import Results
 
 Row = Mapping[str, Any]
+# Forces of path and replay, over what the replay changes: farther apart, they are two branches.
+BISTABLE = 0.3
 
 
 def gather(
@@ -136,6 +139,8 @@ def series_tables(
     if series.yield_band is not None:
         tables["skill_by_order"] = by_order
         summary["packing"] = solved_summary(intervals, series.yield_band)
+    if series.following is not None:
+        summary["followed"] = followed_summary(intervals, series.following.past)
     return tables, summary
 
 
@@ -262,4 +267,19 @@ def solved_summary(intervals: Sequence[Row], band: float) -> dict[str, Any]:
         **{f"intervals {one}": status.count(one) for one in sorted(set(status))},
         **worst,
         "boundary": "; ".join(dict.fromkeys(boundaries)),
+    }
+
+
+def followed_summary(intervals: Sequence[Row], past: str) -> dict[str, Any]:
+    """How the intervals were followed by path and replay, and at which rate."""
+    rows = [row for row in intervals if "path_status" in row]
+    rates = [row["replay_inertial_number"] for row in rows]
+    apart = [row.get("path_from_replay") for row in intervals]
+    return {
+        "past": past,
+        "path_statuses": dict(Counter(row["path_status"] for row in rows)),
+        "path_instabilities": sum(row["path_instabilities"] for row in rows),
+        "bistable": [k for k, d in enumerate(apart) if d is not None and d > BISTABLE],
+        "replay_inertial_number": [min(rates), max(rates)] if rates else None,
+        "replay_rate_from": dict(Counter(row["replay_rate_from"] for row in rows)),
     }

@@ -10,9 +10,9 @@ only the tangents are in error.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,12 @@ from stability.packing import (
     loop_rates,
     replay,
 )
+from stability.packing.equations_of_motion import TIME_STEP, duration_of
+from stability.packing.pairs import require_replayable
 from stability.packing.response import SOLVED
+from stability.packing.state import PackingState, start_state
 from stability.packing.yield_response import YieldResponse, forces_of_motion
+from stability.paths.path import Past
 from stability.verdict import loop_spectra
 from studies.output import Columns
 from studies.series.evolution import sample_strain
@@ -59,6 +63,71 @@ EVENT_FIELDS = {
 OWN_FIELDS = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
 # Largest number of instabilities that a path passes: more than occur.
 PASSED = 1000
+# Inertial number of a replay where the series tells none, and the most steps of a replay.
+DEFAULT_RATE, MOST_STEPS = 2e-6, 1_000_000
+
+
+class Following(NamedTuple):
+    """How intervals are followed: continuation after an instability, and what is known of the rate.
+
+    `inertial_number` comes before the times of the snapshots; `time_step` is that of their numbers,
+    `mean_mass` stands in for masses that the files lack.
+    """
+
+    past: Past = "viscous"
+    inertial_number: float | None = None
+    time_step: float | None = None
+    mean_mass: float | None = None
+
+
+class Rate(NamedTuple):
+    """Rate of a replay: its inertial number, where this is from, and the options of `replay`."""
+
+    inertial_number: float
+    source: str
+    options: dict[str, Any]
+
+
+def interval_rate(
+    before: Snapshot,
+    after: Snapshot,
+    H: Floats,
+    times: Sequence[float | None],
+    asked: Following,
+) -> Rate:
+    """Rate at which the code strained its sample by `H` from one snapshot to the next.
+
+    `times` are those of a table, which come before those of the files.
+    """
+    if asked.inertial_number is not None:
+        given = asked.inertial_number
+        return Rate(given, "as given", {"inertial_number": given})
+    start, end = (
+        own.time
+        if time is None and own.time is not None
+        else own.step * asked.time_step
+        if time is None and own.step is not None and asked.time_step is not None
+        else time
+        for own, time in zip((before, after), times, strict=True)
+    )
+    masses = before.mass
+    if masses is None and asked.mean_mass is not None:
+        square = before.graph.radii**2
+        masses = asked.mean_mass * square / square.mean()
+    if start is None or end is None or masses is None or not end > start:
+        lacks = "masses" if masses is None else "times"
+        if start is not None and end is not None and not end > start:
+            lacks = "growing times"
+        return Rate(DEFAULT_RATE, f"no {lacks}", {"inertial_number": DEFAULT_RATE})
+    law, _ = before.mechanics()
+    stiffest = float(np.max(np.asarray(require_replayable(before.graph, law).kn)))
+    longest = MOST_STEPS * TIME_STEP * float(np.sqrt(masses.min() / stiffest))
+    duration, source = end - start, "times and masses"
+    if duration > longest:
+        duration, source = longest, f"slower in fact: {MOST_STEPS} steps at most"
+    state = start_state(before.graph, *followed_walls(before))
+    inertial_number = duration_of(H, masses, state, 1.0) / duration
+    return Rate(inertial_number, source, {"duration": duration, "mass": masses})
 
 
 def packing_predictions(
@@ -66,19 +135,21 @@ def packing_predictions(
     after: Snapshot,
     fates: LoopFates,
     yield_band: float,
-    by_events: bool = False,
+    following: Following | None = None,
+    times: Sequence[float | None] = (None, None),
 ) -> tuple[Columns, dict[str, Any], list[str]]:
     """Predictions and fates of all earlier loops, columns of the interval, notes.
 
     A packing without a rate problem, as one that floats, is `refused` and a note says why; without
-    forces there is an `InputError`. With `by_events` the packing's path and replay predict too.
+    forces there is an `InputError`. With `following` the packing's path and replay predict too, the
+    replay at the rate of the sample where `times` or the snapshots tell it.
     """
     graph, (law, _) = before.graph, before.mechanics()
     H, source = sample_strain(before, after)
     columns = facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
     columns |= {name: blank for name in (*PREDICTED, *OWN_FIELDS, "packing_lambda_min")}
-    columns |= {name: blank for name in EVENT_FIELDS if by_events}
+    columns |= {name: blank for name in EVENT_FIELDS if following}
     try:
         if source == "unknown":
             raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
@@ -92,8 +163,10 @@ def packing_predictions(
     if own is not None:
         columns |= _picked(loop_rates(own, before.faces), OWN_FIELDS)
     planes, held, notes = sample_boundary(before)
-    if by_events:
-        found, why = _by_events(before, H)
+    by_events: dict[str, Any] = {}
+    if following is not None:
+        rate = interval_rate(before, after, H, times, following)
+        found, by_events, why = _by_events(before, H, following.past, rate)
         columns, notes = columns | found, [*notes, *why]
     place = loops_in_place(graph, law, before.faces, planes=planes, held=held)
     columns["packing_lambda_min"] = loop_spectra(place.matrix / before.mean_kn)[:, 0]
@@ -105,35 +178,56 @@ def packing_predictions(
         },
         "packing_rattlers": response.system.carrying.rattlers,
         "packing_boundary": response.system.boundary,
+        **by_events,
     }
     return columns, row, notes
 
 
-def _by_events(before: Snapshot, H: Floats) -> tuple[Columns, list[str]]:
-    """Predictions of the packing's path and of its replay from rest; notes on failures."""
+def _by_events(
+    before: Snapshot, H: Floats, past: Past, rate: Rate
+) -> tuple[Columns, dict[str, Any], list[str]]:
+    """Predictions of the packing's path and of its replay from rest, columns, notes on failures."""
     graph, (law, _) = before.graph, before.mechanics()
-    ends, notes = {}, list[str]()
+    ends, notes = dict[str, PackingState](), list[str]()
+    row: dict[str, Any] = {"replay_inertial_number": rate.inertial_number}
+    row |= {"replay_rate_from": rate.source, "path_status": "refused"}
+    row |= {"path_instabilities": 0, "path_released": None, "path_from_replay": None}
     try:
         notes += balance_notes(before)
         strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
         stage = Stage(strain, "parameter", 1.0)
         planes, force = followed_walls(before)
         path = follow(
-            graph, law, stage, closure="packing", instabilities=PASSED, planes=planes,
+            graph, law, stage, closure="packing", instabilities=PASSED, past=past, planes=planes,
             plane_force=force,
         )  # fmt: skip
+        work = path.work[-1]
+        row |= {
+            "path_status": path.status,
+            "path_instabilities": len(path.of_kind("instability")),
+            "path_released": float(work[3] / work[0]) if work[0] else None,
+        }
         if path.status == "finished":
             ends["path"] = path.states[-1]
         else:
             notes.append(f"path by events {path.status}: {path.message}")
-        ends["replay"] = replay(graph, law, H, planes=planes, plane_force=force).state
+        ends["replay"] = replay(
+            graph, law, H, planes=planes, plane_force=force, **rate.options
+        ).state
+        if "path" in ends:
+            first, last, other = (
+                state.forces[: graph.contact_count]
+                for state in (path.states[0], ends["replay"], ends["path"])
+            )
+            apart = np.linalg.norm(other - last) / np.linalg.norm(last - first)
+            row["path_from_replay"] = float(apart)
     except InputError as error:
         notes.append(f"not followed by events: {error}")
     columns: Columns = {}
     for name, end in ends.items():
         fields = {key: field for key, field in EVENT_FIELDS.items() if key.startswith(name)}
         columns |= _picked(loop_changes(graph, end, before.faces), fields)
-    return columns, notes
+    return columns, row, notes
 
 
 def _picked(rates: LoopRates, names: dict[str, str]) -> Columns:

@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from loops import InputError
 from patterns import Snapshot, count_frames
@@ -27,11 +27,12 @@ FILE_ENDINGS = re.compile(r"(\.(csv|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz))+$"
 
 @dataclass(frozen=True)
 class PlannedSnapshot:
-    """One snapshot of a series: its number, its file, the options of `read_planar`."""
+    """One snapshot of a series: its number, its file, the options of `read_planar`, its time."""
 
     number: int
     path: Path
     how: dict[str, Any]
+    time: float | None = None
     fingerprint: str = ""
 
     @property
@@ -46,13 +47,19 @@ class PlannedSnapshot:
 
 
 def plan_series(
-    paths: Sequence[Path], cells: Path | None, how: dict[str, Any]
+    paths: Sequence[Path], cells: Path | None, how: dict[str, Any], times: Path | None = None
 ) -> list[PlannedSnapshot]:
-    """Snapshots of a series in order: one a file, or all of a file that holds several."""
+    """Snapshots of a series in order: one a file, or all of a file that holds several.
+
+    `times` is a table with their times; by default that of the cells, if it has the column `time`.
+    """
     _require_distinct(paths)
     if how["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
     cell = None if cells is None else cell_reader(cells)
+    if times is None and cells is not None and read_table(cells).has("time"):
+        times = cells
+    time = None if times is None else number_reader("--times", times, ("time",))
     planned: list[PlannedSnapshot] = []
     for path in paths:
         try:
@@ -63,7 +70,8 @@ def plan_series(
             own = how if count == 1 else how | {"frame": frame}
             if cell is not None:
                 own = own | {"cell": cell(path, own["frame"])}
-            planned.append(PlannedSnapshot(len(planned), path.absolute(), own))
+            at = None if time is None else time(path, own["frame"])[0]
+            planned.append(PlannedSnapshot(len(planned), path.absolute(), own, at))
     return with_fingerprints(planned)
 
 
@@ -84,6 +92,11 @@ def _require_distinct(paths: Sequence[Path]) -> None:
 
 def cells_by_number(path: Path) -> dict[int, Cell]:
     """Cells of a table by the number of their snapshot."""
+    return cast(dict[int, Cell], _rows_by_number(path, CELL_COLUMNS))
+
+
+def _rows_by_number(path: Path, names: Sequence[str]) -> dict[int, tuple[float, ...]]:
+    """Columns of a table by the number of the snapshot."""
     table = read_table(path)
     numbers = table.integers("snap").tolist()
     if len(set(numbers)) < len(numbers):
@@ -91,7 +104,7 @@ def cells_by_number(path: Path) -> dict[int, Cell]:
         raise InputError(
             f"column 'snap' of {path}", f"{repeated} twice", "each once", "Drop one of the rows."
         )
-    rows = zip(*(table.column(name).tolist() for name in CELL_COLUMNS), strict=True)
+    rows = zip(*(table.column(name).tolist() for name in names), strict=True)
     return dict(zip(numbers, rows, strict=True))
 
 
@@ -100,20 +113,27 @@ def cell_reader(cells: Path) -> Callable[[Path, int | None], Cell]:
 
     `InputError` where the table has no row of it.
     """
-    table = cells_by_number(cells)
+    return cast(Callable[[Path, int | None], Cell], number_reader("--cells", cells, CELL_COLUMNS))
 
-    def cell_of(path: Path, frame: int | None) -> Cell:
-        number = number_of(path, frame)
+
+def number_reader(
+    option: str, path: Path, names: Sequence[str]
+) -> Callable[[Path, int | None], tuple[float, ...]]:
+    """Function that gives the row of a snapshot in a table of an option."""
+    table = _rows_by_number(path, names)
+
+    def row_of(file: Path, frame: int | None) -> tuple[float, ...]:
+        number = number_of(file, frame)
         if number in table:
             return table[number]
         raise InputError(
-            f"--cells {cells}",
-            f"no row with snap = {number}, for {path.name}",
+            f"{option} {path}",
+            f"no row with snap = {number}, for {file.name}",
             "one row a snapshot",
             "Add the row; snap is the last number in the name, or the place in a file of several.",
         )
 
-    return cell_of
+    return row_of
 
 
 def number_of(path: Path, frame: int | None = None) -> int:
@@ -125,8 +145,8 @@ def number_of(path: Path, frame: int | None = None) -> int:
         raise InputError(
             f"name of {path}",
             "no number in it",
-            "the number that column 'snap' of --cells has",
-            "Number the files, or give --cell for all of them.",
+            "the number that column 'snap' of --cells or --times has",
+            "Number the files; a cell for all of them is given by --cell.",
         )
     return int(found[-1])
 
@@ -144,6 +164,7 @@ def with_fingerprints(planned: Sequence[PlannedSnapshot]) -> list[PlannedSnapsho
     for one in planned:
         files = states.get(_snapshot_name(one.path), [])
         known = {"number": one.number, "path": one.path.name, "how": one.how, "files": files}
+        known["time"] = one.time
         text = as_json(provenance("series", known, code_version()))
         digests.append(hashlib.blake2b(text.encode(), digest_size=16).hexdigest())
     return [replace(one, fingerprint=digest) for one, digest in zip(planned, digests, strict=True)]

@@ -6,12 +6,14 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from loops import InputError
-from loops.errors import whole_number
+from loops.errors import number, whole_number
 from stability.packing.yield_response import checked_band
+from stability.paths.path import Past
 from studies.output import SERIES, errors_of, folder_lock, provenance, require_folder
+from studies.series.packing import Following
 from studies.series.plan import plan_series
 from studies.series.tasks import Failure, Series, do_tasks, has_parts, open_folder
 from studies.series.workers import Runner, open_runner
@@ -38,6 +40,11 @@ def run_series(
     animation: bool = False,
     in_packing: bool | str = False,
     yield_band: float = 0.99,
+    past: Past = "viscous",
+    inertial_number: float | None = None,
+    times: Path | None = None,
+    time_step: float | None = None,
+    mean_mass: float | None = None,
     probe: int | None = None,
     **how: Any,
 ) -> dict[str, Any]:
@@ -45,18 +52,30 @@ def run_series(
 
     `how` are options of `read_planar`; `cells` is a table of the snapshots' cells. With
     `in_packing` the packing's rate problem predicts each interval and `skill.parquet` compares the
-    predictions with what happened; with 'events' the packing's path and its replay predict too.
+    predictions with what happened; with 'events' the packing's path and its replay predict too, the
+    path with the way `past` an instability, the replay at the inertial number of the sample: of the
+    times of the snapshots (a table `times`, their files, or their numbers by `time_step`) and their
+    masses (or the `mean_mass`), unless `inertial_number` is given.
     With `probe` every snapshot is probed along this number of directions of strain.
 
     Finished parts in `out` are kept: the same call continues an interrupted run. A script calls
     this under `if __name__ == "__main__"`, because the processes import the script.
     """
     how = reading(**how)
-    planned = plan_series(paths, cells, how)
+    planned = plan_series(paths, cells, how, times)
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
     one_of("--in-packing", in_packing or False, (False, True, "rates", "events"))
     band, by_events = checked_band(yield_band) if in_packing else None, in_packing == "events"
-    read["in_packing"] = [band, "events"] if by_events else band
+    following = Following(past, inertial_number, time_step, mean_mass)
+    one_of("--past", past, get_args(Past))
+    for name, value in following._asdict().items():
+        if name != "past" and value is not None:
+            number(name, value, 0.0, open_low=True)
+    if not by_events and (following != Following() or times is not None):
+        received = "the rates alone" if in_packing else "no path and no replay"
+        remedy = "Add --in-packing events, or leave the options of paths and replays out."
+        raise InputError("--in-packing", received, "events", remedy)
+    read["in_packing"] = [band, "events", *following] if by_events else band
     probed: tuple[float | None, int | None] = (None, None)
     if probe is not None:
         whole_number("probe", probe, 1)
@@ -74,7 +93,7 @@ def run_series(
             try:
                 files = [out / SERIES, *dict.fromkeys(one.path for one in planned)]
                 with open_runner(workers, scheduler, files) as runner:
-                    series = Series(planned, out, band, by_events, probed)
+                    series = Series(planned, out, band, following if by_events else None, probed)
                     series, failures = _do_all(runner, series, skip_bad=skip_bad)
             except InputError:
                 if new and not has_parts(out):

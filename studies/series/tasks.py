@@ -45,7 +45,7 @@ from studies.series.evolution import (
     probe_row,
     track_loops,
 )
-from studies.series.packing import increment_columns, packing_predictions
+from studies.series.packing import Following, increment_columns, packing_predictions
 from studies.series.plan import PlannedSnapshot
 from studies.series.workers import Runner, one_blas_thread
 from studies.snapshot.table import loop_table
@@ -216,7 +216,7 @@ class PartTask:
     out: Path
     yield_band: float | None = None
     directions: int | None = None
-    by_events: bool = False
+    following: Following | None = None
 
     @property
     def part(self) -> Path:
@@ -237,7 +237,7 @@ class PartTask:
     def fingerprint(self) -> str:
         """Digest of everything that the result depends on."""
         how = self.yield_band, self.directions
-        band = [repr(one) for one in how if one is not None] + ["events"] * self.by_events
+        band = [repr(one) for one in (*how, self.following) if one is not None]
         return "-".join([*(one.fingerprint for one in self.snapshots), *band])
 
     @property
@@ -262,14 +262,14 @@ class PartTask:
 class Series:
     """Planned snapshots, result folder and optional extra predictors of a series.
 
-    With `yield_band` the packing predicts each interval, with `by_events` its path and its replay
+    With `yield_band` the packing predicts each interval, with `following` its path and its replay
     too; `probe` are the yield band and the number of directions of the probes of each snapshot.
     """
 
     planned: Sequence[PlannedSnapshot]
     out: Path
     yield_band: float | None = None
-    by_events: bool = False
+    following: Following | None = None
     probe: tuple[float | None, int | None] = (None, None)
 
     @cached_property
@@ -282,7 +282,7 @@ class Series:
         """A task for each snapshot with the next."""
         asked = self.out, self.yield_band
         pairs = pairwise(self.planned)
-        return [PartTask(pair, *asked, by_events=self.by_events) for pair in pairs]
+        return [PartTask(pair, *asked, following=self.following) for pair in pairs]
 
 
 def do_tasks(
@@ -364,7 +364,8 @@ def _write_pair(task: PartTask) -> None:
     }
     if task.yield_band is not None:
         columns, row, about["notes"] = packing_predictions(
-            before, after, fates, task.yield_band, task.by_events
+            *(before, after, fates, task.yield_band, task.following),
+            [one.time for one in task.snapshots],
         )
         about["row"] |= row
         table |= increment_columns(table, about["row"], columns)

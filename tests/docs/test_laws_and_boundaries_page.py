@@ -15,7 +15,7 @@ from stability.packing import hold, replay
 from stability.packing.probe import probe_edge
 from stability.packing.probe_paths import probe_to
 from studies.series.evolution import track_loops
-from studies.series.packing import packing_predictions
+from studies.series.packing import Following, packing_predictions
 from studies.snapshot.in_packing import box_area, followed_walls, sample_boundary, sample_edge
 from tests.docs.pages import page
 from tests.packings import LAW, jammed
@@ -105,7 +105,7 @@ def predicted(one, by_events=False):
     graph = one.graph.replace(x=less * one.graph.x, x0=None, cell=cell, cell0=None)
     later = replace(one, graph=graph)
     columns, row, notes = packing_predictions(
-        one, later, track_loops(one, later), BAND, by_events=by_events
+        one, later, track_loops(one, later), BAND, Following() if by_events else None
     )
     if row["packing_status"] == "refused" or any("not followed" in note for note in notes):
         raise gl.InputError("series", "; ".join(notes), "a packing that is followed", "See there.")

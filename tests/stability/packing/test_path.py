@@ -492,9 +492,26 @@ def test_a_state_out_of_balance_keeps_its_load():
     assert error[0] < 3e-6 and error[1] > 1e-3
 
 
+@pytest.mark.parametrize("kept", [0.0, 0.25])
+def test_the_load_of_the_start_decreases(kept):
+    """To the share that is kept, over a strain of 1e-5; the energy balance holds meanwhile."""
+    graph = packed(24, 3, LAW)
+    rng = np.random.default_rng(0)
+    shaken = graph.replace(shear_force=graph.shear_force * rng.uniform(0.9, 1.0, 44))
+    path = followed(shaken, LAW, strained(2e-5 * H / np.linalg.norm(H)), load_kept=kept, rows=4)
+    assert path.status == "finished"
+    first = path.states[0].resultants
+    for state, share in zip(path.states, (1.0, 0.5 + 0.5 * kept, kept, kept, kept), strict=True):
+        assert np.abs(state.resultants - share * first).max() < 1e-3 * np.abs(first).max()
+    work, *spent = path.work.T
+    error = work - sum(spent) - (path.energy - path.energy[0])
+    assert np.abs(error).max() < 1e-10 * np.abs(work).max()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ({"load_kept": 1.1}, "load_kept"),
         ({"law": HertzMindlin(1.0, 0.3, 0.5)}, "piecewise linear"),
         ({"stages": []}, "stages"),
         ({"rows": -1}, "rows"),

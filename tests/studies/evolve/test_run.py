@@ -14,7 +14,7 @@ from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import Stage, follow, programmes
 from stability.packing import loop_changes
 from stability.paths.path import Event
-from studies.evolve import _passed, run_evolve, stage_of
+from studies.evolve import _passed, forecast_summary, run_evolve, stage_of
 from studies.series.plan import plan_series
 from studies.snapshot.in_packing import box_sides
 from studies.snapshot.run import read_planar, reading
@@ -24,7 +24,9 @@ from tests.studies.snapshot.test_run import run
 
 CELLS = sample_path("slow/cells.csv")
 SLOW = [sample_path(f"slow/grains_{number}.parquet") for number in (10, 11)]
-FIGURES = {f"{name}.{kind}" for name in ("stress_strain", "map") for kind in ("png", "svg")}
+FIGURES = {
+    f"{name}.{kind}" for name in ("stress_strain", "forecast", "map") for kind in ("png", "svg")
+}
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,7 @@ def tables(out):
 
 
 def test_files_and_the_dems_next_state(results):
-    files = {f"{name}.parquet" for name in ("path", "events", "loops", "dem")}
+    files = {f"{name}.parquet" for name in ("path", "events", "loops", "dem", "forecast")}
     assert {path.name for path in results.iterdir()} == {
         *files, *FIGURES, "summary.json", "report.html",
     }  # fmt: skip
@@ -289,3 +291,36 @@ def test_companions_stand_beside_the_path_as_given(small, tmp_path, monkeypatch,
     before = planned.fingerprint
     (target if kind == "folder" else links).joinpath("cell_1.json").unlink()
     assert plan_series([given], None, reading())[0].fingerprint != before
+
+
+def test_a_forecast_by_both_ways(tmp_path):
+    """Path and replay predict the DEM's next volume; errors are those of the table."""
+    summary = run_evolve(
+        SLOW, tmp_path / "out", cells=CELLS, shear_increment="radii", axis=2, to=2.1e-5, rows=2,
+        by="both", inertial_number=2e-6, figures=False,
+    )  # fmt: skip
+    table = pd.read_parquet(tmp_path / "out/forecast.parquet")
+    dem = pd.read_parquet(tmp_path / "out/dem.parquet")
+    np.testing.assert_array_equal(table["stress_dem"], dem["P22"])
+    assert summary["replay"]["source"] == "as given"
+    for way in ("events", "replay"):
+        told = summary["forecast"][way]
+        assert abs(table[f"stress_{way}"][0] - dem["P22"][0]) == pytest.approx(told["error"])
+        assert table[f"volume_{way}"][0] == pytest.approx(table["volume_dem"][0], rel=0.05)
+
+
+def test_drops_and_reach_of_a_forecast():
+    table = pd.DataFrame(
+        {
+            "driven": [1.0, 2.0, 3.0, 4.0],
+            "stress_dem": [101.0, 99.0, 102.0, 90.0],
+            "stress_persistence": 100.0,
+            "stress_events": [101.0, 99.0, 98.0, 120.0],
+            "drop": [False, True, False, True],
+        }
+    )
+    told = forecast_summary(table, ["events"])["events"]
+    assert (told["drops"], told["drops_predicted"], told["drops_missed"]) == (2, 1, 1)
+    assert told["drops_false"] == 1 and told["lead"] == 2.0 and told["holds_to"] == 2.0
+    assert told["error"] == pytest.approx(np.sqrt((4.0**2 + 30.0**2) / 4))
+    assert told["persistence_error"] == pytest.approx(np.sqrt((1 + 1 + 4 + 100) / 4))

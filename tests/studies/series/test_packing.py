@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import InputError, Regime, contact_forces, contact_state, find_faces
+from loops import InputError, Regime, branch_vectors, contact_forces, contact_state, find_faces
 from loops.stress_strain import rotation_and_stretch
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import loop_changes, loop_rates, packing_response, replay
 from studies.commands.series import _series_lines
 from studies.series import packing as series_packing
 from studies.series.evolution import increments, track_loops
-from studies.series.packing import PREDICTED, packing_predictions
+from studies.series.packing import PREDICTED, Following, interval_rate, packing_predictions
 from studies.series.plan import cells_by_number
 from studies.series.skill_figures import (
     MappedInterval,
@@ -436,3 +436,39 @@ def test_the_map_shows_what_is_predicted_beside_what_came(result):
     sums = every.packing_nonaffinity.sum(), own.nonaffinity.sum()
     assert [np.ma.masked_invalid(one).sum() for one in drawn] == pytest.approx(sums)
     assert [np.ma.masked_invalid(one).count() for one in drawn] == [len(every), len(own)]
+
+
+def test_the_rate_of_the_sample():
+    """Strain over time, times sqrt(mean mass/pressure), from table, file or options."""
+    cells = cells_by_number(CELLS)
+    before, after = (
+        read_snapshot(path, cell=np.reshape(cells[k], (2, 2)))
+        for path, k in zip(PATHS, (10, 11), strict=False)
+    )
+    strain = np.diag([-2.6e-5, 2e-5])
+    masses = 5.0 * before.graph.radii**2
+    stress = contact_forces(before.graph).T @ branch_vectors(before.graph)
+    pressure = 0.5 * np.trace(stress) / np.linalg.det(before.graph.cell)
+    expected = np.linalg.norm(strain) / 0.06 * np.sqrt(masses.mean() / pressure)
+    heavy = replace(before, mass=masses, step=100.0, time=3.0)
+    known = Following(time_step=1e-3)
+    for found in (
+        interval_rate(heavy, replace(after, time=3.06), strain, (None, None), Following()),
+        interval_rate(heavy, after, strain, (7.0, 7.06), Following()),
+        interval_rate(replace(heavy, time=None), replace(after, step=160.0), strain,
+                      (None, None), known),
+        interval_rate(before, after, strain, (7.0, 7.06), Following(mean_mass=masses.mean())),
+    ):  # fmt: skip
+        assert found.inertial_number == pytest.approx(expected, rel=1e-3)
+        assert found.options["duration"] == pytest.approx(0.06)
+    slow = interval_rate(heavy, after, strain, (0.0, 1e6), Following())
+    assert slow.options["duration"] < 100.0 and "at most" in slow.source
+    for lacks, (one, listed) in {
+        "no times": (heavy, (None, None)),
+        "no masses": (before, (0.0, 1.0)),
+        "no growing times": (heavy, (1.0, 1.0)),
+    }.items():
+        one = replace(one, time=None)
+        assert interval_rate(one, after, strain, listed, Following())[:2] == (2e-6, lacks)
+    given = interval_rate(heavy, after, strain, (0.0, 1.0), Following(inertial_number=1e-5))
+    assert given[:2] == (1e-5, "as given")
