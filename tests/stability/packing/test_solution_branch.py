@@ -485,3 +485,11 @@ def test_negative_work_on_the_strain_circle_shows_on_the_stress_circle(number):
         off = np.abs(own - wanted).max(axis=(1, 2), initial=0.0)
         assert off.min(initial=np.inf) < 1e-9 * np.abs(wanted).max()
         assert found.normalised[found.direction == k].min() < -1e-6
+
+
+def test_a_branch_found_late_answers_the_directions_before_it_too(monkeypatch):
+    for module in ("complementarity", "regime_regions"):
+        monkeypatch.setattr(f"stability.packing.{module}.ENUMERATED", 0)
+    _, graph, law = next(case for case in small_packings.packings() if case[0] == 39)
+    counts = small_packings.compared(graph, law, "strain")
+    assert counts["solutions"] == counts["found"] == 26 and counts["false"] == 0
