@@ -147,7 +147,8 @@ def yield_rates(
             slip_sign[p], motion_count[p] = side[p], 0
         for c in range(motion_count[p], 5 + m):
             un, ut = _pair_rates(pair, V, U, c)
-            known[p, c] = side[p] * pair["kt"] * ut - pair["mu"] * pair["kn"] * un
+            shear = pair["kt"] * ut + pair["coupling"] * un
+            known[p, c] = side[p] * shear - pair["mu"] * pair["kn"] * un
         motion_count[p] = 5 + m
         for r in range(count):
             value = 0.0

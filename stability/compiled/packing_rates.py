@@ -35,7 +35,7 @@ def _force_rates(pair: Any, regime: int, side: float, un: float, ut: float) -> t
     """`N'` and `T'`."""
     # Without a branch: regimes of pairs come in no order that could be predicted.
     dn = -pair["kn"] * un
-    stuck, slides = -pair["kt"] * ut, side * pair["mu"] * dn
+    stuck, slides = -pair["kt"] * ut - pair["coupling"] * un, side * pair["mu"] * dn
     closed = regime != 0
     return (dn if closed else 0.0), ((stuck if regime == 1 else slides) if closed else 0.0)
 
@@ -208,15 +208,21 @@ def advance(
     gap: Floats,
     work: Floats,
 ) -> None:
-    """Change forces and gaps by the rates over a time; add the work of slip to `work[1]`."""
+    """Change forces and gaps by the rates over a time; add the work of slip to `work[1]`.
+
+    Energy that a shear spring loses as it goes with its stiffness is added to `work[2]`.
+    """
     for p in range(len(pairs)):
         if regime[p] == 0:
             gap[p] += step * rates[p, 0]
             continue
         mean, kt = T[p] + 0.5 * step * rates[p, 2], pairs[p]["kt"]
+        coupling = pairs[p]["coupling"]
         # Without a shear stiffness all shear is slip.
         if regime[p] == 2 or kt == 0:
             slip = -rates[p, 3] - (rates[p, 2] / kt if kt > 0 else 0.0)
             work[1] += step * mean * slip
+        elif coupling != 0.0:
+            work[2] += step * mean * coupling * rates[p, 0] / kt
         N[p] += step * rates[p, 1]
         T[p] += step * rates[p, 2]

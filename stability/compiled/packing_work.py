@@ -24,6 +24,7 @@ def add_work(
     regime: Regimes,
     touching: Floats,
     walls: Floats,
+    normal: Floats,
     load: Floats,
     unit: float,
     strain: Floats,
@@ -41,6 +42,7 @@ def add_work(
     `work[0]` gains the work of the cell and of the load that balances the resultants `load`,
     `work[2]` the work of `T` in the law's shear minus that in the motion at the contact, `released`
     (G,) the work of all other resultants.
+    Normal forces that are not linear in the overlap are given, `normal` (2, P) at the two points.
     """
     if step <= 0.0:
         return
@@ -53,7 +55,7 @@ def add_work(
     )
     for k in range(len(u)):
         force[:, k] = -load[k]
-    cell, shear, held, half_unit = 0.0, 0.0, 0.0, 0.5 / unit
+    cell, shear, held, pressed, half_unit = 0.0, 0.0, 0.0, 0.0, 0.5 / unit
     first_wall = count - len(walls)
     for p in range(len(pairs)):
         pair = pairs[p]
@@ -78,7 +80,11 @@ def add_work(
             length = math.sqrt(square)
             inverse = 1.0 / length
             n0, n1 = inverse * b0, inverse * b1
-            N = pair["kn"] * max(touching[p] - length, 0.0)
+            if len(normal):
+                N = normal[q, p]
+                pressed += N * (n0 * r0 + n1 * r1)
+            else:
+                N = pair["kn"] * max(touching[p] - length, 0.0)
             S = T[p] + times[q] * rates[p, 2] if regime[p] != 0 else 0.0
             f0, f1 = N * n0 - S * n1, N * n1 + S * n0
             t = turns[q]
@@ -102,8 +108,41 @@ def add_work(
             power = force[q, k] * v0 + force[q, k + 1] * v1 + force[q, k + 2] * v[k + 2]
             released[g] += 0.5 * step * power
             held += load[k] * v0 + load[k + 1] * v1 + load[k + 2] * v[k + 2]
-    work[0] += 0.5 * step * (cell - held)
+    work[0] += 0.5 * step * (cell - held + pressed)
     work[2] -= 0.5 * step * shear
+
+
+@kernel
+def overlaps_on_the_way(
+    pairs: NDArray[Any],
+    touching: Floats,
+    walls: Floats,
+    first_wall: int,
+    strain: Floats,
+    u: Floats,
+    h: Floats,
+    v: Floats,
+    step: float,
+    out: Floats,
+) -> None:
+    """Overlaps (4, P) at the start of a step, at the two points of `add_work`, and at the end."""
+    times = 0.0, step * FIRST, step * (1.0 - FIRST), step
+    for p in range(len(pairs)):
+        pair = pairs[p]
+        i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
+        d0, d1 = pair["d"][0], pair["d"][1]
+        b0 = d0 - strain[0] * d0 - strain[1] * d1 + u[j] - u[i]
+        b1 = d1 - strain[2] * d0 - strain[3] * d1 + u[j + 1] - u[i + 1]
+        r0 = v[j] - v[i] - h[0] * d0 - h[1] * d1
+        r1 = v[j + 1] - v[i + 1] - h[2] * d0 - h[3] * d1
+        if pair["grains"][1] >= first_wall:
+            wall = pair["grains"][1] - first_wall
+            n0, n1 = walls[wall, 0], walls[wall, 1]
+            away, rate = n0 * b0 + n1 * b1, n0 * r0 + n1 * r1
+            b0, b1, r0, r1 = away * n0, away * n1, rate * n0, rate * n1
+        for q in range(4):
+            c0, c1 = b0 + times[q] * r0, b1 + times[q] * r1
+            out[q, p] = max(touching[p] - math.sqrt(c0 * c0 + c1 * c1), 0.0)
 
 
 @kernel

@@ -83,11 +83,12 @@ class IncrementalPacking:
         by_radii: bool,
         load: Floats,
         before: IncrementalPacking | None = None,
+        reach: float = 0.0,
     ) -> None:
         # The order of elimination and the memory for columns are those of the increment before.
         self.order: Order | None = before.order if before else None
         self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
-        self.frame: NDArray[Any] = frame_of(state, pairs, by_radii)
+        self.frame: NDArray[Any] = frame_of(state, pairs, by_radii, reach)
         self.regime, self.side = regime.copy(), side.copy()
         self.stiffest = float(self.frame["kn"].max())
         self.count, self.length = len(state.x), state.mean_radius
@@ -105,8 +106,10 @@ class IncrementalPacking:
         """`D` of a pair: its entries (n, n), (s, n), (s, s); the fourth is 0."""
         regime, pair = self.regime[c], self.frame[c]
         kn = float(pair["kn"]) if regime != OPEN else 0.0
+        if regime == ELASTIC:
+            return kn, float(pair["coupling"]), float(pair["kt"])
         slope = float(self.side[c] * pair["mu"]) if regime == SLIDING else 0.0
-        return kn, slope * kn, float(pair["kt"]) if regime == ELASTIC else 0.0
+        return kn, slope * kn, 0.0
 
     def factorise(self) -> None:
         """Factorise the system in its present regimes: the reference without any column."""

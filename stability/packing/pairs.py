@@ -29,6 +29,7 @@ PAIR = np.dtype(
         ("growth", "f8"),  # moment rate per `n . d'`, as the arms grow
         ("kn", "f8"),
         ("kt", "f8"),
+        ("coupling", "f8"),  # stuck, `-T'` per `n . d'`: of a `T` that goes with `kt`
         ("mu", "f8"),  # 0 where the strength is not finite
         ("slides", "i8"),  # whether the strength is finite
     ]
@@ -180,8 +181,12 @@ def law_of(
     return HertzMindlin(modulus, 0.0, mu, law.shear_increment, law.shear_history, kt / kn)
 
 
-def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> NDArray[Any]:
-    """Records `PAIR` (P,) of the pairs at the geometry and forces of a state."""
+def frame_of(state: PackingState, pairs: Pairs, by_radii: bool, reach: float = 0.0) -> NDArray[Any]:
+    """Records `PAIR` (P,) of the pairs at the geometry and forces of a state.
+
+    Springs that are not linear have their tangents, and those with an overlap below `reach`, which
+    may open, `N` over the overlap: so they open where the grains part. Open ones have those at it.
+    """
     frame = np.empty(len(pairs), dtype=PAIR)
     d = state.branches
     length = np.linalg.norm(d, axis=1)
@@ -199,7 +204,15 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool) -> NDArray[Any]:
     # A wall keeps its direction.
     frame["rotation"][state.at_wall] = 0.0
     frame["growth"] = 0.5 * T / unit
-    frame["kn"], frame["kt"] = pairs.kn, pairs.kt
+    frame["kn"], frame["kt"], frame["coupling"] = pairs.kn, pairs.kt, 0.0
+    if pairs.hertz:
+        overlap = radii.sum(axis=1) - length
+        closed = overlap > 0
+        at = np.where(closed, overlap, reach)
+        kn, frame["kt"] = tangents(pairs, at)
+        frame["kn"] = np.where(overlap > reach, kn, HERTZ * kn)
+        if pairs.by_displacement:
+            frame["coupling"] = np.where(closed, T / (2.0 * np.where(closed, overlap, 1.0)), 0.0)
     frame["slides"] = np.isfinite(pairs.mu)
     frame["mu"] = np.where(frame["slides"], pairs.mu, 0.0)
     return frame

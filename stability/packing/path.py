@@ -20,9 +20,12 @@ from stability.packing.incremental_packing import AT_YIELD, IncrementalPacking
 from stability.packing.pairs import (
     Pairs,
     contact_pairs,
+    normal_forces,
+    overlaps,
+    require_movable,
     require_replayable,
     strength,
-    touching_distances,
+    tangents,
     with_near,
 )
 from stability.packing.state import PackingState, jumped, start_state
@@ -42,6 +45,8 @@ from stability.spectra import COMPONENTS
 LISTED_GAP = 0.01
 # Strain over which the load that balances the start decreases to the share that is kept.
 DECAY = 1e-5
+# Contacts may open within an interval from an overlap of this many intervals of the diameter.
+REACH = 4.0
 # Largest strain speed over the smallest of the stage; beyond, the control has met its limit.
 MAX_SPEED_RATIO = 1e3
 Stop = tuple[PathStatus, str]
@@ -81,11 +86,11 @@ class PackingPath(Shown):
     work : (R, 4) array
         External work `Int V0 P:H'`, with that of the load that balances the start; slip;
         `T` times the difference between the motion at the contact and the law's shear increment
-        (`branch`: next to nothing); and the work of unbalanced forces, at instabilities and by
-        rattlers. The first is the change of `energy` and the other three, to rounding (Theory,
-        equations (11.12) and (11.13)).
+        (`branch`: next to nothing), with what shear springs lose as their `kt` changes; and the
+        work of unbalanced forces, at instabilities and by rattlers. The first is the change of
+        `energy` and the other three, to rounding (Theory, equations (11.12) and (11.13)).
     energy : (R,) array
-        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`.
+        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`; of Hertz's, `2/5 N overlap`.
     imbalance : (R,) array
         Largest drift of a grain's resultant over the mean contact force.
     intervals : int
@@ -153,7 +158,10 @@ class PackingPathSolver:
         plane_force: ArrayLike | None,
         load_kept: float = 1.0,
     ) -> None:
-        checked = require_replayable(graph, law)
+        checked = require_movable(graph, law)
+        if past == "dynamic":
+            # Motion through an instability is followed under linear springs alone.
+            require_replayable(graph, law)
         start = start_state(graph, planes, plane_force)
         for stage in stages:
             require_upright(start, *stage.programme.equations(np.zeros(4)))
@@ -272,7 +280,7 @@ class PackingPathSolver:
         """Whether the target is reached, to a millionth of an interval, or has been leapt over."""
         scale = 1.0
         if stage.quantity[0] == "P":
-            scale = float(self.pairs.kn.mean())
+            scale = float(tangents(self.pairs, overlaps(self.state, self.pairs))[0].mean())
         elif stage.quantity == "parameter":
             scale = 1.0 / float(np.abs(stage.programme.rate).max())
         return np.sign(way) * (target - self._quantity(stage)) <= 1e-6 * self.size * scale
@@ -314,6 +322,7 @@ class PackingPathSolver:
             self.by_radii,
             np.zeros(3 * len(self.state.x)),
             self.packing,
+            REACH * self.size * 2.0 * self.state.mean_radius,
         )
         speed = float(np.linalg.norm(packing.solve(*self._control(stage, 0.0)).h[:4]))
         if not (np.isfinite(speed) and speed > 0):
@@ -462,8 +471,7 @@ class PackingPathSolver:
 
 def _with_forces_of_geometry(state: PackingState, pairs: Pairs) -> PackingState:
     """The state with normal forces of its overlaps, and shear forces within the cone."""
-    overlap = touching_distances(state, pairs) - np.linalg.norm(state.branches, axis=1)
-    N = np.maximum(pairs.kn * overlap, 0.0)
+    N = normal_forces(pairs, overlaps(state, pairs))
     T = np.where(N > 0, state.shear_force, 0.0)
     most = strength(pairs, N)
     return replace(state, normal_force=N, shear_force=np.clip(T, -most, most))

@@ -18,7 +18,7 @@ from stability.destabilising import no_control
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.incremental_packing import AT_YIELD
 from stability.packing.loop_rates import loop_changes
-from stability.packing.pairs import Pairs, contact_pairs, require_replayable, strength
+from stability.packing.pairs import Pairs, contact_pairs, require_movable, strength
 from stability.packing.path import PackingPath
 from stability.packing.probe import NO_SOLUTIONS, Probe
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
@@ -69,7 +69,7 @@ def probe_to(
     InputError
         If the amplitude isn't positive, or where `follow` refuses.
     """
-    checked = require_replayable(graph, law)
+    checked = require_movable(graph, law)
     number("amplitude", amplitude, 0.0, open_low=True)
     at_start = start_state(graph, planes, plane_force)
     pairs = contact_pairs(at_start, checked, planes)

@@ -17,7 +17,15 @@ from stability.packing.incremental_packing import (
     Combination,
     IncrementalPacking,
 )
-from stability.packing.pairs import Pairs, strength, touching_distances
+from stability.packing.pairs import (
+    Pairs,
+    normal_energy,
+    normal_forces,
+    overlaps,
+    strength,
+    tangents,
+    touching_distances,
+)
 from stability.packing.state import PackingState
 from stability.paths.path import EventKind
 
@@ -26,7 +34,7 @@ CHATTER = 12
 # Ground springs (in kn) tried in turn on an unstable mode; the last is none: the contact is held.
 GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
 # Columns of `PackingPath.work`.
-SLIP, RELEASED = 1, 3
+SLIP, INCREMENT, RELEASED = 1, 2, 3
 # Rates of the wrong sign below this share of the largest are rounding.
 RATE_RTOL = 1e-9
 # Changes of regime within one pivot.
@@ -173,15 +181,24 @@ class StrainIncrement:
     def _advance(self, h: Floats, v: Floats, step: float) -> None:
         """Go on by a time at constant rates."""
         from stability.compiled.packing_rates import advance
-        from stability.compiled.packing_work import add_work
+        from stability.compiled.packing_work import add_work, overlaps_on_the_way
 
         packing = self.packing
+        normal = np.zeros((0, 0))
+        if self.pairs.hertz:
+            # Of Hertz's force the energies at both ends are exact, whatever the rule in between.
+            overlap = np.empty((4, len(self.pairs)))
+            grains = self.touching, self.state.walls, self.state.count
+            overlaps_on_the_way(packing.frame, *grains, self.strain, self.u, h, v, step, overlap)
+            normal = normal_forces(self.pairs, overlap[1:3])
+            before, after = normal_energy(self.pairs, overlap[::3])
+            self.work[0] += float(np.sum(after - before)) if step > 0 else 0.0
         pairs = (packing.frame, packing.regime)
         motion = (packing.length, self.strain, self.u, h, v, step)
         forces = (self.T, self.rates, self.work, self.released)
         # Rates are constant: the mean load does the work of the decreasing one.
         load = self.load - (self.time + 0.5 * step) * self.relief
-        add_work(*pairs, self.touching, self.state.walls, load, *motion, *forces)
+        add_work(*pairs, self.touching, self.state.walls, normal, load, *motion, *forces)
         advance(*pairs, step, self.rates, self.N, self.T, self.gap, self.work)
         self.strain += step * h[:4]
         self.u += step * v
@@ -317,8 +334,8 @@ class StrainIncrement:
             angle=self.state.angle + v[:, 2] / packing.length,
             cell=self.state.cell - E @ self.state.cell,
         )
-        overlap = self.touching - np.linalg.norm(moved.branches, axis=1)
-        N = np.maximum(pairs.kn * overlap, 0.0)
+        overlap = overlaps(moved, pairs)
+        N = normal_forces(pairs, overlap)
         closed = np.where(packing.regime == OPEN, ELASTIC, packing.regime)
         regime, side = np.where(N > 0, closed, OPEN).astype(np.int8), packing.side.copy()
         most = strength(pairs, N)
@@ -326,8 +343,15 @@ class StrainIncrement:
         T = np.where(regime == SLIDING, side * packing.frame["mu"] * N, self.T)
         T = np.clip(np.where(N > 0, T, 0.0), -most, most)
         # Shear springs relax by slip, or by the work of the constraint on a held contact.
-        relaxed = np.divide(self.T**2 - T**2, 2 * pairs.kt, out=0 * T, where=pairs.kt > 0)
+        kt = packing.frame["kt"]
+        relaxed = np.divide(self.T**2 - T**2, 2 * kt, out=0 * T, where=kt > 0)
         work = self.work.copy()
+        if pairs.hertz:
+            # Under the same force a stiffer spring stores less.
+            now = tangents(pairs, overlap)[1]
+            springs = (kt > 0) & (now > 0)
+            softer = 1 / kt[springs] - 1 / now[springs]
+            work[INCREMENT] += 0.5 * float(np.sum(T[springs] ** 2 * softer))
         work[SLIP] += relaxed[~self.held].sum()
         work[RELEASED] += relaxed[self.held].sum() + self.released.sum()
         # A held contact that stands on the friction limit slides from now on.

@@ -193,6 +193,8 @@ def _by_events(
     row |= {"replay_rate_from": rate.source, "path_status": "refused"}
     row |= {"path_instabilities": 0, "path_released": None, "path_from_replay": None}
     try:
+        # Path and replay of a series are those of linear springs alone.
+        require_replayable(graph, law)
         notes += balance_notes(before)
         strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
         stage = Stage(strain, "parameter", 1.0)

@@ -139,16 +139,15 @@ def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldResponse:
 
 def balance_notes(snapshot: Snapshot) -> list[str]:
     """Notes on the unbalanced force of a state to be followed; `InputError` if the sample flows."""
-    from stability.packing.pairs import contact_pairs, require_replayable, touching_distances
+    from stability.packing.pairs import contact_pairs, normal_forces, overlaps, require_movable
     from stability.packing.state import start_state
 
-    graph, law = snapshot.graph, require_replayable(snapshot.graph, snapshot.mechanics()[0])
+    graph, law = snapshot.graph, require_movable(snapshot.graph, snapshot.mechanics()[0])
     planes, force = followed_walls(snapshot)
     state = start_state(graph, planes, force)
     pairs = contact_pairs(state, law, planes)
-    overlap = touching_distances(state, pairs) - np.linalg.norm(state.branches, axis=1)
     # Paths begin with the normal forces of the overlaps.
-    share = replace(state, normal_force=np.maximum(pairs.kn * overlap, 0.0)).unbalanced
+    share = replace(state, normal_force=normal_forces(pairs, overlaps(state, pairs))).unbalanced
     told = f"an unbalanced force of {share:.2g} of the mean contact force"
     if share > FLOWS:
         expected = f"{FLOWS:g} at most: a state near rest"
