@@ -264,6 +264,29 @@ def _comparison_lines(summary: dict[str, Any]) -> list[str]:
 
 def domain(
     *,
+    order: Annotated[
+        int | None, Parameter(help="Number of grains of a regular loop, 3 to 60.")
+    ] = None,
+    compare: Annotated[
+        str | None, Parameter(metavar="ORDERS", help="Compare several orders, such as 3-12.")
+    ] = None,
+    radii: Annotated[
+        str | None, Parameter(metavar="R1,R2,...", help="Radii of unequal grains in order.")
+    ] = None,
+    snapshot: Annotated[
+        Path | None, Parameter(help="Snapshot that the loop is taken from, with --loop.")
+    ] = None,
+    loop: Annotated[int | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
+    closure: Annotated[
+        str | None, Parameter(help="affine or traction. Default: affine; with --compare both.")
+    ] = None,
+    spins: Annotated[
+        str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
+    ] = "blocked",
+    law: Annotated[str, Parameter(help="Contact law: linear or hertz.")] = "linear",
+    programmes: Annotated[
+        str, Parameter(help="Straight programmes of strain or of stress.")
+    ] = "strain",
     alpha0: Annotated[
         str | None, Parameter(help="Reference angles (degrees), separated by commas.")
     ] = None,
@@ -272,20 +295,92 @@ def domain(
     ] = None,
     phi: Phi = None,
     directions: Annotated[
-        int, Parameter(help="Number of loading programmes in the fan, an odd number.")
-    ] = 1441,
+        int | None,
+        Parameter(help="Programmes in the fan, an odd number. Default: 1441; of other loops 361."),
+    ] = None,
     writing: Writing | None = None,
+    reading: OneReading | None = None,
 ) -> Answer:
-    """Draw the diamond's bifurcation domain; without options, for the paper's Tables 1 and 2."""
-    writing = writing or Writing()
-    out = out_or(writing.out, "domain")
-    lists = numbers("--alpha0", alpha0), numbers("--kappa", kappa)
-    with clock("grainloops domain"):
-        from studies.domain import DomainParameters, run_domain
+    """Draw bifurcation domains: of the diamond, a loop of any order, or one of a snapshot.
 
-        parameters = DomainParameters(*lists, phi, directions)
-        summary = run_domain(parameters, out, **writing.files())
-    return answer(writing.json, out, _domain_lines(summary))
+    Without options those of the paper's Tables 1 and 2.
+    """
+    writing, reading = writing or Writing(), reading or OneReading()
+    kinds = {"--order": order, "--compare": compare, "--radii": radii, "--snapshot": snapshot}
+    given = [name for name, value in kinds.items() if value is not None]
+    if len(given) > 1:
+        received = " and ".join(given)
+        raise InputError(", ".join(kinds), received, "one of them", "Write --order 6.")
+    out = out_or(writing.out, "domain" if not snapshot else f"loop-{loop}-domain", snapshot)
+    ratios = numbers("--kappa", kappa)
+    with clock("grainloops domain"):
+        from studies.domain import (
+            DomainParameters,
+            LoopDomainParameters,
+            run_domain,
+            run_loop_domains,
+        )
+
+        if not given:
+            if (closure, spins, law, programmes) != (None, "blocked", "linear", "strain"):
+                received = "given without a loop"
+                expected = "--order, --compare, --radii or --snapshot with them"
+                remedy = "Write --order 4 for the square diamond."
+                raise InputError(
+                    "--closure, --spins, --law, --programmes", received, expected, remedy
+                )
+            _refuse_reading(loop, reading)
+            parameters = DomainParameters(
+                numbers("--alpha0", alpha0), ratios, phi, 1441 if directions is None else directions
+            )
+            summary = run_domain(parameters, out, **writing.files())
+            return answer(writing.json, out, _domain_lines(summary))
+        from studies.paths.options import PolygonOptions, orders_of
+
+        if alpha0 is not None:
+            raise InputError(
+                "--alpha0", f"given with {given[0]}", "diamonds alone", "Leave it out."
+            )
+        words: Any = {"spins": spins}
+        closures: tuple[Any, ...] = (closure or "affine",)
+        if snapshot is not None:
+            own = [
+                name for name, value in (("kappa", kappa), ("phi_deg", phi)) if value is not None
+            ]
+            own += ["law"] if law != "linear" else []
+            words |= {"closure": closures[0]}
+            loops = [_of_snapshot(snapshot, loop, own, words, reading.how_of(snapshot))]
+        else:
+            _refuse_reading(loop, reading)
+            sizes = numbers("--radii", radii)
+            if compare is not None:
+                closures = (closure,) if closure else ("affine", "traction")
+            orders = orders_of(compare) if compare else (order or len(sizes or ()),)
+            angle: Any = {} if phi is None else {"phi_deg": phi}
+            words |= {"radii": sizes, "contact_law": law, **angle}
+            loops = [
+                PolygonOptions(n, kappa=k, closure=c, **words)
+                for k in ratios or (KAPPA.get(law, 0.2),) for c in closures for n in orders
+            ]  # fmt: skip
+        control: Any = programmes
+        wanted = LoopDomainParameters(
+            tuple(loops), control, 361 if directions is None else directions
+        )
+        summary = run_loop_domains(wanted, out, **writing.files())
+    return answer(writing.json, out, _loop_domain_lines(summary))
+
+
+def _loop_domain_lines(summary: dict[str, Any]) -> list[str]:
+    lines = []
+    for row in summary["loops"]:
+        limits = ", ".join(f"{kind} on {count}" for kind, count in row["limits"].items())
+        share = row["unstable_share"]
+        told = "" if share is None else f"; unstable share {share:.3f}"
+        lines.append(
+            f"n = {row['order']}  {row['closure']}  kappa = {row['kappa']:g}  {row['contacts']:<10}"
+            f"  of {summary['directions']} programmes: {limits or 'no limit'}{told}"
+        )
+    return lines
 
 
 def _domain_lines(summary: dict[str, Any]) -> list[str]:

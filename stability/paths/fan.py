@@ -1,0 +1,511 @@
+"""A fan of straight programmes of one loop, integrated side by side to the limits of stability.
+
+What `follow` does for one programme, for hundreds at once: the rates of a ring of contacts with
+blocked spins, solved as one batch, an explicit Runge-Kutta method of order 8 with a step of each
+programme's own, and events located by integrating to them. Contacts that reach their strength
+slide; where such regimes do not agree with their rates the programme ends. A question that this
+cannot settle (a sliding contact that sticks again, several modes singular at one state) is left to
+`follow`, which also serves spins that are not blocked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.integrate import DOP853
+
+from loops import GrainGraph, Regime
+from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.assembly import translational_blocks
+from loops.closures import Spins
+from loops.graph import ContactState
+from loops.laws.frictional import edge_rates, with_sides
+from stability.paths.follow import follow
+from stability.paths.model import PathModel
+from stability.paths.state import PathContacts
+from stability.programmes import Stage, proportional_strain, proportional_stress
+from stability.spectra import restrict, symmetric_part
+
+Control = Literal["strain", "stress"]
+CONTROLS = {"strain": proportional_strain, "stress": proportional_stress}
+# Limits of a programme, in the order in which they are told.
+SPECTRAL = ("cone_opening", "det_Ks_zero", "det_K_zero")
+LIMITS = (*SPECTRAL, "yield", "opening", "branching", "limit")
+# Local error over the size of the variables, longest and first step in the space of H.
+RTOL, MAX_STEP, FIRST_STEP = 1e-14, 0.04, 1e-2
+# Share of a step before which no event is looked for: at the first touch all forces are zero.
+BEGUN = 1e-4
+MOST_STEPS, ROOT_STEPS = 600, 60
+# Stress over kn at which a programme of stress ends that `follow` takes, over its reach in strain.
+STRESS_REACH = 5.0
+# Event functions this close to zero where another one vanishes do so there too.
+SIMULTANEOUS = 1e-13
+# A normalised eigenvalue or rate this small is zero; shares of the strength and of the branch at
+# which contacts of the first state are at yield and just touch; shortest step.
+SINGULAR, AT_YIELD, TOUCHING, SHORTEST = 1e-12, 1e-9, 1e-11, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class LoopStates:
+    """States of one loop on B programmes.
+
+    `H` (B, 4); `moved` (B, C, 2): Branches less their references; `shear_force`, `regime`, `side`
+    (B, C): `T`, regimes, and the sign of `T` where a contact slides; `heading` (B, 2): Change of
+    (H11, H22) on the last step, 0 at the start and where regimes have changed.
+    """
+
+    H: Floats
+    moved: Floats
+    shear_force: Floats
+    regime: Regimes
+    side: Floats
+    heading: Floats
+
+    @classmethod
+    def at_rest(cls, count: int, contacts: int, T: Floats | float = 0.0) -> LoopStates:
+        """The reference with these shear forces, contacts sticking, `count` times."""
+        shape = count, contacts
+        return cls(np.zeros((count, 4)), np.zeros((*shape, 2)), np.zeros(shape) + T,
+                   np.full(shape, Regime.ELASTIC, dtype=np.int8), np.zeros(shape),
+                   np.zeros((count, 2)))  # fmt: skip
+
+    def take(self, rows: Flags | Integers) -> LoopStates:
+        """The picked states."""
+        return LoopStates(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def put(self, rows: Flags | Integers, states: LoopStates) -> None:
+        """Overwrite the picked states."""
+        for field in fields(self):
+            getattr(self, field.name)[rows] = getattr(states, field.name)
+
+
+# Event functions of states on the programmes of some rows, see `Fan.functions`.
+Pending = Callable[[LoopStates, Integers], tuple[Floats, dict[str, slice]]]
+
+
+@dataclass(frozen=True, eq=False)
+class FanLimits:
+    """First limits along the programmes of a fan.
+
+    `found` (B,) and `states` by kind, see `LIMITS`; of a limit reached in a jump the regimes are
+    those after it. `open_question` (B,): Programmes without an answer yet, for `follow`.
+    """
+
+    found: dict[str, Flags]
+    states: dict[str, LoopStates]
+    open_question: Flags
+
+    @classmethod
+    def none(cls, programmes: int, contacts: int) -> FanLimits:
+        """No limit found on any programme."""
+        found = {kind: np.zeros(programmes, dtype=bool) for kind in LIMITS}
+        return cls(
+            found,
+            {kind: LoopStates.at_rest(programmes, contacts) for kind in LIMITS},
+            np.zeros(programmes, dtype=bool),
+        )
+
+    def record(self, kind: str, rows: Integers, states: LoopStates) -> None:
+        """Record a limit where none of this kind is known."""
+        new = np.logical_not(self.found[kind][rows])
+        self.states[kind].put(rows[new], states.take(new))
+        self.found[kind][rows[new]] = True
+
+
+def stability_measures(K: Floats) -> Floats:
+    """(..., 3) numbers of `SPECTRAL`, positive where stable, of tangents in `symmetric`.
+
+    Over the norm of K: smallest eigenvalue of Ks, of Ks in (11, 22), and smallest real part of the
+    eigenvalues of K in (11, 22).
+    """
+    K = K / np.maximum(np.linalg.norm(K, axis=(-2, -1)), np.finfo(float).tiny)[..., None, None]
+    a, b, c, d = K[..., 0, 0], K[..., 0, 1], K[..., 1, 0], K[..., 1, 1]
+    mean, half = 0.5 * (a + d), 0.5 * (a - d)
+    plane = mean - np.hypot(half, 0.5 * (b + c))
+    real = mean - np.sqrt(np.maximum(half**2 + b * c, 0.0))
+    finite = np.asarray(np.isfinite(K).all(axis=(-2, -1)))
+    Ks = np.where(finite[..., None, None], symmetric_part(K), 0.0)
+    return np.stack([np.linalg.eigvalsh(Ks)[..., 0], plane, real], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Fan:
+    """Programmes `(cos b, sin b)` of the strains H11, H22 or stresses P11, P22, no shear strain."""
+
+    model: PathModel
+    control: Control
+    programme: Floats
+    reach: float
+
+    # ---- states and rates
+
+    def contacts(self, states: LoopStates) -> PathContacts:
+        """Contacts (B, C) with their forces; `T` at its strength on its side where they slide."""
+        model = self.model
+        d = model.d0 + states.moved
+        length = np.hypot(d[..., 0], d[..., 1])
+        shortening = -((d + model.d0) * states.moved).sum(axis=-1) / (length + model.length0)
+        n = d / length[..., None]
+        radii_i, radii_j = model.radii[model.contacts].T
+        is_open = states.regime == Regime.OPEN
+        contacts = PathContacts(
+            length=length,
+            n=n,
+            t=np.stack([-n[..., 1], n[..., 0]], axis=-1),
+            normal_force=np.zeros_like(length),
+            shear_force=states.shear_force,
+            radii_i=radii_i,
+            radii_j=radii_j,
+            exact_overlap=model.overlap0 + shortening,
+        )
+        normal = np.where(is_open, 0.0, model.law.closed_force(contacts))
+        contacts = replace(contacts, normal_force=normal)
+        sliding = states.regime == Regime.SLIDING
+        if sliding.any():
+            strength = states.side * np.where(sliding, model.law.strength(contacts), 0.0)
+            contacts = replace(
+                contacts, shear_force=np.where(sliding, strength, states.shear_force)
+            )
+        return contacts
+
+    @cached_property
+    def _ring(self) -> Floats:
+        """Traction closure of `(d', f^', P')`, stiffness left out: forces, closure, strain."""
+        model, C = self.model, self.model.contact_count
+        matrix = np.zeros((2 * C + 6, 2 * C + 6))
+        for i in (0, 1):
+            matrix[i : 2 * C : 2, 2 * C + i] = matrix[2 * C + i, i : 2 * C : 2] = 1.0
+            for j in (0, 1):
+                matrix[i : 2 * C : 2, 2 * C + 2 + 2 * i + j] = -model.m[:, j]
+                matrix[2 * C + 2 + 2 * i + j, i : 2 * C : 2] = model.m[:, j]
+        return matrix
+
+    def response(self, contacts: ContactState, regime: Regimes) -> tuple[Floats, Floats, Floats]:
+        """Branch rates (B, C, 2, 4) and stress rates (B, 4, 4) per `H'`; the balance's sign (B,).
+
+        The sign is that of the balance's determinant: other paths branch off where it changes.
+        """
+        model, C = self.model, self.model.contact_count
+        k = translational_blocks(contacts, model.law, regime)
+        if model.closure == "affine":
+            D = np.zeros((C, 2, 4))
+            D[:, 0, :2] = D[:, 1, 2:] = -model.d0
+            A = np.einsum("bcik,cj,cl->bijkl", k, model.d0, model.d0).reshape(-1, 4, 4)
+            return np.broadcast_to(D, (len(k), C, 2, 4)), A / model.volume, np.ones(len(k))
+        matrix = np.repeat(self._ring[None], len(k), axis=0)
+        blocks = matrix[:, : 2 * C, : 2 * C].reshape(len(k), C, 2, C, 2)
+        blocks[:, np.arange(C), :, np.arange(C)] = np.moveaxis(k, 1, 0)
+        matrix[:, : 2 * C, : 2 * C] = blocks.reshape(len(k), 2 * C, 2 * C)
+        rhs = np.zeros((len(k), 2 * C + 6, 4))
+        rhs[:, 2 * C + 2 :] = model.volume * np.eye(4)
+        sign = np.asarray(np.linalg.slogdet(matrix)[0])
+        # Contacts that slide from the first touch leave the balance singular.
+        matrix[sign == 0.0] = np.nan
+        z: Floats = np.asarray(np.linalg.solve(matrix, rhs))
+        return z[:, : 2 * C].reshape(-1, C, 2, 4), z[:, 2 * C + 2 :], sign
+
+    def strain_rate(self, A: Floats, rows: Integers, heading: Floats) -> Floats:
+        """(B, 4) `H'` of unit length; under stress control on the side of `heading` (B, 2).
+
+        So it goes on smoothly past a limit of the stress; 0: where the stress grows.
+        """
+        b = self.programme[rows]
+        along, across = np.cos(b), np.sin(b)
+        if self.control == "stress":
+            (a11, a12), (a21, a22) = (A[:, i, [0, 3]].T for i in (0, 3))
+            grows = np.sign(a11 * a22 - a12 * a21)
+            along, across = a22 * along - a12 * across, a11 * across - a21 * along
+            ahead = np.sign(along * heading[:, 0] + across * heading[:, 1])
+            size = np.hypot(along, across) * np.where(ahead == 0.0, grows, ahead)
+            along, across = along / size, across / size
+        none = np.zeros_like(along)
+        return np.stack([along, none, none, across], axis=-1)
+
+    def rates(
+        self, states: LoopStates, rows: Integers
+    ) -> tuple[LoopStates, Floats, Floats, Floats, Floats]:
+        """Rates of the states per unit of |H|; then A, balance's sign, `N'` and the slip."""
+        law, contacts = self.model.law, with_sides(self.contacts(states), states.side)
+        D, A, sign = self.response(contacts, states.regime)
+        H = self.strain_rate(A, rows, states.heading)
+        motion = np.einsum("bcir,br->bci", D, H)
+        un = (contacts.n * motion).sum(axis=-1)
+        ut = law.shear_kinematics(contacts)[0] * (contacts.t * motion).sum(axis=-1)
+        k = law.local_stiffness(contacts, states.regime)
+        shear = -(k[..., 1, 0] * un + k[..., 1, 1] * ut)
+        side = np.where(states.side == 0.0, np.sign(contacts.shear_force), states.side)
+        normal, sticking, strength = edge_rates(law, contacts, side, un, ut)
+        beyond = np.where(side == 0.0, np.abs(sticking), side * sticking) - strength
+        return replace(states, H=H, moved=motion, shear_force=shear), A, sign, normal, beyond
+
+    # ---- steps and events
+
+    def step(self, states: LoopStates, rows: Integers, h: Floats) -> tuple[LoopStates, Floats]:
+        """One step of length `h` (B,) each; the states at its end, and its error over `RTOL`."""
+
+        def flat(s: LoopStates) -> Floats:
+            return np.concatenate([s.H, s.moved.reshape(len(h), -1), s.shear_force], axis=1)
+
+        def at(y: Floats) -> LoopStates:
+            moved = y[:, 4 : 4 + states.moved[0].size].reshape(states.moved.shape)
+            shear = y[:, 4 + states.moved[0].size :]
+            return replace(states, H=y[:, :4], moved=moved, shear_force=shear)
+
+        y0, k = flat(states), np.zeros((13, len(h), 4 + 3 * self.model.contact_count))
+        k[0] = flat(self.rates(states, rows)[0])
+        for stage in range(1, 12):
+            dy = np.tensordot(DOP853.A[stage, :stage], k[:stage], 1)
+            k[stage] = flat(self.rates(at(y0 + h[:, None] * dy), rows)[0])
+        y = y0 + h[:, None] * np.tensordot(DOP853.B, k[:12], 1)
+        # Error of the embedded orders 5 and 3, as DOP853 weighs it.
+        five, three = (np.tensordot(E[:12], k[:12], 1) for E in (DOP853.E5, DOP853.E3))
+        five, three = ((e**2).mean(axis=1) for e in (five, three))
+        error = h * five / np.sqrt(np.maximum(five + 0.01 * three, np.finfo(float).tiny))
+        heading = np.where(h[:, None] > 0.0, (y - y0)[:, [0, 3]], states.heading)
+        return replace(at(y), heading=heading), error / (RTOL * max(self.reach, 1e-300))
+
+    def functions(self, states: LoopStates, rows: Integers) -> tuple[Floats, dict[str, slice]]:
+        """(B, M) functions that are positive before their events, and the columns of each kind."""
+        law, C = self.model.law, self.model.contact_count
+        contacts = self.contacts(states)
+        _, A, sign, _, beyond = self.rates(states, rows)
+        force = self.model.stiffness * self.model.length * self.reach
+        closed, sticks = states.regime != Regime.OPEN, states.regime == Regime.ELASTIC
+        below = (law.strength(contacts) - np.abs(contacts.shear_force)) / force
+        cone = sticks & self.model.has_cone
+        slipping = np.where(states.regime == Regime.SLIDING, beyond / self.model.stiffness, np.inf)
+        gap = -law.gap(contacts) / (self.model.touching * self.reach)
+        spectral = stability_measures(restrict(A, "symmetric"))
+        table = [np.where(cone, below, np.inf), slipping, np.where(closed, gap, np.inf),
+                 np.where(np.isnan(spectral), -1.0, spectral), sign[:, None]]  # fmt: skip
+        ends = np.cumsum([0, C, C, C, 3, 1])
+        names = ("yield", "unloading", "opening", "spectral", "branching")
+        return np.concatenate(table, axis=1), {
+            name: slice(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)
+        }
+
+
+def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
+    """Follow every programme from a state to where det K is lost, a contact opens or `reach` ends.
+
+    `start` has one row. Regimes at the start are those that the rates of each programme ask for.
+    """
+    model, count = fan.model, len(fan.programme)
+    limits = FanLimits.none(count, model.contact_count)
+    now = start.take(np.zeros(count, dtype=int))
+    rows = _first_regimes(fan, now, limits)
+    balance, gone = np.ones(count), np.zeros(count)
+    balance[rows] = fan.functions(now.take(rows), rows)[0][:, -1]
+    h = np.full(count, FIRST_STEP * fan.reach)
+    for _ in range(MOST_STEPS):
+        if len(rows) == 0:
+            break
+        before, h[rows] = now.take(rows), np.minimum(h[rows], fan.reach - gone[rows])
+        taken = h[rows]
+        after, error = fan.step(before, rows, taken)
+        error = np.nan_to_num(error, nan=np.inf)
+        growth = np.clip(0.9 * np.maximum(error, 1e-9) ** -0.125, 0.2, 4.0)
+        h[rows] = np.minimum(taken * growth, MAX_STEP * fan.reach)
+        limits.open_question[rows[taken < SHORTEST * fan.reach]] = True
+        good = error <= 1.0
+        if good.any():
+            going, low = rows[good], np.where(gone[rows[good]] > 0.0, 0.0, BEGUN)
+            pending = partial(_pending, fan, limits, balance)
+            after, share, fired = _to_event(
+                fan, pending, before.take(good), after.take(good), going, taken[good], low
+            )
+            now.put(going, after)
+            gone[going] += share * taken[good]
+            if fired.any():
+                _after_event(fan, limits, pending, now, balance, going[fired])
+        ended = limits.open_question.copy()
+        for kind in ("det_K_zero", "opening", "limit"):
+            ended |= limits.found[kind]
+        rows = np.flatnonzero(~ended & (gone < fan.reach * (1.0 - 1e-12)))
+    limits.open_question[rows] = True
+    return limits
+
+
+def _pending(
+    fan: Fan, limits: FanLimits, balance: Floats, states: LoopStates, rows: Integers
+) -> tuple[Floats, dict[str, slice]]:
+    """Event functions of rows, infinite where their limit is known already."""
+    values, columns = fan.functions(states, rows)
+    values[:, -1] *= balance[rows]
+    for k, kind in enumerate(SPECTRAL):
+        values[limits.found[kind][rows], columns["spectral"].start + k] = np.inf
+    values[limits.found["branching"][rows], -1] = np.inf
+    return values, columns
+
+
+def _to_event(
+    fan: Fan, pending: Pending, before: LoopStates, after: LoopStates, rows: Integers, h: Floats,
+    low: Floats,
+) -> tuple[LoopStates, Floats, Flags]:  # fmt: skip
+    """States at the first event of each step or at its end, their share of it, and who fired.
+
+    No event is looked for in the share `low` (B,) of a step.
+    """
+    share, fired = np.ones(len(rows)), np.zeros(len(rows), dtype=bool)
+    high = pending(after, rows)[0].min(axis=1)
+    crossed = np.flatnonzero(high < 0.0)
+    if len(crossed) == 0:
+        return after, share, fired
+
+    def smallest(theta: Floats, pick: Integers) -> Floats:
+        own = crossed[pick]
+        ends, _ = fan.step(before.take(own), rows[own], theta * h[own])
+        return np.asarray(pending(ends, rows[own])[0].min(axis=1))
+
+    theta = first_sign_change(smallest, low[crossed], high[crossed])
+    after.put(crossed, fan.step(before.take(crossed), rows[crossed], theta * h[crossed])[0])
+    share[crossed], fired[crossed] = theta, True
+    return after, share, fired
+
+
+def first_sign_change(
+    values: Callable[[Floats, Integers], Floats], low: Floats, high: Floats
+) -> Floats:
+    """Roots in (low, 1) of functions with the negative values `high` at 1, by regula falsi.
+
+    The value at an end that stays is halved (Illinois), every fourth step halves the bracket. The
+    far end of the bracket is returned; `low` where a function is negative there.
+    """
+    a, b = low.copy(), np.ones(len(low))
+    fa, fb = values(a, np.arange(len(low))), high.copy()
+    b = np.where(fa <= 0.0, a, b)
+    for k in range(ROOT_STEPS):
+        pick = np.flatnonzero((b - a > 4e-16) & (fb < -1e-16))
+        if len(pick) == 0:
+            break
+        lower, upper, below, above = a[pick], b[pick], fa[pick], fb[pick]
+        with np.errstate(invalid="ignore"):
+            x = upper - above * (upper - lower) / (above - below)
+        x = np.where(np.isfinite(x) & (k % 4 != 3), x, 0.5 * (lower + upper))
+        x = np.clip(x, lower + 1e-16, upper)
+        fx = values(x, pick)
+        beyond = fx <= 0.0
+        a[pick], b[pick] = np.where(beyond, lower, x), np.where(beyond, x, upper)
+        fa[pick] = np.where(beyond, 0.5 * below, fx)
+        fb[pick] = np.where(beyond, fx, 0.5 * above)
+    return b
+
+
+def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
+    """Find regimes of the start that agree with the rates; return the programmes that go on.
+
+    Where a contact parts at once the programme has its limit there; where regimes don't settle the
+    question stays open.
+    """
+    model, count = fan.model, len(fan.programme)
+    rows, contacts = np.arange(count), fan.contacts(now)
+    at_edge = np.abs(contacts.shear_force) >= (1.0 - AT_YIELD) * model.law.strength(contacts)
+    at_edge &= model.has_cone
+    for _ in range(2 * model.contact_count + 2):
+        rates, _, _, normal, beyond = fan.rates(now, rows)
+        sliding = now.regime == Regime.SLIDING
+        start = at_edge & ~sliding & (beyond > SINGULAR)
+        stop = sliding & (beyond < -SINGULAR)
+        settled = ~(start | stop).any(axis=1)
+        if settled.all():
+            break
+        # At the first touch the side is that of the rate.
+        T = np.where(now.shear_force == 0.0, rates.shear_force, now.shear_force)
+        now.side[start], now.side[stop] = np.sign(T)[start], 0.0
+        now.regime[start], now.regime[stop] = Regime.SLIDING, Regime.ELASTIC
+    touching = contacts.overlap <= TOUCHING * model.touching
+    parting = np.asarray((touching & (normal < -SINGULAR * model.stiffness)).any(axis=1))
+    limits.record("opening", rows[parting], now.take(parting))
+    # On isotropic programmes several modes go singular at one state, which symmetry alone resolves.
+    together = fan.control == "stress" or model.closure == "traction"
+    alike = np.abs(np.cos(fan.programme) - np.sin(fan.programme)) < AT_YIELD
+    limits.open_question[~parting & (~settled | (alike & together))] = True
+    going = np.flatnonzero(~limits.open_question & ~parting)
+    slides = going[(now.regime[going] == Regime.SLIDING).any(axis=1)]
+    limits.record("yield", slides, now.take(slides))
+    values, columns = fan.functions(now.take(going), going)
+    for k, kind in enumerate(SPECTRAL):
+        lost = going[values[:, columns["spectral"].start + k] <= SINGULAR]
+        limits.record(kind, lost, now.take(lost))
+    return going[~limits.found["det_K_zero"][going]]
+
+
+def _after_event(
+    fan: Fan, limits: FanLimits, pending: Pending, now: LoopStates, balance: Floats, rows: Integers
+) -> None:
+    """Record what happens in the states of `rows`, and change the regimes that it changes."""
+    values, columns = pending(now.take(rows), rows)
+    fires = values <= SIMULTANEOUS
+    for k, kind in enumerate(SPECTRAL):
+        own = rows[fires[:, columns["spectral"].start + k]]
+        limits.record(kind, own, now.take(own))
+    for kind in ("branching", "opening"):
+        own = rows[fires[:, columns[kind]].any(axis=1)]
+        limits.record(kind, own, now.take(own))
+    limits.open_question[rows[fires[:, columns["unloading"]].any(axis=1)]] = True
+    yields = fires[:, columns["yield"]]
+    own = rows[yields.any(axis=1)]
+    if len(own) == 0:
+        return
+    which = np.zeros(now.regime.shape, dtype=bool)
+    which[rows] = yields
+    now.side[which] = np.sign(now.shear_force[which])
+    now.regime[which] = Regime.SLIDING
+    now.heading[own] = 0.0
+    now.shear_force[own] = fan.contacts(now.take(own)).shear_force
+    limits.record("yield", own, now.take(own))
+    values, columns = pending(now.take(own), own)
+    # Regimes that have changed have a balance of their own.
+    balance[own[values[:, -1] < 0.0]] *= -1.0
+    agrees = (values[:, columns["unloading"]] > 0.0).all(axis=1)
+    # With these contacts sliding the programme does not go on: it ends here, or snaps.
+    limits.record("limit", own[~agrees], now.take(own[~agrees]))
+    for k, kind in enumerate(SPECTRAL):
+        lost = own[agrees & (values[:, columns["spectral"].start + k] <= SINGULAR)]
+        limits.record(kind, lost, now.take(lost))
+
+
+def followed_limits(
+    fan: Fan, programme: int, limits: FanLimits, spins: Spins, start: GrainGraph
+) -> None:
+    """Limits of one programme from the path that `follow` takes; replaces those found before."""
+    b, model = float(fan.programme[programme]), fan.model
+    load = CONTROLS[fan.control](np.cos(b), np.sin(b))
+    stage = Stage(load, "parameter", fan.reach * (1.0 if fan.control == "strain" else STRESS_REACH))
+    path = follow(
+        start, model.law, stage, closure=model.closure, spins=spins,
+        subspace=("diagonal", "symmetric"), volume=model.volume,
+    )  # fmt: skip
+    i, j = model.contacts.T
+
+    def state(row: int, H: ArrayLike) -> LoopStates:
+        C = model.contact_count
+        moved = path.x[row][j] - path.x[row][i] - model.d0
+        regime = path.regime[row, :C]
+        side = np.where(regime == Regime.SLIDING, np.sign(path.shear_force[row, :C]), 0.0)
+        return LoopStates(np.array([H]), moved[None], path.shear_force[[row], :C], regime[None],
+                          side[None], np.zeros((1, 2)))  # fmt: skip
+
+    row = np.array([programme])
+    for kind in LIMITS:
+        limits.found[kind][row] = False
+    limits.open_question[row] = False
+    first = stability_measures(restrict(path.A[0], "symmetric"))
+    for k, kind in enumerate(SPECTRAL):
+        # A path whose first tangent has no single value begins on a mechanism.
+        if not first[k] > SINGULAR:
+            limits.record(kind, row, state(0, path.H[0]))
+    for event in path.events:
+        kind = "limit" if event.kind == "control_limit" else str(event.kind)
+        if event.subspace == "symmetric":
+            kind = "cone_opening" if kind == "det_Ks_zero" else ""
+        if kind in LIMITS:
+            jumps = event.index + 1 < len(path) and (path.H[event.index + 1] == event.H).all()
+            limits.record(kind, row, state(event.index + int(jumps), event.H))
+        if limits.found["det_K_zero"][programme] or kind in ("opening", "limit"):
+            break

@@ -1,0 +1,233 @@
+"""Domains of loops of any order: the fan against single paths, exact thresholds and slopes."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from loops import InputError, LinearFrictional, contact_state
+from patterns import regular_polygon
+from patterns.polygons import opposite_gap
+from stability import Stage, follow, programmes, restrict
+from stability.paths.fan import (
+    SPECTRAL,
+    Fan,
+    LoopStates,
+    first_limits,
+    first_sign_change,
+    stability_measures,
+)
+from stability.paths.model import path_model
+from studies.cli import main
+from studies.domain import LoopDomainParameters, loop_fan, loop_limits, run_loop_domains
+from studies.paths.options import PolygonOptions
+
+KAPPA = 0.3
+KIND = {("det_Ks_zero", "diagonal"): "det_Ks_zero", ("det_K_zero", "diagonal"): "det_K_zero",
+        ("det_Ks_zero", "symmetric"): "cone_opening", ("yield", ""): "yield"}  # fmt: skip
+
+
+def fan_of(order, closure, control, angles, mu=np.inf):
+    loop = regular_polygon(order)
+    law = LinearFrictional(1.0, KAPPA, mu)
+    model = path_model(loop, contact_state(loop), law, closure, "blocked", None)
+    fan = Fan(model, control, np.radians(angles), 0.95)
+    return fan, first_limits(fan, LoopStates.at_rest(1, order)), law, loop
+
+
+def by_follow(loop, law, closure, control, angle):
+    load = {"strain": programmes.proportional_strain, "stress": programmes.proportional_stress}
+    stage = Stage(load[control](np.cos(angle), np.sin(angle)), "parameter", 0.6)
+    path = follow(loop, law, stage, closure=closure, subspace=("diagonal", "symmetric"))
+    first = {}
+    for event in path.events:
+        kind = KIND.get((event.kind, event.subspace))
+        if kind:
+            first.setdefault(kind, np.array(event.H))
+    return first
+
+
+@pytest.mark.parametrize("mu", [np.inf, 0.364])
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+@pytest.mark.parametrize(
+    "order", [4, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 5, 6, 7, 8, 9, 10, 11, 12))]
+)
+def test_limits_of_the_fan_are_those_of_single_paths(order, closure, mu):
+    angles = (33.0, 57.0)
+    _, limits, law, loop = fan_of(order, closure, "strain", angles, mu)
+    assert not limits.open_question.any()
+    compared = 0
+    for row, angle in enumerate(np.radians(angles)):
+        wanted = by_follow(loop, law, closure, "strain", angle)
+        for kind in (*SPECTRAL, "yield"):
+            if limits.found[kind][row]:
+                np.testing.assert_allclose(
+                    limits.states[kind].H[row], wanted[kind], rtol=0, atol=1e-12
+                )
+                compared += 1
+    assert compared >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("order", "closure"), [(5, "affine"), (5, "traction"), (12, "affine")])
+def test_stress_programmes_against_single_paths(order, closure):
+    fan, limits, law, loop = fan_of(order, closure, "stress", (33.0,))
+    wanted = by_follow(loop, law, closure, "stress", fan.programme[0])
+    for kind in SPECTRAL:
+        assert limits.found[kind][0]
+        np.testing.assert_allclose(limits.states[kind].H[0], wanted[kind], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("order", "closure", "strain"),
+    [
+        (3, "affine", (1 + KAPPA) / (2 + KAPPA)),
+        (3, "traction", (1 + KAPPA) / (2 + KAPPA)),
+        (5, "affine", (1 + KAPPA) / (2 + KAPPA)),
+        pytest.param(5, "traction", KAPPA / (1 + KAPPA), marks=pytest.mark.slow),
+        pytest.param(6, "traction", KAPPA / (1 + KAPPA), marks=pytest.mark.slow),
+        pytest.param(12, "traction", KAPPA / (1 + KAPPA), marks=pytest.mark.slow),
+    ],
+)
+def test_isotropic_programme_meets_the_exact_threshold(order, closure, strain):
+    loop = PolygonOptions(order, kappa=KAPPA, closure=closure, phi_deg=90.0)
+    fan, limits = loop_limits(loop, "strain", 3, friction=False)
+    assert fan.programme[1] == pytest.approx(np.pi / 4)
+    found = limits.states["det_Ks_zero"].H[1]
+    np.testing.assert_allclose(found, [strain, 0.0, 0.0, strain], rtol=0, atol=1e-13)
+
+
+def test_contacts_of_even_loops_carry_their_own_force():
+    """Traction, stress programme, even order: f = -P m alone; N of a contact has a closed form."""
+    from scipy.integrate import quad
+
+    fan, limits, _, _ = fan_of(6, "traction", "stress", (30.0,), 0.364)
+    states = limits.states["yield"].take(np.flatnonzero(limits.found["yield"]))
+    assert len(states.H) == 1
+    contacts = fan.contacts(states)
+    N, T = contacts.normal_force[0], contacts.shear_force[0]
+    for c in range(6):
+        # The force turns by beta from the branch: N sin^k tan = k int sin^k from the first beta.
+        beta = np.arctan2(abs(T[c]), N[c])
+        turned = np.arctan2(*(fan.model.d0[c] + states.moved[0, c])[::-1])
+        start = abs(np.mod(turned - np.arctan2(*fan.model.d0[c][::-1]) + np.pi, 2 * np.pi) - np.pi)
+        if beta < 1e-9:
+            continue
+        integral = quad(lambda b: np.sin(b) ** KAPPA, beta - start, beta, epsabs=1e-14)[0]
+        wanted = KAPPA * integral / (np.sin(beta) ** KAPPA * np.tan(beta))
+        assert N[c] == pytest.approx(wanted, abs=1e-11)
+
+
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_operator_is_the_slope_of_stress(closure):
+    fan, *_ = fan_of(5, closure, "strain", (30.0,))
+    rows, start = np.array([0]), LoopStates.at_rest(1, 5)
+    errors = []
+    for h in (0.02, 0.01, 0.005):
+        middle = fan.step(start, rows, np.array([0.1]))[0]
+        ends = [fan.step(start, rows, np.array([0.1 + s * h]))[0] for s in (-1, 1)]
+        rates, A, *_ = fan.rates(middle, rows)
+        P = []
+        for state in ends:
+            c = fan.contacts(state)
+            f = c.normal_force[..., None] * c.n + c.shear_force[..., None] * c.t
+            P.append(np.einsum("bci,cj->ij", f, fan.model.d0).ravel() / fan.model.volume)
+        errors.append(np.abs((P[1] - P[0]) / (2 * h) - A[0] @ rates.H[0]).max())
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(orders, 2.0, atol=0.1)
+
+
+def test_measures_are_the_smallest_eigenvalues():
+    rng = np.random.default_rng(3)
+    K = rng.normal(size=(40, 3, 3))
+    found = stability_measures(K)
+    norm = np.linalg.norm(K, axis=(1, 2))
+    Ks = 0.5 * (K + np.swapaxes(K, 1, 2))
+    np.testing.assert_allclose(found[:, 0] * norm, np.linalg.eigvalsh(Ks)[:, 0], atol=1e-13)
+    plane = K[:, :2, :2]
+    wanted = np.linalg.eigvals(plane).real.min(axis=1)
+    np.testing.assert_allclose(found[:, 2] * norm, wanted, atol=1e-13)
+
+
+def test_roots_are_found_and_starts_below_zero_kept():
+    wanted = np.array([0.3, 0.9, 1e-3])
+
+    def values(x, pick):
+        return wanted[pick] - x
+
+    found = first_sign_change(values, np.zeros(3), wanted - 1.0)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-15)
+    assert first_sign_change(lambda x, pick: -1.0 - x, np.zeros(1), np.array([-2.0]))[0] == 0.0
+
+
+def test_fan_compresses_every_branch():
+    d0 = fan_of(6, "affine", "strain", (45.0,))[0].model.d0
+    for b in loop_fan(d0, 31):
+        assert (d0[:, 0] ** 2 * np.cos(b) + d0[:, 1] ** 2 * np.sin(b) > 0.0).all()
+    assert loop_fan(d0, 31)[15] == pytest.approx(np.pi / 4, abs=1e-14)
+
+
+@pytest.mark.slow
+def test_free_spins_are_unstable_from_the_first_load():
+    loop = PolygonOptions(5, kappa=KAPPA, closure="traction", spins="free", phi_deg=90.0)
+    _, limits = loop_limits(loop, "strain", 3, friction=False)
+    assert limits.found["cone_opening"].all()
+    assert np.abs(limits.states["cone_opening"].H).max() < 1e-6
+
+
+@pytest.mark.slow
+def test_study_of_two_orders(tmp_path):
+    loops = tuple(PolygonOptions(n, phi_deg=20.0, closure="affine") for n in (4, 6))
+    summary = run_loop_domains(LoopDomainParameters(loops, directions=5), tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"domain.parquet", "domain.png", "share.png", "summary.json"} <= names
+    assert [row["order"] for row in summary["loops"]] == [4, 4, 6, 6]
+    assert opposite_gap(regular_polygon(4)) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--order", "2"], "--order: got 2, expected a whole number from 3"),
+        (["--order", "400"], "--order: got 400, expected a whole number from 3 to 60"),
+        (["--order", "5", "--kappa", "0"], "--kappa: got 0, expected positive ratios"),
+        (["--order", "5", "--compare", "3-4"], "--order and --compare"),
+        (["--order", "5", "--closure", "packing"], "--closure: got 'packing'"),
+        (["--order", "5", "--alpha0", "40"], "--alpha0: got given with --order"),
+        (["--closure", "traction"], "--order, --compare, --radii or --snapshot with them"),
+    ],
+)
+def test_bad_input_gives_one_line(tmp_path, monkeypatch, capsys, arguments, message):
+    command = ["grainloops", "domain", "--out", str(tmp_path / "out"), *arguments]
+    monkeypatch.setattr(sys, "argv", command)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and message in said[0]
+
+
+def test_loop_of_a_snapshot(tmp_path, monkeypatch, capsys):
+    from patterns import sample_path
+
+    command = ["grainloops", "domain", "--out", str(tmp_path / "out"), "--directions", "3",
+               "--closure", "traction", "--snapshot", str(sample_path()), "--json"]  # fmt: skip
+    monkeypatch.setattr(sys, "argv", [*command, "--loop", "5"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    assert json.loads(capsys.readouterr().out)["loops"][0]["limits"]
+    monkeypatch.setattr(sys, "argv", [*command, "--loop", "100000"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+
+
+def test_an_unknown_control_is_refused():
+    with pytest.raises(InputError, match="--programmes"):
+        LoopDomainParameters((PolygonOptions(5),), control="force")
+
+
+def test_restriction_has_the_plane_first():
+    assert restrict(np.diag([1.0, 2, 3, 4]), "symmetric")[1, 1] == 4.0
