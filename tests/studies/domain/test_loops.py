@@ -231,3 +231,30 @@ def test_an_unknown_control_is_refused():
 
 def test_restriction_has_the_plane_first():
     assert restrict(np.diag([1.0, 2, 3, 4]), "symmetric")[1, 1] == 4.0
+
+
+def first_yield_of_even_loops(directions, ratio, kappa, phi):
+    """Least `p1` over branch directions: force `(p1 cos, p2 sin)`, yield where it turns by phi."""
+    from scipy.integrate import quad
+
+    found = []
+    for theta in directions:
+        force = np.array([np.cos(theta), ratio * np.sin(theta)])
+        first = abs(np.arctan2(force[1], force[0]) - theta)
+        turned = quad(lambda b: np.sin(b) ** kappa, first, phi, epsabs=1e-14)[0]
+        carried = kappa * turned / np.sin(phi) ** (1.0 + kappa)
+        found.append(max(carried, 0.0) / np.hypot(*force))
+    return min(found)
+
+
+@pytest.mark.parametrize("order", [6, pytest.param(12, marks=pytest.mark.slow)])
+def test_first_yield_of_even_loops_under_stress_is_closed(order):
+    phi = np.arctan(0.364)
+    fan, limits, _, _ = fan_of(order, "traction", "stress", (35.0,), 0.364)
+    contacts = fan.contacts(limits.states["yield"].take(np.array([0])))
+    f = contacts.normal_force[..., None] * contacts.n + contacts.shear_force[..., None] * contacts.t
+    p1 = np.einsum("bc,c->", f[..., 0], fan.model.d0[:, 0]) / fan.model.volume
+    p1 /= 2.0 * np.tan(np.pi / order)
+    theta = np.arctan(np.abs(fan.model.d0[:, 1] / fan.model.d0[:, 0]))
+    wanted = first_yield_of_even_loops(theta, np.tan(np.radians(35.0)), KAPPA, phi)
+    assert p1 == pytest.approx(wanted, abs=1e-11)
