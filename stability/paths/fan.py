@@ -501,11 +501,15 @@ def followed_limits(
         if not first[k] > SINGULAR:
             limits.record(kind, row, state(0, path.H[0]))
     for event in path.events:
+        lost = limits.states["det_K_zero"].H[programme]
+        # Events of the state at which det K is lost still count.
+        if limits.found["det_K_zero"][programme] and np.abs(lost - event.H).max() > SINGULAR:
+            break
         kind = "limit" if event.kind == "control_limit" else str(event.kind)
         if event.subspace == "symmetric":
             kind = "cone_opening" if kind == "det_Ks_zero" else ""
         if kind in LIMITS:
             jumps = event.index + 1 < len(path) and (path.H[event.index + 1] == event.H).all()
             limits.record(kind, row, state(event.index + int(jumps), event.H))
-        if limits.found["det_K_zero"][programme] or kind in ("opening", "limit"):
+        if kind in ("opening", "limit"):
             break
