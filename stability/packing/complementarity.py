@@ -109,7 +109,7 @@ def nearest_regimes(q: Floats, M: Floats) -> Flags:
             active[kept[found]] = True
             break
         best, _ = _newton(part, block, none)
-        values = np.nan_to_num(basic_values(part, block, best), nan=-np.inf)
+        values = basic_values(part, block, best)
         wrong = np.flatnonzero(values < 0)
         worst = wrong[np.argsort(values[wrong])[: max(1, len(wrong) // 3)]]
         allowed[kept[worst]] = False
@@ -128,7 +128,7 @@ def lemke(q: Floats, M: Floats) -> Flags | None:
     table = np.asfortranarray(np.column_stack([M, np.ones(m), q / np.abs(q).max()]))
     basic, nonbasic = np.arange(m), np.arange(m, 2 * m + 1)
     row, column = int(np.argmin(q)), m
-    for _ in range(10 * m + 50):
+    for _ in range(20 * m):
         _exchange(table, row, column)
         left = int(basic[row])
         basic[row], nonbasic[column] = nonbasic[column], left
@@ -232,7 +232,7 @@ def _every_solution(q: Floats, M: Floats) -> list[tuple[Flags, Floats]]:
 
 def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
     """Flip every wrong sign until none is left; the best set met, how many signs are wrong."""
-    best, least = active, len(q) + 1
+    best, least = active, len(q)
     for _ in range(NEWTON_STEPS):
         values = basic_values(q, M, active)
         wrong = ~(values >= -SIGN * np.abs(q).max())
@@ -247,7 +247,7 @@ def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
 def _starts(q: Floats, count: int) -> list[Flags]:
     rng = np.random.default_rng(0)
     named = [np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool), q < 0]
-    return (named + [rng.random(len(q)) < 0.5 for _ in range(count - 3)])[:count]
+    return (named + [rng.integers(0, 2, len(q), dtype=bool) for _ in range(count)])[:count]
 
 
 def _exchange(table: Floats, row: int, column: int) -> None:
