@@ -51,7 +51,8 @@ def test_solutions_of_a_continuum_in_any_unit(unit):
     """The smallest slip, then both ends; of contacts that push each other on, one end."""
     q = -unit * np.array([1.0, 1.0, 1e-10])
     shared = solve_complementarity(q, beside(SHARED))
-    assert shared.active.tolist() == [[True, True, False], [True, False, False], [False, True, False]]
+    sets = [[True, True, False], [True, False, False], [False, True, False]]
+    assert shared.active.tolist() == sets
     q = unit * np.array([-1.0, 1.0, -1.0])
     opposed = solve_complementarity(q, beside(OPPOSED))
     assert opposed.active.tolist() == [[True, False, True], [True, True, True]]
@@ -60,7 +61,7 @@ def test_solutions_of_a_continuum_in_any_unit(unit):
 @pytest.mark.parametrize("unit", [1.0, 1e4, 1e-4])
 def test_singular_is_a_share_of_the_rows_in_any_unit(unit):
     """Rows that differ by 3e-14 are one row."""
-    M = unit * (SHARED + [[0.0, 0.0], [0.0, 2.0**-45]])
+    M = unit * np.add(SHARED, [[0.0, 0.0], [0.0, 2.0**-45]])
     assert len(solve_complementarity(-np.ones(2), M).active) == 3
 
 
