@@ -27,7 +27,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.path import Path as Outline
 
 from loops import GrainGraph, InputError, Regime, contact_state
 from loops.arrays import Floats
@@ -423,8 +422,8 @@ def draw_programmes(case: Case, ax: Axes | None = None) -> Axes:
 
 # ---- loops of any order, and a snapshot's loop
 
-# Limits that end stability in (11, 22); points a side at which the stable share is counted.
-ENDS, SHARE_POINTS = ("det_Ks_zero", "limit"), 200
+# Limits that end stability in (11, 22).
+ENDS = ("det_Ks_zero", "limit")
 # End of the programmes on a snapshot's loop, over the mean overlap.
 REACH_OVERLAPS = 20.0
 LONGEST = 60
@@ -560,19 +559,15 @@ def run_loop_domains(
 
 
 def loop_counts(table: pd.DataFrame, parameters: LoopDomainParameters) -> list[dict[str, Any]]:
-    """Counts of limits and the unstable share of each loop's domain."""
+    """Number of programmes on which each limit of each loop occurs."""
     found = []
     for loop in parameters.loops:
         named = _loop_columns(loop)
         rows = table[(table[list(named)] == list(named.values())).all(axis=1)]
         for contacts, own in rows.groupby("contacts"):
             counts = {str(kind): int(count) for kind, count in own.kind.value_counts().items()}
-            row = {**named, "contacts": str(contacts), "limits": dict(sorted(counts.items()))}
-            snapshot = isinstance(loop, LoopOptions) or loop.radii is not None
-            # Of sticking contacts the curve does not close at the origin.
-            closed = contacts == "frictional" and not snapshot
-            row["unstable_share"] = unstable_share(own, loop) if closed else None
-            found.append(row)
+            limits = dict(sorted(counts.items()))
+            found.append({**named, "contacts": str(contacts), "limits": limits})
     return found
 
 
@@ -588,24 +583,11 @@ def contact_forces_of(stress: Any, order: int) -> Any:
     return stress / (2.0 * np.tan(np.pi / order))
 
 
-def unstable_share(rows: pd.DataFrame, loop: PolygonOptions) -> float:
-    """Share of the square of contact forces from 0 to `kappa/(1 + kappa)` outside the domain."""
-    bound = domain_boundary(rows)
-    corners = contact_forces_of(bound[["s1", "s2"]].to_numpy(), loop.order)
-    if len(corners) < 3:
-        return 1.0
-    side = loop.kappa / (1.0 + loop.kappa)
-    middle = side * (np.arange(SHARE_POINTS) + 0.5) / SHARE_POINTS
-    points = np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2)
-    inside_domain = Outline(np.vstack([[0.0, 0.0], corners])).contains_points(points)
-    return float(1.0 - inside_domain.mean())
-
-
 @styled()
 def loop_figures(
     table: pd.DataFrame, loops: list[dict[str, Any]], parameters: LoopDomainParameters
 ) -> list[tuple[str, Figure]]:
-    """Domains over one another, a panel for each closure; unstable share over order and kappa."""
+    """First loss of each programme by order, a panel for each closure and kind of contacts."""
     closures = list(dict.fromkeys(loop.closure for loop in parameters.loops))
     kappas = list(dict.fromkeys(loop.kappa for loop in parameters.loops))
     orders = list(dict.fromkeys(loop.order for loop in parameters.loops))
@@ -623,27 +605,14 @@ def loop_figures(
                 bound = domain_boundary(own)
                 values = bound[["s1", "s2"]].to_numpy()
                 values = contact_forces_of(values, order) if regular else values
-                ax.plot(*values.T, color=colour, linewidth=1.0, label=f"n = {order}")
+                # Points, not a curve: programmes without a loss leave gaps.
+                ax.plot(*values.T, ".", color=colour, markersize=3.0, label=f"n = {order}")
             ax.set_title(rf"{closure}, {contacts}, $\kappa$ = {kappas[0]:g}")
             factor = r"$/(2\tan(\pi/n))$" if regular else ""
             ax.set(xlabel=f"$s_1${factor} over $k_n$ (–)", ylabel=f"$s_2${factor} over $k_n$ (–)")
     handles = [
-        Line2D([], [], color=c, label=f"n = {n}") for n, c in zip(orders, colours, strict=True)
+        Line2D([], [], color=c, marker="o", linestyle="", label=f"n = {n}")
+        for n, c in zip(orders, colours, strict=True)
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=key_columns(figure, 5))
-    figures = [("domain", figure)]
-    if regular and len(orders) > 1 and "frictional" in kinds:
-        shares = pd.DataFrame(loops)
-        figure, panels = new_panels(1, len(closures), 3.0)
-        for row, contacts in zip(panels, ["frictional"], strict=True):
-            for ax, closure in zip(row, closures, strict=True):
-                for kappa, colour in zip(kappas, LINE_COLOURS * len(kappas), strict=False):
-                    own = shares[(shares.contacts == contacts) & (shares.closure == closure)
-                                 & (shares.kappa == kappa)]  # fmt: skip
-                    ax.plot(own.order, own.unstable_share, "o-", color=colour,
-                            label=rf"$\kappa$ = {kappa:g}")  # fmt: skip
-                ax.set(xlabel="order n", ylabel="unstable share (–)", ylim=(0.0, 1.02),
-                       title=f"{closure}, {contacts}")  # fmt: skip
-                ax.legend()
-        figures.append(("share", figure))
-    return figures
+    return [("domain", figure)]

@@ -374,11 +374,9 @@ def _loop_domain_lines(summary: dict[str, Any]) -> list[str]:
     lines = []
     for row in summary["loops"]:
         limits = ", ".join(f"{kind} on {count}" for kind, count in row["limits"].items())
-        share = row["unstable_share"]
-        told = "" if share is None else f"; unstable share {share:.3f}"
         lines.append(
             f"n = {row['order']}  {row['closure']}  kappa = {row['kappa']:g}  {row['contacts']:<10}"
-            f"  of {summary['directions']} programmes: {limits or 'no limit'}{told}"
+            f"  of {summary['directions']} programmes: {limits or 'no limit'}"
         )
     return lines
 
