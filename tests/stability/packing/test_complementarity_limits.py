@@ -169,5 +169,5 @@ def test_an_exchange_solves_a_row_for_its_column():
 
 def test_lemke_with_rows_that_do_not_fall():
     """The column of the second slip has a zero: that row bounds nothing."""
-    M = np.eye(3) + np.eye(3)[[0, 1, 1]] * [[0.0], [0.0], [1.0]]
+    M = np.eye(3) + np.diag([1.0, 1.0], k=-1) * [[0.0], [0.0], [1.0]]
     assert lemke(np.array([-1.0, -0.5, 2.0]), M).tolist() == [True, True, False]
