@@ -247,7 +247,7 @@ def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
 def _starts(q: Floats, count: int) -> list[Flags]:
     rng = np.random.default_rng(0)
     named = [np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool), q < 0]
-    return (named + [rng.integers(0, 2, len(q), dtype=bool) for _ in range(count)])[:count]
+    return (named + [rng.random(len(q)) < 0.5 for _ in range(count)])[:count]
 
 
 def _exchange(table: Floats, row: int, column: int) -> None:
