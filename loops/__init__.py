@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from loops.crossings import crossing_contacts_to_drop as crossing_contacts_to_drop
     from loops.crossings import find_crossings as find_crossings
     from loops.errors import InputError as InputError
-    from loops.exchange import from_networkx as from_networkx
-    from loops.exchange import to_networkx as to_networkx
+    from loops.fabric import ForceChains as ForceChains
     from loops.fabric import axial_mean as axial_mean
     from loops.fabric import direction_tensors as direction_tensors
     from loops.fabric import edge_tensors as edge_tensors
+    from loops.fabric import force_chains as force_chains
     from loops.fabric import mean_tensor as mean_tensor
     from loops.fabric import principal as principal
     from loops.faces import FaceKind as FaceKind
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from loops.faces import faces_by_order as faces_by_order
     from loops.faces import find_faces as find_faces
     from loops.faces import outline_area as outline_area
-    from loops.force_chains import ForceChains as ForceChains
-    from loops.force_chains import force_chains as force_chains
     from loops.geometry import boundary_vectors as boundary_vectors
     from loops.geometry import polygon_area as polygon_area
     from loops.geometry import polygon_centroid as polygon_centroid
@@ -44,7 +42,9 @@ if TYPE_CHECKING:
     from loops.graph import branch_vectors as branch_vectors
     from loops.graph import contact_frame as contact_frame
     from loops.graph import contact_state as contact_state
+    from loops.graph import from_networkx as from_networkx
     from loops.graph import reference_branch_vectors as reference_branch_vectors
+    from loops.graph import to_networkx as to_networkx
     from loops.kinetics import OrderKinetics as OrderKinetics
     from loops.kinetics import order_kinetics as order_kinetics
     from loops.laws import ContactLaw as ContactLaw
@@ -82,22 +82,20 @@ NAMES = {
     ),
     "loops.crossings": "crossing_contacts_to_drop find_crossings",
     "loops.errors": "InputError",
-    "loops.exchange": "from_networkx to_networkx",
-    "loops.fabric": "axial_mean direction_tensors edge_tensors mean_tensor principal",
+    "loops.fabric": (
+        "ForceChains axial_mean direction_tensors edge_tensors force_chains mean_tensor principal"
+    ),
     "loops.faces": "FaceKind Faces euler_check faces_by_order find_faces outline_area",
-    "loops.force_chains": "ForceChains force_chains",
     "loops.geometry": (
         "boundary_vectors polygon_area polygon_centroid polygon_perimeter polygon_shape "
         "reference_volume"
     ),
     "loops.graph": (
-        "ContactState GrainGraph branch_vectors contact_frame contact_state "
-        "reference_branch_vectors"
+        "ContactState GrainGraph branch_vectors contact_frame contact_state from_networkx "
+        "reference_branch_vectors to_networkx"
     ),
     "loops.kinetics": "OrderKinetics order_kinetics",
-    "loops.laws": (
-        "ContactLaw FrictionalLaw HertzMindlin LinearFrictional Regime RollingResistance"
-    ),
+    "loops.laws": "ContactLaw FrictionalLaw HertzMindlin LinearFrictional Regime RollingResistance",
     "loops.loop_batches": "LoopBatch loop_batches loop_tangents",
     "loops.pruning": "prune_dangling",
     "loops.stress_strain": (

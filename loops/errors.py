@@ -67,3 +67,10 @@ def number(name: str, value: object, low: float, *, open_low: bool = False) -> N
     if not ok:
         expected = f"a finite number {'above' if open_low else 'of at least'} {low:g}"
         raise InputError(name, repr(value), expected, "Correct it.")
+
+
+def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    """Raise `InputError` unless `value` is one of the choices."""
+    if value not in choices:
+        expected = " or ".join(repr(choice) for choice in choices)
+        raise InputError(name, repr(value), expected, "Pick one of these.")

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Integers
 from loops.errors import InputError
 from loops.graph import GrainGraph
-from patterns.arguments import whole
+from loops.validation import whole
 
 ROW_HEIGHT = np.sqrt(3) / 2
 # Three discs of this radius around a unit triangle's corners are still missed by every line.

@@ -8,23 +8,440 @@ closure with free spins. Only the inverse's entries between grains of one loop a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from loops.arrays import Floats, available_cores, frobenius
+from loops.arrays import ROUNDING, Flags, Floats, Integers, available_cores, frobenius
 from loops.closures import macroscopic_tangent
 from loops.errors import InputError
 from loops.faces import Faces
+from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 from loops.loop_batches import loop_batches
-from loops.packing.boundary import PlaneContacts
-from loops.packing.inversion import Polygons, inverted, polygons_of
-from loops.packing.system import PackingSystem, factorised, packing_system
+from loops.packing.multifrontal import EPS, Front, FrontalLU, dissection, frontal_lu
+from loops.packing.system import (
+    PackingSystem,
+    PlaneContacts,
+    factorised,
+    packing_system,
+    stiffness_matrix,
+)
 from loops.shown import Shown
+
+# Number of random vectors by which norms are estimated, for all loops at once.
+SKETCH = 16
+# Above this norm of the residual `R = 1 - K Z` errors are not of first order in it: a mode may be
+# softer than EPS shows, down to SOFTEST.
+LARGEST_RESIDUAL, SOFTEST = 0.1, 1e-16
+# Relative tolerance of a ring of gears: its ratios of radii, multiplied around it, return to 1.
+GEAR_RTOL = 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Polygons:
+    """Loops grouped by order: grains (l, n), boundary vectors (l, n, 2), areas and row of each.
+
+    A row is the place of the loop in `centre` (L, 2), the mean position of its grains.
+    """
+
+    grains: list[Integers]
+    vectors: list[Floats]
+    area: list[Floats]
+    row: list[Integers]
+    centre: Floats
+
+    def take(self, loops: Integers) -> Polygons:
+        """Polygons of some rows, numbered in this order."""
+        row = np.full(len(self.centre), -1)
+        row[loops] = np.arange(len(loops))
+        kept = [row[own] >= 0 for own in self.row]
+        return Polygons(
+            grains=[a[k] for a, k in zip(self.grains, kept, strict=True)],
+            vectors=[a[k] for a, k in zip(self.vectors, kept, strict=True)],
+            area=[a[k] for a, k in zip(self.area, kept, strict=True)],
+            row=[row[a[k]] for a, k in zip(self.row, kept, strict=True)],
+            centre=self.centre[loops],
+        )
+
+
+def polygons_of(graph: GrainGraph, faces: Faces) -> Polygons:
+    """Polygons of all loops of a packing, in the order of `Faces.loops`."""
+    row = np.full(len(faces.kind), -1)
+    row[faces.loops] = np.arange(len(faces.loops))
+    out = Polygons([], [], [], [], np.empty((len(faces.loops), 2)))
+    for batch in loop_batches(graph, faces):
+        x = batch.graph.x
+        out.grains.append(batch.grains)
+        out.vectors.append(boundary_vectors(x))
+        out.area.append(polygon_area(x))
+        out.row.append(row[batch.face])
+        out.centre[row[batch.face]] = x.mean(axis=1) + batch.origin
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Free grains (G,), positions `x` (G, 2) around the block's centre, and the block's loops.
+
+    `rho` is the distance of each loop to the nearest held grain in mean diameters, infinite where
+    none is held.
+    """
+
+    free: Flags
+    x: Floats
+    loops: Integers
+    rho: Floats
+    whole: bool
+
+
+def packing_blocks(
+    system: PackingSystem, polygons: Polygons, side: float, buffer: float
+) -> Iterator[Block]:
+    """Cut the box into blocks of about `side`, each with its buffer."""
+    graph, carries = system.graph, system.carrying.grains
+    if graph.cell is not None:
+        box, origin = graph.cell, np.zeros(2)
+    else:
+        origin, high = graph.x.min(axis=0), graph.x.max(axis=0)
+        box = np.diag(np.maximum(high - origin, 1e-9 * np.abs(graph.radii).max()))
+    heights = abs(np.linalg.det(box)) / np.linalg.norm(box[:, ::-1], axis=0)
+    extent = heights / (2.0 * float(graph.radii[carries].mean()))
+    place, centre = (np.linalg.solve(box, (x - origin).T).T for x in (graph.x, polygons.centre))
+    counts = np.maximum(1, np.round(extent / side)).astype(np.int64)
+    home = np.floor((centre - np.floor(centre)) * counts).astype(np.int64).clip(0, counts - 1)
+    number = home[:, 0] * counts[1] + home[:, 1]
+    for k in range(int(counts.prod())):
+        middle = (np.array(divmod(k, int(counts[1]))) + 0.5) / counts
+        reach = 0.5 / counts + buffer / extent
+        away, off = place - middle, centre - middle
+        if graph.cell is not None:
+            away, off = away - np.round(away), off - np.round(off)
+        free = carries & (np.abs(away) <= reach).all(axis=1)
+        whole = bool(free[carries].all())
+        mine = np.flatnonzero(number == k)
+        rho = ((reach - np.abs(off)) * extent).min(axis=1)
+        for grains, row in zip(polygons.grains, polygons.row, strict=True):
+            # Grains of a loop that reaches beyond the buffer are freed; its error is unknown.
+            beyond = (number[row] == k) & ~free[grains].all(axis=1)
+            rho[row[beyond]] = 0.0
+            free[grains[beyond]] = True
+        yield Block(
+            free=free & carries,
+            x=away @ box.T,
+            loops=mine,
+            rho=np.full(len(mine), np.inf) if whole else rho[mine],
+            whole=whole,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class InvertedLoops:
+    """`A_in` (L, 4, 4), its relative rounding error (L,) and distance to held grains `rho` (L,)."""
+
+    matrix: Floats
+    error: Floats
+    rho: Floats
+
+
+def inverted(
+    system: PackingSystem, polygons: Polygons, side: float, buffer: float, threads: int = 1
+) -> InvertedLoops:
+    """Invert in blocks of about `side`, or the whole packing if `side` is infinite."""
+    count = len(polygons.centre)
+    matrix, error, rho = np.empty((count, 4, 4)), np.empty(count), np.empty(count)
+    for block in packing_blocks(system, polygons, side, buffer):
+        rho[block.loops] = block.rho
+        own = polygons.take(block.loops)
+        matrix[block.loops], error[block.loops] = _operators(system, own, block, threads)
+    return InvertedLoops(matrix, error, rho)
+
+
+def _operators(
+    system: PackingSystem, polygons: Polygons, block: Block, threads: int
+) -> tuple[Floats, Floats]:
+    """`A_in` and relative error of the loops of a block; all grains but its free ones are held."""
+    free, grains = block.free, np.flatnonzero(block.free)
+    number = np.cumsum(free) - 1
+    matrix, freedom, coupled = _regular_matrix(system, block)
+    edges = np.concatenate([_edges(system, polygons, free), coupled])
+    fronts = dissection(block.x[grains], number[edges])
+    lu = frontal_lu(matrix, fronts, freedom[grains], threads)
+    loops_at = _loops_by_front(fronts, polygons, number, free & (freedom[:, :2] >= 0).all(axis=1))
+    count = len(polygons.centre)
+    compliance, terms = np.full((count, 4, 4), np.nan), np.zeros(count)
+
+    def use(k: int, freedoms: Integers, z: Floats) -> None:
+        order = np.argsort(freedoms)
+        for group, rows in loops_at[k]:
+            moves = freedom[polygons.grains[group][rows], :2]
+            place = order[np.searchsorted(freedoms, moves, sorter=order)]
+            v, area = polygons.vectors[group][rows], polygons.area[group][rows]
+            loops = polygons.row[group][rows]
+            compliance[loops], terms[loops] = _compliances(z, place, v, area)
+
+    lu.on_fronts(use)
+    known = np.isfinite(compliance).all(axis=(1, 2))
+    sketches = [_projected(polygons, freedom, one)[known] for one in _sketches(matrix, lu)]
+    operator, error = np.full((count, 4, 4), np.nan), np.full(count, np.nan)
+    operator[known], error[known] = _inverses(compliance[known], terms[known], *sketches)
+    return operator, error
+
+
+def inverse_at_contacts(system: PackingSystem, threads: int = 1) -> Floats:
+    """(E', 6, 6) entries of `K^-1` at the freedoms of each contact of grains, in their order.
+
+    Translations that nothing resists are taken out: it is the inverse on motions without them, by
+    component. Zero where a grain has no such freedom, or no contact resists it.
+    """
+    none = Polygons([], [], [], [], np.empty((0, 2)))
+    (block,) = packing_blocks(system, none, np.inf, 0.0)
+    grains, number = np.flatnonzero(block.free), np.cumsum(block.free) - 1
+    matrix, freedom, coupled = _regular_matrix(system, block)
+    edges = np.concatenate([_edges(system, none, block.free), coupled])
+    fronts = dissection(block.x[grains], number[edges])
+    lu = frontal_lu(matrix, fronts, freedom[grains], threads)
+    turn = np.empty(len(grains), dtype=np.int64)
+    for k, front in enumerate(fronts):
+        turn[front.own] = k
+    pairs = system.graph.contacts[system.contacts]
+    ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
+    first = turn[number[pairs]].min(axis=1)
+    by_front = np.argsort(first, kind="stable")
+    start = np.searchsorted(first[by_front], np.arange(len(fronts) + 1))
+    found = np.zeros((len(pairs), 6, 6))
+
+    def use(k: int, freedoms: Integers, z: Floats) -> None:
+        rows = by_front[start[k] : start[k + 1]]
+        order = np.argsort(freedoms)
+        place = order[np.searchsorted(freedoms, ends[rows].clip(0), sorter=order) % len(order)]
+        known = ends[rows] >= 0
+        both = known[:, :, None] & known[:, None, :]
+        found[rows] = np.where(both, z[place[:, :, None], place[:, None, :]], 0.0)
+
+    lu.on_fronts(use)
+    if not len(system.carrying.anchors):
+        return found
+    joined = sparse.coo_array((np.ones(len(pairs)), tuple(pairs.T)), (len(number), len(number)))
+    _, component = connected_components(joined, directed=False)
+    _, component = np.unique(component[grains], return_inverse=True)
+    T = np.zeros((len(matrix.indptr), 2 * (component.max() + 1)))
+    for axis in (0, 1):
+        T[freedom[grains, axis], 2 * component + axis] = 1.0
+    T = T[:-1] / np.sqrt(np.bincount(component, minlength=1).repeat(2))
+    right, left = lu.solve(T), lu.solve(T, transposed=True)
+    middle = T.T @ right
+    T, right, left = (
+        np.concatenate([a, np.zeros((1, a.shape[1]))])[ends] for a in (T, right, left)
+    )
+    return (
+        found
+        - T @ np.swapaxes(left, 1, 2)
+        - right @ np.swapaxes(T, 1, 2)
+        + T @ middle @ np.swapaxes(T, 1, 2)
+    )
+
+
+def _inverses(
+    C: Floats, terms: Floats, left: Floats, right: Floats, residual: Floats
+) -> tuple[Floats, Floats]:
+    """`A = C^-1` and a bound on its relative error; not numbers where the bound is not below 1.
+
+    With the residual `R = 1 - K Z`, `dC = (1/V) B^T Z R B` and `dA = -A dC A`. Rounding of `K` adds
+    to `R`; rounding of the products and of the inversion adds to `dC`. `left`, `right`, `residual`
+    (L, 4, SKETCH) have the norms of `B^T Z`, `B^T Z^T`, `B^T R^T` over the root of V.
+    """
+    u, s, vt = np.linalg.svd(C)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        A = np.swapaxes(vt, 1, 2) @ (np.swapaxes(u, 1, 2) / s[:, :, None])
+        size, At = frobenius(A), np.swapaxes(A, 1, 2)
+        remaining = frobenius(At @ residual) + ROUNDING * frobenius(At @ right)
+        rounding = ROUNDING * size * (terms + s[:, 0])
+        error = frobenius(A @ left) * remaining / size + rounding
+        # Twice the first order is a bound where dC A is small.
+        small = frobenius(left) * remaining + rounding < 0.25
+    error = np.where(small, 2.0 * error, np.inf)
+    A[~(error < 1.0)] = np.nan
+    return A, error
+
+
+def _compliances(z: Floats, place: Integers, v: Floats, area: Floats) -> tuple[Floats, Floats]:
+    """`C_in = (1/V) B^T Z B` of loops whose freedoms have `place` (L, n, 2) in `z`; its terms."""
+    count, n = place.shape[:2]
+    flat = place.reshape(count, 2 * n)
+    entries = z[flat[:, :, None], flat[:, None, :]]
+    loads = np.zeros((count, n, 2, 4))
+    loads[:, :, 0, :2] = loads[:, :, 1, 2:] = v
+    B = loads.reshape(count, 2 * n, 4)
+    terms = np.abs(entries).max(axis=(1, 2)) * np.sum(np.hypot(v[..., 0], v[..., 1]), axis=1) ** 2
+    return np.swapaxes(B, 1, 2) @ entries @ B / area[:, None, None], terms / area
+
+
+def _sketches(matrix: sparse.csr_array, lu: FrontalLU) -> tuple[Floats, Floats, Floats]:
+    """(size, SKETCH) `Z d g`, `Z^T c g` and `R^T g / d` for random signs g over sqrt(SKETCH).
+
+    Scalar products with such vectors estimate norms. Columns of `K` have the size `c` and its
+    rows, over `c`, the size `d`: rounding of `K` changes `a.Kb` by about `ROUNDING |d a| |c b|`,
+    even where its entries differ much in size.
+    """
+    sizes = abs(matrix)
+    c = np.where(sizes.sum(axis=0) > 0, sizes.sum(axis=0), 1.0)
+    d = np.where(sizes.sum(axis=1) > 0, sizes @ (1.0 / c), 1.0)[:, None]
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (len(c), SKETCH)) / np.sqrt(SKETCH)
+    loads = np.hstack([c[:, None] * signs, matrix.T @ (signs / d)])
+    right, back = np.hsplit(lu.solve(loads, transposed=True), 2)
+    residual = signs / d - back
+    if not np.linalg.norm(d * residual) < LARGEST_RESIDUAL:
+        residual *= EPS / SOFTEST
+    return lu.solve(d * signs), right, residual
+
+
+def _projected(polygons: Polygons, freedom: Integers, sketch: Floats) -> Floats:
+    """(L, 4, SKETCH) `B^T` times a sketch over the root of the area."""
+    out = np.empty((len(polygons.centre), 4, SKETCH))
+    for grains, v, area, row in zip(
+        polygons.grains, polygons.vectors, polygons.area, polygons.row, strict=True
+    ):
+        products = np.einsum("lna,lnck->lcak", v, sketch[freedom[grains, :2]], optimize=True)
+        out[row] = products.reshape(len(row), 4, SKETCH) / np.sqrt(area)[:, None, None]
+    return out
+
+
+def _edges(system: PackingSystem, polygons: Polygons, free: Flags) -> Integers:
+    """(E, 2) pairs of free grains with a contact or a loop in common, each once."""
+    pairs = [system.graph.contacts[system.contacts]]
+    for grains in polygons.grains:
+        i, j = np.triu_indices(grains.shape[1], 1)
+        pairs.append(np.stack([grains[:, i], grains[:, j]], axis=-1).reshape(-1, 2))
+    every = np.concatenate(pairs)
+    every = np.sort(every[free[every].all(axis=1) & (every[:, 0] != every[:, 1])], axis=1)
+    code = np.unique(every[:, 0] * len(free) + every[:, 1])
+    return np.column_stack([code // len(free), code % len(free)])
+
+
+def _loops_by_front(
+    fronts: list[Front], polygons: Polygons, number: Integers, moves: Flags
+) -> list[list[tuple[int, Integers]]]:
+    """Loops of each front as (order's group, rows): all grains of a loop are in its first front."""
+    turn = np.empty(int(number[-1]) + 1, dtype=np.int64)
+    for k, front in enumerate(fronts):
+        turn[front.own] = k
+    at: list[list[tuple[int, Integers]]] = [[] for _ in fronts]
+    for group, grains in enumerate(polygons.grains):
+        rows = np.flatnonzero(moves[grains].all(axis=1))
+        first = turn[number[grains[rows]]].min(axis=1)
+        order = np.argsort(first, kind="stable")
+        where, start = np.unique(first[order], return_index=True)
+        for k, some in zip(where.tolist(), np.split(rows[order], start[1:]), strict=False):
+            at[k].append((group, some))
+    return at
+
+
+def _regular_matrix(
+    system: PackingSystem, block: Block
+) -> tuple[sparse.csr_array, Integers, Integers]:
+    """Nonsingular `K` of the free grains, (G, 4) freedoms in it, (E, 2) pairs of coupled grains.
+
+    Other grains are held. One grain of each component that nothing holds is on springs without
+    load. A spin that no contact resists is left out. A gear mode of several spins is balanced by
+    moments in proportion to it, an unknown of its own (the fourth freedom of one grain), with the
+    mode as row and column at the border of `K`. This is the limit of `K + eps` for `eps` to zero.
+    """
+    grains, size = system.graph.grain_count, system.size
+    kept = np.zeros(size + 1, dtype=bool)
+    kept[system.freedom[block.free]] = True
+    kept[-1] = False
+    ends = np.where(kept[system.ends], system.ends, -1)
+    touched = (ends >= 0).any(axis=1)
+    part = replace(system, ends=ends[touched], stiffness=system.stiffness[touched])
+    springs = np.zeros(size)
+    if block.whole:
+        springs[system.freedom[system.carrying.anchors, :2].ravel()] = system.unit
+    mode, motion = spin_modes(part.stiffness, part.ends, size)
+    gears = (mode >= 0) & (np.bincount(mode[mode >= 0], minlength=1)[mode] > 1)
+    kept[:-1] &= (mode < 0) | gears
+    spins = np.flatnonzero(gears)
+    _, first, column = np.unique(mode[spins], return_index=True, return_inverse=True)
+    border = sparse.csr_array((system.unit * motion[spins], (spins, column)), (size, len(first)))
+    matrix = sparse.vstack(
+        [
+            sparse.hstack([stiffness_matrix(part) + sparse.diags_array(springs), border]),
+            sparse.hstack([border.T, sparse.csr_array((len(first), len(first)))]),
+        ]
+    ).tocsr()
+    own = np.concatenate([np.flatnonzero(kept[:-1]), size + np.arange(len(first))])
+    number = np.full(size + len(first) + 1, -1)
+    number[own] = np.arange(len(own))
+    grain_of = np.empty(size, dtype=np.int64)
+    turning = np.flatnonzero(system.freedom[:, 2] >= 0)
+    grain_of[system.freedom[turning, 2]] = turning
+    freedom = np.full((grains, 4), -1)
+    freedom[:, :3] = number[system.freedom]
+    freedom[grain_of[spins[first]], 3] = number[size + np.arange(len(first))]
+    coupled = np.column_stack([grain_of[spins[first]][column], grain_of[spins]])
+    return matrix[own][:, own], freedom, coupled[coupled[:, 0] != coupled[:, 1]]
+
+
+def spin_modes(stiffness: Floats, ends: Integers, size: int) -> tuple[Integers, Floats]:
+    """(size,) number of the mode that moves each freedom, -1 for none, and how far it does so.
+
+    A contact whose shear both spins make couples them, `S_w_i w_i + S_w_j w_j = 0`; one that
+    resists a single spin, or both apart, stops them. Coupled spins are a mode where none is
+    stopped and all ratios agree. Modes are null vectors of `K`; no two share a freedom.
+    """
+    i, j = ends[:, 4], ends[:, 5]
+    a, b = stiffness[:, :, 2], stiffness[:, :, 3]
+    of_i, of_j = ((np.abs(s).max(axis=1) > 0) & (w >= 0) for s, w in ((a, i), (b, j)))
+    both = of_i & of_j & (i != j)
+    square = np.where(both, np.sum(b * b, axis=1), 1.0)
+    ratio = -np.sum(a * b, axis=1) / square
+    apart = np.abs(a + ratio[:, None] * b).max(axis=1) > GEAR_RTOL * np.abs(a).max(axis=1)
+    both &= ~apart & (ratio != 0)
+    stopped = np.concatenate([i[of_i & ~both], j[of_j & ~both]])
+    i, j, ratio = i[both], j[both], ratio[both]
+
+    spin = np.zeros(size + 1, dtype=bool)
+    spin[ends[:, 4:]] = True
+    spins = np.flatnonzero(spin[:size])
+    # One entry per pair of grains: their contacts through other images are compared below.
+    low, high = np.minimum(i, j), np.maximum(i, j)
+    _, first = np.unique(low * size + high, return_index=True)
+    rows, columns = np.concatenate([i[first], j[first]]), np.concatenate([j[first], i[first]])
+    turns = np.concatenate([ratio[first], 1.0 / ratio[first]])
+    coupled = sparse.csr_array((turns, (rows, columns)), (size, size))
+    _, label = connected_components(coupled, directed=False)
+    _, starts = np.unique(label[spins], return_index=True)
+    # An extra root joined to one spin of each component makes one tree of all components.
+    roots = spins[starts]
+    to_roots = sparse.csr_array(
+        (np.ones(len(roots)), (np.zeros(len(roots), dtype=np.int64), roots)), (1, size)
+    )
+    tree = sparse.block_array([[coupled, sparse.csr_array((size, 1))], [to_roots, None]]).tocsr()
+    order, before = breadth_first_order(tree, size)
+    inner = order[1:]
+    factor = np.asarray(tree[before[inner], inner]).ravel().tolist()
+    motion = np.zeros(size + 1)
+    motion[size] = 1.0
+    for node, parent, turn in zip(inner.tolist(), before[inner].tolist(), factor, strict=True):
+        motion[node] = turn * motion[parent]
+
+    locked = np.zeros(label.max(initial=-1) + 1, dtype=bool)
+    locked[label[stopped]] = True
+    off = np.abs(motion[j] - ratio * motion[i]) > GEAR_RTOL * np.abs(motion[j])
+    locked[label[i[off]]] = True
+    mode = np.full(size, -1)
+    free = spins[~locked[label[spins]]]
+    mode[free] = np.unique(label[free], return_inverse=True)[1]
+    largest = np.zeros(mode.max(initial=-1) + 2)
+    np.maximum.at(largest, mode[free], np.abs(motion[free]))
+    return mode, np.where(mode >= 0, motion[:size] / np.where(mode >= 0, largest[mode], 1.0), 0.0)
+
 
 Method = Literal["auto", "whole", "blocks"]
 METHODS = get_args(Method)

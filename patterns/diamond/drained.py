@@ -16,7 +16,7 @@ from loops import LinearFrictional
 from loops.arrays import Floats, Regimes
 from loops.errors import InputError
 from loops.graph import ContactState
-from patterns.arguments import finite
+from loops.validation import finite
 from patterns.diamond.drained_end import (
     DrainedState,
     advance_shear,

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Flags, Floats
-from patterns.arguments import (
+from loops.validation import (
     acute_angle,
     confining_strain,
     drained_kappa,

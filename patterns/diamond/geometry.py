@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError
 from loops.arrays import Floats
-from patterns.arguments import acute_angle, finite, nonnegative, positive, strain
+from loops.validation import acute_angle, finite, nonnegative, positive, strain
 
 DIAMOND_SIDES = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
 # As alpha grows, branches (0, 1) and (2, 3) turn clockwise and the two others counter-clockwise;

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.errors import InputError
-from patterns.arguments import (
+from loops.validation import (
     acute_angle,
     confining_strain,
     drained_kappa,

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError, polygon_centroid
 from loops.arrays import Flags, Floats, Integers
-from patterns.arguments import finite, nonnegative, positive, whole
+from loops.validation import finite, nonnegative, positive, whole
 from patterns.polygons.shapes import compressed_ring, cyclic_directions
 
 STEPS = 60  # steps of the random walk from the polygon on a circle

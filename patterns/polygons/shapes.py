@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError, polygon_area, polygon_centroid
 from loops.arrays import Flags, Floats, Integers
-from patterns.arguments import acute_angle, finite, positive, whole
-from patterns.arguments import strain as compressive
+from loops.validation import acute_angle, finite, positive, whole
+from loops.validation import strain as compressive
 from patterns.diamond import overlap_ratio
 
 # A centre closer to a branch than this share of the longest branch lies on it.

@@ -25,8 +25,8 @@ from loops import (
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_kinematics, motions
 from loops.closures import Closure, Spins
-from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.closures.system import contact_springs, drive, form_of, relax, spring_sizes
+from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.graph import require_one_state
 from stability.cones import plane_cone
 from stability.directional.edge import Solutions, YieldingContacts, line_angles, works

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from loops import ContactLaw, GrainGraph, InputError, Regime, macroscopic_tangent
 from loops.arrays import Floats, Regimes
 from loops.closures import Closure, Spins
-from loops.closures.macro_tangent import check_choice
-from loops.errors import whole_number
+from loops.errors import check_choice, whole_number
 from loops.shown import Shown
 from stability.directional.affine import affine_branches
 from stability.directional.edge import (

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.closures.macro_tangent import check_choice
-from loops.errors import InputError, number
+from loops.errors import InputError, check_choice, number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw, HertzMindlin, LinearFrictional
 from loops.packing import PlaneContacts

@@ -14,14 +14,14 @@ from scipy.spatial import Delaunay
 
 from loops.arrays import Floats, available_cores
 from loops.assembly import contact_tangent
+from loops.fabric import force_chains
 from loops.faces import Faces
-from loops.force_chains import force_chains
 from loops.geometry import polygon_area
 from loops.graph import GrainGraph, branch_vectors, contact_state
 from loops.laws.protocol import ContactLaw, Regime
 from loops.loop_batches import loop_batches
 from loops.packing import PackingSystem, PlaneContacts, packing_system, stiffness_matrix
-from loops.packing.inversion import inverse_at_contacts
+from loops.packing.in_place import inverse_at_contacts
 
 # Softest modes whose participation is summed up.
 SOFTEST = 20

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
-from loops.closures.macro_tangent import check_choice
-from loops.errors import InputError, whole_number
+from loops.errors import InputError, check_choice, whole_number
 from loops.graph import GrainGraph
 from loops.laws.protocol import ContactLaw
 from loops.packing import PackingSystem, PlaneContacts

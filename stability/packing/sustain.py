@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Flags, Floats, Integers
-from loops.closures.macro_tangent import check_choice
-from loops.errors import number, whole_number
+from loops.errors import check_choice, number, whole_number
 from loops.faces import Faces, find_faces
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
-from loops.closures.macro_tangent import check_choice
-from loops.errors import number, whole_number
+from loops.errors import check_choice, number, whole_number
 from loops.graph import ContactState
 from loops.laws.protocol import require_law
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver

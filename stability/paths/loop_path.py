@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.closures import Spins
-from loops.closures.macro_tangent import check_choice
-from loops.errors import InputError, number
+from loops.errors import InputError, check_choice, number
 from loops.laws.frictional import TOUCHING
 from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup

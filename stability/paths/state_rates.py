@@ -9,13 +9,19 @@ import numpy as np
 
 from loops.arrays import Floats, Regimes
 from loops.assembly import translational_blocks, translational_compliances
-from loops.closures.macro_tangent import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
-from loops.closures.system import LoopSpin, closure_matrix, contact_springs, drive, spin_of_gradient
-from loops.closures.tangents import ring_equations
+from loops.closures.system import (
+    LeastSquares,
+    LoopSpin,
+    closure_matrix,
+    contact_springs,
+    drive,
+    solve_through_null_space,
+    spin_of_gradient,
+)
+from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT, ring_equations
 from loops.graph import ContactState
 from loops.laws.frictional import edge_rates
 from loops.laws.protocol import Regime
-from loops.null_space import LeastSquares, solve_through_null_space
 from stability.paths.model import Kind, PathModel, Unknowns
 from stability.paths.state import (
     Mode,

@@ -27,6 +27,7 @@ from loops import (
 from loops.arrays import Flags, Floats, Integers, available_cores
 from loops.compiled import use_compiled
 from loops.fabric import TensorMean, axial_mean, principal
+from loops.loop_batches import compiled_packing
 from patterns import Snapshot
 from stability.verdict import loop_spectra, loop_stability
 from studies.output import Columns, as_arrow
@@ -144,10 +145,7 @@ def _tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
 
 def _compiled_parts(snapshot: Snapshot, threads: int | None) -> Iterator[tuple[Any, Columns]]:
     """Rows and columns, block by block, by the kernels; ill-conditioned loops by the closures."""
-    from loops.compiled.packing import compiled_packing
-
     faces = snapshot.faces
-
     law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
     threads = threads or available_cores()
     packing = compiled_packing(snapshot.graph, faces, law, regime, threads)

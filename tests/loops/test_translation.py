@@ -16,7 +16,7 @@ from loops import (
     polygon_shape,
 )
 from loops.compiled import given
-from loops.compiled.packing import compiled_packing
+from loops.loop_batches import compiled_packing
 from patterns import regular_polygon, synthetic_network
 from stability import Stage, follow, programmes
 from tests.oracles.rings import random_rings, slide

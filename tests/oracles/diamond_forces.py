@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.errors import InputError
-from patterns.arguments import acute_angle, finite, nonnegative, positive
+from loops.validation import acute_angle, finite, nonnegative, positive
 from patterns.diamond.geometry import external_forces
 from patterns.diamond.tangents import matrix
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from patterns.arguments import finite
+from loops.validation import finite
 from patterns.diamond import drained_states_after_turn
 from patterns.diamond.tangents import geometric_asymmetry, geometric_softening
 

@@ -14,8 +14,8 @@ from loops import (
     reference_branch_vectors,
     traction_tangent,
 )
-from loops.closures.macro_tangent import solved
 from loops.closures.system import affine_spin
+from loops.closures.tangents import solved
 from patterns import regular_polygon
 from studies.bench.hard_cases import as_array, traction_tangent_50
 from tests.oracles.finite_motion import external_forces

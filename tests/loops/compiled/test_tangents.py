@@ -14,7 +14,7 @@ from loops import (
     macroscopic_tangent,
 )
 from loops.compiled import given
-from loops.compiled.packing import TANGENTS, compiled_packing
+from loops.loop_batches import TANGENTS, compiled_packing
 from patterns.synthetic import synthetic_network
 from stability.verdict import loop_spectra
 from studies.bench.hard_cases import affine_tangent_50, as_array, traction_tangent_50

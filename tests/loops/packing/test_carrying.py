@@ -5,7 +5,7 @@ import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, find_faces
 from loops.packing import Factor, PlaneContacts, factorised, loops_in_place, packing_system
-from loops.packing.boundary import carrying_grains
+from loops.packing.system import carrying_grains
 
 LAW = LinearFrictional(1.0, 0.5)
 

@@ -19,7 +19,7 @@ from loops import (
 from loops.arrays import frobenius
 from loops.geometry import boundary_vectors, polygon_area
 from loops.packing import in_place, loops_in_place, packing_system
-from loops.packing.inversion import _inverses, _sketches, inverted, polygons_of, spin_modes
+from loops.packing.in_place import _inverses, _sketches, inverted, polygons_of, spin_modes
 from loops.packing.multifrontal import _vertex_cover, dissection, frontal_lu
 from patterns.synthetic import synthetic_network
 from tests.packings import LAW, packing, with_idle_triangle

@@ -10,7 +10,7 @@ from loops import Regime, find_faces, loop_batches
 from loops.arrays import frobenius
 from loops.geometry import boundary_vectors, polygon_area
 from loops.packing import factorised, loops_in_place, packing_system
-from loops.packing.inversion import inverted, polygons_of
+from loops.packing.in_place import inverted, polygons_of
 from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
 from studies.series.plan import cells_by_number

@@ -7,7 +7,7 @@ from loops import LinearFrictional, Regime, branch_vectors, find_faces, loop_bat
 from loops.assembly import contact_tangent
 from loops.graph import contact_state
 from loops.packing import packing_system, stiffness_matrix
-from loops.packing.inversion import inverse_at_contacts
+from loops.packing.in_place import inverse_at_contacts
 from stability.packing.indicators import (
     EXPECTED,
     indicators,

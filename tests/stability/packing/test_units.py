@@ -9,7 +9,7 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, RollingResistance, find_faces
 from loops.packing import PlaneContacts, loops_in_place
-from loops.packing.boundary import plane_stiffness
+from loops.packing.system import plane_stiffness
 from patterns import random_loop
 from stability import Stage, follow, programmes
 from stability.packing import hold, loop_changes, loop_rates, packing_response, probe, replay
