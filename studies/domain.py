@@ -39,6 +39,7 @@ from patterns.diamond import (
     opposite_gaps,
     stress_of_isotropic_strain,
 )
+from patterns.diamond.closed_form import geometric_asymmetry, material_asymmetry
 from patterns.diamond.strain_lines import (
     StrainLine,
     bisect,
@@ -47,7 +48,6 @@ from patterns.diamond.strain_lines import (
     strain_line,
     yield_position,
 )
-from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
 from patterns.polygons import opposite_gap
 from stability.paths.fan import (
     LIMITS,

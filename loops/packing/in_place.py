@@ -4,6 +4,7 @@ An excess stress P on a loop's polygon, `F_i = -P B_i` on its grains with the pa
 strains it by `H = -(1/V_l) sum u_i (x) B_i`: `C_in = (1/V_l) B^T K^-1 B`, `A_in = C_in^-1`, with
 contacts counted whole. The surroundings answer with `A_env = A_in - A_loop`, `A_loop` the traction
 closure with free spins. Only the inverse's entries between grains of one loop are needed.
+The whole packing is inverted, or square blocks of it with the grains around them held.
 """
 
 from __future__ import annotations

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats, Integers, Regimes
 from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
 from loops.validation import repeated_contacts
@@ -58,93 +59,106 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     pairs = some(every, rows)
     cell = check_cell(frame.cell, bodies.radii)
     branches = read_branches(table, rows, pairs, bodies, cell)
-    frictionless = not table.column("mu").any() if table.has("mu") else parameters.mu == 0
-    force = _force_on_second(table, _normals(table, rows, branches.n), frictionless)
-    normal, shear = np.zeros(len(rows)), np.zeros(len(rows))
-    if force is not None:
-        f, n = some(force, rows), branches.n
-        normal = np.einsum("ck,ck->c", f, n)
-        shear = n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
-    elif table.has("fn"):
-        normal = some(table.column("fn"), rows)
+    force, normal, shear = _forces(table, rows, branches.n, parameters.mu)
     if frame.walls is None:
-        walls = _walls(table, bodies, every, force)
+        walls, wall_count = _walls(table, bodies, every, force), len(every) - len(rows)
     else:
-        walls = _walls_of_table(frame.walls, bodies)
-    notes = list(frame.notes)
-    law: LinearFrictional | None = None
-    regime: NDArray[np.int8] | None = None
-    lacks = _lacking(table, force, parameters)
+        walls, wall_count = _walls_of_table(frame.walls, bodies), len(frame.walls)
+    wanted = (("kn", "kn", parameters.kn), ("kt", "ks", parameters.kt))
+    lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
+    notes, law, regime = list(frame.notes), None, None
     if force is None:
+        lacks = ["shear forces" if table.has("fn") else "forces", *lacks]
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
     elif not lacks:
         law, regime = _law(table, rows, (normal, shear), parameters, frame.shear_increment, notes)
+    graph = _graph(table, rows, bodies, (pairs, normal, shear, branches.images, cell, regime))
+    if branches.images is not None and not branches.images.any():
+        notes.append("no contact crosses the border of the periodic cell")
+    geometry = (graph, branches.d, branches.length)
+    pushed = None if walls is None else (walls.grain, walls.force)
+    ids, known = bodies.grain_ids, force is not None
+    state = Checked(*geometry, law, regime, branches.given, pushed, ids, forces_known=known)
+    redundant = _redundant(table, rows, branches.n, (normal, shear)) if known else []
+    findings = (*frame.findings, *check_state(state), *redundant)
+    for found in findings:
+        if strict and found.severity == "error":
+            raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
+    said = [one for one in findings if one.check == "balance" and frame.measured and known]
+    if any(one.severity != "ok" for one in said):
+        law = regime = None
+        graph, said = graph.replace(regime=None), []
+        lacks.append("balance")
+    notes += [one.says for one in said] + _notes_of(findings, lacks, known)
+    # Codes that move no grain may write zeros.
+    mass = None if bodies.mass is None or not (bodies.mass > 0).all() else bodies.mass
+    return Snapshot(
+        *(graph, law, regime, ids, wall_count, tuple(notes), walls, frame.step, findings),
+        *(bodies.rotation, tuple(lacks), mass, frame.time),
+    )
+
+
+def _graph(
+    table: Table,
+    rows: Integers,
+    bodies: Bodies,
+    contacts: tuple[Integers, Floats, Floats, Integers | None, Floats | None, Regimes | None],
+) -> GrainGraph:
+    """The graph of contacts, cell and regimes; a repeated contact is named by its rows and ids."""
+    pairs, normal, shear, images, cell, regime = contacts
     for array in (bodies.x, bodies.radii, pairs, normal, shear):
         array.flags.writeable = False  # not copied then
     try:
-        graph = GrainGraph(
+        return GrainGraph(
             x=bodies.x,
             radii=bodies.radii,
             contacts=pairs,
             normal_force=normal,
             shear_force=shear,
-            images=branches.images,
+            images=images,
             cell=cell,
             regime=regime,
         )
     except InputError:
-        _refuse_repeated(table, bodies, rows, pairs, branches.images)
-        raise
-    if branches.images is not None and not branches.images.any():
-        notes.append("no contact crosses the border of the periodic cell")
-    pushed = None if walls is None else (walls.grain, walls.force)
-    ids = bodies.grain_ids
-    state = Checked(graph, branches.d, branches.length, law, regime, branches.given, pushed, ids)
-    state.forces_known = force is not None
-    findings = (*frame.findings, *check_state(state))
-    if force is not None:
-        findings = (*findings, *_redundant(table, rows, branches.n, (normal, shear)))
-    for found in findings:
-        if strict and found.severity == "error":
-            raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
-    if frame.measured and force is not None:
-        if any(one.check == "balance" and one.severity != "ok" for one in findings):
-            law = regime = None
-            graph, lacks = graph.replace(regime=None), (*lacks, "balance")
-        else:
-            notes += [one.says for one in findings if one.check == "balance"]
-    if force is not None and {"kn", "kt"} & {*lacks}:
+        again, first = repeated_contacts(pairs, images, len(bodies.x))
+        if not len(again):
+            raise
+        one, two = bodies.grain_ids[pairs[again[0]]].tolist()
+        where = f"{table.path}, row {rows[again[0]]} (grains {one} and {two})"
+        received, expected = f"the same contact as row {rows[first[0]]}", "each contact once"
+        raise InputError(where, received, expected, "Drop one of the two rows.") from None
+
+
+def _notes_of(findings: Sequence[Finding], lacks: Sequence[str], forces_known: bool) -> list[str]:
+    """Notes on the stiffness that known forces lack, and on all findings that are not as wanted."""
+    notes = []
+    if forces_known and {"kn", "kt"} & {*lacks}:
         needed = [one.says for one in findings if one.check == "stiffness"]
         stiffness = [name for name in lacks if name != "balance"]
         given = " and ".join(f"--{name}" for name in stiffness)
         lone = f"forces without {' and '.join(stiffness)}: no stability of the loops"
         notes.append("; ".join([lone, *needed, f"give {given}"]))
-    notes += [str(one) for one in findings if one.severity != "ok"]
-    return Snapshot(
-        graph,
-        law,
-        regime,
-        bodies.grain_ids,
-        len(every) - len(rows) if frame.walls is None else len(frame.walls),
-        tuple(notes),
-        walls,
-        frame.step,
-        findings,
-        bodies.rotation,
-        lacks,
-        # Codes that move no grain may write zeros.
-        None if bodies.mass is None or not (bodies.mass > 0).all() else bodies.mass,
-        frame.time,
-    )
+    return notes + [str(one) for one in findings if one.severity != "ok"]
 
 
-def _lacking(table: Table, force: Floats | None, parameters: Parameters) -> tuple[str, ...]:
-    """All that a law lacks: forces, stiffness."""
-    lacks = [] if force is not None else ["shear forces" if table.has("fn") else "forces"]
-    given = (("kn", "kn", parameters.kn), ("kt", "ks", parameters.kt))
-    lacks += [name for name, column, value in given if value is None and not table.has(column)]
-    return tuple(lacks)
+def _forces(
+    table: Table, rows: Integers, n: Floats, mu: float | None
+) -> tuple[Floats | None, Floats, Floats]:
+    """Total force (C, 2) on the second body of all rows, and N and T of the chosen ones.
+
+    No total force if the file lacks a part: then only N, if it has that, and zeros.
+    """
+    frictionless = not table.column("mu").any() if table.has("mu") else mu == 0
+    force = _force_on_second(table, _normals(table, rows, n), frictionless)
+    normal, shear = np.zeros(len(rows)), np.zeros(len(rows))
+    if force is not None:
+        f = some(force, rows)
+        normal = np.einsum("ck,ck->c", f, n)
+        shear = n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
+    elif table.has("fn"):
+        normal = some(table.column("fn"), rows)
+    return force, normal, shear
 
 
 def _normals(table: Table, rows: Integers, n: Floats) -> Floats:
@@ -203,18 +217,6 @@ def _redundant(
         wanted = shear if (ft < 0).any() else np.abs(shear)
         found.append(same_force("ft", ft, wanted, scale, rows))
     return found
-
-
-def _refuse_repeated(
-    table: Table, bodies: Bodies, rows: Integers, pairs: Integers, images: Integers | None
-) -> None:
-    """Raise `InputError` with rows and ids, which the graph doesn't know."""
-    again, first = repeated_contacts(pairs, images, len(bodies.x))
-    if len(again):
-        one, two = bodies.grain_ids[pairs[again[0]]].tolist()
-        where = f"{table.path}, row {rows[again[0]]} (grains {one} and {two})"
-        received, expected = f"the same contact as row {rows[first[0]]}", "each contact once"
-        raise InputError(where, received, expected, "Drop one of the two rows.") from None
 
 
 def _walls(

@@ -123,13 +123,15 @@ class Checked:
         given: Floats | None,
         walls: tuple[Integers, Floats] | None,
         ids: Integers,
+        *,
+        forces_known: bool = False,
     ) -> None:
         self.x, self.radii, self.contacts = graph.x, graph.radii, graph.contacts
         self.normal, self.shear = graph.normal_force, graph.shear_force
         self.d, self.length, self.law, self.given, self.walls = d, length, law, given, walls
         self.ids = ids
         # Forces may be known without a stiffness.
-        self.forces_known = law is not None
+        self.forces_known = forces_known or law is not None
         self.sliding = None if regime is None else regime == Regime.SLIDING
         self.degree = np.bincount(self.contacts.ravel(), minlength=len(self.x))
         self.inner = self.degree > 0

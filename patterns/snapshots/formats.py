@@ -3,66 +3,67 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
 from loops import InputError
 from loops.laws.frictional import ShearIncrement, checked_increment
-from patterns.snapshots import lammps, liggghts, mercury, pegs, plain, yade_save, yade_vtk
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.frame import Frame, Frames, Source, with_aliases
 from patterns.snapshots.geometry import as_cell
+from patterns.snapshots.lammps import is_lammps, is_liggghts, lammps_frames, liggghts_frames
+from patterns.snapshots.mercury import is_mercury, mercury_frames
+from patterns.snapshots.plain import frame_of_tables, is_pegs, is_table, pegs_frames, table_frames
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import table_of
 from patterns.snapshots.text import head_of, require_file
+from patterns.snapshots.yade_save import is_yade_save, yade_save_frames
+from patterns.snapshots.yade_vtk import is_yade_vtk, yade_vtk_frames
 
 
-class Format(Protocol):
-    """A reader of one format: a module with these two functions."""
+class Format(NamedTuple):
+    """A reader of one format.
 
-    def recognises(self, path: Path, head: bytes) -> bool:
-        """Whether a file of this name that begins so is in this format."""
+    `recognises(path, head)`: whether a file of this name that begins so is in this format.
+    `frames(source)`: the snapshots of a file, without reading their rows. A damaged one is
+    counted, and raises `InputError` when it is read.
+    """
 
-    def frames(self, source: Source) -> Frames:
-        """Find the snapshots of a file, without reading their rows.
-
-        A damaged one is counted, and raises `InputError` when it is read.
-        """
+    recognises: Callable[[Path, bytes], bool]
+    frames: Callable[[Source], Frames]
 
 
-class YadeText:
-    """Lists of spheres by Yade's `export.text` and `export.textExt`: recognised, and refused."""
+def is_yade_text(path: Path, head: bytes) -> bool:
+    """Whether this is a list of spheres by Yade's `export.text` or `export.textExt`."""
+    return head.startswith(b"#format ")
 
-    def recognises(self, path: Path, head: bytes) -> bool:
-        """Whether this is such a list."""
-        return head.startswith(b"#format ")
 
-    def frames(self, source: Source) -> Frames:
-        """Refuse: these files have no contacts, and six digits are too few to find them."""
-        raise InputError(
-            str(source.path),
-            "spheres without contacts (export.text)",
-            "contacts and their forces",
-            "Contacts can't be found again: six digits of the centres are too coarse for overlaps. "
-            "Export tables from inside Yade instead, see docs/yade.md.",
-        )
+def refuse_yade_text(source: Source) -> Frames:
+    """Refuse: these files have no contacts, and six digits are too few to find them."""
+    raise InputError(
+        str(source.path),
+        "spheres without contacts (export.text)",
+        "contacts and their forces",
+        "Contacts can't be found again: six digits of the centres are too coarse for overlaps. "
+        "Export tables from inside Yade instead, see docs/yade.md.",
+    )
 
 
 # The first one that recognises a file takes it.
-FORMATS: dict[str, Format] = {
-    "yade-vtk": yade_vtk,
-    "yade-xml": yade_save,
-    "yade-text": YadeText(),
+FORMATS = {
+    "yade-vtk": Format(is_yade_vtk, yade_vtk_frames),
+    "yade-xml": Format(is_yade_save, yade_save_frames),
+    "yade-text": Format(is_yade_text, refuse_yade_text),
     # Dumps of atoms of both codes look alike: LIGGGHTS is recognised by its dump of contacts.
-    "liggghts": liggghts,
-    "lammps": lammps,
-    "mercury": mercury,
-    "pegs": pegs,
-    "table": plain,
+    "liggghts": Format(is_liggghts, liggghts_frames),
+    "lammps": Format(is_lammps, lammps_frames),
+    "mercury": Format(is_mercury, mercury_frames),
+    "pegs": Format(is_pegs, pegs_frames),
+    "table": Format(is_table, table_frames),
 }
 
 
@@ -194,9 +195,7 @@ def snapshot_from_tables(
     column 'i' of contacts read as 'id1'
     """
     source = Source(Path("tables"), None, as_cell(cell), dict(columns or {}))
-    frame = plain.frame_of_tables(
-        source, table_of("grains", grains), table_of("contacts", contacts)
-    )
+    frame = frame_of_tables(source, table_of("grains", grains), table_of("contacts", contacts))
     if walls is not None:
         of_walls, notes = with_aliases(table_of("walls", walls), ("id", "kn", "ks"))
         frame = replace(frame, walls=of_walls, notes=(*frame.notes, *notes))

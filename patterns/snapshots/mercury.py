@@ -141,7 +141,7 @@ NORMAL_TOLERANCE = 1e-3
 OVERLAP_TOLERANCE = 1e-4
 
 
-def recognises(path: Path, head: bytes) -> bool:
+def is_mercury(path: Path, head: bytes) -> bool:
     """Whether this is a `.data` file: a header of numbers, then rows."""
     lines = head.split(b"\n")
     first = data_head(lines[0])
@@ -151,7 +151,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return width in DATA_COLUMNS and HEADERS[width] == first.width
 
 
-def frames(source: Source) -> Frames:
+def mercury_frames(source: Source) -> Frames:
     """Frames of a `.data` file, with the `.fstat` file beside it.
 
     Grains are numbered from 0 in the order of the file, walls from -1 down; in three dimensions the
@@ -163,10 +163,10 @@ def frames(source: Source) -> Frames:
     path = contacts_path(source, [name] if ".fstat" in name else [], lacks, wanted, hint)
     grains = _until_fault(_data_listings(source.path, open_text(source.path)))
     contacts = _until_fault(_fstat_listings(path, open_text(path)))
-    return paired(grains, contacts, partial(_frame, source), path, "time", TIME_TOLERANCE)
+    return paired(grains, contacts, partial(_mercury_frame, source), path, "time", TIME_TOLERANCE)
 
 
-def _frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame:
+def _mercury_frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame:
     atoms, axes = _atoms(data)
     space = Space(source.cell, (True, True))
     table = fstat.read(FSTAT_COLUMNS[1:])

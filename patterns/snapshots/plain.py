@@ -1,9 +1,10 @@
-"""Plain tables: one of grains, one of contacts, read and written."""
+"""Tables of grains and contacts: plain ones, read and written, and those of PeGS2."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -17,6 +18,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
+from loops.arrays import Floats
 from loops.laws.frictional import ShearIncrement, checked_increment
 from patterns.snapshots.frame import (
     CONTACT_COLUMNS,
@@ -24,11 +26,13 @@ from patterns.snapshots.frame import (
     Frame,
     Frames,
     Source,
+    contacts_path,
     known_spellings,
     with_aliases,
     with_plain_names,
     with_radii,
 )
+from patterns.snapshots.geometry import WALL
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import (
     ARRAY_FILES,
@@ -39,27 +43,28 @@ from patterns.snapshots.tables import (
     read_table,
     table_of_arrays,
 )
+from patterns.snapshots.text import require_file, whole_file
 
 # Only Yade's tables have the force both in its parts and as a whole.
 YADE_COLUMNS = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks")
 
 
-def recognises(path: Path, head: bytes) -> bool:
+def is_table(path: Path, head: bytes) -> bool:
     """Whether this is a plain table: by its ending, what is in it is checked on reading."""
     return path.name.lower().endswith((*TABLE_ENDINGS, *SPREADSHEETS))
 
 
-def frames(source: Source) -> Frames:
+def table_frames(source: Source) -> Frames:
     """The one snapshot of a pair of tables, or of one npz or HDF5 file with both and the `cell`.
 
     The contacts stand beside the grains, `grains` in the name replaced by `contacts`, and so may
     `cell_....json`: `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000,
     "time": 0.5, "shear_increment": "radii"}`, null for no cell.
     """
-    return [partial(_frame, source)]
+    return [partial(_table_frame, source)]
 
 
-def _frame(source: Source) -> Frame:
+def _table_frame(source: Source) -> Frame:
     wanted = known_spellings() | {*source.columns.values()}
     tables: Sequence[Table] = ()
     if source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES):
@@ -188,3 +193,89 @@ def _write(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
     with open(partial, "wb") as file:
         write(table, file)
     os.replace(partial, path)
+
+
+# Columns of `particle_positions.txt`, and of `Adjacency_list.txt`; neither has a header.
+POSITIONS = ("frame", "id", "x", "y", "r", "edge")
+ADJACENCY = ("frame", "id1", "id2", "tangential", "normal")
+LIST = "Adjacency_list.txt"
+NUMBER = rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
+ROW = re.compile(rb"\s*" + rb"\s*,\s*".join([rb"\d+", rb"\d+", *[NUMBER] * 4]) + rb"\s*\r?\n")
+OUTSIDE = -1  # id of a wall in the list
+
+
+def is_pegs(path: Path, head: bytes) -> bool:
+    """Whether the first line is one of tracked positions: six numbers between commas."""
+    return ROW.match(head) is not None
+
+
+def pegs_frames(source: Source) -> Frames:
+    """Frames of `particle_positions.txt` with `Adjacency_list.txt` beside it.
+
+    Lengths in pixels, y of the image turned upwards; forces in newtons, those of a contact that
+    both grains have are averaged. The list has no direction of contacts with walls.
+    """
+    if source.columns:
+        remedy = "PeGS2 writes no names of columns: leave --columns out."
+        raise InputError("--columns", str(dict(source.columns)), "none for PeGS2", remedy)
+    wanted, hint = f"{LIST} of PeGS2's adjacencyMatrix", "Name it by --contacts."
+    lists = contacts_path(source, [LIST], "no list of contacts beside it", wanted, hint)
+    grains, contacts = _rows(source.path, POSITIONS), _rows(lists, ADJACENCY)
+    found = [number for number in np.unique(grains[:, 0]) if (contacts[:, 0] == number).any()]
+    if not found:
+        where, received = str(lists), "no contacts in any frame of the positions"
+        raise InputError(where, received, "contacts", "Take both files of one run.")
+    both = (source.path, grains), (lists, contacts)
+    return [partial(_pegs_frame, source, number, *both) for number in found]
+
+
+def _rows(path: Path, names: tuple[str, ...]) -> Floats:
+    require_file(path)
+    with whole_file(path):
+        rows = np.loadtxt(path, delimiter=",", ndmin=2)
+    if rows.shape[1] != len(names):
+        received, expected = f"{rows.shape[1]} columns", f"{len(names)}: {', '.join(names)}"
+        raise InputError(str(path), received, expected, "Write it by PeGS2 again.")
+    return rows
+
+
+def _pegs_frame(
+    source: Source, number: float, grains: tuple[Path, Floats], contacts: tuple[Path, Floats]
+) -> Frame:
+    x = grains[1][grains[1][:, 0] == number]
+    rows = contacts[1][contacts[1][:, 0] == number]
+    bodies = {
+        "id": np.append(x[:, 1], OUTSIDE),
+        "type": np.append(np.zeros(len(x)), WALL),
+        "x": np.append(x[:, 2], 0.0),
+        "y": np.append(-x[:, 3], 0.0),
+        "radius": np.append(x[:, 4], 0.0),
+    }
+    # One row a pair, whichever grain it was solved on.
+    ends = np.sort(rows[:, 1:3], axis=1)
+    ends[ends[:, 0] == OUTSIDE] = ends[ends[:, 0] == OUTSIDE][:, ::-1]
+    pairs, which, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    which = which.ravel()
+    force = np.stack([np.bincount(which, f) / count for f in (rows[:, 4], rows[:, 3])], axis=1)
+    apart = np.hypot(*(rows[:, [4, 3]] - force[which]).T)[count[which] > 1]
+    between = pairs[:, 1] != OUTSIDE
+    mean = float(np.hypot(*force[between].T).mean()) if between.any() else 1.0
+    single, walls = np.count_nonzero(between & (count == 1)), np.count_nonzero(~between)
+    spread = float(np.sqrt(np.mean(apart**2))) / mean if len(apart) else 0.0
+    notes = [
+        "PeGS2: lengths in pixels, y turned upwards; N and T as of its force balance",
+        "the force of a contact is the mean of those solved on its two grains, which differ by "
+        f"{spread:.2g} mean forces from it (root mean square); {single} contacts were solved on "
+        "one grain alone",
+    ]
+    if walls:
+        notes.append(f"{walls} contacts with walls have no direction in the list: left out")
+    table = {"id1": pairs[:, 0], "id2": pairs[:, 1], "fn": force[:, 0], "ft": force[:, 1]}
+    return Frame(
+        Table(grains[0], bodies),
+        Table(contacts[0], table),
+        source.cell,
+        float(number),
+        tuple(notes),
+        measured=True,
+    )

@@ -188,14 +188,14 @@ def _value(element: ET.Element | None, name: str, where: str) -> float:
 SAME_SNAPSHOT = 1e-9
 
 
-def recognises(path: Path, head: bytes) -> bool:
+def is_yade_save(path: Path, head: bytes) -> bool:
     """Whether this is a save of Yade, XML or binary."""
     return (
         ROOT in head or BINARY in head[:64] or path.name.lower().endswith((".xml.bz2", ".yade.bz2"))
     )
 
 
-def frames(source: Source) -> Frames:
+def yade_save_frames(source: Source) -> Frames:
     """The one snapshot of a save.
 
     Spheres are grains, all other bodies walls. The branch of a wall contact runs along the normal

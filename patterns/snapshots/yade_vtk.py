@@ -212,7 +212,7 @@ def _numbers(content: bytes, attributes: dict[bytes, bytes], body: bytes) -> int
     return length // max(1, int(re.sub(rb"\D", b"", attributes[b"type"])) // 8)
 
 
-def recognises(path: Path, head: bytes) -> bool:
+def is_yade_vtk(path: Path, head: bytes) -> bool:
     """Whether this is a VTK file of one of the kinds that Yade writes."""
     if head.startswith(LEGACY):
         return True
@@ -220,15 +220,15 @@ def recognises(path: Path, head: bytes) -> bool:
     return b"<VTKFile" in head and any(b'type="' + kind + b'"' in head for kind in kinds)
 
 
-def frames(source: Source) -> Frames:
+def yade_vtk_frames(source: Source) -> Frames:
     """The one snapshot of `...spheres.N.vtu` and `...intrs.N.vtp` beside it, or a `.vtm` of both.
 
     Or of `...-spheres-N.vtk` and `...-intrs-N.vtk`.
     """
-    return [partial(_frame, source)]
+    return [partial(_yade_vtk_frame, source)]
 
 
-def _frame(source: Source) -> Frame:
+def _yade_vtk_frame(source: Source) -> Frame:
     path = source.path
     name = path.name.lower().removesuffix(".gz")
     if name.endswith(".vtk"):

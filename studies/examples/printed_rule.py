@@ -23,7 +23,7 @@ from patterns.diamond import (
     drained_states_after_turn,
     printed_states_after_turn,
 )
-from patterns.diamond.geometry import angle_from_strains
+from patterns.diamond.closed_form import angle_from_strains
 from stability import Stage, follow, programmes
 from studies.examples import run, save
 from studies.paths.options import TABLES

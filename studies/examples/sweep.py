@@ -1,7 +1,7 @@
 """Where do 100,000 random diamonds yield, and what does it cost to know?
 
 Point B, where all four contacts slide under constant s2, from the exact solution for all diamonds
-at once (`patterns.diamond.drained_end`), against scipy's `solve_ivp` on (33), one path at a time.
+at once (`patterns.diamond.drained`), against scipy's `solve_ivp` on (33), one path at a time.
 """
 
 from __future__ import annotations

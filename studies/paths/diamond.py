@@ -30,8 +30,11 @@ from patterns.diamond import (
     overlap_ratio,
     sliding_moduli,
 )
-from patterns.diamond.geometry import opposite_contact_strain
-from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
+from patterns.diamond.closed_form import (
+    geometric_asymmetry,
+    material_asymmetry,
+    opposite_contact_strain,
+)
 from stability import (
     Path,
     PolarDiagram,

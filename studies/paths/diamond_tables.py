@@ -22,8 +22,11 @@ from patterns.diamond import (
     isotropic_tangent,
     opposite_gaps,
 )
-from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
-from patterns.diamond.tangents import drained_slope
+from patterns.diamond.closed_form import (
+    drained_slope,
+    work_compress_then_shear,
+    work_shear_then_compress,
+)
 from stability import (
     Verdict,
     bromwich_margin,

@@ -30,8 +30,7 @@ from patterns.diamond import (
     diamond,
     drained_path,
 )
-from patterns.polygons import polydisperse_polygon, regular_polygon
-from patterns.polygons.shapes import Orientation
+from patterns.polygons import Orientation, polydisperse_polygon, regular_polygon
 from stability import Programme, Stage, programmes
 from stability.paths.loop_path import OnTouch
 from stability.paths.path import ModelOption

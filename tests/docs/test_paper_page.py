@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from patterns.diamond import TABLE_1
-from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
+from patterns.diamond.closed_form import work_compress_then_shear, work_shear_then_compress
 from studies.commands.loops import diamond
 from studies.examples import printed_rule
 from tests.docs.pages import DOCS, of_size, page, says, section, tables, unsaid

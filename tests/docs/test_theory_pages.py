@@ -24,12 +24,12 @@ from patterns.diamond import (
     printed_states_after_turn,
     stress_of_isotropic_strain,
 )
-from patterns.diamond.drained import drained_path
-from patterns.diamond.geometry import (
+from patterns.diamond.closed_form import (
     opposite_contact_strain,
     work_compress_then_shear,
     work_shear_then_compress,
 )
+from patterns.diamond.drained import drained_path
 from stability import bromwich_margin, imhof_fraction, restrict, symmetric_part, symmetric_spectrum
 from tests.docs.pages import DOCS, page, says, section, tables, unsaid
 from tests.docs.test_citations import PAGES, SOURCES

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.validation import acute_angle, finite, nonnegative, positive
-from patterns.diamond.geometry import external_forces
-from patterns.diamond.tangents import matrix
+from patterns.diamond.closed_form import external_forces, matrix
 
 
 def side_lengths(length: ArrayLike, alpha: ArrayLike) -> tuple[Floats, Floats]:

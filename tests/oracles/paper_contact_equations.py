@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from loops import GrainGraph, contact_forces, contact_frame
 from patterns.diamond import TABLE_1, TABLE_2, drained_path, drained_states_after_turn
-from patterns.diamond.geometry import (
+from patterns.diamond.closed_form import (
     contact_displacement_rates,
     work_compress_then_shear,
     work_shear_then_compress,

@@ -17,7 +17,7 @@ from patterns.diamond import (
     material_tangent,
     tangent,
 )
-from patterns.diamond.tangents import (
+from patterns.diamond.closed_form import (
     geometric_asymmetry,
     geometric_softening,
     isotropic_determinant,

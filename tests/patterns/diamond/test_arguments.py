@@ -17,8 +17,7 @@ from patterns.diamond import (
     sliding_moduli,
     tangent,
 )
-from patterns.diamond.geometry import work_shear_then_compress
-from patterns.diamond.tangents import drained_slope
+from patterns.diamond.closed_form import drained_slope, work_shear_then_compress
 from tests.oracles.diamond_forces import lagrangian_tangent, side_lengths
 
 BAD_CALLS = {

@@ -18,7 +18,7 @@ from patterns.diamond import (
     stress_of_isotropic_strain,
     tangent,
 )
-from patterns.diamond.tangents import drained_slope, geometric_softening, isotropic_determinant
+from patterns.diamond.closed_form import drained_slope, geometric_softening, isotropic_determinant
 from tests.oracles import diamond_symbolic as symbolic
 from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
 from tests.oracles.diamond_general import determinant

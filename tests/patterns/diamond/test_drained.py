@@ -16,8 +16,7 @@ from patterns.diamond import (
     sliding_moduli,
     tangent,
 )
-from patterns.diamond.geometry import contact_displacement_rates
-from patterns.diamond.tangents import drained_slope
+from patterns.diamond.closed_form import contact_displacement_rates, drained_slope
 from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
 from tests.oracles.diamond_general import drained_states
 

@@ -7,7 +7,7 @@ from scipy.special import gamma
 
 from loops import InputError
 from patterns.diamond import drained_end, tangent
-from patterns.diamond.drained_end import _Bracket, advance_shear
+from patterns.diamond.drained import _Bracket, advance_shear
 from tests.oracles import diamond_mpmath as oracle
 
 

@@ -11,7 +11,7 @@ from patterns.diamond import (
     overlap_ratio,
     stress_of_isotropic_strain,
 )
-from patterns.diamond.geometry import contact_displacement_rates, opposite_contact_strain
+from patterns.diamond.closed_form import contact_displacement_rates, opposite_contact_strain
 from tests.oracles.diamond_forces import (
     branch_from_sides,
     contact_forces,

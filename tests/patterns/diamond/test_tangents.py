@@ -12,7 +12,7 @@ from patterns.diamond import (
     sliding_moduli,
     tangent,
 )
-from patterns.diamond.tangents import geometric_asymmetry, material_asymmetry
+from patterns.diamond.closed_form import geometric_asymmetry, material_asymmetry
 from tests.oracles import diamond_symbolic as symbolic
 from tests.oracles.diamond_forces import (
     branch_from_sides,

@@ -4,7 +4,7 @@ import shapely
 
 from loops import GrainGraph
 from patterns import opposite_gap, regular_polygon
-from patterns.polygons.shapes import is_simple
+from patterns.polygons import is_simple
 
 
 @pytest.mark.parametrize("order", [3, 4, 5, 6, 8])

@@ -10,7 +10,7 @@ from loops import (
     polygon_area,
 )
 from patterns import opposite_gap, random_loop
-from patterns.polygons.shapes import is_simple
+from patterns.polygons import is_simple
 
 KINDS = [
     (3, True, 0.5),

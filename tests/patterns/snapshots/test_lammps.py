@@ -17,10 +17,10 @@ from loops import (
     outline_area,
 )
 from patterns import read_snapshot, sample_path
-from patterns.snapshots import lammps
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
+from patterns.snapshots.lammps import lammps_frames
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,
@@ -42,11 +42,11 @@ def packing(count=300, seed=0, tilt=0.0, cell=None):
 
 
 def read(path, **source):
-    return [build_snapshot(read(), LAW) for read in lammps.frames(Source(path, **source))]
+    return [build_snapshot(read(), LAW) for read in lammps_frames(Source(path, **source))]
 
 
 def notes(path, **source):
-    return " | ".join(lammps.frames(Source(path, **source))[0]().notes)
+    return " | ".join(lammps_frames(Source(path, **source))[0]().notes)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.2, -0.15])
@@ -196,7 +196,7 @@ def test_the_sample_of_lammps_balances():
     To 2e-5 of the mean force: damping is taken at half a time step's distance.
     """
     path = sample_path("lammps") / "dump.atoms.0.gz"
-    frame = lammps.frames(Source(path))[0]()
+    frame = lammps_frames(Source(path))[0]()
     snapshot = build_snapshot(frame, LAW)
     graph = snapshot.graph
     assert (graph.contact_count, snapshot.wall_contacts) == (776, 62)
@@ -233,7 +233,7 @@ def test_diameters_and_a_cell_from_the_user(tmp_path):
 def test_normals_of_walls_point_into_the_grains(tmp_path):
     own = Packing.of(read_snapshot(sample_path()))
     path, _ = write_lammps(tmp_path, own, extra=lammps_walls(own))
-    table = lammps.frames(Source(path))[0]().contacts
+    table = lammps_frames(Source(path))[0]().contacts
     walls = table.integers("id1") < 0
     branch = table.columns("branch_x", "branch_y")[walls]
     force = table.columns("fx_on_2", "fy_on_2")[walls]

@@ -19,10 +19,11 @@ from loops import (
     love_weber_stress,
     outline_area,
 )
-from patterns.snapshots import lammps, liggghts
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dump_files import dump_frames
+from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.frame import Source
+from patterns.snapshots.lammps import is_liggghts
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
 PATHS = [
@@ -41,9 +42,9 @@ pytestmark = pytest.mark.collection
 
 
 def read(path):
-    reader = liggghts if liggghts.recognises(path, b"ITEM: TIMESTEP\n") else lammps
-    assert (reader is liggghts) == ("liggghts" in str(path.parent))
-    frame = reader.frames(Source(path))[0]()
+    name = "liggghts" if is_liggghts(path, b"ITEM: TIMESTEP\n") else "lammps"
+    assert (name == "liggghts") == ("liggghts" in str(path.parent))
+    frame = FORMATS[name].frames(Source(path))[0]()
     return build_snapshot(frame, Parameters(1e6, 5e5, 0.5))
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from loops import InputError, branch_vectors
-from patterns.snapshots import lammps
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
+from patterns.snapshots.lammps import lammps_frames
 from tests.patterns.dump_writers import Packing, assert_same, lammps_columns, write_lammps
 from tests.patterns.snapshots.test_lammps import LAW, notes, packing, read
 
@@ -26,7 +26,7 @@ def test_normal_force_by_its_size_alone(tmp_path):
     path, _ = write_lammps(tmp_path, own, keep=["patom1", "patom2", "dx", "dy", "force"])
     with pytest.raises(InputError, match=r"none that form a force along the branch.*force=COLUMN"):
         read(path)
-    frame = lammps.frames(Source(path, columns={"force": "c_pair[3]"}))[0]()
+    frame = lammps_frames(Source(path, columns={"force": "c_pair[3]"}))[0]()
     assert frame.contacts.column("fn") == pytest.approx(own.graph.normal_force, rel=1e-13)
     assert not frame.contacts.has("fx_on_2")
     assert "no tangential force" in " ".join(frame.notes)
@@ -102,7 +102,7 @@ def test_grain_of_a_force_is_found_by_its_direction(tmp_path, sign, adhesion):
             words[column] = repr(sign * float(words[column]))
         rows[k] = " ".join(words)
     contacts.write_text("\n".join(rows) + "\n")
-    frame = lammps.frames(Source(path))[0]()
+    frame = lammps_frames(Source(path))[0]()
     assert_same(build_snapshot(frame, LAW, strict=False), own, 1e-13)
     if adhesion:
         with pytest.raises(InputError, match="they pull"):
@@ -114,6 +114,6 @@ def test_frictionless_grains_need_no_tangential_force(tmp_path):
     smooth = Packing(own.graph.replace(shear_force=0 * own.graph.shear_force), own.ids)
     keep = ["patom1", "patom2", "dx", "dy", "force", "fx", "fy"]
     path, _ = write_lammps(tmp_path, smooth, keep=keep)
-    frame = lammps.frames(Source(path))[0]()
+    frame = lammps_frames(Source(path))[0]()
     assert_same(build_snapshot(frame, Parameters(1.0, 0.5, 0.0)), smooth, 1e-13)
     assert not build_snapshot(frame, LAW).mechanical

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns.snapshots import lammps
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dump_files import contact_names, dump_frames
 from patterns.snapshots.frame import Source
+from patterns.snapshots.lammps import lammps_frames
 from patterns.snapshots.text import beside
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, lammps_columns, write_lammps
@@ -27,7 +27,7 @@ def dumps(tmp_path):
 
 def read(path, **source):
     law = Parameters(1.0, 0.5, 0.5)
-    return [build_snapshot(read(), law) for read in lammps.frames(Source(path, **source))]
+    return [build_snapshot(read(), law) for read in lammps_frames(Source(path, **source))]
 
 
 def edit(path, change):
@@ -133,7 +133,7 @@ def test_a_number_cut_short_is_not_read(dumps):
 
 def test_frames_before_the_fault_are_read(dumps):
     edit(dumps[1], lambda rows: rows.pop(-2))
-    found = lammps.frames(Source(dumps[0]))
+    found = lammps_frames(Source(dumps[0]))
     assert found[0]().step == 0
     with pytest.raises(InputError, match="step 500"):
         found[1]()

@@ -6,9 +6,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from loops import InputError
-from patterns.snapshots import lammps, liggghts
-from patterns.snapshots import mercury as mercury
 from patterns.snapshots.build import Parameters, build_snapshot
+from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.frame import Source
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, write_lammps, write_liggghts, write_mercury
@@ -29,7 +28,9 @@ def written(tmp_path_factory):
     )
     return [
         (reader, files, [file.read_bytes() for file in files])
-        for reader, files in zip((lammps, liggghts, mercury), paths, strict=True)
+        for reader, files in zip(
+            map(FORMATS.get, ("lammps", "liggghts", "mercury")), paths, strict=True
+        )
     ]
 
 
@@ -47,7 +48,9 @@ def test_any_damage(written, code, which, place, length, put):
     at = int(place * len(content))
     files[which].write_bytes(content[:at] + put + content[at + length :])
     try:
-        for read in reader.frames(Source(files[0], cell=CELL if reader is mercury else None)):
+        for read in reader.frames(
+            Source(files[0], cell=CELL if reader is FORMATS["mercury"] else None)
+        ):
             reader.recognises(files[0], content[:4096])
             build_snapshot(read(), Parameters(1.0, 0.5, 0.5))
     except InputError as error:

@@ -5,10 +5,10 @@ import pytest
 
 from loops import InputError, contact_forces, euler_check, find_faces, love_weber_stress
 from patterns import sample_path
-from patterns.snapshots import lammps, liggghts
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
+from patterns.snapshots.lammps import is_lammps, is_liggghts, lammps_frames, liggghts_frames
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import GROUPS, LATER, Packing, assert_same, write_liggghts
 
@@ -27,7 +27,7 @@ def packing(count=300, seed=0, cell=None):
 
 
 def frame_of(path, **source):
-    return liggghts.frames(Source(path, **source))[0]()
+    return liggghts_frames(Source(path, **source))[0]()
 
 
 def read(path, **source):
@@ -48,7 +48,7 @@ def sets_of_keywords():
 def test_written_files_are_read_back(tmp_path, groups):
     own = packing(100)
     path, _ = write_liggghts(tmp_path, own, groups, box_digits=17)
-    assert liggghts.recognises(path, HEAD)
+    assert is_liggghts(path, HEAD)
     snapshot = read(path)
     assert_same(snapshot, own, 1e-13)
     assert snapshot.graph.cell.tolist() == own.graph.cell.tolist()
@@ -163,11 +163,11 @@ def test_contacts_of_another_snapshot(tmp_path):
 
 def test_dumps_of_lammps_are_not_taken(tmp_path):
     atoms = sample_path("lammps") / "dump.atoms.0.gz"
-    assert not liggghts.recognises(atoms, HEAD) and lammps.recognises(atoms, HEAD)
-    assert not liggghts.recognises(atoms, b"id,x,y\n")
-    assert not liggghts.recognises(tmp_path / "dump.atoms.0", HEAD)
+    assert not is_liggghts(atoms, HEAD) and is_lammps(atoms, HEAD)
+    assert not is_liggghts(atoms, b"id,x,y\n")
+    assert not is_liggghts(tmp_path / "dump.atoms.0", HEAD)
     (tmp_path / "dump.contacts.0").write_text("ITEM: TIMESTEP\n")
-    assert not liggghts.recognises(tmp_path / "dump.atoms.0", HEAD)
+    assert not is_liggghts(tmp_path / "dump.atoms.0", HEAD)
 
 
 def test_lammps_reads_the_long_form_all_the_same(tmp_path):
@@ -176,13 +176,13 @@ def test_lammps_reads_the_long_form_all_the_same(tmp_path):
     path, _ = write_liggghts(tmp_path, own, LONG, box_digits=17)
     law = Parameters(1.0, 0.5, 0.5)
     columns = {"p1": "c_cpgl[16]", "p2": "c_cpgl[17]"}
-    frame = lammps.frames(Source(path, columns=columns))[0]()
+    frame = lammps_frames(Source(path, columns=columns))[0]()
     assert_same(build_snapshot(frame, law), own, 1e-13)
 
 
 def test_the_sample_of_liggghts_balances():
     path = sample_path("liggghts") / "atoms.0.dump.gz"
-    assert liggghts.recognises(path, HEAD)
+    assert is_liggghts(path, HEAD)
     snapshot = read(path)
     graph = snapshot.graph
     assert graph.contact_count == 1069 and euler_check(graph, find_faces(graph)).ok

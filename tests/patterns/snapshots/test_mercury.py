@@ -7,10 +7,10 @@ import pytest
 
 from loops import GrainGraph, InputError
 from patterns import read_snapshot, sample_path
-from patterns.snapshots import lammps, liggghts
-from patterns.snapshots import mercury as mercury
 from patterns.snapshots.build import Parameters, build_snapshot
+from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.frame import Source
+from patterns.snapshots.mercury import is_mercury, mercury_frames
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,
@@ -39,14 +39,14 @@ def box():
 
 
 def read(path, **source):
-    return [build_snapshot(read(), LAW) for read in mercury.frames(Source(path, **source))]
+    return [build_snapshot(read(), LAW) for read in mercury_frames(Source(path, **source))]
 
 
 @pytest.mark.parametrize("layout", [8, 14])
 def test_written_files_are_read_back(tmp_path, layout):
     own = packing()
     path, _ = write_mercury(tmp_path, own, layout=layout)
-    assert mercury.recognises(path, path.read_bytes()[:4096])
+    assert is_mercury(path, path.read_bytes()[:4096])
     (snapshot,) = read(path, cell=own.graph.cell)
     assert_same(snapshot, own, 1e-13)
     assert "each contact in two rows" in " ".join(snapshot.notes)
@@ -139,10 +139,9 @@ def test_one_packing_through_every_format(tmp_path):
         "liggghts": write_liggghts(tmp_path / "l", own, ("pos", "id", "force", "delta"))[0],
         "mercury": write_mercury(tmp_path, own)[0],
     }
-    readers = {"lammps": lammps, "liggghts": liggghts, "mercury": mercury}
     for name, path in paths.items():
         given = cell if name == "mercury" else None
-        frame = readers[name].frames(Source(path, cell=given))[0]()
+        frame = FORMATS[name].frames(Source(path, cell=given))[0]()
         assert_same(build_snapshot(frame, LAW), own, 1e-12)
 
 
@@ -218,7 +217,7 @@ def test_contacts_are_found_beside(tmp_path):
     with pytest.raises(InputError, match=r"no .fstat file beside it"):
         read(path)
     path = path.rename(tmp_path / "box.data.7")
-    assert len(mercury.frames(Source(path))) == 1
+    assert len(mercury_frames(Source(path))) == 1
 
 
 @pytest.mark.parametrize(
@@ -232,13 +231,13 @@ def test_contacts_are_found_beside(tmp_path):
     ],
 )
 def test_other_files_are_not_taken(tmp_path, head):
-    assert not mercury.recognises(tmp_path / "a.data", head)
+    assert not is_mercury(tmp_path / "a.data", head)
 
 
 def test_without_stiffness_there_is_no_law(tmp_path):
     own = packing()
     path, _ = write_mercury(tmp_path, own)
-    frame = mercury.frames(Source(path, cell=own.graph.cell))[0]()
+    frame = mercury_frames(Source(path, cell=own.graph.cell))[0]()
     snapshot = build_snapshot(frame, Parameters())
     assert snapshot.lacks == ("kn", "kt") and snapshot.has_forces
     assert any("give --kn and --kt" in note for note in snapshot.notes)

@@ -15,8 +15,7 @@ import pytest
 
 from loops import InputError, Regime
 from patterns import read_snapshot, write_snapshot
-from patterns.snapshots import yade_save as xml_save
-from patterns.snapshots import yade_vtk as vtk
+from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.tables import read_table
 from tests.patterns.snapshots.yade_samples import BOX, PERIODIC, frame_of
 
@@ -89,9 +88,9 @@ def test_yade_turns_shear_by_the_radii_in_the_whole_sample():
 @pytest.mark.parametrize(
     "frame",
     [
-        frame_of(xml_save, BOX / "state.xml.gz"),
-        frame_of(xml_save, PERIODIC / "state.xml.gz"),
-        frame_of(vtk, BOX / "exporter-spheres-00000000.vtk"),
+        frame_of(FORMATS["yade-xml"], BOX / "state.xml.gz"),
+        frame_of(FORMATS["yade-xml"], PERIODIC / "state.xml.gz"),
+        frame_of(FORMATS["yade-vtk"], BOX / "exporter-spheres-00000000.vtk"),
     ],
 )
 def test_files_of_yade_have_the_increment_radii(frame):
@@ -100,7 +99,9 @@ def test_files_of_yade_have_the_increment_radii(frame):
 
 def test_recorder_has_the_increment_radii():
     pytest.importorskip("vtkmodules")
-    assert frame_of(vtk, BOX / "appended-spheres.77504.vtu").shear_increment == "radii"
+    assert (
+        frame_of(FORMATS["yade-vtk"], BOX / "appended-spheres.77504.vtu").shear_increment == "radii"
+    )
 
 
 def test_save_without_the_default_has_the_increment_branch(tmp_path):

@@ -14,7 +14,7 @@ import pytest
 
 from loops import InputError
 from patterns import read_snapshot, sample_path, write_snapshot
-from patterns.snapshots import yade_vtk as vtk
+from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.tables import read_table
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, write, write_arrays
 from tests.patterns.snapshots.yade_samples import BOX, frame_of
@@ -252,4 +252,4 @@ def test_a_bomb_of_gzip(tmp_path, monkeypatch):
 
 def test_the_sample_is_not_a_case():
     assert read_snapshot(sample_path()).graph.grain_count == 600
-    assert frame_of(vtk, BOX / "exporter-spheres-00000000.vtk").step == 0
+    assert frame_of(FORMATS["yade-vtk"], BOX / "exporter-spheres-00000000.vtk").step == 0

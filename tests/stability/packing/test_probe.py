@@ -6,7 +6,7 @@ import pytest
 from loops import InputError, LinearFrictional, affine_tangent, find_faces
 from loops.packing import factorised
 from patterns.diamond import tangent
-from patterns.diamond.tangents import elastic_moduli, sliding_moduli
+from patterns.diamond.closed_form import elastic_moduli, sliding_moduli
 from stability import plane_cone, restrict
 from stability.packing import packing_response, probe, response, yield_response
 from stability.packing.response import CRITICAL, SCALED

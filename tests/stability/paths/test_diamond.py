@@ -25,8 +25,7 @@ from patterns.diamond import (
     tangent,
 )
 from patterns.diamond import drained_path as exact_drained_path
-from patterns.diamond.geometry import DIAMOND_SHEAR_SIGNS
-from patterns.diamond.tangents import drained_slope
+from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS, drained_slope
 from stability import Stage, follow, programmes
 from tests.oracles.diamond_forces import contact_forces
 from tests.oracles.diamond_general import drained_states

@@ -5,7 +5,7 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional
 from patterns import diamond, regular_polygon
-from patterns.diamond.geometry import work_compress_then_shear, work_shear_then_compress
+from patterns.diamond.closed_form import work_compress_then_shear, work_shear_then_compress
 from stability import Programme, Stage, follow, programmes
 
 CLOSURES = ("affine", "traction")

@@ -10,7 +10,7 @@ from loops import GrainGraph, InputError, LinearFrictional, Regime
 from patterns import diamond, regular_polygon
 from patterns.diamond import TABLE_1, DiamondParameters, determinant_elastic, overlap_ratio
 from patterns.diamond import drained_path as exact_drained_path
-from patterns.diamond.geometry import DIAMOND_SHEAR_SIGNS, opposite_contact_strain
+from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS, opposite_contact_strain
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.event_functions import first_crossing, polish
 from tests.oracles.diamond_general import drained_states

@@ -7,7 +7,7 @@ from loops import LinearFrictional
 from patterns import diamond, regular_polygon
 from patterns.diamond import DiamondParameters, angle_from_strains
 from patterns.diamond import drained_path as exact_drained_path
-from patterns.diamond.geometry import DIAMOND_SHEAR_SIGNS
+from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS
 from stability import Stage, follow, programmes
 from tests.tools.random_paths import random_scene
 

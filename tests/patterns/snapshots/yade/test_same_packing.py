@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from loops import euler_check, find_faces, love_weber_stress
-from patterns.snapshots import yade_save as yade_xml
-from patterns.snapshots import yade_vtk as yade_vtk
+from patterns.snapshots.formats import FORMATS
 from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
@@ -33,7 +32,7 @@ def pairs_of(snapshot):
 
 @pytest.mark.parametrize("folder", [BOX, PERIODIC], ids=names)
 def test_save_has_the_forces_of_the_tables(folder):
-    table, saved = table_of(folder), snapshot_of(yade_xml, folder / "state.xml.gz")
+    table, saved = table_of(folder), snapshot_of(FORMATS["yade-xml"], folder / "state.xml.gz")
     assert cycles(saved) == cycles(table)
     assert len(cycles(table)) > 15
     assert (pairs_of(saved) == pairs_of(table)).all()
@@ -51,7 +50,7 @@ def test_save_has_the_forces_of_the_tables(folder):
 
 
 def test_save_has_the_cell_and_the_images_of_the_tables():
-    table, saved = table_of(PERIODIC), snapshot_of(yade_xml, PERIODIC / "state.xml.gz")
+    table, saved = table_of(PERIODIC), snapshot_of(FORMATS["yade-xml"], PERIODIC / "state.xml.gz")
     assert np.abs(saved.graph.cell - table.graph.cell).max() < 1e-15
     assert saved.graph.cell[0, 1] != 0
     assert saved.graph.images.any()
@@ -62,7 +61,7 @@ def test_save_has_the_cell_and_the_images_of_the_tables():
 
 
 def test_save_has_the_walls_of_the_tables():
-    table, saved = table_of(BOX), snapshot_of(yade_xml, BOX / "state.xml.gz")
+    table, saved = table_of(BOX), snapshot_of(FORMATS["yade-xml"], BOX / "state.xml.gz")
     assert saved.wall_contacts == table.wall_contacts == 18
     orders = [np.lexsort([*w.force.T, w.grain]) for w in (saved.walls, table.walls)]
     for name in ("grain", "force", "branch"):
@@ -81,7 +80,7 @@ def test_walls_hold_the_grains():
 
 @pytest.mark.parametrize("path", RECORDED, ids=names)
 def test_recorder_has_the_normal_forces_of_the_tables(path):
-    table, recorded = table_of(BOX), snapshot_of(yade_vtk, path)
+    table, recorded = table_of(BOX), snapshot_of(FORMATS["yade-vtk"], path)
     assert cycles(recorded) == cycles(table)
     assert (pairs_of(recorded) == pairs_of(table)).all()
     expected = by_pair(table, table.graph.normal_force)
@@ -94,7 +93,7 @@ def test_recorder_has_the_normal_forces_of_the_tables(path):
 
 
 def test_recorder_notes_name_missing_data():
-    recorded = snapshot_of(yade_vtk, RECORDED[0])
+    recorded = snapshot_of(FORMATS["yade-vtk"], RECORDED[0])
     assert recorded.wall_contacts == 0
     assert recorded.step == 77504
     text = "; ".join(recorded.notes)
@@ -104,7 +103,7 @@ def test_recorder_notes_name_missing_data():
 
 
 def test_exporter_has_the_forces_of_the_tables():
-    table, exported = table_of(BOX), snapshot_of(yade_vtk, EXPORTED)
+    table, exported = table_of(BOX), snapshot_of(FORMATS["yade-vtk"], EXPORTED)
     assert cycles(exported) == cycles(table)
     assert (pairs_of(exported) == pairs_of(table)).all()
     assert exported.wall_contacts == table.wall_contacts

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns.snapshots import yade_vtk as yade_vtk
 from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.yade_vtk import read_vtk
+from patterns.snapshots.formats import FORMATS
+from patterns.snapshots.yade_vtk import is_yade_vtk, read_vtk
 from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
@@ -49,8 +49,8 @@ def written(folder, mode, compressor, words, order="<", lines=None):
 @pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended", "AppendedRaw"])
 @pytest.mark.parametrize(("words", "order"), [(32, "<"), (64, "<"), (32, ">")])
 def test_every_encoding_of_vtk(tmp_path, mode, compressor, words, order):
-    frame = frame_of(yade_vtk, written(tmp_path, mode, compressor, words, order)[0])
-    expected = frame_of(yade_vtk, SPHERES)
+    frame = frame_of(FORMATS["yade-vtk"], written(tmp_path, mode, compressor, words, order)[0])
+    expected = frame_of(FORMATS["yade-vtk"], SPHERES)
     for table, other in ((frame.grains, expected.grains), (frame.contacts, expected.contacts)):
         assert table.names == other.names
         for name in table.names:
@@ -72,7 +72,7 @@ def test_surplus_values_are_seen_in_every_encoding(tmp_path, mode, compressor):
 def test_periodic_fault_is_refused_with_reason_and_remedy(name):
     # 32 lines inside the cell, 11 contacts across its border with two values each.
     with pytest.raises(InputError, match="32 lines and 54 values of forceN") as error:
-        frame_of(yade_vtk, PERIODIC / name)
+        frame_of(FORMATS["yade-vtk"], PERIODIC / name)
     assert "periodic cell" in error.value.remedy
     assert "docs/yade.md" in error.value.remedy
 
@@ -81,7 +81,7 @@ def test_ghosts_of_a_periodic_border_are_refused(tmp_path):
     """Lines that end beyond the border, as a recorder without the fault would draw them."""
     copy = changed(TEXT, tmp_path, *point_moved())
     with pytest.raises(InputError, match=r"\d+ of 57 lines that end at no sphere"):
-        frame_of(yade_vtk, SPHERES, contacts=copy)
+        frame_of(FORMATS["yade-vtk"], SPHERES, contacts=copy)
 
 
 def point_moved():
@@ -93,7 +93,7 @@ def point_moved():
 def test_gzip_of_both_files(tmp_path):
     for path in (SPHERES, LINES):
         (tmp_path / f"{path.name}.gz").write_bytes(gzip.compress(path.read_bytes()))
-    found = snapshot_of(yade_vtk, tmp_path / f"{SPHERES.name}.gz")
+    found = snapshot_of(FORMATS["yade-vtk"], tmp_path / f"{SPHERES.name}.gz")
     assert cycles(found) == cycles(table_of(BOX))
 
 
@@ -124,7 +124,7 @@ def test_ids_are_those_of_the_file_not_its_order(tmp_path):
     piece = read_vtk(SPHERES)
     order = np.random.default_rng(5).permutation(len(piece.points))
     recorded(tmp_path, order, piece.points_data["id"])
-    shuffled = snapshot_of(yade_vtk, tmp_path / SPHERES.name, contacts=LINES)
+    shuffled = snapshot_of(FORMATS["yade-vtk"], tmp_path / SPHERES.name, contacts=LINES)
     assert cycles(shuffled) == cycles(table_of(BOX))
     assert (shuffled.ids == np.sort(order)).all()
 
@@ -134,45 +134,45 @@ def test_ids_of_19_digits_keep_every_digit(tmp_path):
     count = len(read_vtk(SPHERES).points)
     ids = 2**62 + 1 + 3 * np.arange(count)
     path = recorded(tmp_path, np.arange(count), ids)
-    assert (snapshot_of(yade_vtk, path, contacts=LINES).ids == ids).all()
+    assert (snapshot_of(FORMATS["yade-vtk"], path, contacts=LINES).ids == ids).all()
     path = recorded(tmp_path, np.arange(count), ids.astype(float))
     with pytest.raises(InputError, match=r"column 'id' .*\.vtu, row 0: got 4.6.*below 2\*\*63"):
-        snapshot_of(yade_vtk, path, contacts=LINES)
+        snapshot_of(FORMATS["yade-vtk"], path, contacts=LINES)
 
 
 def test_files_of_two_snapshots(tmp_path):
     with pytest.raises(InputError, match=r"end at none of the spheres.*same iteration"):
-        frame_of(yade_vtk, PERIODIC / "appended-spheres.134672.vtu", contacts=LINES)
+        frame_of(FORMATS["yade-vtk"], PERIODIC / "appended-spheres.134672.vtu", contacts=LINES)
 
 
 def test_no_interactions_beside(tmp_path):
     shutil.copy(SPHERES, tmp_path)
     with pytest.raises(InputError, match=r"appended-intrs.77504.vtp.*Record 'intr'"):
-        frame_of(yade_vtk, tmp_path / SPHERES.name)
+        frame_of(FORMATS["yade-vtk"], tmp_path / SPHERES.name)
 
 
 def test_lines_given_for_spheres(tmp_path):
     with pytest.raises(InputError, match="file of the spheres"):
-        frame_of(yade_vtk, LINES)
+        frame_of(FORMATS["yade-vtk"], LINES)
     copy = changed(BOX / "ascii-spheres.77504.vtu", tmp_path, b'"radii"', b'"weight"')
     with pytest.raises(InputError, match=r"points with weight, id.*spheres with 'radii'"):
-        frame_of(yade_vtk, copy, contacts=LINES)
+        frame_of(FORMATS["yade-vtk"], copy, contacts=LINES)
 
 
 def test_multiblock_needs_both_blocks(tmp_path):
     path = BOX / "multi-77504.vtm"
     copy = changed(path, tmp_path, b"_1.vtp", b"_1.vtu")
     with pytest.raises(InputError, match=r"2 .vtu and 0 .vtp blocks"):
-        frame_of(yade_vtk, copy)
+        frame_of(FORMATS["yade-vtk"], copy)
     shutil.copy(path, tmp_path)
     with pytest.raises(InputError, match="no such file"):
-        frame_of(yade_vtk, tmp_path / path.name)
+        frame_of(FORMATS["yade-vtk"], tmp_path / path.name)
 
 
 def test_without_vtk_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "vtkmodules.vtkIOXML", None)
     with pytest.raises(InputError, match="pip install vtk"):
-        frame_of(yade_vtk, SPHERES)
+        frame_of(FORMATS["yade-vtk"], SPHERES)
 
 
 def test_a_line_from_a_sphere_to_itself(tmp_path):
@@ -182,7 +182,7 @@ def test_a_line_from_a_sphere_to_itself(tmp_path):
     same = b" ".join([first[0], first[0], *first[2:]])
     copy = changed(TEXT, tmp_path, lines[section + 2], same)
     with pytest.raises(InputError, match="from a sphere to itself"):
-        frame_of(yade_vtk, SPHERES, contacts=copy)
+        frame_of(FORMATS["yade-vtk"], SPHERES, contacts=copy)
 
 
 def test_forces_that_are_no_numbers(tmp_path):
@@ -190,18 +190,20 @@ def test_forces_that_are_no_numbers(tmp_path):
     row = next(k for k, line in enumerate(lines) if b'Name="forceN"' in line) + 1
     copy = changed(TEXT, tmp_path, lines[row], b" ".join([b"nan", *lines[row].split()[1:]]))
     with pytest.raises(InputError, match="no finite forces"):
-        frame_of(yade_vtk, SPHERES, contacts=copy)
+        frame_of(FORMATS["yade-vtk"], SPHERES, contacts=copy)
 
 
 def test_without_forces_the_geometry_is_left(tmp_path):
     copy = changed(TEXT, tmp_path, b'"forceN"', b'"something"')
-    found = snapshot_of(yade_vtk, SPHERES, contacts=copy)
+    found = snapshot_of(FORMATS["yade-vtk"], SPHERES, contacts=copy)
     assert cycles(found) == cycles(table_of(BOX))
     assert found.law is None and not found.graph.normal_force.any()
 
 
 def test_frictionless_grains_have_all_their_forces():
-    found = build_snapshot(frame_of(yade_vtk, SPHERES), Parameters(kn=4e5, kt=2e5, mu=0.0))
+    found = build_snapshot(
+        frame_of(FORMATS["yade-vtk"], SPHERES), Parameters(kn=4e5, kt=2e5, mu=0.0)
+    )
     assert found.law is not None and found.graph.normal_force.any()
 
 
@@ -231,7 +233,7 @@ def test_damaged_files_raise_the_one_error_or_read(tmp_path, path):
         copy.write_bytes(bytes(damaged))
         source = {"contacts": LINES} if path == SPHERES else {"contacts": copy}
         try:
-            snapshot_of(yade_vtk, copy if path == SPHERES else SPHERES, **source)
+            snapshot_of(FORMATS["yade-vtk"], copy if path == SPHERES else SPHERES, **source)
         except InputError as error:
             assert "\n" not in str(error)
 
@@ -250,5 +252,5 @@ def test_recognised_by_content():
         BOX / "multi-77504.vtm",
         BOX / "exporter-spheres-00000000.vtk",
     ):
-        assert yade_vtk.recognises(path, path.read_bytes()[:4096])
-    assert not yade_vtk.recognises(BOX / "x.vtu", b"<boost_serialization>")
+        assert is_yade_vtk(path, path.read_bytes()[:4096])
+    assert not is_yade_vtk(BOX / "x.vtu", b"<boost_serialization>")

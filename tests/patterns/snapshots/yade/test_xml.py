@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns.snapshots import yade_save as yade_xml
 from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.frame import Source
-from patterns.snapshots.yade_save import read_save
+from patterns.snapshots.yade_save import frame_of_save, is_yade_save, read_save
 from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
@@ -37,24 +36,24 @@ def saved(folder, text, name="state.xml"):
 def test_plain_and_packed(tmp_path, ending):
     pack = {"": bytes, ".bz2": bz2.compress, ".gz": gzip.compress}[ending]
     path = saved(tmp_path, pack(TEXT), f"state.xml{ending}")
-    assert cycles(snapshot_of(yade_xml, path)) == cycles(table_of(BOX))
+    assert cycles(snapshot_of(FORMATS["yade-xml"], path)) == cycles(table_of(BOX))
     head = TEXT[:4096] if ending == ".gz" else path.read_bytes()[:4096]
-    assert yade_xml.recognises(path, head)
+    assert is_yade_save(path, head)
 
 
 def test_step_and_notes():
-    frame = frame_of(yade_xml, SAVE)
+    frame = frame_of(FORMATS["yade-xml"], SAVE)
     assert frame.step == 77504
     assert frame.cell is None
     assert frame.notes == ("bodies taken as walls: Wall",)
-    assert frame_of(yade_xml, PERIODIC / "state.xml.gz").notes == ()
+    assert frame_of(FORMATS["yade-xml"], PERIODIC / "state.xml.gz").notes == ()
 
 
 def test_positions_of_another_snapshot_are_noted(tmp_path):
     position = TEXT[TEXT.index(b"<position>") : TEXT.index(b"</position>")]
     x = position[position.index(b"<x>") + 3 : position.index(b"</x>")]
     moved = position.replace(x, f"{float(x) + 1e-7:.17e}".encode())
-    frame = frame_of(yade_xml, changed(SAVE, tmp_path, position, moved))
+    frame = frame_of(FORMATS["yade-xml"], changed(SAVE, tmp_path, position, moved))
     assert any("one step older" in note for note in frame.notes)
 
 
@@ -62,22 +61,22 @@ def test_positions_of_another_snapshot_are_noted(tmp_path):
 def test_truncated(tmp_path, share):
     path = saved(tmp_path, TEXT[: int(share * len(TEXT))])
     with pytest.raises(InputError, match=r"ends or breaks|no <boost|no <scene>"):
-        frame_of(yade_xml, path)
+        frame_of(FORMATS["yade-xml"], path)
     packed = SAVE.read_bytes()
     path = saved(tmp_path, packed[: int(share * len(packed))], "state.xml.gz")
     with pytest.raises(InputError, match=r"truncated|ends or breaks"):
-        frame_of(yade_xml, path)
+        frame_of(FORMATS["yade-xml"], path)
     packed = bz2.compress(TEXT)
     path = saved(tmp_path, packed[: int(share * len(packed))], "state.xml.bz2")
     with pytest.raises(InputError, match=r"truncated|ends or breaks|no <boost"):
-        frame_of(yade_xml, path)
+        frame_of(FORMATS["yade-xml"], path)
 
 
 def test_missing_and_empty(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        frame_of(yade_xml, tmp_path / "state.xml")
+        frame_of(FORMATS["yade-xml"], tmp_path / "state.xml")
     with pytest.raises(InputError, match="an empty file"):
-        frame_of(yade_xml, saved(tmp_path, b""))
+        frame_of(FORMATS["yade-xml"], saved(tmp_path, b""))
 
 
 def test_entities_are_refused(tmp_path):
@@ -85,18 +84,18 @@ def test_entities_are_refused(tmp_path):
     assert b"<!DOCTYPE boost_serialization>" in TEXT
     path = saved(tmp_path, TEXT.replace(b"<!DOCTYPE boost_serialization>", bomb))
     with pytest.raises(InputError, match="declarations of entities"):
-        frame_of(yade_xml, path)
+        frame_of(FORMATS["yade-xml"], path)
     path = saved(tmp_path, b" " * 70000 + TEXT.replace(b"<!DOCTYPE boost_serialization>", bomb))
     with pytest.raises(InputError, match="no <boost_serialization>"):
-        frame_of(yade_xml, path)
+        frame_of(FORMATS["yade-xml"], path)
 
 
 def test_binary_save_is_refused_with_the_way_out(tmp_path):
     head = b"\x16\x00\x00\x00\x00\x00\x00\x00serialization::archive\x12\x00"
     path = saved(tmp_path, gzip.compress(head + bytes(500)), "state.yade.gz")
-    assert yade_xml.recognises(path, head)
+    assert is_yade_save(path, head)
     with pytest.raises(InputError, match=r"binary save.*O\.load.*docs/yade\.md"):
-        frame_of(yade_xml, path)
+        frame_of(FORMATS["yade-xml"], path)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +113,7 @@ def test_binary_save_is_refused_with_the_way_out(tmp_path):
 def test_errors_of_other_serialisations_name_the_missing_element(tmp_path, old, new, message):
     with pytest.raises(InputError, match=message) as error:
         renamed = re.sub(rf"(</?){old}\b".encode(), rf"\1{new}".encode(), TEXT)
-        frame_of(yade_xml, saved(tmp_path, renamed))
+        frame_of(FORMATS["yade-xml"], saved(tmp_path, renamed))
     assert "docs/yade.md" in error.value.remedy
 
 
@@ -123,31 +122,34 @@ def test_numbers_that_are_none(tmp_path):
     for wrong in (b"<kn>nan</kn>", b"<kn>soft</kn>", b"<kn></kn>"):
         path = saved(tmp_path, TEXT[:start] + wrong + TEXT[stop:])
         with pytest.raises(InputError, match="<kn>"):
-            frame_of(yade_xml, path)
+            frame_of(FORMATS["yade-xml"], path)
 
 
 def test_clumps_are_refused(tmp_path):
     path = saved(tmp_path, TEXT.replace(b"<clumpId>-1<", b"<clumpId>7<", 1))
     with pytest.raises(InputError, match="body 0 in a clump"):
-        frame_of(yade_xml, path)
+        frame_of(FORMATS["yade-xml"], path)
 
 
 def test_no_interactions(tmp_path):
     scene = TEXT.replace(b"<id1>", b"<first>").replace(b"</id1>", b"</first>")
     with pytest.raises(InputError, match="no interaction with forces"):
-        frame_of(yade_xml, saved(tmp_path, scene))
+        frame_of(FORMATS["yade-xml"], saved(tmp_path, scene))
 
 
 def test_friction_is_left_out_where_a_law_has_none(tmp_path):
     text = TEXT.replace(b"tangensOfFrictionAngle>", b"cohesion>")
-    frame = frame_of(yade_xml, saved(tmp_path, text))
+    frame = frame_of(FORMATS["yade-xml"], saved(tmp_path, text))
     assert not frame.contacts.has("mu")
     assert frame.contacts.has("kn", "ks")
 
 
 def test_older_class_names(tmp_path):
-    frame = frame_of(yade_xml, saved(tmp_path, TEXT.replace(b'"yade::', b'"')))
-    assert frame.contacts.column("fn").sum() == frame_of(yade_xml, SAVE).contacts.column("fn").sum()
+    frame = frame_of(FORMATS["yade-xml"], saved(tmp_path, TEXT.replace(b'"yade::', b'"')))
+    assert (
+        frame.contacts.column("fn").sum()
+        == frame_of(FORMATS["yade-xml"], SAVE).contacts.column("fn").sum()
+    )
 
 
 def test_shared_shapes(tmp_path):
@@ -157,12 +159,14 @@ def test_shared_shapes(tmp_path):
     start, stop = objects[1], TEXT.index(b"</shape>", objects[1])
     name = TEXT[TEXT.index(b'object_id="', objects[0]) + 11 :].split(b'"')[0]
     shared = b'<shape><px class_id_reference="1" object_id_reference="' + name + b'"></px>'
-    radii = frame_of(yade_xml, saved(tmp_path, TEXT[:start] + shared + TEXT[stop:])).grains
-    first = frame_of(yade_xml, SAVE).grains.column("radius")[0]
+    radii = frame_of(
+        FORMATS["yade-xml"], saved(tmp_path, TEXT[:start] + shared + TEXT[stop:])
+    ).grains
+    first = frame_of(FORMATS["yade-xml"], SAVE).grains.column("radius")[0]
     assert radii.column("radius")[:2].tolist() == [first, first]
     lost = shared.replace(name, b"_x")
     with pytest.raises(InputError, match="no shape _x"):
-        frame_of(yade_xml, saved(tmp_path, TEXT[:start] + lost + TEXT[stop:]))
+        frame_of(FORMATS["yade-xml"], saved(tmp_path, TEXT[:start] + lost + TEXT[stop:]))
 
 
 def test_walls_come_first_in_any_order_of_the_file(tmp_path):
@@ -172,13 +176,13 @@ def test_walls_come_first_in_any_order_of_the_file(tmp_path):
     assert any(row[0] in walls for row in scene.interactions)
     for row in scene.interactions:
         row[8:10] = [-3 * row[3], 3 * row[2]]
-    expected = yade_xml.frame_of_save(Source(SAVE), scene).contacts
+    expected = frame_of_save(Source(SAVE), scene).contacts
     for row in scene.interactions:
         if row[0] in walls:
             row[0], row[1] = row[1], row[0]
             for k in (2, 3, 6, 7, 8, 9, 10, 11):
                 row[k] = -row[k]
-    found = yade_xml.frame_of_save(Source(SAVE), scene).contacts
+    found = frame_of_save(Source(SAVE), scene).contacts
     for name in expected.names:
         assert (found.column(name) == expected.column(name)).all()
 
@@ -195,7 +199,7 @@ def test_branch_from_the_foot_on_the_wall(shape):
     scene.interactions = [
         [1, 0, 0.0, 1.0, 5.0, point, 0.0, 50.0, 7.0, 0.0, 0, 0, 500.0, 250.0, 0.5]
     ]
-    contacts = yade_xml.frame_of_save(Source(SAVE), scene).contacts
+    contacts = frame_of_save(Source(SAVE), scene).contacts
     assert contacts.column("branch_y")[0] == pytest.approx(0.9, rel=1e-15)
     assert contacts.column("branch_x")[0] == 0
     assert contacts.column("fx_on_2")[0] == 7
@@ -206,7 +210,7 @@ def test_an_interaction_with_a_body_that_is_not_there():
     scene = read_save(SAVE)
     scene.bodies = scene.bodies[1:]
     with pytest.raises(InputError, match=r"interaction .*a body that is not saved"):
-        yade_xml.frame_of_save(Source(SAVE), scene)
+        frame_of_save(Source(SAVE), scene)
 
 
 def test_damaged_saves_raise_the_one_error_or_read(tmp_path):
@@ -217,7 +221,7 @@ def test_damaged_saves_raise_the_one_error_or_read(tmp_path):
         for at in rng.integers(len(text), size=3):
             damaged[at] = int(rng.integers(32, 127))
         try:
-            snapshot_of(yade_xml, saved(tmp_path, bytes(damaged)))
+            snapshot_of(FORMATS["yade-xml"], saved(tmp_path, bytes(damaged)))
         except InputError as error:
             assert "\n" not in str(error)
 
