@@ -53,7 +53,11 @@ def held_snapshot(
             vars(noted)["faces"] = snapshot.faces
         return noted, None
     if outline is not None:
-        expected, remedy = "a periodic cell or known walls", "Give --cell, or the wall contacts."
+        expected = "a periodic cell or known walls, no free surface"
+        remedy = (
+            "Give --cell, or the wall contacts. A sample that rests under its weight cannot be "
+            "held: probe it as it is, its outline follows the strain."
+        )
         raise InputError("--hold", "a sample whose walls are not known", expected, remedy)
     area = None if walls is None else box_area(snapshot.graph.x, walls)
     force = None if walls is None else walls.force
