@@ -64,9 +64,9 @@ def test_equations_name_code_that_the_reference_shows():
         for path in said.get("code", ()):
             assert callable(named(path)), (number, path)
             assert {path, path.rpartition(".")[0]} & in_reference, path
-    # Steps of a derivation, statements on any code, and 11.17 of `tests.tools`.
+    # Steps of a derivation, and statements on any code.
     unnamed = {number for number, said in EQUATIONS.items() if "code" not in said}
-    assert unnamed == {"2.7", "3.2", "5.4", "5.23", "8.3", "11.9", "11.17"}
+    assert unnamed == {"2.7", "3.2", "5.4", "5.23", "8.3", "11.9"}
 
 
 def test_citations_of_equations_lead_somewhere():
