@@ -137,7 +137,10 @@ def test_where_and_why_a_path_ends_is_one_sentence(small, tmp_path, monkeypatch,
     )
 
 
-@pytest.mark.parametrize("many", [100_000, 1], ids=["drawn", "painted"])
+@pytest.mark.parametrize(
+    "many",
+    [pytest.param(100_000, id="drawn"), pytest.param(1, id="painted", marks=pytest.mark.slow)],
+)
 def test_an_animation_has_a_frame_a_row(small, tmp_path, monkeypatch, many):
     """A small file of its own; the frames differ."""
     monkeypatch.setattr("studies.snapshot.loop_map.PAINT_LIMIT", many)

@@ -108,6 +108,7 @@ def test_orders_share_the_samples_work(results):
     assert np.allclose(loops["additive_w"] * loops["area"], loops["W2"] * volume)
 
 
+@pytest.mark.slow
 def test_by_events_probes_come_to_yades(tmp_path):
     """Two of Yade's own probes to 5e-5 from a held state; one rate problem misses by 0.5 %."""
     snapshot, rows = state("before")

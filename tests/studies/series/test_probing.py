@@ -36,6 +36,7 @@ def test_undetermined_directions_are_marked():
         assert ax.get_legend() is None and not ax.texts
 
 
+@pytest.mark.slow
 def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path, unsaved):
     out = tmp_path / "out"
     predict(out, PATHS[:2], in_packing=False, probe=12, figures=True)
