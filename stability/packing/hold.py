@@ -135,7 +135,8 @@ def hold(
     A state with an unbalanced force above some 5e-4 is on its way: its rates are not those of an
     equilibrium. It is held at fixed cell, or between walls that stand still, or at fixed stress,
     with Cundall's damping until the unbalanced force is below the bound. A second run with the
-    other damping tells how far the state at rest depends on the way there. Theory, section 12.2.
+    other damping tells how far the state at rest depends on the way there. Theory, equations
+    (11.14) and (11.18).
 
     Parameters
     ----------

@@ -203,7 +203,7 @@ class IncrementalPacking:
             if k == ROOM:
                 raise ArithmeticError("more changes of regime at once than there is room for")
             if row not in self.ready:
-                self._solve_ahead(row)
+                self._solve_ahead([row, *self._next_rows()])
             self.rows[k] = row
             self.at[row] = k
             self.U[k] = self.ready.pop(row)
@@ -211,24 +211,33 @@ class IncrementalPacking:
             kernels.mutual_rates(self.frame, pairs, self.V, self.U, self.base, self.mutual)
         return self.at[row]
 
-    def _solve_ahead(self, row: int) -> None:
-        """Solve for the column of a row, and for those of the events that come next."""
-        from stability.compiled.packing_columns import unit_force
+    def columns(self, rows: list[int]) -> list[int]:
+        """Numbers of the columns of these rows."""
+        new = [r for r in rows if r not in self.at and r not in self.ready]
+        for k in range(0, len(new), BATCH):
+            self._solve_ahead(new[k : k + BATCH])
+        return [self.column(row) for row in rows]
 
+    def _next_rows(self) -> list[int]:
+        """Rows that change at the events that come next."""
         time = self.time_to_event
         pairs = len(time)
         soon = np.argpartition(time, min(4 * BATCH, pairs - 1))[: 4 * BATCH]
-        wanted = [row]
+        rows: list[int] = []
         for c in soon[np.argsort(time[soon])].tolist():
             # Yield changes the shear row, opening and closing change both.
-            rows = (pairs + c,) if self.regime[c] == ELASTIC else (c, pairs + c)
             if np.isfinite(time[c]):
-                wanted += [r for r in rows if r not in self.at and r not in self.ready and r != row]
+                rows += (pairs + c,) if self.regime[c] == ELASTIC else (c, pairs + c)
+        return rows
+
+    def _solve_ahead(self, rows: list[int]) -> None:
+        """Solve for the columns of the first eight of these rows that have none."""
+        from stability.compiled.packing_columns import unit_force
+
+        new = [r for r in dict.fromkeys(rows) if r not in self.at and r not in self.ready][:BATCH]
         x = np.zeros((self.U.shape[1], BATCH))
-        first = [
-            unit_force(self.frame, r, self.into, x[:, k]) for k, r in enumerate(wanted[:BATCH])
-        ]
-        self.ready.update(zip(wanted, self._solved_in_place(x, min(first)), strict=False))
+        first = [unit_force(self.frame, r, self.into, x[:, k]) for k, r in enumerate(new)]
+        self.ready.update(zip(new, self._solved_in_place(x, min(first)), strict=False))
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
         """Change the regime of a pair, and the sign of its slip."""

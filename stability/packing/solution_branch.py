@@ -6,7 +6,7 @@ and `w` are linear in `h`: a segment of the circle on which all stay positive. W
 vanishes, its contact changes regime. With `d` the diagonal entry of the principal transform of `M`
 there, the branch of solutions goes on in the same sense if `d > 0` and turns back if `d < 0`, a
 fold: two solutions on one side of that direction, none of this branch on the other. Theory,
-section 12.1 of the packing's rate problem.
+equations (11.15) and (11.16).
 """
 
 from __future__ import annotations

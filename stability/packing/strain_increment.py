@@ -9,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from loops.arrays import Floats, Integers, Regimes
+from stability.packing.complementarity import solve_complementarity
 from stability.packing.incremental_packing import (
     ELASTIC,
     OPEN,
     RANK,
+    ROOM,
     SLIDING,
     Combination,
     IncrementalPacking,
@@ -54,11 +56,14 @@ class InstabilityError(Exception):
 
 
 class UnsolvedError(Exception):
-    """A pivot met no end: the motion that nothing stops, and whether det K changes sign."""
+    """No regimes agree, or none were found: the motion of a pivot that nothing stops.
 
-    def __init__(self, contact: int, motion: Floats, turns: bool) -> None:
-        super().__init__("the rate problem has no solution")
-        self.contact, self.motion, self.turns = contact, motion, turns
+    `turns` tells whether det K changes sign, `proof` why there are none (`Complementarity`).
+    """
+
+    def __init__(self, contact: int, motion: Floats, turns: bool, proof: str) -> None:
+        super().__init__("the rate problem has no solution" if proof else "no solution was found")
+        self.contact, self.motion, self.turns, self.proof = contact, motion, turns, proof
 
 
 class MixedControl(NamedTuple):
@@ -369,7 +374,8 @@ def pivot(
     The method of Cottle and Dantzig: the slip rate of the contact (or the distance of its rates
     from the cone) is raised from zero until it agrees with its regime, and others change regime
     where they would disagree. `critical` are the pairs at yield that agree, or have an event to
-    come.
+    come. Where that meets no end, the regimes of all of them are sought
+    (`stability.packing.complementarity`), for there may be some.
     """
     others = critical[critical != c]
     every = np.append(others, c)
@@ -407,11 +413,40 @@ def pivot(
             break
     for other in changed:
         packing.flip(other)
+    solved = solve_complementarity(*slip_problem(packing, control, every))
+    for active in solved.active[:1]:
+        wrong = every[active != (packing.regime[every] == SLIDING)].tolist()
+        for other in wrong:
+            packing.flip(other)
+        return wrong
     turns = packing.sign(control.stress, control.strain)
     packing.flip(c)
     turns *= packing.sign(control.stress, control.strain)
     packing.flip(c)
-    raise UnsolvedError(c, packing.motion(unit), turns < 0)
+    raise UnsolvedError(c, packing.motion(unit), turns < 0, solved.proof)
+
+
+def slip_problem(
+    packing: IncrementalPacking, control: MixedControl, contacts: Integers
+) -> tuple[Floats, Floats]:
+    """`q` (m,), `M` (m, m) of `w = q + M z`, of contacts at yield on their sides of slip.
+
+    `w` are rates of the distance from the friction limit, `z` slip rates times the shear
+    stiffness.
+    """
+    rows = (len(packing.frame) + contacts).tolist()
+    if len(packing.at.keys() | rows) > ROOM:
+        packing.factorise()
+    sliding = contacts[packing.regime[contacts] == SLIDING].tolist()
+    for c in sliding:
+        packing.flip(c)
+    units = packing.columns(rows)
+    rates = [packing.driven(control.stress, control.strain, k) for k in units]
+    value = packing.edge((packing.solve(*control), *rates), contacts)
+    for c in sliding:
+        packing.flip(c)
+    # A force -s on the shear row is one unit of slip.
+    return value[:, 0], np.eye(len(contacts)) - packing.side[contacts] * value[:, 1:]
 
 
 def disagreeing(
@@ -430,4 +465,5 @@ def _mode(stop: UnsolvedError) -> str:
     square = np.sum(u**2, axis=1)
     share = float(square.sum() ** 2 / max(float(np.sum(square**2)), 1e-300))
     turns = "changes sign" if stop.turns else "keeps its sign"
-    return f"no regimes agree: {share:.0f} grains take part, det K {turns}"
+    none = "no regimes agree" if stop.proof else "no regimes that agree were found"
+    return f"{none}: {share:.0f} grains take part, det K {turns}"

@@ -1,16 +1,19 @@
 """Pivots against enumeration: regimes of contacts at yield that agree with their rates."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from scipy import sparse
 
+from stability import follow
 from stability.compiled import packing_rates
 from stability.packing import packing_response
 from stability.packing.incremental_packing import ELASTIC, IncrementalPacking
 from stability.packing.pairs import contact_pairs
 from stability.packing.state import start_state
 from stability.packing.strain_increment import MixedControl, UnsolvedError, disagreeing, pivot
-from tests.packings import LAW, packing
+from tests.packings import LAW, jammed, packing, strained
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)
 HELD = np.diag([1.0, 0, 0, 0])
@@ -88,3 +91,53 @@ def test_a_pivot_without_a_solution_changes_no_regime(seed):
         signs.append(np.linalg.slogdet(stiffness(frozen))[0])
         frozen.flip(c)
     assert stop.value.turns == (signs[0] != signs[1])
+
+
+STRAINS = [np.diag([1.0, 0.0]), np.diag([1.0, -1.0]), np.array([[0.3, 0.5], [0.2, -0.6]])]
+SMALL = [
+    (grains, seed, draw)
+    for grains, seed in ((12, 1), (16, 2), (24, 3), (36, 5))
+    for draw in range(9)
+]
+
+
+def yielding(grains, seed, draw):
+    """A jammed packing with a random share of its contacts brought to yield."""
+    graph, rng = jammed(grains, seed), np.random.default_rng(draw)
+    most = LAW.mu * graph.normal_force
+    chosen = rng.random(len(most)) < (0.15, 0.3, 0.5)[draw % 3]
+    shear = np.where(chosen, rng.choice([-1, 1], len(most)) * most, 0.9 * graph.shear_force)
+    return graph.replace(shear_force=np.clip(shear, -most, most))
+
+
+def held_to_the_rate_problem(cases):
+    """Ask paths for their start, and the rate problem there; statuses, how many paths go on."""
+    seen = Counter()
+    for grains, seed, draw in cases:
+        graph = yielding(grains, seed, draw)
+        for H in STRAINS:
+            path = follow(
+                graph, LAW, strained(1e-8 * H), closure="packing", rows=1, interval=1e-8,
+                instabilities=1, past="stop",
+            )  # fmt: skip
+            start = path.states[0].graph()
+            found = packing_response(start, LAW, H, yield_band=1.0 - 1e-6)
+            if found.status in ("unique", "several", "one found"):
+                assert path.status == "finished", (grains, seed, draw, path.message)
+            if found.status == "none":
+                assert path.status == "instabilities" and "no regimes agree" in path.message
+            seen[found.status, path.status] += 1
+    return seen
+
+
+def test_a_path_finds_the_solution_that_pivots_miss():
+    """Raising the slip of one contact ends nowhere here; another set of sliding contacts agrees."""
+    seen = held_to_the_rate_problem([(16, 2, 1)])
+    assert seen["unique", "finished"] == 3
+
+
+@pytest.mark.slow
+def test_paths_of_small_packings_go_on_wherever_a_solution_is_known():
+    seen = held_to_the_rate_problem(SMALL)
+    assert seen["unique", "finished"] > 50 and seen["several", "finished"] > 15
+    assert seen["none", "instabilities"] > 0
