@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
@@ -15,8 +16,8 @@ from loops import Faces, InputError
 from loops.arrays import Floats
 from patterns import Snapshot
 from stability import COMPONENTS, Stage, follow
-from stability.packing import LoopRates, PackingPath, loop_changes, replay
-from stability.packing.state import start_state
+from stability.packing import LoopRates, PackingPath, Replay, loop_changes, replay
+from stability.packing.state import PackingState, start_state
 from stability.paths.path import Event, Past
 from studies.output import definitions, readable
 from studies.paths.options import PROGRAMMES
@@ -78,77 +79,56 @@ def run_evolve(
     strain or stress that the path has reached.
     """
     asked = {
-        "programme": programme,
-        "axis": axis,
-        "to": to,
-        "rows": rows,
-        "interval": interval,
-        "instabilities": instabilities,
-        "past": past,
-        "by": by,
-    }
+        "programme": programme, "axis": axis, "to": to, "rows": rows, "interval": interval,
+        "instabilities": instabilities, "past": past, "by": by,
+    }  # fmt: skip
     one_of("--by", by, get_args(By))
     held_control = hold_control(hold, hold_stress)
     require_reach(programme, to, interval)
     stage, sense = stage_of(programme, axis, to), float(np.sign(to))
-    if programme.startswith("isotropic"):
-        component = "P11" if programme == "isotropic-stress" else "H11"
-    else:
-        component = f"H{axis}{axis}"
-    configuration = {
-        "paths": [*paths],
-        "cells": cells,
-        **reading(**how),
-        **asked,
-        "hold": held_control,
-    }
+    driven = driven_component(programme, axis)
+    options = reading(**how) | asked | {"hold": held_control}
+    configuration = {"paths": [*paths], "cells": cells, **options}
     with study("evolve", out, configuration, UNITS, force=force, csv=csv) as results:
-        first, *later = plan_series(paths, cells, reading(**how), times)
-        snapshot, held = held_snapshot(first.read(), held_control)
-        law, _ = snapshot.mechanics()
+        planned = plan_series(paths, cells, reading(**how), times)
+        snapshot, held = held_snapshot(planned[0].read(), held_control)
+        after = [one.read() for one in planned[1:]]
+        graph, faces, (law, _) = snapshot.graph, snapshot.faces, snapshot.mechanics()
         notes = [*snapshot.notes, *balance_notes(snapshot)]
-        planes, force_of_walls = followed_walls(snapshot)
-        after = [one.read() for one in later]
-        ways: dict[str, PackingPath] = {}
+        planes, plane_force = followed_walls(snapshot)
+        rate, ways = None, dict[str, Way]()
         if by != "replay":
-            ways["events"] = follow(
-                snapshot.graph,
-                law,
-                stage,
-                closure="packing",
-                max_steps=INTERVALS,
-                rows=rows,
-                interval=interval,
-                instabilities=instabilities,
-                past=past,
-                progress=progress,
-                planes=planes,
-                plane_force=force_of_walls,
-            )
-        rate: Rate | None = None
+            path = follow(
+                graph, law, stage, closure="packing", max_steps=INTERVALS, rows=rows,
+                interval=interval, instabilities=instabilities, past=past, progress=progress,
+                planes=planes, plane_force=plane_force,
+            )  # fmt: skip
+            ways["events"] = path_rows(path)
         if by != "events":
             known = Following(past, inertial_number, time_step, mean_mass)
-            rate = replay_rate(snapshot, after, [one.time for one in (first, *later)], known, stage)
-            ways["replay"] = replayed_path(snapshot, stage, rows, rate)
-        path = next(iter(ways.values()))
-        faces, driven = snapshot.faces, sense * path.parameter
-        changes = [loop_changes(snapshot.graph, state, faces) for state in path.states[1:]]
+            rate = replay_rate(snapshot, after, [one.time for one in planned], known, stage)
+            done = replay(
+                graph, law, stage, planes=planes, plane_force=plane_force, rows=rows, **rate.options
+            )
+            ways["replay"] = replay_rows(done, stage, rate)
+        # Tables and map are those of the first way.
+        way = next(iter(ways.values()))
+        changes = [loop_changes(graph, state, faces) for state in way.states[1:]]
         tables = {
-            "path": packing_path_table(path, driven),
-            "events": event_table(path, snapshot.ids, sense),
-            "loops": change_table(changes, faces, driven),
+            "path": path_table(way, sense),
+            "events": event_table(way, snapshot.ids, sense),
+            "loops": change_table(changes, faces, sense * way.parameter),
         }
-        forecast: dict[str, Any] | None = None
-        if later:
-            tables["dem"] = dem_table(snapshot, [one.name for one in later], after)
-        if later and component[0] == "H":
-            tables["forecast"] = forecast_table(ways, tables["dem"], component, sense)
-            forecast = forecast_summary(tables["forecast"], [*ways])
+        if after:
+            tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
+        found = path_summary(way, tables) | {"driven": driven, "notes": notes, "held": held}
+        found |= {"dem": len(after), "mean_kn": snapshot.mean_kn, "forecast": None, "replay": None}
+        if after and driven[0] == "H":
+            tables["forecast"] = forecast_table(ways, tables["dem"], driven, sense)
+            found["forecast"] = forecast_summary(tables["forecast"], [*ways])
+        if rate is not None:
+            found["replay"] = {"inertial_number": rate.inertial_number, "source": rate.source}
         results.write_tables(tables)
-        found = path_summary(path, tables) | {"driven": component, "notes": notes}
-        found |= {"dem": len(later), "held": held, "mean_kn": snapshot.mean_kn}
-        found["forecast"] = forecast
-        found["replay"] = None if rate is None else rate._asdict() | {"options": None}
         summary = results.write_summary(asked | found)
         if animation:
             from studies.evolve_figures import animate_path
@@ -162,7 +142,7 @@ def run_evolve(
 
             pictures = results.save_figures(path_figures(snapshot, tables, summary))
             maps = loops_for_map(snapshot, tables["loops"])
-            results.write_report(f"Path of {readable(first.name)}", summary, pictures, maps)
+            results.write_report(f"Path of {readable(planned[0].name)}", summary, pictures, maps)
     return summary
 
 
@@ -180,6 +160,13 @@ def require_reach(programme: str, to: float, interval: float) -> None:
         raise InputError("--to", f"a strain of {to:g}", expected, remedy)
 
 
+def driven_component(programme: str, axis: int) -> str:
+    """Component of strain or stress that a programme drives."""
+    if programme == "isotropic-stress":
+        return "P11"
+    return "H11" if programme == "isotropic" else f"H{axis}{axis}"
+
+
 def stage_of(programme: str, axis: int, to: float) -> Stage:
     """Stage that runs a programme from the snapshot until its driven component changes by `to`."""
     one_of("--programme", programme, tuple(PROGRAMMES))
@@ -194,45 +181,77 @@ def stage_of(programme: str, axis: int, to: float) -> Stage:
     return Stage(PROGRAMMES[programme](**given), "parameter", abs(to))
 
 
-def packing_path_table(path: PackingPath, driven: Floats) -> pd.DataFrame:
-    """One row per recorded state of the path."""
+class Way(NamedTuple):
+    """A snapshot as it was followed by events or by a replay: rows, events, how it ended.
+
+    `works` are columns of the table of rows: work, energy, imbalance; a replay has none.
+    """
+
+    status: str
+    message: str
+    parameter: Floats
+    H: Floats
+    P: Floats
+    states: Sequence[PackingState]
+    events: Sequence[Event] = ()
+    intervals: int = 0
+    works: Mapping[str, Floats] = MappingProxyType({})
+
+
+def path_rows(path: PackingPath) -> Way:
+    """A path by events in rows."""
     terms = ("work", "slip_work", "shear_work", "released")
-    work = dict(zip(terms, path.work.T, strict=True))
-    ends = np.array([event.parameter for event in path.events])
+    works = dict(zip(terms, path.work.T, strict=True))
+    works |= {"energy": path.energy, "imbalance": path.imbalance}
+    rows = path.parameter, path.H, path.P, path.states
+    return Way(path.status, path.message, *rows, path.events, path.intervals, works)
+
+
+def replay_rows(done: Replay, stage: Stage, rate: Rate) -> Way:
+    """A replay of a stage in rows."""
+    strains = [state.strain for state in done.states]
+    stresses = [nominal(state.stress, state.strain) for state in done.states]
+    message = f"replayed in {done.steps} steps, inertial number {rate.inertial_number:.2g}"
+    parameter = np.linspace(0.0, stage.target, len(strains))
+    H, P = (np.reshape(values, (-1, 4)) for values in (strains, stresses))
+    return Way("finished", message, parameter, H, P, done.states)
+
+
+def path_table(way: Way, sense: float) -> pd.DataFrame:
+    """One row per recorded state."""
+    ends = np.sort([event.parameter for event in way.events])
     return pd.DataFrame(
         {
-            "row": np.arange(len(path)),
-            "driven": driven,
-            **components("H", path.H),
-            **components("P", path.P),
-            **work,
-            "energy": path.energy,
-            "imbalance": path.imbalance,
-            "contacts": np.array([np.count_nonzero(state.closed) for state in path.states]),
-            "events": np.searchsorted(np.sort(ends), path.parameter, side="right"),
+            "row": np.arange(len(way.H)),
+            "driven": sense * way.parameter,
+            **components("H", way.H),
+            **components("P", way.P),
+            **way.works,
+            "contacts": np.array([np.count_nonzero(state.closed) for state in way.states]),
+            "events": np.searchsorted(ends, way.parameter, side="right"),
         }
     )
 
 
-def event_table(path: PackingPath, ids: NDArray[np.int64], sense: float) -> pd.DataFrame:
+def event_table(way: Way, ids: NDArray[np.int64], sense: float) -> pd.DataFrame:
     """One row per event: kind, driven value, grains, continuation after an instability.
 
     A wall has the number -1.
     """
-    contact = np.array([event.contacts[0] for event in path.events], dtype=int)
-    end = path.states[-1]
+    contact = np.array([event.contacts[0] for event in way.events], dtype=int)
+    end = way.states[-1]
     # Walls are the bodies behind the grains.
     grains = np.append(ids, np.full(len(end.walls), NO_GRAIN))[end.contacts[contact]]
     return pd.DataFrame(
         {
-            "kind": np.array([event.kind for event in path.events], dtype=str),
-            "driven": sense * np.array([event.parameter for event in path.events], dtype=float),
-            "row": np.array([event.index for event in path.events], dtype=int),
+            "kind": np.array([event.kind for event in way.events], dtype=str),
+            "driven": sense * np.array([event.parameter for event in way.events], dtype=float),
+            "row": np.array([event.index for event in way.events], dtype=int),
             "contact": contact,
             "id1": grains[:, 0],
             "id2": grains[:, 1],
-            "passed": np.array([_passed(event) for event in path.events], dtype=str),
-            "detail": np.array([event.detail for event in path.events], dtype=str),
+            "passed": np.array([_passed(event) for event in way.events], dtype=str),
+            "detail": np.array([event.detail for event in way.events], dtype=str),
         }
     )
 
@@ -288,32 +307,6 @@ def replay_rate(
     return found._replace(options={"inertial_number": found.inertial_number})
 
 
-def replayed_path(snapshot: Snapshot, stage: Stage, rows: int, rate: Rate) -> PackingPath:
-    """A replay of a stage in the form of a path: no events, and no works."""
-    law, _ = snapshot.mechanics()
-    planes, force = followed_walls(snapshot)
-    done = replay(
-        snapshot.graph, law, stage, planes=planes, plane_force=force, rows=rows, **rate.options
-    )
-    unknown = np.full(rows + 1, np.nan)
-    strains = [state.strain for state in done.states]
-    stresses = [nominal(state.stress, state.strain) for state in done.states]
-    return PackingPath(
-        status="finished",
-        message=f"replayed in {done.steps} steps, inertial number {rate.inertial_number:.2g}",
-        events=(),
-        parameter=np.linspace(0.0, stage.target, rows + 1),
-        stage=np.zeros(rows + 1, dtype=int),
-        H=np.reshape(strains, (-1, 4)),
-        P=np.reshape(stresses, (-1, 4)),
-        states=done.states,
-        work=np.full((rows + 1, 4), np.nan),
-        energy=unknown,
-        imbalance=unknown,
-        intervals=0,
-    )
-
-
 def nominal(stress: Floats, H: Floats) -> Floats:
     """Nominal stress over the first cell, `det F P F^-T` with `F = 1 - H`."""
     F = np.eye(2) - H
@@ -340,7 +333,7 @@ def dem_table(snapshot: Snapshot, names: Sequence[str], later: Sequence[Snapshot
 
 
 def forecast_table(
-    ways: dict[str, PackingPath], dem: pd.DataFrame, driven: str, sense: float
+    ways: dict[str, Way], dem: pd.DataFrame, driven: str, sense: float
 ) -> pd.DataFrame:
     """One row per snapshot of the DEM: its driven stress and volume, and those of each way there.
 
@@ -357,10 +350,10 @@ def forecast_table(
             "stress_persistence": start.P[0, at],
         }
     )
-    for name, path in ways.items():
+    for name, way in ways.items():
         # Ascending, as interpolation wants it.
-        strain, reached = sense * path.H[:, at], sense * dem[driven]
-        for quantity, values in (("stress", path.P[:, at]), ("volume", path.H[:, [0, 3]].sum(1))):
+        strain, reached = sense * way.H[:, at], sense * dem[driven]
+        for quantity, values in (("stress", way.P[:, at]), ("volume", way.H[:, [0, 3]].sum(1))):
             told = np.interp(reached, strain, values)
             beyond = (reached > strain[-1] * (1 + END)) | (reached < 0)
             table[f"{quantity}_{name}"] = np.where(beyond, np.nan, told)
@@ -401,22 +394,22 @@ def forecast_summary(table: pd.DataFrame, ways: Sequence[str]) -> dict[str, Any]
     return told
 
 
-def path_summary(path: PackingPath, tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
-    """Summary of a path and its tables."""
+def path_summary(way: Way, tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
+    """Summary of a way and its tables."""
     end, work = tables["path"].iloc[-1], tables["loops"]["W2"].dropna()
-    instabilities = path.of_kind("instability")
+    instabilities = [event for event in way.events if event.kind == "instability"]
     passed = Counter(_passed(event) for event in instabilities)
     return {
         "definitions": definitions("evolve"),
         "end": {name: float(end[name]) for name in ("H11", "H22", "P11", "P22")},
-        "events": dict(Counter(event.kind for event in path.events)),
-        "intervals": path.intervals,
+        "events": dict(Counter(event.kind for event in way.events)),
+        "intervals": way.intervals,
         "loops": len(tables["loops"]),
-        "message": path.message,
+        "message": way.message,
         "negative_loops": float((work < 0).mean()) if len(work) else None,
         "passed": {name or "other": count for name, count in passed.items()},
         "reached": float(end["driven"]),
-        "status": path.status,
+        "status": way.status,
         "unstable_contacts": len({event.contacts for event in instabilities}),
-        "work": float(path.work[-1, 0]) if np.isfinite(path.work[-1, 0]) else None,
+        "work": float(end["work"]) if way.works else None,
     }

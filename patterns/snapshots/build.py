@@ -96,6 +96,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     return Snapshot(
         *(graph, law, regime, ids, wall_count, tuple(notes), walls, frame.step, findings),
         *(bodies.rotation, tuple(lacks), mass, frame.time),
+        *((None, None) if bodies.motion is None else (bodies.motion[:, :2], bodies.motion[:, 2])),
     )
 
 

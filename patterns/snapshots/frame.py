@@ -18,7 +18,10 @@ from patterns.snapshots.checks import Finding
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import Text, beside, listed, read_body
 
-GRAIN_COLUMNS = ("id", "type", "x", "y", "z", "radius", "diameter", "theta_z", "mass")
+GRAIN_COLUMNS = (
+    *("id", "type", "x", "y", "z", "radius", "diameter", "theta_z", "mass"),
+    *("vx", "vy", "omega_z"),
+)
 CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
     *("fn", "ft", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
@@ -67,11 +70,11 @@ def contacts_path(source: Source, names: Sequence[str], lacks: str, wanted: str,
 class Frame:
     """One snapshot, columns by their plain names (see `read_snapshot`).
 
-    `grains` may have `z`, which must be one plane, `theta_z` (rad) and `mass`; of a wall the branch
-    starts at its foot, the contact point. Columns of `cell` (2, 2) are its vectors (length); `step`
-    is the code's own number, a step, iteration or time, `time` the time, if known; `notes` name
-    guesses and missing data, `findings` are those of the reader, and `shear_increment` is that of
-    the code, if the source has it.
+    `grains` may have `z`, which must be one plane, `theta_z` (rad), `mass`, and `vx`, `vy` with
+    `omega_z` (rad/time); of a wall the branch starts at its foot, the contact point. Columns of
+    `cell` (2, 2) are its vectors (length); `step` is the code's own number, a step, iteration or
+    time, `time` the time, if known; `notes` name guesses and missing data, `findings` are those of
+    the reader, and `shear_increment` is that of the code, if the source has it.
     `walls`, a row a contact with a wall, stands in for rows of `type` 1 and their contacts;
     `measured` forces are those of an experiment, a law of them needs their balance.
     """

@@ -36,6 +36,7 @@ class Bodies(NamedTuple):
     radii: Floats
     rotation: Floats | None
     mass: Floats | None
+    motion: Floats | None = None  # (G, 3): velocity and spin
 
     @property
     def grain_ids(self) -> Integers:
@@ -56,6 +57,8 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
     rotation, mass = (
         table.column(name) if table.has(name) else None for name in ("theta_z", "mass")
     )
+    velocities = ("vx", "vy", "omega_z")
+    motion = table.columns(*velocities) if table.has(*velocities) else None
     grains = np.flatnonzero(~is_wall)
     if (ids[1:] < ids[:-1]).any():
         order = np.argsort(ids)
@@ -65,7 +68,8 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
         x, radii = x[grains], radii[grains]
         rotation = None if rotation is None else rotation[grains]
         mass = None if mass is None else mass[grains]
-    bodies = Bodies(ids, is_wall, x, radii, rotation, mass)
+        motion = None if motion is None else motion[grains]
+    bodies = Bodies(ids, is_wall, x, radii, rotation, mass, motion)
     if along_space:
         # Successive grains lie many mean spacings apart, as after a random insertion.
         spacing = np.sqrt(np.prod(np.ptp(x, axis=0)) / len(x))
@@ -89,8 +93,9 @@ def _along_space(bodies: Bodies) -> Bodies:
     every = np.append(grains, walls)
     rotation = None if bodies.rotation is None else bodies.rotation[order]
     mass = None if bodies.mass is None else bodies.mass[order]
+    motion = None if bodies.motion is None else bodies.motion[order]
     ids, is_wall = bodies.ids[every], bodies.is_wall[every]
-    return Bodies(ids, is_wall, bodies.x[order], bodies.radii[order], rotation, mass)
+    return Bodies(ids, is_wall, bodies.x[order], bodies.radii[order], rotation, mass, motion)
 
 
 def rows_by_first_grain(pairs: Integers) -> Integers:

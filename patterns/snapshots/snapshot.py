@@ -93,6 +93,9 @@ class Snapshot(Shown):
         Masses of the grains (mass); None if the file lacks them.
     time : float or None
         Time of the snapshot, if the file tells it.
+    velocity, spin : (G, 2), (G,) array or None
+        Velocities of the centres (length/time), spins (rad/time, anticlockwise) as the file has
+        them; None if it lacks one of the three.
 
     Examples
     --------
@@ -117,6 +120,8 @@ class Snapshot(Shown):
     lacks: tuple[str, ...] = ()
     mass: NDArray[np.float64] | None = None
     time: float | None = None
+    velocity: NDArray[np.float64] | None = None
+    spin: NDArray[np.float64] | None = None
 
     @cached_property
     def faces(self) -> Faces:
@@ -190,6 +195,9 @@ class Snapshot(Shown):
             grains["theta_z"] = self.rotation
         if self.mass is not None:
             grains["mass"] = self.mass
+        if self.velocity is not None and self.spin is not None:
+            grains["vx"], grains["vy"] = self.velocity.T
+            grains["omega_z"] = self.spin
         one, two = graph.contacts.T
         contacts: dict[str, NDArray[Any]] = {"id1": ids[one], "id2": ids[two]}
         contacts["branch_x"], contacts["branch_y"] = branch_vectors(graph).T

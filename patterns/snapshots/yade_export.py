@@ -19,7 +19,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-GRAINS = ("id", "type", "x", "y", "z", "radius")
+GRAINS = ("id", "type", "x", "y", "z", "radius", "mass", "vx", "vy", "omega_z")
 CONTACTS = ("id1", "id2", "cell_dx", "cell_dy", "branch_x", "branch_y", "nx", "ny")
 FORCES = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu")
 SPHERE, WALL = 0, 1
@@ -63,7 +63,9 @@ def export_tables(folder: str, number: int | None = None) -> str:
         if _is_sphere(body):
             spheres.add(body.id)
             kind, radius = SPHERE, body.shape.radius
-        grains.append((body.id, kind, *(body.state.pos[k] for k in (0, 1, 2)), radius))
+        state = body.state
+        place, motion = (state.pos[k] for k in (0, 1, 2)), (state.vel[0], state.vel[1])
+        grains.append((body.id, kind, *place, radius, state.mass, *motion, state.angVel[2]))
     real = [i for i in O.interactions if i.isReal and (i.id1 in spheres or i.id2 in spheres)]
     if not real:
         raise ValueError("no real interaction at this snapshot: nothing to export")

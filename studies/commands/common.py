@@ -67,7 +67,10 @@ Past = Annotated[
 ]
 InertialNumber = Annotated[
     float | None,
-    Parameter(help="Rate of replays. Default: that of the sample, else 2e-6."),
+    Parameter(
+        help="Inertial number of the replays. Default: computed from the times and masses of the "
+        "files; 2e-6 if they are not known."
+    ),
 ]
 Times = Annotated[
     Path | None,

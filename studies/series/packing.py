@@ -102,32 +102,52 @@ def interval_rate(
     if asked.inertial_number is not None:
         given = asked.inertial_number
         return Rate(given, "as given", {"inertial_number": given})
-    start, end = (
-        own.time
-        if time is None and own.time is not None
-        else own.step * asked.time_step
-        if time is None and own.step is not None and asked.time_step is not None
-        else time
-        for own, time in zip((before, after), times, strict=True)
-    )
+    start = time_of(before, times[0], asked.time_step)
+    end = time_of(after, times[1], asked.time_step)
     masses = before.mass
     if masses is None and asked.mean_mass is not None:
         square = before.graph.radii**2
         masses = asked.mean_mass * square / square.mean()
-    if start is None or end is None or masses is None or not end > start:
-        lacks = "masses" if masses is None else "times"
-        if start is not None and end is not None and not end > start:
-            lacks = "growing times"
-        return Rate(DEFAULT_RATE, f"no {lacks}", {"inertial_number": DEFAULT_RATE})
+    if masses is None:
+        return Rate(DEFAULT_RATE, "no masses", {"inertial_number": DEFAULT_RATE})
+    if start is None or end is None:
+        return Rate(DEFAULT_RATE, "no times", {"inertial_number": DEFAULT_RATE})
+    if not end > start:
+        return Rate(DEFAULT_RATE, "no growing times", {"inertial_number": DEFAULT_RATE})
     law, _ = before.mechanics()
     stiffest = float(np.max(np.asarray(require_replayable(before.graph, law).kn)))
     longest = MOST_STEPS * TIME_STEP * float(np.sqrt(masses.min() / stiffest))
-    duration, source = end - start, "times and masses"
-    if duration > longest:
-        duration, source = longest, f"slower in fact: {MOST_STEPS} steps at most"
+    duration = min(end - start, longest)
     state = start_state(before.graph, *followed_walls(before))
     inertial_number = duration_of(H, masses, state, 1.0) / duration
-    return Rate(inertial_number, source, {"duration": duration, "mass": masses})
+    options = {"duration": duration, "mass": masses}
+    if duration < end - start:
+        return Rate(inertial_number, f"slower in fact: {MOST_STEPS} steps at most", options)
+    if before.velocity is None:
+        return Rate(inertial_number, "times and masses", options)
+    options |= {"velocity": velocity_beyond(before, H / duration), "spin": before.spin}
+    return Rate(inertial_number, "times, masses and velocities", options)
+
+
+def time_of(snapshot: Snapshot, listed: float | None, time_step: float | None) -> float | None:
+    """Time of a snapshot: that of a table, else of the file, else of its number of steps."""
+    if listed is not None:
+        return listed
+    if snapshot.time is None and snapshot.step is not None and time_step is not None:
+        return snapshot.step * time_step
+    return snapshot.time
+
+
+def velocity_beyond(snapshot: Snapshot, rate: Floats) -> Floats:
+    """(G, 2) velocities of the grains beyond the affine motion at a rate of strain.
+
+    Some codes store velocities that leave the affine motion out: of the velocities with and without
+    it the smaller ones are taken. The sample as a whole is at rest.
+    """
+    given = np.asarray(snapshot.velocity)
+    x = snapshot.graph.x - snapshot.graph.x.mean(axis=0)
+    given = given - given.mean(axis=0)
+    return min(given, given + x @ rate.T, key=lambda velocity: float(np.linalg.norm(velocity)))
 
 
 def packing_predictions(

@@ -88,6 +88,8 @@ def held_snapshot(
         walls=walls,
         step=snapshot.step,
         findings=snapshot.findings,
+        mass=snapshot.mass,
+        time=snapshot.time,
     )
     arrays = ("graph", "law", "planes", "plane_force")
     changes = {one.name: getattr(held, one.name) for one in fields(held) if one.name not in arrays}

@@ -55,7 +55,8 @@ def same(one, other):
         off = np.abs(getattr(one.graph, name) - getattr(other.graph, name))
         assert (off <= turn * size).all()
     np.testing.assert_array_equal(one.ids, other.ids)
-    np.testing.assert_array_equal(one.rotation, other.rotation)
+    for name in ("rotation", "mass", "velocity", "spin"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
     assert (one.law is None) == (other.law is None)
     if one.law is not None:
         for name in ("kn", "kt", "mu"):
