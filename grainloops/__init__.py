@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from stability import symmetric_spectrum as symmetric_spectrum
     from stability import unstable_fraction as unstable_fraction
     from stability.packing import hold as hold
+    from stability.packing import indicators as indicators
     from studies.frames import chain_table as chain_table
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
@@ -97,7 +98,7 @@ NAMES = {
         "normalised_second_order_work plane_cone programmes rates_at restrict rotate_tangent "
         "second_order_work spectrum statuses symmetric_spectrum unstable_fraction"
     ),
-    "stability.packing": "hold",
+    "stability.packing": "hold indicators",
     "studies.frames": "chain_table loop_table path_table to_geodataframe",
     "studies.plots": "plot_cone plot_envelope plot_loop plot_map plot_path",
     "studies.probe": "probe",

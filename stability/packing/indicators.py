@@ -1,7 +1,8 @@
 """Structural indicators of loops: what the state of a packing says before anything moves.
 
-Each is known from one snapshot and one linear system; nothing is fitted. A grain's or a contact's
-indicator becomes that of a loop as its mean, or its least value where one contact is enough.
+Each is known from one snapshot and one linear system, the non-affinity from the interval before it;
+nothing is fitted. A grain's or a contact's indicator becomes that of a loop as its mean, or its
+least value where one contact is enough.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ EXPECTED = {
     "steric_order": 1,
     "density": -1,
     "chain": -1,
+    "past_nonaffinity": 1,
 }
 
 
@@ -50,40 +52,66 @@ def indicators(
     regime: ArrayLike | None = None,
     planes: PlaneContacts | None = None,
     held: ArrayLike | None = None,
+    nonaffinity: ArrayLike | None = None,
 ) -> dict[str, Floats]:
-    """Structural indicators of every loop: Theory, section 12.7.
+    """Structural indicators of every loop, from one snapshot and one linear system.
+
+    Grains' indicators are averaged over the grains of a loop, contacts' over its contacts, unless
+    said otherwise.
 
     Parameters
     ----------
     graph : GrainGraph
-        The packing, one state.
+        The packing, one state, with forces.
     law : ContactLaw
         Contact law.
     faces : Faces
         Its faces.
     regime, planes, held
         As in `packing_response`.
+    nonaffinity : (G,) array, optional
+        D2min of every grain over the interval before the snapshot, over the squared mean radius;
+        not a number where it is unknown. Without it there is no `past_nonaffinity`.
 
     Returns
     -------
     dict of (L,) arrays
-        In the order of `Faces.loops`; not numbers where nothing that carries is in the loop.
+        In the order of `Faces.loops`, without dimension; not numbers where a loop has nothing of
+        the kind.
 
-        `coordination`: contacts of a grain. `mobilisation`, `largest_mobilisation`: `|T|` over the
-        strength of a contact. `vibrality`, `spin_vibrality`: trace of the grain's block of `K^-1`
-        of its centre and of its spin times the mean radius, over the typical compliance (Tong and
-        Xu 2014). `soft_modes`: share of a grain in the 20 softest modes of the symmetric part of
-        `K`, over that of a grain in all modes (Widmer-Cooper et al. 2008). `slip_criticality`,
+        `coordination`: closed contacts of a grain. `mobilisation`, `largest_mobilisation`: `|T|`
+        over the strength of a contact, mean and largest. `vibrality`: trace of the block of
+        `K^-1` of a grain's centre, times the mean stiffness of `K` (Tong and Xu 2014);
+        `spin_vibrality`: the same of its spin, as displacement of a rim of mean radius.
+        `soft_modes`: share of a grain in the 20 softest modes of the symmetric part of `K`, over
+        that of a grain in all modes (Widmer-Cooper et al. 2008). `slip_criticality`,
         `opening_criticality`: least `det K'/det K` over the contacts that stick, as one begins to
-        slide, and over all, as one opens: Theory, section 12.5. `steric_order`: deviation (radians)
-        of the angles between neighbours from those of three discs that touch (Tong and Tanaka
-        2018). `density`: area of a grain over its share of the loops beside it. `chain`: share of
-        the contacts that are links of force chains.
+        slide, and over all, as one opens: Theory, equation (11.22). `steric_order`: mean deviation
+        (radians) of the angles between neighbours from those of three discs that touch (Tong and
+        Tanaka 2018). `density`: area of a grain over its share of the loops beside it. `chain`:
+        share of the contacts that are links of force chains. `past_nonaffinity`: D2min (Falk and
+        Langer 1998), Theory, equation (11.23).
 
     Raises
     ------
     InputError
         If the packing floats.
+
+    Examples
+    --------
+    A square lattice of discs under uniform pressure; every contact carries the same:
+
+    >>> import numpy as np
+    >>> from loops import GrainGraph, LinearFrictional, find_faces
+    >>> lattice = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5] * 4,
+    ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+    ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
+    >>> found = indicators(lattice, LinearFrictional(1.0, 0.5, 0.5), find_faces(lattice))
+    >>> found["coordination"].tolist(), found["mobilisation"].tolist()
+    ([4.0, 4.0, 4.0, 4.0], [0.0, 0.0, 0.0, 0.0])
+    >>> (found["density"] - np.pi / 4).round(9).tolist()
+    [0.0, 0.0, 0.0, 0.0]
     """
     volume = None if graph.cell is not None else 1.0
     system = packing_system(graph, law, regime=regime, planes=planes, held=held, volume=volume)
@@ -105,6 +133,8 @@ def indicators(
         "steric_order": steric_order(graph),
         "density": local_density(graph, faces),
     }
+    if nonaffinity is not None:
+        by_grain["past_nonaffinity"] = np.asarray(nonaffinity, dtype=float)
     by_contact = {"mobilisation": np.where(closed, mobilised, np.nan)}
     most = {
         "largest_mobilisation": by_contact["mobilisation"],
@@ -127,7 +157,7 @@ def indicators(
     for name in ("slip_criticality", "opening_criticality"):
         out[name] *= -1.0
     out["chain"] = force_chains(graph).on_loops(faces) / faces.order[faces.loops]
-    return {name: out[name] for name in EXPECTED}
+    return {name: out[name] for name in EXPECTED if name in out}
 
 
 def _mean(values: Floats) -> Floats:
@@ -236,16 +266,18 @@ def local_density(graph: GrainGraph, faces: Faces) -> Floats:
 
 
 def least_squares_nonaffinity(graph: GrainGraph, moved: ArrayLike) -> Floats:
-    """(G,) `D2min` of Falk and Langer (1998) over the squared mean radius.
+    """(G,) `D2min` of Falk and Langer (1998) over the squared mean radius, equation (11.23).
 
     The mean square of what the best linear map of a grain's branch vectors leaves of their change;
     `moved` (C, 2) are the branch vectors of the same contacts later. Not a number for grains with
     fewer than three contacts, which have none left.
     """
-    d, end = branch_vectors(graph), np.asarray(moved, dtype=float)
-    known = np.isfinite(end).all(axis=1)
+    d = branch_vectors(graph)
+    # Of the change alone, which the same maps fit: squares of whole branches would lose it.
+    change = np.asarray(moved, dtype=float) - d
+    known = np.isfinite(change).all(axis=1)
     grains = graph.contacts[known]
-    d, end = d[known], end[known]
+    d, change = d[known], change[known]
     count = np.bincount(grains.ravel(), minlength=graph.grain_count)
     outer = sparse.csr_array(
         (np.ones(grains.size), (grains.ravel(), np.repeat(np.arange(len(grains)), 2))),
@@ -253,14 +285,14 @@ def least_squares_nonaffinity(graph: GrainGraph, moved: ArrayLike) -> Floats:
     )
     product = {
         name: (outer @ (a[:, :, None] * b[:, None, :]).reshape(-1, 4)).reshape(-1, 2, 2)
-        for name, a, b in (("dd", d, d), ("ed", end, d), ("ee", end, end))
+        for name, a, b in (("dd", d, d), ("cd", change, d), ("cc", change, change))
     }
     spans = (count > 2) & (
         np.abs(np.linalg.det(product["dd"]))
         > 1e-12 * np.trace(product["dd"], axis1=1, axis2=2) ** 2
     )
-    best = product["ed"][spans] @ np.linalg.inv(product["dd"][spans])
-    left = product["ee"][spans] - best @ np.swapaxes(product["ed"][spans], 1, 2)
+    best = product["cd"][spans] @ np.linalg.inv(product["dd"][spans])
+    left = product["cc"][spans] - best @ np.swapaxes(product["cd"][spans], 1, 2)
     out = np.full(graph.grain_count, np.nan)
     radius = float(graph.radii.mean())
     out[spans] = np.trace(left, axis1=1, axis2=2) / (count[spans] * radius**2)

@@ -46,6 +46,18 @@ PREDICTOR_WORDS = {
     "order": "number of grains",
     "sliding": "number of sliding contacts",
     "smallest_N": "smallest normal force",
+    "coordination": "coordination",
+    "mobilisation": "mean mobilisation",
+    "largest_mobilisation": "largest mobilisation",
+    "vibrality": "vibrality",
+    "spin_vibrality": "vibrality of spins",
+    "soft_modes": "share in the softest modes",
+    "slip_criticality": "criticality for slip",
+    "opening_criticality": "criticality for opening",
+    "steric_order": "steric order",
+    "density": "local density",
+    "chain": "force chains",
+    "past_nonaffinity": "D2min of the interval before",
 }
 TARGET_WORDS = {
     "nonaffine": "least affine tenth",
@@ -177,6 +189,13 @@ def series(
         int | None,
         Parameter(metavar="N", help="Probe each snapshot along N directions of strain."),
     ] = None,
+    indicators: Annotated[
+        bool,
+        Parameter(
+            help="Predict each interval by structural indicators of the loops too, beside the rate "
+            "problem of the packing (coordination, vibrality, soft modes, D2min, ...)."
+        ),
+    ] = False,
     skip_bad: Annotated[bool, Parameter(help="Leave out snapshots that can't be read.")] = False,
     figures: Annotated[
         bool,
@@ -211,6 +230,7 @@ def series(
             time_step=time_step,
             mean_mass=mean_mass,
             probe=probe,
+            indicators=indicators,
             skip_bad=skip_bad,
             figures=figures,
             animation=animation,

@@ -271,7 +271,7 @@ def solved_summary(intervals: Sequence[Row], band: float) -> dict[str, Any]:
 
 
 def followed_summary(intervals: Sequence[Row], past: str) -> dict[str, Any]:
-    """How the intervals were followed by path and replay, and at which rate."""
+    """Summary of paths and replays: statuses, instabilities, bistable intervals, rates."""
     rows = [row for row in intervals if "path_status" in row]
     rates = [row["replay_inertial_number"] for row in rows]
     apart = [row.get("path_from_replay") for row in intervals]

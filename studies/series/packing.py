@@ -28,11 +28,13 @@ from stability.packing import (
     LoopRates,
     PackingRates,
     PackingResponse,
+    indicators,
     loop_changes,
     loop_rates,
     replay,
 )
 from stability.packing.equations_of_motion import TIME_STEP, duration_of
+from stability.packing.indicators import EXPECTED, least_squares_nonaffinity
 from stability.packing.pairs import require_replayable
 from stability.packing.response import SOLVED
 from stability.packing.state import PackingState, start_state
@@ -68,7 +70,7 @@ DEFAULT_RATE, MOST_STEPS = 2e-6, 1_000_000
 
 
 class Following(NamedTuple):
-    """How intervals are followed: continuation after an instability, and what is known of the rate.
+    """Options of paths and replays: the way past an instability, and the rate of the replay.
 
     `inertial_number` comes before the times of the snapshots; `time_step` is that of their numbers,
     `mean_mass` stands in for masses that the files lack.
@@ -276,6 +278,29 @@ def facts(before: Snapshot, fates: LoopFates) -> Columns:
         "contact_lost": opened,
         "smallest_N": smallest,
     }
+
+
+def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
+    """Columns `indicator_*`: structural indicators of every loop of the earlier snapshot.
+
+    `previous` is the snapshot before it, from which the grains moved there: without it, and for a
+    packing that floats, there are no numbers.
+    """
+    graph, (law, regime) = before.graph, before.mechanics()
+    planes, held, _ = sample_boundary(before)
+    nonaffinity = np.full(graph.grain_count, np.nan)
+    if previous is not None:
+        strain, _ = sample_strain(previous, before)
+        moved = least_squares_nonaffinity(previous.graph, moved_branches(previous, before, strain))
+        ids = before.ids, previous.ids
+        _, here, there = np.intersect1d(*ids, assume_unique=True, return_indices=True)
+        nonaffinity[here] = moved[there]
+    boundary: Any = {"regime": regime, "planes": planes, "held": held}
+    try:
+        found = indicators(graph, law, before.faces, nonaffinity=nonaffinity, **boundary)
+    except InputError:
+        found = {name: np.full(len(before.faces.loops), np.nan) for name in EXPECTED}
+    return {f"indicator_{name}": values for name, values in found.items()}
 
 
 def _own_motion(

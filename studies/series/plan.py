@@ -120,6 +120,10 @@ def number_reader(
     option: str, path: Path, names: Sequence[str]
 ) -> Callable[[Path, int | None], tuple[float, ...]]:
     """Function that gives the row of a snapshot in a table of an option."""
+    if not path.is_file():
+        expected = f"a table with the columns snap, {', '.join(names)}"
+        received = "a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{option} {path}", received, expected, "Check the path.")
     table = _rows_by_number(path, names)
 
     def row_of(file: Path, frame: int | None) -> tuple[float, ...]:

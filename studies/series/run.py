@@ -46,6 +46,7 @@ def run_series(
     time_step: float | None = None,
     mean_mass: float | None = None,
     probe: int | None = None,
+    indicators: bool = False,
     **how: Any,
 ) -> dict[str, Any]:
     """Find the loops of every snapshot of a series and their fates; return the summary.
@@ -56,7 +57,8 @@ def run_series(
     path with the way `past` an instability, the replay at the inertial number of the sample: of the
     times of the snapshots (a table `times`, their files, or their numbers by `time_step`) and their
     masses (or the `mean_mass`), unless `inertial_number` is given.
-    With `probe` every snapshot is probed along this number of directions of strain.
+    With `probe` every snapshot is probed along this number of directions of strain. With
+    `indicators` the structural indicators of the loops predict too, beside the rate problem.
 
     Finished parts in `out` are kept: the same call continues an interrupted run. A script calls
     this under `if __name__ == "__main__"`, because the processes import the script.
@@ -64,21 +66,24 @@ def run_series(
     how = reading(**how)
     planned = plan_series(paths, cells, how, times)
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
-    one_of("--in-packing", in_packing or False, (False, True, "rates", "events"))
+    in_packing = in_packing or indicators
+    one_of("--in-packing", in_packing, (False, True, "rates", "events"))
     band, by_events = checked_band(yield_band) if in_packing else None, in_packing == "events"
     following = Following(past, inertial_number, time_step, mean_mass)
     one_of("--past", past, get_args(Past))
     for name, value in following._asdict().items():
         if name != "past" and value is not None:
-            number(name, value, 0.0, open_low=True)
+            number(f"--{name.replace('_', '-')}", value, 0.0, open_low=True)
     if not by_events and (following != Following() or times is not None):
         received = "the rates alone" if in_packing else "no path and no replay"
         remedy = "Add --in-packing events, or leave the options of paths and replays out."
         raise InputError("--in-packing", received, "events", remedy)
     read["in_packing"] = [band, "events", *following] if by_events else band
+    if indicators:
+        read["indicators"] = True
     probed: tuple[float | None, int | None] = (None, None)
     if probe is not None:
-        whole_number("probe", probe, 1)
+        whole_number("--probe", probe, 1)
         probed = checked_band(yield_band), probe
         read["probe"] = list(probed)
     made = provenance("series", {"paths": paths, "cells": cells, **read}, UNITS)
@@ -93,7 +98,8 @@ def run_series(
             try:
                 files = [out / SERIES, *dict.fromkeys(one.path for one in planned)]
                 with open_runner(workers, scheduler, files) as runner:
-                    series = Series(planned, out, band, following if by_events else None, probed)
+                    followed = following if by_events else None
+                    series = Series(planned, out, band, followed, probed, indicators)
                     series, failures = _do_all(runner, series, skip_bad=skip_bad)
             except InputError:
                 if new and not has_parts(out):

@@ -22,6 +22,7 @@ from loops.arrays import Floats, Integers
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate
 from stability import RTOL
+from stability.packing.indicators import EXPECTED
 from studies.output import Columns, as_json, described_table
 from studies.series.tasks import KEY
 from studies.snapshot.summary import judges
@@ -60,6 +61,9 @@ SIGNED: dict[str, tuple[str, ...]] = {
     "contact_lost": (*PACKING_PREDICTORS, *EVENT_PREDICTORS),
     "topology": (*PACKING_PREDICTORS, *EVENT_PREDICTORS),
 }
+# Columns of the structural indicators; `EXPECTED` has the sign of each as a predictor, fixed by its
+# meaning before anything was compared.
+INDICATORS = {name: f"indicator_{name}" for name in EXPECTED}
 TIMES = {"packing": "packing", "own_motion": "own", **EVENT_PREDICTORS}
 GRADIENT = ("H11", "H12", "H21", "H22")
 READ = (
@@ -75,6 +79,7 @@ READ = (
         *GRADIENT,
         *CLOSURE_PREDICTORS.values(),
         *EIGENVALUE_PREDICTORS,
+        *INDICATORS.values(),
     ),
 )
 # Shortest time to an event, over the interval: the score of an earlier event is finite.
@@ -97,25 +102,32 @@ def skill_tables(
     """
     rows: list[dict[str, Any]] = []
     by_order: list[dict[str, Any]] = []
-    earlier = None
-    for k, (pair, snapshot) in enumerate(zip(increments, loops, strict=False)):
-        own, state = part_columns(pair), part_columns(snapshot)
-        if "w2" not in own:
-            break
-        state |= part_columns(packing[k]) if packing else {}
+    for own, state, earlier in interval_columns(loops, increments, packing):
         order = np.minimum(state["order"], ORDERS[-1])
         for target, predictor, score, value, signed in targets(own, state, earlier):
-            if not len(own["w2"]):
-                continue
             numbers = [own[name][0] for name in SKILL_COLUMNS[:2]]
             place = dict(zip(SKILL_COLUMNS[:4], (*numbers, predictor, target), strict=True))
             rows.append(place | score_skill(score, value, signed=signed))
             for n in ORDERS if packing else ():
                 some = score_skill(score[order == n], value[order == n], signed=signed)
                 by_order.append(place | {"order": n} | some)
-        earlier = own
     ordered = [*SKILL_COLUMNS[:4], "order", *SKILL_COLUMNS[4:]]
     return pd.DataFrame(rows, columns=list(SKILL_COLUMNS)), pd.DataFrame(by_order, columns=ordered)
+
+
+def interval_columns(
+    loops: Sequence[Path], increments: Sequence[Path], packing: Sequence[Path] = ()
+) -> Iterator[tuple[Columns, Columns, Columns | None]]:
+    """Arguments of `targets` for each interval in which a loop survived; none without forces."""
+    earlier = None
+    for k, (pair, snapshot) in enumerate(zip(increments, loops, strict=False)):
+        own, state = part_columns(pair), part_columns(snapshot)
+        if "w2" not in own:
+            return
+        state |= part_columns(packing[k]) if packing else {}
+        if len(own["w2"]):
+            yield own, state, earlier
+        earlier = own
 
 
 def part_columns(part: Path) -> Columns:
@@ -144,6 +156,11 @@ def targets(
         for name, column in CLOSURE_PREDICTORS.items()
     }
     known = {name: -state[name] for name in EIGENVALUE_PREDICTORS if name in state}
+    known |= {
+        name: EXPECTED[name] * state[column]
+        for name, column in INDICATORS.items()
+        if column in state
+    }
     counts = {"order": state["order"].astype(float)}
     counts["sliding"] = state["sliding_contacts"].astype(float)
     if "smallest_N" in state:

@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from loops.arrays import Floats
 from loops.tracking import LoopFates
 from patterns import Snapshot
-from studies.series.skill import EVENT_PREDICTORS, OTHERS, TARGET
+from studies.series.skill import EVENT_PREDICTORS, INDICATORS, OTHERS, TARGET
 from studies.snapshot.loop_map import loop_drawer
 from studies.style import (
     BLACK,
@@ -63,6 +63,18 @@ PREDICTORS = {
     "order": "number of grains",
     "sliding": "sliding contacts",
     "smallest_N": "smallest force N",
+    "coordination": "coordination",
+    "mobilisation": "mean mobilisation",
+    "largest_mobilisation": "largest mobilisation",
+    "vibrality": "vibrality",
+    "spin_vibrality": "vibrality of spins",
+    "soft_modes": "softest modes",
+    "slip_criticality": "criticality, slip",
+    "opening_criticality": "criticality, opening",
+    "steric_order": "steric order",
+    "density": "local density",
+    "chain": "force chains",
+    "past_nonaffinity": r"$D^2_{\min}$ before",
 }
 # Predictors drawn from interval to interval; the figure of all predictors shows the others.
 FOLLOWED = {
@@ -144,8 +156,9 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
 def skill_by_predictor(table: pd.DataFrame) -> Figure:
     """AUC of every predictor, one dot per interval and the mean of them, for each target."""
     walked = set(table["predictor"])
-    names = [name for name in PREDICTORS if name in walked or name not in EVENT_PREDICTORS]
-    figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)
+    asked = {*EVENT_PREDICTORS, *INDICATORS}
+    names = [name for name in PREDICTORS if name in walked or name not in asked]
+    figure, axes = new_panels(2, 2, 4.6 if len(names) < 20 else 7.0, sharex=True, sharey=True)
     axes = axes.ravel()
     for ax, target in zip(axes, TARGETS, strict=True):
         for place, name in enumerate(names):

@@ -97,7 +97,7 @@ def increments(before: Snapshot, after: Snapshot) -> pd.DataFrame:
 def skill(
     pairs: Iterable[tuple[Snapshot, Snapshot]], indicator: Callable[[Snapshot], ArrayLike]
 ) -> pd.DataFrame:
-    """How well an indicator of your own predicts what becomes of the loops.
+    """Measure how well an indicator of your own predicts what becomes of the loops.
 
     Parameters
     ----------

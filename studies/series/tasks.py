@@ -45,7 +45,12 @@ from studies.series.evolution import (
     probe_row,
     track_loops,
 )
-from studies.series.packing import Following, increment_columns, packing_predictions
+from studies.series.packing import (
+    Following,
+    increment_columns,
+    indicator_columns,
+    packing_predictions,
+)
 from studies.series.plan import PlannedSnapshot
 from studies.series.workers import Runner, one_blas_thread
 from studies.snapshot.table import loop_table
@@ -209,7 +214,8 @@ class Failure:
 class PartTask:
     """Task that writes the loops of one snapshot, or the changes between two successive ones.
 
-    With `directions` the snapshot is probed as well.
+    With `directions` the snapshot is probed as well, with `indicators` those of its loops predict
+    the interval; `previous` is the snapshot before it, if there is one.
     """
 
     snapshots: tuple[PlannedSnapshot, ...]
@@ -217,6 +223,8 @@ class PartTask:
     yield_band: float | None = None
     directions: int | None = None
     following: Following | None = None
+    indicators: bool = False
+    previous: PlannedSnapshot | None = None
 
     @property
     def part(self) -> Path:
@@ -237,8 +245,10 @@ class PartTask:
     def fingerprint(self) -> str:
         """Digest of everything that the result depends on."""
         how = self.yield_band, self.directions
-        band = [repr(one) for one in (*how, self.following) if one is not None]
-        return "-".join([*(one.fingerprint for one in self.snapshots), *band])
+        asked = [repr(one) for one in (*how, self.following) if one is not None]
+        if self.indicators:
+            asked += ["indicators", "" if self.previous is None else self.previous.fingerprint]
+        return "-".join([*(one.fingerprint for one in self.snapshots), *asked])
 
     @property
     def finished(self) -> bool:
@@ -263,7 +273,8 @@ class Series:
     """Planned snapshots, result folder and optional extra predictors of a series.
 
     With `yield_band` the packing predicts each interval, with `following` its path and its replay
-    too; `probe` are the yield band and the number of directions of the probes of each snapshot.
+    too, with `indicators` also what one snapshot tells; `probe` are the yield band and the number
+    of directions of the probes of each snapshot.
     """
 
     planned: Sequence[PlannedSnapshot]
@@ -271,6 +282,7 @@ class Series:
     yield_band: float | None = None
     following: Following | None = None
     probe: tuple[float | None, int | None] = (None, None)
+    indicators: bool = False
 
     @cached_property
     def snapshots(self) -> list[PartTask]:
@@ -280,9 +292,12 @@ class Series:
     @cached_property
     def intervals(self) -> list[PartTask]:
         """A task for each snapshot with the next."""
-        asked = self.out, self.yield_band
-        pairs = pairwise(self.planned)
-        return [PartTask(pair, *asked, following=self.following) for pair in pairs]
+        earlier: list[PlannedSnapshot | None] = [None] * len(self.planned)
+        if self.indicators:
+            earlier[1:] = self.planned[:-1]
+        given = self.out, self.yield_band, None, self.following, self.indicators
+        pairs = zip(pairwise(self.planned), earlier, strict=False)
+        return [PartTask(pair, *given, previous) for pair, previous in pairs]
 
 
 def do_tasks(
@@ -367,6 +382,9 @@ def _write_pair(task: PartTask) -> None:
             *(before, after, fates, task.yield_band, task.following),
             [one.time for one in task.snapshots],
         )
+        if task.indicators:
+            previous = None if task.previous is None else task.previous.read()
+            columns |= indicator_columns(before, previous)
         about["row"] |= row
         table |= increment_columns(table, about["row"], columns)
         # A restart looks for the increments: they are written last.

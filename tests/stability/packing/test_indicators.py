@@ -97,8 +97,13 @@ def test_a_scale_changes_nothing():
         normal_force=1e8 * graph.normal_force, shear_force=1e8 * graph.shear_force,
     )  # fmt: skip
     law = LinearFrictional(1e5, 0.5e5, 0.5, "radii")
-    one, two = indicators(graph, LAW, find_faces(graph)), indicators(large, law, find_faces(large))
+    past = np.random.default_rng(0).random(graph.grain_count)
+    one, two = (
+        indicators(state, own, find_faces(state), nonaffinity=past)
+        for state, own in ((graph, LAW), (large, law))
+    )
     assert tuple(one) == tuple(EXPECTED)
+    assert set(indicators(graph, LAW, find_faces(graph))) == set(EXPECTED) - {"past_nonaffinity"}
     for name, values in one.items():
         assert np.allclose(values, two[name], rtol=1e-6, atol=1e-9, equal_nan=True), name
 
@@ -142,7 +147,12 @@ def test_nonaffinity_is_what_the_best_map_leaves():
     F = np.array([[1.02, 0.1], [-0.05, 0.97]])
     affine = least_squares_nonaffinity(graph, d @ F.T)
     assert np.nanmax(affine) < 1e-14
-    moved = d @ F.T + 0.01 * np.random.default_rng(0).standard_normal(d.shape)
+    noise = np.random.default_rng(0).standard_normal(d.shape)
+    # Of a step of 1e-8 beyond a map that hardly moves, squares of 1e-16 are left: six digits.
+    small = least_squares_nonaffinity(graph, d + 1e-8 * noise)
+    whole = least_squares_nonaffinity(graph, d + noise)
+    assert np.allclose(small * 1e16, whole, rtol=1e-6, equal_nan=True)
+    moved = d @ F.T + 0.01 * noise
     found = least_squares_nonaffinity(graph, moved)
     radius = graph.radii.mean()
     for grain in range(graph.grain_count):
@@ -153,6 +163,21 @@ def test_nonaffinity_is_what_the_best_map_leaves():
         best, *_ = np.linalg.lstsq(d[own], moved[own], rcond=None)
         left = np.sum((moved[own] - d[own] @ best) ** 2) / len(own) / radius**2
         assert found[grain] == pytest.approx(left, rel=1e-9)
+
+
+def test_past_of_a_loop_is_the_mean_of_its_grains():
+    """Over the grains whose past is known; nothing where none is."""
+    graph = packing(30, seed=6)
+    faces = find_faces(graph)
+    past = np.where(np.arange(30) % 3 == 0, np.nan, np.arange(30.0) ** 2)
+    found = indicators(graph, LAW, faces, nonaffinity=past)["past_nonaffinity"]
+    for batch in loop_batches(graph, faces):
+        at = np.searchsorted(faces.loops, batch.face)
+        for k, grains in zip(at, batch.grains, strict=True):
+            known = [past[grain] for grain in grains if grain % 3]
+            assert found[k] == pytest.approx(np.mean(known), rel=1e-14)
+    nothing = indicators(graph, LAW, faces, nonaffinity=np.full(30, np.nan))
+    assert np.isnan(nothing["past_nonaffinity"]).all()
 
 
 def test_mobilisation_is_one_at_yield():

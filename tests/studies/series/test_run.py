@@ -517,6 +517,13 @@ def test_an_interrupt_is_not_lost_while_processes_start():
         ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, "--workers, --scheduler: got both"),
         ({"cell": (1, 0, 0, 1), "cells": Path("cells.csv")}, "--cell, --cells: got both"),
         ({"format": "rubbish"}, "--format: got 'rubbish'"),
+        ({"in_packing": "events", "mean_mass": -1.0}, "--mean-mass: got -1.0, expected a finite"),
+        ({"probe": 0}, "--probe: got 0, expected a whole number"),
+        (
+            {"in_packing": "events", "times": Path("nothere.csv")},
+            "--times nothere.csv: got no such file, expected a table with the columns snap, time",
+        ),
+        ({"cells": Path("nothere.csv")}, "--cells nothere.csv: got no such file, expected a table"),
     ],
 )
 def test_bad_options(paths, tmp_path, how, message):
