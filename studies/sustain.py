@@ -16,14 +16,14 @@ from numpy.typing import ArrayLike
 
 from loops import Faces, GrainGraph, InputError
 from loops.arrays import Floats
-from loops.laws import LinearFrictional
+from loops.laws import ContactLaw, HertzMindlin, LinearFrictional
 from loops.packing import PlaneContacts
 from patterns import Snapshot
 from stability import COMPONENTS
 from stability.packing import LoadPath, Motion, Sustained
 from stability.packing import sustain as sustain_packing
 from stability.packing.hold import HoldControl
-from stability.packing.pairs import require_replayable
+from stability.packing.pairs import require_movable
 from stability.packing.probe import Probe, probe_edge
 from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import load_path
@@ -79,8 +79,7 @@ def run_sustain(
     parts = _Parts(out.absolute(), "")
     with study("sustain", out, configuration, UNITS, force=force, csv=csv) as results:
         snapshot, held = held_snapshot(_followable(read_planar(path, **how), subspace), control)
-        law, _ = snapshot.mechanics()
-        assert isinstance(law, LinearFrictional)
+        law = require_movable(snapshot.graph, snapshot.mechanics()[0])
         faces = snapshot.faces
         planes, plane_force = followed_walls(snapshot)
         chosen = subspace, interval, most_snaps, faces, planes, plane_force
@@ -114,7 +113,7 @@ def run_sustain(
         summary = results.write_summary(
             asked
             | {"largest": found.largest, "held": held, "notes": list(snapshot.notes)}
-            | {"mean_kn": float(np.mean(law.kn))}
+            | {"mean_kn": snapshot.mean_kn}
             | sustain_summary(found, rates, tables)
         )
         if figures:
@@ -148,7 +147,8 @@ def sustain(
     Parameters
     ----------
     snapshot : Snapshot
-        A snapshot with forces, periodic or between known walls, under the linear frictional law.
+        A snapshot with forces, periodic or between known walls, under the linear frictional law or
+        Hertz and Mindlin's.
     directions : int or (D, m) array_like
         How many, evenly spread; or the directions themselves (m = 2, or 3 with shear), compression
         positive.
@@ -208,7 +208,7 @@ def sustain(
 
 def _followable(snapshot: Snapshot, subspace: Subspace) -> Snapshot:
     """The snapshot; refuse what can't be loaded before it is held."""
-    require_replayable(snapshot.graph, snapshot.mechanics()[0])
+    require_movable(snapshot.graph, snapshot.mechanics()[0])
     if snapshot.graph.cell is None:
         if snapshot.walls is None:
             expected, remedy = "either of them", "Give --cell, or the wall contacts."
@@ -224,7 +224,7 @@ class _Direction:
     """Task of a worker: one direction to load."""
 
     graph: GrainGraph
-    law: LinearFrictional
+    law: ContactLaw
     subspace: Subspace
     interval: float
     most_snaps: int
@@ -262,7 +262,7 @@ def _followed(
 
 def _digest(
     graph: GrainGraph,
-    law: LinearFrictional,
+    law: LinearFrictional | HertzMindlin,
     planes: PlaneContacts | None,
     plane_force: Floats | None,
     asked: dict[str, Any],
@@ -273,10 +273,13 @@ def _digest(
         numbers += [graph.images, graph.cell]
     if planes is not None:
         numbers += [planes.grain, planes.branch, planes.kn, planes.kt, plane_force]
+        numbers += [] if planes.mu is None else [planes.mu]
     digest = blake2b(f"{code_version()} {asked}".encode(), digest_size=8)
-    for values in (*numbers, graph.shear_force, law.kn, law.kt, law.mu):
+    of_law = [v for v in vars(law).values() if isinstance(v, np.ndarray)]
+    for values in (*numbers, graph.shear_force, *of_law):
         digest.update(np.ascontiguousarray(values).tobytes())
-    return f"{digest.hexdigest()}-{law.shear_increment}"
+    history = f"-{law.shear_history}" if isinstance(law, HertzMindlin) else ""
+    return f"{digest.hexdigest()}-{law.shear_increment}{history}"
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, InputError, LinearFrictional, Regime
+from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, Regime
 from loops.arrays import Floats, Integers, Regimes
 from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
+from loops.laws.hertz_mindlin import ShearHistory
 from loops.validation import repeated_contacts
 from patterns.snapshots.checks import SLIDING_SHARE, Checked, Finding, check_state, same_force
 from patterns.snapshots.frame import Frame
@@ -28,14 +29,23 @@ from patterns.snapshots.geometry import (
 from patterns.snapshots.snapshot import Snapshot, WallContacts
 from patterns.snapshots.tables import Table, require_columns
 
+LawName = Literal["linear", "hertz"]
+
 
 class Parameters(NamedTuple):
-    """Parameters of the law given by the user: `kn`, `kt`, `mu` for columns that a file lacks."""
+    """The law as the user gives it, and its parameters for columns that a file lacks.
+
+    Under Hertz's law `kn` and `ks` of a file are tangents, which `young` and `poisson` replace.
+    """
 
     kn: float | None = None
     kt: float | None = None
     mu: float | None = None
     shear_increment: ShearIncrement | None = None
+    law: LawName | None = None
+    young: float | None = None
+    poisson: float | None = None
+    shear_history: ShearHistory | None = None
 
 
 def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True) -> Snapshot:
@@ -64,15 +74,22 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         walls, wall_count = _walls(table, bodies, every, force), len(every) - len(rows)
     else:
         walls, wall_count = _walls_of_table(frame.walls, bodies), len(frame.walls)
+    if parameters.law is None:
+        parameters = parameters._replace(law=frame.law, shear_history=frame.shear_history)
+    hertz = parameters.law == "hertz"
     wanted = (("kn", "kn", parameters.kn), ("kt", "ks", parameters.kt))
     lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
+    if hertz and (lacks or parameters.young is not None):
+        lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
     notes, law, regime = list(frame.notes), None, None
     if force is None:
         lacks = ["shear forces" if table.has("fn") else "forces", *lacks]
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
     elif not lacks:
-        law, regime = _law(table, rows, (normal, shear), parameters, frame.shear_increment, notes)
+        radii = bodies.radii[pairs]
+        forces = normal, shear
+        law, regime = _law(table, rows, radii, forces, parameters, frame.shear_increment, notes)
     graph = _graph(table, rows, bodies, (pairs, normal, shear, branches.images, cell, regime))
     if branches.images is not None and not branches.images.any():
         notes.append("no contact crosses the border of the periodic cell")
@@ -134,7 +151,7 @@ def _graph(
 def _notes_of(findings: Sequence[Finding], lacks: Sequence[str], forces_known: bool) -> list[str]:
     """Notes on the stiffness that known forces lack, and on all findings that are not as wanted."""
     notes = []
-    if forces_known and {"kn", "kt"} & {*lacks}:
+    if forces_known and {"kn", "kt", "young", "poisson"} & {*lacks}:
         needed = [one.says for one in findings if one.check == "stiffness"]
         stiffness = [name for name in lacks if name != "balance"]
         given = " and ".join(f"--{name}" for name in stiffness)
@@ -237,8 +254,7 @@ def _walls(
         branch = bodies.x[grain] - points[single]
     else:
         return None
-    kn, kt = _wall_stiffness(table, single)
-    return WallContacts(grain, sign * force[single], branch, kn, kt)
+    return WallContacts(grain, sign * force[single], branch, *_wall_springs(table, single))
 
 
 def _walls_of_table(table: Table, bodies: Bodies) -> WallContacts:
@@ -249,38 +265,42 @@ def _walls_of_table(table: Table, bodies: Bodies) -> WallContacts:
         row = int(np.argmin(grain))
         where, received = f"column 'id' of {table.path}, row {row}", f"grain {named[row]}"
         raise InputError(where, received, "an id of the table of grains", "Correct or drop it.")
-    kn, kt = (table.column(name) if table.has(name) else None for name in ("kn", "ks"))
+    springs = (table.column(name) if table.has(name) else None for name in ("kn", "ks", "mu"))
     force, branch = table.columns("fx", "fy"), table.columns("branch_x", "branch_y")
-    return WallContacts(grain, force, branch, kn, kt)
+    return WallContacts(grain, force, branch, *springs)
 
 
-def _wall_stiffness(table: Table, rows: Integers) -> tuple[Floats | None, Floats | None]:
-    """Stiffness of contacts with walls; none along a wall without friction, or where one slides."""
+def _wall_springs(
+    table: Table, rows: Integers
+) -> tuple[Floats | None, Floats | None, Floats | None]:
+    """Stiffnesses and friction of contacts with walls; `kt` is zero without friction.
+
+    Where the file has no friction, `kt` is zero where it flags a contact as sliding.
+    """
     if not (table.has("kn") and table.has("ks")):
-        return None, None
-    sticks = np.ones(len(rows), dtype=bool)
+        return None, None, None
+    kn, ks = table.column("kn")[rows], table.column("ks")[rows]
     if table.has("mu"):
-        sticks &= table.column("mu")[rows] > 0
-    if table.has("sliding"):
-        sticks &= table.column("sliding")[rows] == 0
-    return table.column("kn")[rows], np.where(sticks, table.column("ks")[rows], 0.0)
+        mu = table.column("mu")[rows]
+        return kn, np.where(mu > 0, ks, 0.0), mu
+    sliding = table.column("sliding")[rows] if table.has("sliding") else np.zeros(len(rows))
+    return kn, np.where(sliding == 0, ks, 0.0), None
 
 
 def _law(
     table: Table,
     rows: Integers,
+    radii: Floats,
     forces: tuple[Floats, Floats],
     parameters: Parameters,
     of_source: ShearIncrement | None,
     notes: list[str],
-) -> tuple[LinearFrictional, NDArray[np.int8]]:
+) -> tuple[LinearFrictional | HertzMindlin, NDArray[np.int8]]:
     """Law and regime of every contact; assumptions are added to the notes.
 
-    A contact is sliding where the table flags it, else from the forces.
+    A contact is sliding where the table flags it, else from the forces. `radii` (C, 2).
     """
     normal, shear = forces
-    kn = _parameter(table, rows, "kn", parameters.kn, "--kn", notes)
-    kt = _parameter(table, rows, "ks", parameters.kt, "--kt", notes)
     mu: Floats | None = None
     if table.has("mu") or parameters.mu is not None:
         mu = _parameter(table, rows, "mu", parameters.mu, "--mu", notes)
@@ -309,7 +329,51 @@ def _law(
         other = "" if of_source in (None, given) else f", not {of_source!r}"
         notes.append(f"shear increment {given!r} as given{other}")
     regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
+    if parameters.law == "hertz":
+        young, poisson, ratio = _moduli(table, rows, radii, normal, parameters, notes)
+        history = parameters.shear_history or "force"
+        rule = "T stays" if history == "force" else "T goes with kt"
+        notes.append(f"Hertz's law, shear history {history!r}: {rule} while the overlap changes")
+        return HertzMindlin(young, poisson, mu, increment, history, ratio), regime
+    kn = _parameter(table, rows, "kn", parameters.kn, "--kn", notes)
+    kt = _parameter(table, rows, "ks", parameters.kt, "--kt", notes)
     return LinearFrictional(kn=kn, kt=kt, mu=mu, shear_increment=increment), regime
+
+
+def _moduli(
+    table: Table,
+    rows: Integers,
+    radii: Floats,
+    normal: Floats,
+    parameters: Parameters,
+    notes: list[str],
+) -> tuple[Floats, Floats, Floats | None]:
+    """Young's modulus, Poisson's ratio, and kt/kn where the file gives tangents.
+
+    A tangent `kn = (6 E*^2 R* N)^(1/3)` tells `E*` without the overlap, which a file may round.
+    """
+    shape = len(rows)
+    if parameters.young is not None and parameters.poisson is not None:
+        if table.has("kn") or table.has("ks"):
+            notes.append("columns 'kn' and 'ks' not used: --young and --poisson are given")
+        return np.full(shape, parameters.young), np.full(shape, parameters.poisson), None
+    kn, ks = some(table.column("kn"), rows), some(table.column("ks"), rows)
+    told = (kn > 0) & (normal > 0)
+    if not told.any():
+        remedy = "Give --young and --poisson."
+        raise InputError(f"column 'kn' of {table.path}", "no tangent", "one at a force", remedy)
+    reduced = radii.prod(axis=1) / radii.sum(axis=1)
+    modulus, ratio = np.empty(shape), np.empty(shape)
+    # At Poisson's ratio 0 Young's modulus is E/(1 - nu^2) = 2 E*.
+    modulus[told] = 2.0 * np.sqrt(kn[told] ** 3 / (6.0 * reduced[told] * normal[told]))
+    ratio[told] = ks[told] / kn[told]
+    for values in (modulus, ratio):
+        values[~told] = np.median(values[told])
+    notes.append(
+        f"E/(1 - nu^2) = {np.median(modulus):.4g} and kt/kn = {np.median(ratio):.4g} (medians), "
+        "from the columns 'kn' and 'ks' as tangents"
+    )
+    return modulus, np.zeros(shape), ratio
 
 
 def _parameter(

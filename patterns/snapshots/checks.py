@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, LinearFrictional, Regime, branch_vectors
+from loops import (
+    GrainGraph,
+    HertzMindlin,
+    LinearFrictional,
+    Regime,
+    branch_vectors,
+    contact_state,
+)
 from loops.arrays import Flags, Floats, Integers, in_threads
 
 if TYPE_CHECKING:
@@ -50,6 +57,7 @@ AT_LIMIT, FEW_BELOW = (0.95, 1.05), 0.05
 SLIDING_SHARE = 0.999
 # N over kn times overlap (median): 1 for linear laws, 2/3 for Hertz' tangent stiffness.
 STIFF_RATIO = (0.6, 1.6)
+HERTZ, HERTZ_BAND = 2.0 / 3.0, 0.01
 # Powers of ten and ratios of 1 are recognised within this.
 NEAR_ROUND = 0.05
 # kn of one contact over the median, and N over kn times overlap as far the other way: clean 2.
@@ -118,7 +126,7 @@ class Checked:
         graph: GrainGraph,
         d: Floats,
         length: Floats,
-        law: LinearFrictional | None,
+        law: LinearFrictional | HertzMindlin | None,
         regime: NDArray[np.int8] | None,
         given: Floats | None,
         walls: tuple[Integers, Floats] | None,
@@ -126,6 +134,7 @@ class Checked:
         *,
         forces_known: bool = False,
     ) -> None:
+        self.graph = graph
         self.x, self.radii, self.contacts = graph.x, graph.radii, graph.contacts
         self.normal, self.shear = graph.normal_force, graph.shear_force
         self.d, self.length, self.law, self.given, self.walls = d, length, law, given, walls
@@ -144,8 +153,17 @@ class Checked:
         self.loaded = self.normal > limit if limit > 0 else np.ones(len(self.normal), dtype=bool)
 
     def parameter(self, name: str) -> Floats:
-        """(C,) array of `kn`, `kt` or `mu`."""
-        return np.broadcast_to(getattr(self.law, name), len(self.contacts))
+        """(C,) array of `kn`, `kt` or `mu`; under Hertz's law of the tangents of `N`."""
+        value = self.stiffnesses[name == "kt"] if name != "mu" else getattr(self.law, name)
+        return np.broadcast_to(value, len(self.contacts))
+
+    @cached_property
+    def stiffnesses(self) -> tuple[Floats, Floats]:
+        """`kn` and `kt`, broadcastable to (C,)."""
+        assert self.law is not None
+        if isinstance(self.law, LinearFrictional):
+            return self.law.kn, self.law.kt
+        return self.law.stiffnesses(contact_state(self.graph))
 
     def names(self, contacts: Integers) -> str:
         """Grains of the first three of some contacts."""
@@ -465,6 +483,16 @@ def stiffness(state: Checked) -> Finding | None:
     needed, exceeds = float(np.median(secant)), float(np.median(kt / kn))
     ratio, shear_ratio = float(np.median(secant / kn)), float(np.median(secant / kt))
     found = Finding("stiffness", ratio, f"N is {ratio:.4g} times kn times the overlap (median)")
+    tangents = abs(ratio / HERTZ - 1) < HERTZ_BAND
+    if isinstance(state.law, HertzMindlin):
+        reduced = state.radii[state.contacts[rows]].prod(axis=1) / state.reach[rows]
+        modulus = float(np.median(1.5 * secant / np.sqrt(reduced * state.overlap[rows])))
+        cause = f", Hertz's tangents give {HERTZ:.4g}: another law, modulus or units"
+        remedy = f"Forces and overlaps need E/(1 - nu^2) = {modulus:.4g}."
+        return found.doubt(cause, remedy, not tangents)
+    if tangents:
+        says = f"{found.says}, as Hertz's tangents give it: --law hertz for strains"
+        return Finding("stiffness", ratio, says)
     if abs(shear_ratio - 1) < NEAR_ROUND < abs(exceeds - 1):
         cause = f" and {shear_ratio:.4g} times kt times it: kn and kt exchanged"
         return found.doubt(cause, "Exchange them.")

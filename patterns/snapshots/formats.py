@@ -6,14 +6,16 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast, get_args
 
 from numpy.typing import ArrayLike
 
-from loops import InputError
-from loops.laws.frictional import ShearIncrement, checked_increment
-from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.frame import Frame, Frames, Source, with_aliases
+from loops import HertzMindlin, InputError
+from loops.errors import check_choice
+from loops.laws.frictional import checked_increment
+from loops.laws.hertz_mindlin import ShearHistory
+from patterns.snapshots.build import LawName, Parameters, build_snapshot
+from patterns.snapshots.frame import WALL_COLUMNS, Frame, Frames, Source, with_aliases
 from patterns.snapshots.geometry import as_cell
 from patterns.snapshots.lammps import is_lammps, is_liggghts, lammps_frames, liggghts_frames
 from patterns.snapshots.mercury import is_mercury, mercury_frames
@@ -76,6 +78,10 @@ def read_snapshot(
     kt: float | None = None,
     mu: float | None = None,
     shear_increment: str | None = None,
+    law: str | None = None,
+    young: float | None = None,
+    poisson: float | None = None,
+    shear_history: str | None = None,
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
     strict: bool = True,
@@ -107,6 +113,15 @@ def read_snapshot(
     shear_increment : {'branch', 'radii'}, optional
         Shear increment of the code (see `LinearFrictional`); by default that of the source:
         `radii` for Yade, else `branch`.
+    law : {'linear', 'hertz'}, optional
+        Contact law of the simulation; by default that of the source, else linear. Under Hertz's
+        law columns `kn` and `ks` are tangents, from which modulus and kt/kn of each contact follow.
+    young, poisson : float, optional
+        Under Hertz's law Young's modulus of the grains (force per length squared) and Poisson's
+        ratio, in place of columns `kn` and `ks`.
+    shear_history : {'force', 'displacement'}, optional
+        What a contact keeps under Hertz's law while its overlap changes, see `HertzMindlin`; by
+        default that of the source, else `force`, as in Yade.
     format : str
         A key of `FORMATS`, or 'auto': the first format that recognises the file.
     columns : mapping of str to str, optional
@@ -138,7 +153,7 @@ def read_snapshot(
     >>> snapshot.graph.grain_count, snapshot.graph.contact_count, snapshot.wall_contacts
     (600, 819, 61)
     """
-    parameters = Parameters(kn, kt, mu, _checked(shear_increment))
+    parameters = _parameters(kn, kt, mu, shear_increment, law, young, poisson, shear_history)
     found = _frames(path, contacts, format, columns, cell)
     return build_snapshot(_choose(path, found, frame), parameters, strict=strict)
 
@@ -153,6 +168,10 @@ def snapshot_from_tables(
     kt: float | None = None,
     mu: float | None = None,
     shear_increment: str | None = None,
+    law: str | None = None,
+    young: float | None = None,
+    poisson: float | None = None,
+    shear_history: str | None = None,
     columns: Mapping[str, str] | None = None,
     strict: bool = True,
 ) -> Snapshot:
@@ -166,8 +185,8 @@ def snapshot_from_tables(
     walls : data frame, dict of arrays or structured array, optional
         A row a contact with a wall, where walls are no rows of `grains`: `id` of the grain, force
         of the wall on it `fx, fy`, `branch_x, branch_y` from the foot on the wall to its centre
-        (length); perhaps the stiffness `kn, ks`, `ks` zero where nothing sticks.
-    cell, kn, kt, mu, shear_increment, columns, strict
+        (length); perhaps the stiffness `kn, ks`, `ks` zero where nothing sticks, and friction `mu`.
+    cell, kn, kt, mu, shear_increment, law, young, poisson, shear_history, columns, strict
         See `read_snapshot`.
 
     Returns
@@ -197,9 +216,9 @@ def snapshot_from_tables(
     source = Source(Path("tables"), None, as_cell(cell), dict(columns or {}))
     frame = frame_of_tables(source, table_of("grains", grains), table_of("contacts", contacts))
     if walls is not None:
-        of_walls, notes = with_aliases(table_of("walls", walls), ("id", "kn", "ks"))
+        of_walls, notes = with_aliases(table_of("walls", walls), WALL_COLUMNS)
         frame = replace(frame, walls=of_walls, notes=(*frame.notes, *notes))
-    parameters = Parameters(kn, kt, mu, _checked(shear_increment))
+    parameters = _parameters(kn, kt, mu, shear_increment, law, young, poisson, shear_history)
     return build_snapshot(frame, parameters, strict=strict)
 
 
@@ -212,6 +231,10 @@ def read_frames(
     kt: float | None = None,
     mu: float | None = None,
     shear_increment: str | None = None,
+    law: str | None = None,
+    young: float | None = None,
+    poisson: float | None = None,
+    shear_history: str | None = None,
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
     strict: bool = True,
@@ -221,6 +244,8 @@ def read_frames(
     Parameters
     ----------
     path, contacts, cell, kn, kt, mu, shear_increment, format, columns, strict
+        See `read_snapshot`.
+    law, young, poisson, shear_history
         See `read_snapshot`.
 
     Yields
@@ -240,7 +265,7 @@ def read_frames(
     >>> [(snapshot.step, len(snapshot.faces.loops)) for snapshot in read_frames(path)]
     [(0.0, 323)]
     """
-    parameters = Parameters(kn, kt, mu, _checked(shear_increment))
+    parameters = _parameters(kn, kt, mu, shear_increment, law, young, poisson, shear_history)
     for read in _frames(path, contacts, format, columns, cell):
         yield build_snapshot(read(), parameters, strict=strict)
 
@@ -288,8 +313,39 @@ def format_of(path: Path, name: str = "auto") -> Format:
     raise InputError(str(path), received, f"one of the formats {', '.join(FORMATS)}", remedy)
 
 
-def _checked(increment: str | None) -> ShearIncrement | None:
-    return None if increment is None else checked_increment(increment)
+def _parameters(
+    kn: float | None,
+    kt: float | None,
+    mu: float | None,
+    shear_increment: str | None,
+    law: str | None,
+    young: float | None,
+    poisson: float | None,
+    shear_history: str | None,
+) -> Parameters:
+    """The options of the law, checked."""
+    for name, value, known in (
+        ("law", law, get_args(LawName)),
+        ("shear_history", shear_history, get_args(ShearHistory)),
+    ):
+        if value is not None:
+            check_choice(name, value, known)
+    of_hertz = {"young": young, "poisson": poisson, "shear_history": shear_history}
+    given = [name for name, value in of_hertz.items() if value is not None]
+    if given and law != "hertz":
+        remedy = "Give --law hertz, or leave them out."
+        received = f"{', '.join(given)} under {law or 'the linear law'}"
+        raise InputError("law", received, "options of that law", remedy)
+    if law == "hertz" and (kn is not None or kt is not None):
+        remedy = "Give young and poisson, or columns kn and ks with the tangents of each contact."
+        raise InputError("law", "one kn or kt under Hertz's law", "its moduli", remedy)
+    if (young is None) != (poisson is None):
+        raise InputError("law", f"{given[0]} alone", "young and poisson", "Give both.")
+    if young is not None:
+        HertzMindlin(young, cast(float, poisson))  # raises for numbers out of range
+    increment = None if shear_increment is None else checked_increment(shear_increment)
+    chosen, history = cast(LawName | None, law), cast(ShearHistory | None, shear_history)
+    return Parameters(kn, kt, mu, increment, chosen, young, poisson, history)
 
 
 def _frames(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import pyarrow
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.laws.frictional import ShearIncrement
+from loops.laws.hertz_mindlin import ShearHistory
 from patterns.snapshots.checks import Finding
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import Text, beside, listed, read_body
@@ -28,6 +29,8 @@ CONTACT_COLUMNS = (
 )
 Notes = tuple[str, ...]  # guesses, and data that a file lacks
 PLAIN_NAMES = GRAIN_COLUMNS + CONTACT_COLUMNS
+# Those of a table of contacts with walls that have other names.
+WALL_COLUMNS = ("id", "kn", "ks", "mu")
 # Other names of the columns; case does not matter.
 ALIASES: dict[str, tuple[str, ...]] = {
     "id": ("grain", "grain_id", "particle", "particle_id", "body", "body_id"),
@@ -74,7 +77,8 @@ class Frame:
     `omega_z` (rad/time); of a wall the branch starts at its foot, the contact point. Columns of
     `cell` (2, 2) are its vectors (length); `step` is the code's own number, a step, iteration or
     time, `time` the time, if known; `notes` name guesses and missing data, `findings` are those of
-    the reader, and `shear_increment` is that of the code, if the source has it.
+    the reader, and `shear_increment` is that of the code, if the source has it;
+    `law` and `shear_history` are those that it names.
     `walls`, a row a contact with a wall, stands in for rows of `type` 1 and their contacts;
     `measured` forces are those of an experiment, a law of them needs their balance.
     """
@@ -89,6 +93,8 @@ class Frame:
     walls: Table | None = None
     measured: bool = False
     time: float | None = None
+    law: Literal["linear", "hertz"] | None = None
+    shear_history: ShearHistory | None = None
 
 
 def check_names(source: Source, known: Collection[str]) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pyarrow
@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats
+from loops.errors import check_choice
 from loops.laws.frictional import ShearIncrement, checked_increment
+from loops.laws.hertz_mindlin import ShearHistory
 from patterns.snapshots.frame import (
     CONTACT_COLUMNS,
     GRAIN_COLUMNS,
+    WALL_COLUMNS,
     Frame,
     Frames,
     Source,
@@ -59,7 +62,8 @@ def table_frames(source: Source) -> Frames:
 
     The contacts stand beside the grains, `grains` in the name replaced by `contacts`, and so may
     `cell_....json`: `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000,
-    "time": 0.5, "shear_increment": "radii"}`, null for no cell.
+    "time": 0.5, "shear_increment": "radii", "law": "hertz", "shear_history": "force"}`, null for no
+    cell, and `walls_...`, a row a contact with a wall, see `snapshot_from_tables`.
     """
     return [partial(_table_frame, source)]
 
@@ -84,6 +88,11 @@ def _table_frame(source: Source) -> Frame:
         tables = grains, read_table(source.contacts or contacts_beside(source.path), wanted)
         beside = _cell_beside(source.path)
         cell = beside.pop("cell", None)
+        walls = source.path.with_name(source.path.name.replace("grains", "walls"))
+        if "grains" in source.path.name and walls.is_file():
+            beside["walls"] = with_aliases(read_table(walls, wanted | {"fx", "fy"}), WALL_COLUMNS)[
+                0
+            ]
     frame = frame_of_tables(source, *tables)
     return replace(frame, cell=cell if source.cell is None else source.cell, **beside)
 
@@ -127,6 +136,13 @@ def _cell_beside(path: Path) -> dict[str, Any]:
                 found[field] = float(given[name])
         if given.get("shear_increment") is not None:
             found["shear_increment"] = checked_increment(given["shear_increment"])
+        for name, known in (
+            ("law", ("linear", "hertz")),
+            ("shear_history", get_args(ShearHistory)),
+        ):
+            if given.get(name) is not None:
+                check_choice(f"{name} of {file}", given[name], known)
+                found[name] = given[name]
         return found
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError) as error:
         raise InputError(
@@ -138,14 +154,15 @@ def _cell_beside(path: Path) -> dict[str, Any]:
 
 
 def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
-    """Write the tables that `read_snapshot` reads, walls left out.
+    """Write the tables that `read_snapshot` reads.
 
     Parameters
     ----------
     path : str or Path
         The table of grains, `grains` in its name, ending in `.parquet` or `.csv`. The contacts,
-        the cell of a periodic snapshot and the shear increment `radii` are written beside it;
-        files of these names are replaced, each when its successor is complete.
+        those with walls (`walls`), and in a JSON file (`cell`) the cell of a periodic snapshot, the
+        shear increment `radii` and Hertz's law are written beside it; files of these names are
+        replaced, each when its successor is complete.
     snapshot : Snapshot
         What to write; without forces the tables have none.
 
@@ -171,13 +188,19 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
     tables = snapshot.tables()
     _write(path, tables["grains"])
     _write(path.with_name(path.name.replace("grains", "contacts")), tables["contacts"])
+    walls = path.with_name(path.name.replace("grains", "walls"))
+    if tables["walls"] is None:
+        # Those of an earlier snapshot of this name would be taken for this one's.
+        walls.unlink(missing_ok=True)
+    else:
+        _write(walls, tables["walls"])
     cell = path.with_name(path.name.replace("grains", "cell").removesuffix(path.suffix) + ".json")
     matrix, increment = tables["cell"], tables["shear_increment"]
     given: dict[str, object] = {"cell": None if matrix is None else matrix.tolist()}
     if increment not in (None, "branch"):
         given["shear_increment"] = increment
+    given |= {name: tables[name] for name in ("law", "shear_history") if name in tables}
     if given == {"cell": None}:
-        # The cell of an earlier snapshot of this name would be taken for this one's.
         cell.unlink(missing_ok=True)
     else:
         partial = cell.with_name(f".{cell.name}.partial")

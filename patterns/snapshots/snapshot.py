@@ -15,6 +15,7 @@ from loops import (
     ContactLaw,
     Faces,
     GrainGraph,
+    HertzMindlin,
     InputError,
     LinearFrictional,
     Regime,
@@ -26,6 +27,9 @@ from loops import (
 from loops.arrays import Integers, Regimes
 from loops.shown import Shown
 from patterns.snapshots.checks import Finding
+
+# Options that give the stiffness of the contacts.
+STIFFNESS = ("kn", "kt", "young", "poisson")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,6 +46,8 @@ class WallContacts(Shown):
         From the foot on the wall to the centre of the grain (length).
     kn, kt : (W,) array, optional
         Stiffness, if the file has it; `kt` is zero where nothing sticks to the wall.
+    mu : (W,) array, optional
+        Friction, if the file has it; without it a contact with `kt` never slides in a path.
     """
 
     grain: NDArray[np.int64]
@@ -49,6 +55,7 @@ class WallContacts(Shown):
     branch: NDArray[np.float64]
     kn: NDArray[np.float64] | None = None
     kt: NDArray[np.float64] | None = None
+    mu: NDArray[np.float64] | None = None
 
     def facts(self) -> dict[str, object]:
         """Facts shown at the prompt and in a notebook."""
@@ -67,9 +74,9 @@ class Snapshot(Shown):
         Grains and the contacts between them; forces compression positive; the reference is the
         current configuration; periodic if there is a cell.
     law : ContactLaw or None
-        Law of the contacts, `LinearFrictional` as it is read; None if the file lacks forces, their
-        shear part or a stiffness, see `lacks`: then the graph has those forces that the file has,
-        else zeros.
+        Law of the contacts, `LinearFrictional` or `HertzMindlin` as it is read; None if the file
+        lacks forces, their shear part or a stiffness, see `lacks`: then the graph has those forces
+        that the file has, else zeros.
     regime : (C,) array of int8 or None
         `Regime` of each contact, sliding where the file flags it; None with the law.
     ids : (G,) array of int
@@ -87,8 +94,8 @@ class Snapshot(Shown):
     rotation : (G,) array or None
         Angle that each grain has turned by, up to full turns (rad); None if the file lacks it.
     lacks : tuple of str
-        All that is missing for a law: 'forces', 'shear forces', 'kn', 'kt', 'balance' (of forces
-        that were measured).
+        All that is missing for a law: 'forces', 'shear forces', 'kn', 'kt', 'young', 'poisson',
+        'balance' (of forces that were measured).
     mass : (G,) array or None
         Masses of the grains (mass); None if the file lacks them.
     time : float or None
@@ -143,7 +150,7 @@ class Snapshot(Shown):
     @property
     def has_forces(self) -> bool:
         """Whether normal and shear forces are known, with a stiffness or without."""
-        return self.mechanical or bool(self.lacks and set(self.lacks) <= {"kn", "kt", "balance"})
+        return self.mechanical or bool(self.lacks and {*self.lacks} <= {*STIFFNESS, "balance"})
 
     @cached_property
     def mean_kn(self) -> float:
@@ -158,7 +165,7 @@ class Snapshot(Shown):
         if self.law is not None and self.regime is not None:
             return self.law, self.regime
         lacks = self.lacks or ("forces",)
-        options = " and ".join(f"--{name}" for name in lacks if name in ("kn", "kt"))
+        options = " and ".join(f"--{name}" for name in lacks if name in STIFFNESS)
         remedies = [] if self.has_forces else ["export the contact forces"]
         remedies += [f"give {options} or such columns"] if options else []
         told = {"stiffness", *(("balance",) if "balance" in lacks else ())}
@@ -174,8 +181,9 @@ class Snapshot(Shown):
 
         `grains` and `contacts` have the columns that `read_snapshot` reads, without forces or a
         law those of the geometry; `walls` a row a contact with a wall: `id` of the grain, `fx, fy`
-        on it, `branch_x, branch_y` from the foot to the centre, `kn, ks`; None if there is none.
-        Besides `cell` (2, 2) and `shear_increment`, or None.
+        on it, `branch_x, branch_y` from the foot to the centre, `kn, ks, mu`; None if there is
+        none. Besides `cell` (2, 2) and `shear_increment`, or None; under Hertz's law, whose
+        tangents are `kn` and `ks`, also `law` and `shear_history`.
 
         Examples
         --------
@@ -207,11 +215,13 @@ class Snapshot(Shown):
             contacts["fx_on_2"], contacts["fy_on_2"] = contact_forces(graph).T
         elif graph.normal_force.any():
             contacts["fn"] = graph.normal_force
-        if self.law is not None and not isinstance(self.law, LinearFrictional):
-            received, expected = type(self.law).__name__, "LinearFrictional, which columns can hold"
-            raise InputError("law", received, expected, "Keep the law beside the tables.")
+        if self.law is not None and not isinstance(self.law, LinearFrictional | HertzMindlin):
+            expected = "LinearFrictional or HertzMindlin, which columns can hold"
+            received, remedy = type(self.law).__name__, "Keep the law beside the tables."
+            raise InputError("law", received, expected, remedy)
         if self.law is not None and self.regime is not None:
-            law = {"kn": self.law.kn, "ks": self.law.kt, "mu": self.law.mu}
+            kn, kt = self.law.stiffnesses(contact_state(graph))
+            law = {"kn": kn, "ks": kt, "mu": self.law.mu}
             # Friction that the file lacked is infinite here, which no file holds.
             known = {name: values for name, values in law.items() if np.isfinite(values).all()}
             contacts |= {n: np.broadcast_to(v, graph.contact_count) for n, v in known.items()}
@@ -221,13 +231,18 @@ class Snapshot(Shown):
             of_walls = {"id": ids[walls.grain]}
             of_walls["fx"], of_walls["fy"] = walls.force.T
             of_walls["branch_x"], of_walls["branch_y"] = walls.branch.T
-            of_walls |= {n: v for n, v in (("kn", walls.kn), ("ks", walls.kt)) if v is not None}
+            springs = (("kn", walls.kn), ("ks", walls.kt), ("mu", walls.mu))
+            of_walls |= {n: v for n, v in springs if v is not None}
+        of_hertz = {}
+        if isinstance(self.law, HertzMindlin):
+            of_hertz = {"law": "hertz", "shear_history": self.law.shear_history}
         return {
             "grains": grains,
             "contacts": contacts,
             "walls": of_walls,
             "cell": graph.cell,
             "shear_increment": None if self.law is None else self.law.shear_increment,
+            **of_hertz,
         }
 
 

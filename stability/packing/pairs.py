@@ -133,7 +133,9 @@ def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
     if np.count_nonzero(as_hertz) > MOSTLY * len(as_hertz):
         received = "normal forces of 2/3 of kn times the overlap, as Hertz's tangents give them"
         expected = "linear springs, of which N is kn times the overlap"
-        raise InputError("law", received, expected, "Study rates: snapshot, probe, series.")
+        raise InputError(
+            "law", received, expected, "Give law='hertz' (--law hertz), or study rates."
+        )
     return law
 
 

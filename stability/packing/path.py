@@ -23,7 +23,6 @@ from stability.packing.pairs import (
     normal_forces,
     overlaps,
     require_movable,
-    require_replayable,
     strength,
     tangents,
     with_near,
@@ -159,9 +158,6 @@ class PackingPathSolver:
         load_kept: float = 1.0,
     ) -> None:
         checked = require_movable(graph, law)
-        if past == "dynamic":
-            # Motion through an instability is followed under linear springs alone.
-            require_replayable(graph, law)
         start = start_state(graph, planes, plane_force)
         for stage in stages:
             require_upright(start, *stage.programme.equations(np.zeros(4)))

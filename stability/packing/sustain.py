@@ -31,7 +31,7 @@ from stability.packing.equations_of_motion import (
 )
 from stability.packing.incremental_packing import AT_YIELD
 from stability.packing.loop_rates import loop_sums
-from stability.packing.pairs import Pairs, require_replayable, strength
+from stability.packing.pairs import Pairs, require_movable, strength
 from stability.packing.path import PackingPathSolver, Stop
 from stability.packing.probe import probe_directions
 from stability.packing.probe_paths import stage_along
@@ -268,7 +268,7 @@ def sustain(
     graph : GrainGraph
         One state in equilibrium, periodic or between walls: bring another to rest with `hold`
         first.
-    law : LinearFrictional
+    law : LinearFrictional or HertzMindlin
         Contact law.
     directions : int or (D, m) array_like
         How many, evenly spread; or the directions themselves (m = 2, or 3 with shear).
@@ -311,7 +311,7 @@ def sustain(
     >>> found.status.tolist(), found.limit.round(6).tolist()
     (['failed', 'held'], [0.01, 0.02])
     """
-    checked = require_replayable(graph, law)
+    checked = require_movable(graph, law)
     check_choice("subspace", subspace, get_args(Subspace))
     number("interval", interval, 0.0, open_low=True)
     whole_number("most_snaps", most_snaps, 0)

@@ -139,6 +139,28 @@ class Reading:
             "for Yade, else branch.",
         ),
     ] = None
+    law: Annotated[
+        str | None,
+        Parameter(
+            metavar="linear|hertz",
+            help="Contact law of the simulation. Default: as the input tells, else linear. hertz "
+            "takes the input's kn and ks as tangents, or --young and --poisson.",
+        ),
+    ] = None
+    young: Annotated[
+        float | None, Parameter(help="Young's modulus of the grains, for --law hertz.")
+    ] = None
+    poisson: Annotated[
+        float | None, Parameter(help="Poisson's ratio of the grains, for --law hertz.")
+    ] = None
+    shear_history: Annotated[
+        str | None,
+        Parameter(
+            metavar="force|displacement",
+            help="What a contact keeps under --law hertz while its overlap changes: T (Yade; the "
+            "default) or T/kt (LIGGGHTS, LAMMPS).",
+        ),
+    ] = None
     format: Annotated[
         str,
         Parameter(help=f"Format of the input: auto (by its content), {', '.join(FORMAT_NAMES)}."),

@@ -33,9 +33,9 @@ from stability.packing import (
     loop_rates,
     replay,
 )
-from stability.packing.equations_of_motion import TIME_STEP, duration_of
+from stability.packing.equations_of_motion import duration_of, step_of
 from stability.packing.indicators import EXPECTED, least_squares_nonaffinity
-from stability.packing.pairs import require_replayable
+from stability.packing.pairs import contact_pairs, require_movable
 from stability.packing.response import SOLVED
 from stability.packing.state import PackingState, start_state
 from stability.packing.yield_response import YieldResponse, forces_of_motion
@@ -116,11 +116,11 @@ def interval_rate(
         return Rate(DEFAULT_RATE, "no times", {"inertial_number": DEFAULT_RATE})
     if not end > start:
         return Rate(DEFAULT_RATE, "no growing times", {"inertial_number": DEFAULT_RATE})
-    law, _ = before.mechanics()
-    stiffest = float(np.max(np.asarray(require_replayable(before.graph, law).kn)))
-    longest = MOST_STEPS * TIME_STEP * float(np.sqrt(masses.min() / stiffest))
+    law = require_movable(before.graph, before.mechanics()[0])
+    planes, force = followed_walls(before)
+    state = start_state(before.graph, planes, force)
+    longest = MOST_STEPS * step_of(masses, contact_pairs(state, law, planes), state)
     duration = min(end - start, longest)
-    state = start_state(before.graph, *followed_walls(before))
     inertial_number = duration_of(H, masses, state, 1.0) / duration
     options = {"duration": duration, "mass": masses}
     if duration < end - start:
@@ -187,8 +187,7 @@ def packing_predictions(
     planes, held, notes = sample_boundary(before)
     by_events: dict[str, Any] = {}
     if following is not None:
-        rate = interval_rate(before, after, H, times, following)
-        found, by_events, why = _by_events(before, H, following.past, rate)
+        found, by_events, why = _by_events(before, after, H, times, following)
         columns, notes = columns | found, [*notes, *why]
     place = loops_in_place(graph, law, before.faces, planes=planes, held=held)
     columns["packing_lambda_min"] = loop_spectra(place.matrix / before.mean_kn)[:, 0]
@@ -206,24 +205,28 @@ def packing_predictions(
 
 
 def _by_events(
-    before: Snapshot, H: Floats, past: Past, rate: Rate
+    before: Snapshot,
+    after: Snapshot,
+    H: Floats,
+    times: Sequence[float | None],
+    following: Following,
 ) -> tuple[Columns, dict[str, Any], list[str]]:
     """Predictions of the packing's path and of its replay from rest, columns, notes on failures."""
     graph, (law, _) = before.graph, before.mechanics()
     ends, notes = dict[str, PackingState](), list[str]()
-    row: dict[str, Any] = {"replay_inertial_number": rate.inertial_number}
-    row |= {"replay_rate_from": rate.source, "path_status": "refused"}
-    row |= {"path_instabilities": 0, "path_released": None, "path_from_replay": None}
+    row: dict[str, Any] = {"replay_inertial_number": None, "replay_rate_from": None}
+    row |= {"path_status": "refused", "path_instabilities": 0}
+    row |= {"path_released": None, "path_from_replay": None}
     try:
-        # Path and replay of a series are those of linear springs alone.
-        require_replayable(graph, law)
+        rate = interval_rate(before, after, H, times, following)
+        row |= {"replay_inertial_number": rate.inertial_number, "replay_rate_from": rate.source}
         notes += balance_notes(before)
         strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
         stage = Stage(strain, "parameter", 1.0)
         planes, force = followed_walls(before)
         path = follow(
-            graph, law, stage, closure="packing", instabilities=PASSED, past=past, planes=planes,
-            plane_force=force,
+            graph, law, stage, closure="packing", instabilities=PASSED, past=following.past,
+            planes=planes, plane_force=force,
         )  # fmt: skip
         work = path.work[-1]
         row |= {

@@ -10,7 +10,7 @@ import numpy as np
 from loops import InputError, Regime
 from patterns import Snapshot, WallContacts
 from stability.packing.hold import SLIDING_SHARE, HoldControl, hold, unbalanced_force
-from studies.snapshot.in_packing import box_area, sample_boundary
+from studies.snapshot.in_packing import box_area, followed_walls, sample_boundary
 from studies.snapshot.run import planar
 
 # Above this unbalanced force the rates of a state are not those of an equilibrium.
@@ -35,12 +35,12 @@ def held_snapshot(
     not come to rest.
     """
     law, _ = snapshot.mechanics()
-    planes, outline, _ = sample_boundary(snapshot)
+    _, outline, _ = sample_boundary(snapshot)
     walls = snapshot.walls
     if control is None:
         if outline is not None:
             return snapshot, None
-        before = unbalanced_force(snapshot.graph, planes, None if walls is None else walls.force)
+        before = unbalanced_force(snapshot.graph, *followed_walls(snapshot))
         if not before > MOVING:
             return snapshot, None
         note = (
@@ -60,7 +60,7 @@ def held_snapshot(
         )
         raise InputError("--hold", "a sample whose walls are not known", expected, remedy)
     area = None if walls is None else box_area(snapshot.graph.x, walls)
-    force = None if walls is None else walls.force
+    planes, force = followed_walls(snapshot)
     held = hold(snapshot.graph, law, control=control, planes=planes, plane_force=force, volume=area)
     if held.status != "at rest":
         expected = "a sample that comes to rest"
@@ -76,7 +76,12 @@ def held_snapshot(
     regime = np.where(np.abs(graph.shear_force) >= limit, Regime.SLIDING, Regime.ELASTIC)
     if held.planes is not None:
         walls = WallContacts(
-            held.planes.grain, held.plane_force, -held.planes.branch, held.planes.kn, held.planes.kt
+            held.planes.grain,
+            held.plane_force,
+            -held.planes.branch,
+            held.planes.kn,
+            held.planes.kt,
+            held.planes.mu,
         )
     at_rest = Snapshot(
         graph=graph.replace(regime=regime.astype(np.int8)),

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import InputError, love_weber_stress, outline_area
+from loops import HertzMindlin, InputError, love_weber_stress, outline_area
 from loops.arrays import Flags, Floats
 from patterns import Snapshot, WallContacts
+from patterns.snapshots.checks import SLIDING_SHARE
 from stability.verdict import loop_spectra, loop_stability
 from studies.output import Columns
 from studies.snapshot.table import (
@@ -43,14 +44,21 @@ def sample_boundary(snapshot: Snapshot) -> tuple[PlaneContacts | None, Flags | N
 
     walls = snapshot.walls
     if walls is not None and walls.kn is not None and walls.kt is not None:
-        return PlaneContacts(walls.grain, -walls.branch, walls.kn, walls.kt), None, []
+        kt = walls.kt
+        if walls.mu is not None:
+            # No law of walls slides in the rate problem: those at yield have no shear stiffness.
+            n = walls.branch / np.linalg.norm(walls.branch, axis=1, keepdims=True)
+            N = np.sum(walls.force * n, axis=1)
+            T = n[:, 0] * walls.force[:, 1] - n[:, 1] * walls.force[:, 0]
+            kt = np.where(np.abs(T) >= SLIDING_SHARE * walls.mu * N, 0.0, kt)
+        return PlaneContacts(walls.grain, -walls.branch, walls.kn, kt, walls.mu), None, []
     if walls is not None:
         planes = plane_contacts(snapshot.graph, walls.grain, walls.force, walls.branch)
-        return (
-            planes,
-            None,
-            ["walls: frictionless, with the stiffness that their forces and overlaps give"],
-        )
+        if isinstance(snapshot.law, HertzMindlin):
+            # A tangent is 3/2 of the force over the overlap.
+            planes = replace(planes, kn=1.5 * planes.kn)
+        note = "walls: frictionless, with the stiffness that their forces and overlaps give"
+        return planes, None, [note]
     if snapshot.graph.cell is not None:
         return None, None, []
     held = outline_grains(snapshot.graph, snapshot.faces)
@@ -64,9 +72,17 @@ def sample_boundary(snapshot: Snapshot) -> tuple[PlaneContacts | None, Flags | N
 
 def followed_walls(snapshot: Snapshot) -> tuple[PlaneContacts | None, Floats | None]:
     """Contacts with the walls that paths and replays move, and the forces of the walls there."""
-    if snapshot.walls is None:
+    walls = snapshot.walls
+    if walls is None:
         return None, None
-    return sample_boundary(snapshot)[0], snapshot.walls.force
+    planes = sample_boundary(snapshot)[0]
+    assert planes is not None
+    if walls.kn is not None and walls.kt is not None:
+        # In a path those at yield may stick again.
+        return replace(planes, kt=walls.kt), walls.force
+    # Contacts without a force have no stiffness, and are left out.
+    pushes = np.sum(walls.force * walls.branch, axis=1) > 0
+    return planes, walls.force[pushes]
 
 
 def box_area(x: Floats, walls: WallContacts) -> float | None:

@@ -50,8 +50,18 @@ LAWS = {
 }
 
 
+def fitted(law, graph):
+    """The law with moduli, one a contact, under which the packing keeps the forces it rests in."""
+    closed = np.asarray(law.closed_force(contact_state(graph)))
+    share = np.where(graph.normal_force > 0, graph.normal_force / closed, 1.0)
+    if isinstance(law, HertzMindlin):
+        how = law.mu, law.shear_increment, law.shear_history
+        return HertzMindlin(law.young * share, law.poisson, *how)
+    return Power(law.k * share, law.kt, law.mu, law.m) if isinstance(law, Power) else law
+
+
 def sample(boundary, law):
-    """A small snapshot that ends so, with the normal forces of the law."""
+    """A small snapshot that ends so, at rest under the law."""
     walls = None
     if boundary == "cell":
         graph = jammed(24, 3)
@@ -59,6 +69,7 @@ def sample(boundary, law):
         graph, planes, force = jammed_in_box(24, 1)
         if boundary == "walls":
             walls = WallContacts(planes.grain, force, -planes.branch, planes.kn, planes.kt)
+    law = fitted(law, graph)
     N = np.maximum(np.asarray(law.normal_force(contact_state(graph))), 1e-12)
     T = np.clip(graph.shear_force, -0.4 * N, 0.4 * N)
     graph = graph.replace(normal_force=N, shear_force=T)

@@ -270,6 +270,12 @@ LIMITS = [
     ("SLIDING_SHARE", flags, unflagged(10, 0.9985), unflagged(10, 0.9995)),
     (("STIFF_RATIO", 0), stiffness, state(normal=0.65), state(normal=0.55)),
     (("STIFF_RATIO", 1), stiffness, state(normal=1.5), state(normal=1.75)),
+    ("HERTZ", says("Hertz", checks.stiffness), state(normal=0.7), state(normal=2 / 3)),
+    (
+        "HERTZ_BAND",
+        says("Hertz", checks.stiffness),
+        *(state(normal=k * 2 / 3) for k in (1.012, 1.008)),
+    ),
     ("NEAR_ROUND", says("10^4", checks.stiffness), state(normal=10**4.07), state(normal=10**4.04)),
     ("NEAR_ROUND", stiffness, state(kt=1.04 / OVERLAP), state(kt=1.06 / OVERLAP)),
     ("ODD_STIFFNESS", of(checks.odd_stiffness), *(state(kn=one(k) / OVERLAP) for k in (80, 125))),
