@@ -30,6 +30,7 @@ from matplotlib.patches import Patch
 
 from loops import GrainGraph, InputError, Regime, contact_state
 from loops.arrays import Floats
+from loops.symmetry import loop_symmetry
 from patterns.diamond import (
     TABLE_1,
     TABLE_2,
@@ -490,6 +491,7 @@ def loop_limits(
         law = (loop if loop.phi_deg == 90.0 else replace(loop, phi_deg=90.0)).law()
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, loop.closure, loop.spins, None)
+    model = replace(model, symmetry=loop_symmetry(graph).along_axes())
     fan = Fan(model, control, loop_fan(model.d0, directions), reach)
     plain = loop.spins == "blocked" and loop.contact_law == "linear"
     if plain:

@@ -6,6 +6,11 @@ programme's own, and events located by integrating to them. Contacts that reach 
 slide; where such regimes do not agree with their rates the programme ends. A question that this
 cannot settle (a sliding contact that sticks again, several modes singular at one state) is left to
 `follow`, which also serves spins that are not blocked.
+
+Mirrors in the axes and the half turn that leave loop and load as they are split the relaxed
+displacements into fields of one character each, which answer to themselves alone. The path uses
+the fields that keep the symmetry. So it passes states where the balance of the others is singular,
+where paths that break the symmetry branch off.
 """
 
 from __future__ import annotations
@@ -13,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,8 +28,8 @@ from loops import GrainGraph, Regime
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import translational_blocks
 from loops.closures import Spins
-from loops.graph import ContactState
 from loops.laws.frictional import edge_rates, with_sides
+from loops.symmetry import identity
 from stability.paths.follow import follow
 from stability.paths.model import PathModel
 from stability.paths.state import PathContacts
@@ -40,7 +45,9 @@ LIMITS = (*SPECTRAL, "yield", "opening", "branching", "limit")
 RTOL, MAX_STEP, FIRST_STEP = 1e-14, 0.04, 1e-2
 # Share of a step before which no event is looked for: at the first touch all forces are zero.
 BEGUN = 1e-4
-MOST_STEPS, ROOT_STEPS = 600, 60
+MOST_STEPS, ROOT_STEPS, POLISHES = 600, 60, 3
+# Half the distance, in shares of a step, over which the slope of an event function is taken.
+SLOPE_WIDTH = 1e-4
 # Stress over kn at which a programme of stress ends that `follow` takes, over its reach in strain.
 STRESS_REACH = 5.0
 # Event functions this close to zero where another one vanishes do so there too.
@@ -84,6 +91,12 @@ class LoopStates:
             getattr(self, field.name)[rows] = getattr(states, field.name)
 
 
+# The 12 stages of the method, its end, and the three more that its interpolant takes.
+STAGES, DENSE_STAGES = 12, 16
+TABLEAU = np.zeros((DENSE_STAGES, DENSE_STAGES))
+TABLEAU[:STAGES, :STAGES], TABLEAU[STAGES, :STAGES] = DOP853.A, DOP853.B
+TABLEAU[STAGES + 1 :] = DOP853.A_EXTRA
+
 # Event functions of states on the programmes of some rows, see `Fan.functions`.
 Pending = Callable[[LoopStates, Integers], tuple[Floats, dict[str, slice]]]
 
@@ -120,11 +133,14 @@ class FanLimits:
 def stability_measures(K: Floats) -> Floats:
     """(..., 3) numbers of `SPECTRAL`, positive where stable, of tangents in `symmetric`.
 
-    Over the norm of K: smallest eigenvalue of Ks, of Ks in (11, 22), and smallest real part of the
-    eigenvalues of K in (11, 22).
+    Smallest eigenvalue of Ks over the norm of K; smallest eigenvalue of Ks, and smallest real part
+    of the eigenvalues of K, in (11, 22), over the norm there: where K has a pole in shear alone
+    these two are finite.
     """
-    K = K / np.maximum(np.linalg.norm(K, axis=(-2, -1)), np.finfo(float).tiny)[..., None, None]
-    a, b, c, d = K[..., 0, 0], K[..., 0, 1], K[..., 1, 0], K[..., 1, 1]
+    tiny = np.finfo(float).tiny
+    plane_norm = np.maximum(np.linalg.norm(K[..., :2, :2], axis=(-2, -1)), tiny)
+    a, b, c, d = (K[..., i, j] / plane_norm for i in (0, 1) for j in (0, 1))
+    K = K / np.maximum(np.linalg.norm(K, axis=(-2, -1)), tiny)[..., None, None]
     mean, half = 0.5 * (a + d), 0.5 * (a - d)
     plane = mean - np.hypot(half, 0.5 * (b + c))
     real = mean - np.sqrt(np.maximum(half**2 + b * c, 0.0))
@@ -174,40 +190,43 @@ class Fan:
         return contacts
 
     @cached_property
-    def _ring(self) -> Floats:
-        """Traction closure of `(d', f^', P')`, stiffness left out: forces, closure, strain."""
-        model, C = self.model, self.model.contact_count
-        matrix = np.zeros((2 * C + 6, 2 * C + 6))
-        for i in (0, 1):
-            matrix[i : 2 * C : 2, 2 * C + i] = matrix[2 * C + i, i : 2 * C : 2] = 1.0
-            for j in (0, 1):
-                matrix[i : 2 * C : 2, 2 * C + 2 + 2 * i + j] = -model.m[:, j]
-                matrix[2 * C + 2 + 2 * i + j, i : 2 * C : 2] = model.m[:, j]
-        return matrix
+    def blocks(self) -> tuple[FieldBlock, ...]:
+        """Fields of the traction closure by character; those that hold (11, 22) first."""
+        return field_blocks(self.model) if self.model.closure == "traction" else ()
 
-    def response(self, contacts: ContactState, regime: Regimes) -> tuple[Floats, Floats, Floats]:
-        """Branch rates (B, C, 2, 4) and stress rates (B, 4, 4) per `H'`; the balance's sign (B,).
+    def stiffnesses(self, states: LoopStates) -> Floats:
+        """(B, C, 2, 2) tangent blocks of the contacts."""
+        contacts = with_sides(self.contacts(states), states.side)
+        return translational_blocks(contacts, self.model.law, states.regime)
 
-        The sign is that of the balance's determinant: other paths branch off where it changes.
+    def response(self, k: Floats) -> tuple[Floats, Floats]:
+        """(B, C, 2, 4) branch rates and (B, 4, 4) stress rates per `H'` along the path.
+
+        Under the traction closure those of the first of `blocks`, the rest zero.
         """
         model, C = self.model, self.model.contact_count
-        k = translational_blocks(contacts, model.law, regime)
+        D, A = np.zeros((len(k), C, 2, 4)), np.zeros((len(k), 4, 4))
         if model.closure == "affine":
-            D = np.zeros((C, 2, 4))
-            D[:, 0, :2] = D[:, 1, 2:] = -model.d0
-            A = np.einsum("bcik,cj,cl->bijkl", k, model.d0, model.d0).reshape(-1, 4, 4)
-            return np.broadcast_to(D, (len(k), C, 2, 4)), A / model.volume, np.ones(len(k))
-        matrix = np.repeat(self._ring[None], len(k), axis=0)
-        blocks = matrix[:, : 2 * C, : 2 * C].reshape(len(k), C, 2, C, 2)
-        blocks[:, np.arange(C), :, np.arange(C)] = np.moveaxis(k, 1, 0)
-        matrix[:, : 2 * C, : 2 * C] = blocks.reshape(len(k), 2 * C, 2 * C)
-        rhs = np.zeros((len(k), 2 * C + 6, 4))
-        rhs[:, 2 * C + 2 :] = model.volume * np.eye(4)
-        sign = np.asarray(np.linalg.slogdet(matrix)[0])
-        # Contacts that slide from the first touch leave the balance singular.
-        matrix[sign == 0.0] = np.nan
-        z: Floats = np.asarray(np.linalg.solve(matrix, rhs))
-        return z[:, : 2 * C].reshape(-1, C, 2, 4), z[:, 2 * C + 2 :], sign
+            D[..., 0, :2] = D[..., 1, 2:] = -model.d0
+            pairs = (model.d0[:, :, None] * model.d0[:, None, :]).reshape(C, 4)
+            A = (np.moveaxis(k, 1, -1) @ pairs).reshape(-1, 2, 2, 2, 2)
+            return D, np.moveaxis(A, 2, 3).reshape(-1, 4, 4) / model.volume
+        block = self.blocks[0]
+        strains, z = block.strains, block.solve(k, model.volume)
+        D[..., strains] = block.branch_rates(z)
+        A[:, strains[:, None], strains] = z[:, -len(strains) :]
+        return D, A
+
+    def operator(self, k: Floats) -> tuple[Floats, Floats, Floats]:
+        """(B, 4, 4) whole tangent; signs and logarithms of the determinants of `blocks` (B, Q)."""
+        _, A = self.response(k)
+        for block in self.blocks[1:]:
+            if len(block.strains):
+                strains, z = block.strains, block.solve(k, self.model.volume)
+                A[:, strains[:, None], strains] = z[:, -len(strains) :]
+        found = np.array([np.linalg.slogdet(block.balance(k)) for block in self.blocks])
+        sign, size = found.reshape(-1, 2, len(k)).transpose(1, 2, 0)
+        return A, sign, size
 
     def strain_rate(self, A: Floats, rows: Integers, heading: Floats) -> Floats:
         """(B, 4) `H'` of unit length; under stress control on the side of `heading` (B, 2).
@@ -226,54 +245,89 @@ class Fan:
         none = np.zeros_like(along)
         return np.stack([along, none, none, across], axis=-1)
 
-    def rates(
-        self, states: LoopStates, rows: Integers
-    ) -> tuple[LoopStates, Floats, Floats, Floats, Floats]:
-        """Rates of the states per unit of |H|; then A, balance's sign, `N'` and the slip."""
+    def rates(self, states: LoopStates, rows: Integers) -> tuple[LoopStates, Floats]:
+        """Rates of the states per unit of |H|, and of the contacts' displacements (2, B, C)."""
         law, contacts = self.model.law, with_sides(self.contacts(states), states.side)
-        D, A, sign = self.response(contacts, states.regime)
+        D, A = self.response(translational_blocks(contacts, law, states.regime))
         H = self.strain_rate(A, rows, states.heading)
-        motion = np.einsum("bcir,br->bci", D, H)
+        motion = (D @ H[:, None, :, None])[..., 0]
         un = (contacts.n * motion).sum(axis=-1)
         ut = law.shear_kinematics(contacts)[0] * (contacts.t * motion).sum(axis=-1)
         k = law.local_stiffness(contacts, states.regime)
         shear = -(k[..., 1, 0] * un + k[..., 1, 1] * ut)
-        side = np.where(states.side == 0.0, np.sign(contacts.shear_force), states.side)
-        normal, sticking, strength = edge_rates(law, contacts, side, un, ut)
-        beyond = np.where(side == 0.0, np.abs(sticking), side * sticking) - strength
-        return replace(states, H=H, moved=motion, shear_force=shear), A, sign, normal, beyond
+        return replace(states, H=H, moved=motion, shear_force=shear), np.stack([un, ut])
+
+    def edges(self, states: LoopStates, rates: LoopStates, shift: Floats) -> tuple[Floats, Floats]:
+        """(B, C) `N'`, and the rate of |T| beyond that of the strength if the contacts stuck."""
+        contacts = with_sides(self.contacts(states), states.side)
+        side = np.sign(np.where(states.shear_force == 0.0, rates.shear_force, states.shear_force))
+        side = np.where(states.side == 0.0, side, states.side)
+        normal, sticking, strength = edge_rates(self.model.law, contacts, side, *shift)
+        return normal, np.where(side == 0.0, np.abs(sticking), side * sticking) - strength
 
     # ---- steps and events
 
+    def _flat(self, states: LoopStates) -> Floats:
+        return np.concatenate(
+            [states.H, states.moved.reshape(len(states.H), -1), states.shear_force], axis=1
+        )
+
+    def _at(self, states: LoopStates, y: Floats) -> LoopStates:
+        end = 4 + states.moved[0].size
+        moved = y[:, 4:end].reshape(states.moved.shape)
+        return replace(states, H=y[:, :4], moved=moved, shear_force=y[:, end:])
+
+    def _stages(self, states: LoopStates, rows: Integers, h: Floats, count: int) -> Floats:
+        y0 = self._flat(states)
+        k = np.zeros((count, *y0.shape))
+        for stage in range(count):
+            dy = np.tensordot(TABLEAU[stage, :stage], k[:stage], 1)
+            k[stage] = self._flat(self.rates(self._at(states, y0 + h[:, None] * dy), rows)[0])
+        return k
+
     def step(self, states: LoopStates, rows: Integers, h: Floats) -> tuple[LoopStates, Floats]:
         """One step of length `h` (B,) each; the states at its end, and its error over `RTOL`."""
-
-        def flat(s: LoopStates) -> Floats:
-            return np.concatenate([s.H, s.moved.reshape(len(h), -1), s.shear_force], axis=1)
-
-        def at(y: Floats) -> LoopStates:
-            moved = y[:, 4 : 4 + states.moved[0].size].reshape(states.moved.shape)
-            shear = y[:, 4 + states.moved[0].size :]
-            return replace(states, H=y[:, :4], moved=moved, shear_force=shear)
-
-        y0, k = flat(states), np.zeros((13, len(h), 4 + 3 * self.model.contact_count))
-        k[0] = flat(self.rates(states, rows)[0])
-        for stage in range(1, 12):
-            dy = np.tensordot(DOP853.A[stage, :stage], k[:stage], 1)
-            k[stage] = flat(self.rates(at(y0 + h[:, None] * dy), rows)[0])
-        y = y0 + h[:, None] * np.tensordot(DOP853.B, k[:12], 1)
+        k = self._stages(states, rows, h, STAGES)
+        change = h[:, None] * np.tensordot(DOP853.B, k, 1)
         # Error of the embedded orders 5 and 3, as DOP853 weighs it.
-        five, three = (np.tensordot(E[:12], k[:12], 1) for E in (DOP853.E5, DOP853.E3))
+        five, three = (np.tensordot(E[:STAGES], k, 1) for E in (DOP853.E5, DOP853.E3))
         five, three = ((e**2).mean(axis=1) for e in (five, three))
         error = h * five / np.sqrt(np.maximum(five + 0.01 * three, np.finfo(float).tiny))
-        heading = np.where(h[:, None] > 0.0, (y - y0)[:, [0, 3]], states.heading)
-        return replace(at(y), heading=heading), error / (RTOL * max(self.reach, 1e-300))
+        heading = np.where(h[:, None] > 0.0, change[:, [0, 3]], states.heading)
+        after = replace(self._at(states, self._flat(states) + change), heading=heading)
+        return after, error / (RTOL * max(self.reach, 1e-300))
 
-    def functions(self, states: LoopStates, rows: Integers) -> tuple[Floats, dict[str, slice]]:
-        """(B, M) functions that are positive before their events, and the columns of each kind."""
+    def interpolant(
+        self, states: LoopStates, rows: Integers, h: Floats
+    ) -> Callable[[Floats, Integers], LoopStates]:
+        """States at the shares `theta` of some steps, of order 7 (Hairer, Norsett, Wanner)."""
+        k = self._stages(states, rows, h, DENSE_STAGES)
+        y0, size = self._flat(states), h[:, None]
+        change = size * np.tensordot(DOP853.B, k[:STAGES], 1)
+        slopes = size * k[0], size * k[STAGES]
+        F = [change, slopes[0] - change, 2.0 * change - slopes[0] - slopes[1],
+             *(size * np.tensordot(DOP853.D, k, 1))]  # fmt: skip
+
+        def at(theta: Floats, pick: Integers) -> LoopStates:
+            x, y = theta[:, None], np.zeros_like(y0[pick])
+            for power, f in enumerate(reversed(F)):
+                y = (y + f[pick]) * (x if power % 2 == 0 else 1.0 - x)
+            return self._at(states.take(pick), y0[pick] + y)
+
+        return at
+
+    def functions(
+        self, states: LoopStates, rows: Integers
+    ) -> tuple[Floats, Floats, dict[str, slice]]:
+        """(B, M) functions that are positive before their events, and the columns of each kind.
+
+        The last columns, one of each of `blocks`, hold the sign of its determinant; between the
+        two, (B, Q), its logarithm.
+        """
         law, C = self.model.law, self.model.contact_count
         contacts = self.contacts(states)
-        _, A, sign, _, beyond = self.rates(states, rows)
+        A, sign, size = self.operator(self.stiffnesses(states))
+        _, beyond = self.edges(states, *self.rates(states, rows))
         force = self.model.stiffness * self.model.length * self.reach
         closed, sticks = states.regime != Regime.OPEN, states.regime == Regime.ELASTIC
         below = (law.strength(contacts) - np.abs(contacts.shear_force)) / force
@@ -282,12 +336,89 @@ class Fan:
         gap = -law.gap(contacts) / (self.model.touching * self.reach)
         spectral = stability_measures(restrict(A, "symmetric"))
         table = [np.where(cone, below, np.inf), slipping, np.where(closed, gap, np.inf),
-                 np.where(np.isnan(spectral), -1.0, spectral), sign[:, None]]  # fmt: skip
-        ends = np.cumsum([0, C, C, C, 3, 1])
-        names = ("yield", "unloading", "opening", "spectral", "branching")
-        return np.concatenate(table, axis=1), {
-            name: slice(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)
-        }
+                 np.where(np.isnan(spectral), -1.0, spectral), sign]  # fmt: skip
+        ends = np.cumsum([0, C, C, C, 3, len(self.blocks)])
+        names = ("yield", "unloading", "opening", "spectral", "balance")
+        return (
+            np.concatenate(table, axis=1),
+            size,
+            {name: slice(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)},
+        )
+
+
+class FieldBlock(NamedTuple):
+    """Equations of the traction closure in the displacement fields of one character.
+
+    A field is known from the `first` (R,) contacts of the orbits, of whose 2 R components those in
+    `free` (q,) need not vanish: contact c has `sign` (C, 2) times those of orbit `image` (C,).
+    `strains` (s,): Components of H and P of this character; `matrix` (q + p + s, same): The
+    equations of branches, redundant force and strain with the stiffness left out.
+    """
+
+    first: Integers
+    free: Integers
+    image: Integers
+    sign: Floats
+    strains: Integers
+    matrix: Floats
+
+    def balance(self, k: Floats) -> Floats:
+        """(B, q + p + s, same) equations with contact tangents `k` (B, C, 2, 2)."""
+        R, q = len(self.first), len(self.free)
+        stiffness = np.zeros((len(k), R, 2, R, 2))
+        stiffness[:, np.arange(R), :, np.arange(R)] = np.moveaxis(k[:, self.first], 1, 0)
+        matrix = np.repeat(self.matrix[None], len(k), axis=0)
+        square = stiffness.reshape(len(k), 2 * R, 2 * R)
+        matrix[:, :q, :q] = square[:, self.free[:, None], self.free]
+        return matrix
+
+    def solve(self, k: Floats, volume: float) -> Floats:
+        """(B, q + p + s, s) fields per `H'`, not a number where the balance is singular."""
+        matrix, s = self.balance(k), len(self.strains)
+        rhs = np.zeros((*matrix.shape[:2], s))
+        rhs[:, -s:] = volume * np.eye(s)
+        try:
+            return np.asarray(np.linalg.solve(matrix, rhs))
+        except np.linalg.LinAlgError:
+            # Contacts that slide from the first touch leave the balance singular.
+            matrix[np.linalg.slogdet(matrix)[0] == 0.0] = np.nan
+            return np.asarray(np.linalg.solve(matrix, rhs))
+
+    def branch_rates(self, z: Floats) -> Floats:
+        """(B, C, 2, s) branch rates of the fields `z`."""
+        whole = np.zeros((len(z), 2 * len(self.first), z.shape[2]))
+        whole[:, self.free] = z[:, : len(self.free)]
+        return whole.reshape(len(z), -1, 2, z.shape[2])[:, self.image] * self.sign[..., None]
+
+
+def field_blocks(model: PathModel) -> tuple[FieldBlock, ...]:
+    """Fields of a ring by the characters of its mirrors in the axes and half turn."""
+    group = model.symmetry or identity(model.grain_count, model.contact_count)
+    group, c = group.along_axes(), np.arange(model.contact_count)
+    first, image = np.unique(group.contact_orbits, return_inverse=True)
+    R, axes = len(first), np.diagonal(group.maps, axis1=1, axis2=2)
+    big, weight, m = np.zeros((2 * R + 6, 2 * R + 6)), np.bincount(image), model.m[first]
+    for i in (0, 1):
+        big[i : 2 * R : 2, 2 * R + i], big[2 * R + i, i : 2 * R : 2] = 1.0, weight
+        for j in (0, 1):
+            big[i : 2 * R : 2, 2 * R + 2 + 2 * i + j] = -m[:, j]
+            big[2 * R + 2 + 2 * i + j, i : 2 * R : 2] = weight * m[:, j]
+    characters = dict.fromkeys(
+        tuple(map(float, each)) for each in (group.parity**2, group.parity, *axes.T)
+    )
+    blocks = []
+    for character in map(np.array, characters):
+        # A mirror turns the ring's sense round, and with it the branches and forces.
+        action = (character * group.parity)[:, None] * axes
+        fixed = group.contacts[:, first] == first
+        kept = (action[:, None] * fixed[..., None]).sum(axis=0) == fixed.sum(axis=0)[:, None]
+        tensor = character[:, None] * np.stack([group.parity**k for k in (0, 1, 1, 0)], axis=1)
+        force, strain = (np.flatnonzero(a.sum(axis=0) == group.order) for a in (action, tensor))
+        sign = action[np.argmax(group.contacts[:, first[image]] == c, axis=0)]
+        free = np.flatnonzero(kept)
+        used = np.concatenate([free, 2 * R + force, 2 * R + 2 + strain])
+        blocks.append(FieldBlock(first, free, image, sign, strain, big[np.ix_(used, used)]))
+    return tuple(blocks)
 
 
 def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
@@ -299,8 +430,8 @@ def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
     limits = FanLimits.none(count, model.contact_count)
     now = start.take(np.zeros(count, dtype=int))
     rows = _first_regimes(fan, now, limits)
-    balance, gone = np.ones(count), np.zeros(count)
-    balance[rows] = fan.functions(now.take(rows), rows)[0][:, -1]
+    balance, gone = np.zeros((count, len(fan.blocks), 2)), np.zeros(count)
+    _set_balance(fan, balance, now, rows)
     h = np.full(count, FIRST_STEP * fan.reach)
     for _ in range(MOST_STEPS):
         if len(rows) == 0:
@@ -321,8 +452,10 @@ def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
             )
             now.put(going, after)
             gone[going] += share * taken[good]
-            if fired.any():
-                _after_event(fan, limits, pending, now, balance, going[fired])
+            here = fired >= 0
+            if here.any():
+                _after_event(fan, limits, pending, now, balance, going[here], fired[here])
+            _set_balance(fan, balance, now, going[~here], balance[going[~here], :, 0])
         ended = limits.open_question.copy()
         for kind in ("det_K_zero", "opening", "limit"):
             ended |= limits.found[kind]
@@ -331,40 +464,75 @@ def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
     return limits
 
 
+def _set_balance(
+    fan: Fan, balance: Floats, now: LoopStates, rows: Integers, sign: Floats | None = None
+) -> None:
+    """Note the determinants of the balance, their signs if they are not given."""
+    if fan.blocks and len(rows):
+        _, signs, sizes = fan.operator(fan.stiffnesses(now.take(rows)))
+        balance[rows, :, 0], balance[rows, :, 1] = signs if sign is None else sign, sizes
+
+
 def _pending(
     fan: Fan, limits: FanLimits, balance: Floats, states: LoopStates, rows: Integers
 ) -> tuple[Floats, dict[str, slice]]:
-    """Event functions of rows, infinite where their limit is known already."""
-    values, columns = fan.functions(states, rows)
-    values[:, -1] *= balance[rows]
+    """Event functions of rows, infinite where their limit is known already.
+
+    Determinants are over those of the last step.
+    """
+    values, sizes, columns = fan.functions(states, rows)
+    sign, size = balance[rows, :, 0], balance[rows, :, 1]
+    ratio = values[:, columns["balance"]] * sign * np.exp(np.clip(sizes - size, -700.0, 50.0))
+    values[:, columns["balance"]] = np.where(sign == 0.0, np.inf, ratio)
     for k, kind in enumerate(SPECTRAL):
         values[limits.found[kind][rows], columns["spectral"].start + k] = np.inf
-    values[limits.found["branching"][rows], -1] = np.inf
     return values, columns
 
 
 def _to_event(
     fan: Fan, pending: Pending, before: LoopStates, after: LoopStates, rows: Integers, h: Floats,
     low: Floats,
-) -> tuple[LoopStates, Floats, Flags]:  # fmt: skip
-    """States at the first event of each step or at its end, their share of it, and who fired.
+) -> tuple[LoopStates, Floats, Integers]:  # fmt: skip
+    """States at the first event of each step or at its end, their share of it, the function.
 
-    No event is looked for in the share `low` (B,) of a step.
+    Bracketed on the interpolant, then corrected by integrating to it (Newton with the slope of the
+    interpolant). The function's column is -1 where none vanishes; no event is looked for in the
+    share `low` (B,) of a step.
     """
-    share, fired = np.ones(len(rows)), np.zeros(len(rows), dtype=bool)
+    share, fired = np.ones(len(rows)), np.full(len(rows), -1)
     high = pending(after, rows)[0].min(axis=1)
     crossed = np.flatnonzero(high < 0.0)
     if len(crossed) == 0:
         return after, share, fired
+    start, own, size = before.take(crossed), rows[crossed], h[crossed]
+    between, every = fan.interpolant(start, own, size), np.arange(len(crossed))
 
     def smallest(theta: Floats, pick: Integers) -> Floats:
-        own = crossed[pick]
-        ends, _ = fan.step(before.take(own), rows[own], theta * h[own])
-        return np.asarray(pending(ends, rows[own])[0].min(axis=1))
+        return np.asarray(pending(between(theta, pick), own[pick])[0].min(axis=1))
 
     theta = first_sign_change(smallest, low[crossed], high[crossed])
-    after.put(crossed, fan.step(before.take(crossed), rows[crossed], theta * h[crossed])[0])
-    share[crossed], fired[crossed] = theta, True
+    values, columns = pending(between(theta, every), own)
+    which, balance = values.argmin(axis=1), values[:, columns["balance"]]
+    if fan.blocks:
+        # At a pole of the tangent the determinant is smooth, and its eigenvalues are not.
+        smooth = columns["balance"].start + balance.argmin(axis=1)
+        which = np.where(balance.min(axis=1) <= 0.0, smooth, which)
+    ends = theta - SLOPE_WIDTH, theta + SLOPE_WIDTH
+    lower, upper = (pending(between(end, every), own)[0][every, which] for end in ends)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        width = np.nan_to_num(2.0 * SLOPE_WIDTH / (upper - lower), posinf=0.0, neginf=0.0)
+    best = np.full(len(every), np.inf)
+    trial = theta
+    for _ in range(POLISHES):
+        there = fan.step(start, own, trial * size)[0]
+        value = pending(there, own)[0][every, which]
+        better = np.abs(value) < best
+        best, theta = np.where(better, np.abs(value), best), np.where(better, trial, theta)
+        after.put(crossed[better], there.take(better))
+        if not better.any():
+            break
+        trial = np.clip(np.where(better, trial - value * width, theta), 0.0, 1.0)
+    share[crossed], fired[crossed] = theta, which
     return after, share, fired
 
 
@@ -407,7 +575,8 @@ def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
     at_edge = np.abs(contacts.shear_force) >= (1.0 - AT_YIELD) * model.law.strength(contacts)
     at_edge &= model.has_cone
     for _ in range(2 * model.contact_count + 2):
-        rates, _, _, normal, beyond = fan.rates(now, rows)
+        rates, shift = fan.rates(now, rows)
+        normal, beyond = fan.edges(now, rates, shift)
         sliding = now.regime == Regime.SLIDING
         start = at_edge & ~sliding & (beyond > SINGULAR)
         stop = sliding & (beyond < -SINGULAR)
@@ -428,7 +597,7 @@ def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
     going = np.flatnonzero(~limits.open_question & ~parting)
     slides = going[(now.regime[going] == Regime.SLIDING).any(axis=1)]
     limits.record("yield", slides, now.take(slides))
-    values, columns = fan.functions(now.take(going), going)
+    values, _, columns = fan.functions(now.take(going), going)
     for k, kind in enumerate(SPECTRAL):
         lost = going[values[:, columns["spectral"].start + k] <= SINGULAR]
         limits.record(kind, lost, now.take(lost))
@@ -436,17 +605,29 @@ def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
 
 
 def _after_event(
-    fan: Fan, limits: FanLimits, pending: Pending, now: LoopStates, balance: Floats, rows: Integers
-) -> None:
+    fan: Fan, limits: FanLimits, pending: Pending, now: LoopStates, balance: Floats, rows: Integers,
+    fired: Integers,
+) -> None:  # fmt: skip
     """Record what happens in the states of `rows`, and change the regimes that it changes."""
     values, columns = pending(now.take(rows), rows)
-    fires = values <= SIMULTANEOUS
+    fires = np.asarray(values <= SIMULTANEOUS)
+    fires[np.arange(len(rows)), fired] = True
+    singular = fires[:, columns["balance"]]
+    # In the fields of the path itself: the strain does not grow on, or its tangent has a pole.
+    ends = singular[:, :1].any(axis=1)
+    # In those of shear: the work along it passes from plus to minus infinity.
+    shear = np.array([k > 0 and len(block.strains) > 0 for k, block in enumerate(fan.blocks)])
+    fires[:, columns["spectral"]] &= ~singular.any(axis=1)[:, None]
     for k, kind in enumerate(SPECTRAL):
         own = rows[fires[:, columns["spectral"].start + k]]
         limits.record(kind, own, now.take(own))
-    for kind in ("branching", "opening"):
-        own = rows[fires[:, columns[kind]].any(axis=1)]
-        limits.record(kind, own, now.take(own))
+    opening, branching = fires[:, columns["opening"]].any(axis=1), singular.any(axis=1)
+    poles = singular[:, shear].any(axis=1) if fan.blocks else ends
+    told = {"opening": opening, "branching": branching, "limit": ends, "cone_opening": poles | ends}
+    for kind, where in told.items():
+        limits.record(kind, rows[where], now.take(rows[where]))
+    kept = np.where(singular, 0.0, balance[rows, :, 0])
+    _set_balance(fan, balance, now, rows, kept)
     limits.open_question[rows[fires[:, columns["unloading"]].any(axis=1)]] = True
     yields = fires[:, columns["yield"]]
     own = rows[yields.any(axis=1)]
@@ -459,9 +640,9 @@ def _after_event(
     now.heading[own] = 0.0
     now.shear_force[own] = fan.contacts(now.take(own)).shear_force
     limits.record("yield", own, now.take(own))
-    values, columns = pending(now.take(own), own)
     # Regimes that have changed have a balance of their own.
-    balance[own[values[:, -1] < 0.0]] *= -1.0
+    _set_balance(fan, balance, now, own)
+    values, columns = pending(now.take(own), own)
     agrees = (values[:, columns["unloading"]] > 0.0).all(axis=1)
     # With these contacts sliding the programme does not go on: it ends here, or snaps.
     limits.record("limit", own[~agrees], now.take(own[~agrees]))

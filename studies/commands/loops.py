@@ -296,7 +296,10 @@ def domain(
     phi: Phi = None,
     directions: Annotated[
         int | None,
-        Parameter(help="Programmes in the fan, an odd number. Default: 1441; of other loops 361."),
+        Parameter(
+            help="Number of programmes, odd. Default: 361; without --order, --compare, --radii and "
+            "--snapshot 1441."
+        ),
     ] = None,
     writing: Writing | None = None,
     reading: OneReading | None = None,
@@ -315,6 +318,7 @@ def domain(
     ratios = numbers("--kappa", kappa)
     with clock("grainloops domain"):
         from studies.domain import (
+            LONGEST,
             DomainParameters,
             LoopDomainParameters,
             run_domain,
@@ -356,6 +360,12 @@ def domain(
             if compare is not None:
                 closures = (closure,) if closure else ("affine", "traction")
             orders = orders_of(compare) if compare else (order or len(sizes or ()),)
+            for n in orders:
+                if not 3 <= n <= LONGEST:
+                    where = "number of --radii" if sizes else given[0]
+                    expected = f"a whole number from 3 to {LONGEST}"
+                    expected += " for each order" if compare else ""
+                    raise InputError(where, str(n), expected, "Correct it.")
             angle: Any = {} if phi is None else {"phi_deg": phi}
             words |= {"radii": sizes, "contact_law": law, **angle}
             loops = [
