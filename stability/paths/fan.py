@@ -617,11 +617,12 @@ def _after_event(
     ends = singular[:, :1].any(axis=1)
     # In those of shear: the work along it passes from plus to minus infinity.
     shear = np.array([k > 0 and len(block.strains) > 0 for k, block in enumerate(fan.blocks)])
-    fires[:, columns["spectral"]] &= ~singular.any(axis=1)[:, None]
+    branching = np.asarray(singular.any(axis=1))
+    fires[branching, columns["spectral"]] = False
     for k, kind in enumerate(SPECTRAL):
         own = rows[fires[:, columns["spectral"].start + k]]
         limits.record(kind, own, now.take(own))
-    opening, branching = fires[:, columns["opening"]].any(axis=1), singular.any(axis=1)
+    opening = fires[:, columns["opening"]].any(axis=1)
     poles = singular[:, shear].any(axis=1) if fan.blocks else ends
     told = {"opening": opening, "branching": branching, "limit": ends, "cone_opening": poles | ends}
     for kind, where in told.items():
