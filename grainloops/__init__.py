@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from patterns import Snapshot as Snapshot
     from patterns import diamond as diamond
     from patterns import loop_of_snapshot as loop_of_snapshot
+    from patterns import planar as planar
     from patterns import polydisperse_polygon as polydisperse_polygon
     from patterns import random_loop as random_loop
     from patterns import read_frames as read_frames
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from stability import unstable_fraction as unstable_fraction
     from stability.packing import hold as hold
     from stability.packing import indicators as indicators
+    from studies import __version__ as __version__
     from studies.frames import chain_table as chain_table
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
@@ -74,10 +76,8 @@ if TYPE_CHECKING:
     from studies.series.tables import increments as increments
     from studies.series.tables import series as series
     from studies.series.tables import skill as skill
-    from studies.snapshot.run import planar as planar
     from studies.style import figure_width as figure_width
     from studies.sustain import sustain as sustain
-    from studies.version import __version__ as __version__
 
 
 # Each module with the names that are loaded from it.
@@ -89,9 +89,9 @@ NAMES = {
         "to_networkx traction_tangent"
     ),
     "patterns": (
-        "Snapshot diamond loop_of_snapshot polydisperse_polygon random_loop read_frames "
-        "read_snapshot regular_polygon sample_cell sample_path "
-        "snapshot_from_tables synthetic_network write_snapshot"
+        "Snapshot diamond loop_of_snapshot planar polydisperse_polygon random_loop "
+        "read_frames read_snapshot regular_polygon sample_cell sample_path snapshot_from_tables "
+        "synthetic_network write_snapshot"
     ),
     "stability": (
         "Programme Stage destabilising_control directional_work follow judge "
@@ -99,13 +99,12 @@ NAMES = {
         "second_order_work spectrum statuses symmetric_spectrum unstable_fraction"
     ),
     "stability.packing": "hold indicators",
+    "studies": "__version__",
     "studies.frames": "chain_table loop_table path_table to_geodataframe",
     "studies.plots": "plot_cone plot_envelope plot_loop plot_map plot_path",
     "studies.probe": "probe",
     "studies.series.tables": "fates increments series skill",
-    "studies.snapshot.run": "planar",
     "studies.style": "figure_width",
     "studies.sustain": "sustain",
-    "studies.version": "__version__",
 }
 lazy_face(__name__, NAMES)

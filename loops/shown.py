@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-LONGEST = 240  # characters of the line at the prompt; the table of a notebook has all facts
+LONGEST_REPR = 240  # characters of the line at the prompt; the table of a notebook has all facts
 FEW = 4  # numbers that are shown one by one
 MOST_WORDS = 6  # different words of an array that are counted
 
@@ -24,8 +24,8 @@ class Shown:
 
     def __repr__(self) -> str:
         said = ", ".join(f"{name}: {value}" for name, value in self.facts().items())
-        if len(said) > LONGEST:
-            said = said[:LONGEST].rpartition(", ")[0] + ", ..."
+        if len(said) > LONGEST_REPR:
+            said = said[:LONGEST_REPR].rpartition(", ")[0] + ", ..."
         return f"{type(self).__name__}({said})"
 
     def _repr_html_(self) -> str:

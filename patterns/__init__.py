@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from patterns.snapshots import WallContacts as WallContacts
     from patterns.snapshots import count_frames as count_frames
     from patterns.snapshots import loop_of_snapshot as loop_of_snapshot
+    from patterns.snapshots import planar as planar
     from patterns.snapshots import read_frames as read_frames
     from patterns.snapshots import read_snapshot as read_snapshot
     from patterns.snapshots import sample_cell as sample_cell
@@ -33,8 +34,8 @@ NAMES = {
         "equilateral_polygon hexagon opposite_gap polydisperse_polygon random_loop regular_polygon"
     ),
     "patterns.snapshots": (
-        "Snapshot SnapshotLoop WallContacts count_frames loop_of_snapshot read_frames "
-        "read_snapshot sample_cell sample_path snapshot_from_tables write_snapshot"
+        "Snapshot SnapshotLoop WallContacts count_frames loop_of_snapshot planar "
+        "read_frames read_snapshot sample_cell sample_path snapshot_from_tables write_snapshot"
     ),
     "patterns.synthetic": "synthetic_network",
 }

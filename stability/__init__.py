@@ -10,8 +10,6 @@ from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
     from stability import programmes as programmes
-    from stability.cones import PlaneCone as PlaneCone
-    from stability.cones import plane_cone as plane_cone
     from stability.destabilising import LinearControl as LinearControl
     from stability.destabilising import destabilising_control as destabilising_control
     from stability.destabilising import softening_control as softening_control
@@ -29,12 +27,14 @@ if TYPE_CHECKING:
     from stability.programmes import Stage as Stage
     from stability.rate_problem import RateProblem as RateProblem
     from stability.rate_problem import RateSolution as RateSolution
+    from stability.second_order_work import PlaneCone as PlaneCone
     from stability.second_order_work import PolarDiagram as PolarDiagram
     from stability.second_order_work import alpha_e as alpha_e
     from stability.second_order_work import imhof_fraction as imhof_fraction
     from stability.second_order_work import (
         normalised_second_order_work as normalised_second_order_work,
     )
+    from stability.second_order_work import plane_cone as plane_cone
     from stability.second_order_work import polar_diagram as polar_diagram
     from stability.second_order_work import second_order_work as second_order_work
     from stability.second_order_work import unstable_fraction as unstable_fraction
@@ -57,7 +57,6 @@ if TYPE_CHECKING:
 
 # Each module with the names that are loaded from it.
 NAMES = {
-    "stability.cones": "PlaneCone plane_cone",
     "stability.destabilising": (
         "LinearControl destabilising_control softening_control strain_driven stress_driven"
     ),
@@ -66,8 +65,8 @@ NAMES = {
     "stability.programmes": "Programme Stage programmes",
     "stability.rate_problem": "RateProblem RateSolution",
     "stability.second_order_work": (
-        "PolarDiagram alpha_e imhof_fraction normalised_second_order_work polar_diagram "
-        "second_order_work unstable_fraction"
+        "PlaneCone PolarDiagram alpha_e imhof_fraction normalised_second_order_work plane_cone "
+        "polar_diagram second_order_work unstable_fraction"
     ),
     "stability.spectra": (
         "COMPONENTS RTOL bromwich_margin flutter_pairs operator_norm restrict rotate_tangent "

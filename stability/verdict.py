@@ -12,8 +12,7 @@ from loops import MacroTangent
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.shown import Shown
-from stability.cones import plane_cone
-from stability.second_order_work import unstable_fraction
+from stability.second_order_work import plane_cone, unstable_fraction
 from stability.spectra import (
     RTOL,
     as_operator,

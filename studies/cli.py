@@ -19,8 +19,7 @@ from loops.errors import InputError, out_of_memory
 from studies.commands.common import Answer
 from studies.commands.loops import bench, diamond, domain, polygon
 from studies.commands.packing import evolve, probe, sustain
-from studies.commands.series import series
-from studies.commands.snapshot import check, snapshot
+from studies.commands.snapshot import check, series, snapshot
 
 HELP = (
     "Stability of grain loops in two-dimensional granular media. Angles in degrees; forces, "
@@ -82,7 +81,7 @@ def launch(
 ) -> Answer | None:
     """Take the options that every command has, and run the command."""
     if version:
-        from studies.version import __version__
+        from studies import __version__
 
         print(f"grainloops {__version__}")
         return None

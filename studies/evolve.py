@@ -24,8 +24,7 @@ from studies.paths.options import PROGRAMMES
 from studies.series.evolution import components, sample_strain
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
 from studies.series.plan import plan_series
-from studies.snapshot.held import held_snapshot, hold_control
-from studies.snapshot.in_packing import balance_notes, followed_walls
+from studies.snapshot.in_packing import balance_notes, followed_walls, held_snapshot, hold_control
 from studies.snapshot.run import reading
 from studies.study import one_of, study
 

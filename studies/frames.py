@@ -9,12 +9,12 @@ import pandas as pd
 import pyarrow as pa
 
 from loops import InputError, force_chains
-from patterns import Snapshot
+from patterns import Snapshot, planar
 from stability import Path
 from studies.output import SIGNS, provenance
 from studies.snapshot import table as tables
 from studies.snapshot.polygons import half_edges_of_loops, loop_corners
-from studies.snapshot.run import UNITS, planar
+from studies.snapshot.run import UNITS
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame

@@ -24,7 +24,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from studies.version import __version__
+from studies import __version__
 
 try:
     import fcntl
@@ -91,7 +91,11 @@ def result_folder(out: Path, *, force: bool) -> Iterator[Path]:
             partial.mkdir()
             with folder_lock(partial):
                 yield partial
-                _list_files(partial)
+                if (partial / SUMMARY).is_file():
+                    # `--force` removes the other files by the names in the summary.
+                    summary = json.loads((partial / SUMMARY).read_text())
+                    files = sorted(file.name for file in partial.iterdir() if file.name != SUMMARY)
+                    write_summary(partial, summary | {"files": files})
                 _put_in_place(partial, out, force=force)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -156,14 +160,6 @@ def _remove_abandoned(out: Path) -> None:
             # A run that has just started has not locked its folder yet.
             if locked and time.time() - left.stat().st_mtime > JUST_MADE:
                 shutil.rmtree(left, ignore_errors=True)
-
-
-def _list_files(folder: Path) -> None:
-    """Add the names of the other files to the summary: `--force` removes them by name."""
-    if (folder / SUMMARY).is_file():
-        summary = json.loads((folder / SUMMARY).read_text())
-        files = sorted(file.name for file in folder.iterdir() if file.name != SUMMARY)
-        write_summary(folder, summary | {"files": files})
 
 
 def _put_in_place(partial: Path, out: Path, *, force: bool) -> None:

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state, macroscopic_tangent
 from loops.arrays import Floats, Integers, Regimes
 from loops.closures import Closure, MacroTangent, Spins
-from patterns import Snapshot
+from patterns import Snapshot, planar
 from stability import Path, directional_work, plane_cone, restrict
 from stability.packing import Probe
 from studies.frames import events_of_rows
@@ -25,7 +25,6 @@ from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, for
 from studies.paths.followed import operator_diagram
 from studies.probe_figures import response_envelope
 from studies.snapshot.loop_map import draw_orders, draw_values, loop_drawer
-from studies.snapshot.run import planar
 from studies.style import (
     BLACK,
     BLUE,
@@ -39,7 +38,7 @@ from studies.style import (
     styled,
 )
 
-DETERMINANTS = {"det_K": r"$\det K$", "det_Ks": r"$\det K_s$"}
+DETERMINANT_LABELS = {"det_K": r"$\det K$", "det_Ks": r"$\det K_s$"}
 Plot = TypeVar("Plot", bound=Callable[..., Axes])
 
 
@@ -319,8 +318,11 @@ def plot_path(
     for name in (x, *names):
         if name not in table:
             raise InputError("column", repr(name), "one of gl.path_table(path)", "Look there.")
+    # Stretches of rows in which no regime and no stage changes.
+    jumps = (np.diff(path.regime, axis=0) != 0).any(axis=1) | (np.diff(path.stage) != 0)
+    smooth = np.split(np.arange(len(path)), np.flatnonzero(jumps) + 1)
     for name, colour in zip(names, cycle(LINE_COLOURS)):
-        curves = [_cubics(path, part, (table, x, name)) for part in _between_jumps(path)]
+        curves = [_cubics(path, part, (table, x, name)) for part in smooth]
         ax.plot(*np.concatenate(curves, axis=1), color=colour, label=_symbol(name))
     named = np.array(events_of_rows(path))
     for kinds, marker in zip(sorted({*named} - {""}), cycle("osD^vP")):
@@ -330,12 +332,6 @@ def plot_path(
     ax.set(xlabel=_named(x), ylabel=_named(names[0][0] if len(names) > 1 else names[0]))
     ax.legend()
     return ax
-
-
-def _between_jumps(path: Path) -> list[Integers]:
-    """Rows of every stretch in which no regime and no stage changes."""
-    change = (np.diff(path.regime, axis=0) != 0).any(axis=1) | (np.diff(path.stage) != 0)
-    return np.split(np.arange(len(path)), np.flatnonzero(change) + 1)
 
 
 def _cubics(path: Path, part: Integers, columns: tuple[dict[str, Any], str, str]) -> Floats:
@@ -364,7 +360,7 @@ def _symbol(column: str) -> str:
     component = re.fullmatch(r"([HPNT])_?(\d*)", column)
     if component:
         return f"${component[1]}_{{{component[2]}}}$"
-    return DETERMINANTS.get(column, column.replace("_", " "))
+    return DETERMINANT_LABELS.get(column, column.replace("_", " "))
 
 
 def _named(column: str) -> str:

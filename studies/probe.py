@@ -28,8 +28,13 @@ from stability.paths.path import Past
 from studies.output import definitions, readable
 from studies.series.evolution import components
 from studies.series.workers import one_blas_thread, open_runner
-from studies.snapshot.held import held_snapshot, hold_control
-from studies.snapshot.in_packing import balance_notes, followed_walls, sample_edge
+from studies.snapshot.in_packing import (
+    balance_notes,
+    followed_walls,
+    held_snapshot,
+    hold_control,
+    sample_edge,
+)
 from studies.snapshot.run import read_planar, reading
 from studies.study import one_of, study
 
@@ -99,7 +104,7 @@ def run_probe(
         if found.system.held:
             notes.append(OUTLINE)
         orders, loops = order_work_table(found), loop_work_table(found)
-        tables = {"probe": direction_table(found), "orders": orders, "loops": loops}
+        tables = {"probe": probe_table(found), "orders": orders, "loops": loops}
         if amplitude is None:
             tables |= {"pieces": piece_table(found), "solutions": solution_table(found)}
         results.write_tables(tables)
@@ -209,7 +214,7 @@ def _followed(
     return [found[k] for k in range(len(stages))]
 
 
-def direction_table(found: Probe) -> pd.DataFrame:
+def probe_table(found: Probe) -> pd.DataFrame:
     """One row per direction: strain and stress rates, second-order work, status."""
     columns = {"theta_deg": np.degrees(found.theta)}
     for name, values in (

@@ -1,13 +1,18 @@
-"""The frame of every study: one folder with its tables, summary, figures and report."""
+"""The frame of every study: one folder with its tables, summary and figures, and its page."""
 
 from __future__ import annotations
 
+import base64
+import mimetypes
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from loops.errors import InputError
 from studies.output import provenance, result_folder, write_summary, write_table
@@ -63,8 +68,6 @@ class Results:
 
         `largest` is the number of loops of the largest snapshot, by default `summary["loops"]`.
         """
-        from studies.report import write_report
-
         told = captions(self.source["command"].split()[1])
         figures = []
         for picture in pictures:
@@ -107,3 +110,220 @@ def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
         *others, last = (str(choice) for choice in choices)
         expected = f"{', '.join(others)} or {last}"
         raise InputError(name, repr(value), expected, "Pick one of these.")
+
+
+# Pixels on the page for one pixel of a figure, which has 300 to the inch.
+SCALE = 0.5
+# A figure wider than this (pixels) scrolls on a phone, where its letters would be too small.
+WIDE = 640
+# The page asks nothing of any network, and browsers hold it to that.
+POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; "
+POLICY += "script-src 'unsafe-inline'"
+# A row of more values is turned into a column.
+WIDEST = 9
+# Text of more letters may be broken into lines.
+LONG = 32
+# Keys of a summary with a section of their own.
+APART = ("definitions", "notes", "provenance")
+
+
+def write_report(
+    folder: Path,
+    title: str,
+    summary: Mapping[str, Any],
+    figures: Sequence[tuple[str, str, Path]],
+    maps: Sequence[LoopsForMap],
+    provenance: Mapping[str, Any],
+    largest: int | None = None,
+) -> Path:
+    """Write `report.html`, one file that loads nothing else; figures are title, caption and file.
+
+    The first map is shown, the others can be chosen; `largest` is the number of loops of the
+    largest snapshot, by default that of the maps, else `loops` of the summary.
+    """
+    if maps:
+        largest = max(map(len, maps))
+    elif largest is None:
+        largest = summary.get("loops", 0)
+    configuration = {key: value for key, value in provenance.items() if key != "configuration"}
+    for key, value in provenance.get("configuration", {}).items():
+        if isinstance(value, Mapping):
+            value = ", ".join(f"{name}={column}" for name, column in value.items())
+        configuration[f"configuration: {key}"] = value
+    sections = {
+        "Map": map_section(maps, largest),
+        "Figures": "\n".join(figure_html(*figure) for figure in figures),
+        "Notes": "".join(f"<p>{escape(str(note))}.</p>" for note in summary.get("notes", ())),
+        "Numbers": summary_tables(summary),
+        "Definitions": definitions_list(summary.get("definitions", {})),
+        "Configuration": plain_table(configuration),
+    }
+    present = {name: text for name, text in sections.items() if text}
+    made_by = f"{provenance.get('command', 'grainloops')}, version {provenance.get('version', '-')}"
+    page = template("report.html").format(
+        policy=POLICY,
+        title=escape(title),
+        style=template("report.css"),
+        made_by=escape(made_by),
+        units=escape(f"Units: {provenance.get('units', 'as the input')}"),
+        signs=escape(str(provenance.get("signs", ""))),
+        links=" ".join(f'<a href="#{name.lower()}">{name}</a>' for name in present),
+        sections="\n".join(
+            f'<section id="{name.lower()}">\n<h2>{name}</h2>\n{text}\n</section>'
+            for name, text in present.items()
+        ),
+    )
+    path = folder / "report.html"
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
+    return path
+
+
+def template(name: str) -> str:
+    """Text of a file beside this one."""
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")
+
+
+def map_section(maps: Sequence[LoopsForMap], largest: int) -> str:
+    """Interactive map of the loops, or a sentence that says why there is none."""
+    # Studies without snapshots load nothing of theirs.
+    from studies.snapshot.polygons import MOST_LOOPS, packed
+
+    if largest > MOST_LOOPS:
+        return (
+            f"<p>{largest} loops are more than the {MOST_LOOPS} that a page can handle: the "
+            "figures show them, and the table beside this page holds every one.</p>"
+        )
+    if not maps or largest == 0:
+        return ""
+    return template("report_map.html").format(
+        unit=escape(maps[0].unit),
+        about=escape(maps[0].about),
+        hidden=" hidden" if len(maps) == 1 else "",
+        unlinked="" if any(len(one.links) for one in maps) else " hidden",
+        snapshots="".join(
+            f'<option value="{k}" data-number="{one.number}"{" selected" if one.first else ""}>'
+            f"{escape(one.name)}</option>"
+            for k, one in enumerate(maps)
+        ),
+        data="\n".join(
+            f'<script type="application/json" id="map-data-{k}">{packed(one)}</script>'
+            for k, one in enumerate(maps)
+        ),
+        script=template("report.js"),
+    )
+
+
+def figure_html(title: str, caption: str, path: Path) -> str:
+    """Figure or video with its caption; letters of all PNG figures have one size."""
+    kind = mimetypes.guess_type(path.name)[0] or "image/png"
+    content = path.read_bytes()
+    data = f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
+    width = ""
+    if kind == "image/png":
+        wide = round(SCALE * int.from_bytes(content[16:20], "big"))
+        width = f' width="{wide}"' + (' class="wide"' if wide > WIDE else "")
+    if kind.startswith("video/"):
+        picture = f'<video controls src="{data}"></video>'
+    else:
+        picture = f'<img src="{data}" alt="{escape(f"{title}. {caption}")}"{width}>'
+    said = f"<b>{escape(title)}.</b> {escape(caption)}"
+    return f"<figure>{picture}<figcaption>{said}</figcaption></figure>"
+
+
+def summary_tables(summary: Mapping[str, Any]) -> str:
+    """Every key of a summary: plain values in one table, each nested value in its own."""
+    told = summary.get("definitions", {})
+    shown = {key: summary[key] for key in sorted(summary) if key not in APART}
+    plain = {key: value for key, value in shown.items() if not isinstance(value, Mapping)}
+    parts = [plain_table(plain, told)]
+    for key, value in shown.items():
+        if isinstance(value, Mapping) and value:
+            about = f'<p class="about">{escape(told[key])}.</p>' if key in told else ""
+            parts.append(f"<h3>{escape(key)}</h3>{about}{mapping_table(value)}")
+    return "\n".join(parts)
+
+
+def mapping_table(values: Mapping[str, Any]) -> str:
+    """Table of nested mappings: a row for each innermost mapping, the keys to it in front."""
+    rows = list(innermost(values, ()))
+    if not rows:
+        return "<p>–</p>"
+    if len(rows) == 1 and not rows[0][0] and len(rows[0][1]) > WIDEST:
+        return plain_table(rows[0][1])
+    columns = list(dict.fromkeys(name for _, row in rows for name in row))
+    depth = max(len(path) for path, _ in rows)
+    titles = [escape(str(name)).replace("_", "_<wbr>") for name in [*([""] * depth), *columns]]
+    lines = [[f"<th>{title}</th>" for title in titles]]
+    for path, row in rows:
+        names = [f"<td>{escape(name)}</td>" for name in (*path, *([""] * (depth - len(path))))]
+        lines.append(names + [value_cell(row[name]) if name in row else "<td></td>"
+                              for name in columns])  # fmt: skip
+    # Wider than high: the columns become rows.
+    if len(columns) > max(WIDEST, len(rows)):
+        lines = [list(line) for line in zip(*lines, strict=True)]
+    head, *body = ("<tr>" + "".join(line) + "</tr>" for line in lines)
+    return (
+        f'<div class="scroll"><table><thead>{head}</thead>'
+        f"<tbody>{''.join(body)}</tbody></table></div>"
+    )
+
+
+def innermost(
+    values: Mapping[str, Any], path: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
+    """Mappings that contain no mapping, each with the keys that lead to it."""
+    plain = {key: value for key, value in values.items() if not isinstance(value, Mapping)}
+    if plain:
+        yield path, plain
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from innermost(value, (*path, str(key)))
+
+
+def definitions_list(told: Mapping[str, str]) -> str:
+    """Definitions of the keys, as a table."""
+    lines = "".join(
+        f'<tr><td>{escape(key)}</td><td class="text">{escape(told[key])}</td></tr>'
+        for key in sorted(told)
+    )
+    return f'<div class="scroll"><table class="plain"><tbody>{lines}</tbody></table></div>'
+
+
+def plain_table(values: Mapping[str, Any], told: Mapping[str, str] | None = None) -> str:
+    """A table with one row per key: its value and its definition."""
+    said = told or {}
+    lines = "".join(
+        f"<tr><td>{escape(key)}</td>{value_cell(value)}"
+        f'<td class="text">{escape(said.get(key, ""))}</td></tr>'
+        for key, value in values.items()
+    )
+    return f'<div class="scroll"><table class="plain"><tbody>{lines}</tbody></table></div>'
+
+
+def value_cell(value: Any) -> str:
+    """A value in a cell: a matrix as rows of numbers; long text may be broken."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)) and any(isinstance(row, (list, tuple)) for row in value):
+        rows = (row if isinstance(row, (list, tuple)) else [row] for row in value)
+        lines = ("".join(value_cell(number) for number in row) for row in rows)
+        inside = "".join(f"<tr>{line}</tr>" for line in lines)
+        return f'<td><table class="matrix"><tbody>{inside}</tbody></table></td>'
+    text = value_text(value)
+    broken = ' class="long"' if len(text) > LONG else ""
+    return f"<td{broken}>{escape(text)}</td>"
+
+
+def value_text(value: Any) -> str:
+    """A value with six digits; a dash for an unknown one."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(value_text, value)) + "]"
+    if value is None or (isinstance(value, (float, np.floating)) and not np.isfinite(value)):
+        return "–"
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.6g}"
+    return str(value)

@@ -29,8 +29,7 @@ from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import load_path
 from studies.output import code_version, definitions, errors_of, readable, require_folder
 from studies.series.workers import Runner, one_blas_thread, open_runner
-from studies.snapshot.held import held_snapshot
-from studies.snapshot.in_packing import followed_walls, sample_edge
+from studies.snapshot.in_packing import followed_walls, held_snapshot, sample_edge
 from studies.snapshot.run import read_planar, reading
 from studies.study import study
 

@@ -11,7 +11,7 @@ import loops.packing
 import patterns
 import stability.packing
 from loops.packing import loops_in_place, plane_contacts
-from loops.shown import LONGEST, Shown
+from loops.shown import LONGEST_REPR, Shown
 from stability.packing import loop_rates, packing_response, replay
 from studies.series.plan import cells_by_number
 from tests.packings import LAW, jammed
@@ -124,7 +124,9 @@ def test_many_facts_end_in_dots_at_the_prompt_and_all_stand_in_the_table():
         def facts(self):
             return self.facts_of_it
 
-    assert repr(Many()).endswith(", ...)") and len(repr(Many())) <= LONGEST + len("Many(, ...)")
+    assert repr(Many()).endswith(", ...)") and len(repr(Many())) <= LONGEST_REPR + len(
+        "Many(, ...)"
+    )
     assert Many()._repr_html_().count("<tr>") == 40
 
 

@@ -17,10 +17,10 @@ from loops.shown import Shown
 
 ShearIncrement = Literal["branch", "radii"]
 # A contact within this fraction of its strength is at yield: paths stop at it to 1e-12.
-YIELD_BAND = 1e-10
+AT_YIELD_RTOL = 1e-10
 # A gap below this fraction of `r_i + r_j` is touching: centres far from the origin carry the
 # rounding of their coordinates.
-TOUCHING = 1e-12
+TOUCHING_RTOL = 1e-12
 # Strength below this fraction of `kn (r_i + r_j)` is none: the apex of the cone.
 APEX = 1e-9
 # Shear force of a contact that slides at the cone's apex: its sign is all the law reads.
@@ -94,7 +94,7 @@ class FrictionalLaw(Shown):
             raise NotImplementedError(f"{type(self).__name__}.stiffnesses")
         if "kn" in constants:
             return constants["kn"], constants["kt"]
-        step = 1e-3 * np.maximum(np.abs(state.overlap), TOUCHING * state.touching_length)
+        step = 1e-3 * np.maximum(np.abs(state.overlap), TOUCHING_RTOL * state.touching_length)
         # Central differences of the fourth order: what is left is rounding, some 1e-10.
         near = [self.closed_force(_plain(state, state.length - k * step)) for k in (1, -1, 2, -2)]
         return (8.0 * (near[0] - near[1]) - (near[2] - near[3])) / (12.0 * step), constants["kt"]
@@ -153,7 +153,7 @@ class FrictionalLaw(Shown):
         slides only if the slip dissipates, and a touching contact opens if the branch lengthens.
         """
         unloaded = (state.normal_force <= 0) & (state.shear_force == 0)
-        gap, band = self.gap(state), TOUCHING * state.touching_length
+        gap, band = self.gap(state), TOUCHING_RTOL * state.touching_length
         is_open = unloaded & (gap > band)
         slides = _loaded_at_yield(self, state)
         if rates is not None:
@@ -183,7 +183,7 @@ class Edge(Shown):
 
 
 def edge_of(
-    law: ContactLaw, state: ContactState, closed: Flags, band: float = 1.0 - YIELD_BAND
+    law: ContactLaw, state: ContactState, closed: Flags, band: float = 1.0 - AT_YIELD_RTOL
 ) -> Edge:
     """Contacts at the edge of their law, from `band` of their strength on; `closed`: not open.
 
@@ -194,7 +194,7 @@ def edge_of(
     strength = law.strength(state)
     at_yield = closed & cone & (T > 0) & (T >= strength * band)
     gap = np.where(closed, law.gap(state), -state.overlap)
-    touching = np.abs(gap) <= TOUCHING * state.touching_length
+    touching = np.abs(gap) <= TOUCHING_RTOL * state.touching_length
     elastic = np.full(gap.shape, Regime.ELASTIC, dtype=np.int8)
     kn = law.local_stiffness(state, elastic)[..., 0, 0]
     apex = touching & cone & (strength <= APEX * kn * state.touching_length)
@@ -232,7 +232,7 @@ def edge_rates(
 def _loaded_at_yield(law: ContactLaw, state: ContactState) -> Flags:
     """Closed contacts at their strength; without friction wherever a contact is loaded."""
     strength = law.strength(state)
-    at_yield = np.abs(state.shear_force) >= strength * (1.0 - YIELD_BAND)
+    at_yield = np.abs(state.shear_force) >= strength * (1.0 - AT_YIELD_RTOL)
     free = (np.asarray(law.mu) == 0.0) & (state.normal_force > 0.0)
     return np.asarray((at_yield & (strength > 0.0)) | free)
 

@@ -130,7 +130,7 @@ class HertzMindlin(FrictionalLaw):
         return kn, self.stiffness_ratio * kn
 
     def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """As of every law with friction; of a displacement also `T/(2 delta) = T kn/(3 N)`."""
+        """Stiffness of `FrictionalLaw`; by displacement also `T/(2 delta) = T kn/(3 N)`."""
         stiffness = super().local_stiffness(state, regime)
         if self.shear_history == "displacement":
             sticks = (regime == Regime.ELASTIC) & (state.normal_force > 0)

@@ -16,17 +16,17 @@ from loops.laws.frictional import parameter
 from loops.laws.protocol import ContactLaw, Regime, require_law
 from loops.shown import Shown
 
-Method = TypeVar("Method", bound=Callable[..., Any])
+LawMethod = TypeVar("LawMethod", bound=Callable[..., Any])
 
 
-def _of_the_other(method: Method) -> Method:
-    """The method of that name of the law beside the spring."""
+def _of_the_other(method: LawMethod) -> LawMethod:
+    """Method that calls the same method of the law beside the spring."""
 
     @wraps(method)
     def forward(self: Any, *args: Any, **options: Any) -> Any:
         return getattr(self.law, method.__name__)(*args, **options)
 
-    return cast(Method, forward)
+    return cast(LawMethod, forward)
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

@@ -327,7 +327,7 @@ def strain_limit(paths: PathRows, end: Floats) -> tuple[Floats, Floats]:
     for sample in range(1, _SAMPLES + 1):
         goal = 2.0 * np.arctan(half_tan * np.exp(sample * growth)) - paths.alpha0
         goal_T = paths.shear_after(last_turn, last_T, goal - last_turn)
-        below = _stiffness(paths, goal, goal_T) < 0.0
+        below = turning_stiffness(paths.alpha0 + goal, paths.f, goal_T, paths.kappa) < 0.0
         if below.any():
             found = rows[below]
             turn[found], T[found] = _bisect(
@@ -345,17 +345,16 @@ def _bisect(paths: PathRows, low: Floats, low_T: Floats, high: Floats) -> tuple[
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         T = paths.shear_after(start, start_T, middle - start)
-        below = _stiffness(paths, middle, T) < 0.0
+        below = turning_stiffness(paths.alpha0 + middle, paths.f, T, paths.kappa) < 0.0
         low, high = np.where(below, low, middle), np.where(below, middle, high)
     return low, paths.shear_after(start, start_T, low - start)
 
 
-def _stiffness(paths: PathRows, turn: Floats, T: Floats) -> Floats:
-    return turning_stiffness(paths.alpha0 + turn, paths.f, T, paths.kappa)
-
-
 def advance_shear(T: Floats, alpha: Floats, turn: Floats, f: Floats, kappa: Floats) -> Floats:
-    """Shear force after the branch has turned elastically from `alpha` to `alpha + turn`."""
+    """Shear force after the branch has turned elastically from `alpha` to `alpha + turn`.
+
+    Integrates `(sin b / sin(alpha + turn))^kappa (sin b - f) dv` over `v = ln tan(b/2)`.
+    """
     span, half_tan = log_tangent_step(alpha, turn), np.tan(0.5 * alpha)
     sin_end = np.sin(alpha + turn)
     panels = np.ceil(np.abs(span) / np.minimum(_PANEL, 2.0 / np.maximum(kappa, 1.0)))
@@ -363,31 +362,18 @@ def advance_shear(T: Floats, alpha: Floats, turn: Floats, f: Floats, kappa: Floa
     integral = np.zeros_like(T)
     for panel in range(int(panels.max(initial=0.0))):
         rows = np.flatnonzero(panels > panel)
-        integral[rows] += _panel_integral(
-            half_tan[rows], panel, width[rows], sin_end[rows], f[rows], kappa[rows]
-        )
+        own = width[rows, None]
+        half = half_tan[rows, None] * np.exp(own * (panel + _NODES))
+        sin = 2.0 * half / (1.0 + half**2)
+        integrand = (sin / sin_end[rows, None]) ** kappa[rows, None] * (sin - f[rows, None])
+        # einsum, not a matrix product: a row must not depend on its neighbours, nor start threads.
+        integral[rows] += width[rows] * np.einsum("ij,j->i", integrand, _WEIGHTS)
     return T * (np.sin(alpha) / sin_end) ** kappa + kappa * integral
 
 
 def log_tangent_step(alpha: Floats, turn: Floats) -> Floats:
     """`ln tan((alpha + turn)/2) - ln tan(alpha/2)`, free of cancellation."""
     return np.log1p(np.sin(0.5 * turn) / (np.cos(0.5 * (alpha + turn)) * np.sin(0.5 * alpha)))
-
-
-def _panel_integral(
-    half_tan: Floats,
-    panel: int,
-    width: Floats,
-    sin_end: Floats,
-    f: Floats,
-    kappa: Floats,
-) -> Floats:
-    """Integral of `(sin b/sin a_end)^kappa (sin b - f) dv` over one panel, row by row."""
-    half_tan = half_tan[:, None] * np.exp(width[:, None] * (panel + _NODES))
-    sin_b = 2.0 * half_tan / (1.0 + half_tan**2)
-    integrand = (sin_b / sin_end[:, None]) ** kappa[:, None] * (sin_b - f[:, None])
-    # einsum, not a matrix product: a row must not depend on its neighbours, nor start threads.
-    return width * np.einsum("ij,j->i", integrand, _WEIGHTS)
 
 
 class PrintedRule(LinearFrictional):

@@ -222,8 +222,8 @@ def _write(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
 POSITIONS = ("frame", "id", "x", "y", "r", "edge")
 ADJACENCY = ("frame", "id1", "id2", "tangential", "normal")
 LIST = "Adjacency_list.txt"
-NUMBER = rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
-ROW = re.compile(rb"\s*" + rb"\s*,\s*".join([rb"\d+", rb"\d+", *[NUMBER] * 4]) + rb"\s*\r?\n")
+DECIMAL = rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
+ROW = re.compile(rb"\s*" + rb"\s*,\s*".join([rb"\d+", rb"\d+", *[DECIMAL] * 4]) + rb"\s*\r?\n")
 OUTSIDE = -1  # id of a wall in the list
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ from loops import (
     branch_vectors,
     contact_forces,
     contact_state,
+    crossing_contacts_to_drop,
+    find_crossings,
     find_faces,
 )
 from loops.arrays import Integers, Regimes
@@ -30,6 +32,8 @@ from patterns.snapshots.checks import Finding
 
 # Options that give the stiffness of the contacts.
 STIFFNESS = ("kn", "kt", "young", "poisson")
+# Most pairs of crossing branches that are looked for, and that an error names.
+MOST_CROSSINGS, NAMED_CROSSINGS = 1_000_000, 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -329,6 +333,81 @@ def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
     )
     return SnapshotLoop(
         graph, law.take(contacts), regime[contacts], snapshot.ids[grains], grains, contacts
+    )
+
+
+def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = False) -> Snapshot:
+    """Return a snapshot whose network has no crossing branches, so that its loops are defined.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    where : str
+        Its name in the error.
+    drop : bool
+        Whether to leave out one contact of each crossing pair, the less loaded one.
+
+    Returns
+    -------
+    Snapshot
+        The same one if no branches cross; its notes name the contacts that were left out.
+
+    Raises
+    ------
+    InputError
+        If branches cross and `drop` is false.
+
+    Examples
+    --------
+    Both diagonals of a square of four grains:
+
+    >>> from patterns import snapshot_from_tables
+    >>> grains = {"id": range(4), "x": [0, 1, 1, 0], "y": [0, 0, 1, 1], "r": [0.71] * 4}
+    >>> contacts = {"i": [0, 1, 2, 3, 0, 1], "j": [1, 2, 3, 0, 2, 3]}
+    >>> crossed = snapshot_from_tables(grains, contacts, strict=False)
+    >>> planar(crossed, drop=True).graph.contact_count
+    5
+    """
+    pairs = find_crossings(snapshot.graph, MOST_CROSSINGS)
+    if len(pairs) == 0:
+        return snapshot
+    if drop:
+        return _without(snapshot, crossing_contacts_to_drop(snapshot.graph, pairs), len(pairs))
+    named = snapshot.ids[snapshot.graph.contacts[pairs[:NAMED_CROSSINGS]]]
+    shown = "; ".join(f"{a[0]}-{a[1]} and {b[0]}-{b[1]}" for a, b in named.tolist())
+    more = "; ..." if len(pairs) > NAMED_CROSSINGS else ""
+    raise InputError(
+        f"contacts of {where}",
+        f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
+        "a planar network",
+        "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings (in Python "
+        "gl.planar(snapshot, drop=True)) leaves out one contact of each pair, the less loaded one.",
+    )
+
+
+def _without(snapshot: Snapshot, dropped: Integers, crossings: int) -> Snapshot:
+    """Leave contacts out, with a note that names the first ten."""
+    graph = snapshot.graph
+    kept = np.delete(np.arange(graph.contact_count), dropped)
+    named = ", ".join(f"{a}-{b}" for a, b in snapshot.ids[graph.contacts[dropped[:10]]].tolist())
+    more = ", ..." if len(dropped) > 10 else ""
+    law, regime = snapshot.law, snapshot.regime
+    return replace(
+        snapshot,
+        graph=graph.replace(
+            contacts=graph.contacts[kept],
+            normal_force=graph.normal_force[kept],
+            shear_force=graph.shear_force[kept],
+            images=None if graph.images is None else graph.images[kept],
+            regime=None if regime is None else regime[kept],
+        ),
+        law=None if law is None else law.take(kept),
+        regime=None if regime is None else regime[kept],
+        notes=(
+            *snapshot.notes,
+            f"{crossings} pairs of crossing branches: {len(dropped)} contacts left out, of grains "
+            f"{named}{more}; their forces are missing in every stress",
+        ),
     )
 
 

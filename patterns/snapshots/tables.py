@@ -88,7 +88,7 @@ class Table:
         return Table(self.path, found, [new.get(name, name) for name in kept])
 
     def replaced(self, name: str, new: str, values: Floats) -> Table:
-        """Return the table with another column in the place of one."""
+        """Return the table with the column `new` in place of the column `name`."""
         stored = self._columns.items()
         found = {new if n == name else n: values if n == name else v for n, v in stored}
         return Table(self.path, found, [new if n == name else n for n in self.names])
@@ -178,7 +178,7 @@ def _as_floats(column: Column) -> Floats:
 
 
 def _joined(column: pyarrow.ChunkedArray) -> NDArray[Any]:
-    """`to_numpy` of a column that lacks nothing; that loads pandas, which takes longer."""
+    """Column without nulls as an array; pyarrow's own `to_numpy` would load pandas."""
     return np.asarray(np.from_dlpack(pyarrow.concat_arrays(column.chunks)))
 
 

@@ -13,18 +13,18 @@ from loops.arrays import Floats, Regimes
 from loops.closures import Closure, Spins
 from loops.errors import check_choice, whole_number
 from loops.shown import Shown
-from stability.directional.affine import affine_branches
-from stability.directional.edge import (
-    Solutions,
+from stability.directional.branches import (
+    BranchSolutions,
     YieldingContacts,
+    affine_branches,
     edge_contacts,
     edges_of,
     middles,
     plane_directions,
+    relaxed_branches,
     unit_directions,
     widths,
 )
-from stability.directional.relaxed import relaxed_branches
 from stability.second_order_work import unstable_fraction
 from stability.spectra import (
     RTOL,
@@ -46,7 +46,7 @@ class Branches(Protocol):
         """Combinations of regimes whose equations have no single answer."""
         ...
 
-    def solve(self, directions: Floats) -> Solutions:
+    def solve(self, directions: Floats) -> BranchSolutions:
         """Solutions along unit directions (..., D, m)."""
         ...
 

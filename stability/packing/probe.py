@@ -17,7 +17,7 @@ from loops.laws.protocol import ContactLaw
 from loops.packing import PackingSystem, PlaneContacts
 from loops.shown import Shown
 from stability.destabilising import LinearControl, control_along, no_control
-from stability.directional.edge import plane_directions, unit_directions, works
+from stability.directional.branches import plane_directions, unit_directions, works
 from stability.packing.complementarity import STARTS
 from stability.packing.loop_rates import loop_sums
 from stability.packing.regime_regions import (

@@ -7,8 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
-from stability.cones import plane_cone
-from stability.directional.edge import plane_directions, works
+from stability.directional.branches import plane_directions, works
 from stability.packing.complementarity import (
     ENUMERATED,
     known_solutions,
@@ -36,6 +35,7 @@ from stability.packing.solution_branch import (
     trace_branch,
 )
 from stability.packing.yield_response import complementary_rates
+from stability.second_order_work import plane_cone
 from stability.spectra import subspace_basis
 
 Driven = Literal["strain", "stress"]

@@ -185,8 +185,7 @@ class StrainIncrement:
 
     def _advance(self, h: Floats, v: Floats, step: float) -> None:
         """Go on by a time at constant rates."""
-        from stability.compiled.packing_rates import advance
-        from stability.compiled.packing_work import add_work, overlaps_on_the_way
+        from stability.compiled.packing_rates import add_work, advance, overlaps_on_the_way
 
         packing = self.packing
         normal = np.zeros((0, 0))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.closures import Spins
 from loops.errors import InputError, check_choice, number
-from loops.laws.frictional import TOUCHING
+from loops.laws.frictional import TOUCHING_RTOL
 from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup
 from stability.paths.event_functions import event_functions
@@ -331,7 +331,7 @@ class LoopPathSolver:
         self.y = pack(state.place, shear, state.parameter, state.work)
         overlap = overlaps(self.model, relative_displacements(self.model, state.place))[-new:]
         # Grains that overlap from the start press on each other at once.
-        pressed = overlap > TOUCHING * self.model.touching[-new:]
+        pressed = overlap > TOUCHING_RTOL * self.model.touching[-new:]
         regime = np.where(pressed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
         self.mode = Mode(
             np.concatenate([old.regime, regime]), np.concatenate([old.side, np.zeros(new)])

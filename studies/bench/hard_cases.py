@@ -36,7 +36,7 @@ from stability import (
     symmetric_spectrum,
     unstable_fraction,
 )
-from stability.directional.edge import edge_contacts
+from stability.directional.branches import edge_contacts
 
 DIGITS = 50
 # Rings up to this long are solved grain by grain; longer ones by their compliance.

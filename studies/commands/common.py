@@ -58,32 +58,12 @@ Hold = Annotated[
     bool, Parameter(help="Bring the state to rest first, at fixed cell or between its walls.")
 ]
 HoldStress = Annotated[bool, Parameter(help="Bring the state to rest first, at fixed stress.")]
-Past = Annotated[
+PastOption = Annotated[
     str,
     Parameter(
         metavar="viscous|dynamic|stop",
         help="How paths continue past an unstable contact: dynamic is the limit of slow loading.",
     ),
-]
-InertialNumber = Annotated[
-    float | None,
-    Parameter(
-        help="Inertial number of the replays. Default: computed from the times and masses of the "
-        "files; 2e-6 if they are not known."
-    ),
-]
-Times = Annotated[
-    Path | None,
-    Parameter(
-        help="Table with the time of each snapshot: snap, time. Default: --cells, if it has the "
-        "column time, else the files."
-    ),
-]
-TimeStep = Annotated[
-    float | None, Parameter(help="Time of one step, where snapshots are numbered by steps.")
-]
-MeanMass = Annotated[
-    float | None, Parameter(help="Mean mass of a grain, if the files have no column mass.")
 ]
 Contacts = Annotated[
     Path | None,
@@ -111,6 +91,33 @@ class Writing:
     def files(self) -> dict[str, Any]:
         """The options that a study takes."""
         return {"force": self.force, "csv": self.csv}
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Replaying:
+    """Options of the rate of replays, by the names of the studies."""
+
+    inertial_number: Annotated[
+        float | None,
+        Parameter(
+            help="Inertial number of the replays. Default: computed from the times and masses of "
+            "the files; 2e-6 if they are not known."
+        ),
+    ] = None
+    times: Annotated[
+        Path | None,
+        Parameter(
+            help="Table with the time of each snapshot: snap, time. Default: --cells, if it has "
+            "the column time, else the files."
+        ),
+    ] = None
+    time_step: Annotated[
+        float | None, Parameter(help="Time of one step, where snapshots are numbered by steps.")
+    ] = None
+    mean_mass: Annotated[
+        float | None, Parameter(help="Mean mass of a grain, if the files have no column mass.")
+    ] = None
 
 
 @Parameter(name="*", group="Reading the input")

@@ -25,7 +25,7 @@ from studies.commands.common import (
 
 # Default stiffness ratio kt/kn; that of spheres is for Poisson's ratio 0.3.
 KAPPA = {"linear": 0.2, "hertz": 1.4 / 1.7}
-Closure = Annotated[
+ClosureOption = Annotated[
     str, Parameter(help="Loading of the loop by its surroundings: affine or traction.")
 ]
 Phi = Annotated[float | None, Parameter(help="Friction angle of the contacts (degrees).")]
@@ -42,7 +42,7 @@ def diamond(
     confine: Annotated[
         float | None, Parameter(help="Isotropic strain at state A, where the biaxial test starts.")
     ] = None,
-    closure: Closure = "affine",
+    closure: ClosureOption = "affine",
     contact_on_touch: Annotated[
         str, Parameter(help="If opposite grains touch: ignore it, stop, or add a contact.")
     ] = "ignore",
@@ -139,7 +139,7 @@ def polygon(
     rolling: Annotated[
         float | None, Parameter(help="Rolling stiffness over kn l0^2, with --spins free.")
     ] = None,
-    closure: Closure = "affine",
+    closure: ClosureOption = "affine",
     spins: Annotated[
         str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
     ] = "blocked",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,15 +13,12 @@ from studies.commands.common import (
     Cells,
     Hold,
     HoldStress,
-    InertialNumber,
-    MeanMass,
     NoFigures,
     OneReading,
-    Past,
+    PastOption,
     PlaneReading,
+    Replaying,
     Scheduler,
-    Times,
-    TimeStep,
     Workers,
     Writing,
     YieldBand,
@@ -162,7 +159,7 @@ def probe(
         float | None,
         Parameter(help="Finite probe to this strain. Default: infinitesimal."),
     ] = None,
-    past: Past = "viscous",
+    past: PastOption = "viscous",
     hold: Hold = False,
     hold_stress: HoldStress = False,
     workers: Workers = None,
@@ -348,7 +345,7 @@ def evolve(
         Parameter(help="Strain over which the geometry is kept; the error is proportional to it."),
     ] = 5e-6,
     instabilities: Annotated[int, Parameter(help="Stop after this many unstable contacts.")] = 20,
-    past: Past = "viscous",
+    past: PastOption = "viscous",
     by: Annotated[
         str,
         Parameter(
@@ -357,10 +354,7 @@ def evolve(
             "tables and map are those of the first.",
         ),
     ] = "events",
-    inertial_number: InertialNumber = None,
-    times: Times = None,
-    time_step: TimeStep = None,
-    mean_mass: MeanMass = None,
+    replaying: Replaying | None = None,
     hold: Hold = False,
     hold_stress: HoldStress = False,
     cells: Cells = None,
@@ -386,10 +380,7 @@ def evolve(
             rows=rows,
             interval=interval,
             instabilities=instabilities,
-            inertial_number=inertial_number,
-            times=times,
-            time_step=time_step,
-            mean_mass=mean_mass,
+            **asdict(replaying or Replaying()),
             hold=hold,
             hold_stress=hold_stress,
             cells=cells,

@@ -33,7 +33,7 @@ def save(
     return dict(numbers)
 
 
-def run(main: Callable[[Path], Mapping[str, Any]]) -> None:
+def run_example(main: Callable[[Path], Mapping[str, Any]]) -> None:
     """Run an example on the folder that the command line names, and print its numbers."""
     if len(sys.argv) != 2:
         sys.exit(f"usage: python -m {main.__globals__['__spec__'].name} RESULT_FOLDER")

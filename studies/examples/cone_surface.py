@@ -1,4 +1,4 @@
-"""What does the instability cone of a loop look like in three dimensions?
+"""Which strain rates lie in the instability cone of a loop, in three dimensions?
 
 A hexagon whose centres may relax: compressed isotropically beyond its threshold, and on a drained
 biaxial path whose contacts slide. Drawn is the unit sphere of strain rates with the rims W2 = 0.
@@ -29,7 +29,7 @@ from stability import (
     symmetric_spectrum,
     unstable_fraction,
 )
-from studies.examples import run, save
+from studies.examples import run_example, save
 from studies.style import BLACK, GREY, SKY, TWO_COLUMNS, VERMILION, new_figure, styled
 
 AXES = (r"$\dot E_{11}$", r"$\dot E_{22}$", r"$\sqrt{2}\,\dot E_{12}$")
@@ -125,4 +125,4 @@ def main(out: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_example(main)

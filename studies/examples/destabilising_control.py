@@ -28,11 +28,11 @@ from stability import (
     strain_driven,
     subspace_basis,
 )
-from studies.examples import run, save
+from studies.examples import run_example, save
 from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
 LENGTH, KAPPA = 0.03, 0.2
-CONTROLS: dict[str, Callable[[Floats], LinearControl]] = {
+CONTROL_BY_NAME: dict[str, Callable[[Floats], LinearControl]] = {
     "isotropic direction": destabilising_control,
     "inside the cone": softening_control,
 }
@@ -55,7 +55,7 @@ def responses(name: str) -> list[dict[str, Any]]:
     graph, law, closure, subspace = LOOPS[name]
     operator = restrict(macroscopic_tangent(graph, law, closure).matrix, subspace)
     found = []
-    for label, make in CONTROLS.items():
+    for label, make in CONTROL_BY_NAME.items():
         control = make(operator)
         along = subspace_basis(subspace).T @ control.direction
         for sense in (1.0, -1.0):
@@ -93,4 +93,4 @@ def main(out: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_example(main)

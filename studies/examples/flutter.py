@@ -20,7 +20,7 @@ from loops import GrainGraph, LinearFrictional, Regime, macroscopic_tangent
 from loops.arrays import Floats, Regimes
 from loops.geometry import outward
 from stability import flutter_pairs, operator_norm, restrict, spectrum, statuses, symmetric_spectrum
-from studies.examples import run, save
+from studies.examples import run_example, save
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, styled
 
 ORDERS, FORCES, CONTACTS = (3, 4, 5, 6, 7, 8), ("assigned", "balanced"), ("elastic", "sliding")
@@ -137,4 +137,4 @@ def main(out: Path, loops: int = 4000) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_example(main)

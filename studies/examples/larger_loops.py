@@ -1,4 +1,4 @@
-"""Where do loops of any order lose stability under other contact laws, and what do they cost?
+"""At which strain do loops of any order lose stability under other laws, and at which cost?
 
 The isotropic strain at which Ks of a regular loop first loses definiteness in (11, 22), as a root
 on the operator whose centres may relax: spheres (Hertz-Mindlin) over their stiffness ratio, and
@@ -26,7 +26,7 @@ from loops import (
 from loops.arrays import Floats
 from patterns import regular_polygon
 from studies.bench.methods import least_seconds
-from studies.examples import run, save
+from studies.examples import run_example, save
 from studies.paths.polygon import isotropic_threshold
 from studies.style import BLUE, GREY, LINE_COLOURS, TWO_COLUMNS, VERMILION, new_figure, styled
 
@@ -116,4 +116,4 @@ def main(out: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_example(main)

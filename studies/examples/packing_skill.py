@@ -15,7 +15,7 @@ from typing import Any
 import pandas as pd
 
 from patterns import sample_path
-from studies.examples import run, save
+from studies.examples import run_example, save
 from studies.series import run_series
 from studies.series.skill import SKILL_COLUMNS
 from studies.series.skill_figures import skill_by_predictor
@@ -42,4 +42,4 @@ def main(out: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_example(main)

@@ -1,4 +1,4 @@
-"""What does equation (8c) as printed do to a diamond whose contacts slide?
+"""Does equation (8c) as printed hold for a diamond whose contacts slide?
 
 Nicot et al. 2016 print the slip rule with `zeta_n = sign(un')`. A contact that slides outward while
 its normal force falls then has `T' = -s mu N'`, `s = sign(T)`: |T| grows and leaves Coulomb's cone.
@@ -25,7 +25,7 @@ from patterns.diamond import (
 )
 from patterns.diamond.closed_form import angle_from_strains
 from stability import Stage, follow, programmes
-from studies.examples import run, save
+from studies.examples import run_example, save
 from studies.paths.options import TABLES
 from studies.style import BLUE, GREY, LIGHT_GREY, VERMILION, new_panels, styled
 
@@ -102,4 +102,4 @@ def main(out: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_example(main)

@@ -19,7 +19,7 @@ from loops.arrays import Floats
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import PackingRates, probe
 from stability.packing.yield_response import yield_response
-from studies.examples import run, save
+from studies.examples import run_example, save
 from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
 STATES = ("before", "after", "moving")
@@ -166,4 +166,4 @@ def main(out: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_example(main)

@@ -1,4 +1,4 @@
-"""Where do 100,000 random diamonds yield, and what does it cost to know?
+"""At which strain do 100,000 random diamonds yield, and how long does the answer take?
 
 Point B, where all four contacts slide under constant s2, from the exact solution for all diamonds
 at once (`patterns.diamond.drained`), against scipy's `solve_ivp` on (33), one path at a time.
@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 from loops.arrays import Floats
 from patterns.diamond import TABLE_1, drained_end
-from studies.examples import run, save
+from studies.examples import run_example, save
 from studies.style import LINE_COLOURS, SEQUENTIAL, TWO_COLUMNS, new_figure, styled
 
 # Ranges of alpha0, kappa, phi and the isotropic strain at A; degrees.
@@ -131,4 +131,4 @@ def main(out: Path, diamonds: int = 100_000, paths: int = 300) -> dict[str, Any]
 
 
 if __name__ == "__main__":
-    run(main)
+    run_example(main)

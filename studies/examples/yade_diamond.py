@@ -25,7 +25,7 @@ from patterns.diamond.strain_lines import (
     line_states,
     strain_line,
 )
-from studies.examples import run, save
+from studies.examples import run_example, save
 from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
 KAPPA, UNIT = 0.2, 1e5 * 0.02  # kt/kn; kn l0 in newton
@@ -146,4 +146,4 @@ def main(out: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run(main)
+    run_example(main)

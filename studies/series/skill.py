@@ -25,8 +25,8 @@ from stability import RTOL
 from stability.packing.indicators import EXPECTED
 from studies.output import Columns, as_json, described_table
 from studies.series.tasks import KEY
-from studies.snapshot.summary import judges
-from studies.snapshot.table import LAST_ORDER, spread
+from studies.snapshot.summary import judges, spread
+from studies.snapshot.table import LAST_ORDER
 
 MEASURES = ("base", "coverage", "agreement", "precision", "recall", "auc", "rank_correlation")
 SKILL_COLUMNS = ("snapshot_before", "snapshot_after", "predictor", "target", *MEASURES, "loops")

@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from patterns import Snapshot
+from patterns import Snapshot, planar
 from stability import COMPONENTS
 from studies.frames import loop_table
 from studies.output import provenance
@@ -22,7 +22,7 @@ from studies.series.packing import facts, nonaffinity
 from studies.series.plan import plan_series
 from studies.series.run import UNITS
 from studies.series.skill import actual_values, score_skill
-from studies.snapshot.run import planar, reading
+from studies.snapshot.run import reading
 
 File = str | os.PathLike[str]
 

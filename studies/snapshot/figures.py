@@ -12,23 +12,22 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from loops import ForceChains, GrainGraph, branch_vectors
 from loops.arrays import Floats
 from patterns import Snapshot
 from studies.output import Columns
-from studies.snapshot.in_packing import PLACE, surroundings_share
+from studies.snapshot.in_packing import PLACE
 from studies.snapshot.loop_map import VECTOR_LIMIT, Drawer, draw_orders, loop_drawer, loop_map
-from studies.snapshot.summary import judges, unstable_loops
-from studies.snapshot.table import (
-    CLOSURES,
-    EIGENVALUES,
-    FREE,
-    GROUPS,
-    axes_density,
+from studies.snapshot.summary import (
     group_rows,
+    judges,
     share,
+    surroundings_share,
+    unstable_loops,
 )
+from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, GROUPS
 from studies.style import (
     BLACK,
     BLUE,
@@ -170,8 +169,13 @@ def chains_figure(table: Columns, draw: Drawer, links: Floats) -> Figure:
     figure, (axes,) = new_panels(1, 2, 3.3, width_ratios=(1.25, 1))
     left, right = axes
     draw_orders(draw, left, table["order"])
-    many = len(links) > VECTOR_LIMIT
-    lines = _joined(links) if many else list(links)
+    many, lines = len(links) > VECTOR_LIMIT, list(links)
+    if many:
+        # Segments joined to fewer lines with gaps are drawn much faster. Neighbours go to different
+        # lines: overlapping parts of one line would not cover one another.
+        ended = np.concatenate([links, np.full((len(links), 1, 2), np.nan)], axis=1)
+        count = len(links) // JOINED
+        lines = [ended[first::count].reshape(-1, 2) for first in range(count)]
     width = float(np.clip(60.0 / max(len(table["order"]), 1) ** 0.5, 0.3, 2.0))
     look: Any = {"capstyle": "round", "rasterized": many}
     for colour, wide in (("white", 2.2), (BLACK, 1.2)):
@@ -200,16 +204,6 @@ def chains_figure(table: Columns, draw: Drawer, links: Floats) -> Figure:
     return figure
 
 
-def _joined(segments: Floats) -> list[Floats]:
-    """Join (n, 2, 2) segments to fewer lines with gaps, which are drawn much faster.
-
-    Neighbours go to different lines: overlapping parts of one line would not cover one another.
-    """
-    gaps = np.full((len(segments), 1, 2), np.nan)
-    ended, lines = np.concatenate([segments, gaps], axis=1), len(segments) // JOINED
-    return [ended[first::lines].reshape(-1, 2) for first in range(lines)]
-
-
 @styled()
 def fabric_rose(graph: GrainGraph, summary: dict[str, Any]) -> Figure:
     """Density of the contact directions, and its Fourier series of second order."""
@@ -231,6 +225,19 @@ def fabric_table(graph: GrainGraph, summary: dict[str, Any]) -> Columns:
     columns = axes_density(_contact_axes(graph), FINE)
     second = _second_order(np.radians(columns["angle"]), summary["contact_fabric"])
     return columns | {"second_order": second}
+
+
+def axes_density(axes: Floats, width: float) -> dict[str, NDArray[Any]]:
+    """Density of axes (degrees) over half a turn, in bins of this width."""
+    bins = round(180 / width)
+    # Bins centred on the axes of coordinates, where regular packings have their peaks.
+    at = np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins
+    count = np.bincount(at, minlength=bins)
+    return {
+        "angle": width * np.arange(bins),
+        "count": count,
+        "density": count / max(len(axes), 1) / (2 * np.radians(width)),
+    }
 
 
 def _contact_axes(graph: GrainGraph) -> Floats:

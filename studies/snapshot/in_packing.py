@@ -1,30 +1,23 @@
-"""The packing of a snapshot: its boundary, its rate problem, and every loop inside it."""
+"""The packing of a snapshot: boundary, rate problem, state at rest, and every loop inside it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from loops import HertzMindlin, InputError, love_weber_stress, outline_area
+from loops import HertzMindlin, InputError, Regime, outline_area
 from loops.arrays import Flags, Floats
-from patterns import Snapshot, WallContacts
+from patterns import Snapshot, WallContacts, planar
 from patterns.snapshots.checks import SLIDING_SHARE
 from stability.verdict import loop_spectra, loop_stability
 from studies.output import Columns
-from studies.snapshot.table import (
-    EIGENVALUES,
-    FREE,
-    Groups,
-    share_by_group,
-    spread,
-    spread_by_group,
-)
+from studies.snapshot.table import EIGENVALUES
 
 if TYPE_CHECKING:
     from loops.packing import LoopsInPlace, Method, PlaneContacts
+    from stability.packing.hold import HoldControl
     from stability.packing.yield_response import YieldResponse
 
 PLACE = "packing"
@@ -112,32 +105,6 @@ def box_sides(x: Floats, walls: WallContacts) -> Floats | None:
     return np.array(sides)
 
 
-def wall_summary(snapshot: Snapshot, outline: float) -> dict[str, Any]:
-    """Stress carried by the contacts with walls, and its share of the whole stress.
-
-    The area is that of the box if all walls are upright, else `outline`, the area of the polygon
-    around the network. The share does not depend on the area.
-    """
-    walls = snapshot.walls
-    if walls is None or not snapshot.mechanical or len(walls.grain) == 0:
-        return {}
-    box = None if snapshot.graph.cell is not None else box_area(snapshot.graph.x, walls)
-    area = outline if box is None else box
-    if not area > 0:
-        return {}
-    at_walls = walls.force.T @ walls.branch / area
-    total = at_walls + love_weber_stress(snapshot.graph, area)
-    kind = "cell" if snapshot.graph.cell is not None else "outline of the network"
-    return {
-        "stress_walls": at_walls,
-        "stress_total": total,
-        "boundary_area": area,
-        "boundary_area_is": kind if box is None else "box within the walls",
-        "boundary_share": float(np.trace(at_walls) / np.trace(total)),
-        "wall_force": spread(np.hypot(*walls.force.T)),
-    }
-
-
 def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldResponse:
     """Rate problem of the packing; contacts with |T| of at least `yield_band` mu N may slide."""
     from stability.packing.yield_response import yield_response
@@ -214,29 +181,91 @@ def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
     return columns
 
 
-def surroundings_share(table: Columns) -> Floats:
-    """Share of the surroundings in the trace of `A_in`: 1 - tr A_loop / tr A_in."""
-    inside, alone = (
-        sum(table[f"{judge}_{name}"] for name in EIGENVALUES) for judge in (PLACE, FREE)
+# Above this unbalanced force the rates of a state are not those of an equilibrium.
+MOVING = 5e-4
+# Above this spread of the stress the state at rest depends on the way to it.
+SPREAD = 0.03
+
+
+def hold_control(hold: bool, hold_stress: bool) -> HoldControl | None:
+    """Control of the options `--hold` and `--hold-stress`; `InputError` if both are given."""
+    if hold and hold_stress:
+        raise InputError("--hold, --hold-stress", "both", "one of them", "Leave one out.")
+    return "strain" if hold else "stress" if hold_stress else None
+
+
+def held_snapshot(
+    snapshot: Snapshot, control: HoldControl | None
+) -> tuple[Snapshot, dict[str, Any] | None]:
+    """The snapshot at rest, and what holding changed, for the summary.
+
+    Without a control the snapshot itself, with a note if it moves. `InputError` if the sample does
+    not come to rest.
+    """
+    from stability.packing.hold import hold, unbalanced_force
+
+    law, _ = snapshot.mechanics()
+    _, outline, _ = sample_boundary(snapshot)
+    walls = snapshot.walls
+    if control is None:
+        if outline is not None:
+            return snapshot, None
+        before = unbalanced_force(snapshot.graph, *followed_walls(snapshot))
+        if not before > MOVING:
+            return snapshot, None
+        note = (
+            f"the state moves: its unbalanced force is {before:.2g} of the mean contact force, so "
+            "that its rates are not those of an equilibrium; bring it to rest first with --hold"
+        )
+        noted = replace(snapshot, notes=(*snapshot.notes, note))
+        if "faces" in vars(snapshot):
+            # A copy would look for its loops again.
+            vars(noted)["faces"] = snapshot.faces
+        return noted, None
+    if outline is not None:
+        expected = "a periodic cell or known walls, no free surface"
+        remedy = (
+            "Give --cell, or the wall contacts. A sample that rests under its weight cannot be "
+            "held: probe it as it is, its outline follows the strain."
+        )
+        raise InputError("--hold", "a sample whose walls are not known", expected, remedy)
+    area = None if walls is None else box_area(snapshot.graph.x, walls)
+    planes, force = followed_walls(snapshot)
+    held = hold(snapshot.graph, law, control=control, planes=planes, plane_force=force, volume=area)
+    if held.status != "at rest":
+        expected = "a sample that comes to rest"
+        raise InputError("--hold", str(held), expected, "Take another state of the series.")
+    notes = [str(held)]
+    if held.spread > SPREAD:
+        notes.append(
+            "the state at rest depends on how it is reached: with two values of damping the "
+            f"stresses differ by {100 * held.spread:.2g} %; all results apply only to "
+            "the state at rest that was found"
+        )
+    graph, limit = held.graph, SLIDING_SHARE * held.law.mu * held.graph.normal_force
+    regime = np.where(np.abs(graph.shear_force) >= limit, Regime.SLIDING, Regime.ELASTIC)
+    if held.planes is not None:
+        walls = WallContacts(
+            held.planes.grain,
+            held.plane_force,
+            -held.planes.branch,
+            held.planes.kn,
+            held.planes.kt,
+            held.planes.mu,
+        )
+    at_rest = Snapshot(
+        graph=graph.replace(regime=regime.astype(np.int8)),
+        law=held.law,
+        regime=regime.astype(np.int8),
+        ids=snapshot.ids,
+        wall_contacts=0 if walls is None else len(walls.grain),
+        notes=(*snapshot.notes, *notes),
+        walls=walls,
+        step=snapshot.step,
+        findings=snapshot.findings,
+        mass=snapshot.mass,
+        time=snapshot.time,
     )
-    return np.asarray(1.0 - alone / inside)
-
-
-def share_by_order(table: Columns, orders: list[int]) -> dict[str, NDArray[Any]]:
-    """Quartiles of `surroundings_share` over the loops of each order."""
-    share = surroundings_share(table)
-    found = [spread(share[table["order"] == n]) for n in orders]
-    names = ("q25", "median", "q75")
-    return {f"surroundings_{key}": np.array([one[key] for one in found]) for key in names}
-
-
-def packing_summary(table: Columns, groups: Groups, method: dict[str, Any]) -> dict[str, Any]:
-    """Keys of the summary for loops in place."""
-    smallest, error = table["surroundings_lambda_min"], table[f"{PLACE}_error"]
-    known = ~np.isnan(smallest)
-    return {
-        "in_packing": method,
-        "packing_error": spread(np.where(np.isfinite(error), error, np.nan)),
-        "surroundings_positive": share_by_group(groups, smallest > 0, known),
-        "surroundings_share": spread_by_group(groups, surroundings_share(table)),
-    }
+    arrays = ("graph", "law", "planes", "plane_force")
+    changes = {one.name: getattr(held, one.name) for one in fields(held) if one.name not in arrays}
+    return planar(at_rest, "the held sample"), changes

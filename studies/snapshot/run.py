@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import inspect
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow
 
-from loops import InputError, crossing_contacts_to_drop, find_crossings, force_chains
-from loops.arrays import Integers
-from patterns import Snapshot, read_snapshot
+from loops import force_chains
+from patterns import Snapshot, planar, read_snapshot
 from studies.output import readable
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import chains_table, order_table, snapshot_summary
@@ -23,8 +21,6 @@ from studies.study import one_of, study
 if TYPE_CHECKING:
     from loops.packing import Method
 
-# Most crossing pairs that are looked for, and that an error names.
-MOST, NAMED = 1_000_000, 3
 UNITS = (
     "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
     "mean kn; angles in degrees"
@@ -54,81 +50,6 @@ def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snap
     if plane is snapshot:
         found.result()
     return plane
-
-
-def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = False) -> Snapshot:
-    """Return a snapshot whose network has no crossing branches, so that its loops are defined.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    where : str
-        Its name in the error.
-    drop : bool
-        Whether to leave out one contact of each crossing pair, the less loaded one.
-
-    Returns
-    -------
-    Snapshot
-        The same one if no branches cross; its notes name the contacts that were left out.
-
-    Raises
-    ------
-    InputError
-        If branches cross and `drop` is false.
-
-    Examples
-    --------
-    Both diagonals of a square of four grains:
-
-    >>> from patterns import snapshot_from_tables
-    >>> grains = {"id": range(4), "x": [0, 1, 1, 0], "y": [0, 0, 1, 1], "r": [0.71] * 4}
-    >>> contacts = {"i": [0, 1, 2, 3, 0, 1], "j": [1, 2, 3, 0, 2, 3]}
-    >>> crossed = snapshot_from_tables(grains, contacts, strict=False)
-    >>> planar(crossed, drop=True).graph.contact_count
-    5
-    """
-    pairs = find_crossings(snapshot.graph, MOST)
-    if len(pairs) == 0:
-        return snapshot
-    if drop:
-        return _without(snapshot, crossing_contacts_to_drop(snapshot.graph, pairs), len(pairs))
-    named = snapshot.ids[snapshot.graph.contacts[pairs[:NAMED]]]
-    shown = "; ".join(f"{a[0]}-{a[1]} and {b[0]}-{b[1]}" for a, b in named.tolist())
-    more = "; ..." if len(pairs) > NAMED else ""
-    raise InputError(
-        f"contacts of {where}",
-        f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
-        "a planar network",
-        "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings (in Python "
-        "gl.planar(snapshot, drop=True)) leaves out one contact of each pair, the less loaded one.",
-    )
-
-
-def _without(snapshot: Snapshot, dropped: Integers, crossings: int) -> Snapshot:
-    """Leave contacts out, with a note that names the first ten."""
-    graph = snapshot.graph
-    kept = np.delete(np.arange(graph.contact_count), dropped)
-    named = ", ".join(f"{a}-{b}" for a, b in snapshot.ids[graph.contacts[dropped[:10]]].tolist())
-    more = ", ..." if len(dropped) > 10 else ""
-    law, regime = snapshot.law, snapshot.regime
-    return replace(
-        snapshot,
-        graph=graph.replace(
-            contacts=graph.contacts[kept],
-            normal_force=graph.normal_force[kept],
-            shear_force=graph.shear_force[kept],
-            images=None if graph.images is None else graph.images[kept],
-            regime=None if regime is None else regime[kept],
-        ),
-        law=None if law is None else law.take(kept),
-        regime=None if regime is None else regime[kept],
-        notes=(
-            *snapshot.notes,
-            f"{crossings} pairs of crossing branches: {len(dropped)} contacts left out, of grains "
-            f"{named}{more}; their forces are missing in every stress",
-        ),
-    )
 
 
 def run_snapshot(

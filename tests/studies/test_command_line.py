@@ -73,8 +73,8 @@ def test_in_packing_may_stand_alone(given, asked, monkeypatch):
     monkeypatch.setattr(
         "studies.series.run_series", lambda paths, out, **how: seen.update(how, paths=paths)
     )
-    monkeypatch.setattr("studies.commands.series.answer", lambda *_: None)
-    monkeypatch.setattr("studies.commands.series._series_lines", lambda _: [])
+    monkeypatch.setattr("studies.commands.snapshot.answer", lambda *_: None)
+    monkeypatch.setattr("studies.commands.snapshot._series_lines", lambda _: [])
     monkeypatch.setattr("sys.argv", ["grainloops", "series", *given])
     with pytest.raises(SystemExit) as end:
         main()

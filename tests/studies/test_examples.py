@@ -49,9 +49,9 @@ def test_every_example_runs_whole(tmp_path, example):
 def test_an_example_without_a_folder_says_what_it_takes(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["sweep"])
     with pytest.raises(SystemExit, match=r"studies\.examples\.sweep RESULT_FOLDER"):
-        from studies.examples import run
+        from studies.examples import run_example
 
-        run(sweep.main)
+        run_example(sweep.main)
 
 
 # Yade's own first-order error at its step of 1e-5 in strain: one shear increment too many.

@@ -14,7 +14,7 @@ import pandas as pd
 from loops import InputError
 from patterns import read_snapshot
 from studies.probe import probe
-from studies.snapshot.held import held_snapshot
+from studies.snapshot.in_packing import held_snapshot
 
 SOFT = {"kn": 1e6, "kt": 5e5, "mu": 0.5}
 

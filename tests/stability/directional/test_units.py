@@ -7,7 +7,7 @@ from loops import LinearFrictional
 from patterns import regular_polygon
 from patterns.diamond import TABLE_1, diamond, drained_path
 from stability.directional import directional_work
-from stability.directional.edge import line_angles
+from stability.directional.branches import line_angles
 from stability.directional.work import branches_of
 
 ANGLES = 2 * np.pi * (np.arange(53) + 0.3) / 53

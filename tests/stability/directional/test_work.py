@@ -27,7 +27,7 @@ from stability import (
     unstable_fraction,
 )
 from stability.directional import branch_fraction, directional_work, edge_contacts
-from stability.directional.edge import edges_of
+from stability.directional.branches import edges_of
 
 TABLES = [TABLE_1, TABLE_2]
 ANGLES = 2 * np.pi * (np.arange(997) + 0.3) / 997

@@ -33,8 +33,7 @@ from stability.packing.response import (
 )
 from stability.packing.solution_branch import TURN, SolutionBranch, trace_branch
 from stability.packing.yield_response import linear_answer, yield_response
-from studies.snapshot.held import held_snapshot
-from studies.snapshot.in_packing import sample_edge
+from studies.snapshot.in_packing import held_snapshot, sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
 from tests.tools import small_packings
 from tests.yade_slow import COLLECTION, in_collection

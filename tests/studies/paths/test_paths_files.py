@@ -12,12 +12,11 @@ from matplotlib.figure import Figure
 
 from loops import InputError, find_faces
 from patterns import read_snapshot
-from studies.paths.diamond_figures import draw_determinant
 from studies.paths.diamond_tables import snapshot_tables
 from studies.paths.figures import draw_cone, draw_eigenvalues, draw_polar, draw_stress
 from studies.paths.followed import operator_diagram
 from studies.paths.options import DiamondOptions
-from studies.paths.run import run_diamond
+from studies.paths.run import draw_determinant, run_diamond
 from studies.style import STYLE
 from tests.conftest import leave_undrawn
 from tests.studies.paths.followed import followed

@@ -1,6 +1,7 @@
 """Snapshots that are brought to rest before they are probed or followed."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,7 @@ from stability.packing.hold import hold, unbalanced_force
 from studies.cli import main
 from studies.evolve import run_evolve
 from studies.probe import run_probe
-from studies.snapshot.held import held_snapshot, hold_control
-from studies.snapshot.in_packing import sample_boundary
+from studies.snapshot.in_packing import held_snapshot, hold_control, sample_boundary
 
 WALLS = sample_path()
 
@@ -108,7 +108,7 @@ def test_a_sample_that_flows_is_refused_with_its_motion(monkeypatch):
     def flowing(*given, **options):
         return replace(hold(*given, **options, most_steps=1), status="flows")
 
-    monkeypatch.setattr("studies.snapshot.held.hold", flowing)
+    monkeypatch.setattr(sys.modules["stability.packing.hold"], "hold", flowing)
     with pytest.raises(InputError, match=r"--hold: got held at fixed cell: flows, unbalanced"):
         held_snapshot(read_snapshot(WALLS), "strain")
 

@@ -14,7 +14,7 @@ from loops import InputError, Regime, branch_vectors, contact_forces, contact_st
 from loops.stress_strain import rotation_and_stretch
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import loop_changes, loop_rates, packing_response, replay
-from studies.commands.series import _series_lines
+from studies.commands.snapshot import _series_lines
 from studies.series import packing as series_packing
 from studies.series.evolution import increments, sample_strain, track_loops
 from studies.series.packing import PREDICTED, Following, interval_rate, packing_predictions

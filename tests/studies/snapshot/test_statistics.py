@@ -19,17 +19,16 @@ from patterns import (
     synthetic_network,
 )
 from studies.output import definitions
-from studies.snapshot.summary import snapshot_summary
-from studies.snapshot.table import (
-    GROUPS,
+from studies.snapshot.figures import axes_density
+from studies.snapshot.summary import (
     axes_block,
-    axes_density,
     group_rows,
-    loop_table,
     share,
+    snapshot_summary,
     spread,
     spread_by_group,
 )
+from studies.snapshot.table import GROUPS, loop_table
 
 PERIODIC = sample_path("grains_periodic.parquet")
 MECHANICAL = [
