@@ -296,8 +296,6 @@ def _check_lines(rows: list[dict[str, Any]], summary: dict[str, Any]) -> list[st
 
 # So many notes are printed, and so much of the reason why a snapshot was skipped.
 NOTES, LONGEST_REASON = 8, 300
-# Bistable intervals that one line names at most.
-SHOWN_BISTABLE = 8
 PREDICTOR_WORDS = {
     "packing": "its packing's rate problem",
     "packing_path": "its packing's path by events",
@@ -387,12 +385,12 @@ def _followed_lines(followed: dict[str, Any]) -> list[str]:
         f"path by events ({ends}), {followed['path_instabilities']} instabilities passed by "
         f"{followed['past']}",
     ]
-    if followed["bistable"]:
-        named = ", ".join(f"{k}-{k + 1}" for k in followed["bistable"][:SHOWN_BISTABLE])
-        more = len(followed["bistable"]) - SHOWN_BISTABLE
+    apart = followed["path_from_replay"]
+    if apart is not None:
+        before, after = apart["snapshots"]
         lines.append(
-            f"path and replay end in different states (bistable) between snapshots {named}"
-            + (f" and in {more} more" if more > 0 else "")
+            f"forces of path and replay differ by {apart['median']:.2g} of what the replay changes "
+            f"(median), at most by {apart['largest']:.2g}, from snapshot {before} to {after}"
         )
     return lines
 

@@ -35,8 +35,6 @@ from studies.series.tasks import (
 from studies.study import Results
 
 Row = Mapping[str, Any]
-# Forces of path and replay, over what the replay changes: farther apart, they are two branches.
-BISTABLE = 0.3
 
 
 def gather(
@@ -140,7 +138,9 @@ def series_tables(
         tables["skill_by_order"] = by_order
         summary["packing"] = solved_summary(intervals, series.yield_band)
     if series.following is not None:
-        summary["followed"] = followed_summary(intervals, series.following.past)
+        summary["followed"] = followed_summary(
+            intervals, [one.number for one in series.planned], series.following.past
+        )
     return tables, summary
 
 
@@ -270,16 +270,30 @@ def solved_summary(intervals: Sequence[Row], band: float) -> dict[str, Any]:
     }
 
 
-def followed_summary(intervals: Sequence[Row], past: str) -> dict[str, Any]:
-    """Summary of paths and replays: statuses, instabilities, bistable intervals, rates."""
+def followed_summary(intervals: Sequence[Row], numbers: Sequence[int], past: str) -> dict[str, Any]:
+    """Summary of paths and replays: statuses, instabilities, distance, rates.
+
+    `numbers` are those of the snapshots.
+    """
     rows = [row for row in intervals if "path_status" in row]
     rates = [row["replay_inertial_number"] for row in rows]
-    apart = [row.get("path_from_replay") for row in intervals]
+    apart = {
+        k: row["path_from_replay"]
+        for k, row in enumerate(intervals)
+        if row.get("path_from_replay") is not None
+    }
+    farthest = max(apart, key=lambda k: apart[k], default=None)
     return {
         "past": past,
         "path_statuses": dict(Counter(row["path_status"] for row in rows)),
         "path_instabilities": sum(row["path_instabilities"] for row in rows),
-        "bistable": [k for k, d in enumerate(apart) if d is not None and d > BISTABLE],
+        "path_from_replay": None
+        if farthest is None
+        else {
+            "median": float(np.median([*apart.values()])),
+            "largest": apart[farthest],
+            "snapshots": [numbers[farthest], numbers[farthest + 1]],
+        },
         "replay_inertial_number": [min(rates), max(rates)] if rates else None,
         "replay_rate_from": dict(Counter(row["replay_rate_from"] for row in rows)),
     }

@@ -178,7 +178,8 @@ def _painter(snapshot: Snapshot) -> Drawer:
 
 
 def _label(ax: Axes) -> None:
-    ax.set(aspect="equal", xlabel=r"$x_1$ (length unit of the input)", ylabel=r"$x_2$")
+    unit = "(length unit of the input)"
+    ax.set(aspect="equal", xlabel=rf"$x_1$ {unit}", ylabel=rf"$x_2$ {unit}")
 
 
 def _line_width(loops: int) -> float:

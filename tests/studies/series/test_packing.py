@@ -111,7 +111,10 @@ def test_the_path_and_the_replay_predict_beside(tmp_path, monkeypatch, unsaved):
     np.testing.assert_allclose(every.replay_w2, rates.normalised_work, rtol=1e-9)
     np.testing.assert_allclose(every.replay_nonaffinity, rates.nonaffinity, rtol=1e-9)
     skill = summary["skill"]
-    assert skill["packing_path"]["auc"] > 0.99 and skill["replay"]["auc"] > 0.995
+    assert skill["packing_path"]["auc"] > 0.99 and skill["replay"]["auc"] > 0.998
+    apart, row = summary["followed"]["path_from_replay"], pd.read_parquet(out / "skill.parquet")
+    assert apart["snapshots"] == row[["snapshot_before", "snapshot_after"]].iloc[0].tolist()
+    assert 0 < apart["median"] == apart["largest"] < 0.2
     assert skill["packing"]["auc"] < skill["packing_path"]["auc"]
     far = summary["skill_of_targets"]["nonaffine"]
     assert far["packing"]["auc"] < far["packing_path"]["auc"] < far["replay"]["auc"]
