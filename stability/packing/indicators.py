@@ -143,7 +143,7 @@ def indicators(
     }
     count = len(faces.loops)
     out = {name: np.full(count, np.nan) for name in (*by_grain, *by_contact, *most)}
-    row = np.full(len(faces.kind), -1)
+    row = np.empty(len(faces.kind), dtype=np.int64)
     row[faces.loops] = np.arange(count)
     for batch in loop_batches(graph, faces):
         at = row[batch.face]

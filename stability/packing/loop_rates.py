@@ -121,7 +121,7 @@ def loop_sums(values: Floats, faces: Faces) -> Floats:
 
 def _of_all(parts: _Parts, faces: Faces) -> LoopRates:
     count = len(faces.loops)
-    row = np.full(len(faces.kind), -1)
+    row = np.empty(len(faces.kind), dtype=np.int64)
     row[faces.loops] = np.arange(count)
     out: dict[str, Floats] = {name: np.empty(count) for name in LoopRates.__annotations__}
     out |= {name: np.empty((count, 2, 2)) for name in ("strain", "stress")}

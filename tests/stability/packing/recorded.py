@@ -5,6 +5,7 @@ the change with `git diff --word-diff`, and say in the commit why each number mo
 """
 
 import json
+import re
 import sys
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -15,7 +16,10 @@ import numpy as np
 from loops import LinearFrictional, find_faces
 from stability import Stage, follow, programmes
 from stability.packing import (
+    PackingResponse,
+    Probe,
     complementarity,
+    equations_of_motion,
     hold,
     loop_changes,
     loop_rates,
@@ -24,6 +28,7 @@ from stability.packing import (
     regime_regions,
     replay,
     response,
+    strain_increment,
     sustain,
 )
 from stability.packing.indicators import indicators, least_squares_nonaffinity
@@ -34,6 +39,7 @@ from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.test_statuses import small
 from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
 
+sustain_module = sys.modules[sustain.__module__]
 STORED = Path(__file__).with_suffix(".json")
 # Rounding itself, and what follows from the other fields.
 LEFT_OUT = {"residual", "system", "cell0", "radii", "slopes"}
@@ -43,12 +49,14 @@ DRAINED = programmes.drained_biaxial()
 
 def plain(value):
     """Numbers, texts, lists and dicts; of a long array its shape and three sums."""
+    if isinstance(value, (PackingResponse, Probe)):
+        left = np.where(value.residual > 1e-6, value.residual, 0.0)
+        return named(value) | {"residual": plain(left)}
     if isinstance(value, PackingState) and np.abs(value.x.mean(axis=0)).max() > 1e-12:
         # A periodic packing drifts as a whole by rounding.
         return plain(replace(value, x=value.x - value.x.mean(axis=0)))
     if is_dataclass(value) and not isinstance(value, type):
-        names = [field.name for field in fields(value) if field.name not in LEFT_OUT]
-        return {name: plain(getattr(value, name)) for name in names}
+        return named(value)
     if hasattr(value, "_asdict"):
         return {name: plain(one) for name, one in value._asdict().items() if name not in LEFT_OUT}
     if isinstance(value, dict):
@@ -68,9 +76,23 @@ def plain(value):
     return value if isinstance(value, (int, float, str, bool, type(None))) else str(value)
 
 
+def named(value):
+    """Fields of an answer by name."""
+    names = [field.name for field in fields(value) if field.name not in LEFT_OUT]
+    return {name: plain(getattr(value, name)) for name in names}
+
+
 def path_of(graph, law, stage, **how):
     path = follow(graph, law, stage, closure="packing", **how)
-    return plain(path) | {"states": plain(path.states[-1])}
+    found = plain(path) | {"states": plain(path.states[-1])}
+    for event in found["events"]:
+        event["detail"] = re.sub(r"\S+(?= released)", _energy, event["detail"])
+    return found
+
+
+def _energy(text):
+    """An energy in words, without those that are small beside a packing's 1e-5."""
+    return text[0] if abs(float(text[0])) > 1e-8 else "next to nothing"
 
 
 def small_box(k=0):
@@ -118,6 +140,41 @@ def loads():
 
 
 @case
+def motions_that_take_long():
+    """Rest that comes late or not at all, through an instability and under a load."""
+    graph = jammed(12, 1, LAW)
+    how = {"interval": 1e-4, "past": "dynamic"}
+    for checks in (200, 1):
+        with (
+            patch.object(equations_of_motion, "CHECK_STEPS", 50),
+            patch.object(equations_of_motion, "MAX_CHECKS", checks),
+            patch.object(equations_of_motion, "SNAP_RATE", 1e-4),
+        ):
+            yield path_of(graph, LAW, strained(4 * PURE), **how)
+    with patch.object(sustain_module, "MOST_STEPS", 700):
+        largest = 0.3 * np.trace(start_state(graph).stress)
+        yield plain(sustain(graph, LAW, [[0, -1]], largest=largest, interval=1e-4))
+
+
+@case
+def complementarity_problems():
+    """Searches for a scaling, active sets from starts and by enumeration."""
+    rng = np.random.default_rng(7)
+    for m in (3, 5, 8):
+        M = rng.standard_normal((m, m)) + np.diag(rng.uniform(0.0, 2.0, m))
+        q = rng.standard_normal(m)
+        yield plain(complementarity.scaled_definite(M))
+        yield plain(complementarity.scaled_definite(M + 1.5 * np.eye(m)))
+        yield plain(complementarity.solve_complementarity(q, M))
+        yield plain([complementarity.nearest_regimes(q, M), complementarity.lemke(q, M)])
+        with patch.object(complementarity, "ENUMERATED", 0):
+            yield plain(complementarity.solve_complementarity(q, M))
+        M[:, -1] = M[:, 0]
+        M[-1] = M[0]
+        yield plain(complementarity.solve_complementarity(q, M))
+
+
+@case
 def paths():
     """By events, with rows, goals of each kind, and each way past an instability."""
     graph = jammed(12, 1, LAW)
@@ -148,6 +205,21 @@ def paths_of_loose_packings():
     yield path_of(graph, LAW, Stage(DRAINED, "H11", 2e-2), interval=5e-4)
     for law in LIMITS:
         yield path_of(jammed(16, 2, law), law, strained(PURE), interval=2e-4)
+
+
+@case
+def paths_that_chatter():
+    """As if contacts changed regime again and again, and pivots met no end."""
+    graph, loose = jammed(12, 1, LAW), packing(16, 1, 0.9, 0.3)
+    for chatter, steps, rank in ((0, 40, 96), (1, 40, 2), (12, 1, 0)):
+        with (
+            patch.object(strain_increment, "CHATTER", chatter),
+            patch.object(strain_increment, "PIVOT_STEPS", steps),
+            patch.object(strain_increment, "RANK", rank),
+        ):
+            yield path_of(graph, LAW, strained(2 * PURE), interval=1e-4, instabilities=99)
+            yield path_of(loose, LAW, strained(2 * PURE), interval=1e-5, instabilities=8)
+            yield path_of(graph, LAW, strained(2 * PURE), interval=1e-4, past="stop")
 
 
 @case

@@ -1,0 +1,110 @@
+"""Parts of the packing's rate problem by themselves, against closed forms."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from loops import GrainGraph, InputError
+from stability.packing.complementarity import scaled_definite
+from stability.packing.pairs import _as_known, require_replayable
+from stability.packing.regime_regions import cones
+from stability.packing.response import PackingRates
+from stability.packing.solution_branch import trace_branch
+from stability.packing.sustain import keeps_growing
+from stability.packing.yield_response import slip_motion, yield_response
+from tests.packings import LAW, packing
+
+
+def test_where_all_directions_soften_the_cone_is_the_whole_circle():
+    angles = np.array([2.0, 0.5, 4.0])
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    found = cones(None, directions, [SimpleNamespace(normalised=-0.1)] * 3)
+    np.testing.assert_allclose(found.ends, [[0.5, 0.5 + 2 * np.pi]], rtol=1e-14)
+    assert not found.refined.any()
+    # Half a turn is left out, or there is no plane: nothing is said.
+    assert cones(None, directions[:2], [SimpleNamespace(normalised=-0.1)] * 2) is None
+    assert cones(None, np.eye(3), [SimpleNamespace(normalised=-0.1)] * 3) is None
+
+
+@pytest.mark.parametrize(("diagonal", "status"), [(1e-7, "degenerate"), (1e-2, "closed")])
+def test_a_small_pivot_is_small_beside_its_column(diagonal, status):
+    """Contact 0 reaches its limit first, at a quarter of a turn; its column is 1e6."""
+    Q, M = np.array([[1.0, 0.0], [1e9, 1e9]]), np.array([[diagonal, 0.0], [1e6, 1.0]])
+    branch = trace_branch(Q, M, 0.1, np.zeros(2, dtype=bool), 50)
+    assert branch.status == status
+
+
+def test_the_share_of_a_slip_that_no_motion_balances():
+    """All of it where nothing moves, half where half of each load is left."""
+    yielding = yield_response(packing(16, 2, 0.9, 0.3), LAW, yield_band=0.99)
+    rates = PackingRates(yielding)
+    for kept in (0.0, 0.5):
+        factor = SimpleNamespace(
+            matrix=rates.elastic.factor.matrix,
+            solve=lambda loads, kept=kept: kept * rates.elastic.factor.solve(loads),
+        )
+        answer = replace(rates.elastic, factor=factor)
+        share = slip_motion(yielding, answer, rates.every)[1]
+        np.testing.assert_allclose(share, 1.0 - kept, rtol=1e-6)
+
+
+def test_a_wall_is_as_stiff_to_others_as_to_those_that_are_known():
+    radii, others = np.array([0.4, 0.5, 0.7]), np.array([0.3, 0.6])
+    np.testing.assert_allclose(_as_known(2.0 * radii, radii, others), 2.0 * others, rtol=1e-14)
+    np.testing.assert_allclose(_as_known(np.full(3, 3.0), radii, others), 3.0, rtol=1e-14)
+    assert np.isinf(_as_known(np.full(3, np.inf), radii, others)).all()
+
+
+def test_a_scaled_matrix_is_definite_whatever_its_units():
+    """`diag(a) P diag(b)` with `P > 0` is scaled definite; with one negative entry it is not."""
+    rng = np.random.default_rng(3)
+    for size in (1e-6, 1.0, 1e6):
+        P = rng.standard_normal((5, 5)) * 0.3
+        P = size * (P @ P.T + np.eye(5))
+        for spread in (1.0, 30.0):
+            M = spread ** rng.uniform(-1, 1, 5)[:, None] * P
+            found, d, blame = scaled_definite(M)
+            assert found and not blame.any()
+            assert (np.linalg.eigvalsh(d[:, None] * M + M.T * d) > 0).all()
+        M[2, 2] *= -1.0
+        found, _, blame = scaled_definite(M)
+        assert not found and np.argmax(blame) == 2
+
+
+@pytest.mark.parametrize("alike", [0, 1, 7, 8])
+def test_forces_of_hertz_are_told_by_most_contacts(alike):
+    """Of eight contacts seven may have two thirds of linear forces by chance."""
+    graph = lattice(alike)
+    if alike == 8:
+        with pytest.raises(InputError, match="2/3 of kn times the overlap"):
+            require_replayable(graph, LAW)
+    else:
+        assert require_replayable(graph, LAW) is LAW
+
+
+def lattice(alike):
+    """A square lattice whose first contacts have the forces of Hertz's tangents."""
+    overlap = 0.01 * np.where(np.arange(8) < alike, 2.0 / 3.0, 1.0)
+    return GrainGraph(
+        x=[[0, 0], [1, 0], [0, 1], [1, 1]],
+        radii=[0.505] * 4,
+        contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+        images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+        cell=2 * np.eye(2),
+        normal_force=overlap,
+    )
+
+
+def test_growth_is_judged_over_two_doublings_of_the_strain():
+    """Two looks to half of the strain, four or five to the whole: rates of 1/8 and 1/4, 1/5."""
+    for looks, rate in ((2, 0.25), (4, 0.125), (5, 0.1)):
+        before, after = [0.125, 0.25, 0.375], np.linspace(0.5, 1.0, looks + 1)
+        strains = 2e-3 * np.array([0.0, *before, *after])
+        rising, falling = np.arange(len(strains)), -np.arange(len(strains))
+        # From a quarter (look 2) to a half (look 4) the rate is an eighth.
+        assert keeps_growing(strains, rising) == (rate >= 0.125)
+        assert not keeps_growing(strains, falling)
+        assert not keeps_growing(0.4 * strains, rising)
+    assert keeps_growing([0.0, 2e-3], [0.0, 1.0])
