@@ -110,13 +110,13 @@ def packing_blocks(
     if graph.cell is not None:
         box, origin = graph.cell, np.zeros(2)
     else:
-        origin, high = graph.x.min(axis=0), graph.x.max(axis=0)
-        box = np.diag(np.maximum(high - origin, 1e-9 * np.abs(graph.radii).max()))
+        origin = (graph.x - graph.radii[:, None]).min(axis=0)
+        box = np.diag((graph.x + graph.radii[:, None]).max(axis=0) - origin)
     heights = abs(np.linalg.det(box)) / np.linalg.norm(box[:, ::-1], axis=0)
     extent = heights / (2.0 * float(graph.radii[carries].mean()))
     place, centre = (np.linalg.solve(box, (x - origin).T).T for x in (graph.x, polygons.centre))
     counts = np.maximum(1, np.round(extent / side)).astype(np.int64)
-    home = np.floor((centre - np.floor(centre)) * counts).astype(np.int64).clip(0, counts - 1)
+    home = np.floor(centre * counts).astype(np.int64) % counts
     number = home[:, 0] * counts[1] + home[:, 1]
     for k in range(int(counts.prod())):
         middle = (np.array(divmod(k, int(counts[1]))) + 0.5) / counts
@@ -432,14 +432,14 @@ def spin_modes(stiffness: Floats, ends: Integers, size: int) -> tuple[Integers, 
     for node, parent, turn in zip(inner.tolist(), before[inner].tolist(), factor, strict=True):
         motion[node] = turn * motion[parent]
 
-    locked = np.zeros(label.max(initial=-1) + 1, dtype=bool)
+    locked = np.zeros(size, dtype=bool)
     locked[label[stopped]] = True
     off = np.abs(motion[j] - ratio * motion[i]) > GEAR_RTOL * np.abs(motion[j])
     locked[label[i[off]]] = True
     mode = np.full(size, -1)
     free = spins[~locked[label[spins]]]
     mode[free] = np.unique(label[free], return_inverse=True)[1]
-    largest = np.zeros(mode.max(initial=-1) + 2)
+    largest = np.zeros(size)
     np.maximum.at(largest, mode[free], np.abs(motion[free]))
     return mode, np.where(mode >= 0, motion[:size] / np.where(mode >= 0, largest[mode], 1.0), 0.0)
 

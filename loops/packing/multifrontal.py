@@ -89,7 +89,7 @@ def _vertex_cover(edges: Integers) -> Integers:
     (left, i), (right, j) = (np.unique(ends, return_inverse=True) for ends in edges.T)
     graph = sparse.csr_array((np.ones(len(edges), dtype=np.int8), (i, j)), (len(left), len(right)))
     partner = np.asarray(maximum_bipartite_matching(graph, perm_type="column"), dtype=np.int64)
-    back = np.full(len(right), -1)
+    back = np.zeros(len(right), dtype=np.int64)
     back[partner[partner >= 0]] = np.flatnonzero(partner >= 0)
     reached_left, reached_right = partner < 0, np.zeros(len(right), dtype=bool)
     new: Flags = reached_left

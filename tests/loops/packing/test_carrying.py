@@ -105,6 +105,10 @@ def test_refinement_ends_at_rounding():
     assert left[0] > 1e-9 and left[1] < 2e-15
     # Two steps of six digits each are enough, and no third is taken for nothing.
     assert counted.solves == 3
+    # In any unit of force.
+    Factor(factor.matrix, counted).solve(2.0**40 * loads)
+    Factor(factor.matrix, counted).solve(2.0**-40 * loads)
+    assert counted.solves == 9
 
 
 def test_refinement_ends_where_a_mechanism_cannot_carry():
