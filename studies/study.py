@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import base64
+import json
 import mimetypes
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from loops.arrays import Floats, Integers
 from loops.errors import InputError
 from studies.output import provenance, result_folder, write_summary, write_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from studies.snapshot.polygons import LoopsForMap
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,29 @@ class Results:
         write_report(self.folder, title, summary, figures, maps, self.source, largest)
 
 
+@dataclass(frozen=True, eq=False)
+class LoopsForMap:
+    """Polygons and table of the loops of one snapshot, for the map on a page.
+
+    In a series also the `name` and number of the snapshot, whether it is shown `first`, and a
+    sentence `about` the choice of maps. `links (L, 2, 2)` are the ends of the links of chains.
+    """
+
+    offsets: Integers
+    corners: Floats
+    grains: Integers
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    unit: str = "length unit of the input"
+    name: str = ""
+    number: int = 0
+    first: bool = False
+    about: str = ""
+    links: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+
 @contextmanager
 def study(
     command: str,
@@ -121,6 +145,14 @@ POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-
 POLICY += "script-src 'unsafe-inline'"
 # A row of more values is turned into a column.
 WIDEST = 9
+# A page with more loops reacts too slowly.
+MOST_LOOPS = 50_000
+SHADES = 64
+# Columns that the page offers first for the colours.
+OFFERED_FIRST = (
+    *("order", "packing_lambda_min", "surroundings_lambda_min", "traction_lambda_min"),
+    *("traction_free_lambda_min", "affine_lambda_min", "w2", "fate"),
+)
 # Text of more letters may be broken into lines.
 LONG = 32
 # Keys of a summary with a section of their own.
@@ -185,9 +217,6 @@ def template(name: str) -> str:
 
 def map_section(maps: Sequence[LoopsForMap], largest: int) -> str:
     """Interactive map of the loops, or a sentence that says why there is none."""
-    # Studies without snapshots load nothing of theirs.
-    from studies.snapshot.polygons import MOST_LOOPS, packed
-
     if largest > MOST_LOOPS:
         return (
             f"<p>{largest} loops are more than the {MOST_LOOPS} that a page can handle: the "
@@ -327,3 +356,53 @@ def value_text(value: Any) -> str:
     if isinstance(value, (float, np.floating)):
         return f"{value:.6g}"
     return str(value)
+
+
+def packed(loops: LoopsForMap) -> str:
+    """JSON of the loops for the page; arrays are little-endian bytes in base64.
+
+    Corners are in single precision, relative to `origin`; so are columns of floats, which are shown
+    with six digits. Integers have four bytes, where four are too few eight as floats, beyond 2**53
+    as integers.
+    """
+    import matplotlib as mpl
+    from matplotlib.colors import to_hex
+
+    from studies.style import DIVERGING, ORDER_COLOURS, SEQUENTIAL
+
+    origin = loops.corners.mean(axis=0) if len(loops.corners) else np.zeros(2)
+    ahead = [name for name in OFFERED_FIRST if name in loops.columns]
+    shades = np.linspace(0, 1, SHADES)
+    content = {
+        "count": len(loops),
+        "origin": origin.tolist(),
+        "unit": loops.unit,
+        "name": loops.name,
+        "snapshot": loops.number,
+        "offsets": encoded(loops.offsets),
+        "corners": encoded((loops.corners - origin).ravel()),
+        "grains": encoded(loops.grains),
+        "links": encoded((loops.links - origin).ravel()),
+        "columns": {name: encoded(values) for name, values in loops.columns.items()},
+        "colour_by": [*ahead, *(n for n in loops.columns if n not in (*ahead, "loop"))],
+        "palettes": {
+            "order": ORDER_COLOURS,
+            "sequential": [to_hex(colour) for colour in mpl.colormaps[SEQUENTIAL](shades)],
+            "diverging": [to_hex(colour) for colour in mpl.colormaps[DIVERGING](shades)],
+        },
+    }
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def encoded(values: NDArray[Any]) -> dict[str, Any]:
+    """Type and bytes of an array; words are encoded as places in a list of `words`."""
+    if values.dtype.kind in "UO":
+        words, values = np.unique(values.astype(str), return_inverse=True)
+        return encoded(values) | {"words": words.tolist()}
+    if np.issubdtype(values.dtype, np.floating):
+        kind = "f4"
+    else:
+        widest = max(int(values.max()), -int(values.min())) if len(values) else 0
+        kind = "i4" if widest < 2**31 else "f8" if widest < 2**53 else "i8"
+    data = values.astype(f"<{kind}").tobytes()
+    return {"type": kind, "data": base64.b64encode(data).decode("ascii")}

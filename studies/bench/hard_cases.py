@@ -380,7 +380,7 @@ def _evaluated(case: HardCase, value: float, closure: str) -> dict[str, Any]:
     }
 
 
-def path_rows(case: HardCase) -> list[dict[str, Any]]:
+def hard_path_rows(case: HardCase) -> list[dict[str, Any]]:
     """One row for each value of a hard path, under the affine closure."""
     return [_path_row(case, value) for value in case.values]
 

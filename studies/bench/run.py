@@ -15,7 +15,7 @@ from matplotlib.ticker import NullFormatter
 
 from loops import InputError
 from patterns.hard_cases import HARD_CASES
-from studies.bench.hard_cases import loop_letters, path_rows, read_letters, tangent_rows
+from studies.bench.hard_cases import hard_path_rows, loop_letters, read_letters, tangent_rows
 from studies.bench.methods import METHOD_GROUPS, machine, smallest_model_rows
 from studies.study import study
 from studies.style import (
@@ -122,7 +122,7 @@ def collect(
                 elif case.kind == "faces":
                     letters[case.name] = {"loops": loop_letters(case)}
                 elif not quick:
-                    paths += path_rows(case)
+                    paths += hard_path_rows(case)
         elif name == SMALLEST:
             smallest += [] if quick else smallest_model_rows()
         else:

@@ -1,11 +1,8 @@
-"""Loops of a snapshot as polygons, for figures, pages and ParaView."""
+"""Loops of a snapshot as polygons, for figures, the page of a study and ParaView."""
 
 from __future__ import annotations
 
-import base64
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +13,7 @@ from loops import Faces, GrainGraph, InputError, Regime, branch_vectors
 from loops.arrays import Floats, Integers
 from patterns import Snapshot
 from studies.output import Columns, as_json
-
-# A page with more loops reacts too slowly.
-MOST_LOOPS = 50_000
-SHADES = 64
-# Columns that the page offers first for the colours.
-OFFERED_FIRST = (
-    *("order", "packing_lambda_min", "surroundings_lambda_min", "traction_lambda_min"),
-    *("traction_free_lambda_min", "affine_lambda_min", "w2", "fate"),
-)
+from studies.study import MOST_LOOPS, LoopsForMap
 
 
 def half_edges_of_loops(
@@ -49,29 +38,6 @@ def loop_corners(graph: GrainGraph, faces: Faces, offsets: Integers, at: Integer
     return x + passed @ graph.cell.T
 
 
-@dataclass(frozen=True, eq=False)
-class LoopsForMap:
-    """Polygons and table of the loops of one snapshot, for the map on a page.
-
-    In a series also the `name` and number of the snapshot, whether it is shown `first`, and a
-    sentence `about` the choice of maps. `links (L, 2, 2)` are the ends of the links of chains.
-    """
-
-    offsets: Integers
-    corners: Floats
-    grains: Integers
-    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    unit: str = "length unit of the input"
-    name: str = ""
-    number: int = 0
-    first: bool = False
-    about: str = ""
-    links: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
-
-    def __len__(self) -> int:
-        return len(self.offsets) - 1
-
-
 def loops_for_map(snapshot: Snapshot, table: Mapping[str, Any], **series: Any) -> list[LoopsForMap]:
     """Map of the loops of a snapshot with the columns of a table; none beyond `MOST_LOOPS`."""
     faces = snapshot.faces
@@ -81,56 +47,6 @@ def loops_for_map(snapshot: Snapshot, table: Mapping[str, Any], **series: Any) -
     corners = loop_corners(snapshot.graph, faces, offsets, at)
     columns = {name: np.asarray(values) for name, values in table.items() if name != "grains"}
     return [LoopsForMap(offsets, corners, snapshot.ids[faces.grains[at]], columns, **series)]
-
-
-def packed(loops: LoopsForMap) -> str:
-    """JSON of the loops for the page; arrays are little-endian bytes in base64.
-
-    Corners are in single precision, relative to `origin`; so are columns of floats, which are shown
-    with six digits. Integers have four bytes, where four are too few eight as floats, beyond 2**53
-    as integers.
-    """
-    import matplotlib as mpl
-    from matplotlib.colors import to_hex
-
-    from studies.style import DIVERGING, ORDER_COLOURS, SEQUENTIAL
-
-    origin = loops.corners.mean(axis=0) if len(loops.corners) else np.zeros(2)
-    ahead = [name for name in OFFERED_FIRST if name in loops.columns]
-    shades = np.linspace(0, 1, SHADES)
-    content = {
-        "count": len(loops),
-        "origin": origin.tolist(),
-        "unit": loops.unit,
-        "name": loops.name,
-        "snapshot": loops.number,
-        "offsets": encoded(loops.offsets),
-        "corners": encoded((loops.corners - origin).ravel()),
-        "grains": encoded(loops.grains),
-        "links": encoded((loops.links - origin).ravel()),
-        "columns": {name: encoded(values) for name, values in loops.columns.items()},
-        "colour_by": [*ahead, *(n for n in loops.columns if n not in (*ahead, "loop"))],
-        "palettes": {
-            "order": ORDER_COLOURS,
-            "sequential": [to_hex(colour) for colour in mpl.colormaps[SEQUENTIAL](shades)],
-            "diverging": [to_hex(colour) for colour in mpl.colormaps[DIVERGING](shades)],
-        },
-    }
-    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
-
-
-def encoded(values: NDArray[Any]) -> dict[str, Any]:
-    """Type and bytes of an array; words are encoded as places in a list of `words`."""
-    if values.dtype.kind in "UO":
-        words, values = np.unique(values.astype(str), return_inverse=True)
-        return encoded(values) | {"words": words.tolist()}
-    if np.issubdtype(values.dtype, np.floating):
-        kind = "f4"
-    else:
-        widest = max(int(values.max()), -int(values.min())) if len(values) else 0
-        kind = "i4" if widest < 2**31 else "f8" if widest < 2**53 else "i8"
-    data = values.astype(f"<{kind}").tobytes()
-    return {"type": kind, "data": base64.b64encode(data).decode("ascii")}
 
 
 def write_paraview(

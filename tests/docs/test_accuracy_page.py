@@ -6,7 +6,7 @@ import pytest
 from loops import LinearFrictional, traction_tangent
 from patterns import random_loop
 from patterns.hard_cases import HARD_CASES
-from studies.bench.hard_cases import path_rows, tangent_rows
+from studies.bench.hard_cases import hard_path_rows, tangent_rows
 from studies.bench.methods import METHOD_GROUPS
 from tests.docs.pages import DOCS, of_size, page, section, tables
 from tests.tools.scaling.in_place import METHODS, measured
@@ -101,7 +101,7 @@ def test_errors_of_the_hard_tangents():
 @pytest.mark.slow
 def test_hard_paths():
     quoted = {(row["path"].strip("*"), row["value"]): row for row in tables(HARD)[1]}
-    rows = [row for case in HARD_CASES if case.kind == "path" for row in path_rows(case)]
+    rows = [row for case in HARD_CASES if case.kind == "path" for row in hard_path_rows(case)]
     assert len(rows) == len(quoted)
     for row in rows:
         said = quoted[row["case"], f"{row['parameter']} {row['value']:g}"]

@@ -14,9 +14,17 @@ import pytest
 from loops import find_faces, polygon_area
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from studies.output import provenance
-from studies.snapshot.polygons import MOST_LOOPS, LoopsForMap, encoded, loops_for_map
+from studies.snapshot.polygons import loops_for_map
 from studies.snapshot.table import loop_table
-from studies.study import mapping_table, summary_tables, value_text, write_report
+from studies.study import (
+    MOST_LOOPS,
+    LoopsForMap,
+    encoded,
+    mapping_table,
+    summary_tables,
+    value_text,
+    write_report,
+)
 
 MADE = provenance("snapshot", {"path": "a <b>.csv", "columns": {"x": "px"}}, "as the input's")
 KINDS = {"f4": "<f4", "f8": "<f8", "i4": "<i4"}
