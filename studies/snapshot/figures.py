@@ -169,13 +169,8 @@ def chains_figure(table: Columns, draw: Drawer, links: Floats) -> Figure:
     figure, (axes,) = new_panels(1, 2, 3.3, width_ratios=(1.25, 1))
     left, right = axes
     draw_orders(draw, left, table["order"])
-    many, lines = len(links) > VECTOR_LIMIT, list(links)
-    if many:
-        # Segments joined to fewer lines with gaps are drawn much faster. Neighbours go to different
-        # lines: overlapping parts of one line would not cover one another.
-        ended = np.concatenate([links, np.full((len(links), 1, 2), np.nan)], axis=1)
-        count = len(links) // JOINED
-        lines = [ended[first::count].reshape(-1, 2) for first in range(count)]
+    many = len(links) > VECTOR_LIMIT
+    lines = _joined(links) if many else list(links)
     width = float(np.clip(60.0 / max(len(table["order"]), 1) ** 0.5, 0.3, 2.0))
     look: Any = {"capstyle": "round", "rasterized": many}
     for colour, wide in (("white", 2.2), (BLACK, 1.2)):
@@ -202,6 +197,16 @@ def chains_figure(table: Columns, draw: Drawer, links: Floats) -> Figure:
     right.set_ylabel(r"smallest eigenvalue of $K_s$ / mean $k_n$")
     right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
+
+
+def _joined(segments: Floats) -> list[Floats]:
+    """Join (n, 2, 2) segments to fewer lines with gaps, which are drawn much faster.
+
+    Neighbours go to different lines: overlapping parts of one line would not cover one another.
+    """
+    gaps = np.full((len(segments), 1, 2), np.nan)
+    ended, lines = np.concatenate([segments, gaps], axis=1), len(segments) // JOINED
+    return [ended[first::lines].reshape(-1, 2) for first in range(lines)]
 
 
 @styled()
