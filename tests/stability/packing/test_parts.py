@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError
+from stability.packing import regime_regions
 from stability.packing.complementarity import scaled_definite
 from stability.packing.pairs import _as_known, require_replayable
-from stability.packing.regime_regions import cones
+from stability.packing.regime_regions import RegimeRegions, cones
 from stability.packing.response import PackingRates
 from stability.packing.solution_branch import trace_branch
 from stability.packing.sustain import keeps_growing
@@ -108,3 +109,27 @@ def test_growth_is_judged_over_two_doublings_of_the_strain():
         assert not keeps_growing(strains, falling)
         assert not keeps_growing(0.4 * strains, rising)
     assert keeps_growing([0.0, 2e-3], [0.0, 1.0])
+
+
+def test_solutions_are_sought_evenly_around_the_circle(monkeypatch):
+    made, sought = object.__new__(RegimeRegions), []
+    made.complete, made.circle = "", (np.eye(2), -np.eye(2))
+    made.rates = SimpleNamespace(none=np.zeros(2, dtype=bool))
+    monkeypatch.setattr(regime_regions, "solve_from", lambda q, *_: sought.append(q))
+    made.seek(5)
+    angles = np.radians([0.0, 72.0, 144.0, 216.0, 288.0])
+    np.testing.assert_allclose(
+        sought, np.column_stack([np.cos(angles), np.sin(angles)]), atol=1e-14
+    )
+
+
+def test_the_solution_of_a_direction_leads_along_the_great_circle_to_others():
+    yielding = yield_response(packing(16, 2, 0.9, 0.3), LAW, yield_band=0.99)
+    pieces = RegimeRegions(PackingRates(yielding), "strain", "symmetric", 3)
+    first = np.array([1.0, 2.0, 2.0]) / 3.0
+    pieces.at(first)
+    for other in np.array([[2.0, 1.0, 2.0], [2.0, 2.0, -1.0], [2.0, -2.0, 1.0]]) / 3.0:
+        found = pieces._from_nearest(other, pieces.control(other))
+        wanted = pieces.rates.solved(pieces.control(other))
+        assert found is not None and wanted.response.status == "one found"
+        assert np.array_equal(found.active, wanted.active)
