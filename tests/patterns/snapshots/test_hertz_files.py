@@ -1,13 +1,17 @@
 """Files of runs under Hertz and Mindlin's law, and contacts with walls: read, checked, written."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from loops import HertzMindlin, InputError, contact_state
+from loops.tracking import match_contacts
 from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables, write_snapshot
 from patterns.snapshots.checks import SLIDING_SHARE
+from stability import follow
 from studies.snapshot.in_packing import followed_walls, sample_boundary
-from tests.packings import jammed
+from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import jammed_in_box
 
 # Of the run: the files don't tell these numbers.
@@ -172,3 +176,35 @@ def test_contacts_with_walls_without_a_force_are_left_out_of_paths_in_step():
     planes, force = followed_walls(snapshot)
     np.testing.assert_array_equal(planes.grain, walls.grain[1:])
     np.testing.assert_array_equal(force, none[1:])
+
+
+RUN = Path(__file__).parent / "samples" / "liggghts-hertz"
+
+
+def test_a_run_of_liggghts_is_read_and_followed():
+    """`model hertz tangential history`, 100 discs sheared by 1e-4 (LIGGGHTS 3.8, `in.hertz`)."""
+    how = {"law": "hertz", "young": 1e9, "poisson": 0.25, "mu": 0.3}
+    before, after = (
+        read_snapshot(
+            RUN / f"atoms.{step}.dump.gz",
+            RUN / f"contacts.{step}.dump.gz",
+            shear_history="displacement",
+            **how,
+        )
+        for step in (0, 20000)
+    )
+    N = before.law.normal_force(contact_state(before.graph))
+    np.testing.assert_allclose(before.graph.normal_force, N, rtol=1e-9)
+    H = np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
+    path = follow(before.graph, before.law, strained(H), closure="packing", past="dynamic")
+    match = match_contacts(before.graph, before.ids, after.graph, after.ids)
+    kept = match.shared
+    assert path.status == "finished" and len(kept) == before.graph.contact_count
+    for name in ("normal_force", "shear_force"):
+        first, last = getattr(before.graph, name), getattr(after.graph, name)[match.after]
+        moved = getattr(path.states[-1], name)[: len(first)]
+        # Forces change by some percent; LIGGGHTS strained at an inertial number near 1e-6.
+        assert np.linalg.norm(moved - last) < 1e-3 * np.linalg.norm(last - first)
+    other = read_snapshot(RUN / "atoms.0.dump.gz", RUN / "contacts.0.dump.gz", **how)
+    T = follow(other.graph, other.law, strained(H), closure="packing").states[-1].shear_force
+    assert np.linalg.norm(T[: len(first)] - last) > 3e-3 * np.linalg.norm(last - first)

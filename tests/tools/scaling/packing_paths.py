@@ -9,8 +9,9 @@
 - `growth`: time of an event and of a replay, and memory, over the number of grains;
 - `past`: both ways past an instability, against slow replays that keep the load of the start, over
   steps of 1e-4 and of 2e-5 of `yade-slow` and over probes along the softest direction;
-- `walls`: skill between walls, over the steps of `yade-walls-linear` that the collection's
-  `scripts/yade_walls.py` makes: the path with `dynamic`, the replay from rest at the sample's rate.
+- `walls`, `hertz`: skill between walls, over the steps of `yade-walls-linear` or `yade-walls-hertz`
+  that the collection's `scripts/yade_walls.py` makes: the path with `dynamic`, the replay from rest
+  at the sample's rate.
 
 Times are the processor's.
 """
@@ -365,14 +366,14 @@ def _ways(
         }
 
 
-def between_walls(collection: Path) -> Iterator[dict[str, Any]]:
+def between_walls(collection: Path, springs: str = "linear") -> Iterator[dict[str, Any]]:
     """AUC for W2 < 0 of every step between walls, from the displacement of the walls alone."""
-    folder = collection / "yade-walls-linear"
+    folder = collection / f"yade-walls-{springs}"
     macro = pd.read_csv(folder / "macro.csv")
     numbers = macro.snap[2:].tolist()
     tables = [pd.read_csv(folder / f"grains_{k:02d}.csv.gz") for k in numbers]
     files = [folder / f"grains_{k:02d}.csv.gz" for k in numbers]
-    states = [read_snapshot(path, shear_increment="radii") for path in files]
+    states = [read_snapshot(path, shear_increment="radii", law=springs) for path in files]
     before: Floats | None = None
     for k, (one, two) in enumerate(pairwise(states)):
         tracked = track_loops(one, two)
@@ -436,6 +437,7 @@ STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure] | None]
     "growth": (lambda _: growth(), growth_figure),
     "past": (by_way, None),
     "walls": (between_walls, None),
+    "hertz": (partial(between_walls, springs="hertz"), None),
 }
 
 
