@@ -7,7 +7,7 @@ import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, contact_state
 from stability import Stage, follow, programmes
-from stability.packing import packing_response
+from stability.packing import packing_response, replay
 from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
 
@@ -84,6 +84,32 @@ def test_a_lattice_under_isotropic_strain_in_closed_form(strain):
     assert path.P[-1][0] == pytest.approx(factor * delta**1.5 / l0, rel=1e-11)
     stored = 8 * 0.4 * factor * (delta**2.5 - first**2.5)
     assert path.work[-1, 0] == pytest.approx(stored, rel=1e-9)
+
+
+@pytest.mark.parametrize("strain", [1e-3, -0.9e-2])
+def test_a_lattice_replayed_under_isotropic_strain_in_closed_form(strain):
+    """Centres move with the cell, so forces are exact however fast the strain is."""
+    law, first = HertzMindlin(3.0, 0.3, 0.5), 1e-2
+    graph = square(first)
+    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
+    end = replay(graph, law, strain * np.eye(2), inertial_number=1e-3).state
+    side = (1.0 - first) * (1.0 - strain)
+    N = 4 / 3 * 3.0 / (2 * (1 - 0.3**2)) * np.sqrt(0.25) * (1.0 - side) ** 1.5
+    # Thousands of steps round positions by 1e-13 in all, over overlaps of 1e-3.
+    np.testing.assert_allclose(end.normal_force[:8], N, rtol=1e-9)
+    np.testing.assert_allclose(end.stress, N / side * np.eye(2), rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("history", ["force", "displacement"])
+def test_the_energy_closes_through_instabilities(history):
+    """Between rough walls, the motion through an instability by the equations of motion."""
+    graph, planes, force = jammed_in_box(*ROUGH)
+    how = {"planes": planes, "plane_force": force, "past": "dynamic", "interval": 4e-5}
+    stage = Stage(programmes.drained_biaxial(), "H11", 6e-3)
+    path = follow(graph, hertz_of(graph, history), stage, closure="packing", **how)
+    assert path.status == "finished" and path.of_kind("instability")
+    work, *spent = path.work[-1]
+    assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
 
 
 @pytest.mark.parametrize("history", ["force", "displacement"])
