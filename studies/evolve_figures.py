@@ -21,8 +21,8 @@ from studies.style import BLUE, DIVERGING, GREY, VERMILION, new_panels, styled, 
 
 FORECAST_LOOKS: dict[str, tuple[str, dict[str, Any]]] = {
     "dem": ("DEM", {"linestyle": "none", "marker": "o", "fillstyle": "none", "color": "black"}),
-    "events": ("path by events", {"linestyle": "-", "color": BLUE}),
-    "replay": ("replay", {"linestyle": "--", "color": VERMILION}),
+    "events": ("path by events", {"linestyle": "-", "marker": ".", "color": BLUE}),
+    "replay": ("replay", {"linestyle": "--", "marker": ".", "color": VERMILION}),
     "persistence": ("stress of the start", {"linestyle": ":", "color": GREY}),
 }
 STRESS_LOOKS = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
@@ -65,7 +65,7 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
 
 @styled()
 def forecast_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
-    """Driven stress and volume as predicted at the snapshots of the DEM, and the DEM's own."""
+    """Changes of the driven stress and the area: predicted at the snapshots of the DEM, its own."""
     table = tables["forecast"]
     figure, ((stress, volume),) = new_panels(1, 2, 2.7)
     start, at = table["stress_persistence"].iloc[0], np.append(0.0, table["driven"])
@@ -73,17 +73,16 @@ def forecast_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
         for name, (label, look) in FORECAST_LOOKS.items():
             column = f"{quantity}_{name}"
             if column in table:
-                ax.plot(at, np.append(first, table[column]), label=label, **look)
+                ax.plot(at, np.append(0.0, table[column] - first), label=label, **look)
         ax.set_xlabel(f"${_change(driven)}$ from the start of the forecast")
         ax.ticklabel_format(axis="x", scilimits=(-3, 3))
+    for number, k in enumerate(np.flatnonzero(table["drop"])):
+        look = {"color": GREY, "alpha": 0.25, "linewidth": 0}
+        stress.axvspan(at[k], at[k + 1], label="_" * (number > 0) + "drop in the DEM", **look)
+    stress.set_ylabel(f"$P_{{{driven[1:]}}}$ - {start:.4g} (force/length)")
+    volume.set_ylabel(r"change of area $H_{11} + H_{22}$ (1)")
+    for ax in (stress, volume):
         ax.legend()
-    drops = np.flatnonzero(table["drop"])
-    for k in drops:
-        stress.axvspan(at[k], at[k + 1], color=GREY, alpha=0.25, linewidth=0)
-    stress.set_ylabel(
-        f"nominal stress $P_{{{driven[1:]}}}$ (force/length)\nshaded: drops of the DEM's"
-    )
-    volume.set_ylabel(r"$H_{11} + H_{22}$")
     return figure
 
 

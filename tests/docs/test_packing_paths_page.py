@@ -54,6 +54,49 @@ def test_skill_of_all_targets():
     assert f"{', '.join(few)} and {last} steps of 2e-5 to 5e-4" in PAGE
 
 
+def test_skill_on_several_series():
+    """Mean and smallest AUC of the steps, as they were measured one by one."""
+    steps = measured("series")
+    (skill,), (forecasts,) = TABLES["Skill on several series"], TABLES["How far a forecast holds"]
+    columns = {
+        "share of loops": "base", "persistence": "persistence",
+        "replay from rest": "replay_rest", "replay with velocities": "replay_moving",
+        "`viscous`": "viscous", "`dynamic`": "dynamic",
+    }  # fmt: skip
+    for told in skill:
+        own = steps[(steps.series == told["series"]) & (steps.step == float(told["step"]))]
+        assert len(own) == int(told["steps"])
+        for title, name in columns.items():
+            mean, *least = told[title].split(", ")
+            assert mean == "-" if own[name].isna().all() else says(mean, own[name].mean())
+            assert all(says(one, own[name].min()) for one in least)
+        median, largest = told["spread"].split(", ")
+        assert says(median, own.spread.median()) and says(largest, own.spread.max())
+    (worst,) = steps[steps.spread > 0.22].before
+    others = steps[(steps.series == "yade-slow") & (steps.before != worst)]
+    assert worst == 28 and says("0.9986", others.replay_rest.mean())
+    assert says("0.9922", others.dynamic.mean())
+    rows = measured("forecasts").set_index(["series", "start"])
+    assert len(forecasts) == len(rows) == 16
+    for told in forecasts:
+        row = rows.loc[told["series"], int(told["start"])]
+        errors = {"path": "path", "replay": "replay", "stress of the start": "persistence"}
+        for title, name in (errors | {"trend": "trend"}).items():
+            assert says(told[title], row[f"error_{name}"])
+        for way in ("path", "replay", "trend"):
+            found = told[f"drops: {way}"]
+            assert found == (f"{row[way]:.0f} of {row.drops:.0f}" if row.drops else "-")
+        for way in ("path", "replay"):
+            found = told[f"lead: {way}"]
+            assert found == "-" if np.isnan(row[f"lead_{way}"]) else says(found, row[f"lead_{way}"])
+    counts = rows[["drops", "path", "replay", "trend", "false_path", "false_replay", "false_trend"]]
+    assert counts.sum().tolist() == [24, 23, 22, 11, 0, 0, 9]
+    assert (rows.error_path < rows.error_persistence).all()
+    assert (rows.error_replay < rows.error_persistence).all()
+    assert (rows.error_replay < rows.error_trend).all()
+    assert rows.index[rows.error_trend < rows.error_path].tolist() == [("yade-slow", 15)]
+
+
 def test_rates():
     rows = measured("rates")
     rows, (table,) = rows[rows.rate > 0], TABLES["How slow is slow"]

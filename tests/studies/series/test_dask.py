@@ -10,14 +10,17 @@ import sys
 from pathlib import Path
 
 import cloudpickle
+import numpy as np
 import pytest
 
 import studies
-from loops import InputError
-from patterns import sample_path
+from loops import InputError, Regime
+from patterns import Snapshot, sample_path, write_snapshot
 from studies.output import code_version
 from studies.probe import run_probe
 from studies.series import workers as cluster
+from studies.sustain import run_sustain
+from tests.packings import LAW, jammed
 from tests.studies.series.test_run import (
     command,
     contents,
@@ -121,6 +124,20 @@ def test_paths_are_the_same_on_a_cluster(tmp_path, scheduler, workers):
     run_probe(paths[0], tmp_path / "one", workers=1, figures=False, **how)
     run_probe(paths[0], tmp_path / "two", scheduler=scheduler[1], figures=False, **how)
     for name in ("probe", "orders", "loops"):
+        one, two = (tmp_path / which / f"{name}.parquet" for which in ("one", "two"))
+        assert one.read_bytes() == two.read_bytes()
+
+
+@pytest.mark.slow
+def test_directions_of_stress_are_the_same_on_a_cluster(tmp_path, scheduler, workers):
+    """A jammed packing of 24 grains, loaded along four directions: byte for byte."""
+    graph, state = jammed(24, 3, LAW), tmp_path / "grains.parquet"
+    regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+    write_snapshot(state, Snapshot(graph, LAW, regime, np.arange(24), 0, ()))
+    how = {"directions": 4, "largest": 0.0022, "interval": 4e-5, "figures": False}
+    run_sustain(state, tmp_path / "one", workers=1, **how)
+    run_sustain(state, tmp_path / "two", scheduler=scheduler[1], **how)
+    for name in ("sustain", "motions", "paths", "orders", "loops"):
         one, two = (tmp_path / which / f"{name}.parquet" for which in ("one", "two"))
         assert one.read_bytes() == two.read_bytes()
 
