@@ -56,17 +56,18 @@ def oedometric(E, rate=1.0):
 def irregular(chord=False, law=None):
     """Five unequal grains, overlapping, with shear forces; the law has values of each contact."""
     angle = np.radians([10.0, 75.0, 160.0, 215.0, 300.0])
-    x = np.column_stack([np.cos(angle), 1.1 * np.sin(angle)]) + np.array([0.3, -0.2])
+    # No unit of length or force is one.
+    x = 3.0 * (np.column_stack([np.cos(angle), 1.1 * np.sin(angle)]) + np.array([0.3, -0.2]))
     ring = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]])
     length = np.linalg.norm(x[ring[:, 1]] - x[ring[:, 0]], axis=1)
     wanted = length * [1.04, 1.05, 1.06, 1.07, 1.08]
     radii = np.linalg.solve(np.eye(5) + np.roll(np.eye(5), 1, axis=1), wanted)
     if chord:
         ring = np.vstack([ring, [1, 3]])
-        radii = radii + np.array([0.0, 0.3, 0.0, 0.3, 0.0])
-        radii[[0, 2, 4]] -= 0.2
+        radii = radii + np.array([0.0, 0.9, 0.0, 0.9, 0.0])
+        radii[[0, 2, 4]] -= 0.6
     c = np.arange(len(ring))
-    law = law or LinearFrictional(1.0 + 0.1 * c, 0.3 + 0.05 * c, 0.3 - 0.03 * c)
+    law = law or LinearFrictional(40.0 + 4.0 * c, 12.0 + 2.0 * c, 0.3 - 0.03 * c)
     graph = GrainGraph(x=x, radii=np.abs(radii), contacts=ring)
     N = law.normal_force(contact_state(graph))
     return graph.replace(normal_force=N, shear_force=0.1 * N * (-1.0) ** c), law
