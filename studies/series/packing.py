@@ -70,7 +70,7 @@ DEFAULT_RATE, MOST_STEPS = 2e-6, 1_000_000
 
 
 class Following(NamedTuple):
-    """Options of paths and replays: the way past an instability, and the rate of the replay.
+    """Options of paths and replays: continuation after an instability, rate of the replay.
 
     `inertial_number` comes before the times of the snapshots; `time_step` is that of their numbers,
     `mean_mass` stands in for masses that the files lack.
