@@ -63,7 +63,13 @@ class HeldPacking(Shown):
         Force of the wall on the grain at each of these.
     status : {'at rest', 'not at rest', 'flows'}
         Whether the unbalanced force fell below the bound; `flows`: under a held stress the cell
-        strained by more than 0.05.
+        strained by more than 0.05, or no contact was left.
+    other_status : {'at rest', 'not at rest', 'flows'}
+        The same of the run with the other damping. Only where one run alone comes to rest do the
+        two differ in this: rounding then decides where the avalanche ends.
+    damping : float
+        Cundall's damping of the run that all other numbers are of: the first one, or the one that
+        comes to rest.
     control : {'strain', 'stress'}
         What was held.
     unbalanced_before, unbalanced : float
@@ -82,7 +88,7 @@ class HeldPacking(Shown):
         Difference of the stress at rest between the two dampings over its size. Beyond a few
         percent the state at rest is one of many: what follows is about this one alone.
     steps : int
-        Steps of the first run.
+        Steps of the run with this damping.
     """
 
     graph: GrainGraph
@@ -90,6 +96,8 @@ class HeldPacking(Shown):
     planes: PlaneContacts | None
     plane_force: Floats
     status: Status
+    other_status: Status
+    damping: float
     control: HoldControl
     unbalanced_before: float
     unbalanced: float
@@ -106,9 +114,11 @@ class HeldPacking(Shown):
 
     def __str__(self) -> str:
         before, after = (np.diag(s) for s in (self.stress_before, self.stress))
+        other = "" if self.other_status == self.status else f" (other damping: {self.other_status})"
         return (
-            f"held at fixed {'cell' if self.control == 'strain' else 'stress'}: {self.status}, "
-            f"unbalanced force {self.unbalanced_before:.1e} to {self.unbalanced:.1e}, stress "
+            f"held at fixed {'cell' if self.control == 'strain' else 'stress'}: {self.status} "
+            f"with damping {self.damping:g}{other}, unbalanced force "
+            f"{self.unbalanced_before:.1e} to {self.unbalanced:.1e}, stress "
             f"({before[0]:.4g}, {before[1]:.4g}) to ({after[0]:.4g}, {after[1]:.4g}), spread "
             f"{100 * self.spread:.2g} %, {self.lost} contacts lost, {self.gained} gained"
         )
@@ -150,7 +160,8 @@ def hold(
     unbalanced : float
         The bound: mean resultant on a grain over the mean contact force.
     damping : (float, float)
-        Cundall's damping of the two runs, each between 0 and 1; the first one is the answer.
+        Cundall's damping of the two runs, each between 0 and 1. The first one is the answer, or
+        the second where it alone comes to rest.
     planes : PlaneContacts, optional
         Contacts with the walls, one at least for each wall. Grains that touch a wall later have
         its mean stiffness over the radius, or its mean stiffness where that varies less. A contact
@@ -213,9 +224,12 @@ def hold(
             velocity=0.0 if velocity is None else velocity, spin=0.0 if spin is None else spin,
         )  # fmt: skip
         before = _unbalanced(moving, start)
-        runs.append((moving, *_rest(moving, dt, share, unbalanced, most_steps)))
-    (moving, end, status, steps), (_, other, other_status, _) = runs
+        runs.append((moving, share, *_rest(moving, dt, share, unbalanced, most_steps)))
+    # A run at rest comes first.
+    runs.sort(key=lambda run: run[3] != "at rest")
+    (moving, share, end, status, steps), (_, _, other, other_status, _) = runs
     stress, elsewhere = _stress(end), _stress(other)
+    size = float(np.linalg.norm(stress))
     # Contacts between grains.
     first, last = start.closed & ~start.at_wall, end.closed & ~end.at_wall
     change = end.forces.copy()
@@ -230,7 +244,9 @@ def hold(
         law=law_of(checked, moving.pairs, last, end),
         planes=walls if walled else None,
         plane_force=-end.forces[touching],
-        status=status if status != "at rest" else other_status,
+        status=status,
+        other_status=other_status,
+        damping=share,
         control=control,
         unbalanced_before=before,
         unbalanced=_unbalanced(moving, end),
@@ -242,7 +258,7 @@ def hold(
         gained=int(np.count_nonzero(last)) - kept,
         sliding_before=_sliding(start, pairs),
         sliding=_sliding(end, moving.pairs),
-        spread=float(np.linalg.norm(elsewhere - stress) / np.linalg.norm(stress)),
+        spread=float(np.linalg.norm(elsewhere - stress)) / size if size > 0 else np.inf,
         steps=steps,
     )
 
@@ -267,7 +283,7 @@ def _stress(state: PackingState) -> Floats:
 def _unbalanced(moving: Moving, state: PackingState) -> float:
     """Mean resultant on a grain, walls included, over the mean contact force."""
     left = np.linalg.norm(moving.motion.resultant[: state.count, :2], axis=1)
-    return float(left.mean() / state.mean_force)
+    return float(left.mean() / state.mean_force) if state.closed.any() else np.inf
 
 
 def _rest(

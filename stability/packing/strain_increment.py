@@ -14,7 +14,6 @@ from stability.packing.incremental_packing import (
     ELASTIC,
     OPEN,
     RANK,
-    ROOM,
     SLIDING,
     Combination,
     IncrementalPacking,
@@ -415,8 +414,8 @@ def pivot(
     solved = solve_complementarity(*slip_problem(packing, control, every))
     for active in solved.active[:1]:
         wrong = every[active != (packing.regime[every] == SLIDING)].tolist()
-        for other in wrong:
-            packing.flip(other)
+        packing.regime[every] = np.where(active, SLIDING, ELASTIC)
+        packing.factorise()
         return wrong
     turns = packing.sign(control.stress, control.strain)
     packing.flip(c)
@@ -434,18 +433,19 @@ def slip_problem(
     stiffness.
     """
     rows = (len(packing.frame) + contacts).tolist()
-    if len(packing.at.keys() | rows) > ROOM:
+    sliding = contacts[packing.regime[contacts] == SLIDING]
+    packing.regime[sliding] = ELASTIC
+    parts = []
+    for first in range(0, len(rows), RANK):
         packing.factorise()
-    sliding = contacts[packing.regime[contacts] == SLIDING].tolist()
-    for c in sliding:
-        packing.flip(c)
-    units = packing.columns(rows)
-    rates = [packing.driven(control.stress, control.strain, k) for k in units]
-    value = packing.edge((packing.solve(*control), *rates), contacts)
-    for c in sliding:
-        packing.flip(c)
+        units = packing.columns(rows[first : first + RANK])
+        rates = [packing.driven(control.stress, control.strain, k) for k in units]
+        parts.append(packing.edge(tuple(rates), contacts))
+    q = packing.edge((packing.solve(*control),), contacts)[:, 0]
+    packing.regime[sliding] = SLIDING
+    packing.factorise()
     # A force -s on the shear row is one unit of slip.
-    return value[:, 0], np.eye(len(contacts)) - packing.side[contacts] * value[:, 1:]
+    return q, np.eye(len(rows)) - packing.side[contacts] * np.hstack(parts)
 
 
 def disagreeing(

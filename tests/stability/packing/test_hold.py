@@ -195,6 +195,21 @@ def test_a_hold_that_is_cut_short_says_so():
     assert held.status == "not at rest" and held.unbalanced > 1e-6
 
 
+def test_where_one_damping_alone_comes_to_rest_its_state_is_the_answer():
+    """With next to no damping it does not come to rest in these steps."""
+    graph, law = jammed(24, 3), LinearFrictional(1.0, 0.5, 0.5, "radii")
+    kicked = 2e-3 * np.random.default_rng(1).standard_normal((24, 2))
+    options = {"velocity": kicked, "most_steps": 4000, "unbalanced": 1e-6}
+    slow = hold(graph, law, damping=(0.001, 0.002), **options)
+    found = hold(graph, law, damping=(0.001, 0.4), **options)
+    assert slow.status == slow.other_status == "not at rest" and slow.damping == 0.001
+    assert (found.status, found.other_status, found.damping) == ("at rest", "not at rest", 0.4)
+    assert "at rest with damping 0.4 (other damping: not at rest)" in str(found)
+    alone = hold(graph, law, damping=(0.4, 0.4), **options)
+    np.testing.assert_array_equal(found.graph.normal_force, alone.graph.normal_force)
+    assert found.unbalanced == alone.unbalanced < 1e-6 < slow.unbalanced
+
+
 @pytest.mark.parametrize(
     "options, told",
     [

@@ -8,7 +8,7 @@ from scipy import sparse
 
 from stability import follow
 from stability.compiled import packing_rates
-from stability.packing import packing_response
+from stability.packing import incremental_packing, packing_response, strain_increment
 from stability.packing.incremental_packing import ELASTIC, IncrementalPacking
 from stability.packing.pairs import contact_pairs
 from stability.packing.state import start_state
@@ -132,6 +132,15 @@ def held_to_the_rate_problem(cases):
 
 def test_a_path_finds_the_solution_that_pivots_miss():
     """Raising the slip of one contact ends nowhere here; another set of sliding contacts agrees."""
+    seen = held_to_the_rate_problem([(16, 2, 1)])
+    assert seen["unique", "finished"] == 3
+
+
+def test_more_contacts_at_yield_than_there_is_room_for_columns(monkeypatch):
+    """Eight contacts at yield, columns for seven, three of them at a time."""
+    for module in (incremental_packing, strain_increment):
+        monkeypatch.setattr(module, "RANK", 3)
+    monkeypatch.setattr(incremental_packing, "ROOM", 7)
     seen = held_to_the_rate_problem([(16, 2, 1)])
     assert seen["unique", "finished"] == 3
 

@@ -109,7 +109,7 @@ def test_a_sample_that_flows_is_refused_with_its_motion(monkeypatch):
         return replace(hold(*given, **options, most_steps=1), status="flows")
 
     monkeypatch.setattr(sys.modules["stability.packing.hold"], "hold", flowing)
-    with pytest.raises(InputError, match=r"--hold: got held at fixed cell: flows, unbalanced"):
+    with pytest.raises(InputError, match=r"--hold: got held at fixed cell: flows with damping"):
         held_snapshot(read_snapshot(WALLS), "strain")
 
 
