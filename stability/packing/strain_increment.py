@@ -409,6 +409,8 @@ def pivot(
             return [*changed, c]
         else:
             break
+    # Of the columns that are there; `slip_problem` has others.
+    motion = packing.motion(unit)
     for other in changed:
         packing.flip(other)
     solved = solve_complementarity(*slip_problem(packing, control, every))
@@ -421,7 +423,7 @@ def pivot(
     packing.flip(c)
     turns *= packing.sign(control.stress, control.strain)
     packing.flip(c)
-    raise UnsolvedError(c, packing.motion(unit), turns < 0, solved.proof)
+    raise UnsolvedError(c, motion, turns < 0, solved.proof)
 
 
 def slip_problem(
