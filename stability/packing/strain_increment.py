@@ -14,6 +14,7 @@ from stability.packing.incremental_packing import (
     ELASTIC,
     OPEN,
     RANK,
+    ROOM,
     SLIDING,
     Combination,
     IncrementalPacking,
@@ -438,9 +439,9 @@ def slip_problem(
     sliding = contacts[packing.regime[contacts] == SLIDING]
     packing.regime[sliding] = ELASTIC
     parts = []
-    for first in range(0, len(rows), RANK):
+    for first in range(0, len(rows), ROOM):
         packing.factorise()
-        units = packing.columns(rows[first : first + RANK])
+        units = packing.columns(rows[first : first + ROOM])
         rates = [packing.driven(control.stress, control.strain, k) for k in units]
         parts.append(packing.edge(tuple(rates), contacts))
     q = packing.edge((packing.solve(*control),), contacts)[:, 0]

@@ -137,10 +137,10 @@ def test_a_path_finds_the_solution_that_pivots_miss():
 
 
 def test_more_contacts_at_yield_than_there_is_room_for_columns(monkeypatch):
-    """Eight contacts at yield, columns for seven, three of them at a time."""
+    """Eight contacts at yield, columns for seven; a new factorisation from four on."""
     for module in (incremental_packing, strain_increment):
-        monkeypatch.setattr(module, "RANK", 3)
-    monkeypatch.setattr(incremental_packing, "ROOM", 7)
+        monkeypatch.setattr(module, "ROOM", 7)
+    monkeypatch.setattr(strain_increment, "RANK", 3)
     seen = held_to_the_rate_problem([(16, 2, 1)])
     assert seen["unique", "finished"] == 3
 
