@@ -33,8 +33,12 @@ def save(
     return dict(numbers)
 
 
-def run_example(main: Callable[[Path], Mapping[str, Any]]) -> None:
-    """Run an example on the folder that the command line names, and print its numbers."""
-    if len(sys.argv) != 2:
-        sys.exit(f"usage: python -m {main.__globals__['__spec__'].name} RESULT_FOLDER")
-    print(as_json(main(Path(sys.argv[1]))))
+def run_example(main: Callable[..., Mapping[str, Any]], inputs: str = "") -> None:
+    """Run an example on the folder that the command line names, and print its numbers.
+
+    An example with `inputs` takes more paths after the folder.
+    """
+    if len(sys.argv) < 2 or (len(sys.argv) > 2 and not inputs):
+        name = main.__globals__["__spec__"].name
+        sys.exit(f"usage: python -m {name} RESULT_FOLDER {inputs}".rstrip())
+    print(as_json(main(*map(Path, sys.argv[1:]))))

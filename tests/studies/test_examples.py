@@ -15,6 +15,7 @@ from studies.examples import (
     cone_surface,
     destabilising_control,
     flutter,
+    indicators,
     larger_loops,
     printed_rule,
     sweep,
@@ -39,7 +40,8 @@ def test_result_of_an_example(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "example", [cone_surface, destabilising_control, flutter, larger_loops, printed_rule, sweep]
+    "example",
+    [cone_surface, destabilising_control, flutter, indicators, larger_loops, printed_rule, sweep],
 )
 def test_every_example_runs_whole(tmp_path, example):
     numbers = example.main(tmp_path / "out")

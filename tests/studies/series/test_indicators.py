@@ -12,6 +12,7 @@ from loops import branch_vectors
 from patterns import write_snapshot
 from stability.packing import indicators
 from stability.packing.indicators import EXPECTED
+from studies.examples import indicators as benchmark
 from studies.series.packing import indicator_columns
 from studies.series.plan import plan_series
 from studies.series.skill import INDICATORS
@@ -165,3 +166,29 @@ def test_a_restart_knows_the_snapshot_before(paths, tmp_path):
     assert [a == b for a, b in zip(plain, changed, strict=True)] == [False, True]
     assert [a == b for a, b in zip(asked, with_past, strict=True)] == [False, False]
     assert not set(plain) & set(asked)
+
+
+def test_scores_of_a_series_are_those_of_its_table(result):
+    """By `skill.parquet`; shuffled targets keep the base rate and lose the AUC."""
+    out, _ = result
+    found = benchmark.scores(out)
+    known = pd.read_parquet(out / "skill.parquet")
+    keys = ["snapshot_after", "target", "predictor"]
+    both = found.merge(known, on=keys)
+    assert len(both) == len(found) == (known.predictor.isin(benchmark.COMPARED)).sum()
+    for name in ("auc", "base", "coverage"):
+        np.testing.assert_array_equal(both[f"{name}_x"], both[f"{name}_y"])
+    # The cell is strained by (-3e-4, 6e-4): the second is the larger compression.
+    assert set(found.step) == {6e-4}
+
+
+@pytest.mark.slow
+def test_shuffled_targets_are_chance(result):
+    """Ninety-five in a hundred 95 % intervals contain one half."""
+    many = pd.concat(benchmark.scores(result[0], seed) for seed in range(30))
+    inside = []
+    for _, rows in many.groupby(["snapshot_after", "target", "predictor"]):
+        low, high = benchmark.interval(rows.shuffled)[1:]
+        if np.isfinite(low) and rows.shuffled.std() > 0:
+            inside.append(low <= 0.5 <= high)
+    assert len(inside) > 100 and 0.85 < np.mean(inside) <= 1.0
