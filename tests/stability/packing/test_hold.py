@@ -284,3 +284,27 @@ def _first_forces(graph, known, ids):
     sign = np.where(match.reversed[both], -1.0, 1.0)[:, None]
     forces[both] = sign * contact_forces(graph)[match.after[both]]
     return forces
+
+
+def test_yade_holds_a_state_under_way_from_rest_to_the_same_forces():
+    # Yade 2023.02a, 500 discs of yade_dense.py (seed 31) after a restart by yade_restart.py.
+    with np.load(Path(__file__).with_name("yade_held_dense.npz")) as stored:
+        yade = dict(stored)
+    names = ("contacts", "images", "normal_force", "shear_force")
+    same = {name: yade[name] for name in ("x", "radii", "cell")}
+    graph = GrainGraph(**same, **{name: yade[name] for name in names})
+    known = GrainGraph(**same, **{name: yade[f"held_{name}"] for name in names})
+    mass = 4.0 / 3.0 * np.pi * 2600.0 * graph.radii**3
+    held = hold(graph, LinearFrictional(1e6, 5e5, 0.5, "radii"), damping=(0.4, 0.2), mass=mass)
+    assert held.status == "at rest"
+    ids = np.arange(graph.grain_count)
+    assert held.graph.contact_count == known.contact_count
+    ours, theirs = _first_forces(held.graph, known, ids), contact_forces(known)
+    moved = np.linalg.norm(theirs - _first_forces(graph, known, ids))
+    # The two dampings of `hold` are further apart: 0.7 % of the forces.
+    assert np.linalg.norm(theirs - ours) < 4e-3 * np.linalg.norm(theirs)
+    assert np.linalg.norm(theirs - ours) < 0.1 * moved
+    slides = np.abs(known.shear_force) >= 0.999 * 0.5 * known.normal_force
+    assert held.sliding == pytest.approx(np.count_nonzero(slides), abs=2)
+    off = held.stress - love_weber_stress(known)
+    assert np.linalg.norm(off) < 5e-4 * np.linalg.norm(held.stress)
