@@ -1,36 +1,32 @@
-"""Bifurcation domains: where loading programmes of a loop lose stability in (s1, s2).
+"""Bifurcation domains of diamonds: where loading programmes lose stability in (s1, s2).
 
-The diamond: from the virgin loop, a fan of straight strain programmes `E' = (cos b, sin b)`; on
+From the virgin loop, a fan of straight strain programmes `E' = (cos b, sin b)`; on
 each the first state where `det Ks = 0` and where `det K = 0`, exact, with contacts that always
 stick and with friction. Sticking contacts have `det K = kappa - N/l` (35) and
 `det Ks = det K - (T/2l)^2`, because
 `K12 - K21 = -T/l`: in terms of the branch alone, the same for every `alpha0`. With
 `T = s mu N` they slide, and `det K = -(1 + mu^2) N/l` (36) is negative at once: where a programme
 yields before, both determinants are lost in a jump.
-
-Loops of any order, of unequal grains or of a snapshot: the limits of a `stability.paths.fan`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from loops import GrainGraph, InputError, Regime, contact_state
+from loops import InputError
 from loops.arrays import Floats
-from loops.symmetry import loop_symmetry
 from patterns.diamond import (
     TABLE_1,
     TABLE_2,
@@ -49,20 +45,8 @@ from patterns.diamond.strain_lines import (
     strain_line,
     yield_position,
 )
-from patterns.polygons import opposite_gap
-from stability.paths.fan import (
-    LIMITS,
-    Control,
-    Fan,
-    FanLimits,
-    LoopStates,
-    first_limits,
-    followed_limits,
-)
-from stability.paths.model import path_model
 from studies.output import definitions
-from studies.paths.options import LoopOptions, PolygonOptions, inside
-from studies.study import one_of, study
+from studies.study import study
 from studies.style import (
     BLACK,
     LIGHT_GREY,
@@ -82,8 +66,6 @@ LOSSES = ("det_Ks_zero", "det_K_zero")
 # Opposite grains nearer than this, in reference branches, touch within rounding.
 OVERLAP_ATOL = 1e-14
 DRAWN_PROGRAMMES = 31
-# Strain at which the programmes of a virgin loop end.
-FAN_REACH = 0.95
 
 
 class Case(NamedTuple):
@@ -419,202 +401,3 @@ def draw_programmes(case: Case, ax: Axes | None = None) -> Axes:
     states = line_states(losses.line, start + share * (end - start), case.kappa)
     ax.plot(states.s1, states.s2, color=LIGHT_GREY, linewidth=0.6, zorder=0)
     return ax
-
-
-# ---- loops of any order, and a snapshot's loop
-
-# Limits that end stability in (11, 22).
-ENDS = ("det_Ks_zero", "limit")
-# End of the programmes on a snapshot's loop, over the mean overlap.
-REACH_OVERLAPS = 20.0
-LONGEST = 60
-
-
-@dataclass(frozen=True)
-class LoopDomainParameters:
-    """Options of `grainloops domain --order`, `--compare`, `--radii` and `--snapshot`."""
-
-    loops: tuple[PolygonOptions, ...]
-    control: Control = "strain"
-    directions: int = 361
-
-    def __post_init__(self) -> None:
-        one_of("--programmes", self.control, get_args(Control))
-        if self.directions < 3 or self.directions % 2 == 0:
-            raise InputError(
-                "--directions", str(self.directions), "an odd number from 3 on", "Correct it."
-            )
-        for loop in self.loops:
-            if loop.order > LONGEST:
-                expected = f"a whole number from 3 to {LONGEST}"
-                raise InputError("--order", str(loop.order), expected, "Correct it.")
-            inside("--kappa", loop.kappa, lambda k: k > 0.0, "positive ratios")
-            inside("--phi", loop.phi_deg, lambda p: p > 0.0, "degrees in (0, 90]")
-
-    def described(self) -> dict[str, Any]:
-        """Value of every option by its name on the command line."""
-        loops = [_loop_columns(loop) for loop in self.loops]
-        return {"loops": loops, "programmes": self.control, "directions": self.directions}
-
-
-def _loop_columns(loop: PolygonOptions) -> dict[str, Any]:
-    """Columns of the table and the summary that name a loop."""
-    own = {"order": loop.order, "closure": loop.closure, "spins": loop.spins}
-    return {**own, "kappa": loop.kappa, "phi_deg": loop.phi_deg}
-
-
-def loop_fan(d0: Floats, directions: int) -> Floats:
-    """Angles of programmes that compress every branch at first, as the diamond's fan.
-
-    Evenly spread on either side of the isotropic one, measured in half diagonals.
-    """
-    size = np.sqrt((d0**2).sum(axis=0))
-    middle, across = np.arctan2(size[1], size[0]), d0**2 / size
-    # The rate of a branch vanishes a right angle from this direction.
-    toward = np.arctan2(across[:, 1], across[:, 0])
-    low, high = toward.max() - 0.5 * np.pi, toward.min() + 0.5 * np.pi
-    half = directions // 2
-    share = np.arange(-half, half + 1) / (half + 1)
-    turned = middle + np.where(share < 0.0, middle - low, high - middle) * share
-    return np.arctan2(np.sin(turned) / size[1], np.cos(turned) / size[0])
-
-
-def loop_limits(
-    loop: PolygonOptions, control: Control, directions: int, *, friction: bool
-) -> tuple[Fan, FanLimits]:
-    """First limits of one loop along its fan; `follow` takes what the fan cannot settle."""
-    graph, law = loop.graph(), loop.law()
-    reach = FAN_REACH
-    if isinstance(loop, LoopOptions):
-        reach = REACH_OVERLAPS * float(np.mean(graph.normal_force))
-    if not friction:
-        law = (loop if loop.phi_deg == 90.0 else replace(loop, phi_deg=90.0)).law()
-    contacts = contact_state(graph)
-    model = path_model(graph, contacts, law, loop.closure, loop.spins, None)
-    model = replace(model, symmetry=loop_symmetry(graph).along_axes())
-    fan = Fan(model, control, loop_fan(model.d0, directions), reach)
-    plain = loop.spins == "blocked" and loop.contact_law == "linear"
-    if plain:
-        start = LoopStates.at_rest(1, model.contact_count, graph.shear_force)
-        limits = first_limits(fan, start)
-    else:
-        limits = FanLimits.none(directions, model.contact_count)
-        limits.open_question[:] = True
-    for programme in np.flatnonzero(limits.open_question):
-        followed_limits(fan, int(programme), limits, loop.spins, graph)
-    return fan, limits
-
-
-def loop_table(parameters: LoopDomainParameters) -> pd.DataFrame:
-    """Limits of every loop along its fan, with contacts that stick and with friction."""
-    parts = []
-    for loop in parameters.loops:
-        own = isinstance(loop, LoopOptions)
-        for friction in (False, True):
-            if (own and not friction) or (friction and not own and not np.isfinite(loop.mu)):
-                continue
-            fan, limits = loop_limits(
-                loop, parameters.control, parameters.directions, friction=friction
-            )
-            named = {**_loop_columns(loop), "contacts": "frictional" if friction else "sticking"}
-            parts += [_limit_rows(fan, limits, kind, named) for kind in LIMITS]
-    return pd.concat([part for part in parts if len(part)], ignore_index=True)
-
-
-def _limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) -> pd.DataFrame:
-    found, model = np.flatnonzero(limits.found[kind]), fan.model
-    states = limits.states[kind].take(found)
-    contacts = fan.contacts(states)
-    N, T = contacts.normal_force[..., None], contacts.shear_force[..., None]
-    P = np.einsum("bci,cj->bij", N * contacts.n + T * contacts.t, model.d0) / model.volume
-    sliding = (states.regime == Regime.SLIDING).any(axis=1)
-    x = np.cumsum(model.d0 + states.moved, axis=1)
-    ring = GrainGraph(x=x, radii=np.roll(model.radii, -1), contacts=model.contacts)
-    return pd.DataFrame(
-        {
-            **named,
-            "kind": kind,
-            "programme_deg": np.degrees(fan.programme[found]),
-            "regime": np.where(sliding, "sliding", "elastic"),
-            "E1": states.H[:, 0],
-            "E2": states.H[:, 3],
-            "s1": P[:, 0, 0],
-            "s2": P[:, 1, 1],
-            "opposite_overlap": opposite_gap(ring) < -OVERLAP_ATOL,
-        }
-    )
-
-
-def run_loop_domains(
-    parameters: LoopDomainParameters, out: Path, *, force: bool = False, csv: bool = False
-) -> dict[str, Any]:
-    """Find the bifurcation domains of loops, and write the table, summary and figures."""
-    with study("domain", out, parameters.described(), UNITS, force=force, csv=csv) as results:
-        table = loop_table(parameters)
-        results.write_tables({"domain": table})
-        loops = loop_counts(table, parameters)
-        summary = {"directions": parameters.directions, "loops": loops,
-                   "definitions": definitions("domain")}  # fmt: skip
-        summary = results.write_summary(summary)
-        results.save_figures(loop_figures(table, loops, parameters))
-    return summary
-
-
-def loop_counts(table: pd.DataFrame, parameters: LoopDomainParameters) -> list[dict[str, Any]]:
-    """Number of programmes on which each limit of each loop occurs."""
-    found = []
-    for loop in parameters.loops:
-        named = _loop_columns(loop)
-        rows = table[(table[list(named)] == list(named.values())).all(axis=1)]
-        for contacts, own in rows.groupby("contacts"):
-            counts = {str(kind): int(count) for kind, count in own.kind.value_counts().items()}
-            limits = dict(sorted(counts.items()))
-            found.append({**named, "contacts": str(contacts), "limits": limits})
-    return found
-
-
-def domain_boundary(rows: pd.DataFrame) -> pd.DataFrame:
-    """The first state of each programme at which the loop is lost or parts, by programme."""
-    rows = rows[rows.kind.isin((*ENDS, "opening"))]
-    first = np.hypot(rows.E1, rows.E2).groupby(rows.programme_deg).idxmin()
-    return rows.loc[first].sort_values("programme_deg")
-
-
-def contact_forces_of(stress: Any, order: int) -> Any:
-    """Stress of a regular loop as the force `s l0/(2 tan(pi/n))` of a contact across its axis."""
-    return stress / (2.0 * np.tan(np.pi / order))
-
-
-@styled()
-def loop_figures(
-    table: pd.DataFrame, loops: list[dict[str, Any]], parameters: LoopDomainParameters
-) -> list[tuple[str, Figure]]:
-    """First loss of each programme by order, a panel for each closure and kind of contacts."""
-    closures = list(dict.fromkeys(loop.closure for loop in parameters.loops))
-    kappas = list(dict.fromkeys(loop.kappa for loop in parameters.loops))
-    orders = list(dict.fromkeys(loop.order for loop in parameters.loops))
-    kinds = list(table.contacts.unique())
-    figure, panels = new_panels(len(kinds), len(closures), 0.8 + 2.5 * len(kinds))
-    regular = all(
-        loop.radii is None and not isinstance(loop, LoopOptions) for loop in parameters.loops
-    )
-    colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(orders)))
-    for row, contacts in zip(panels, kinds, strict=True):
-        for ax, closure in zip(row, closures, strict=True):
-            for order, colour in zip(orders, colours, strict=True):
-                own = table[(table.contacts == contacts) & (table.closure == closure)
-                            & (table.order == order) & (table.kappa == kappas[0])]  # fmt: skip
-                bound = domain_boundary(own)
-                values = bound[["s1", "s2"]].to_numpy()
-                values = contact_forces_of(values, order) if regular else values
-                # Points, not a curve: programmes without a loss leave gaps.
-                ax.plot(*values.T, ".", color=colour, markersize=3.0, label=f"n = {order}")
-            ax.set_title(rf"{closure}, {contacts}, $\kappa$ = {kappas[0]:g}")
-            factor = r"$/(2\tan(\pi/n))$" if regular else ""
-            ax.set(xlabel=f"$s_1${factor} over $k_n$ (–)", ylabel=f"$s_2${factor} over $k_n$ (–)")
-    handles = [
-        Line2D([], [], color=c, marker="o", linestyle="", label=f"n = {n}")
-        for n, c in zip(orders, colours, strict=True)
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=key_columns(figure, 5))
-    return [("domain", figure)]

@@ -317,13 +317,8 @@ def domain(
     out = out_or(writing.out, "domain" if not snapshot else f"loop-{loop}-domain", snapshot)
     ratios = numbers("--kappa", kappa)
     with clock("grainloops domain"):
-        from studies.domain import (
-            LONGEST,
-            DomainParameters,
-            LoopDomainParameters,
-            run_domain,
-            run_loop_domains,
-        )
+        from studies.domain import DomainParameters, run_domain
+        from studies.loop_domains import LONGEST, LoopDomainParameters, run_loop_domains
 
         if not given:
             if (closure, spins, law, programmes) != (None, "blocked", "linear", "strain"):
@@ -384,6 +379,8 @@ def _loop_domain_lines(summary: dict[str, Any]) -> list[str]:
     lines = []
     for row in summary["loops"]:
         limits = ", ".join(f"{kind} on {count}" for kind, count in row["limits"].items())
+        if "unstable_share" in row:
+            limits += f"; unstable share of strains {row['unstable_share']:.3f}"
         lines.append(
             f"n = {row['order']}  {row['closure']}  kappa = {row['kappa']:g}  {row['contacts']:<10}"
             f"  of {summary['directions']} programmes: {limits or 'no limit'}"

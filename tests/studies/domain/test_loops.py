@@ -22,7 +22,14 @@ from stability.paths.fan import (
 )
 from stability.paths.model import path_model
 from studies.cli import main
-from studies.domain import LoopDomainParameters, loop_fan, loop_limits, run_loop_domains
+from studies.domain import Case, first_losses
+from studies.loop_domains import (
+    LoopDomainParameters,
+    loop_fan,
+    loop_limits,
+    run_loop_domains,
+    unstable_share,
+)
 from studies.paths.options import PolygonOptions
 
 KAPPA = 0.3
@@ -309,3 +316,28 @@ def test_first_yield_of_even_loops_under_stress_is_closed(order):
     theta = np.arctan(np.abs(fan.model.d0[:, 1] / fan.model.d0[:, 0]))
     wanted = first_yield_of_even_loops(theta, np.tan(np.radians(35.0)), KAPPA, phi)
     assert p1 == pytest.approx(wanted, abs=1e-11)
+
+
+def exact_share_of_the_diamond(kappa, phi, directions=20001):
+    """Closed losses of the square diamond on a fine fan; its branches open at `|d| = |d0|`."""
+    case = Case(np.pi / 4, kappa, phi)
+    losses = first_losses(case, directions, friction=phi < np.pi / 2)
+    b, line = losses.programme, losses.line
+    # Distance from the virgin corner in units of strain: X = X0 (1 - E).
+    moved = (losses.det_Ks_zero - line.start)[:, None] * line.direction * np.sqrt(2.0)
+    lost = np.hypot(*moved.T)
+    c, s = np.cos(b), np.sin(b)
+    end = np.minimum(2.0 * (c + s), 0.95)
+    stable = np.fmin(lost, end)
+    return 1.0 - np.trapezoid(stable**2, b) / np.trapezoid(end**2, b)
+
+
+@pytest.mark.parametrize(("phi", "closure"), [(20.0, "affine"), (90.0, "traction")])
+def test_unstable_share_of_the_diamond_converges_to_the_closed_one(phi, closure):
+    exact = exact_share_of_the_diamond(KAPPA, np.radians(phi))
+    loop = PolygonOptions(4, kappa=KAPPA, phi_deg=phi, closure=closure)
+    errors = []
+    for directions in (11, 41):
+        found = loop_limits(loop, "strain", directions, friction=phi < 90.0)
+        errors.append(abs(unstable_share(*found) - exact))
+    assert 0.2 < exact < 0.99 and errors[1] < 0.5 * errors[0] and errors[1] < 0.01
