@@ -6,9 +6,11 @@ import re
 import numpy as np
 import pytest
 
-from loops import HertzMindlin, LinearFrictional, RollingResistance
+from loops import HertzMindlin, LinearFrictional, RollingResistance, contact_state
 from patterns import regular_polygon
 from stability import Stage, follow, programmes
+from stability.paths.fan import Fan, LoopStates, first_limits
+from stability.paths.model import path_model
 from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold
 from tests.docs.pages import DOCS, of_size, page, says, section, tables
 from tests.golden.answers import run
@@ -122,6 +124,26 @@ def test_drained_paths(tmp_path, closure):
             assert says(peak_E1, loop["peak"]["E1"]) and says(peak_s1, loop["peak"]["s1"])
         status, E1 = end.split()
         assert status == loop["status"] and says(E1, loop["end"]["E1"])
+
+
+@pytest.mark.slow
+def test_losses_at_large_n():
+    """Affine closure, strain at 40 degrees: the limits and the distance from them."""
+    (rows,) = tables(section(TEXT, "## Bifurcation domains"))[1:]
+    found = {}
+    for row in rows:
+        loop = regular_polygon(int(row["n"]))
+        law = LinearFrictional(1.0, KAPPA)
+        model = path_model(loop, contact_state(loop), law, "affine", "blocked", None)
+        fan = Fan(model, "strain", np.radians([40.0]), 0.95)
+        limits = first_limits(fan, LoopStates.at_rest(1, int(row["n"])))
+        for name in ("det_Ks", "det_K"):
+            H = limits.states[f"{name}_zero"].H[0]
+            found[name, row["n"]] = np.hypot(H[0], H[3])
+            assert says(row[f"{name.replace('_', ' ')} = 0"], found[name, row["n"]])
+    for row in rows[:-1]:
+        off = found["det_Ks", row["n"]] - found["det_Ks", "48"]
+        assert says(row["off the limit"], off)
 
 
 def test_figures_exist():
