@@ -254,7 +254,8 @@ def domains_figure(table: pd.DataFrame, parameters: LoopDomainParameters) -> Fig
     handles = [
         Line2D([], [], color=c, label=f"n = {n}") for n, c in zip(orders, colours, strict=True)
     ]
-    for style, label in (("-", "loss"), (":", "a contact opens first")):
+    styles: tuple[tuple[Any, str], ...] = (("-", "loss"), (":", "a contact opens first"))
+    for style, label in styles:
         handles.append(Line2D([], [], color=BLACK, linestyle=style, label=label))
     figure.legend(handles=handles, loc="outside lower center", ncols=key_columns(figure, 6))
     return figure

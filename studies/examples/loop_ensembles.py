@@ -30,7 +30,7 @@ from loops import (
     polygon_shape,
     traction_tangent,
 )
-from loops.arrays import Flags, Floats
+from loops.arrays import Flags, Floats, Integers
 from loops.geometry import from_centroid, outward
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path
 from stability.verdict import loop_stability
@@ -139,7 +139,7 @@ def chord(f: Floats, a: Floats, B: Floats, direction: Floats) -> tuple[Floats, F
 
 
 def balanced_forces(
-    rng: np.random.Generator, a: Floats, B: Floats, wanted: Floats
+    rng: np.random.Generator, a: Floats, B: Floats, wanted: Integers
 ) -> tuple[Floats, Flags, Flags]:
     """Redundant forces `f^` (L, 2) within friction, contacts that slide (L, n), and which exist.
 
