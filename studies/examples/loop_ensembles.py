@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from scipy.spatial import cKDTree
 
 from loops import (
@@ -49,6 +50,8 @@ NEWTON_STEPS, CENTRE_STEPS = 12, 60
 # the elongation and mobilisation.
 NEIGHBOURS, NEAR = 100, 0.15
 RESAMPLES = 400
+# Fewest loops of a bin that is drawn, and the order whose shapes are compared.
+FEWEST, SHOWN = 100, 5
 
 
 class Draw(NamedTuple):
@@ -332,36 +335,71 @@ def ensembles(snapshots: Sequence[Snapshot], loops: int, seed: int) -> tuple[pd.
     return random, real, table_of(real, random, rng)
 
 
+def binned(data: pd.DataFrame, by: str, edges: Floats) -> pd.DataFrame:
+    """Smallest eigenvalue (quantiles) and unstable share (mean, 95 % interval) in bins of `by`."""
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    rows = []
+    for x, (_, part) in zip(
+        middle, data.groupby(pd.cut(data[by], edges), observed=False), strict=True
+    ):
+        if len(part) < FEWEST:
+            continue
+        low, mid, high = part.lambda_min.quantile([0.05, 0.5, 0.95])
+        rows.append((x, low, mid, high, part.unstable.mean(), 1.96 * part.unstable.sem()))
+    return pd.DataFrame(rows, columns=["x", "low", "mid", "high", "unstable", "error"])
+
+
 @styled()
 def draw(random: pd.DataFrame, real: pd.DataFrame, table: pd.DataFrame) -> Figure:
-    """Smallest eigenvalue and share of unstable directions over order; ranks of real loops."""
-    figure = new_figure(TWO_COLUMNS, 2.7)
-    left, middle, right = figure.subplots(1, 3)
+    """Smallest eigenvalue and unstable share over order and shape; ranks of real loops."""
+    figure = new_figure(TWO_COLUMNS, 6.4)
+    axes = figure.subplots(3, 3)
     groups = [(random[random.stress == "isotropic"], GREY, "random, isotropic", -0.2),
               (random[random.stress == "deviatoric"], BLUE, "random, deviatoric", 0.0),
-              (real[real.order.isin(table.order)], VERMILION, "real", 0.2)]  # fmt: skip
-    for data, colour, label, shift in groups:
-        grouped = data.groupby("order")
-        low, mid, high = (grouped.lambda_min.quantile(q) for q in (0.05, 0.5, 0.95))
-        at = mid.index.to_numpy() + shift
-        left.errorbar(at, mid, [mid - low, high - mid], fmt="o", markersize=3, color=colour,
-                      linewidth=0.8, label=label)  # fmt: skip
-        mean, error = grouped.unstable.mean(), grouped.unstable.sem()
-        middle.errorbar(at, mean, 1.96 * error, fmt="o", markersize=3, color=colour)
-    left.axhline(0.0, color=BLACK, linewidth=0.5)
-    left.set(xlabel="order $n$ (–)", ylabel=r"$\lambda_{\min}(K_s)/k_n$ (–), 5, 50, 95 %")
-    left.set_yscale("symlog", linthresh=0.01)
-    middle.set(xlabel="order $n$ (–)", ylabel="mean share of unstable directions (–)")
-    bins = np.linspace(0.0, 1.0, 21)
+              (real, VERMILION, "real", 0.2)]  # fmt: skip
+    labels = {"order": "order $n$ (–)", "elongation": "elongation (–)",
+              "mobilisation": r"mean of $|T|/(\mu N)$ (–)"}  # fmt: skip
+    edges = {"order": np.arange(2.5, 13.0), "elongation": np.array([1.0, 1.2, 1.5, 2.0, 2.7, 4.0]),
+             "mobilisation": np.linspace(0.0, 1.0, 6)}  # fmt: skip
+    for (by, label), (top, below) in zip(labels.items(), axes[:2].T, strict=True):
+        for data, colour, name, shift in groups:
+            # Over shape and mobilisation loops of one order are compared.
+            same = data if by == "order" else data[data.order == SHOWN]
+            found = binned(same, by, edges[by])
+            at = found.x + shift * np.diff(edges[by]).min()
+            spread = [found.mid - found.low, found.high - found.mid]
+            top.errorbar(at, found.mid, spread, fmt="o", markersize=3, color=colour, label=name)
+            least = found.error.clip(upper=found.unstable)
+            below.errorbar(at, 1e3 * found.unstable, 1e3 * np.array([least, found.error]), fmt="o",
+                           markersize=3, color=colour)  # fmt: skip
+        top.set(yscale="log", xlabel=label)
+        below.set(xlabel=label)
+        if by != "order":
+            top.set_title(f"$n$ = {SHOWN}")
+            below.set_title(f"$n$ = {SHOWN}")
+    axes[0, 0].set_ylabel(r"$\lambda_{\min}(K_s)/k_n$ (–): 5, 50, 95 %")
+    axes[1, 0].set_ylabel(r"unstable directions ($10^{-3}$)")
+    bins, ranks = np.linspace(0.0, 1.0, 11), axes[2, 0]
     for order, style in ((3, "-"), (4, "--"), (5, "-."), (6, ":")):
         own = real[(real.order == order)].rank_lambda.dropna()
         if len(own):
-            right.hist(own, bins, density=True, histtype="step", linestyle=style, color=VERMILION,
-                       label=f"$n$ = {order}")  # fmt: skip
-    right.axhline(1.0, color=BLACK, linewidth=0.5)
-    right.set(xlabel=r"rank of the real loop's $\lambda_{\min}$ (–)", ylabel="density (–)")
-    right.legend()
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+            ranks.hist(own, bins, density=True, histtype="step", linestyle=style, color=VERMILION)
+            ranks.plot([], [], style, color=VERMILION, label=f"$n$ = {order}")
+    ranks.axhline(1.0, color=BLACK, linewidth=0.5)
+    ranks.set(xlabel=r"rank of the real loop's $\lambda_{\min}$ (–)", ylabel="density (–)")
+    ranks.legend()
+    mean, convex = axes[2, 1:]
+    if len(table):
+        spread = [table["rank"] - table.rank_low, table.rank_high - table["rank"]]
+        mean.errorbar(table.order, table["rank"], spread, fmt="o", markersize=3, color=VERMILION)
+        for part, colour in ((table.random_convex, BLUE), (table.real_convex, VERMILION)):
+            convex.plot(table.order, part, "o", markersize=3, color=colour)
+    mean.axhline(0.5, color=BLACK, linewidth=0.5)
+    mean.set(xlabel="order $n$ (–)", ylabel="mean rank (–), 95 % interval", ylim=(0.0, 1.0))
+    convex.set(xlabel="order $n$ (–)", ylabel="share of convex loops (–)", ylim=(0.0, 1.05))
+    for axis in (*axes[:2, 0], mean, convex):
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 

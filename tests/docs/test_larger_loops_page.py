@@ -4,6 +4,7 @@ import json
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from loops import HertzMindlin, LinearFrictional, RollingResistance, contact_state
@@ -146,6 +147,19 @@ def test_losses_at_large_n():
         assert says(row["off the limit"], off)
 
 
+def test_ensembles_are_those_of_the_table_beside_the_figure():
+    (rows,) = tables(section(TEXT, "## Is a loop of a packing a typical one?"))
+    found = pd.read_csv(DOCS / "figures" / "larger-ensembles.csv")
+    columns = {"n": "order", "real": "real", "matched": "matched", "median, real": "real_lambda",
+               "median, random": "random_lambda", "mean rank": "rank", "below .05": "below_5",
+               "convex, real": "real_convex", "convex, random": "random_convex"}  # fmt: skip
+    assert len(rows) == len(found)
+    for row, (_, value) in zip(rows, found.iterrows(), strict=True):
+        assert all(says(row[name], value[column]) for name, column in columns.items())
+        low, high = row["95 %"].split(" to ")
+        assert says(low, value.rank_low) and says(high, value.rank_high)
+
+
 def test_figures_exist():
     names = re.findall(r"figures/(larger-[\w-]+\.png)", TEXT)
-    assert len(names) == 6 and all((DOCS / "figures" / name).exists() for name in names)
+    assert len(names) == 7 and all((DOCS / "figures" / name).exists() for name in names)
