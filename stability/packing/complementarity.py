@@ -233,7 +233,12 @@ def _every_solution(q: Floats, M: Floats) -> list[tuple[Flags, Floats]]:
 def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
     """Flip every wrong sign until none is left; the best set met, how many signs are wrong."""
     best, least = active, len(q)
+    met = set[bytes]()
     for _ in range(NEWTON_STEPS):
+        # From a set that was met before the same ones follow again.
+        if active.tobytes() in met:
+            break
+        met.add(active.tobytes())
         values = basic_values(q, M, active)
         wrong = ~(values >= -SIGN * np.abs(q).max())
         if (count := int(np.count_nonzero(wrong))) < least:

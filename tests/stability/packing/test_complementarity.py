@@ -133,6 +133,18 @@ def test_newton_stops_where_a_block_is_singular():
     assert not found.any() and wrong == 1
 
 
+def test_newton_ends_where_sets_recur(monkeypatch):
+    """One contact that softens on its own: sliding and sticking disagree in turn."""
+    asked = []
+    values = complementarity.basic_values
+    monkeypatch.setattr(
+        complementarity, "basic_values", lambda *given: asked.append(given[2]) or values(*given)
+    )
+    found, wrong = _newton(np.array([-1.0]), np.array([[-1.0]]), np.zeros(1, bool))
+    assert not found.any() and wrong == 1
+    assert [one.tolist() for one in asked] == [[False], [True]]
+
+
 def principal_minors(M):
     sets = (np.arange(1, 2 ** len(M))[:, None] >> np.arange(len(M)) & 1).astype(bool)
     return np.array([np.linalg.det(M[np.ix_(one, one)]) for one in sets])
