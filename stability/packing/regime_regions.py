@@ -170,11 +170,10 @@ class RegimeRegions:
             stress = self.basis @ self.rates.rates_of(control, sliding)[1]
             if not self._known(stress, sliding):
                 self._trace(stress, sliding)
-        images = [branch for branch in self.branches if branch.closed]
         single = strains.complete or positive_definite(strains.circle[1])
         if single and len(strains.branches) == 1:
             if strains.branches[0].closed and strains.branches[0].winding == 1:
-                if len(images) == len(self.branches) == 1:
+                if [branch.closed for branch in self.branches] == [True]:
                     self.complete = WHOLE_CIRCLE
 
     def seek(self, count: int = SEEDS) -> None:
@@ -261,15 +260,13 @@ class RegimeRegions:
         if len(self.basis) == 2 or not (self.answered and self.rates.small):
             return None
         first, sliding = max(self.answered, key=lambda one: float(one[0] @ direction))
-        across = direction - (first @ direction) * first
-        if np.linalg.norm(across) < SAME:
+        if np.linalg.norm(direction - first) < SAME:
             return self.rates.solved(control, 1, [sliding])
-        plane = np.column_stack([first, across / np.linalg.norm(across)])
-        units = [self.rates.problem(self.control(column)) for column in plane.T]
+        units = [self.rates.problem(self.control(one)) for one in (first, direction)]
         Q, M = np.column_stack([q for q, _ in units]), units[0][1]
         branch = trace_branch(Q, M, 0.0, sliding)
-        ends = branch.at(float(np.arctan2(plane[:, 1] @ direction, first @ direction)))
-        found = known_solutions(Q @ (plane.T @ direction), M, list(branch.sliding[ends]), "")
+        ends = branch.at(0.5 * np.pi)
+        found = known_solutions(Q[:, 1], M, list(branch.sliding[ends]), "")
         if not len(found.active):
             return None
         return self.rates.solved(control, 1, list(found.active))

@@ -41,11 +41,11 @@ CONTROLS = {"strain": proportional_strain, "stress": proportional_stress}
 # Limits of a programme, in the order in which they are told.
 SPECTRAL = ("cone_opening", "det_Ks_zero", "det_K_zero")
 LIMITS = (*SPECTRAL, "yield", "opening", "branching", "limit")
-# Local error over the size of the variables, longest and first step in the space of H.
-RTOL, MAX_STEP, FIRST_STEP = 1e-14, 0.04, 1e-2
+# Local error over the size of the variables, longest step in the space of H.
+RTOL, MAX_STEP = 1e-14, 0.04
 # Share of a step before which no event is looked for: at the first touch all forces are zero.
 BEGUN = 1e-4
-MOST_STEPS, ROOT_STEPS, POLISHES = 600, 60, 3
+MOST_STEPS, HALVINGS, POLISHES = 600, 52, 3
 # Half the distance, in shares of a step, over which the slope of an event function is taken.
 SLOPE_WIDTH = 1e-4
 # Stress over kn at which a programme of stress ends that `follow` takes, over its reach in strain.
@@ -225,7 +225,7 @@ class Fan:
                 strains, z = block.strains, block.solve(k, self.model.volume)
                 A[:, strains[:, None], strains] = z[:, -len(strains) :]
         found = np.array([np.linalg.slogdet(block.balance(k)) for block in self.blocks])
-        sign, size = found.reshape(-1, 2, len(k)).transpose(1, 2, 0)
+        sign, size = found.reshape(len(self.blocks), 2, len(k)).transpose(1, 2, 0)
         return A, sign, size
 
     def strain_rate(self, A: Floats, rows: Integers, heading: Floats) -> Floats:
@@ -432,7 +432,7 @@ def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
     rows = _first_regimes(fan, now, limits)
     balance, gone = np.zeros((count, len(fan.blocks), 2)), np.zeros(count)
     _set_balance(fan, balance, now, rows)
-    h = np.full(count, FIRST_STEP * fan.reach)
+    h = np.full(count, MAX_STEP * fan.reach)
     for _ in range(MOST_STEPS):
         if len(rows) == 0:
             break
@@ -500,8 +500,7 @@ def _to_event(
     share `low` (B,) of a step.
     """
     share, fired = np.ones(len(rows)), np.full(len(rows), -1)
-    high = pending(after, rows)[0].min(axis=1)
-    crossed = np.flatnonzero(high < 0.0)
+    crossed = np.flatnonzero(pending(after, rows)[0].min(axis=1) < 0.0)
     if len(crossed) == 0:
         return after, share, fired
     start, own, size = before.take(crossed), rows[crossed], h[crossed]
@@ -510,7 +509,7 @@ def _to_event(
     def smallest(theta: Floats, pick: Integers) -> Floats:
         return np.asarray(pending(between(theta, pick), own[pick])[0].min(axis=1))
 
-    theta = first_sign_change(smallest, low[crossed], high[crossed])
+    theta = first_sign_change(smallest, low[crossed])
     values, columns = pending(between(theta, every), own)
     which, balance = values.argmin(axis=1), values[:, columns["balance"]]
     if fan.blocks:
@@ -536,31 +535,18 @@ def _to_event(
     return after, share, fired
 
 
-def first_sign_change(
-    values: Callable[[Floats, Integers], Floats], low: Floats, high: Floats
-) -> Floats:
-    """Roots in (low, 1) of functions with the negative values `high` at 1, by regula falsi.
+def first_sign_change(values: Callable[[Floats, Integers], Floats], low: Floats) -> Floats:
+    """Roots in (low, 1) of functions that are negative at 1, by bisection.
 
-    The value at an end that stays is halved (Illinois), every fourth step halves the bracket. The
-    far end of the bracket is returned; `low` where a function is negative there.
+    The far end of the bracket is returned; `low` where a function is negative there.
     """
     a, b = low.copy(), np.ones(len(low))
-    fa, fb = values(a, np.arange(len(low))), high.copy()
-    b = np.where(fa <= 0.0, a, b)
-    for k in range(ROOT_STEPS):
-        pick = np.flatnonzero((b - a > 4e-16) & (fb < -1e-16))
-        if len(pick) == 0:
-            break
-        lower, upper, below, above = a[pick], b[pick], fa[pick], fb[pick]
-        with np.errstate(invalid="ignore"):
-            x = upper - above * (upper - lower) / (above - below)
-        x = np.where(np.isfinite(x) & (k % 4 != 3), x, 0.5 * (lower + upper))
-        x = np.clip(x, lower + 1e-16, upper)
-        fx = values(x, pick)
-        beyond = fx <= 0.0
-        a[pick], b[pick] = np.where(beyond, lower, x), np.where(beyond, x, upper)
-        fa[pick] = np.where(beyond, 0.5 * below, fx)
-        fb[pick] = np.where(beyond, fx, 0.5 * above)
+    every = np.arange(len(low))
+    b = np.where(values(a, every) <= 0.0, a, b)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (a + b)
+        beyond = values(middle, every) <= 0.0
+        a, b = np.where(beyond, a, middle), np.where(beyond, middle, b)
     return b
 
 
@@ -615,16 +601,16 @@ def _after_event(
     singular = fires[:, columns["balance"]]
     # In the fields of the path itself: the strain does not grow on, or its tangent has a pole.
     ends = singular[:, :1].any(axis=1)
-    # In those of shear: the work along it passes from plus to minus infinity.
-    shear = np.array([k > 0 and len(block.strains) > 0 for k, block in enumerate(fan.blocks)])
+    # In those of shear the work along it passes from plus to minus infinity.
+    strained = np.array([len(block.strains) > 0 for block in fan.blocks], dtype=bool)
+    poles = singular[:, strained].any(axis=1)
     branching = np.asarray(singular.any(axis=1))
     fires[branching, columns["spectral"]] = False
     for k, kind in enumerate(SPECTRAL):
         own = rows[fires[:, columns["spectral"].start + k]]
         limits.record(kind, own, now.take(own))
     opening = fires[:, columns["opening"]].any(axis=1)
-    poles = singular[:, shear].any(axis=1) if fan.blocks else ends
-    told = {"opening": opening, "branching": branching, "limit": ends, "cone_opening": poles | ends}
+    told = {"opening": opening, "branching": branching, "limit": ends, "cone_opening": poles}
     for kind, where in told.items():
         limits.record(kind, rows[where], now.take(rows[where]))
     kept = np.where(singular, 0.0, balance[rows, :, 0])

@@ -43,7 +43,7 @@ from stability.paths.state import (
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme, Stage
-from stability.rate_problem import ELASTIC, SEARCH_LIMIT, Choice, RateProblem
+from stability.rate_problem import SEARCH_LIMIT, Choice, RateProblem
 from stability.spectra import subspace_basis
 
 # Steps that a stage takes at least, if it is as long as its start promises.
@@ -197,7 +197,7 @@ class LoopPathSolver:
             if outcome is not None:
                 return outcome
             expected, before = expected_choices(end), end.here
-            self._take_on_contacts(end, expected)
+            self._take_on_contacts(end)
             moved = float(np.abs(end.here.H - here.H).max()) > NO_STRAIN
             idle = 0 if moved else idle + 1
             if idle > CHATTER:
@@ -315,7 +315,7 @@ class LoopPathSolver:
                 del self.record.rows[rows:], self.record.events[events:]
         return end
 
-    def _take_on_contacts(self, end: SegmentEnd, expected: dict[int, Choice]) -> None:
+    def _take_on_contacts(self, end: SegmentEnd) -> None:
         """Grains that have come to touch overlap from now on, or get a contact."""
         pairs = touched_pairs(end)
         if len(pairs) == 0:
@@ -324,8 +324,6 @@ class LoopPathSolver:
         if self.options.contact_on_touch != "add":
             return
         state, old, new = unpack(self.model, self.y), self.mode, len(pairs)
-        for k in range(new):
-            expected[self.model.contact_count + k] = ELASTIC
         self.model = with_contact(self.model, pairs)
         shear = np.concatenate([state.shear_force, np.zeros(new)])
         self.y = pack(state.place, shear, state.parameter, state.work)

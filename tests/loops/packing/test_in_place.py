@@ -202,11 +202,12 @@ def test_compliance_is_the_mean_strain_of_unit_stresses():
     )
 
 
-def gear_train(pairs, count, unit=1.0):
-    """Modes of spins that roll on each other, radii of 1, 2, 3 and so on."""
+def gear_train(pairs, count, unit=1.0, radii=None):
+    """Modes of spins that roll on each other, radii of 1, 2, 3 and so on if not given."""
     blocks, ends = np.zeros((len(pairs), 4, 4)), np.full((len(pairs), 6), -1)
-    for k, (a, b) in enumerate(pairs):
-        blocks[k, 2:, 2:] = unit * np.outer([1.0 + a, 1.0 + b], [1.0 + a, 1.0 + b])
+    radii = 1.0 + np.arange(count) if radii is None else radii
+    for k, pair in enumerate(pairs):
+        blocks[k, 2:, 2:] = unit * np.outer(radii[pair], radii[pair])
     ends[:, 4:] = pairs
     return spin_modes(blocks, ends, count)
 
@@ -219,6 +220,15 @@ def test_grains_around_one_are_one_gear_in_any_units(unit):
         assert mode.tolist() == [0, 0, 0, 0, -1]
         for a, b in pairs:
             assert (1 + a) * motion[a] == pytest.approx(-(1 + b) * motion[b], abs=1e-15)
+
+
+def test_the_spin_of_the_smallest_gear_is_one():
+    """Spins of a train are as the inverse radii, with alternating signs; two trains."""
+    radii = np.array([4.0, 2.0, 1.0, 5.0, 0.5])
+    mode, motion = gear_train([[0, 1], [1, 2], [3, 4]], 5, radii=radii)
+    assert mode.tolist() == [0, 0, 0, 1, 1]
+    wanted = np.array([1 / 4, -1 / 2, 1.0, 1 / 10, -1.0])
+    np.testing.assert_allclose(motion * np.sign(motion[[0, 0, 0, 3, 3]]), wanted, rtol=1e-14)
 
 
 def test_gears_and_free_spins_are_found():

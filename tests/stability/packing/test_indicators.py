@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, Regime, branch_vectors, find_faces, loop_batches
+from loops import GrainGraph, LinearFrictional, Regime, branch_vectors, find_faces, loop_batches
 from loops.assembly import contact_tangent
 from loops.graph import contact_state
 from loops.packing import packing_system, stiffness_matrix
@@ -39,7 +39,23 @@ def dense(system):
 @pytest.mark.parametrize(("seed", "sliding"), [(0, 0.0), (1, 0.2), (2, 0.3)])
 def test_entries_of_the_inverse(seed, sliding):
     """Equal to the dense pseudo-inverse, with sliding contacts too: K is then nonsymmetric."""
-    system = packing_system(packing(30, seed=seed, sliding=sliding), LAW)
+    held_to_dense(packing_system(packing(30, seed=seed, sliding=sliding), LAW))
+
+
+def test_entries_of_the_inverse_of_two_components():
+    """Two packings of unequal numbers of grains in one cell, no contact between them."""
+    one, two = packing(16, seed=1), packing(11, seed=2)
+    both = {
+        name: np.concatenate([getattr(one, name), getattr(two, name)])
+        for name in ("x", "radii", "images", "normal_force", "shear_force")
+    }
+    contacts = np.concatenate([one.contacts, one.grain_count + two.contacts])
+    system = packing_system(GrainGraph(contacts=contacts, cell=one.cell, **both), LAW)
+    assert len(system.carrying.anchors) == 2
+    held_to_dense(system)
+
+
+def held_to_dense(system):
     inverse = dense(system)[0]
     found = inverse_at_contacts(system)
     pairs = system.graph.contacts[system.contacts]

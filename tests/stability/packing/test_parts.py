@@ -8,13 +8,18 @@ import pytest
 
 from loops import GrainGraph, InputError
 from stability.packing import regime_regions
-from stability.packing.complementarity import scaled_definite
+from stability.packing.complementarity import principal_transform, scaled_definite
 from stability.packing.pairs import _as_known, require_replayable
 from stability.packing.regime_regions import RegimeRegions, cones
 from stability.packing.response import PackingRates
 from stability.packing.solution_branch import trace_branch
 from stability.packing.sustain import keeps_growing
-from stability.packing.yield_response import slip_motion, yield_response
+from stability.packing.yield_response import (
+    condensed,
+    linear_answer,
+    slip_motion,
+    yield_response,
+)
 from tests.packings import LAW, packing
 
 
@@ -49,6 +54,25 @@ def test_the_share_of_a_slip_that_no_motion_balances():
         answer = replace(rates.elastic, factor=factor)
         share = slip_motion(yielding, answer, rates.every)[1]
         np.testing.assert_allclose(share, 1.0 - kept, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_some_sliding_is_a_principal_transform_of_all_sticking(seed):
+    """Condensed about any regimes, `w` and `z` of the sliding contacts change places."""
+    yielding = yield_response(packing(16, seed, 0.9, 0.3), LAW, yield_band=0.99)
+    rates = PackingRates(yielding)
+    M, stress = rates.whole
+    active = np.arange(len(M)) % 3 == 1
+    assert 0 < active.sum() < len(M)
+    answer = linear_answer(yielding, active)
+    motion = slip_motion(yielding, answer, rates.every)[0]
+    found, of_found = condensed(yielding, active, answer, rates.every, motion)
+    _, table = principal_transform(np.zeros(len(M)), M, active)
+    np.testing.assert_allclose(found, table, rtol=0, atol=1e-9 * np.abs(table).max())
+    # Slips of all contacts per variable: of sliding ones from the table, of others their own.
+    slips = np.where(active[:, None], table, np.eye(len(M)))
+    wanted = stress @ slips
+    np.testing.assert_allclose(of_found, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
 def test_a_wall_is_as_stiff_to_others_as_to_those_that_are_known():

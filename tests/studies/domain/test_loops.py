@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional, contact_state
+from loops import GrainGraph, InputError, LinearFrictional, contact_state
 from loops.symmetry import loop_symmetry
 from patterns import regular_polygon
 from patterns.polygons import opposite_gap
@@ -211,9 +211,47 @@ def test_roots_are_found_and_starts_below_zero_kept():
     def values(x, pick):
         return wanted[pick] - x
 
-    found = first_sign_change(values, np.zeros(3), wanted - 1.0)
+    found = first_sign_change(values, np.zeros(3))
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-15)
-    assert first_sign_change(lambda x, pick: -1.0 - x, np.zeros(1), np.array([-2.0]))[0] == 0.0
+    assert first_sign_change(lambda x, pick: -1.0 - x, np.zeros(1))[0] == 0.0
+
+
+def affine_fan(overlap, mu, angles):
+    """Of six grains of radius (1 + overlap) / 2 whose branches have length 1."""
+    loop, law = regular_polygon(6), LinearFrictional(1.0, KAPPA, mu)
+    loop = GrainGraph(x=loop.x, radii=(1.0 + overlap) * loop.radii, contacts=loop.contacts)
+    loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
+    model = path_model(loop, contact_state(loop), law, "affine", "blocked", None)
+    np.testing.assert_allclose(model.overlap0, overlap, rtol=1e-9, atol=1e-12)
+    return Fan(model, "strain", np.radians(angles), 0.3)
+
+
+def test_a_contact_at_its_strength_slides_at_once_where_the_rates_ask_for_it():
+    """Rates of the affine motion `-d0 H'`: it slides where |T| grows faster than its strength."""
+    mu, overlap = 0.2, 0.05
+    fan = affine_fan(overlap, mu, np.arange(-160.0, 180.0, 40.0))
+    d, H = fan.model.d0[1], np.stack([np.cos(fan.programme), np.sin(fan.programme)], axis=1)
+    n = d / np.linalg.norm(d)
+    t = np.array([-n[1], n[0]])
+    normal, shear = (H * d) @ n, KAPPA * (H * d) @ t
+    for side in (1.0, -1.0):
+        slides = side * shear > mu * normal
+        assert 0 < slides.sum() < len(slides)
+        for share, at_once in ((1.0 - 1e-12, slides), (1.0 - 1e-6, np.zeros_like(slides))):
+            T = np.zeros(6)
+            T[1] = side * mu * overlap * share
+            limits = first_limits(fan, LoopStates.at_rest(1, 6, T))
+            begun = limits.found["yield"] & (limits.states["yield"].H == 0.0).all(axis=1)
+            np.testing.assert_array_equal(begun, at_once)
+
+
+@pytest.mark.parametrize("overlap", [0.0, 1e-13, 1e-3])
+def test_contacts_that_just_touch_part_at_once(overlap):
+    """Others part where the stretch of their branch, `-H11` of its length 1, is their overlap."""
+    limits = first_limits(affine_fan(overlap, np.inf, [-135.0]), LoopStates.at_rest(1, 6))
+    wanted = -overlap if overlap > 1e-11 else 0.0
+    assert limits.found["opening"][0] and not limits.open_question[0]
+    assert limits.states["opening"].H[0, 0] == pytest.approx(wanted, rel=1e-11, abs=0)
 
 
 def test_fan_compresses_every_branch():
