@@ -53,8 +53,9 @@ def solve_complementarity(
 ) -> Complementarity:
     """All solutions by enumeration where that is short; else Newton and Lemke from several starts.
 
-    A start is an active set: none, all, those of negative `q`, then random ones. Active sets that
-    are `known`, as from a branch of solutions, take the place of the random ones.
+    A start is an active set: none, all, those of negative `q`, then random ones, unless no `z >= 0`
+    has `q + M z >= 0`. Active sets that are `known`, as from a branch of solutions, take the place
+    of the random ones.
     """
     if len(q) <= ENUMERATED:
         return Complementarity(_distinct(_every_solution(q, M), len(q)), "enumeration")
@@ -62,15 +63,17 @@ def solve_complementarity(
     found = [active for active in known if violation(q, M, active) <= SIGN]
     if certain and found:
         return Complementarity(np.array(found[:1]), "positive definite")
-    for start in _starts(q, min(starts, NAMED_STARTS) if found else starts):
+    for number, start in enumerate(_starts(q, min(starts, NAMED_STARTS) if found else starts)):
+        if number == NAMED_STARTS and not found and _infeasible(q, M):
+            return known_solutions(q, M, found, "infeasible")
         active = solve_from(q, M, start)
         found += [] if active is None else [active]
         if certain and found:
             return Complementarity(np.array(found), "positive definite")
     if not found and (active := lemke(q, M)) is not None:
         found = [active]
-    proof = "infeasible" if not found and _infeasible(q, M) else ""
-    return known_solutions(q, M, found, proof)
+    none = not found and starts <= NAMED_STARTS and _infeasible(q, M)
+    return known_solutions(q, M, found, "infeasible" if none else "")
 
 
 def known_solutions(q: Floats, M: Floats, known: Sequence[Flags], proof: str) -> Complementarity:

@@ -319,7 +319,11 @@ def stored_energy(state: PackingState, pairs: Pairs) -> float:
 
 def rests(moving: Moving, slow: float) -> bool:
     """Whether resultants are small and the cell strains no faster than `slow`."""
-    state, motion = moving.state(), moving.motion
+    motion = moving.motion
+    # Without contacts there is no moment, and nothing to wait for.
+    if motion.moment.any() and not np.linalg.norm(motion.gradient) < slow:
+        return False
+    state = moving.state()
     if not state.closed.any():
         return True
     left = np.linalg.norm(motion.resultant[: state.count, :2], axis=1).mean() / state.mean_force

@@ -1,6 +1,7 @@
 """`grainloops sustain`: its tables against the numerics, restarts, processes, what it refuses."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,12 +10,15 @@ import pytest
 import grainloops as gl
 from loops import InputError, Regime
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
+from patterns.snapshots import WallContacts
 from stability.packing import sustain as sustain_packing
+from stability.packing.state import start_state
 from studies import sustain as study_module
 from studies.commands.packing import _sustain_lines
 from studies.sustain import run_sustain
 from tests.docs.test_columns_page import files_say
 from tests.packings import LAW, jammed
+from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
 from tests.studies.snapshot.test_run import run
 from tests.unsaved import leave_files_empty
 
@@ -148,6 +152,37 @@ def test_a_sample_between_walls_is_loaded_with_its_walls(tmp_path):
         assert error < 1e-10 + rounding * path.energy[0] / np.abs(path.work[:, 0]).max()
     summary = json.loads((out / "summary.json").read_text())
     np.testing.assert_array_equal(summary["stress"], found.stress)
+
+
+@pytest.mark.slow
+def test_a_sample_between_rough_walls_is_loaded_with_their_friction(tmp_path):
+    """The tables are the numerics of the stored packing with the springs of its walls."""
+    graph, planes, force = jammed_in_box(*JAMMED[4])
+    count, grains = graph.contact_count, graph.grain_count
+    law = gl.LinearFrictional(np.ones(count), np.full(count, 0.5), np.full(count, 0.5), "radii")
+    regime = np.full(count, Regime.ELASTIC, dtype=np.int8)
+    walls = WallContacts(planes.grain, force, -planes.branch, planes.kn, planes.kt, planes.mu)
+    path = tmp_path / "grains.parquet"
+    write_snapshot(path, Snapshot(graph, law, regime, np.arange(grains), len(force), (), walls))
+    start = start_state(graph, planes, force)
+    how = {"largest": 0.25 * np.trace(start.stress), "interval": 4e-5}
+    run_sustain(
+        path, tmp_path / "out", directions=2, workers=1, figures=False, shear_increment="radii",
+        **how,
+    )  # fmt: skip
+    table = pd.read_parquet(tmp_path / "out" / "sustain.parquet")
+    limits = []
+    for mu in (planes.mu, 0.5 * planes.mu):
+        of_walls = {"planes": replace(planes, mu=mu), "plane_force": force}
+        held = gl.hold(graph, law, volume=np.linalg.det(start.cell), **of_walls)
+        at_walls = {"planes": held.planes, "plane_force": held.plane_force}
+        limits.append(sustain_packing(held.graph, law, 2, **how, **at_walls))
+    found, other = limits
+    assert table["status"].tolist() == found.status.tolist() == ["failed", "failed"]
+    # Held by another call, whose box is rounded otherwise: motions raise that to 3e-7 of a limit.
+    np.testing.assert_allclose(table["limit"], found.limit, rtol=1e-5)
+    # With half of the walls' friction it holds less: the walls were read with theirs.
+    assert (other.limit < 0.6 * found.limit).all()
 
 
 def test_refusals(state, tmp_path, monkeypatch, capsys):

@@ -61,11 +61,16 @@ def test_one_contact_has_none_one_or_two_solutions():
     assert (count(1.0, -1.0), count(-1.0, -1.0)) == (2, 0)
 
 
-def test_many_contacts_without_a_solution_are_proved_to_have_none():
+def test_many_contacts_without_a_solution_are_proved_to_have_none(monkeypatch):
     q, M = random_problem(30, 2)
     q, M = np.append(q, -1.0), np.pad(M, (0, 1))
-    found = solve_complementarity(q, M)
-    assert len(found.active) == 0 and found.proof == "infeasible"
+    tried = []
+    monkeypatch.setattr(complementarity, "solve_from", lambda *problem: tried.append(problem))
+    for starts in (2, 10):
+        found = solve_complementarity(q, M, starts)
+        assert len(found.active) == 0 and found.proof == "infeasible"
+    # After the proof no random start is tried.
+    assert len(tried) == 2 + 3
 
 
 def test_two_solutions_are_found_from_different_starts():

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, fsolve
 
-from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, find_faces
+from loops import (
+    GrainGraph,
+    HertzMindlin,
+    InputError,
+    LinearFrictional,
+    RollingResistance,
+    find_faces,
+)
 from loops.packing import PlaneContacts
 from stability import Stage
 from stability.packing import replay, sustain
@@ -184,7 +191,18 @@ def test_bad_input():
     with pytest.raises(InputError, match="most_snaps"):
         sustain(SQUARE, LAW, 4, most_snaps=-1)
     with pytest.raises(InputError, match="law"):
-        sustain(SQUARE, HertzMindlin(1.0, 0.3, 0.5), 4)
+        sustain(SQUARE, RollingResistance(LAW, 0.1), 4)
+
+
+@pytest.mark.slow
+def test_a_square_of_hertzian_discs_fails_where_its_contacts_open():
+    """Each carries `2/3 E/(1 - nu^2) sqrt(r/2) overlap^(3/2)`: the stress of both axes."""
+    law = HertzMindlin(1.0, 0.3, 0.5)
+    force = 2 / 3 / (1 - 0.3**2) * np.sqrt(0.505 / 2) * 0.01**1.5
+    found = sustain(SQUARE, law, [[-1, 0]], largest=2 * force, interval=1e-4)
+    assert found.status.tolist() == ["failed"]
+    # Its stiffness vanishes with the force: the control meets its limit a little before.
+    assert found.limit == pytest.approx([force], rel=1e-6)
 
 
 def test_a_square_of_discs_between_walls_fails_where_its_contacts_open():
