@@ -198,7 +198,7 @@ def test_sums_of_the_events():
 
 def test_sums_of_the_slow_replays():
     (rows,) = TABLES["What is quasi-static about Yade"]
-    told = [[row[title].split(" of ") for row in rows] for title in list(rows[0])[4:]]
+    told = [[row[title].split(" of ") for row in rows] for title in list(rows[0])[5:]]
     (path, of_yade), (slow, again), (found, of_slow) = (
         np.array(part, dtype=int).sum(axis=0) for part in told
     )
@@ -210,7 +210,7 @@ def test_sums_of_the_slow_replays():
 @in_collection
 @pytest.mark.parametrize("row", [5, 6])
 def test_slow_replays(row):
-    """Unit density, where the table has Yade's masses: the same loops, forces as near as that.
+    """Unit density, whatever the masses of the row: the same loops, forces as near as that.
 
     Replays turn on rounding and on inertia; both distances are told on the page.
     """
