@@ -194,7 +194,7 @@ class Snapshot(Shown):
         >>> from patterns import read_snapshot, sample_path
         >>> tables = read_snapshot(sample_path()).tables()
         >>> [*tables["grains"]], len(tables["contacts"]["fx_on_2"]), len(tables["walls"]["id"])
-        (['id', 'x', 'y', 'radius', 'theta_z', 'mass'], 819, 61)
+        (['id', 'x', 'y', 'radius', 'theta_z', 'mass', 'vx', 'vy', 'omega_z'], 819, 61)
         """
         graph, ids, walls = self.graph, self.ids, self.walls
         grains: dict[str, NDArray[Any]] = {

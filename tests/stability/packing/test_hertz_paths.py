@@ -102,12 +102,13 @@ def test_a_lattice_replayed_under_isotropic_strain_in_closed_form(strain):
 
 @pytest.mark.parametrize("history", ["force", "displacement"])
 def test_the_energy_closes_through_instabilities(history):
-    """Between rough walls, the motion through an instability by the equations of motion."""
+    """Between rough walls; with the force kept the path moves on through an instability."""
     graph, planes, force = jammed_in_box(*ROUGH)
     how = {"planes": planes, "plane_force": force, "past": "dynamic", "interval": 4e-5}
     stage = Stage(programmes.drained_biaxial(), "H11", 6e-3)
     path = follow(graph, hertz_of(graph, history), stage, closure="packing", **how)
-    assert path.status == "finished" and path.of_kind("instability")
+    assert path.status == "finished"
+    assert bool(path.of_kind("instability")) == (history == "force")
     work, *spent = path.work[-1]
     assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
 

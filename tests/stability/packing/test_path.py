@@ -9,7 +9,6 @@ import pytest
 
 from loops import (
     GrainGraph,
-    HertzMindlin,
     InputError,
     LinearFrictional,
     RollingResistance,
@@ -520,7 +519,6 @@ def test_the_load_of_the_start_decreases(kept):
     [
         ({"load_kept": 1.1}, "load_kept"),
         ({"law": RollingResistance(LAW, 0.02)}, "piecewise linear"),
-        ({"law": HertzMindlin(1.0, 0.3, 0.5), "past": "dynamic"}, "piecewise linear"),
         ({"stages": []}, "stages"),
         ({"rows": -1}, "rows"),
         ({"interval": 0.0}, "interval"),
