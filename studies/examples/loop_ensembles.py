@@ -7,7 +7,7 @@ Each real loop is ranked among the random ones of its order and number of slidin
 beside convex, that are next to it in elongation and mobilisation, the mean of |T|/(mu N): the rank
 is uniform if it is one of them.
 
-    python -m studies.examples.loop_ensembles --out DIR [--cells TABLE] [SNAPSHOT...]
+    python -m studies.examples.loop_ensembles DIR [--cells TABLE] [SNAPSHOT...]
 """
 
 from __future__ import annotations
@@ -428,7 +428,7 @@ def main(
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m studies.examples.loop_ensembles")
-    parser.add_argument("--out", type=Path, required=True, help="Folder of the results.")
+    parser.add_argument("out", type=Path, help="Folder of the results.")
     parser.add_argument("--loops", type=int, default=LOOPS, help="Number of random loops.")
     parser.add_argument("--seed", type=int, default=SEED, help="Seed of the random numbers.")
     parser.add_argument("--cells", type=Path, help="Table of periodic cells by snapshot.")
