@@ -1,53 +1,69 @@
-"""The paper's diamond followed to A (isotropic strain) and B (drained), and its closed forms.
+"""The diamond study: the path to A (isotropic strain) and B (drained), its tables and summary.
 
-Strains and shear forces are those of the path; operators follow by the paper's closed forms. A
-contact added between opposite grains lies along an axis, so that it neither turns nor shears: its
-force is the overlap, and it adds `1/tan(alpha0)` to K11 or `tan(alpha0)` to K22.
+Strains and shear forces are those of the path; operators follow by the paper's closed forms.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
-from loops import GrainGraph, Regime
+from loops import GrainGraph, Regime, macroscopic_tangent
 from loops.arrays import Flags, Floats
+from loops.closures import Closure
 from patterns.diamond import (
     DiamondParameters,
-    angle_from_strains,
-    determinant_elastic,
-    determinant_sliding,
-    elastic_moduli,
-    external_forces,
-    geometric_tangent,
-    material_tangent,
+    drained_states_after_turn,
+    isotropic_tangent,
     opposite_gaps,
-    overlap_ratio,
-    sliding_moduli,
 )
 from patterns.diamond.closed_form import (
-    geometric_asymmetry,
-    material_asymmetry,
-    opposite_contact_strain,
+    OPPOSITE,
+    TOUCHING_ATOL,
+    DiamondStates,
+    definite_intervals,
+    diamond_states,
+    drained_slope,
+    graph_of_states,
+    touching_strains,
+    work_compress_then_shear,
+    work_shear_then_compress,
 )
+from stability import Path as LoopPath
 from stability import (
-    Path,
     PolarDiagram,
+    Verdict,
     alpha_e,
+    bromwich_margin,
     directional_work,
+    judge,
     normalised_second_order_work,
     operator_norm,
     plane_cone,
+    restrict,
     statuses,
+    symmetric_part,
 )
-from studies.paths.followed import Followed, follow_path, operator_diagram, plane_columns
+from studies.output import UNITS_OF_A_LOOP, definitions
+from studies.paths.figures import diamond_figures, operator_diagram
 from studies.paths.options import DiamondOptions
+from studies.paths.polygon import (
+    YIELD_RTOL,
+    Followed,
+    follow_path,
+    plane_columns,
+)
+from studies.study import study
 
+# Named states by the event at which each is reached.
 NAMED = {"det_K_zero": "I", "programme_change": "A", "yield": "B"}
 DETERMINANTS = ("det_Ks_zero", "det_K_zero")
 # Kinds of events in the summary; the remaining events of a path follow from these.
@@ -55,107 +71,41 @@ LISTED_KINDS = (
     "opposite_contact", *DETERMINANTS, "programme_change", "yield", "unloading", "opening",
     "control_limit",
 )  # fmt: skip
-# Rounding of the angle, within which opposite grains touch in the reference.
-TOUCHING_ATOL = 4.0 * np.finfo(np.float64).eps
-# Contacts are at yield if |T| lacks at most this share of mu N.
-YIELD_RTOL = 1e-9
-# Opposite grains on axis 1 and on axis 2.
-OPPOSITE = ([0, 2], [1, 3])
+CLOSURES: tuple[Closure, ...] = ("affine", "traction")
+# Compression of Fig. 4 if the confinement is zero, and its largest turn of the branch.
+COMPRESSION, LAST_ANGLE = 0.2, np.pi / 4
+ROUTES = {
+    "shear_then_compress": ("shear", "compress"),
+    "compress_then_shear": ("compress", "shear"),
+}
+# Columns of the comparison of paths with and without added contacts.
+ADDED_COLUMNS = [
+    "stage", "regime", "E1", "E2", "s1", "s2", "lambda_1", "lambda_2", "det_K", "det_Ks",
+    "chord_1", "chord_2",
+]  # fmt: skip
+NAMED_STATES = ("I", "A", "B")
+EVENT_VALUES = ("E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks")
+STATE_VALUES = ("E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2", "det_K", "det_Ks")
 
 
-@dataclass(frozen=True, eq=False)
-class DiamondStates:
-    """States of a diamond with their tangents; arrays (n, ...), radians.
+def run_diamond(
+    options: DiamondOptions, out: Path, *, force: bool = False, csv: bool = False
+) -> dict[str, Any]:
+    """Follow a diamond and write `summary.json`, tables and figures; return the summary.
 
-    Forces are over `kn l0`, stresses over `kn`; T is positive when alpha grows. `added (n, 2)`
-    tells whether the opposite grains on axis 1, and on axis 2, share a contact. The tangent
-    `K (n, 2, 2)` of `s' = K E'` is `material + geometric` (25) to (28), an added contact being
-    material; determinants (35), (36), and `det Ks = det K - ((K12 - K21)/2)^2`.
+    Tables `path`, `polar`, `path_dependence`; the loop at A as a plain snapshot, `grains_A` and
+    `contacts_A`; with contacts added, `added_contact`.
     """
-
-    E1: Floats
-    E2: Floats
-    alpha: Floats
-    N: Floats
-    T: Floats
-    s1: Floats
-    s2: Floats
-    sliding: Flags
-    added: Flags
-    K: Floats
-    material: Floats
-    geometric: Floats
-    det_K: Floats
-    det_Ks: Floats
-
-    @property
-    def length(self) -> Floats:
-        """Branch length over `l0`."""
-        return 1.0 - self.N
-
-    @property
-    def regime(self) -> NDArray[np.str_]:
-        """Regime of the four contacts, 'elastic' or 'sliding'."""
-        return np.where(self.sliding, "sliding", "elastic")
-
-    def take(self, rows: NDArray[np.intp] | Sequence[int] | slice) -> DiamondStates:
-        """States at these rows."""
-        return DiamondStates(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-
-def diamond_states(
-    loop: DiamondParameters,
-    E1: ArrayLike,
-    E2: ArrayLike,
-    T: ArrayLike = 0.0,
-    *,
-    sliding: ArrayLike = False,
-    added: ArrayLike = (False, False),
-    N: Floats | None = None,
-    s1: Floats | None = None,
-    s2: Floats | None = None,
-) -> DiamondStates:
-    """States (n,) at strains and shear forces, their contacts sticking or sliding.
-
-    Normal force and stresses follow in closed form unless they are given.
-    """
-    rows = [np.atleast_1d(np.asarray(value, dtype=float)) for value in (E1, E2, T)]
-    E1, E2, T = np.broadcast_arrays(*rows)
-    sliding = np.broadcast_to(np.asarray(sliding, dtype=bool), E1.shape)
-    added = np.broadcast_to(np.asarray(added, dtype=bool), (E1.size, 2))
-    alpha0, t0, alpha = loop.alpha0, np.tan(loop.alpha0), angle_from_strains(E1, E2, loop.alpha0)
-    N = overlap_ratio(E1, E2, alpha0) if N is None else N
-    overlap = -np.stack(opposite_gaps(E1, E2, alpha0), axis=-1) * added
-    # Shares of the added contacts in the stresses: they don't turn with the branches.
-    across1, across2 = (
-        overlap[:, 0] / (2.0 * np.sin(alpha0)),
-        overlap[:, 1] / (2.0 * np.cos(alpha0)),
-    )
-    F1, F2 = external_forces(N, T, alpha)
-    s1 = F1 / (2.0 * np.sin(alpha0)) + across1 if s1 is None else s1
-    s2 = F2 / (2.0 * np.cos(alpha0)) + across2 if s2 is None else s2
-    turning = E1, E2, s1 - across1, s2 - across2
-    # Friction may be infinite where nothing slides.
-    sign, mu = np.where(T < 0.0, -1.0, 1.0), loop.mu if sliding.any() else 0.0
-    pairs = zip(sliding_moduli(alpha, mu, sign), elastic_moduli(loop.kappa), strict=True)
-    moduli = (np.where(sliding, slip, stick) for slip, stick in pairs)
-    bare = material_tangent(E1, E2, alpha0, *moduli)
-    geometric = geometric_tangent(*turning, alpha0)
-    springs = np.stack([added[:, 0] / t0, added[:, 1] * t0], axis=-1)
-    slip_det, stick_det = (
-        determinant_sliding(*turning, alpha, mu, sign),
-        determinant_elastic(*turning, alpha, loop.kappa),
-    )
-    ring = bare + geometric
-    det_K = np.where(sliding, slip_det, stick_det) + springs.prod(axis=-1)
-    det_K = det_K + springs[:, 0] * ring[:, 1, 1] + springs[:, 1] * ring[:, 0, 0]
-    asymmetry = geometric_asymmetry(*turning, alpha)
-    asymmetry = asymmetry + np.where(sliding, material_asymmetry(mu, sign), 0.0)
-    material = bare + springs[:, :, None] * np.eye(2)
-    return DiamondStates(
-        *(E1, E2, alpha, N, T, s1, s2, sliding, added),
-        *(material + geometric, material, geometric, det_K, det_K - (0.5 * asymmetry) ** 2),
-    )
+    made = ("diamond", out, options.described(), UNITS_OF_A_LOOP)
+    with study(*made, force=force, csv=csv) as results:
+        found, ignored = follow_diamond(options), None
+        if options.contact_on_touch == "add":
+            ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
+        tables, summary = diamond_tables(found, ignored), diamond_summary(found)
+        results.write_tables(tables)
+        summary = results.write_summary(summary)
+        results.save_figures(diamond_figures(found, ignored, tables["path_dependence"]))
+    return summary
 
 
 def state_columns(states: DiamondStates) -> pd.DataFrame:
@@ -190,13 +140,20 @@ def state_columns(states: DiamondStates) -> pd.DataFrame:
 class FollowedDiamond(Followed):
     """A diamond's path; `marks` are I (det K = 0 in the confinement), A and B, where reached.
 
-    `listed` are the events as (kind, row), every row the state as the path arrives there.
+    `touching` are the strains at which opposite grains meet on axis 1 and on axis 2. `listed` are
+    the events as (kind, row), every row the state as the path arrives there.
     """
 
     options: DiamondOptions
     loop: DiamondParameters
     states: DiamondStates
+    touching: tuple[float, float]
     listed: tuple[tuple[str, int], ...]
+
+    @property
+    def gaps(self) -> tuple[Floats, Floats]:
+        """Gaps (R,) between opposite grains on axis 1 and on axis 2, over l0."""
+        return opposite_gaps(self.E1, self.E2, self.loop.alpha0)
 
     @cached_property
     def energies(self) -> dict[str, Floats]:
@@ -214,6 +171,17 @@ class FollowedDiamond(Followed):
         row, states = self.marks["B"], self.states
         at = (states.E1[row], states.E2[row], states.T[row])
         return diamond_states(self.loop, *at, sliding=True, added=states.added[row])
+
+    @cached_property
+    def generic(self) -> dict[str, Floats]:
+        """Tangent (R, 4, 4) of any loop applied to every state, by closure; NaN if not trusted."""
+        return {closure: self.tangents_of(self.states, closure) for closure in CLOSURES}
+
+    def tangents_of(self, states: DiamondStates, closure: Closure) -> Floats:
+        """Tangents (n, 4, 4) of any loop applied to states, over `L10 L20`."""
+        graph = graph_of_states(self.loop, states)
+        law, volume = self.options.law(), self.options.volume
+        return macroscopic_tangent(graph, law, closure, volume=volume).matrix
 
     @cached_property
     def diagrams(self) -> dict[str, tuple[PolarDiagram, Flags]]:
@@ -251,14 +219,13 @@ class FollowedDiamond(Followed):
         contacts added there; energies.
         """
         direction, chords = self.direction, on_axes(self.path, self.path.normal_force)
-        gaps = opposite_gaps(self.E1, self.E2, self.loop.alpha0)
         moves = np.isfinite(direction[:, 0])
         w2 = normalised_second_order_work(self.K, np.where(moves[:, None], direction, 1.0))
         alpha = alpha_e(np.arctan2(direction[:, 1], direction[:, 0]))
         more: dict[str, Floats] = {
             "loading_alphaE_deg": np.degrees(alpha),
             "w2_loading": np.where(moves, w2, np.nan),
-            **{f"gap_{axis}": gap for axis, gap in enumerate(gaps, start=1)},
+            **{f"gap_{axis}": gap for axis, gap in enumerate(self.gaps, start=1)},
             **{f"chord_{axis}": chords[:, axis - 1] for axis in (1, 2)},
             **self.energies,
         }
@@ -274,7 +241,7 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
     >>> {name: round(float(found.E1[row]), 6) for name, row in found.marks.items()}
     {'I': 0.166667, 'A': 0.3, 'B': 0.409734}
     """
-    path, loop = follow_path(options), options.parameters
+    (path, stages), loop = follow_path(options), options.parameters
     states = diamond_states(
         *(loop, path.H[:, 0], path.H[:, 3], path.shear_force[:, 0]),
         sliding=path.regime[:, 0] == Regime.SLIDING,
@@ -283,24 +250,10 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
         s1=path.P[:, 0],
         s2=path.P[:, 3],
     )
-    listed, marks = listed_events(options, path, states), dict[str, int]()
-    for kind, row in listed:
-        name = NAMED.get(kind)
-        if name and name not in marks and (name != "I" or path.stage[row] == 0):
-            marks[name] = row
-    operators = states.K, states.det_K, states.det_Ks
-    return FollowedDiamond(options, path, marks, *operators, loop, states, listed)
-
-
-def listed_events(
-    options: DiamondOptions, path: Path, states: DiamondStates
-) -> tuple[tuple[str, int], ...]:
-    """Events of the summary as (kind, row), each once; A is among them however the path ends."""
-    loop, listed = options.parameters, list[tuple[str, int]]()
-    apart = np.array(touching_strains(loop)) >= 0.0
+    listed, marks, touching = list[tuple[str, int]](), dict[str, int](), touching_strains(loop)
     for event in path.events:
         row = event.index
-        if event.kind == "opposite_contact" and not apart[event.contacts[0]]:
+        if event.kind == "opposite_contact" and touching[event.contacts[0]] < 0.0:
             continue
         jumps = event.kind in DETERMINANTS and event.detail.startswith("jump")
         if event.kind not in LISTED_KINDS or jumps or (event.kind, row) in listed:
@@ -309,33 +262,328 @@ def listed_events(
         if event.kind == "control_limit" and event.contacts and at_yield:
             listed.append(("yield", row))
         listed.append((event.kind, row))
-    if len(options.stages()) == 1:
-        return (*listed, ("programme_change", 0), ("opening", 0))
-    if min(loop.kappa, loop.mu) == 0.0:
+    # The state A is among the events however the path ends.
+    if len(stages) == 1:
+        listed += [("programme_change", 0), ("opening", 0)]
+    elif min(loop.kappa, loop.mu) == 0.0:
         # Without shear stiffness or friction det K = -N/l: never positive.
         listed = [*((kind, 0) for kind in DETERMINANTS), *listed]
-    if loop.mu == 0.0:
-        at_A = next(k for k, (kind, _) in enumerate(listed) if kind == "programme_change")
-        listed.insert(at_A + 1, ("yield", listed[at_A][1]))
-    return tuple(listed)
+        if loop.mu == 0.0:
+            at_A = next(k for k, (kind, _) in enumerate(listed) if kind == "programme_change")
+            listed.insert(at_A + 1, ("yield", listed[at_A][1]))
+    for kind, row in listed:
+        name = NAMED.get(kind)
+        if name and name not in marks and (name != "I" or path.stage[row] == 0):
+            marks[name] = row
+    operators = states.K, states.det_K, states.det_Ks
+    return FollowedDiamond(
+        options, path, stages, marks, *operators, loop, states, touching, tuple(listed)
+    )
 
 
-def touching_strains(loop: DiamondParameters) -> tuple[float, float]:
-    """Strains E1 and E2 at which the opposite grains on axis 1, and on axis 2, meet.
-
-    `1 - l0/L10` and `1 - l0/L20`; negative where the grains overlap from the start.
-    """
-    on1, on2 = (1.0 - 0.5 / length for length in (np.cos(loop.alpha0), np.sin(loop.alpha0)))
-    first = float(opposite_contact_strain(loop.alpha0))
-    # At 45 degrees both pairs meet at once, whatever the rounding of sine and cosine.
-    on1, on2 = (first if abs(E - first) <= TOUCHING_ATOL else float(E) for E in (on1, on2))
-    return tuple(0.0 if abs(E) <= TOUCHING_ATOL else E for E in (on1, on2))  # type: ignore[return-value]
-
-
-def on_axes(path: Path, values: NDArray[np.generic]) -> Floats:
+def on_axes(path: LoopPath, values: NDArray[np.generic]) -> Floats:
     """(R, 2) values of the contacts added on axis 1 and on axis 2, zero where there is none."""
     columns = np.zeros((len(path), 2))
     for axis, grains in enumerate(OPPOSITE):
         here = np.flatnonzero((np.sort(path.contacts, axis=1) == grains).all(axis=1))
         columns[:, axis] = values[:, here].sum(axis=1)
     return columns
+
+
+def diamond_tables(
+    found: FollowedDiamond, ignored: FollowedDiamond | None
+) -> dict[str, pd.DataFrame]:
+    """Every table by its name; `ignored` is the path without added contacts, if they are added."""
+    tables = {
+        "path": found.table,
+        "polar": polar_table(found),
+        "path_dependence": path_dependence_table(found.loop),
+    }
+    if "A" in found.marks:
+        loop = snapshot_tables(found, found.marks["A"])
+        tables |= {f"{name}_A": table for name, table in loop.items()}
+    if ignored is not None:
+        both = {"ignored": ignored.table[ADDED_COLUMNS], "added": found.table[ADDED_COLUMNS]}
+        joined = pd.concat(both, names=["opposite"])
+        tables["added_contact"] = joined.reset_index("opposite").reset_index(drop=True)
+    return tables
+
+
+def snapshot_tables(found: FollowedDiamond, row: int) -> dict[str, pd.DataFrame]:
+    """The loop at a row as the two tables of a plain snapshot, `grains` and `contacts`."""
+    path = found.path
+    closed = np.flatnonzero(path.regime[row] != Regime.OPEN)
+    x, (i, j) = path.x[row], path.contacts[closed].T
+    branch = x[j] - x[i]
+    normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
+    tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    shear = path.shear_force[row, closed][:, None] * tangent
+    grains = {"id": np.arange(len(x)), "x": x[:, 0], "y": x[:, 1], "radius": 0.5}
+    contacts = {
+        "id1": i,
+        "id2": j,
+        "branch_x": branch[:, 0],
+        "branch_y": branch[:, 1],
+        "fn": path.normal_force[row, closed],
+        "fsx": shear[:, 0],
+        "fsy": shear[:, 1],
+        "kn": 1.0,
+        "ks": found.loop.kappa,
+        "mu": found.loop.mu,
+    }
+    return {"grains": pd.DataFrame(grains), "contacts": pd.DataFrame(contacts)}
+
+
+# ---- polar diagrams
+
+
+def polar_table(found: FollowedDiamond) -> pd.DataFrame:
+    """Normalised second-order work in every direction at the named states (45).
+
+    `alphaE_deg`, `tan(alphaE) = E1'/E2'`; `w2`; `x, y`, the points of the polar diagram,
+    `(2 + w2) (cos alphaE, sin alphaE)`; `regime` that the direction activates.
+    """
+    none = {"state": np.array([], dtype=str), "alphaE_deg": np.zeros(0), "w2": np.zeros(0)}
+    none |= {"x": np.zeros(0), "y": np.zeros(0), "regime": np.array([], dtype=str)}
+    tables = []
+    for name, (diagram, slides) in found.diagrams.items():
+        columns: dict[str, Any] = {"state": name, "alphaE_deg": np.degrees(diagram.angle)}
+        columns |= {"w2": diagram.work, "x": diagram.points[:, 0], "y": diagram.points[:, 1]}
+        columns["regime"] = np.where(slides, "sliding", "elastic")
+        tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(none)
+
+
+# ---- Fig. 4
+
+
+def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataFrame:
+    """Fig. 4: work along both routes over the turn of the branch, (9), (10) and integrated.
+
+    `kn = l0 = 1`, `kt = kappa`; the compression is the confinement, where there is one.
+    """
+    D = loop.confinement or COMPRESSION
+    alpha = np.linspace(0.0, LAST_ANGLE, angles)
+    columns = {
+        "alpha_deg": np.degrees(alpha),
+        "compression": D,
+        "shear_then_compress": work_shear_then_compress(1.0, alpha, D, 1.0, loop.kappa),
+        "compress_then_shear": work_compress_then_shear(1.0, alpha, D, 1.0, loop.kappa),
+    }
+    for route, legs in ROUTES.items():
+        # Integrate the rate law (8a), (8b) for all angles at once: length, N, T and work.
+        y = np.stack([np.ones_like(alpha), *np.zeros((3, alpha.size))])
+        for leg in legs:
+            stretching, turning = (0.0, alpha) if leg == "shear" else (-D, 0.0)
+
+            def slope(_: float, flat: Floats, a: float = stretching, b: Any = turning) -> Floats:
+                length, N, T, _work = flat.reshape(4, -1)
+                still = np.zeros_like(N)
+                arc = length * b
+                return np.concatenate([still + a, still - a, loop.kappa * arc, T * arc - N * a])
+
+            found = solve_ivp(slope, (0.0, 1.0), y.ravel(), "DOP853", rtol=1e-12, atol=1e-14)
+            y = found.y[:, -1].reshape(4, -1)
+        columns[f"{route}_integrated"] = y[-1]
+    return pd.DataFrame(columns)
+
+
+# ---- summary
+
+
+def diamond_summary(found: FollowedDiamond) -> dict[str, Any]:
+    """Summary of the study, without its provenance.
+
+    `states` are null where not reached; `added_contact` where none is added.
+    """
+    options, table = found.options, found.table
+    # Files by the number of the paper's figure; those of Table 1 for diamonds of other parameters.
+    stress, determinant = ("8", "9") if options.table == 2 else ("6", "7")
+    figures = {"4": "path_dependence", stress: "axial_stress", determinant: "determinant"}
+    figures |= {"10": "eigenvalues", **({"11": "polar"} if found.marks else {}), "12": "cone"}
+    end = table.iloc[-1]
+    # Strains between which the diamond is stable under isotropic strain, without and with contacts.
+    added = {
+        "touching_strains": list(found.touching),
+        "definite_ignored": definite_intervals(found.loop, added=False),
+        "definite_added": definite_intervals(found.loop, added=True),
+    }
+    return {
+        "parameters": options.described(),
+        "states": {name: _state(found, name) for name in NAMED_STATES},
+        "events": [
+            {"kind": kind, **{key: float(table[key][row]) for key in EVENT_VALUES}}
+            for kind, row in found.listed
+        ],
+        "end": {key: float(end[key]) for key in (*STATE_VALUES, *found.energies)},
+        "model": model_summary(found),
+        "verification": verification(found),
+        "added_contact": added if options.contact_on_touch == "add" else None,
+        "figures": figures,
+        "notes": _notes(found),
+        "definitions": definitions("diamond"),
+    }
+
+
+def _state(found: FollowedDiamond, name: str) -> dict[str, Any] | None:
+    """A named state with its operators; B has those of sliding contacts too, as `beyond`."""
+    if name not in found.marks:
+        return None
+    row, closure = found.marks[name], found.options.closure
+    here = found.table.iloc[row]
+    state = {
+        **{key: float(here[key]) for key in (*STATE_VALUES, *found.energies)},
+        **_operators(found.states.take([row]), here, closure, found.generic[closure][row]),
+        "gaps": [float(here["gap_1"]), float(here["gap_2"])],
+    }
+    if name == "B" and found.beyond is not None:
+        beyond, A = found.beyond, found.tangents_of(found.beyond, closure)[0]
+        state["beyond"] = _operators(beyond, state_columns(beyond).iloc[0], closure, A)
+    return state
+
+
+def _operators(
+    state: DiamondStates, columns: pd.Series, closure: Closure, A: Floats
+) -> dict[str, Any]:
+    """Operators of one state with their spectra, cone and verdicts; `A` is that of any loop."""
+    K = state.K[0]
+    verdict = judge(K)
+    return {
+        "regime": columns["regime"],
+        "det_K": float(state.det_K[0]),
+        "det_Ks": float(state.det_Ks[0]),
+        "K": K,
+        "Kmat": state.material[0],
+        "Kgeo": state.geometric[0],
+        "Ks": symmetric_part(K),
+        "eigenvalues_K": [[float(one.real), float(one.imag)] for one in verdict.eigenvalues],
+        "eigenvalues_Ks": verdict.symmetric_eigenvalues,
+        "cone": {
+            "status": columns["cone_status"],
+            "edges_deg": [float(columns[f"cone_edge_{k}_deg"]) for k in (1, 2)],
+            "opening_deg": float(columns["cone_opening_deg"]),
+            "axis_deg": float(columns["cone_axis_deg"]),
+            "unstable_fraction": float(columns["unstable_fraction"]),
+        },
+        "verdict": _verdict(verdict),
+        "generic": {"closure": closure, "tangent": A, "verdict": _verdict(judge(A, "symmetric"))},
+    }
+
+
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    names = ("status", "mode", "margin", "tolerance", "witness")
+    return {name: getattr(verdict, name) for name in names}
+
+
+# ---- verification
+
+
+def verification(found: FollowedDiamond) -> dict[str, Any]:
+    """Differences of independent routes to the same numbers on a path.
+
+    `generic_vs_closed_form`: the operator of any loop, both closures, in (11, 22) against (26),
+    `*_untrusted` its states without an answer; `isotropic`: (38) against (26); `det_K`: (35), (36)
+    against the determinant; `bromwich_margin_min`: of `min Re eig(K) - lambda_min(Ks)`;
+    `det_K_zero_by_root`: (41) against a root search; `energy_balance`: work less stored energy and
+    heat; `slope_at_A`: see the function of that name.
+    """
+    loop, states, K, norm = found.loop, found.states, found.K, operator_norm(found.K)
+    errors, untrusted = [], {}
+    for closure, generic in found.generic.items():
+        error = operator_norm(restrict(generic, "diagonal") - K) / norm
+        errors.append(float(np.nanmax(error)))
+        untrusted[f"generic_{closure}_untrusted"] = int(np.count_nonzero(np.isnan(error)))
+    rows = (found.stage == "isotropic") & ~states.added.any(axis=1) & ~states.sliding
+    closed = isotropic_tangent(states.E1[rows], loop.alpha0, loop.kappa)
+    isotropic = operator_norm(closed - K[rows]) / norm[rows]
+    root, at_I = None, found.marks.get("I")
+    if at_I is not None and loop.kappa > 0.0 and not states.added[at_I].any():
+        strain = float(found.E1[at_I])
+
+        def det(E: float) -> float:
+            A = found.tangents_of(diamond_states(loop, E, E), "affine")[0]
+            return float(np.linalg.det(restrict(A, "diagonal")))
+
+        eps = float(np.finfo(float).eps)
+        exact = brentq(det, 0.0, 0.5 * (1.0 + strain), xtol=1e-15, rtol=4 * eps)
+        root = abs(float(exact) - strain)
+    return {
+        "generic_vs_closed_form_max_relative": max(errors),
+        **untrusted,
+        "isotropic_vs_closed_form_max_relative": float(np.max(isotropic, initial=0.0)),
+        "det_K_max_difference": float(np.max(np.abs(np.linalg.det(K) - found.det_K))),
+        "bromwich_margin_min": float(np.min(bromwich_margin(K))),
+        "det_K_zero_by_root_difference": root,
+        "energy_balance_max_relative": energy_imbalance(found),
+        "slope_at_A": slope_at_A(found),
+        "states": len(K),
+    }
+
+
+def energy_imbalance(found: FollowedDiamond) -> float:
+    """Largest `|work - stored - dissipated|` over the largest work; 0 on an unloaded path."""
+    work, stored, heat = (found.energies[name] for name in ("work", "stored", "dissipated"))
+    largest = float(np.max(np.abs(work)))
+    return float(np.max(np.abs(work - stored - heat))) / largest if largest > 0.0 else 0.0
+
+
+def slope_at_A(found: FollowedDiamond) -> dict[str, float] | None:
+    """`ds1/dE1` where the drained test starts: exact path by differences, and det K/K22 (33).
+
+    None where A is not reached, or the path opens or slides at once.
+    """
+    exact = found.options.exact
+    last = float(np.nan_to_num(exact.end.turn, nan=exact.direction))
+    if "A" not in found.marks or exact.status == "opening" or last == 0.0:
+        return None
+    # Chebyshev points on a short part of the elastic path: the slope of the interpolant.
+    short = min(0.1, 0.2 * found.loop.alpha0, 0.2 * (0.5 * np.pi - found.loop.alpha0))
+    turn = 0.5 * np.clip(last, -short, short) * (1.0 - np.cos(np.pi * np.arange(15) / 14))
+    states, _ = drained_states_after_turn(exact, turn)
+    s1, E1 = (
+        np.polynomial.Polynomial.fit(turn, y, 14).deriv()(0.0) for y in (states.s1, states.E1)
+    )
+    confinement = found.loop.confinement
+    closed = float(drained_slope(diamond_states(found.loop, confinement, confinement).K[0]))
+    difference = float(abs(s1 / E1 - closed))
+    return {"differences": float(s1 / E1), "closed_form": closed, "difference": difference}
+
+
+def model_summary(found: FollowedDiamond) -> dict[str, Any]:
+    """Degrees of freedom; with `--model full` the differences from the smallest model."""
+    model = asdict(found.path.model)
+    if found.options.model == "auto":
+        return {**model, "check": None}
+    small = follow_diamond(replace(found.options, model="auto"))
+    differences = {}
+    for name in (name for name in NAMED_STATES if name in found.marks and name in small.marks):
+        ours, theirs = (
+            np.array([values[path.marks[name]] for values in (path.E1, path.E2, path.s1, path.s2)])
+            for path in (found, small)
+        )
+        differences[name] = float(np.abs(ours - theirs).max())
+    check = {"status": found.path.status, "rows": len(found.path), "differences": differences}
+    return {**model, "check": check}
+
+
+def _notes(found: FollowedDiamond) -> list[str]:
+    loop, notes = found.loop, []
+    if min(found.touching) < 0.0:
+        notes.append("opposite grains overlap from the start: below 30 or above 60 degrees")
+    if abs(np.sin(loop.alpha0) - np.cos(loop.alpha0)) <= TOUCHING_ATOL:
+        notes.append("at 45 degrees both pairs of opposite grains touch at the same strain")
+        if found.options.contact_on_touch == "add":
+            notes.append("both contacts are added: their branches cross, the loop is not planar")
+    if "A" not in found.marks:
+        notes.append("the path ends where opposite grains touch, before A")
+    for axis in (1, 2):
+        # Between two rows by linear interpolation.
+        gap = found.table[f"gap_{axis}"].to_numpy()
+        for k in np.flatnonzero((gap[:-1] < -TOUCHING_ATOL) & (gap[1:] > TOUCHING_ATOL)):
+            share = gap[k] / (gap[k] - gap[k + 1])
+            parting = found.E1[k] + share * (found.E1[k + 1] - found.E1[k])
+            notes.append(f"opposite grains on axis {axis} separate at E1 = {parting:.6f}")
+    beyond = found.beyond
+    if beyond is not None and found.det_Ks[found.marks["B"]] > 0.0 and beyond.det_Ks[0] < 0.0:
+        notes.append("det K and det Ks jump below zero at B, where the contacts start to slide")
+    return notes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -13,18 +13,20 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
-from loops import Regime, contact_state, macroscopic_tangent
+from loops import Regime
 from loops.arrays import Flags, Floats, Integers, Regimes
-from patterns.diamond import opposite_gaps
-from stability import PolarDiagram, alpha_e, restrict, spectrum, symmetric_spectrum
-from studies.paths.diamond import FollowedDiamond
-from studies.paths.followed import RADIUS, Followed, operator_diagram
-from studies.paths.options import PolygonOptions
-from studies.paths.polygon import (
-    Compared,
-    axial_peak,
+from patterns.diamond.closed_form import isotropic_tangents
+from stability import (
+    RTOL,
+    PolarDiagram,
+    alpha_e,
+    operator_norm,
+    polar_diagram,
+    spectrum,
+    symmetric_spectrum,
 )
 from studies.style import (
     BLACK,
@@ -35,16 +37,22 @@ from studies.style import (
     ORANGE,
     PURPLE,
     SEQUENTIAL,
+    SKY,
     TWO_COLUMNS,
     VERMILION,
     axes_or_new,
     figure_of,
     key_columns,
+    new_figure,
     new_panels,
     say_empty,
     styled,
     write_above,
 )
+
+if TYPE_CHECKING:
+    from studies.paths.diamond import FollowedDiamond
+    from studies.paths.polygon import Compared, Followed
 
 SUBSPACE_MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
 STRAIN_LABEL = r"axial strain $E_1$ (–)"
@@ -52,6 +60,8 @@ DASHED: Any = (0, (4, 3))
 REGIME_COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
 REGIME_NAMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
 EVENT_MARKS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
+# Directions of a polar diagram, and its radius where the second-order work is zero.
+DIRECTIONS, RADIUS = 720, 2.0
 # Width of the largest force in points, its arrow in diameters, and the most grains with arrows.
 WIDEST, ARROW, MOST_WITH_ARROWS = 4.0, 0.45, 12
 SUBSPACE_LOOKS: tuple[tuple[str, str, Any, str], ...] = (
@@ -61,12 +71,20 @@ SUBSPACE_LOOKS: tuple[tuple[str, str, Any, str], ...] = (
 )
 
 
-def polygon_figures(found: Followed, critical: float | None) -> Iterator[tuple[str, Figure]]:
-    """Figures of one polygon with their names; `critical` is its strain in (11, 22)."""
+CONTACT_LOOKS = {
+    "ignored": (VERMILION, DASHED, "opposite grains ignored"),
+    "added": (BLUE, "-", "contact added"),
+}
+
+
+def polygon_figures(
+    found: Followed, diagrams: dict[str, PolarDiagram]
+) -> Iterator[tuple[str, Figure]]:
+    """Figures of one polygon with their names; `diagrams` are its polar diagrams by name."""
     yield "loop", draw_loops(found, list(found.marks))
     yield "stress_strain", figure_of(draw_stress(found))
     yield "eigenvalues", figure_of(draw_eigenvalues(found))
-    yield "polar", draw_polar_figure(polygon_diagrams(found, critical))
+    yield "polar", draw_polar_figure(diagrams)
     yield "cone", figure_of(draw_cone(found))
     yield "unstable_fraction", figure_of(draw_unstable_fraction(found))
 
@@ -81,7 +99,7 @@ def comparison_figures(compared: Compared) -> Iterator[tuple[str, Figure]]:
 @styled()
 def draw_stress(found: Followed, ax: Axes | None = None) -> Axes:
     """Axial and lateral stress over the axial strain (Figs. 6 and 8), with the peak if any."""
-    diamond = isinstance(found, FollowedDiamond)
+    diamond = found.gaps is not None
     ax = axes_or_new(ax, height=2.5 if diamond else 3.0)
     slides, opens, E1 = found.slides, found.opens, found.E1
     confined = np.isin(found.stage, ("isotropic", "confinement"))
@@ -94,7 +112,7 @@ def draw_stress(found: Followed, ax: Axes | None = None) -> Axes:
     ):
         if rows.any():
             ax.plot(E1, np.where(rows, found.s1, np.nan), color=colour, label=label)
-    peak = axial_peak(found)
+    peak = found.peak
     if peak is not None:
         ax.plot(peak["E1"], peak["s1"], "o", color=BLACK, markerfacecolor="white", label="peak")
     if not diamond:  # whose B is the yield of all contacts
@@ -184,22 +202,16 @@ def over_strain(
             ha="center", va="bottom",
         )  # fmt: skip
         text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
-    if isinstance(found, FollowedDiamond):
-        _shade_overlap(found, ax)
+    parts = [] if found.gaps is None else true_runs(np.minimum(*found.gaps) < 0.0)
+    for part in parts:
+        first, last = found.E1[part][[0, -1]]
+        ax.axvspan(first, last, color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
+    if parts:
+        said = "share a contact" if found.options.contact_on_touch == "add" else "overlap"
+        middle = 0.5 * (found.E1[parts[0]][0] + found.E1[parts[-1]][-1])
+        write_above(ax, middle, f"opposite grains {said}", color=GREY, fontsize=7)
     ax.set(xlabel=STRAIN_LABEL, ylabel=ylabel, xlim=(0.0, None))
     ax.margins(y=margin)
-
-
-def _shade_overlap(found: FollowedDiamond, ax: Axes) -> None:
-    """Shade the strains at which opposite grains overlap, with a note above the axes."""
-    overlap = np.minimum(*opposite_gaps(found.E1, found.E2, found.loop.alpha0)) < 0.0
-    parts, E1 = true_runs(overlap), found.E1
-    for part in parts:
-        ax.axvspan(E1[part][0], E1[part][-1], color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
-    if parts:
-        said = "share a contact" if found.states.added.any() else "overlap"
-        middle = 0.5 * (E1[parts[0]][0] + E1[parts[-1]][-1])
-        write_above(ax, middle, f"opposite grains {said}", color=GREY, fontsize=7)
 
 
 def true_runs(where: Flags) -> list[slice]:
@@ -211,17 +223,18 @@ def true_runs(where: Flags) -> list[slice]:
 # ---- polar diagrams
 
 
-def polygon_diagrams(found: Followed, critical: float | None) -> dict[str, PolarDiagram]:
-    """Polar diagrams at the critical strain, if there is one, and at the named states."""
-    operators = {name: found.K[row] for name, row in found.marks.items()}
-    if critical:
-        o: PolygonOptions = found.options  # type: ignore[assignment]
-        loop, law = o.graph(critical), o.law()
-        loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
-        A = macroscopic_tangent(loop, law, o.closure, spins=o.spins).matrix
-        operators = {"critical": restrict(A, "diagonal"), **operators}
-    finite = {name: K for name, K in operators.items() if np.isfinite(K).all()}
-    return {name: operator_diagram(K) for name, K in finite.items()}
+def operator_diagram(K: Floats, work: Floats | None = None) -> PolarDiagram:
+    """Polar diagram of one operator, or of a given second-order work along its directions.
+
+    `w2 = 0` along directions that K annuls within the tolerance: where det K vanishes, round-off
+    alone decides the sign of w2 in the kernel of K.
+    """
+    diagram = polar_diagram(K, r=RADIUS, directions=DIRECTIONS)
+    stress = np.einsum("ij,nj->ni", K, diagram.direction)
+    annulled = np.linalg.norm(stress, axis=-1) <= RTOL * operator_norm(K)
+    work = np.where(annulled, 0.0, diagram.work if work is None else work)
+    outward = np.stack([np.cos(diagram.angle), np.sin(diagram.angle)], axis=-1)
+    return PolarDiagram(diagram.angle, diagram.direction, work, (RADIUS + work)[:, None] * outward)
 
 
 @styled()
@@ -431,3 +444,175 @@ def draw_stress_strain(compared: Compared, ax: Axes | None = None) -> Axes:
 
 def _order_axis(ax: Axes, orders: pd.Series) -> None:
     ax.set(xlabel="order of the loop, $n$", xticks=orders.to_numpy()[:: max(len(orders) // 10, 1)])
+
+
+# ---- the diamond alone
+
+
+def diamond_figures(
+    found: FollowedDiamond, ignored: FollowedDiamond | None, path_dependence: pd.DataFrame
+) -> Iterator[tuple[str, Figure]]:
+    """Figures of the study with their names; `ignored` is the path without added contacts.
+
+    `path_dependence` is the table of that name. Named states are drawn where the path reaches them,
+    `added_contact` where contacts are added.
+    """
+    yield "path_dependence", draw_path_dependence(path_dependence)
+    yield "axial_stress", figure_of(draw_stress(found))
+    yield "determinant", figure_of(draw_determinant(found))
+    yield "eigenvalues", figure_of(draw_eigenvalues(found))
+    yield "split", draw_split(found)
+    yield "cone", figure_of(draw_cone(found))
+    if found.marks:
+        # At B every direction has the regime that it activates; beyond B all contacts slide.
+        diagrams = {name: diagram for name, (diagram, _) in found.diagrams.items()}
+        beyond = {} if found.beyond is None else {"B": operator_diagram(found.beyond.K[0])}
+        yield "polar", draw_polar_figure(diagrams, beyond)
+    if "A" in found.marks:
+        yield "loop_A", draw_loops(found, ["A"])
+    if ignored is not None:
+        yield "added_contact", draw_added_contact(found, ignored)
+
+
+@styled()
+def draw_determinant(found: FollowedDiamond, ax: Axes | None = None) -> Axes:
+    """Determinants of K and of Ks along the path, as Figs. 7 and 9."""
+    ax = axes_or_new(ax)
+    E1 = found.broken(found.E1)
+    ax.axhline(0.0, color=GREY, linewidth=0.6)
+    ax.plot(E1, found.broken(found.det_K), color=BLUE, label=r"$\det K$")
+    ax.plot(E1, found.broken(found.det_Ks), color=ORANGE, linestyle=DASHED, label=r"$\det K_s$")
+    over_strain(found, ax, found.det_K, "determinant (–)", 0.1)
+    ax.legend(loc="best")
+    return ax
+
+
+@styled()
+def draw_split(found: FollowedDiamond) -> Figure:
+    """Material and geometric part of every entry of K, and both sources of its nonsymmetry."""
+    fig = new_figure(TWO_COLUMNS, 3.6, fixed=True)
+    axes = fig.subplot_mosaic([["11", "12", "n"], ["21", "22", "n"]], width_ratios=[1, 1, 1.5])
+    E1, parts = found.broken(found.E1), found.states
+    named = (
+        ("$K$", BLACK, parts.K),
+        (r"$K_\mathrm{mat}$", BLUE, parts.material),
+        (r"$K_\mathrm{geo}$", VERMILION, parts.geometric),
+    )
+    for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        ax = axes[f"{i + 1}{j + 1}"]
+        ax.axhline(0.0, color=GREY, linewidth=0.6)
+        for label, colour, part in named:
+            ax.plot(E1, found.broken(part[:, i, j]), color=colour, label=label)
+        ax.set(title=f"entry {i + 1}{j + 1} (–)", xlim=(0.0, None))
+        ax.set(xlabel=STRAIN_LABEL if i == 1 else "")
+    fig.legend(*axes["11"].get_legend_handles_labels(), loc="outside lower left", ncols=3)
+    _draw_nonsymmetry(found, axes["n"])
+    return fig
+
+
+def _draw_nonsymmetry(found: FollowedDiamond, ax: Axes) -> None:
+    """`K12 - K21` and its two sources, (29) and (30), (31)."""
+    E1, parts = found.broken(found.E1), found.states
+    ax.axhline(0.0, color=GREY, linewidth=0.6)
+    for label, colour, style, part in (
+        ("$K$", BLACK, "-", parts.K),
+        (r"$K_\mathrm{mat}$: $s\mu$ where sliding", BLUE, DASHED, parts.material),
+        (r"$K_\mathrm{geo}$: $-T/(k_n l)$", VERMILION, DASHED, parts.geometric),
+    ):
+        skew = part[:, 0, 1] - part[:, 1, 0]
+        ax.plot(E1, found.broken(skew), color=colour, linestyle=style, label=label)
+    for row in found.jumps:
+        ax.axvline(found.E1[row], color=SKY, linewidth=0.6, zorder=0)
+    ax.set(title="nonsymmetry $K_{12} - K_{21}$ (–)", xlabel=STRAIN_LABEL, xlim=(0.0, None))
+    ax.margins(y=0.25)
+    ax.legend(loc="best")
+
+
+@styled()
+def draw_added_contact(found: FollowedDiamond, ignored: FollowedDiamond) -> Figure:
+    """Smallest eigenvalue of Ks and axial stress without and with added contacts.
+
+    Under isotropic strain on beyond A; along the programme; the axial stress.
+    """
+    fig, ((isotropic, along, stress),) = new_panels(1, 3, 2.7)
+    for name, one in (("ignored", ignored), ("added", found)):
+        colour, style, label = CONTACT_LOOKS[name]
+        E, K = isotropic_tangents(found.loop, added=name == "added")
+        isotropic.plot(E, symmetric_spectrum(K)[:, 0], color=colour, linestyle=style, label=label)
+        lowest = symmetric_spectrum(one.K)[:, 0]
+        along.plot(
+            one.broken(one.E1), one.broken(lowest), color=colour, linestyle=style, label=label
+        )
+        stress.plot(one.E1, one.s1, color=colour, linestyle=style)
+        # Both paths reach A at nearly the same stress: one name is enough.
+        twice = "AB" if one is found else "B"
+        for ax, values, marks in ((along, lowest, "AB"), (stress, one.s1, twice)):
+            for mark in (mark for mark in marks if mark in one.marks):
+                at = one.E1[one.marks[mark]], values[one.marks[mark]]
+                ax.plot(*at, "o", color=BLACK, zorder=3)
+                ax.annotate(mark, at, (4, 4), textcoords="offset points", fontweight="bold")
+    isotropic.set(title="isotropic strain", xlabel="strain $E$ (–)")
+    along.set(title="isotropic to A, then drained", xlabel=STRAIN_LABEL)
+    for ax in (isotropic, along):
+        ax.axhline(0.0, color=GREY, linewidth=0.6)
+        ax.set(ylabel=r"$\lambda_\min(K_s)$ (–)", xlim=(0.0, None))
+    stress.set(title="axial stress", xlabel=STRAIN_LABEL, ylabel="$s_1$ (–)", xlim=(0.0, None))
+    fig.legend(*isotropic.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return fig
+
+
+@styled()
+def draw_path_dependence(table: pd.DataFrame) -> Figure:
+    """Two routes between the same two positions of a contact, and the work along each (Fig. 4).
+
+    Lines are (9) and (10), points the integrated rate law.
+    """
+    fig, ((geometry, works),) = new_panels(1, 2, 2.8, width_ratios=[1.0, 1.25])
+    _draw_routes(float(table["compression"].iloc[0]), geometry)
+    points = slice(None, None, 5)
+    for route, colour, label in (
+        ("shear_then_compress", BLUE, r"$\mathcal{E}_1$ (9): A, B, C"),
+        ("compress_then_shear", VERMILION, r"$\mathcal{E}_2$ (10): A, D, C"),
+    ):
+        works.plot(table["alpha_deg"], table[route], color=colour, label=label)
+        works.plot(
+            table["alpha_deg"].iloc[points], table[f"{route}_integrated"].iloc[points], "o",
+            color=colour, markerfacecolor="white", markersize=3.5,
+        )  # fmt: skip
+    works.plot([], [], "o", color=GREY, markerfacecolor="white", label="rate law integrated")
+    works.set(xlabel=r"turn $\alpha$ (degrees)", ylabel=r"work over $k_n l^2$ (–)", xlim=(0, 45))
+    works.set(ylim=(0.0, None))
+    works.legend(loc="upper left")
+    return fig
+
+
+def _draw_routes(compression: float, ax: Axes) -> None:
+    """Draw both routes of the centre of sphere 2 around sphere 1: A, B, C and A, D, C."""
+    alpha, start = np.radians(40.0), np.radians(20.0)
+    arc: Floats = start + np.linspace(0.0, alpha, 60)
+    for radius, colour in ((1.0, BLUE), (1.0 - compression, VERMILION)):
+        ax.plot(radius * np.cos(arc), radius * np.sin(arc), color=colour)
+    ends = {"A": (1.0, arc[0]), "B": (1.0, arc[-1])}
+    ends |= {"D": (1.0 - compression, arc[0]), "C": (1.0 - compression, arc[-1])}
+    at = {name: (float(r * np.cos(a)), float(r * np.sin(a))) for name, (r, a) in ends.items()}
+    ax.plot(*np.stack([at["B"], at["C"]]).T, color=BLUE)
+    ax.plot(*np.stack([at["A"], at["D"]]).T, color=VERMILION)
+    for name in ("C", "D"):
+        ax.plot(*np.stack([np.zeros(2), at[name]]).T, color=GREY, linewidth=0.6, zorder=0)
+    for centre, style in (((0.0, 0.0), "-"), (at["A"], "-"), (at["C"], "--")):
+        circle = {"fill": False, "color": GREY, "linewidth": 0.8, "linestyle": style}
+        ax.add_patch(Circle(centre, 0.5, **circle))
+    ax.plot(0.0, 0.0, "o", color=BLACK)
+    for name, offset in (("A", (6, -6)), ("B", (-1, 6)), ("C", (-11, 3)), ("D", (1, -11))):
+        ax.plot(*at[name], "o", color=BLACK)
+        ax.annotate(name, at[name], offset, textcoords="offset points", fontweight="bold")
+    ax.annotate("O", (0, 0), (-9, -9), textcoords="offset points", fontweight="bold")
+    for text, place in (
+        ("sphere 1", (-0.05, -0.3)),
+        ("sphere 2", (at["A"][0] + 0.12, at["A"][1] - 0.28)),
+    ):
+        ax.annotate(text, place, ha="center", color=GREY, fontsize=7)
+    middle = start + 0.5 * alpha
+    ax.annotate(r"$\alpha$", (0.27 * np.cos(middle), 0.27 * np.sin(middle)), ha="center")
+    ax.set(aspect="equal", xlim=(-0.6, 1.55), ylim=(-0.6, 1.35))
+    ax.set_axis_off()

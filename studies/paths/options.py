@@ -6,7 +6,7 @@ Angles in degrees; grains of diameter 1, `kn = 1`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
@@ -27,6 +27,7 @@ from patterns.diamond import (
     TABLE_1,
     TABLE_2,
     DiamondParameters,
+    DrainedPath,
     diamond,
     drained_path,
 )
@@ -114,6 +115,11 @@ class DiamondOptions:
         """`L10 L20`, the paper's reference area: twice the rhombus."""
         return float(2.0 * np.sin(2.0 * self.parameters.alpha0))
 
+    @cached_property
+    def exact(self) -> DrainedPath:
+        """The drained path of a diamond whose opposite grains may overlap, in closed form."""
+        return drained_path(self.parameters)
+
     def graph(self) -> GrainGraph:
         """The barely touching diamond."""
         return diamond(self.parameters.alpha0)
@@ -131,7 +137,7 @@ class DiamondOptions:
         """
         loop = self.parameters
         to_A = ("isotropic", Stage(programmes.isotropic_strain(), "H11", loop.confinement))
-        exact = drained_path(loop)
+        exact = self.exact
         if exact.status == "opening":
             return (to_A,)
         latest, least = loop.confinement, 0.0
@@ -146,7 +152,7 @@ class DiamondOptions:
         """Value of every option by its name on the command line."""
         loop = self.parameters
         return {
-            **vars(self),
+            **{one.name: getattr(self, one.name) for one in fields(self)},
             "alpha0_deg": round(float(np.degrees(loop.alpha0)), 12),
             "kappa": loop.kappa,
             "phi_deg": round(float(np.degrees(loop.phi)), 12),

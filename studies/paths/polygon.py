@@ -1,32 +1,48 @@
-"""Polygons followed: path, peak, thresholds, table, summary, and several orders side by side."""
+"""The study of polygons: a loop followed along its programme, and several orders side by side."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from loops import ContactLaw, GrainGraph, Regime, contact_state, macroscopic_tangent
-from loops.arrays import Floats, Integers
+from loops.arrays import Flags, Floats, Integers
 from loops.closures import Closure, Spins
 from stability import (
     COMPONENTS,
+    RTOL,
     Event,
+    PolarDiagram,
+    follow,
     judge,
     operator_norm,
+    plane_cone,
     restrict,
+    spectrum,
     symmetric_spectrum,
+    unstable_fraction,
 )
-from studies.output import definitions
-from studies.paths.diamond import YIELD_RTOL
-from studies.paths.followed import SUBSPACES, Followed, follow_path
-from studies.paths.options import ComparisonOptions, PolygonOptions
+from stability import Path as LoopPath
+from studies.output import UNITS_OF_A_LOOP, definitions
+from studies.paths.figures import comparison_figures, operator_diagram, polygon_figures
+from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
+from studies.study import study
 
+SUBSPACES = ("diagonal", "symmetric", "full")
+# A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
+TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
+# A path of so many steps is given up with the status `lost`.
+MOST_STEPS = 2000
+# Contacts are at yield if |T| lacks at most this share of mu N.
+YIELD_RTOL = 1e-9
 # Slopes of s1 over E1 up to the first, and differences of E1 or s1 up to the second, are zero.
 SLOPE_ATOL, STEP_ATOL = 1e-10, 1e-12
 # Strains between which the threshold is bracketed: the first, the last, their count, and the
@@ -47,6 +63,211 @@ DEFINITE_RTOL = 1e-12
 MOST_NUMBERS = 100_000
 
 
+def run_polygon(
+    options: PolygonOptions, out: Path, *, force: bool = False, csv: bool = False
+) -> dict[str, Any]:
+    """Follow a polygon and write `summary.json`, the table `path` and figures."""
+    made = ("polygon", out, options.described(), UNITS_OF_A_LOOP)
+    with study(*made, force=force, csv=csv) as results:
+        found = follow_polygon(options)
+        results.write_tables({"path": polygon_table(found)})
+        summary = results.write_summary(polygon_summary(found))
+        critical = summary["critical_strain"]["diagonal"]
+        results.save_figures(polygon_figures(found, polygon_diagrams(found, critical)))
+    return summary
+
+
+def run_comparison(
+    options: ComparisonOptions, out: Path, *, force: bool = False, csv: bool = False
+) -> dict[str, Any]:
+    """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
+    made = ("polygon --compare", out, options.described(), UNITS_OF_A_LOOP)
+    with study(*made, force=force, csv=csv) as results:
+        compared = compare_orders(options)
+        results.write_tables({"compare": compared.table, "paths": compared.curves()})
+        summary = results.write_summary(compared.summary())
+        results.save_figures(comparison_figures(compared))
+    return summary
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """A path of a loop; E1, E2 are H11, H22, and s1, s2 are P11, P22.
+
+    `stages` are names; `marks` are rows by name; `K (R, 2, 2)` is the tangent in (11, 22), NaN
+    where it is not known.
+    """
+
+    options: DiamondOptions | PolygonOptions
+    path: LoopPath
+    stages: tuple[str, ...]
+    marks: dict[str, int]
+    K: Floats
+    det_K: Floats
+    det_Ks: Floats
+
+    @property
+    def E1(self) -> Floats:
+        """(R,) H11."""
+        return self.path.H[:, 0]
+
+    @property
+    def E2(self) -> Floats:
+        """(R,) H22."""
+        return self.path.H[:, 3]
+
+    @property
+    def s1(self) -> Floats:
+        """(R,) P11."""
+        return self.path.P[:, 0]
+
+    @property
+    def s2(self) -> Floats:
+        """(R,) P22."""
+        return self.path.P[:, 3]
+
+    @cached_property
+    def stage(self) -> NDArray[np.str_]:
+        """(R,) name of each row's stage."""
+        return np.array(self.stages)[self.path.stage]
+
+    @cached_property
+    def slides(self) -> Flags:
+        """(R,) whether a contact slides."""
+        return np.asarray((self.path.regime == Regime.SLIDING).any(axis=1))
+
+    @cached_property
+    def opens(self) -> Flags:
+        """(R,) whether a contact of the loop has opened."""
+        ring = self.path.regime[:, : len(self.path.x[0])]
+        return (ring == Regime.OPEN).any(axis=1) & (np.arange(len(self.path)) > 0)
+
+    @property
+    def loading(self) -> Integers:
+        """Rows of the programme that follows the confinement."""
+        return np.flatnonzero(self.path.stage == len(self.stages) - 1)
+
+    @cached_property
+    def direction(self) -> Floats:
+        """(R, 2) direction of the path `(E1', E2')`, of unit length; NaN where it stands still."""
+        rate = self.path.H_rate[:, [0, 3]]
+        size = np.linalg.norm(rate, axis=-1, keepdims=True)
+        return rate / np.where(size > 0.0, size, np.nan)
+
+    @cached_property
+    def jumps(self) -> Integers:
+        """Rows before which the regimes change and the operator jumps."""
+        regime = self.path.regime
+        return np.flatnonzero((regime[1:] != regime[:-1]).any(axis=1)) + 1
+
+    @cached_property
+    def peak(self) -> dict[str, float] | None:
+        """Largest axial stress of the loading stage; None if s1 only falls, or rises to the end.
+
+        It is a row where the response turns over at an event, else it lies between that row and its
+        neighbour on the rising side, on the cubic through their values and slopes.
+
+        >>> found = follow_polygon(PolygonOptions(6, closure="traction"), ("diagonal",))
+        >>> round(found.peak["E1"], 6)
+        0.132639
+        """
+        path, rows, s1 = self.path, self.loading, self.s1[self.loading]
+        # A state recorded twice, before and after a change of regime, counts once.
+        if len(rows) == 0 or s1.max() <= max(s1[0], s1[-1]) + STEP_ATOL:
+            return None
+        row = int(rows[np.argmax(s1)])
+        at_row = {name: float(getattr(self, name)[row]) for name in ("E1", "E2", "s1")}
+        rate = path.H_rate[row, 0]
+        if abs(rate) < STEP_ATOL or abs(path.P_rate[row, 0] / rate) < SLOPE_ATOL:
+            return at_row
+        a, b = (row, row + 1) if path.P_rate[row, 0] > 0.0 else (row - 1, row)
+        rates, E1 = path.H_rate[[a, b]], path.H[[a, b], 0]
+        onward = E1[1] - E1[0] >= STEP_ATOL and (rates[:, 0] > STEP_ATOL).all()
+        if path.stage[a] != path.stage[b] or not onward:
+            return at_row
+        # Loaded here: slow to import, and few paths need it.
+        from scipy.interpolate import CubicHermiteSpline
+
+        axial = CubicHermiteSpline(E1, path.P[[a, b], 0], path.P_rate[[a, b], 0] / rates[:, 0])
+        lateral = CubicHermiteSpline(E1, path.H[[a, b], 3], rates[:, 3] / rates[:, 0])
+        inner = [x for x in axial.derivative().roots(extrapolate=False) if np.isfinite(x)]
+        if not inner:
+            return at_row
+        best = max(inner, key=lambda x: float(axial(x)))
+        return {"E1": float(best), "E2": float(lateral(best)), "s1": float(axial(best))}
+
+    @property
+    def gaps(self) -> tuple[Floats, Floats] | None:
+        """Gaps (R,) between opposite grains of a diamond; None for other loops."""
+        return None
+
+    def broken(self, values: Floats) -> Floats:
+        """One column or several with a NaN at each jump, which interrupts a drawn line."""
+        return np.insert(np.asarray(values, dtype=float), self.jumps, np.nan, axis=0)
+
+    @cached_property
+    def plane(self) -> pd.DataFrame:
+        """Spectra and cone in (11, 22) of every row, see `plane_columns`."""
+        return plane_columns(self.K, self.det_K, self.det_Ks)
+
+    @cached_property
+    def subspaces(self) -> pd.DataFrame:
+        """`lambda_min_*` and `unstable_fraction_*` of every subspace at every row."""
+        columns: dict[str, Floats] = {}
+        for subspace in SUBSPACES:
+            # Eigenvalues within the round-off of the norm are zero.
+            K = restrict(self.path.A, subspace)
+            values = symmetric_spectrum(K)
+            values = np.where(np.abs(values) <= RTOL * operator_norm(K)[..., None], 0.0, values)
+            columns[f"lambda_min_{subspace}"] = values[:, 0]
+            columns[f"unstable_fraction_{subspace}"] = unstable_fraction(values)
+        return pd.DataFrame(columns)
+
+
+def follow_path(
+    options: DiamondOptions | PolygonOptions, subspaces: tuple[str, ...] = ("diagonal",)
+) -> tuple[LoopPath, tuple[str, ...]]:
+    """Path of a study, with the spectral events of every subspace, and the names of its stages."""
+    names, stages = zip(*options.stages(), strict=True)
+    path = follow(
+        options.graph(),
+        options.law(),
+        stages,
+        closure=options.closure,
+        spins=options.spins,
+        subspace=subspaces,
+        volume=options.volume,
+        contact_on_touch=options.contact_on_touch,
+        **TOLERANCES,
+        max_steps=MOST_STEPS,
+        rows=options.rows,
+        model=options.model,
+    )
+    return path, names
+
+
+def plane_columns(K: Floats, det_K: Floats, det_Ks: Floats) -> pd.DataFrame:
+    """Determinants, eigenvalues of Ks (ascending) and of K, and the instability cone in (11, 22).
+
+    A cone that closes within the tolerance is a single direction, of opening 0.
+    """
+    values, symmetric, cone = spectrum(K), symmetric_spectrum(K), plane_cone(K)
+    columns = {
+        "det_K": det_K,
+        "det_Ks": det_Ks,
+        "lambda_1": symmetric[:, 0],
+        "lambda_2": symmetric[:, 1],
+        "eigenvalue_1_real": values[:, 0].real,
+        "eigenvalue_1_imag": values[:, 0].imag,
+        "eigenvalue_2_real": values[:, 1].real,
+        "eigenvalue_2_imag": values[:, 1].imag,
+        "cone_status": cone.status,
+        "cone_opening_deg": np.degrees(np.where(cone.status == "ray", 0.0, cone.opening)),
+        "cone_axis_deg": np.degrees(cone.axis),
+    }
+    return pd.DataFrame(columns)
+
+
 def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPACES) -> Followed:
     """Confine a polygon and load it; `marks` are A and end. Spectral events are of the subspaces.
 
@@ -54,12 +275,12 @@ def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPAC
     >>> [(event.kind, event.subspace) for event in found.path.events][:3]
     [('det_Ks_zero', 'diagonal'), ('det_K_zero', 'diagonal'), ('det_Ks_zero', 'symmetric')]
     """
-    path = follow_path(options, subspaces)
+    path, stages = follow_path(options, subspaces)
     confined = np.flatnonzero(path.stage == 0)
     at_A = {"A": int(confined[-1])} if options.confine > 0.0 and len(confined) else {}
     marks = {**at_A, "end": len(path) - 1}
     with np.errstate(invalid="ignore"):
-        return Followed(options, path, marks, path.K, path.det_K, path.det_Ks)
+        return Followed(options, path, stages, marks, path.K, path.det_K, path.det_Ks)
 
 
 def event_values(found: Followed, event: Event) -> dict[str, Any]:
@@ -73,55 +294,6 @@ def event_values(found: Followed, event: Event) -> dict[str, Any]:
         "contacts": list(event.contacts),
         "detail": event.detail,
     }
-
-
-def axial_peak(found: Followed) -> dict[str, float] | None:
-    """Largest axial stress of the loading stage; None if s1 only falls, or rises to the end.
-
-    It is a row where the response turns over at an event, else it lies between two, on the cubic
-    through their values and slopes.
-
-    >>> found = follow_polygon(PolygonOptions(6, closure="traction"), ("diagonal",))
-    >>> round(axial_peak(found)["E1"], 6)
-    0.132639
-    """
-    rows = found.loading
-    if len(rows) == 0:
-        return None
-    s1 = found.s1[rows]
-    k = int(np.argmax(s1))
-    # A state recorded twice, before and after a change of regime, counts once.
-    if s1[k] <= s1[0] + STEP_ATOL or (s1[k] <= s1[-1] + STEP_ATOL):
-        return None
-    row = int(rows[k])
-    at_row = {"E1": found.E1[row], "E2": found.E2[row], "s1": found.s1[row]}
-    return _between(found, row) or {name: float(value) for name, value in at_row.items()}
-
-
-def _between(found: Followed, row: int) -> dict[str, float] | None:
-    """Peak between a row and its neighbour on the rising side; None if it is the row itself."""
-    path = found.path
-    rate = path.H_rate[row, 0]
-    if abs(rate) < STEP_ATOL or abs(path.P_rate[row, 0] / rate) < SLOPE_ATOL:
-        return None
-    a, b = (row, row + 1) if path.P_rate[row, 0] > 0.0 else (row - 1, row)
-    rates, E1 = path.H_rate[[a, b]], path.H[[a, b], 0]
-    if (
-        path.stage[a] != path.stage[b]
-        or E1[1] - E1[0] < STEP_ATOL
-        or not (rates[:, 0] > STEP_ATOL).all()
-    ):
-        return None
-    # Loaded here: slow to import, and the diamond does not need it.
-    from scipy.interpolate import CubicHermiteSpline
-
-    axial = CubicHermiteSpline(E1, path.P[[a, b], 0], path.P_rate[[a, b], 0] / rates[:, 0])
-    lateral = CubicHermiteSpline(E1, path.H[[a, b], 3], rates[:, 3] / rates[:, 0])
-    inner = [x for x in axial.derivative().roots(extrapolate=False) if np.isfinite(x)]
-    if not inner:
-        return None
-    best = max(inner, key=lambda x: float(axial(x)))
-    return {"E1": float(best), "E2": float(lateral(best)), "s1": float(axial(best))}
 
 
 # ---- isotropic thresholds
@@ -236,7 +408,7 @@ def polygon_summary(found: Followed) -> dict[str, Any]:
     """Summary of the study, without its provenance; `states` are A and end."""
     path, options = found.path, found.options
     critical = thresholds(options)  # type: ignore[arg-type]
-    peak = axial_peak(found)
+    peak = found.peak
     return {
         "parameters": options.described(),
         "critical_strain": critical,
@@ -352,6 +524,22 @@ def _notes(
     return notes
 
 
+# ---- polar diagrams
+
+
+def polygon_diagrams(found: Followed, critical: float | None) -> dict[str, PolarDiagram]:
+    """Polar diagrams at the critical strain, if there is one, and at the named states."""
+    operators = {name: found.K[row] for name, row in found.marks.items()}
+    if critical:
+        o: PolygonOptions = found.options  # type: ignore[assignment]
+        loop, law = o.graph(critical), o.law()
+        loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
+        A = macroscopic_tangent(loop, law, o.closure, spins=o.spins).matrix
+        operators = {"critical": restrict(A, "diagonal"), **operators}
+    finite = {name: K for name, K in operators.items() if np.isfinite(K).all()}
+    return {name: operator_diagram(K) for name, K in finite.items()}
+
+
 # ---- orders side by side
 
 
@@ -408,7 +596,7 @@ def compare_orders(options: ComparisonOptions) -> Compared:
             "order": order,
             "critical_strain": thresholds(options.of(order)),
             "first_yield": first_yield(one),
-            "peak": axial_peak(one),
+            "peak": one.peak,
             "status": one.path.status,
             "message": one.path.message,
             "end": {name: float(getattr(one, name)[-1]) for name in ("E1", "E2", "s1")},

@@ -10,16 +10,18 @@ from scipy.optimize import brentq
 
 from loops import LinearFrictional, affine_tangent
 from patterns import diamond
-from stability import restrict, symmetric_spectrum
-from studies.paths.diamond_tables import (
+from patterns.diamond.closed_form import (
     added_critical_strain,
     definite_intervals,
+    isotropic_tangents,
+)
+from stability import restrict, symmetric_spectrum
+from studies.paths.diamond import (
     energy_imbalance,
-    isotropic_eigenvalues,
+    run_diamond,
     verification,
 )
 from studies.paths.options import DiamondOptions
-from studies.paths.run import run_diamond
 from tests.studies.paths.followed import followed, summary_of
 
 
@@ -74,7 +76,8 @@ def test_with_both_contacts_the_diamond_has_the_triangles_limit(kappa):
 @pytest.mark.parametrize("with_contacts", [False, True])
 def test_definite_intervals_are_those_of_the_eigenvalues(table, with_contacts):
     loop = DiamondOptions(table=table).parameters
-    E, eigenvalues = isotropic_eigenvalues(loop, added=with_contacts)
+    E, K = isotropic_tangents(loop, added=with_contacts)
+    eigenvalues = symmetric_spectrum(K)
     intervals = definite_intervals(loop, added=with_contacts)
     for strain, lowest in zip(E, eigenvalues[:, 0], strict=True):
         clear = all(abs(strain - end) > 1e-9 for pair in intervals for end in pair)

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from loops import InputError
-from studies.paths.diamond_tables import model_summary
+from studies.paths.diamond import model_summary
 from studies.paths.options import DiamondOptions, PolygonOptions
 from tests.studies.paths.followed import followed
 from tests.studies.snapshot.test_run import run

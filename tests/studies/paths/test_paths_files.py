@@ -12,11 +12,16 @@ from matplotlib.figure import Figure
 
 from loops import InputError, find_faces
 from patterns import read_snapshot
-from studies.paths.diamond_tables import snapshot_tables
-from studies.paths.figures import draw_cone, draw_eigenvalues, draw_polar, draw_stress
-from studies.paths.followed import operator_diagram
+from studies.paths.diamond import run_diamond, snapshot_tables
+from studies.paths.figures import (
+    draw_cone,
+    draw_determinant,
+    draw_eigenvalues,
+    draw_polar,
+    draw_stress,
+    operator_diagram,
+)
 from studies.paths.options import DiamondOptions
-from studies.paths.run import draw_determinant, run_diamond
 from studies.style import STYLE
 from tests.conftest import leave_undrawn
 from tests.studies.paths.followed import followed

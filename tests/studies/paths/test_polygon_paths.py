@@ -20,15 +20,15 @@ from studies.paths.options import (
     ring_of_lengths,
 )
 from studies.paths.polygon import (
-    axial_peak,
     event_lines,
     first_yield,
     follow_polygon,
     polygon_summary,
     polygon_table,
+    run_comparison,
+    run_polygon,
     thresholds,
 )
-from studies.paths.run import run_comparison, run_polygon
 from tests.unsaved import leave_files_empty
 
 SUMMARY_KEYS = {
@@ -185,7 +185,7 @@ def test_the_square_on_its_side_is_lost_in_shear_alone():
 def test_peak_of_the_drained_diamond_is_point_B():
     """All four contacts yield at B and the axial stress turns over: the closed path of Table 1."""
     found = follow_polygon(PolygonOptions(4, confine=0.1, end=0.3), ("diagonal",))
-    peak = axial_peak(found)
+    peak = found.peak
     exact = exact_drained_path(DiamondParameters(np.pi / 4, 0.2, np.radians(5.0), 0.1)).end
     assert peak["E1"] == pytest.approx(float(exact.E1), abs=1e-13)
     assert peak["E2"] == pytest.approx(float(exact.E2), abs=1e-13)
@@ -196,7 +196,7 @@ def test_peak_of_the_drained_diamond_is_point_B():
 def test_no_peak_where_the_stress_falls_from_A_on():
     """Table 1 is confined beyond its threshold."""
     found = follow_polygon(PolygonOptions(4, confine=0.3, end=0.5), ("diagonal",))
-    assert axial_peak(found) is None
+    assert found.peak is None
     (event,) = found.path.of_kind("yield")
     assert found.path.H[event.index, 0] == pytest.approx(0.40973434897033423289, abs=2e-15)
     assert found.path.H[event.index, 3] == pytest.approx(0.164934999828385506, abs=2e-15)
@@ -208,7 +208,7 @@ def test_no_peak_where_the_stress_falls_from_A_on():
 def test_peak_between_rows_of_an_undrained_path():
     parameters = PolygonOptions(4, phi_deg=90.0, kappa=0.2, programme="undrained", confine=0.05)
     found = follow_polygon(parameters, ("diagonal",))
-    peak = axial_peak(found)
+    peak = found.peak
 
     def slope(end):
         path = follow_polygon(
