@@ -37,6 +37,8 @@ UNITS_OF_A_LOOP = (
     "angles in degrees"
 )
 SUMMARY = "summary.json"
+# Readers of a folder of Parquet files skip names that begin with a dot.
+UNFINISHED = ".unfinished"
 # File that describes a series in its folder, and folders of its parts.
 SERIES, DATASETS = "series.json", ("loops", "increments", "packing", "fates")
 # Seconds in which a folder beside the results may belong to a run that has just started.
@@ -91,14 +93,32 @@ def result_folder(out: Path, *, force: bool) -> Iterator[Path]:
             partial.mkdir()
             with folder_lock(partial):
                 yield partial
-                if (partial / SUMMARY).is_file():
-                    # `--force` removes the other files by the names in the summary.
-                    summary = json.loads((partial / SUMMARY).read_text())
-                    files = sorted(file.name for file in partial.iterdir() if file.name != SUMMARY)
-                    write_summary(partial, summary | {"files": files})
+                list_files(partial)
                 _put_in_place(partial, out, force=force)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+@contextmanager
+def folder_within(out: Path) -> Iterator[Path]:
+    """Folder within `out` to write into; its files move to `out` when all have been written."""
+    partial = out / UNFINISHED
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir()
+    try:
+        yield partial
+        list_files(partial)
+        move_files(partial, out)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def list_files(folder: Path) -> None:
+    """Add the names of the other files to the summary: `--force` removes these."""
+    if (folder / SUMMARY).is_file():
+        summary = json.loads((folder / SUMMARY).read_text())
+        files = sorted(file.name for file in folder.iterdir() if file.name != SUMMARY)
+        write_summary(folder, summary | {"files": files})
 
 
 def require_folder(out: Path, *, force: bool) -> None:

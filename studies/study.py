@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
 from loops.errors import InputError
-from studies.output import provenance, result_folder, write_summary, write_table
+from studies.output import folder_within, provenance, result_folder, write_summary, write_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -109,13 +109,17 @@ def study(
     *,
     force: bool = False,
     csv: bool = False,
+    continued: bool = False,
 ) -> Iterator[Results]:
-    """Open the results of a study; the folder `out` appears when the block has ended without error.
+    """Open the results of a study; they appear in `out` when the block has ended without error.
+
+    A study that is `continued` keeps what else is in the folder.
 
     A study reads its input, computes, writes tables and summary and, if figures are asked for,
     saves figures and writes the report, from top to bottom of the block.
     """
-    with result_folder(out, force=force) as folder:
+    place = folder_within(out) if continued else result_folder(out, force=force)
+    with place as folder:
         yield Results(folder, provenance(command, configuration, units), csv)
 
 

@@ -474,7 +474,7 @@ def series(
     reading: PlaneReading | None = None,
 ) -> Answer:
     """Follow the loops through a series of snapshots; after a stop the same command continues."""
-    from studies.series import run_series
+    from studies.series.run import run_series
 
     writing, reading = writing or Writing(), reading or PlaneReading()
     out = out_or(writing.out, "series", paths[0] if paths else None)

@@ -23,7 +23,7 @@ from loops import InputError
 from patterns import sample_path
 from stability import COMPONENTS
 from studies.examples import run_example, save
-from studies.series import run_series
+from studies.series.run import run_series
 from studies.series.skill import INDICATORS, interval_columns, score_skill, targets
 from studies.series.skill_figures import PREDICTORS, TARGET_TITLES, TARGETS
 from studies.series.tasks import require_about

@@ -16,7 +16,7 @@ import pandas as pd
 
 from patterns import sample_path
 from studies.examples import run_example, save
-from studies.series import run_series
+from studies.series.run import run_series
 from studies.series.skill import SKILL_COLUMNS
 from studies.series.skill_figures import skill_by_predictor
 

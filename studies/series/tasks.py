@@ -10,8 +10,8 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -31,11 +31,15 @@ from patterns import Snapshot
 from studies.output import (
     DATASETS,
     SERIES,
+    UNFINISHED,
     as_json,
     described_table,
+    errors_of,
     flat_frame,
+    folder_lock,
     remove_listed,
     remove_results,
+    require_folder,
 )
 from studies.series.evolution import (
     evolution_row,
@@ -56,29 +60,41 @@ from studies.series.workers import Runner, one_blas_thread
 from studies.snapshot.table import loop_table
 
 KEY = b"grainloops"
-# Readers of a folder of Parquet files skip names that begin with a dot.
-UNFINISHED = ".unfinished"
 
 
-def open_folder(out: Path, read: Mapping[str, Any], names: Sequence[str], *, force: bool) -> None:
-    """Start a series in a folder, or continue the one that an earlier run started there.
+@contextmanager
+def series_folder(
+    out: Path, read: Mapping[str, Any], names: Sequence[str], *, force: bool
+) -> Iterator[None]:
+    """Start a series in the folder `out`, or continue the one that an earlier run started there.
 
     The series and the options of reading must be the same; more snapshots may follow the last one.
-    With `force` the results of any command in the folder are removed.
+    With `force` the results of any command in the folder are removed. A new folder is removed if no
+    part of it could be finished.
     """
+    require_folder(out, force=True)
     contents = {"read": dict(read), "snapshots": list(names)}
-    if any(out.iterdir()):
-        try:
-            _require_same(out, contents)
-        except InputError:
-            if not force:
+    with errors_of(out):
+        new = not out.exists()
+        out.mkdir(parents=True, exist_ok=True)
+        with folder_lock(out):
+            if any(out.iterdir()):
+                try:
+                    _require_same(out, contents)
+                except InputError:
+                    if not force:
+                        raise
+                    remove_results(out)
+            remove_listed(out)
+            partial = out / f".{SERIES}"
+            partial.write_text(as_json(contents) + "\n")
+            os.replace(partial, out / SERIES)
+            try:
+                yield
+            except InputError:
+                if new and not has_parts(out):
+                    shutil.rmtree(out)
                 raise
-            remove_results(out)
-    remove_listed(out)
-    shutil.rmtree(out / UNFINISHED, ignore_errors=True)
-    partial = out / f".{SERIES}"
-    partial.write_text(as_json(contents) + "\n")
-    os.replace(partial, out / SERIES)
 
 
 def has_parts(out: Path) -> bool:
@@ -199,6 +215,11 @@ class Failure:
     remedy: str
     skippable: bool = True
 
+    @property
+    def reason(self) -> str:
+        """Where the error is, and what was received there."""
+        return f"{self.where}: got {self.received}"
+
     def error(self) -> InputError:
         """Return the error to raise in the main process."""
         skip = "; --skip-bad leaves this one out" if self.skippable else ""
@@ -298,6 +319,18 @@ class Series:
         given = self.out, self.yield_band, None, self.following, self.indicators
         pairs = zip(pairwise(self.planned), earlier, strict=False)
         return [PartTask(pair, *given, previous) for pair, previous in pairs]
+
+    @property
+    def parts(self) -> dict[str, list[Path]]:
+        """Files of each dataset, in order."""
+        parts = {
+            "loops": [task.part for task in self.snapshots],
+            "increments": [task.part for task in self.intervals],
+            "fates": [task.fates_part for task in self.intervals],
+        }
+        if self.yield_band is not None:
+            parts["packing"] = [task.packing_part for task in self.intervals]
+        return parts
 
 
 def do_tasks(

@@ -9,7 +9,7 @@ from patterns import sample_path
 from studies.evolve import run_evolve
 from studies.output import DESCRIBED_COMMANDS, described, field_metadata
 from studies.probe import run_probe
-from studies.series import run_series
+from studies.series.run import run_series
 from studies.snapshot.run import run_snapshot
 from tests.docs.columns_page import page
 from tests.docs.pages import DOCS

@@ -12,7 +12,7 @@ from loops.packing import loops_in_place, outline_grains
 from loops.packing.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE
 from patterns import read_snapshot, sample_path
 from studies.examples import packing_skill
-from studies.series import run_series
+from studies.series.run import run_series
 from studies.series.skill import ORDERS
 from studies.snapshot.in_packing import sample_boundary
 from tests.docs.pages import page, says, section, tables

@@ -27,7 +27,7 @@ from studies.series.evolution import (
     sample_strain,
     track_loops,
 )
-from studies.series.gather import evolution_table
+from studies.series.run import evolution_table
 
 LAW = LinearFrictional(kn=1.0, kt=0.4, mu=0.5)
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(12)

@@ -30,7 +30,7 @@ from studies.series.figures import (
     series_figures,
     stress_strain,
 )
-from studies.series.gather import evolution_table
+from studies.series.run import evolution_table
 from studies.series.skill_figures import MappedInterval, work_map, work_signs
 from studies.snapshot.table import GROUPS
 from studies.study import Results

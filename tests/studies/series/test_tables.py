@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from studies.series import run_series
 from studies.series.plan import cells_by_number
+from studies.series.run import run_series
 
 CELLS = gl.sample_path("slow/cells.csv")
 PATHS = [gl.sample_path(f"slow/grains_{k}.parquet") for k in (10, 11, 12)]
