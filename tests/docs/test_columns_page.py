@@ -49,6 +49,7 @@ def files_say(command, out, least):
     assert seen >= least
 
 
+@pytest.mark.slow
 def test_files_hold_units_and_meanings(tmp_path):
     cells = sample_path("slow/cells.csv")
     how = {"cells": cells, "workers": 1, "shear_increment": "radii", "figures": False}
@@ -63,6 +64,7 @@ def test_files_of_a_snapshot_and_of_a_probe(tmp_path):
     files_say("probe", tmp_path / "p", 40)
 
 
+@pytest.mark.slow
 def test_files_of_a_path(tmp_path):
     cells = sample_path("slow/cells.csv")
     how = {"cells": cells, "shear_increment": "radii", "figures": False}

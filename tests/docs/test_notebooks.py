@@ -64,6 +64,7 @@ def test_the_notebook_of_first_steps_has_the_blocks_of_the_page():
     assert [line for line in text.splitlines() if line.startswith("#")] == titles
 
 
+@pytest.mark.slow
 def test_pictures_of_first_steps_are_what_its_blocks_draw(tmp_path):
     """`python docs/site/notebooks.py` draws them again."""
     blocks = BLOCK.findall(page("first-steps"))

@@ -74,6 +74,7 @@ def test_yade_diamond():
     np.testing.assert_allclose(np.diff(np.log(errors)) / np.diff(np.log(steps)), -1, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_printed_rule_leaves_coulombs_cone():
     """Integrated from (8c) and the balance by hand: T = 2 mu N_B - mu N beyond B."""
     curves, numbers = printed_rule.compare_rules()
@@ -89,6 +90,7 @@ def test_printed_rule_leaves_coulombs_cone():
     assert all(row["E1_end"] == pytest.approx(0.6, abs=1e-15) for row in numbers)
 
 
+@pytest.mark.slow
 def test_controls_lose_strength():
     """Isotropic: no slope at the state. Inside the cone: falls in both senses, with slope W2."""
     for name in destabilising_control.LOOPS:

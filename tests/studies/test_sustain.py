@@ -101,6 +101,7 @@ def test_tables_are_the_numerics(results, state):
     assert own["negative_share"].sum() == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on(results, state, tmp_path, monkeypatch):
     """Two directions are finished, then Ctrl-C: the second run does the other six."""
     done, load_path = [], study_module.load_path
@@ -136,6 +137,7 @@ def test_any_number_of_processes_writes_the_same(results, state, tmp_path):
         assert (tmp_path / "two" / file).read_bytes() == (results / file).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_sample_between_walls_is_loaded_with_its_walls(tmp_path):
     """The tables are the numerics of the held packing with its planes and their forces."""
     out = tmp_path / "out"

@@ -100,6 +100,7 @@ def test_orders_of_half_edges():
     assert (follow_by_angle(hub) != follow_exactly(hub)).any()
 
 
+@pytest.mark.slow
 def test_a_quick_run_measures_every_group(tmp_path, unsaved):
     main(out=tmp_path / "out", quick=True)
     table = pd.read_parquet(tmp_path / "out" / "settled.parquet")

@@ -34,7 +34,7 @@ def written(tmp_path_factory):
     ]
 
 
-@settings(max_examples=250, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     code=st.integers(0, 2),
     which=st.integers(0, 1),

@@ -125,6 +125,7 @@ def test_tables_are_the_numerics(small, tmp_path):
     assert np.array_equal(loops["negative_from"][negative], path["driven"].to_numpy()[rows])
 
 
+@pytest.mark.slow
 def test_where_and_why_a_path_ends_is_one_sentence(small, tmp_path, monkeypatch, capsys):
     out = tmp_path / "out"
     status = run(monkeypatch, "evolve", small[0], "--to", "0.2", "--interval", "1e-3", "--out", out)

@@ -122,6 +122,7 @@ def test_axial_stress_follows_the_slope_everywhere():
         np.testing.assert_allclose(measured, path.det_K[rows] / path.K[rows, 1, 1], rtol=2e-2)
 
 
+@pytest.mark.slow
 def test_lateral_stress_is_held_and_the_path_goes_on_in_E1():
     for arguments in SWEEP:
         path = followed(**arguments)

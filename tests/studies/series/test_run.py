@@ -354,6 +354,7 @@ def test_a_full_disk_is_no_bad_snapshot(tmp_path, paths, monkeypatch):
     assert set(contents(tmp_path / "out")) == set()
 
 
+@pytest.mark.slow
 def test_snapshots_may_follow(tmp_path, paths, result):
     out = tmp_path / "out"
     run(paths[:3], out)
@@ -480,6 +481,7 @@ def test_the_command(paths, result, tmp_path, monkeypatch, capsys):
     assert "skipped: snapshot 0 (grains_77.csv)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_worker_that_ends_by_itself():
     """As the system ends a process when the memory is used up."""
     with (
@@ -571,6 +573,7 @@ def periodic(tmp_path):
     return paths, [(3, sample_cell()), (7, np.eye(2)), (14, F @ sample_cell())], F
 
 
+@pytest.mark.slow
 def test_cells_by_the_numbers_of_the_files(periodic, tmp_path):
     paths, rows, F = periodic
     cells = write_cells(tmp_path / "macro.csv", rows)

@@ -17,9 +17,9 @@ from tests.studies.snapshot.test_table import synthetic_snapshot
 
 @pytest.mark.parametrize("periodic", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_every_pixel_belongs_to_the_loop_that_holds_its_centre(periodic):
-    graph = synthetic_network(150, seed=3, periodic=periodic)
+    graph = synthetic_network(60, seed=3, periodic=periodic)
     faces = find_faces(graph)
-    painting = paint_loops(graph, faces, 80)
+    painting = paint_loops(graph, faces, 48)
     left, right, bottom, top = painting.extent
     rows, columns = painting.loop.shape
     x = left + (np.arange(columns) + 0.5) * (right - left) / columns
