@@ -124,7 +124,7 @@ def test_blocks_converge_to_the_whole(elastic):
     assert slope == pytest.approx(-1.9, abs=0.2)
 
 
-@pytest.mark.parametrize("buffer", [4.0, 8.0])
+@pytest.mark.parametrize("buffer", [4.0, pytest.param(8.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["elastic", "flagged", "sheared", "sheared and flagged"])
 def test_the_stated_error_of_blocks_holds(request, name, buffer):
     """Sheared far, the elastic packing is no longer definite: soft modes reach through it."""

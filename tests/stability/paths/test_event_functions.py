@@ -33,7 +33,7 @@ def closest_to_zero(values):
     ("alpha0", "subspace", "programme", "last"),
     [
         (45.0, "diagonal", programmes.oedometric(), 0.245),
-        (45.0, "symmetric", programmes.oedometric(), 0.245),
+        pytest.param(45.0, "symmetric", programmes.oedometric(), 0.245, marks=pytest.mark.slow),
         (50.0, "full", SHEAR, 0.105),
     ],
 )
@@ -101,9 +101,12 @@ SMALL, LARGE = ("affine", 1e-3, 1e6), ("traction", 1e3, 1e-3)
 @pytest.mark.parametrize(
     ("case", "units"),
     [
-        (case, units)
-        for case in ("opening", "yield", "added", "added at once", "free spins")
-        for units in (SMALL, LARGE)
+        *((case, SMALL) for case in ("opening", "yield", "added", "added at once", "free spins")),
+        ("yield", LARGE),
+        *(
+            pytest.param(case, LARGE, marks=pytest.mark.slow)
+            for case in ("opening", "added", "added at once", "free spins")
+        ),
     ],
 )
 def test_events_are_the_same_in_other_units(case, units):

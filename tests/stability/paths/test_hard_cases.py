@@ -26,8 +26,8 @@ def drained_stages(confinement, end):
     [
         (2.0, 0.2, 10.0, 0.1, "affine"),
         (85.0, 0.5, 0.05, 0.1, "traction"),
-        (45.0, 2.0, 10.0, 0.1, "affine"),
-        (45.0, 1e-3, 0.02, 0.2, "traction"),
+        pytest.param(45.0, 2.0, 10.0, 0.1, "affine", marks=pytest.mark.slow),
+        pytest.param(45.0, 1e-3, 0.02, 0.2, "traction", marks=pytest.mark.slow),
         (20.0, 0.2, 30.0, 0.02, "affine"),
         (40.0, 0.3, 0.1, 1e-6, "traction"),
     ],

@@ -91,7 +91,7 @@ def test_losses_against_mpmath(table, case):
 
 
 @pytest.mark.parametrize("case", PAPER_CASES)
-@pytest.mark.parametrize("friction", [False, True])
+@pytest.mark.parametrize("friction", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_general_path_solver_meets_the_same_losses(case, friction):
     losses = first_losses(case, 9, friction=friction)
     law = LinearFrictional(1.0, case.kappa, losses.mu)
