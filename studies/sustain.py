@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from loops import Faces, GrainGraph, InputError
 from loops.arrays import Floats
-from loops.laws import ContactLaw, HertzMindlin, LinearFrictional
+from loops.laws import ContactLaw, FrictionalLaw, HertzMindlin
 from loops.packing import PlaneContacts
 from patterns import Snapshot
 from stability import COMPONENTS
@@ -261,7 +261,7 @@ def _followed(
 
 def _digest(
     graph: GrainGraph,
-    law: LinearFrictional | HertzMindlin,
+    law: FrictionalLaw,
     planes: PlaneContacts | None,
     plane_force: Floats | None,
     asked: dict[str, Any],

@@ -1,4 +1,4 @@
-"""The equations of motion of a DEM code: springs or Hertz-Mindlin, Coulomb friction, damping.
+"""The equations of motion of a DEM code: springs, Hertz-Mindlin or given forces, friction, damping.
 
 A step is Cundall and Strack's as Yade does it: forces at positions, velocities half a step later
 (symplectic), shear forces from the increments of the step. Centres move by `x' = L x + c`, the
@@ -27,7 +27,9 @@ class Motion(NamedTuple):
     spin: Floats  # (G,)
     cell: Floats  # (2, 2)
     shear: Floats  # (P,) `T`
-    root: Floats  # (P,) under Hertz's law root of the overlap, zero where open
+    # (P,) what `kt` is multiplied with, zero where open: root of the overlap under Hertz's law, the
+    # tangent of a law of one's own
+    root: Floats
     resultant: Floats  # (G, 3) forces and moments of the state
     speed: Floats  # (G, 2) `L x + c` in the last step
     gradient: Floats  # (2, 2) `L`
@@ -58,6 +60,8 @@ class Discs(NamedTuple):
     mu: Floats
     hertz: bool
     by_displacement: bool  # `T` is `kt` times a displacement: it goes with `kt`
+    # (P, 4) at these positions `N`, tangent, strength, and `-dT` by `d(l)`; (0, 4) of known laws
+    own: Floats
 
 
 class Servo(NamedTuple):
@@ -99,24 +103,29 @@ def run(
 
     `cundall` is the share by which every resultant is damped, `viscous` the drag over `m c`.
     """
-    widest = 2.0 * discs.radii.max()
     for step in range(steps):
-        fastest = _move(motion, discs, dt, cundall, viscous)
-        stretch = work = 0.0
-        for k in range(4):
-            part = motion.gradient[k // 2, k % 2]
-            stretch += abs(part)
-            work -= part * motion.moment[k]
-        contact_forces(motion, discs, dt, by_radii, servo.on)
-        for k in range(4):
-            work -= motion.gradient[k // 2, k % 2] * motion.moment[k]
-        motion.work[0] += 0.5 * dt * work
-        if servo.on:
-            _steer(motion, servo, dt)
-        motion.closer[0] += dt * (2.0 * fastest + stretch * widest)
+        motion.closer[0] += dt * (2.0 * move(motion, discs, dt, cundall, viscous))
+        finish(motion, discs, servo, dt, by_radii)
         if motion.closer[0] > reach:
             return step + 1
     return steps
+
+
+@kernel
+def finish(motion: Motion, discs: Discs, servo: Servo, dt: float, by_radii: bool) -> None:
+    """Forces where a step has moved the grains, work of the cell, and its gradient of the next."""
+    stretch = work = 0.0
+    for k in range(4):
+        part = motion.gradient[k // 2, k % 2]
+        stretch += abs(part)
+        work -= part * motion.moment[k]
+    motion.closer[0] += dt * stretch * 2.0 * discs.radii.max()
+    contact_forces(motion, discs, dt, by_radii, servo.on)
+    for k in range(4):
+        work -= motion.gradient[k // 2, k % 2] * motion.moment[k]
+    motion.work[0] += 0.5 * dt * work
+    if servo.on:
+        _steer(motion, servo, dt)
 
 
 @kernel
@@ -128,7 +137,7 @@ def _damped(a: float, speed: float, dt: float, cundall: float) -> float:
 
 
 @kernel
-def _move(motion: Motion, discs: Discs, dt: float, cundall: float, viscous: float) -> float:
+def move(motion: Motion, discs: Discs, dt: float, cundall: float, viscous: float) -> float:
     """Update velocities, then positions and cell; the largest `|c|`."""
     x, c, w, cell = motion.x, motion.velocity, motion.spin, motion.cell
     resultant, L = motion.resultant, motion.gradient
@@ -168,6 +177,8 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
     s00 = s01 = s10 = s11 = 0.0
     slipped = beyond = 0.0
     first_wall = len(x) - len(discs.walls)
+    own = len(discs.own) > 0
+    varies = discs.hertz or own
     resultant[:] = motion.load
     for p in range(len(discs.pairs)):
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
@@ -187,7 +198,7 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
         square = d0 * d0 + d1 * d1
         if square >= touching * touching:
             if motion.shear[p] != 0.0:
-                kt = discs.kt[p] * motion.root[p] if discs.hertz else discs.kt[p]
+                kt = discs.kt[p] * motion.root[p] if varies else discs.kt[p]
                 if summed and kt > 0.0:
                     slipped += 0.5 * motion.shear[p] ** 2 / kt
                 motion.shear[p] = 0.0
@@ -206,14 +217,19 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
             slip = across - arm_i * w[i] - arm_j * w[j]
         most = discs.mu[p] * normal
         before = motion.shear[p]
-        if discs.hertz:
+        if varies:
             root, was = math.sqrt(touching - length), motion.root[p]
+            if own:
+                normal, root, most = discs.own[p, 0], discs.own[p, 1], discs.own[p, 2]
+            else:
+                normal *= root
+                most *= root
             motion.root[p] = root
-            normal *= root
-            most *= root
             kt *= root
             if before != 0.0 and kt > 0.0:
                 stored = before * before / was
+                if own:
+                    before -= discs.own[p, 3] * (n0 * v0 + n1 * v1) * dt
                 if discs.by_displacement:
                     before *= root / was
                 beyond += 0.5 * (stored - before * before / root) / discs.kt[p]

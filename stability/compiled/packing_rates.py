@@ -117,9 +117,9 @@ def at_yield(
     """Pairs that slide or carry at least `share` of their strength, but for held ones."""
     found, k = np.empty(len(pairs), dtype=np.int64), 0
     for p in range(len(pairs)):
-        mu = pairs[p]["mu"]
-        if mu > 0 and not held[p]:
-            stuck = regime[p] == 1 and N[p] > 0 and abs(T[p]) >= share * mu * N[p]
+        mu, cohesion = pairs[p]["mu"], pairs[p]["cohesion"]
+        if (mu > 0 or cohesion > 0) and not held[p]:
+            stuck = regime[p] == 1 and N[p] > 0 and abs(T[p]) >= share * (mu * N[p] + cohesion)
             if stuck or regime[p] == 2:
                 found[k] = p
                 k += 1
@@ -191,7 +191,7 @@ def earliest(
             for k in range(2):
                 s = 1 - 2 * k
                 rate = s * dt - mu * dn
-                away = max(mu * N[p] - s * T[p], 0.0)
+                away = max(mu * N[p] + pairs[p]["cohesion"] - s * T[p], 0.0)
                 in_time = away < left * rate and rate > rounding * largest
                 if in_time and away / rate < time_to_event[p]:
                     time_to_event[p], own = away / rate, s

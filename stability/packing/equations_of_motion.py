@@ -13,7 +13,7 @@ from scipy.linalg import expm, logm
 from loops.arrays import Floats
 from loops.errors import InputError, number
 from loops.graph import GrainGraph
-from loops.laws import ContactLaw
+from loops.laws import ContactLaw, Regime
 from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.pairs import (
@@ -106,8 +106,9 @@ def replay(
     ----------
     graph : GrainGraph
         One state: periodic, or between walls.
-    law : LinearFrictional or HertzMindlin
-        Contact law.
+    law : FrictionalLaw
+        Contact law: linear, Hertz and Mindlin's, or one of your own, which is asked in every step
+        (slower by far).
     strain : (2, 2) array or Stage
         Displacement gradient `H` of the cell, or of the box between walls, at the end, compression
         positive: `h = (1 - H) h0`, reached at a constant velocity gradient. Or a programme and its
@@ -117,8 +118,7 @@ def replay(
     planes : PlaneContacts, optional
         Contacts with four walls along the axes, in place of a cell. Grains that touch a wall later
         have its mean stiffness over the radius, or its mean stiffness where that varies less.
-        Walls have the law of the grains, under `HertzMindlin` with the modulus that their forces
-        tell.
+        Walls are springs, under `HertzMindlin` of that law with the modulus that their forces tell.
     plane_force : (W, 2) array, optional
         Force of the wall on the grain at each of them (force), for shear forces of rough walls.
     inertial_number : float
@@ -309,9 +309,8 @@ def work_of(moving: Moving, end: PackingState, load: Floats, energy: float) -> F
 
 
 def stored_energy(state: PackingState, pairs: Pairs) -> float:
-    """Energy of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`; of Hertz's `2/5 N overlap`."""
-    N, T = state.normal_force, state.shear_force
-    overlap = (N / (HERTZ * pairs.kn)) ** (2.0 / 3.0) if pairs.hertz else N / pairs.kn
+    """Energy of the springs of a state with forces of its overlaps."""
+    overlap, T = np.where(state.closed, overlaps(state, pairs), 0.0), state.shear_force
     kt = tangents(pairs, overlap)[1]
     shear = np.divide(T**2, 2.0 * kt, out=np.zeros(len(pairs)), where=kt > 0)
     return float(np.sum(normal_energy(pairs, overlap) + shear))
@@ -437,7 +436,9 @@ class Moving:
             spin=spins,
             cell=np.array(start.cell),
             shear=np.array(start.shear_force),
-            root=np.sqrt(overlaps(start, pairs)),
+            root=tangents(pairs, overlaps(start, pairs))[1]
+            if pairs.own
+            else np.sqrt(overlaps(start, pairs)),
             resultant=np.zeros((bodies, 3)),
             speed=np.zeros((bodies, 2)),
             gradient=-(servo.gain @ servo.rate).reshape(2, 2) if gradient is None else gradient,
@@ -447,6 +448,7 @@ class Moving:
             closer=np.zeros(1),
         )
         self._list()
+        self._ask_law()
         contact_forces(self.motion, self.discs, 0.0, by_radii, servo.on)
         servo.start[:] = self.motion.moment / abs(np.linalg.det(start.cell))
 
@@ -460,16 +462,33 @@ class Moving:
         fresh = np.zeros(len(self.pairs) - len(motion.shear))
         shear, root = (np.append(old, fresh) for old in (motion.shear, motion.root))
         self.motion = motion._replace(shear=shear, root=root)
+        self.listed = replace(now, contacts=self.pairs.grains, images=self.pairs.images)
         self.motion.closer[:] = 0.0
         images = self.pairs.images.astype(float)
         grains = self.pairs.grains.astype(np.uint32)
         wraps = images.any(axis=1) | (grains[:, 1] >= now.count)
         radii, walls = np.array(now.radii), np.array(now.walls)
-        _, _, kn, kt, mu, hertz, by_displacement, _ = self.pairs
-        kn = HERTZ * kn if hertz else kn
+        _, _, kn, kt, mu, hertz, by_displacement, own = self.pairs
+        kn, kt = HERTZ * kn if hertz else kn, np.ones(len(kt)) if own else kt
+        asked = np.empty((len(kn) if own else 0, 4))
         self.discs = Discs(
-            radii, walls, *self.lightness, grains, images, wraps, kn, kt, mu, hertz, by_displacement
-        )
+            radii, walls, *self.lightness, grains, images, wraps, kn, kt, mu, hertz,
+            by_displacement, asked,
+        )  # fmt: skip
+
+    def _ask_law(self) -> None:
+        """Ask a law of one's own for its forces where the grains are."""
+        if self.pairs.own:
+            x, cell, out, own = self.motion.x, self.motion.cell, self.discs.own, self.pairs.own
+            overlap = overlaps(replace(self.listed, x=x, cell=cell), self.pairs)
+            touch, state = own.contacts(overlap, self.motion.shear)
+            D = own.stiffness(state, Regime.ELASTIC)
+            # Walls are springs; what stands for pairs that are apart is not read.
+            out[:, 0], out[:, 1] = self.pairs.kn * overlap, self.pairs.kt
+            out[:, 2], out[:, 3] = np.where(overlap > 0, self.pairs.mu, 0.0) * out[:, 0], 0.0
+            most = np.where(np.isfinite(self.pairs.mu[own.rows]), own.law.strength(state), np.inf)
+            parts = (state.normal_force, D[:, 1, 1], most, D[:, 1, 0])
+            out[own.rows] = np.where(touch, parts, 0.0).T
 
     def load(self, load: Floats) -> None:
         """Add constant forces and moments (B, 3) on the bodies, from now on."""
@@ -478,14 +497,22 @@ class Moving:
 
     def run(self, steps: int, dt: float, damping: float = 0.3, viscous: float = 0.0) -> bool:
         """Integrate some steps; False where pairs had to be listed in too many steps in a row."""
-        from loops.compiled.replay import run
+        from loops.compiled.replay import finish, move, run
 
         done = singles = 0
         while done < steps:
             if self.motion.closer[0] > self.gap:
                 self._list()
-            how = (steps - done, dt, damping, viscous, self.by_radii, self.gap)
-            made = run(self.motion, self.discs, self.servo, *how)
+            made = 0
+            while self.pairs.own and made < steps - done and self.motion.closer[0] <= self.gap:
+                fastest = move(self.motion, self.discs, dt, damping, viscous)
+                self.motion.closer[0] += dt * 2.0 * fastest
+                self._ask_law()
+                finish(self.motion, self.discs, self.servo, dt, self.by_radii)
+                made += 1
+            if not self.pairs.own:
+                how = (steps - done, dt, damping, viscous, self.by_radii, self.gap)
+                made = run(self.motion, self.discs, self.servo, *how)
             singles = singles + 1 if made == 1 < steps - done else 0
             if singles > SINGLES:
                 return False

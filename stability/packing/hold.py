@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.errors import InputError, check_choice, number
 from loops.graph import GrainGraph
-from loops.laws import ContactLaw, HertzMindlin, LinearFrictional
+from loops.laws import ContactLaw, FrictionalLaw
 from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
@@ -55,7 +55,7 @@ class HeldPacking(Shown):
     ----------
     graph : GrainGraph
         The closed contacts at rest.
-    law : LinearFrictional or HertzMindlin
+    law : FrictionalLaw
         Stiffness and friction of these contacts.
     planes : PlaneContacts or None
         Contacts with walls at rest.
@@ -92,7 +92,7 @@ class HeldPacking(Shown):
     """
 
     graph: GrainGraph
-    law: LinearFrictional | HertzMindlin
+    law: FrictionalLaw
     planes: PlaneContacts | None
     plane_force: Floats
     status: Status
@@ -152,8 +152,8 @@ def hold(
     ----------
     graph : GrainGraph
         One state: periodic, or between walls.
-    law : LinearFrictional or HertzMindlin
-        Contact law.
+    law : FrictionalLaw
+        Contact law: linear, Hertz and Mindlin's, or one of your own.
     control : {'strain', 'stress'}
         What is held: the cell or the walls; or the stress of a periodic cell (11, 22 and the mean
         of 12 and 21).
@@ -308,6 +308,6 @@ def _rest(
 
 
 def _sliding(state: PackingState, pairs: Pairs) -> int:
-    limit = SLIDING_SHARE * strength(pairs, state.normal_force)
+    limit = SLIDING_SHARE * strength(pairs, state)
     slides = state.closed & ~state.at_wall & (np.abs(state.shear_force) >= limit)
     return int(np.count_nonzero(slides))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from loops.arrays import Flags, Floats, Integers
 from loops.errors import InputError
-from loops.graph import GrainGraph, contact_state, require_one_state
-from loops.laws import FrictionalLaw, HertzMindlin, LinearFrictional
+from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
+from loops.laws import FrictionalLaw, HertzMindlin, LinearFrictional, Regime
 from loops.packing import PlaneContacts
 from stability.packing.state import PackingState
 
@@ -30,7 +31,8 @@ PAIR = np.dtype(
         ("kn", "f8"),
         ("kt", "f8"),
         ("coupling", "f8"),  # stuck, `-T'` per `n . d'`: of a `T` that goes with `kt`
-        ("mu", "f8"),  # 0 where the strength is not finite
+        ("mu", "f8"),  # slope of the strength with N, 0 where it is not finite
+        ("cohesion", "f8"),  # the strength less `mu N`
         ("slides", "i8"),  # whether the strength is finite
     ]
 )
@@ -41,12 +43,38 @@ SMALL_OVERLAP = 1e-4
 HERTZ, HERTZ_BAND, MOSTLY = 2.0 / 3.0, 0.01, 0.9
 
 
+# What a law of one's own leaves to `FrictionalLaw`; its forces at touch, over the largest.
+LEFT = ("gap", "shear_kinematics", "rolling_stiffness", "regime", "take")
+AT_TOUCH = 1e-9
+
+
+class OwnLaw(NamedTuple):
+    """A law of one's own between grains: parameters, pairs (R,) and radii (2, R)."""
+
+    law: FrictionalLaw
+    rows: Integers
+    radii: Floats
+
+    def contacts(self, overlap: Floats, T: Floats | float = 0.0) -> tuple[Flags, ContactState]:
+        """(R,) which pairs touch, and contacts of overlaps (P,); those apart as at a small one."""
+        i, j = self.radii
+        own, n = overlap[self.rows], np.tile([1.0, 0.0], (len(i), 1))
+        length = (i + j) - np.where(own > 0, own, SMALL_OVERLAP * (i + j))
+        T = np.broadcast_to(T, len(overlap))[self.rows]
+        state = ContactState(length, n, n[:, ::-1], 0.0 * length, T, i, j)
+        return own > 0, replace(state, normal_force=np.asarray(self.law.closed_force(state)))
+
+    def stiffness(self, state: ContactState, regime: Regime) -> Floats:
+        """(R, 2, 2) `D` of contacts."""
+        return self.law.local_stiffness(state, np.full(len(state.length), regime, dtype=np.int8))
+
+
 class Pairs(NamedTuple):
     """Pairs (P, 2) with the image of the second grain (P, 2), and `kn`, `kt`, `mu` (P,).
 
     The second one of a pair is the wall, if there is one. Under Hertz's law `kn`, `kt` are the
     tangents over the root of the overlap, `N = 2/3 kn overlap^(3/2)`; `by_displacement`, `T` goes
-    with `kt`. A `law` of one's own holds between grains, `kn` and `kt` at walls.
+    with `kt`. A law of one's `own` holds between grains, `kn` and `kt` at walls alone.
     """
 
     grains: Integers
@@ -56,10 +84,15 @@ class Pairs(NamedTuple):
     mu: Floats
     hertz: bool = False
     by_displacement: bool = False
-    law: FrictionalLaw | None = None
+    own: OwnLaw | None = None
 
     def __len__(self) -> int:
         return len(self.grains)
+
+    @property
+    def linear(self) -> bool:
+        """Whether all springs are linear."""
+        return not (self.hertz or self.own)
 
 
 def touching_distances(state: PackingState, pairs: Pairs) -> Floats:
@@ -74,19 +107,42 @@ def overlaps(state: PackingState, pairs: Pairs) -> Floats:
 
 
 def normal_forces(pairs: Pairs, overlap: Floats) -> Floats:
-    """(P,) `N` of the overlaps."""
-    return HERTZ * pairs.kn * overlap**1.5 if pairs.hertz else pairs.kn * overlap
+    """(..., P) `N` of the overlaps."""
+    N = HERTZ * pairs.kn * overlap**1.5 if pairs.hertz else pairs.kn * overlap
+    if pairs.own:
+        for of, all_overlaps in zip(np.atleast_2d(N), np.atleast_2d(overlap), strict=True):
+            touch, state = pairs.own.contacts(all_overlaps)
+            of[pairs.own.rows] = np.where(touch, state.normal_force, 0.0)
+    return N
 
 
 def tangents(pairs: Pairs, overlap: Floats) -> tuple[Floats, Floats]:
     """(P,) `kn` and `kt` at the overlaps."""
+    if pairs.own:
+        kn, kt, _ = own_stiffness(pairs, overlap, np.zeros(len(pairs)))
+        return kn, kt
     root = np.sqrt(overlap) if pairs.hertz else 1.0
     return pairs.kn * root, pairs.kt * root
 
 
+def own_stiffness(pairs: Pairs, overlap: Floats, T: Floats) -> tuple[Floats, Floats, Floats]:
+    """(P,) `kn`, `kt` and `-dT/dun` of stuck pairs, zero between grains that don't touch."""
+    assert pairs.own is not None
+    touch, state = pairs.own.contacts(overlap, T)
+    D = np.where(touch[:, None, None], pairs.own.stiffness(state, Regime.ELASTIC), 0.0)
+    kn, kt, coupling = pairs.kn.copy(), pairs.kt.copy(), np.zeros(len(pairs))
+    rows = pairs.own.rows
+    kn[rows], kt[rows], coupling[rows] = D[:, 0, 0], D[:, 1, 1], D[:, 1, 0]
+    return kn, kt, coupling
+
+
 def normal_energy(pairs: Pairs, overlap: Floats) -> Floats:
     """(P,) energy of the normal springs at the overlaps."""
-    return (0.4 if pairs.hertz else 0.5) * normal_forces(pairs, overlap) * overlap
+    energy = (0.4 if pairs.hertz else 0.5) * normal_forces(pairs, overlap) * overlap
+    if pairs.own:
+        touch, state = pairs.own.contacts(overlap)
+        energy[pairs.own.rows] = np.where(touch, pairs.own.law.normal_energy(state), 0.0)
+    return energy
 
 
 def typical_stiffness(pairs: Pairs, state: PackingState) -> Floats:
@@ -95,65 +151,82 @@ def typical_stiffness(pairs: Pairs, state: PackingState) -> Floats:
     return tangents(pairs, np.maximum(overlaps(state, pairs), least))[0]
 
 
-def strength(pairs: Pairs, N: Floats) -> Floats:
-    """`mu N`, infinite where a closed contact never slides."""
+def strength(pairs: Pairs, state: PackingState) -> Floats:
+    """(P,) shear force that pairs can carry, infinite where a closed contact never slides."""
     finite = np.isfinite(pairs.mu)
-    return np.where(finite, np.where(finite, pairs.mu, 0.0) * N, np.inf)
+    most = np.where(finite, np.where(finite, pairs.mu, 0.0) * state.normal_force, np.inf)
+    if pairs.own:
+        rows, (touch, own) = pairs.own.rows, pairs.own.contacts(overlaps(state, pairs))
+        most[rows] = np.where(touch & finite[rows], pairs.own.law.strength(own), most[rows])
+    return most
 
 
-def require_movable(graph: GrainGraph, law: object) -> LinearFrictional | HertzMindlin:
-    """The law of equations of motion, checked as that of a path but for Hertz and Mindlin's."""
-    if isinstance(law, HertzMindlin):
-        require_carrying(graph)
-        return law
-    return require_replayable(graph, law)
+def require_movable(graph: GrainGraph, law: object) -> FrictionalLaw:
+    """The law of paths and equations of motion; refuse others, and graphs that carry nothing.
 
-
-def require_carrying(graph: GrainGraph) -> None:
-    """Refuse graphs that are not one state with contacts."""
+    The normal force is one of the overlap, and vanishes with the strength where the grains part.
+    """
     require_one_state(graph)
     if not graph.contact_count:
         raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
-
-
-def require_replayable(graph: GrainGraph, law: object) -> LinearFrictional:
-    """The law; refuse all but linear springs, and graphs that are not one state with contacts."""
-    require_carrying(graph)
-    if not isinstance(law, LinearFrictional):
-        raise InputError(
-            "law",
-            type(law).__name__,
-            "LinearFrictional: springs and a cone that are piecewise linear",
-            "Give gl.LinearFrictional.",
-        )
-    state = contact_state(graph)
+    state, name = contact_state(graph), type(law).__name__
     closed = (graph.normal_force > 0) & (state.overlap > 0)
-    hertz = HERTZ * (law.kn * state.overlap)[closed]
-    as_hertz = np.abs(graph.normal_force[closed] - hertz) < HERTZ_BAND * hertz
-    if np.count_nonzero(as_hertz) > MOSTLY * len(as_hertz):
-        received = "normal forces of 2/3 of kn times the overlap, as Hertz's tangents give them"
-        expected = "linear springs, of which N is kn times the overlap"
-        raise InputError(
-            "law", received, expected, "Give law='hertz' (--law hertz), or study rates."
-        )
+    if not isinstance(law, FrictionalLaw):
+        expected = "a law derived from gl.FrictionalLaw, without a spring for rolling"
+        raise InputError("law", name, expected, "Leave rolling out, or study tangents.")
+    if type(law) is LinearFrictional:
+        hertz = HERTZ * (law.kn * state.overlap)[closed]
+        as_hertz = np.abs(graph.normal_force[closed] - hertz) < HERTZ_BAND * hertz
+        if np.count_nonzero(as_hertz) > MOSTLY * len(as_hertz):
+            received = "normal forces of 2/3 of kn times the overlap, as Hertz's tangents give them"
+            expected = "linear springs, of which N is kn times the overlap"
+            remedy = "Give law='hertz' (--law hertz), or study rates."
+            raise InputError("law", received, expected, remedy)
+    elif type(law) is not HertzMindlin:
+        changed = [m for m in LEFT if getattr(type(law), m) is not getattr(FrictionalLaw, m)]
+        changed += [] if law.keeps_strength else ["keeps_strength"]
+        if changed:
+            expected = "in paths of packings a law that leaves these to gl.FrictionalLaw"
+            raise InputError("law", f"{name} with {', '.join(changed)}", expected, "Study loops.")
+        ij = graph.radii[graph.contacts].T
+        own = OwnLaw(law, np.arange(len(closed)), ij)
+        try:
+            _, pressed = own.contacts(state.overlap)
+            D = own.stiffness(pressed, Regime.ELASTIC)
+        except NotImplementedError as lacks:
+            expected = "closed_force, and kt or stiffnesses"
+            raise InputError("law", f"{name} without {lacks}", expected, "Write it.") from None
+        parting = replace(pressed, length=pressed.touching_length)
+        parting = replace(parting, normal_force=np.asarray(law.closed_force(parting)))
+        strengths = [
+            np.where(np.isfinite(law.mu), law.strength(s), 0.0) for s in (parting, pressed)
+        ]
+        ends = (parting.normal_force, pressed.normal_force), strengths
+        left = [np.abs(a).max() > AT_TOUCH * np.abs(b).max() for a, b in ends]
+        if any(left) or np.any(D[:, 0, 1] != 0):
+            expected = "a normal force of the overlap that vanishes, as the strength, at touch"
+            raise InputError("law", name, expected, "Study loops, or leave cohesion out.")
     return law
 
 
 def contact_pairs(
-    start: PackingState, law: LinearFrictional | HertzMindlin, planes: PlaneContacts | None = None
+    start: PackingState, law: FrictionalLaw, planes: PlaneContacts | None = None
 ) -> Pairs:
-    """The contacts of the start as pairs, those with walls last.
+    """The contacts of the start as pairs, those with walls last; `require_movable` gives the law.
 
     Under Hertz's law walls have the stiffness over the root of the overlap that their forces tell,
     and the ratio of their `kt` to `kn`.
     """
-    count, hertz = int(np.count_nonzero(~start.at_wall)), isinstance(law, HertzMindlin)
-    if isinstance(law, HertzMindlin):
-        radii = start.radii[start.contacts[:count]]
+    count, hertz, own = int(np.count_nonzero(~start.at_wall)), type(law) is HertzMindlin, None
+    radii = start.radii[start.contacts[:count]]
+    kn = kt = np.zeros(count)
+    if type(law) is HertzMindlin:
         kn = law.young / (1.0 - law.poisson**2) * np.sqrt(_effective_radii(radii))
         kt = law.stiffness_ratio * kn
-    else:
+    elif type(law) is LinearFrictional:
         kn, kt = law.kn, law.kt
+    else:
+        own = OwnLaw(law, np.arange(count), radii.T)
     numbers = [np.broadcast_to(k, count).astype(float) for k in (kn, kt, law.mu)]
     if len(start.walls) and planes is not None:
         mu = np.where(planes.kt > 0, np.inf, 0.0) if planes.mu is None else planes.mu
@@ -164,20 +237,20 @@ def contact_pairs(
             carried = start.normal_force[count:]
             told = (root > 0) & (carried > 0)
             over = np.where(told, root, 1.0)
-            own = np.where(told, carried / (HERTZ * over**3), kn)
-            kn, kt = own, kt * own / kn
-        numbers = [np.append(k, own) for k, own in zip(numbers, (kn, kt, mu), strict=True)]
-    by_displacement = isinstance(law, HertzMindlin) and law.shear_history == "displacement"
+            fitted = np.where(told, carried / (HERTZ * over**3), kn)
+            kn, kt = fitted, kt * fitted / kn
+        numbers = [np.append(k, one) for k, one in zip(numbers, (kn, kt, mu), strict=True)]
+    by_displacement = type(law) is HertzMindlin and law.shear_history == "displacement"
     kn, kt, mu = numbers
-    return Pairs(start.contacts, start.images, kn, kt, mu, hertz, by_displacement)
+    return Pairs(start.contacts, start.images, kn, kt, mu, hertz, by_displacement, own)
 
 
-def law_of(
-    law: LinearFrictional | HertzMindlin, pairs: Pairs, rows: Flags, state: PackingState
-) -> LinearFrictional | HertzMindlin:
+def law_of(law: FrictionalLaw, pairs: Pairs, rows: Flags, state: PackingState) -> FrictionalLaw:
     """The law of the picked pairs between grains, of the same kind as the one given."""
+    if pairs.own:
+        return pairs.own.law.take(np.flatnonzero(rows[pairs.own.rows]))
     kn, kt, mu = (k[rows] for k in pairs[2:5])
-    if isinstance(law, LinearFrictional):
+    if not isinstance(law, HertzMindlin):
         return LinearFrictional(kn, kt, mu, law.shear_increment)
     modulus = kn / np.sqrt(_effective_radii(state.radii[pairs.grains[rows]]))
     return HertzMindlin(modulus, 0.0, mu, law.shear_increment, law.shear_history, kt / kn)
@@ -207,17 +280,37 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool, reach: float = 0
     frame["rotation"][state.at_wall] = 0.0
     frame["growth"] = 0.5 * T / unit
     frame["kn"], frame["kt"], frame["coupling"] = pairs.kn, pairs.kt, 0.0
-    if pairs.hertz:
+    frame["slides"] = np.isfinite(pairs.mu)
+    frame["mu"], frame["cohesion"] = np.where(frame["slides"], pairs.mu, 0.0), 0.0
+    if not pairs.linear:
         overlap = radii.sum(axis=1) - length
         closed = overlap > 0
         at = np.where(closed, overlap, reach)
+    if pairs.hertz:
         kn, frame["kt"] = tangents(pairs, at)
         frame["kn"] = np.where(overlap > reach, kn, HERTZ * kn)
         if pairs.by_displacement:
             frame["coupling"] = np.where(closed, T / (2.0 * np.where(closed, overlap, 1.0)), 0.0)
-    frame["slides"] = np.isfinite(pairs.mu)
-    frame["mu"] = np.where(frame["slides"], pairs.mu, 0.0)
+    if pairs.own:
+        _add_own(frame, pairs, at, T, overlap > reach)
     return frame
+
+
+def _add_own(frame: NDArray[Any], pairs: Pairs, at: Floats, T: Floats, far: Flags) -> None:
+    """Stiffness and strength between grains, from touch to `at` where they are not `far` in."""
+    own = pairs.own
+    assert own is not None
+    rows, (touch, state) = own.rows, own.contacts(at, 1.0)
+    kn, frame["kt"], frame["coupling"] = own_stiffness(pairs, at, T)
+    overlap, N = np.where(touch, at[rows], 1.0), np.where(touch, state.normal_force, 0.0)
+    slides = frame["slides"][rows]
+    most = np.where(slides & touch, own.law.strength(state), 0.0)
+    slope, D = np.divide(most, N, out=0.0 * N, where=N > 0), own.stiffness(state, Regime.SLIDING)
+    steep = D[:, 1, 0] / np.where(D[:, 0, 0] > 0, D[:, 0, 0], 1.0)
+    slope = np.where(far[rows] & slides, steep, slope)
+    frame["kn"] = kn
+    frame["kn"][rows] = np.where(far[rows], kn[rows], N / overlap)
+    frame["mu"][rows], frame["cohesion"][rows] = slope, most - slope * N
 
 
 def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:
@@ -251,8 +344,18 @@ def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:
             added[own] = _as_known(k[of], radii[pairs.grains[of, 0]], radii[grains[own, 0]])
         numbers.append(np.append(k * old, added * fresh))
     kn, kt, mu = numbers
-    every = np.concatenate([pairs.grains, grains]), np.concatenate([pairs.images, images])
-    return Pairs(*every, kn, kt, mu, pairs.hertz, pairs.by_displacement, pairs.law)
+    every, own = np.concatenate([pairs.grains, grains]), pairs.own
+    if own:
+        # The contact of the median stiffness stands for the new ones.
+        _, pressed = own.contacts(np.zeros(len(pairs)))
+        stiff = own.stiffness(pressed, Regime.ELASTIC)[:, 0, 0]
+        added_rows = len(pairs) + np.flatnonzero(grains[:, 1] < count)
+        typical = np.full(len(added_rows), np.argsort(stiff)[len(stiff) // 2])
+        law = own.law.take(np.append(np.arange(len(stiff)), typical))
+        rows = np.append(own.rows, added_rows)
+        own = OwnLaw(law, rows, radii[every[rows]].T)
+    at = np.concatenate([pairs.images, images])
+    return Pairs(every, at, kn, kt, mu, pairs.hertz, pairs.by_displacement, own)
 
 
 def _effective_radii(radii: Floats) -> Floats:

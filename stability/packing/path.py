@@ -89,7 +89,8 @@ class PackingPath(Shown):
         work of unbalanced forces, at instabilities and by rattlers. The first is the change of
         `energy` and the other three, to rounding (Theory, equations (11.12) and (11.13)).
     energy : (R,) array
-        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`; of Hertz's, `2/5 N overlap`.
+        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`; of Hertz's, `2/5 N overlap`, of other laws
+        their `normal_energy`.
     imbalance : (R,) array
         Largest drift of a grain's resultant over the mean contact force.
     intervals : int
@@ -207,7 +208,7 @@ class PackingPathSolver:
     def _find_regimes(self) -> None:
         """Mark closed contacts on the friction limit as sliding, on the side of their force."""
         N, T = self.state.normal_force, self.state.shear_force
-        slides = np.abs(T) >= AT_YIELD * strength(self.pairs, N)
+        slides = np.abs(T) >= AT_YIELD * strength(self.pairs, self.state)
         closed = np.where(slides, Regime.SLIDING, Regime.ELASTIC)
         self.regime = np.where(N > 0, closed, Regime.OPEN).astype(np.int8)
         self.side = np.sign(T)
@@ -467,7 +468,7 @@ class PackingPathSolver:
 
 def _with_forces_of_geometry(state: PackingState, pairs: Pairs) -> PackingState:
     """The state with normal forces of its overlaps, and shear forces within the cone."""
-    N = normal_forces(pairs, overlaps(state, pairs))
-    T = np.where(N > 0, state.shear_force, 0.0)
-    most = strength(pairs, N)
-    return replace(state, normal_force=N, shear_force=np.clip(T, -most, most))
+    state = replace(state, normal_force=normal_forces(pairs, overlaps(state, pairs)))
+    most = strength(pairs, state)
+    T = np.clip(np.where(state.closed, state.shear_force, 0.0), -most, most)
+    return replace(state, shear_force=T)

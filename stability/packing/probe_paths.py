@@ -133,9 +133,10 @@ def _of_finished(done: Flags, rows: list[Floats]) -> Floats:
 
 def _sliding(state: PackingState, pairs: Pairs) -> int:
     """Number of contacts of the start that are at yield."""
-    count = len(pairs)
-    N, T = state.normal_force[:count], state.shear_force[:count]
-    return int(np.count_nonzero((N > 0) & (np.abs(T) >= AT_YIELD * strength(pairs, N))))
+    rows = ("contacts", "images", "normal_force", "shear_force")
+    first = replace(state, **{name: getattr(state, name)[: len(pairs)] for name in rows})
+    slides = np.abs(first.shear_force) >= AT_YIELD * strength(pairs, first)
+    return int(np.count_nonzero(first.closed & slides))
 
 
 def _unstable(path: PackingPath) -> int:

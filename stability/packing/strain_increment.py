@@ -189,13 +189,13 @@ class StrainIncrement:
 
         packing = self.packing
         normal = np.zeros((0, 0))
-        if self.pairs.hertz:
-            # Of Hertz's force the energies at both ends are exact, whatever the rule in between.
+        if not self.pairs.linear:
+            # Of such forces the energies at both ends are exact, whatever the rule in between.
             overlap = np.empty((4, len(self.pairs)))
             grains = self.touching, self.state.walls, self.state.count
             overlaps_on_the_way(packing.frame, *grains, self.strain, self.u, h, v, step, overlap)
             normal = normal_forces(self.pairs, overlap[1:3])
-            before, after = normal_energy(self.pairs, overlap[::3])
+            before, after = (normal_energy(self.pairs, overlap[k]) for k in (0, 3))
             self.work[0] += float(np.sum(after - before)) if step > 0 else 0.0
         pairs = (packing.frame, packing.regime)
         motion = (packing.length, self.strain, self.u, h, v, step)
@@ -342,15 +342,15 @@ class StrainIncrement:
         N = normal_forces(pairs, overlap)
         closed = np.where(packing.regime == OPEN, ELASTIC, packing.regime)
         regime, side = np.where(N > 0, closed, OPEN).astype(np.int8), packing.side.copy()
-        most = strength(pairs, N)
+        most = strength(pairs, replace(moved, normal_force=N))
         # Sliding contacts have all of their strength, others at most that.
-        T = np.where(regime == SLIDING, side * packing.frame["mu"] * N, self.T)
+        T = np.where(regime == SLIDING, side * np.where(np.isfinite(most), most, 0.0), self.T)
         T = np.clip(np.where(N > 0, T, 0.0), -most, most)
         # Shear springs relax by slip, or by the work of the constraint on a held contact.
         kt = packing.frame["kt"]
         relaxed = np.divide(self.T**2 - T**2, 2 * kt, out=0 * T, where=kt > 0)
         work = self.work.copy()
-        if pairs.hertz:
+        if not pairs.linear:
             # Under the same force a stiffer spring stores less.
             now = tangents(pairs, overlap)[1]
             springs = (kt > 0) & (now > 0)

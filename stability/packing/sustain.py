@@ -268,8 +268,8 @@ def sustain(
     graph : GrainGraph
         One state in equilibrium, periodic or between walls: bring another to rest with `hold`
         first.
-    law : LinearFrictional or HertzMindlin
-        Contact law.
+    law : FrictionalLaw
+        Contact law: linear, Hertz and Mindlin's, or one of your own.
     directions : int or (D, m) array_like
         How many, evenly spread; or the directions themselves (m = 2, or 3 with shear).
     subspace : {'diagonal', 'symmetric'}
@@ -524,5 +524,5 @@ def keeps_growing(strains: Sequence[float], kinetic: Sequence[float]) -> bool:
 
 def _slides(state: PackingState, pairs: Pairs) -> Flags:
     """(P,) contacts on the friction limit."""
-    limit = AT_YIELD * strength(pairs, state.normal_force)
+    limit = AT_YIELD * strength(pairs, state)
     return np.asarray((state.normal_force > 0) & (np.abs(state.shear_force) >= limit))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from loops import HertzMindlin, InputError, Regime, outline_area
+from loops import HertzMindlin, InputError, Regime, contact_state, outline_area
 from loops.arrays import Flags, Floats
 from patterns import Snapshot, WallContacts, planar
 from patterns.snapshots.checks import SLIDING_SHARE
@@ -242,7 +242,8 @@ def held_snapshot(
             f"stresses differ by {100 * held.spread:.2g} %; all results apply only to "
             "the state at rest that was found"
         )
-    graph, limit = held.graph, SLIDING_SHARE * held.law.mu * held.graph.normal_force
+    graph = held.graph
+    limit = SLIDING_SHARE * held.law.strength(contact_state(graph))
     regime = np.where(np.abs(graph.shear_force) >= limit, Regime.SLIDING, Regime.ELASTIC)
     if held.planes is not None:
         walls = WallContacts(

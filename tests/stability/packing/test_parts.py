@@ -9,7 +9,7 @@ import pytest
 from loops import GrainGraph, InputError
 from stability.packing import regime_regions
 from stability.packing.complementarity import principal_transform, scaled_definite
-from stability.packing.pairs import _as_known, require_replayable
+from stability.packing.pairs import _as_known, require_movable
 from stability.packing.regime_regions import RegimeRegions, cones
 from stability.packing.response import PackingRates
 from stability.packing.solution_branch import trace_branch
@@ -104,9 +104,9 @@ def test_forces_of_hertz_are_told_by_most_contacts(alike):
     graph = lattice(alike)
     if alike == 8:
         with pytest.raises(InputError, match="2/3 of kn times the overlap"):
-            require_replayable(graph, LAW)
+            require_movable(graph, LAW)
     else:
-        assert require_replayable(graph, LAW) is LAW
+        assert require_movable(graph, LAW) is LAW
 
 
 def lattice(alike):

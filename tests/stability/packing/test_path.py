@@ -518,7 +518,7 @@ def test_the_load_of_the_start_decreases(kept):
     ("change", "message"),
     [
         ({"load_kept": 1.1}, "load_kept"),
-        ({"law": RollingResistance(LAW, 0.02)}, "piecewise linear"),
+        ({"law": RollingResistance(LAW, 0.02)}, "without a spring for rolling"),
         ({"stages": []}, "stages"),
         ({"rows": -1}, "rows"),
         ({"interval": 0.0}, "interval"),
