@@ -71,14 +71,18 @@ class LoopDomainParameters:
 
     def described(self) -> dict[str, Any]:
         """Value of every option by its name on the command line."""
-        loops = [_loop_columns(loop) for loop in self.loops]
+        loops = [_loop_columns(loop) | loop.special() for loop in self.loops]
         return {"loops": loops, "programmes": self.control, "directions": self.directions}
 
 
 def _loop_columns(loop: PolygonOptions) -> dict[str, Any]:
-    """Columns of the table and the summary that name a loop."""
+    """Columns of the table and the summary that name a loop; of a snapshot's its mean contact."""
+    kappa, phi = loop.kappa, loop.phi_deg
+    if isinstance(loop, LoopOptions):
+        law = loop.law()
+        kappa, phi = float(np.mean(law.kt / law.kn)), float(np.degrees(np.arctan(np.mean(law.mu))))
     own = {"order": loop.order, "closure": loop.closure, "spins": loop.spins}
-    return {**own, "kappa": loop.kappa, "phi_deg": loop.phi_deg}
+    return {**own, "kappa": kappa, "phi_deg": phi}
 
 
 def loop_fan(d0: Floats, directions: int) -> Floats:
@@ -111,8 +115,7 @@ def loop_limits(
     model = path_model(graph, contacts, law, loop.closure, loop.spins, None)
     model = replace(model, symmetry=loop_symmetry(graph).along_axes())
     fan = Fan(model, control, loop_fan(model.d0, directions), reach)
-    plain = loop.spins == "blocked" and loop.contact_law == "linear"
-    if plain:
+    if loop.spins == "blocked" and loop.contact_law == "linear":
         start = LoopStates.at_rest(1, model.contact_count, graph.shear_force)
         limits = first_limits(fan, start)
     else:
@@ -231,7 +234,7 @@ def domains_figure(table: pd.DataFrame, parameters: LoopDomainParameters) -> Fig
     """First loss of each programme by order, a panel for each closure and kind of contacts."""
     closures = list(dict.fromkeys(loop.closure for loop in parameters.loops))
     orders = list(dict.fromkeys(loop.order for loop in parameters.loops))
-    kinds, kappa = list(table.contacts.unique()), parameters.loops[0].kappa
+    kinds, kappa = list(table.contacts.unique()), table.kappa.iloc[0]
     figure, panels = new_panels(len(kinds), len(closures), 0.8 + 2.5 * len(kinds))
     regular = all(
         loop.radii is None and not isinstance(loop, LoopOptions) for loop in parameters.loops

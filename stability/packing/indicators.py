@@ -242,17 +242,14 @@ def steric_order(graph: GrainGraph) -> Floats:
         mine = i < count
         i, j, m = i[mine], j[mine], m[mine]
         a, b = x[j] - x[i], x[m] - x[i]
-        angle = np.arccos(np.clip(_cosine(a, b), -1.0, 1.0))
+        between = np.sum(a * b, axis=1) / (np.hypot(*a.T) * np.hypot(*b.T))
+        angle = np.arccos(np.clip(between, -1.0, 1.0))
         ri, rj, rm = (graph.radii[home[grain]] for grain in (i, j, m))
         sides = (ri + rj, ri + rm, rj + rm)
         cosine = (sides[0] ** 2 + sides[1] ** 2 - sides[2] ** 2) / (2.0 * sides[0] * sides[1])
         np.add.at(total, i, np.abs(angle - np.arccos(np.clip(cosine, -1.0, 1.0))))
         np.add.at(triangles, i, 1.0)
     return np.where(triangles > 0, total / np.maximum(triangles, 1.0), np.nan)
-
-
-def _cosine(a: Floats, b: Floats) -> Floats:
-    return np.asarray(np.sum(a * b, axis=1) / (np.hypot(*a.T) * np.hypot(*b.T)))
 
 
 def local_density(graph: GrainGraph, faces: Faces) -> Floats:

@@ -131,7 +131,9 @@ class StateRates:
 
         The arc length is a regular parameter where the loading parameter turns back.
         """
-        return self.raw_rates.scaled(1.0 / float(np.linalg.norm(self.raw_rates.H)))
+        size = float(np.linalg.norm(self.raw_rates.H))
+        # No strain at all: a loop that has collapsed to a line.
+        return self.raw_rates.scaled(1.0 / size if size > 0.0 else np.nan)
 
     @cached_property
     def y_rates(self) -> Floats:
@@ -228,7 +230,10 @@ def closure_equations(
         return Equations(*ring_equations(compliance, model.m / model.length))
     form, motion = model.form, model.motion
     if model.spins == "affine":
-        row = spin_of_gradient(np.eye(2) - H.reshape(2, 2))
+        # A loop that has collapsed to a line has no rotation: not a number, and not trusted.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            row = spin_of_gradient(np.eye(2) - H.reshape(2, 2))
+        row = np.where(np.isfinite(row), row, np.nan)
         form = replace(form, spin=LoopSpin(row, np.zeros(4)))
         motion = motion.copy()
         motion[:, :, :4] = drive(form)

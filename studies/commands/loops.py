@@ -284,6 +284,9 @@ def domain(
         str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
     ] = "blocked",
     law: Annotated[str, Parameter(help="Contact law: linear or hertz.")] = "linear",
+    rolling: Annotated[
+        float, Parameter(help="Rolling stiffness over kn l0^2, with --spins free.")
+    ] = 0.0,
     programmes: Annotated[
         str, Parameter(help="Straight programmes of strain or of stress.")
     ] = "strain",
@@ -321,13 +324,13 @@ def domain(
         from studies.loop_domains import LONGEST, LoopDomainParameters, run_loop_domains
 
         if not given:
-            if (closure, spins, law, programmes) != (None, "blocked", "linear", "strain"):
+            plain = (None, "blocked", "linear", 0.0, "strain")
+            if (closure, spins, law, rolling, programmes) != plain:
                 received = "given without a loop"
                 expected = "--order, --compare, --radii or --snapshot with them"
                 remedy = "Write --order 4 for the square diamond."
-                raise InputError(
-                    "--closure, --spins, --law, --programmes", received, expected, remedy
-                )
+                where = "--closure, --spins, --law, --rolling, --programmes"
+                raise InputError(where, received, expected, remedy)
             _refuse_reading(loop, reading)
             parameters = DomainParameters(
                 numbers("--alpha0", alpha0), ratios, phi, 1441 if directions is None else directions
@@ -347,6 +350,7 @@ def domain(
                 name for name, value in (("kappa", kappa), ("phi_deg", phi)) if value is not None
             ]
             own += ["law"] if law != "linear" else []
+            own += ["rolling"] if rolling else []
             words |= {"closure": closures[0]}
             loops = [_of_snapshot(snapshot, loop, own, words, reading.how_of(snapshot))]
         else:
@@ -362,7 +366,7 @@ def domain(
                     expected += " for each order" if compare else ""
                     raise InputError(where, str(n), expected, "Correct it.")
             angle: Any = {} if phi is None else {"phi_deg": phi}
-            words |= {"radii": sizes, "contact_law": law, **angle}
+            words |= {"radii": sizes, "contact_law": law, "rolling": rolling, **angle}
             loops = [
                 PolygonOptions(n, kappa=k, closure=c, **words)
                 for k in ratios or (KAPPA.get(law, 0.2),) for c in closures for n in orders

@@ -263,9 +263,12 @@ class PolygonOptions:
         """Value of every option by its name on the command line."""
         names = ("order", "orientation", "kappa", "phi_deg", "mu", "closure", "spins", "confine")
         values = {name: getattr(self, name) for name in (*names, "programme", "model")}
+        return {**values, "end": self.last_strain, **self.special()}
+
+    def special(self) -> dict[str, Any]:
+        """Options that make the loop other than a regular one with linear springs."""
         own = {"law": self.contact_law, "rolling": self.rolling, "radii": self.radii}
-        told = {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
-        return {**values, "end": self.last_strain, **told}
+        return {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
 
 
 @dataclass(frozen=True)
@@ -328,7 +331,11 @@ class LoopOptions(PolygonOptions):
         """Value of every option by its name on the command line."""
         names = ("order", "closure", "spins", "programme", "model")
         values = {name: getattr(self, name) for name in names} | {"end": self.last_strain}
-        return {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2], **values}
+        return {**self.special(), **values}
+
+    def special(self) -> dict[str, Any]:
+        """The snapshot, the number of the loop, and how far its grains were moved."""
+        return {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2]}
 
 
 def ring_of_lengths(x: Floats, lengths: Floats) -> Floats:

@@ -180,8 +180,10 @@ def actual_values(own: Columns, state: Columns) -> dict[str, Floats]:
     at = own["loop_before"]
     found = {TARGET: _of_all(state, own["w2"], at)}
     if "fate" in state:
-        moved = own["nonaffinity"]
-        tenth = np.quantile(moved, 0.9) - moved if len(moved) else moved
+        # Over a strain of zero: infinite, or not a number.
+        moved = np.where(np.isfinite(own["nonaffinity"]), own["nonaffinity"], np.nan)
+        known = moved[np.isfinite(moved)]
+        tenth = np.quantile(known, 0.9) - moved if len(known) else moved
         found["nonaffine"] = _of_all(state, tenth, at)
         found["contact_lost"] = np.where(state["contact_lost"], -1.0, 1.0)
         found["topology"] = np.where(state["fate"] == "survived", 1.0, -1.0)

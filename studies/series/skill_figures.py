@@ -178,7 +178,10 @@ def skill_by_predictor(table: pd.DataFrame) -> Figure:
         if np.isfinite(past).any():
             ax.axvline(np.nanmean(past), color=VERMILION, linestyle="--", linewidth=0.9)
         ax.axvline(0.5, color=LIGHT_GREY, linewidth=0.9, zorder=0)
-        ax.set_title(f"{TARGET_TITLES[target]}\nbase rate {_base(table, target)}")
+        base = _column(table, "base", target, "order")
+        base = base[np.isfinite(base)]
+        shown = f"{base.mean():.3f} ({base.min():.3f} to {base.max():.3f})" if len(base) else "-"
+        ax.set_title(f"{TARGET_TITLES[target]}\nbase rate {shown}")
     axes[0].set_yticks(range(len(names)), labels=[PREDICTORS[name] for name in names])
     axes[0].invert_yaxis()
     for ax in axes[2:]:
@@ -221,15 +224,6 @@ def skill_by_interval(table: pd.DataFrame) -> Figure:
 def _column(table: pd.DataFrame, column: str, target: str, name: str) -> Floats:
     rows = (table["target"] == target) & (table["predictor"] == name)
     return table.loc[rows, column].to_numpy(dtype=float)
-
-
-def _base(table: pd.DataFrame, target: str) -> str:
-    """Mean and range of the base rate over the intervals."""
-    base = _column(table, "base", target, "order")
-    base = base[np.isfinite(base)]
-    if not len(base):
-        return "-"
-    return f"{base.mean():.3f} ({base.min():.3f} to {base.max():.3f})"
 
 
 @styled()

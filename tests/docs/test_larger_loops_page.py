@@ -2,12 +2,14 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from loops import HertzMindlin, LinearFrictional, RollingResistance, contact_state
+from loops.symmetry import loop_symmetry
 from patterns import regular_polygon
 from stability import Stage, follow, programmes
 from stability.paths.fan import Fan, LoopStates, first_limits
@@ -130,7 +132,7 @@ def test_drained_paths(tmp_path, closure):
 @pytest.mark.slow
 def test_losses_at_large_n():
     """Affine closure, strain at 40 degrees: the limits and the distance from them."""
-    (rows,) = tables(section(TEXT, "## Bifurcation domains"))[1:]
+    rows = tables(section(TEXT, "## Bifurcation domains"))[1]
     found = {}
     for row in rows:
         loop = regular_polygon(int(row["n"]))
@@ -145,6 +147,29 @@ def test_losses_at_large_n():
     for row in rows[:-1]:
         off = found["det_Ks", row["n"]] - found["det_Ks", "48"]
         assert says(row["off the limit"], off)
+
+
+@pytest.mark.slow
+def test_losses_at_large_n_under_the_traction_closure():
+    """Rows up to 65 grains again; the limit from the others, by the fit that stands there."""
+    (rows,) = tables(section(TEXT, "## Bifurcation domains"))[2:]
+    told = {int(row["n"]): float(row["det K = 0"]) for row in rows}
+    for row in rows:
+        assert says(row["off the limit"], told[int(row["n"])] - 0.327366)
+        if int(row["n"]) <= 65:
+            loop, law = regular_polygon(int(row["n"])), LinearFrictional(1.0, KAPPA)
+            model = path_model(loop, contact_state(loop), law, "traction", "blocked", None)
+            model = replace(model, symmetry=loop_symmetry(loop).along_axes())
+            fan = Fan(model, "strain", np.radians([40.0]), 0.95)
+            limits = first_limits(fan, LoopStates.at_rest(1, int(row["n"])))
+            for name in ("det_Ks", "det_K"):
+                H = limits.states[f"{name}_zero"].H[0]
+                assert says(row[f"{name.replace('_', ' ')} = 0"], np.hypot(H[0], H[3]))
+    n = np.array([64.0, 128.0, 256.0, 512.0])
+    powers = {"0.3273654": [n**0, np.log(n) / n**2, n**-2], "0.3273641": [n**0, n**-1.5, n**-2]}
+    for limit, shapes in powers.items():
+        fitted = np.linalg.lstsq(np.transpose(shapes), [told[int(k)] for k in n])[0][0]
+        assert says(limit, fitted) and limit in TEXT and abs(fitted - 0.327366) < 2e-6
 
 
 def test_ensembles_are_those_of_the_table_beside_the_figure():

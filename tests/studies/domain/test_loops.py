@@ -5,15 +5,18 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, contact_state
 from loops.symmetry import loop_symmetry
 from patterns import regular_polygon
 from patterns.polygons import opposite_gap
-from stability import Stage, follow, programmes, restrict, symmetric_part
+from stability import Stage, follow, restrict, symmetric_part
 from stability.paths.fan import (
+    CONTROLS,
     SPECTRAL,
+    STRESS_REACH,
     Fan,
     LoopStates,
     first_limits,
@@ -23,8 +26,10 @@ from stability.paths.fan import (
 from stability.paths.model import path_model
 from studies.cli import main
 from studies.domain import Case, first_losses
+from studies.examples.larger_loops import rolling_threshold
 from studies.loop_domains import (
     LoopDomainParameters,
+    _limit_rows,
     loop_fan,
     loop_limits,
     run_loop_domains,
@@ -46,11 +51,13 @@ def fan_of(order, closure, control, angles, mu=np.inf):
     return fan, first_limits(fan, LoopStates.at_rest(1, order)), law, loop
 
 
+def path_of(loop, law, control, angle, end=0.95, **options):
+    stage = Stage(CONTROLS[control](np.cos(angle), np.sin(angle)), "parameter", end)
+    return follow(loop, law, stage, subspace=("diagonal", "symmetric"), **options)
+
+
 def by_follow(loop, law, closure, control, angle):
-    load = {"strain": programmes.proportional_strain, "stress": programmes.proportional_stress}
-    stage = Stage(load[control](np.cos(angle), np.sin(angle)), "parameter", 0.95)
-    path = follow(loop, law, stage, closure=closure, subspace=("diagonal", "symmetric"))
-    first = {}
+    path, first = path_of(loop, law, control, angle, closure=closure), {}
     for event in path.events:
         kind = KIND.get((event.kind, event.subspace))
         if kind:
@@ -81,6 +88,55 @@ def test_limits_of_the_fan_are_those_of_single_paths(order, closure, mu):
                 )
                 compared += 1
     assert compared >= 1 or apart.any() or not any(limits.found[kind].any() for kind in SPECTRAL)
+
+
+OTHER_LOOPS = [
+    {"order": 4, "spins": "affine"},
+    {"order": 5, "spins": "affine", "closure": "traction", "phi_deg": 20.0},
+    {"order": 5, "spins": "free", "closure": "affine"},
+    {"order": 6, "spins": "free", "closure": "traction", "phi_deg": 20.0},
+    {"order": 4, "kappa": 0.82, "contact_law": "hertz", "closure": "traction", "phi_deg": 20.0},
+    {"order": 12, "kappa": 0.82, "contact_law": "hertz"},
+    {"order": 5, "spins": "free", "kappa": 0.82, "contact_law": "hertz", "phi_deg": 20.0},
+    {"order": 4, "spins": "free", "rolling": 0.05, "phi_deg": 20.0},
+    {"order": 5, "spins": "free", "rolling": 0.05, "closure": "traction"},
+    {"order": 12, "spins": "free", "rolling": 0.05},
+]  # fmt: skip
+
+
+def held_to_single_paths(loop, control, directions=3):
+    """Strain and stress of the first loss of every kind beside those of `follow`; their number."""
+    fan, limits = loop_limits(loop, control, directions, friction=loop.phi_deg < 90.0)
+    assert not limits.open_question.any()
+    compared = 0
+    for row, angle in enumerate(fan.programme):
+        end = 0.95 * (1.0 if control == "strain" else STRESS_REACH)
+        path = path_of(loop.graph(), loop.law(), control, angle, end, closure=loop.closure,
+                       spins=loop.spins)  # fmt: skip
+        begins = stability_measures(restrict(path.A[0], "symmetric"))
+        for (event, subspace), kind in KIND.items():
+            if kind not in SPECTRAL or not limits.found[kind][row]:
+                continue
+            H = limits.states[kind].H[row]
+            if (H == path.H[0]).all():
+                # Lost by the first tangent, or nowhere to go from it: no event says so.
+                assert not begins[SPECTRAL.index(kind)] > 1e-12
+            else:
+                first = next(e for e in path.events if (e.kind, e.subspace) == (event, subspace))
+                np.testing.assert_allclose(H, path.H[first.index], rtol=0, atol=1e-12)
+                told = _limit_rows(fan, limits, kind, {}).set_index("programme_deg")
+                s = told.loc[np.degrees(angle), ["s1", "s2"]].to_numpy(float)
+                np.testing.assert_allclose(s, path.P[first.index, [0, 3]], rtol=0, atol=1e-12)
+            compared += 1
+    return compared
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("control", ["strain", "stress"])
+@pytest.mark.parametrize("words", OTHER_LOOPS, ids=lambda w: "-".join(map(str, w.values())))
+def test_other_spins_and_laws_against_single_paths(words, control):
+    loop = PolygonOptions(**{"kappa": KAPPA, "phi_deg": 90.0} | words)
+    assert held_to_single_paths(loop, control) >= 1
 
 
 @pytest.mark.slow
@@ -131,6 +187,26 @@ def test_contacts_of_even_loops_carry_their_own_force():
         integral = quad(lambda b: np.sin(b) ** KAPPA, beta - start, beta, epsabs=1e-14)[0]
         wanted = KAPPA * integral / (np.sin(beta) ** KAPPA * np.tan(beta))
         assert N[c] == pytest.approx(wanted, abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("order", "angle"),
+    [(8, 40.0), *(pytest.param(n, 40.0, marks=pytest.mark.slow) for n in (6, 10, 12, 64))],
+)
+def test_even_loops_lose_det_K_with_their_first_contact(order, angle):
+    """Traction: at `N/l = kt` of the first branch off the axes, which has `l = l0/(1 + kappa)`."""
+    fan, limits, *_ = fan_of(order, "traction", "strain", (angle,))
+    assert limits.found["det_K_zero"][0]
+    d0 = fan.model.d0
+    length = np.hypot(*(d0 + limits.states["det_K_zero"].moved[0]).T)
+    off_axes = (np.abs(d0) > 1e-9).all(axis=1)
+    assert length[off_axes].min() == pytest.approx(1.0 / (1.0 + KAPPA), rel=0, abs=3e-13)
+
+
+def test_even_loops_keep_det_K_on_straight_programmes_of_stress():
+    """Under a force of one direction a sticking contact never comes to `N/l = kt`."""
+    _, limits, *_ = fan_of(8, "traction", "stress", (25.0, 35.0, 60.0))
+    assert not limits.found["det_K_zero"].any() and not limits.open_question.any()
 
 
 @pytest.mark.parametrize("closure", ["affine", "traction"])
@@ -270,6 +346,23 @@ def test_free_spins_are_unstable_from_the_first_load():
 
 
 @pytest.mark.slow
+def test_rolling_springs_reach_the_contacts(tmp_path, monkeypatch, capsys):
+    """Free spins: the isotropic loss is that of both springs in series."""
+    asked = "domain --directions 3 --order 6 --closure traction --spins free --rolling 0.05"
+    asked = [*asked.split(), "--phi", "90", "--kappa", "0.3", "--json"]
+    command = ["grainloops", *asked, "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "argv", command)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["provenance"]["configuration"]["loops"][0]["rolling"] == 0.05
+    table = pd.read_parquet(tmp_path / "out" / "domain.parquet")
+    (E1,) = table[(table.kind == "det_Ks_zero") & (table.programme_deg.round(9) == 45.0)].E1
+    assert E1 == pytest.approx(rolling_threshold(6, KAPPA, 0.05), abs=1e-12)
+
+
+@pytest.mark.slow
 def test_study_of_two_orders(tmp_path):
     loops = tuple(PolygonOptions(n, phi_deg=20.0, closure="affine") for n in (4, 6))
     summary = run_loop_domains(LoopDomainParameters(loops, directions=5), tmp_path / "out")
@@ -289,6 +382,12 @@ def test_study_of_two_orders(tmp_path):
         (["--order", "400"], "--order: got 400, expected a whole number from 3 to 60"),
         (["--order", "5", "--kappa", "0"], "--kappa: got 0, expected positive ratios"),
         (["--order", "5", "--compare", "3-4"], "--order and --compare"),
+        (
+            ["--order", "5", "--rolling", "0.1"],
+            "--rolling: got spins blocked, expected --spins",
+        ),
+        (["--order", "5", "--law", "hertz", "--kappa", "0.3"], "--kappa: got 0.29999999999999999"),
+        (["--rolling", "0.1"], "--rolling, --programmes: got given without a loop"),
         (["--order", "5", "--closure", "packing"], "--closure: got 'packing'"),
         (["--order", "5", "--alpha0", "40"], "--alpha0: got given with --order"),
         (["--closure", "traction"], "--order, --compare, --radii or --snapshot with them"),
@@ -313,7 +412,10 @@ def test_loop_of_a_snapshot(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 0
-    assert json.loads(capsys.readouterr().out)["loops"][0]["limits"]
+    (found,) = json.loads(capsys.readouterr().out)["loops"]
+    # The sample's contacts, whatever the options' defaults are.
+    assert found["limits"] and found["kappa"] == pytest.approx(0.5, abs=1e-12)
+    assert found["phi_deg"] == pytest.approx(np.degrees(np.arctan(0.5)), abs=1e-12)
     monkeypatch.setattr(sys, "argv", [*command, "--loop", "100000"])
     with pytest.raises(SystemExit) as ended:
         main()

@@ -8,7 +8,13 @@ import pandas as pd
 import pytest
 from scipy.stats import spearmanr
 
-from studies.series.skill import SKILL_COLUMNS, mean_skill, score_skill, skill_tables
+from studies.series.skill import (
+    SKILL_COLUMNS,
+    actual_values,
+    mean_skill,
+    score_skill,
+    skill_tables,
+)
 from tests.studies.series.test_run import run, write_series
 
 
@@ -89,6 +95,19 @@ def test_the_summary_tells_base_rate_and_skill(result):
     assert summary["skill"]["order"]["precision"] is None
     assert "skill.parquet" in summary["files"]
     assert "persistence" in summary["definitions"]["skill"]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("unknown", [[np.inf, np.inf], [np.nan, np.inf], [np.inf] * 5])
+def test_no_strain_between_two_snapshots(unknown):
+    """The sample's strain is zero: non-affinity is infinite, or not a number where loops rest."""
+    known = np.arange(1.0, 6.0 - len(unknown))
+    moved = np.concatenate([unknown, known])
+    own = {"loop_before": np.arange(5), "w2": np.zeros(5), "nonaffinity": moved}
+    state = {"order": np.full(5, 4), "fate": np.full(5, "survived"), "contact_lost": np.zeros(5)}
+    found = actual_values(own, state)["nonaffine"]
+    np.testing.assert_array_equal(np.isnan(found), ~np.isfinite(moved))
+    np.testing.assert_array_equal(np.flatnonzero(found < 0), [4] if len(known) else [])
 
 
 def test_without_forces_there_is_nothing_to_predict():
