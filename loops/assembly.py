@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import prod
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from loops.arrays import Floats, Integers, Regimes
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
 from loops.laws.protocol import ContactLaw
 from loops.validation import checked_regimes
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 # Moments of a rolling spring on both grains per spin of either, over its stiffness.
 ROLL = np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -340,12 +343,15 @@ def assembled(S: Floats, ends: Integers, size: int, signed: bool = True) -> Floa
 
     Not `signed`: with `|D|`, for sizes of terms.
     """
-    _, gather = _maps(ends.tobytes(), size, signed)
-    return _mapped(gather, S.reshape(*S.shape[:-3], -1)).reshape(*S.shape[:-3], size, size)
+    gather = _maps(ends.tobytes(), size, signed)[2]
+    K = gather.of(S.reshape(*S.shape[:-3], -1))
+    return K.reshape(*S.shape[:-3], size, size)
 
 
 def assembled_sparse(S: Floats, ends: Integers, size: int) -> sparse.csc_array:
     """The same of one state as a sparse matrix."""
+    from scipy import sparse
+
     elements = RELATIVE.T @ S @ RELATIVE
     rows, columns = np.repeat(ends, 6, axis=1), np.tile(ends, (1, 6))
     inside = (rows >= 0) & (columns >= 0)
@@ -356,27 +362,50 @@ def assembled_sparse(S: Floats, ends: Integers, size: int) -> sparse.csc_array:
 
 def motions(v: Floats, ends: Integers) -> Floats:
     """`r = D v`, (..., C, 4, k), from k motions of the freedoms, (..., size, k)."""
-    spread, _ = _maps(ends.tobytes(), v.shape[-2], True)
-    r = _mapped(spread.T, np.swapaxes(v, -1, -2))
+    relative = _maps(ends.tobytes(), v.shape[-2], True)[1]
+    r = relative.of(np.swapaxes(v, -1, -2))
     return np.swapaxes(r, -1, -2).reshape(*v.shape[:-2], len(ends), 4, v.shape[-1])
 
 
 def balancing(s: Floats, ends: Integers, size: int, signed: bool = True) -> Floats:
     """`D^T s`, (..., size, k): external forces that balance k sets of contact forces `-s`."""
-    spread, _ = _maps(ends.tobytes(), size, signed)
+    spread = _maps(ends.tobytes(), size, signed)[0]
     flat = s.reshape(*s.shape[:-3], 4 * len(ends), s.shape[-1])
-    return np.swapaxes(_mapped(spread, np.swapaxes(flat, -1, -2)), -1, -2)
+    return np.swapaxes(spread.of(np.swapaxes(flat, -1, -2)), -1, -2)
 
 
-def _mapped(linear: sparse.csr_array, a: Floats) -> Floats:
-    """A linear map of the last axis."""
-    flat = np.ascontiguousarray(a.reshape(prod(a.shape[:-1]), a.shape[-1]).T)
-    return np.ascontiguousarray((linear @ flat).T).reshape(*a.shape[:-1], linear.shape[0])
+class LinearMap:
+    """A linear map of the last axis by its entries, a few in a row.
+
+    Sparse matrices of scipy do the same; to load scipy takes a third of the time of the command on
+    a small sample.
+    """
+
+    def __init__(self, rows: Integers, columns: Integers, values: Floats, size: int) -> None:
+        self.entries, self.size = (rows, columns, values), size
+        order = np.argsort(rows, kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(len(rows)) - np.searchsorted(rows[order], rows[order])
+        # First entries of all rows, then second ones, and so on: in each step a row occurs once.
+        chosen = [place == k for k in range(int(place.max(initial=-1)) + 1)]
+        self.steps = [(rows[one], columns[one], values[one][:, None]) for one in chosen]
+
+    def of(self, a: Floats) -> Floats:
+        """The image (..., size) of vectors (..., n)."""
+        shape, count = (*a.shape[:-1], self.size), prod(a.shape[:-1])
+        if count == 1:
+            rows, columns, values = self.entries
+            return np.bincount(rows, values * a.ravel()[columns], self.size).reshape(shape)
+        flat = np.ascontiguousarray(a.reshape(count, a.shape[-1]).T)
+        image = np.zeros((self.size, flat.shape[1]))
+        for rows, columns, values in self.steps:
+            image[rows] += flat[columns] * values
+        return np.ascontiguousarray(image.T).reshape(shape)
 
 
 @lru_cache(maxsize=64)
-def _maps(ends: bytes, size: int, signed: bool) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """`D^T` as a matrix (size, 4 C), and the map from the entries of all `S` to those of `K`."""
+def _maps(ends: bytes, size: int, signed: bool) -> tuple[LinearMap, LinearMap, LinearMap]:
+    """`D^T`, `D`, and the map from the entries of all `S` to those of `K`."""
     at = np.frombuffer(ends, dtype=np.int64).reshape(-1, 6)
     relative = RELATIVE.T if signed else np.abs(RELATIVE.T)
     row, column = np.nonzero(relative)
@@ -384,16 +413,13 @@ def _maps(ends: bytes, size: int, signed: bool) -> tuple[sparse.csr_array, spars
     inside = freedom >= 0
     place = 4 * np.arange(len(at))[:, None] + column
     values = np.broadcast_to(sign, freedom.shape)[inside]
-    spread = (values, (freedom[inside], place[inside]))
+    spread = LinearMap(freedom[inside], place[inside], values, size)
+    across = LinearMap(place[inside], freedom[inside], values, 4 * len(at))
     both = inside[:, :, None] & inside[:, None, :]
     entry = size * freedom[:, :, None] + freedom[:, None, :]
     source = 4 * place[:, :, None] + column
     values = np.broadcast_to(np.multiply.outer(sign, sign), both.shape)[both]
-    gather = (values, (entry[both], source[both]))
-    return (
-        sparse.coo_array(spread, shape=(size, 4 * len(at))).tocsr(),
-        sparse.coo_array(gather, shape=(size * size, 16 * len(at))).tocsr(),
-    )
+    return spread, across, LinearMap(entry[both], source[both], values, size * size)
 
 
 def _contacts(

@@ -54,17 +54,19 @@ def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:
 
 def component_labels(grains: int, contacts: Integers, kept: Flags) -> tuple[int, Integers]:
     """Number the connected components of the kept grains by their smallest grain."""
-    # Loaded here, since the kernels do without scipy.
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    links = csr_array((np.ones(len(contacts)), contacts.T), shape=(grains, grains))
-    _, label = connected_components(links, directed=False)
-    _, first, inverse = np.unique(label[kept], return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))
+    # Every grain points at a smaller one of its component, in the end at the smallest.
+    i, j = contacts.T
+    root, before = np.arange(grains), np.full(grains, -1)
+    while (root != before).any():
+        before = root.copy()
+        smaller = np.minimum(before[i], before[j])
+        np.minimum.at(root, before[i], smaller)
+        np.minimum.at(root, before[j], smaller)
+        root = root[root]
+    smallest, number = np.unique(root[kept], return_inverse=True)
     numbered = np.full(grains, -1)
-    numbered[kept] = rank[inverse]
-    return len(first), numbered
+    numbered[kept] = number
+    return len(smallest), numbered
 
 
 def component_counts(graph: GrainGraph) -> tuple[Integers, Integers, Integers]:
@@ -85,7 +87,7 @@ def winding_ranks(contacts: Integers, images: Integers, label: Integers, count: 
     A spanning forest gives every grain an integer offset; the images of the other contacts less
     these offsets are the windings of the component's cycles. Faces are not used.
     """
-    offset = _forest_offsets(contacts, images, label, count)
+    offset = _forest_offsets(contacts, images, label)
     i, j = contacts.T
     winding = offset[i] + images - offset[j]
     around = winding.any(axis=1)
@@ -99,26 +101,23 @@ def winding_ranks(contacts: Integers, images: Integers, label: Integers, count: 
     return ranks
 
 
-def _forest_offsets(contacts: Integers, images: Integers, label: Integers, count: int) -> Integers:
+def _forest_offsets(contacts: Integers, images: Integers, label: Integers) -> Integers:
     """Periodic image of each grain when reached from its component's first grain."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import breadth_first_order
-
-    grains = len(label)
-    tree, first = np.unique(label, return_index=True)
-    roots = first[tree >= 0]
-    start = np.concatenate([contacts[:, 0], contacts[:, 1], np.full(count, grains)])
-    end = np.concatenate([contacts[:, 1], contacts[:, 0], roots])
-    links = csr_array((np.ones(len(start)), (start, end)), shape=(grains + 1, grains + 1))
-    _, parent = breadth_first_order(links, grains)
-    parent = np.where(parent < 0, grains, parent)
-    # If two contacts join a grain to its parent, the tree holds either of them.
-    step = np.flatnonzero(parent[end[:-count]] == start[:-count])
-    chosen = np.full(grains + 1, -1)
-    chosen[end[step]] = step
-    steps = np.concatenate([images, -images, [[0, 0]]])
-    offset = steps[chosen]
-    while (parent < grains).any():
-        offset += offset[parent]
-        parent = parent[parent]
-    return offset[:-1]
+    start, end = np.concatenate([contacts, contacts[:, ::-1]]).T
+    steps = np.concatenate([images, -images])
+    of_grain, degree = np.argsort(start, kind="stable"), np.bincount(start, minlength=len(label))
+    first = np.cumsum(degree) - degree
+    tree, root = np.unique(label, return_index=True)
+    reached = root[tree >= 0]
+    offset, known = np.zeros((len(label), 2), dtype=np.int64), np.zeros(len(label), dtype=bool)
+    known[reached] = True
+    while reached.size:
+        # All contacts of the grains reached last, then one that leads to each new grain.
+        counts = degree[reached]
+        shift = first[reached] - np.cumsum(counts) + counts
+        onward = of_grain[np.arange(counts.sum()) + np.repeat(shift, counts)]
+        onward = onward[~known[end[onward]]]
+        reached, one = np.unique(end[onward], return_index=True)
+        offset[reached] = offset[start[onward[one]]] + steps[onward[one]]
+        known[reached] = True
+    return offset

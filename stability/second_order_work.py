@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import elliprf, elliprj
 
 from loops.arrays import Floats, all_finite
 from loops.errors import InputError, number, whole_number
@@ -26,6 +25,8 @@ _IMHOF_NODES = np.exp(np.arange(-40.0, 80.0 + _IMHOF_STEP, _IMHOF_STEP))
 # Nodes in v = ln t for the branch-cut integrand, analytic in |Im v| < pi: exp(-2 pi^2/h) = 7e-18.
 _CUT_STEP = 0.5
 _CUT_NODES = np.exp(np.arange(-80.0, 80.0 + _CUT_STEP, _CUT_STEP))
+# Relative distance of the two means before the last step.
+_AGM_CLOSE = 1e-14
 OPERATORS_AT_ONCE = 1024  # operators at a time: a few MB for each temporary array
 
 
@@ -318,8 +319,9 @@ def _elliptic(ratios: Floats) -> Floats:
     absorbs the 1 and leaves one positive term, so nothing cancels.
     """
     a, b = ratios.T
-    integral = elliprj(0.0, 1.0 + 1.0 / a, 1.0 + 1.0 / b, 1.0)
-    return np.asarray(np.minimum(2.0 / (3.0 * np.pi) * integral / np.sqrt(a) / np.sqrt(b), 1.0))
+    y, z = 1.0 + 1.0 / a, 1.0 + 1.0 / b
+    integral = _complete(np.sqrt(y / z), y, 0.0) / np.sqrt(z)
+    return np.asarray(np.minimum(2.0 / np.pi * integral / np.sqrt(a) / np.sqrt(b), 1.0))
 
 
 def _elliptic_rest(ratios: Floats) -> Floats:
@@ -328,9 +330,32 @@ def _elliptic_rest(ratios: Floats) -> Floats:
     narrow = ratios[:, 0] < 1.0
     a, b = ratios[narrow].T
     A, B = a / (1.0 + a), b / (1.0 + b)
-    third = (a - b) / (1.0 + a) * elliprj(0.0, A, B, b / (1.0 + a)) / 3.0
-    rest[narrow] = 2.0 / np.pi * b * (elliprf(0.0, A, B) + third) / np.sqrt((1.0 + a) * (1.0 + b))
+    # R_F + (a - b)/(1 + a) R_J/3 of 0, A, B, p
+    p, modulus = b / (1.0 + a), np.sqrt(A / B)
+    integral = _complete(modulus, A / p, 0.0) * (a - b) / (1.0 + a) / p
+    integral = (_complete(modulus, 1.0, 1.0) + integral) / np.sqrt(B)
+    rest[narrow] = 2.0 / np.pi * b * integral / np.sqrt((1.0 + a) * (1.0 + b))
     return rest
+
+
+def _complete(modulus: Floats, p: Floats | float, b: float) -> Floats:
+    """Bulirsch's complete elliptic integral `cel(kc, p, 1, b)` by its arithmetic-geometric mean.
+
+    Int_0^(pi/2) (cos^2 + b sin^2) / ((cos^2 + p sin^2) sqrt(cos^2 + kc^2 sin^2)) dphi for b of 0 or
+    1: all terms are positive. R_F(0, y, z) = cel(sqrt(y/z), 1, 1, 1)/sqrt(z), and
+    R_J(0, y, z, p) = 3 cel(sqrt(y/z), y/p, 1, 0)/(p sqrt(z)). scipy takes long to load, and has
+    errors of 1e-6 where p is many orders larger than y and z.
+    """
+    kc, e, a, m = modulus, modulus, np.ones_like(modulus), np.ones_like(modulus)
+    q: Floats = np.sqrt(p * a)
+    c = b / q
+    while True:
+        a, c, q = a + c / q, 2.0 * (c + a * e / q), q + e / q
+        apart, m = np.abs(m - kc) > _AGM_CLOSE * m, m + kc
+        if not apart.any():
+            return np.asarray(0.5 * np.pi * (c + a * m) / (m * (m + q)))
+        kc = 2.0 * np.sqrt(e)
+        e = kc * m
 
 
 def _cut(ratios: Floats) -> Floats:

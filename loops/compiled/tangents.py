@@ -39,6 +39,10 @@ NX, NY, MX, MY, S_NN, S_NT, S_TN, S_TT, H_N, H_T, K_N, K_Z, TURN_N, TURN_T, LENG
     16
 )
 NONE, ROLLS, SLIDES = 0, 1, 2
+# Columns of a contact's row: branch vector, tangent block, forces.
+DX, DY, KNN, KNT, KTN, KTT, FN, FT = range(8)
+# Columns of a grain's moments: per slip of the contact before, of its own, then per f^ and P.
+BEFORE, OWN, REST = range(3)
 
 
 @kernel
@@ -65,7 +69,7 @@ def loop_shapes(
         x0, y0, double = 0.0, 0.0, 0.0
         for h in range(begin, end):
             sign = 1.0 if forward[h] else -1.0
-            x1, y1 = x0 + sign * rows[contacts[h], 0], y0 + sign * rows[contacts[h], 1]
+            x1, y1 = x0 + sign * rows[contacts[h], DX], y0 + sign * rows[contacts[h], DY]
             weight = x0 * y1 - y0 * x1
             double += weight
             out[loop, X] += weight * (x0 + x1)
@@ -87,13 +91,13 @@ def loop_shapes(
 @kernel
 def _add_stress(row: Floats, out: Floats) -> None:
     """Add `f (x) d`, `f = N n + T t`, and the length of the branch."""
-    length = math.hypot(row[0], row[1])
-    f0 = (row[6] * row[0] - row[7] * row[1]) / length
-    f1 = (row[6] * row[1] + row[7] * row[0]) / length
-    out[S11] += f0 * row[0]
-    out[S12] += f0 * row[1]
-    out[S21] += f1 * row[0]
-    out[S22] += f1 * row[1]
+    length = math.hypot(row[DX], row[DY])
+    f0 = (row[FN] * row[DX] - row[FT] * row[DY]) / length
+    f1 = (row[FN] * row[DY] + row[FT] * row[DX]) / length
+    out[S11] += f0 * row[DX]
+    out[S12] += f0 * row[DY]
+    out[S21] += f1 * row[DX]
+    out[S22] += f1 * row[DY]
     out[PERIMETER] += length
 
 
@@ -106,7 +110,7 @@ def _add_moments(
     x0, y0 = -out[X], -out[Y]
     for h in range(begin, end):
         sign = 1.0 if forward[h] else -1.0
-        x1, y1 = x0 + sign * rows[contacts[h], 0], y0 + sign * rows[contacts[h], 1]
+        x1, y1 = x0 + sign * rows[contacts[h], DX], y0 + sign * rows[contacts[h], DY]
         weight = (x0 * y1 - y0 * x1) / 12.0
         xx += weight * (x0 * x0 + x1 * x1 + x0 * x1)
         yy += weight * (y0 * y0 + y1 * y1 + y0 * y1)
@@ -215,15 +219,15 @@ def _affine(
     for h in range(begin, end):
         row = rows[contacts[h]]
         sign = 1.0 if forward[h] else -1.0
-        next_x, next_y = x + sign * row[0], y + sign * row[1]
+        next_x, next_y = x + sign * row[DX], y + sign * row[DY]
         double += x * next_y - y * next_x
         terms += abs(x * next_y) + abs(y * next_x)
         x, y = next_x, next_y
-        length = math.hypot(row[0], row[1])
-        dx, dy = row[0] / length, row[1] / length
-        nn, nt, tn, tt = row[2], row[3], row[4], row[5]
-        nt_size = abs(nt - row[7] / length) + abs(row[7] / length)
-        tt_size = abs(tt + row[6] / length) + abs(row[6] / length)
+        length = math.hypot(row[DX], row[DY])
+        dx, dy = row[DX] / length, row[DY] / length
+        nn, nt, tn, tt = row[KNN], row[KNT], row[KTN], row[KTT]
+        nt_size = abs(nt - row[FT] / length) + abs(row[FT] / length)
+        tt_size = abs(tt + row[FN] / length) + abs(row[FN] / length)
         square = length * length
         stiff += math.sqrt(nn * nn + nt_size * nt_size + tn * tn + tt_size * tt_size) * square
         # The block from the frame n = (dx, dy), t = (-dy, dx).
@@ -307,7 +311,7 @@ def _ring(
     x, y, double, moment_x, moment_y, stiffness = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for c in range(n):
         row, sign = rows[contacts[begin + c]], 1.0 if forward[begin + c] else -1.0
-        dx, dy = sign * row[0], sign * row[1]
+        dx, dy = sign * row[DX], sign * row[DY]
         next_x, next_y = x + dx, y + dy
         weight = x * next_y - y * next_x
         double += weight
@@ -316,7 +320,7 @@ def _ring(
         # m is the middle of an edge turned by a quarter.
         out[c, MX], out[c, MY] = y + 0.5 * dy, -(x + 0.5 * dx)
         out[c, NX], out[c, NY] = dx, dy
-        stiffness = max(stiffness, abs(row[2]))
+        stiffness = max(stiffness, abs(row[KNN]))
         x, y = next_x, next_y
     if not (double > 0.0 and stiffness > 0.0):
         return 0.0, 0.0, 0.0
@@ -332,11 +336,11 @@ def _ring(
         row = rows[contacts[begin + c]]
         out[c, MX] /= scale_x
         out[c, MY] /= scale_y
-        branch = math.hypot(row[0], row[1])
+        branch = math.hypot(row[DX], row[DY])
         out[c, NX] /= branch
         out[c, NY] /= branch
-        out[c, TURN_N] = row[6] / (branch * stiffness)
-        out[c, TURN_T] = 0.5 * row[7] / (length * stiffness)
+        out[c, TURN_N] = row[FN] / (branch * stiffness)
+        out[c, TURN_T] = 0.5 * row[FT] / (length * stiffness)
         out[c, LENGTH] = branch / length
     return scale_x, scale_y, stiffness
 
@@ -356,8 +360,8 @@ def _contacts(
     """Fill in compliances and slips of a ring's contacts; False if a contact has neither."""
     for c in range(n):
         row, out = rows[contacts[begin + c]], geometry[c]
-        nn, nt = row[2] / stiffness, row[3] / stiffness
-        tn, tt = row[4] / stiffness, row[5] / stiffness
+        nn, nt = row[KNN] / stiffness, row[KNT] / stiffness
+        tn, tt = row[KTN] / stiffness, row[KTT] / stiffness
         felt = shear[contacts[begin + c]] / stiffness if free else 0.0
         det = nn * tt - nt * tn
         slip[c] = NONE
@@ -388,14 +392,14 @@ def _moments(geometry: Floats, n: int, moment: Floats) -> None:
         for side in range(2):
             grain = second if side else c
             arm = 0.5 * (g[LENGTH] - gap) if side else 0.5 * (g[LENGTH] + gap)
-            moment[grain, 1 - side] = arm * g[TURN_N] * g[H_T] - g[TURN_T] * g[H_N]
+            moment[grain, BEFORE if side else OWN] = arm * g[TURN_N] * g[H_T] - g[TURN_T] * g[H_N]
             for k in range(2):
                 nk, tk = (g[NY], g[NX]) if k else (g[NX], -g[NY])
                 value = g[TURN_T] * (g[S_NN] * nk + g[S_NT] * tk)
                 value -= arm * (g[TURN_N] * (g[S_TN] * nk + g[S_TT] * tk) + tk)
-                moment[grain, 2 + k] += value
-                moment[grain, 4 + 2 * k] -= value * g[MX]
-                moment[grain, 5 + 2 * k] -= value * g[MY]
+                moment[grain, REST + k] += value
+                moment[grain, REST + 2 + 2 * k] -= value * g[MX]
+                moment[grain, REST + 3 + 2 * k] -= value * g[MY]
 
 
 @kernel
@@ -445,12 +449,12 @@ def _system(
             ratio *= b_j / b_i
             b_i, b_j = b_i / (r_i * r_i), b_j / (r_j * r_j)
             if slip[before] != NONE:
-                out[at, at - 1 if at > 0 else slips - 1] += b_i * moment[c, 0]
-            out[at, at] += b_i * moment[c, 1] + b_j * moment[second, 0]
+                out[at, at - 1 if at > 0 else slips - 1] += b_i * moment[c, BEFORE]
+            out[at, at] += b_i * moment[c, OWN] + b_j * moment[second, BEFORE]
             if slip[second] != NONE:
-                out[at, at + 1 if at + 1 < slips else 0] += b_j * moment[second, 1]
+                out[at, at + 1 if at + 1 < slips else 0] += b_j * moment[second, OWN]
             for q in range(6):
-                out[at, slips + q] += b_i * moment[c, 2 + q] + b_j * moment[second, 2 + q]
+                out[at, slips + q] += b_i * moment[c, REST + q] + b_j * moment[second, REST + q]
         at += slip[c] != NONE
     if not (free and rolls == n and n % 2 == 0):
         return slips, 1.0

@@ -140,7 +140,8 @@ class Table:
         if isinstance(stored, pyarrow.ChunkedArray) and pyarrow.types.is_integer(stored.type):
             if not stored.null_count:
                 with suppress(pyarrow.ArrowInvalid):
-                    return _joined(stored.cast(pyarrow.int64()))
+                    whole = stored.type == pyarrow.int64() and stored.num_chunks > 0
+                    return _joined(stored if whole else stored.cast(pyarrow.int64()))
         elif isinstance(stored, np.ndarray) and stored.dtype.kind in "iu":
             whole = stored.astype(np.int64)
             if (whole == stored).all() and (stored.dtype.kind == "i" or whole.min() >= 0):
@@ -163,14 +164,15 @@ class Table:
 
 def _as_floats(column: Column) -> Floats:
     if isinstance(column, pyarrow.ChunkedArray):
-        if pyarrow.types.is_boolean(column.type):
-            column = column.cast(pyarrow.int8())
+        kind, gaps = column.type, column.null_count or not column.num_chunks
+        plain = pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)
+        if gaps or not plain:
+            # A cast loads pyarrow's functions.
+            if pyarrow.types.is_boolean(kind):
+                column = column.cast(pyarrow.int8())
+            column = column.cast(pyarrow.float64(), safe=False)
         # Whole numbers beyond 2**53 are rounded: `integers` keeps them.
-        column = column.cast(pyarrow.float64(), safe=False)
-        if column.null_count or not column.num_chunks:
-            column = column.to_numpy(zero_copy_only=False)
-        else:
-            column = _joined(column)
+        column = column.to_numpy(zero_copy_only=False) if gaps else _joined(column)
     if column.dtype.kind not in "iufb":
         raise TypeError(f"values of type {column.dtype}"[:80])
     with np.errstate(over="ignore"):  # of longer floats

@@ -18,6 +18,8 @@ from loops.compiled import kernel
 
 # Gauss's first point of two on (0, 1): exact to the third power of time.
 FIRST = 0.5 - math.sqrt(3.0) / 6.0
+# Columns of the rates of pairs: n . d', N', T' and the shear rate.
+UN, DN, DT, UT = range(4)
 
 
 @kernel
@@ -168,14 +170,14 @@ def earliest(
     for p in range(len(pairs)):
         un, ut, _ = _relative(pairs[p], v, h)
         dn, dt = _force_rates(pairs[p], regime[p], side[p], un, ut)
-        rates[p, 0], rates[p, 1], rates[p, 2], rates[p, 3] = un, dn, dt, ut
+        rates[p, UN], rates[p, DN], rates[p, DT], rates[p, UT] = un, dn, dt, ut
         fastest, largest = max(fastest, abs(un)), max(largest, abs(dn))
     time, which, kind = math.inf, -1, 0
     for p in range(len(pairs)):
         time_to_event[p] = math.inf
         if held[p]:
             continue
-        un, dn, dt = rates[p, 0], rates[p, 1], rates[p, 2]
+        un, dn, dt = rates[p, UN], rates[p, DN], rates[p, DT]
         own = 0
         # Whether it comes in time is asked first: of nearly all pairs the answer is no.
         if regime[p] == 0:
@@ -217,18 +219,18 @@ def advance(
     """
     for p in range(len(pairs)):
         if regime[p] == 0:
-            gap[p] += step * rates[p, 0]
+            gap[p] += step * rates[p, UN]
             continue
-        mean, kt = T[p] + 0.5 * step * rates[p, 2], pairs[p]["kt"]
+        mean, kt = T[p] + 0.5 * step * rates[p, DT], pairs[p]["kt"]
         coupling = pairs[p]["coupling"]
         # Without a shear stiffness all shear is slip.
         if regime[p] == 2 or kt == 0:
-            slip = -rates[p, 3] - (rates[p, 2] / kt if kt > 0 else 0.0)
+            slip = -rates[p, UT] - (rates[p, DT] / kt if kt > 0 else 0.0)
             work[1] += step * mean * slip
         elif coupling != 0.0:
-            work[2] += step * mean * coupling * rates[p, 0] / kt
-        N[p] += step * rates[p, 1]
-        T[p] += step * rates[p, 2]
+            work[2] += step * mean * coupling * rates[p, UN] / kt
+        N[p] += step * rates[p, DN]
+        T[p] += step * rates[p, DT]
 
 
 @kernel
@@ -298,14 +300,14 @@ def add_work(
                 pressed += N * (n0 * r0 + n1 * r1)
             else:
                 N = pair["kn"] * max(touching[p] - length, 0.0)
-            S = T[p] + times[q] * rates[p, 2] if regime[p] != 0 else 0.0
+            S = T[p] + times[q] * rates[p, DT] if regime[p] != 0 else 0.0
             f0, f1 = N * n0 - S * n1, N * n1 + S * n0
             t = turns[q]
             cell += f0 * (t[0] * e0 + t[1] * e1) + f1 * (t[2] * e0 + t[3] * e1)
             longer = half_unit * length - half
             arm_i, arm_j = pair["arm"][0] + longer, pair["arm"][1] + longer
             spins = arm_i * v[i + 2] + arm_j * v[j + 2]
-            shear += S * (n0 * r1 - n1 * r0 - spins - rates[p, 3])
+            shear += S * (n0 * r1 - n1 * r0 - spins - rates[p, UT])
             force[q, j] += f0
             force[q, j + 1] += f1
             force[q, i] -= f0
