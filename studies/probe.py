@@ -21,7 +21,7 @@ from patterns import Snapshot
 from stability import Stage, follow
 from stability.packing import PackingPath, Probe
 from stability.packing.hold import HoldControl
-from stability.packing.probe import probe_edge
+from stability.packing.probe import probe_edge, search_step
 from stability.packing.probe_paths import probe_to
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.paths.path import Past
@@ -103,6 +103,12 @@ def run_probe(
             found = probe_to(found, *packing, amplitude, shared, *followed_walls(snapshot))
         if found.system.held:
             notes.append(OUTLINE)
+        step = search_step(found.candidates, len(found.directions))
+        if step > 1 and subspace == "diagonal":
+            notes.append(
+                f"{found.candidates} contacts at yield: solutions were searched in every {step}th "
+                "direction, the others were read from the branches of those"
+            )
         orders, loops = order_work_table(found), loop_work_table(found)
         tables = {"probe": probe_table(found), "orders": orders, "loops": loops}
         if amplitude is None:

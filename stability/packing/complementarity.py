@@ -49,22 +49,28 @@ class Complementarity:
 
 
 def solve_complementarity(
-    q: Floats, M: Floats, starts: int = STARTS, known: Sequence[Flags] = ()
+    q: Floats,
+    M: Floats,
+    starts: int = STARTS,
+    known: Sequence[Flags] = (),
+    feasible: bool = False,
 ) -> Complementarity:
     """All solutions by enumeration where that is short; else Newton and Lemke from several starts.
 
     A start is an active set: none, all, those of negative `q`, then random ones, unless no `z >= 0`
-    has `q + M z >= 0`. Active sets that are `known`, as from a branch of solutions, take the place
-    of the random ones.
+    has `q + M z >= 0`, which is not asked if `feasible`. Active sets that are `known`, as from a
+    branch of solutions, take the place of the random ones; without a start they are all.
     """
     if len(q) <= ENUMERATED:
         return Complementarity(_distinct(_every_solution(q, M), len(q)), "enumeration")
+    if starts == 0:
+        return known_solutions(q, M, known, "")
     certain = positive_definite(M)
     found = [active for active in known if violation(q, M, active) <= SIGN]
     if certain and found:
         return Complementarity(np.array(found[:1]), "positive definite")
     for number, start in enumerate(_starts(q, min(starts, NAMED_STARTS) if found else starts)):
-        if number == NAMED_STARTS and not found and _infeasible(q, M):
+        if number == NAMED_STARTS and not (found or feasible) and _infeasible(q, M):
             return known_solutions(q, M, found, "infeasible")
         active = solve_from(q, M, start)
         found += [] if active is None else [active]
@@ -72,7 +78,7 @@ def solve_complementarity(
             return Complementarity(np.array(found), "positive definite")
     if not found and (active := lemke(q, M)) is not None:
         found = [active]
-    none = not found and starts <= NAMED_STARTS and _infeasible(q, M)
+    none = not (found or feasible) and starts <= NAMED_STARTS and _infeasible(q, M)
     return known_solutions(q, M, found, "infeasible" if none else "")
 
 
@@ -328,6 +334,18 @@ def _infeasible(q: Floats, M: Floats) -> bool:
     """Whether no `z >= 0` has `q + M z >= 0`: then there is no solution at all."""
     answer = linprog(np.zeros(len(q)), A_ub=-M, b_ub=q / np.abs(q).max(), method="highs")
     return bool(answer.status == 2)
+
+
+def feasible_for_all(M: Floats) -> bool:
+    """Whether some `z >= 0` has `M z > 0`: then a multiple has `q + M z >= 0`, for every `q`."""
+    m = len(M)
+    rows = np.column_stack([-M, np.ones(m)])
+    limits = [(0.0, 1.0)] * m + [(None, 1.0)]
+    answer = linprog(-np.eye(m + 1)[m], A_ub=rows, b_ub=np.zeros(m), bounds=limits, method="highs")
+    if answer.status != 0:
+        return False
+    slip = np.maximum(answer.x[:m], 0.0)
+    return bool((M @ slip).min() > SIGN * np.abs(M).max())
 
 
 def _distinct(found: list[tuple[Flags, Floats]], count: int) -> Flags:

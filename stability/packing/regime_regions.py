@@ -10,6 +10,7 @@ from loops.arrays import Flags, Floats, Integers
 from stability.directional.branches import plane_directions, works
 from stability.packing.complementarity import (
     ENUMERATED,
+    NAMED_STARTS,
     known_solutions,
     positive_definite,
     scaled_definite,
@@ -51,6 +52,8 @@ SEEDS = 24
 FEW_SEGMENTS = 500
 # Contacts that are tried as the critical one.
 CRITICAL_TRIED = 3
+# With more contacts at yield branches take the place of such trials, and of most starts.
+MANY = 300
 # Where both components fall nearly all contacts at yield stick: a solution is found at once.
 UNLOADING = -np.sqrt([0.5, 0.5])
 
@@ -131,7 +134,7 @@ class RegimeRegions:
             around = [branch for branch in self.branches if branch.closed and branch.winding == 1]
             self.complete = SCALED if len(around) == 1 else ""
             return
-        for k in np.argsort(-blame)[:CRITICAL_TRIED]:
+        for k in np.argsort(-blame)[: CRITICAL_TRIED if len(M) <= MANY else 0]:
             rest = np.arange(len(M)) != k
             if scaled_definite(M[np.ix_(rest, rest)], scale[rest])[0]:
                 self.critical = int(k)
@@ -228,7 +231,9 @@ class RegimeRegions:
         complete = self.complete if len(self.rates.every) > ENUMERATED else ""
         if not complete and (counted := self._counted(direction)) is not None:
             known, complete = counted, CRITICAL
-        starts = self.starts if starts is None else starts
+        if starts is None:
+            few = self.traced and len(self.rates.every) > MANY
+            starts = min(self.starts, NAMED_STARTS) if few else self.starts
         solved = self.rates.solved(control, starts, known, complete)
         if solved.response.status not in SOLVED and not solved.response.proof:
             solved = self._from_nearest(direction, control) or solved

@@ -19,6 +19,7 @@ from stability.packing.complementarity import (
     SIGN,
     STARTS,
     Complementarity,
+    feasible_for_all,
     known_solutions,
     nearest_regimes,
     regular_factors,
@@ -171,6 +172,8 @@ class PackingRates:
             self.slips_left = float(left.max(initial=0.0))
             self.whole = condensed(yielding, self.none, self.elastic, self.every, self.slips)
         self.last = (self.none, self.elastic)
+        # The last matrix under which no direction is infeasible.
+        self.feasible: Floats = np.empty((0, 0))
 
     @property
     def small(self) -> bool:
@@ -196,7 +199,8 @@ class PackingRates:
     ) -> Solved:
         """Answer one control; `known` are sets of sliding candidates to try first.
 
-        They are all that there are if `complete` names a proof of it.
+        They are all that there are if `complete` names a proof of it, and all that are tried
+        without a start.
         """
         free = ~self.yielding.of_two
         if not self.small:
@@ -206,18 +210,25 @@ class PackingRates:
             second = self._by_parts(control, free, HELD_STUCK)
             return second if second.response.status in SOLVED else first
         q, M = self.problem(control)
-        starts = starts if len(q) <= STARTED else 1
+        starts = starts if len(q) <= STARTED else min(starts, 1)
         if complete:
             found = known_solutions(q, M, known, complete)
         else:
-            found = solve_complementarity(q, M, starts, known)
-        if not len(found.active) and not found.proof and not free.all():
+            feasible = np.array_equal(M, self.feasible)
+            found = solve_complementarity(q, M, starts, known, feasible)
+            if not (starts == 0 or feasible or len(found.active) or found.proof):
+                self.feasible = M if feasible_for_all(M) else self.feasible
+        if starts and not len(found.active) and not found.proof and not free.all():
             others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
             if len(others):
                 sets = np.zeros((len(others), len(q)), dtype=bool)
                 sets[:, free] = others
                 found = Complementarity(sets, HELD_STUCK)
-        active = found.active[0] if len(found.active) else nearest_regimes(q, M)
+        active = self.none
+        if len(found.active):
+            active = found.active[0]
+        elif starts:
+            active = nearest_regimes(q, M)
         answer = self._answer(active)
         response = self._response(answer, active, found, control)
         return Solved(response, active, answer, found.active)

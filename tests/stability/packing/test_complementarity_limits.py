@@ -8,6 +8,7 @@ from stability.packing.complementarity import (
     _exchange,
     _infeasible,
     _starts,
+    feasible_for_all,
     lemke,
     nearest_regimes,
     positive_definite,
@@ -114,6 +115,25 @@ def test_many_pivots():
 def test_no_slip_agrees_in_any_unit(unit):
     assert _infeasible(unit * np.array([-1.0, 1.0]), np.array([[-1.0, 0.0], [0.0, 1.0]]))
     assert not _infeasible(unit * np.array([-1.0, 1.0]), np.array([[1.0, 0.0], [0.0, -1.0]]))
+
+
+def test_slips_that_raise_all_rates_are_enough_for_any_load():
+    """There are none where no slip is enough for a load of -1 everywhere, and only there."""
+    rng, seen = np.random.default_rng(0), set()
+    for _ in range(40):
+        M = rng.standard_normal((5, 5)) - 0.3
+        enough = feasible_for_all(M)
+        assert enough != _infeasible(-np.ones(5), M)
+        assert not (enough and any(_infeasible(q, M) for q in rng.standard_normal((10, 5))))
+        seen.add(enough)
+    assert seen == {True, False}
+
+
+def test_without_a_start_only_what_is_known_counts():
+    q, M = np.full(13, -1.0), np.eye(13)
+    assert len(solve_complementarity(q, M, 0).active) == 0
+    (active,) = solve_complementarity(q, M, 0, [q < 0]).active
+    assert active.all()
 
 
 def test_definite_is_the_symmetric_part():

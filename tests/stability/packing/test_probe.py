@@ -1,5 +1,7 @@
 """Probes of lattices known by hand, of the paper's diamond, against one response at a time."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -8,11 +10,20 @@ from loops.packing import factorised
 from patterns.diamond import tangent
 from patterns.diamond.closed_form import elastic_moduli, sliding_moduli
 from stability import plane_cone, restrict
-from stability.packing import packing_response, probe, response, yield_response
+from stability.packing import (
+    complementarity,
+    packing_response,
+    probe,
+    regime_regions,
+    response,
+    yield_response,
+)
 from stability.packing.response import CRITICAL, SCALED
 from tests.oracles.lattices import lattice, lattice_rates
 from tests.packings import LAW, packing
 
+# The function hides it.
+probe_module = sys.modules["stability.packing.probe"]
 # Contacts that are put exactly on their strength are found there up to rounding.
 AT_YIELD = 1.0 - 1e-9
 LATTICE_LAW = LinearFrictional(1.0, 0.5, 0.3)
@@ -194,6 +205,31 @@ def test_many_contacts_at_yield_are_probed_one_direction_after_the_other(monkeyp
     parts = probe(graph, LAW, 6)
     assert np.array_equal(parts.sliding, whole.sliding)
     assert np.allclose(parts.stress_rate, whole.stress_rate, atol=1e-12)
+
+
+def test_directions_that_are_not_searched_are_answered_by_the_branches(monkeypatch):
+    """Every fifth of 24 is; its branches have the solutions of all."""
+    graph = packing(16, 1, sliding=0.3)
+    monkeypatch.setattr(regime_regions.RegimeRegions, "_prove", lambda self: None)
+    everywhere = probe(graph, LAW, 24, yield_band=AT_YIELD)
+    count = everywhere.candidates
+    assert count > 5 and everywhere.determined.all() and everywhere.closed
+    monkeypatch.setattr(probe_module, "SEARCH_WORK", 24 * count**3 / 5)
+    assert probe_module.search_step(count, 24) == 5
+    searched = []
+
+    def counted(q, M, starts, *rest):
+        searched.append(starts)
+        return complementarity.solve_complementarity(q, M, starts, *rest)
+
+    monkeypatch.setattr(response, "solve_complementarity", counted)
+    fewer = probe(graph, LAW, 24, yield_band=AT_YIELD)
+    assert np.count_nonzero(searched[:24]) == 5
+    np.testing.assert_allclose(fewer.stress_rate, everywhere.stress_rate, rtol=1e-12)
+
+
+def test_a_step_of_searches_is_one_up_to_592_contacts():
+    assert [probe_module.search_step(m, 72) for m in (0, 592, 593, 746, 747)] == [1, 1, 2, 2, 3]
 
 
 def test_loops_carry_the_samples_work():
