@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -11,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Flags, Floats, Integers
-from loops.errors import check_choice, number, whole_number
+from loops.errors import InputError, check_choice, number, whole_number
 from loops.faces import Faces, find_faces
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
@@ -19,7 +21,6 @@ from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
     Moving,
-    Snap,
     lasting,
     masses_of,
     rests,
@@ -38,6 +39,7 @@ from stability.packing.probe_paths import stage_along
 from stability.packing.regime_regions import Subspace
 from stability.packing.state import PackingState, start_state
 from stability.packing.strain_increment import Found, InstabilityError, MixedControl
+from stability.paths.path import FINISHED
 from stability.programmes import Stage
 
 LoadStatus = Literal["held", "snapped", "failed", "unfinished"]
@@ -47,8 +49,16 @@ MotionStatus = Literal["at rest", "failed", "not at rest"]
 PUSH, SMALLEST_PUSH = 0.02, 1e-5
 # Steps over which this load is added, between two looks at the motion, and the largest number.
 PUSH_STEPS, LOOK, MOST_STEPS = 500, 100, 60_000
+# Time step over that of a replay: two thirds of the largest stable one.
+STRIDE = 5.0 / 3.0
+# Default of Cundall's damping.
+DAMPING = 0.3
 # Inertial number of the strain at rest.
 STILL = 2e-8
+# Motions after which the load grows in the equations of motion: by this share between two looks,
+# not while the strain is faster than this inertial number. Loads that are kept, and how many of
+# them a search for the largest one in equilibrium goes back first.
+BY_EVENTS, GROWTH, GATE, KEPT, BACK = 3, 0.01, 2e-5, 100, 8
 # Before a limit is believed the interval is cut by this, so many times.
 CUT, CUTS = 4.0, 3
 # Strains: up to which a motion tells its mode, from which on it may be a failure, and flow.
@@ -69,7 +79,7 @@ MESSAGES = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(Shown):
-    """A motion at constant load, from an equilibrium that was lost.
+    """A motion from an equilibrium that was lost, at constant load or under one that grows slowly.
 
     Attributes
     ----------
@@ -79,7 +89,7 @@ class Motion(Shown):
         strain of 1e-3. 'not at rest': neither within 60,000 steps.
     lost, load : float
         Load of the direction at which the equilibrium was lost, and under which it moved: a
-        fiftieth more.
+        fiftieth more. Of a load that grew slowly, its first and last value.
     cause : str
         Why the equilibrium was lost.
     contact : int
@@ -254,6 +264,7 @@ def sustain(
     follow: Follow | None = None,
     planes: PlaneContacts | None = None,
     plane_force: ArrayLike | None = None,
+    damping: float = DAMPING,
 ) -> Sustained:
     """Load a packing along directions of stress until it fails.
 
@@ -261,7 +272,9 @@ def sustain(
     Where the equilibrium is lost (no regimes of a contact agree, or the control asks for ever more
     strain) the load is raised by a fiftieth and kept constant, and the equations of motion decide:
     the packing comes to rest in another equilibrium, a snap, and is loaded further; or its strain
-    rate and its kinetic energy keep growing, and it has failed.
+    rate and its kinetic energy keep growing, and it has failed. After three motions the load grows
+    slowly in the equations of motion themselves, and waits while the packing moves; where it fails
+    so, loads before are kept constant until one comes to rest and the next one does not.
 
     Parameters
     ----------
@@ -280,13 +293,15 @@ def sustain(
     interval : float
         Strain over which the geometry is kept.
     most_snaps : int
-        Snaps after which a direction is left 'unfinished'.
+        Snaps, of at most three by events, after which a direction is left 'unfinished'.
     faces : Faces, optional
         Faces of the graph, if known.
     follow : callable, optional
         Follows the directions (D, m) to the largest load, by default one after the other.
     planes, plane_force
         Contacts with walls, as in `stability.follow`; between walls the subspace is diagonal.
+    damping : float
+        Cundall's damping of the motions. Limits with two values tell how far they depend on it.
 
     Returns
     -------
@@ -315,6 +330,8 @@ def sustain(
     check_choice("subspace", subspace, get_args(Subspace))
     number("interval", interval, 0.0, open_low=True)
     whole_number("most_snaps", most_snaps, 0)
+    if not 0.0 < damping < 1.0:
+        raise InputError("damping", f"{damping}", "a share between 0 and 1", "Correct it.")
     unit = probe_directions(directions, subspace)
     stress = start_state(graph, planes, plane_force).stress
     if largest is None:
@@ -334,6 +351,7 @@ def sustain(
                 found,
                 planes,
                 plane_force,
+                damping,
             )
             for direction in unit
         ]
@@ -353,10 +371,12 @@ def load_path(
     faces: Faces,
     planes: PlaneContacts | None = None,
     plane_force: ArrayLike | None = None,
+    damping: float = DAMPING,
 ) -> LoadPath:
     """One direction of `sustain`."""
     stage = stage_along(direction, subspace, "stress", largest)
-    solver = _LoadPathSolver(graph, law, stage, interval, most_snaps, faces, planes, plane_force)
+    solver = _LoadPathSolver(graph, law, stage, interval, planes, plane_force)
+    solver.faces, solver.most_snaps, solver.damping = faces, most_snaps, damping
     stop, message = solver.follow(0, stage, ROWS, MANY, MANY, None)
     motions = tuple(solver.motions)
     failed = bool(motions) and motions[-1].status == "failed"
@@ -382,19 +402,21 @@ def load_path(
 class _LoadPathSolver(PackingPathSolver):
     """A path by events that goes on by the equations of motion where its equilibrium is lost."""
 
+    faces: Faces
+    most_snaps: int
+    damping: float
+
     def __init__(
         self,
         graph: GrainGraph,
         law: ContactLaw,
         stage: Stage,
         interval: float,
-        most_snaps: int,
-        faces: Faces,
         planes: PlaneContacts | None,
         plane_force: ArrayLike | None,
     ) -> None:
         super().__init__(graph, law, [stage], interval, "stop", planes, plane_force)
-        self.faces, self.count, self.most_snaps = faces, graph.contact_count, most_snaps
+        self.count = graph.contact_count
         self.whole_interval = interval
         self.motions: list[Motion] = []
         self.ended = False
@@ -423,88 +445,205 @@ class _LoadPathSolver(PackingPathSolver):
         if len(self.motions) == self.most_snaps:
             self.ended = True
             return "instabilities", f"more than {self.most_snaps} motions before the largest load"
-        before, lost = self.state, self.parameter
-        push = min(max(PUSH * lost, SMALLEST_PUSH * self.first_stress), stage.target - lost)
+        if len(self.motions) == BY_EVENTS:
+            return self._grow(stage)
+        lost = self.parameter
+        load = lost + min(max(PUSH * lost, self._least_push()), stage.target - lost)
+        moved = self._moved(stage, load)
+        status = moved.hold()
+        motion = moved.told(status, lost, load, self.faces)
+        return self._take(replace(motion, cause=cause, contact=contact), moved)
+
+    def _grow(self, stage: Stage) -> Stop:
+        """Let the load grow slowly, to the last or to the largest one that comes to rest."""
+        self.ended, target = True, stage.target
+        first, cause = self.parameter, f"load that grows slowly, after {BY_EVENTS} motions"
+        moved = self._moved(stage, target)
+        status, kept = moved.grow(first, target, self._least_push() / PUSH)
+        if status == "at rest":
+            motion = moved.told(status, first, target, self.faces)
+            return self._take(replace(motion, cause=cause), moved) or FINISHED
+        rests, fails, back = -1, len(kept), BACK
+        while fails - rests > 1:
+            # Back by more and more until one comes to rest, then between the two.
+            k = (rests + fails) // 2 if rests >= 0 else max(fails - back, 0)
+            back *= 2
+            trial = copy(kept[k][1])
+            trial.start_again()
+            found = trial.hold()
+            if found == "at rest":
+                rests, best = k, trial
+            else:
+                fails, status, moved = k, found, trial
+        if rests >= 0:
+            load = kept[rests][0]
+            best.since = best.origin
+            motion = best.told("at rest", first, load, self.faces)
+            self._take(replace(motion, cause=cause), best)
+        load = target if fails == len(kept) else kept[fails][0]
+        motion = moved.told(status, self.parameter, load, self.faces)
+        return self._take(replace(motion, cause=cause), moved) or FINISHED
+
+    def _least_push(self) -> float:
+        return SMALLEST_PUSH * self.first_stress
+
+    def _moved(self, stage: Stage, load: float) -> _Moved:
+        """The packing as it starts to move under another load."""
         stress, strain, rate = stage.programme.equations(self.H)
         done = stress @ (self.P - self.P_start) + strain @ (self.H - self.H_start)
-        control = self._control(stage, 0.0)._replace(rate=rate * (lost + push) - done)
-        motion, end = _motion(
-            before, self.pairs, -self.balance, control, self.by_radii, self.faces, self.count
-        )
-        motion = replace(motion, lost=lost, load=lost + push, cause=cause, contact=contact)
+        control = self._control(stage, 0.0)._replace(rate=rate * load - done)
+        where = self.state, self.pairs, -self.balance
+        return _Moved(*where, control, self.by_radii, self.count, self.damping)
+
+    def _take(self, motion: Motion, moved: _Moved) -> Stop | None:
+        """Go on from the end of a motion that came to rest."""
         self.motions.append(motion)
         if motion.status != "at rest":
             self.ended = True
-            return "lost", f"{cause}; {MESSAGES[motion.status]}"
-        self.F = end.state.cell @ np.linalg.inv(before.cell) @ self.F
-        self.pairs = end.pairs
-        self._accept(end.state, push, end.work)
+            return "lost", f"{motion.cause}; {MESSAGES[motion.status]}"
+        end, work = moved.moving.state(), moved.work()
+        self.F = end.cell @ np.linalg.inv(self.state.cell) @ self.F
+        self.pairs = moved.moving.pairs
+        self._accept(end, motion.load - self.parameter, work)
         self._find_regimes()
         self._list_pairs()
         self._record()
         return None
 
 
-def _motion(
-    state: PackingState,
-    pairs: Pairs,
-    load: Floats,
-    control: MixedControl,
-    by_radii: bool,
-    faces: Faces,
-    count: int,
-) -> tuple[Motion, Snap]:
-    """Change the control by its `rate` in a few steps, then hold it until rest or failure."""
-    masses, inertias = masses_of(state.radii[: state.count])
-    servo = servo_of(state, pairs, masses)
-    servo = steered(servo, state, pairs, control.stress, control.strain, control.rate)
-    dt = step_of(masses, pairs, state)
-    moving = Moving(state, pairs, masses, inertias, lasting(servo, PUSH_STEPS * dt), by_radii)
-    moving.load(load)
-    pressure = 0.5 * float(np.trace(state.stress))
-    slow = STILL * math.sqrt(pressure / masses.mean())
-    energy, back = stored_energy(state, pairs), np.linalg.inv(state.cell)
-    strains, kinetic = [0.0], [0.0]
-    mode: tuple[PackingState, Pairs] | None = None
-    status: MotionStatus = "not at rest"
-    while status == "not at rest" and LOOK * (len(strains) - 1) < MOST_STEPS:
-        ran, motion = moving.run(LOOK, dt), moving.motion
-        strains.append(float(np.linalg.norm(motion.cell @ back - np.eye(2))))
-        velocity, spin = motion.velocity[: state.count], motion.spin[: state.count]
-        kinetic.append(0.5 * float(masses @ np.sum(velocity**2, axis=1) + inertias @ spin**2))
-        if mode is None and strains[-1] >= MODE_STRAIN:
-            mode = moving.state(), moving.pairs
-        if not ran or strains[-1] > FLOW_STRAIN or keeps_growing(strains, kinetic):
-            status = "failed"
-        elif LOOK * (len(strains) - 1) > PUSH_STEPS and rests(moving, slow):
-            status = "at rest"
-    end = moving.state()
-    work = work_of(moving, end, load, energy)
-    then, listed = (end, moving.pairs) if mode is None else mode
-    force = then.forces[:count] - state.forces[:count]
-    branch = then.branches[:count] - state.branches[:count]
-    carries, carried = (
-        one.normal_force >= CARRIES * one.normal_force[one.closed].mean() for one in (then, state)
-    )
-    slides, old = _slides(then, listed), len(pairs)
-    slides[:old] &= ~_slides(state, pairs)
-    found = Motion(
-        status=status,
-        lost=math.nan,
-        load=math.nan,
-        cause="",
-        contact=-1,
-        strain=(np.eye(2) - end.cell @ back).ravel(),
-        released=float(work[3]),
-        kinetic=max(kinetic),
-        steps=LOOK * (len(strains) - 1),
-        displacement=(then.x - state.x @ (then.cell @ back).T)[: state.count],
-        opened=int(np.count_nonzero(carried & ~then.closed[:old])),
-        closed=int(np.count_nonzero(carries) - np.count_nonzero(carries[:old] & state.closed)),
-        slid=int(np.count_nonzero(slides)),
-        loop_work=loop_sums(-0.5 * np.sum(force * branch, axis=1), faces),
-    )
-    return found, Snap(end, moving.pairs, work)
+class _Moved:
+    """A packing that moves as its control changes by its `rate`, and while it is kept then."""
+
+    def __init__(
+        self,
+        state: PackingState,
+        pairs: Pairs,
+        load: Floats,
+        control: MixedControl,
+        by_radii: bool,
+        count: int,
+        damping: float,
+    ) -> None:
+        self.masses, self.inertias = masses_of(state.radii[: state.count])
+        servo = servo_of(state, pairs, self.masses)
+        servo = steered(servo, state, pairs, control.stress, control.strain, control.rate)
+        self.dt = STRIDE * step_of(self.masses, pairs, state)
+        servo = lasting(servo, PUSH_STEPS * self.dt)
+        self.moving = Moving(state, pairs, self.masses, self.inertias, servo, by_radii)
+        self.moving.load(load)
+        self.load, self.count, self.damping, self.rate = load, count, damping, control.rate
+        # Strain rate of an inertial number of one.
+        self.pace = math.sqrt(0.5 * float(np.trace(state.stress)) / self.masses.mean())
+        self.energy, self.steps = stored_energy(state, pairs), 0
+        self.origin = self.since = state, pairs, 0.0, 0
+        self.strains, self.kinetic = [0.0], [0.0]
+        self.mode: tuple[PackingState, Pairs] | None = None
+
+    def __copy__(self) -> _Moved:
+        """Another packing that moves from here on its own."""
+        other = object.__new__(_Moved)
+        vars(other).update(vars(self))
+        other.moving = copy(self.moving)
+        for name in ("motion", "servo"):
+            parts = getattr(self.moving, name)
+            own = (part.copy() if isinstance(part, np.ndarray) else part for part in parts)
+            setattr(other.moving, name, type(parts)(*own))
+        return other
+
+    def start_again(self) -> None:
+        """Count strain, energies and the mode from here."""
+        moving = self.moving
+        self.since = moving.state(), moving.pairs, float(self.work()[3]), self.steps
+        self.strains, self.kinetic, self.mode = [0.0], [0.0], None
+
+    def work(self) -> Floats:
+        """Work since the first state, as `PackingPath.work`."""
+        return work_of(self.moving, self.moving.state(), self.load, self.energy)
+
+    def look(self) -> MotionStatus:
+        """Make some steps, and judge the motion since it was counted."""
+        ran, motion = self.moving.run(LOOK, self.dt, self.damping), self.moving.motion
+        self.steps += LOOK
+        grown = motion.cell @ np.linalg.inv(self.since[0].cell) - np.eye(2)
+        self.strains.append(float(np.linalg.norm(grown)))
+        velocity, spin = motion.velocity[: len(self.masses)], motion.spin[: len(self.masses)]
+        square = np.sum(velocity**2, axis=1)
+        self.kinetic.append(0.5 * float(self.masses @ square + self.inertias @ spin**2))
+        if self.mode is None and self.strains[-1] >= MODE_STRAIN:
+            self.mode = self.moving.state(), self.moving.pairs
+        if not ran or self.strains[-1] > FLOW_STRAIN or keeps_growing(self.strains, self.kinetic):
+            return "failed"
+        waited = LOOK * (len(self.strains) - 1) > PUSH_STEPS
+        return "at rest" if waited and rests(self.moving, STILL * self.pace) else "not at rest"
+
+    def hold(self) -> MotionStatus:
+        """Move until rest or failure."""
+        status: MotionStatus = "not at rest"
+        while status == "not at rest" and LOOK * (len(self.strains) - 1) < MOST_STEPS:
+            status = self.look()
+        return status
+
+    def grow(
+        self, first: float, last: float, least: float
+    ) -> tuple[MotionStatus, Sequence[tuple[float, _Moved]]]:
+        """Let the control change slowly; the end, and the packing under the last loads.
+
+        Control and load change together, the load from `first` to `last`. Both wait while the
+        packing moves.
+        """
+        moving, load, status = self.moving, first, "not at rest"
+        kept: deque[tuple[float, _Moved]] = deque(maxlen=KEPT)
+        moving.motion.gradient[:] = 0.0
+        while status == "not at rest" and LOOK * (len(self.strains) - 1) < MOST_STEPS:
+            calm = np.linalg.norm(moving.motion.gradient) < GATE * self.pace
+            if load < last and calm:
+                step = min(GROWTH * max(load, least), last - load)
+                duration = LOOK * self.dt
+                moving.servo.rate[:] = self.rate * step / ((last - first) * duration)
+                # The servo's clock tells its load: the two go on together.
+                moving.servo.clock[0] = (load - first) / step * duration
+                load = load + step if step < last - load else last
+                whole = (load - first) / step * duration
+                moving.servo = moving.servo._replace(whole=whole)
+                self.strains, self.kinetic = [0.0], [0.0]
+                here = replace(self.origin[0], cell=moving.motion.cell.copy())
+                self.since = here, *self.origin[1:]
+            status = self.look()
+            if load < last and calm:
+                kept.append((load, copy(self)))
+        self.since = self.origin
+        return status, kept
+
+    def told(self, status: MotionStatus, lost: float, load: float, faces: Faces) -> Motion:
+        """The motion since it was counted."""
+        moving, count = self.moving, self.count
+        (state, pairs, spent, steps), end = self.since, self.moving.state()
+        back = np.linalg.inv(state.cell)
+        then, listed = (end, moving.pairs) if self.mode is None else self.mode
+        force = then.forces[:count] - state.forces[:count]
+        branch = then.branches[:count] - state.branches[:count]
+        carries, carried = (
+            one.normal_force >= CARRIES * one.normal_force[one.closed].mean()
+            for one in (then, state)
+        )
+        slides, old = _slides(then, listed), len(pairs)
+        slides[:old] &= ~_slides(state, pairs)
+        return Motion(
+            status=status,
+            lost=lost,
+            load=load,
+            cause="",
+            contact=-1,
+            strain=(np.eye(2) - end.cell @ back).ravel(),
+            released=float(self.work()[3]) - spent,
+            kinetic=max(self.kinetic),
+            steps=self.steps - steps,
+            displacement=(then.x - state.x @ (then.cell @ back).T)[: state.count],
+            opened=int(np.count_nonzero(carried & ~then.closed[:old])),
+            closed=int(np.count_nonzero(carries) - np.count_nonzero(carries[:old] & state.closed)),
+            slid=int(np.count_nonzero(slides)),
+            loop_work=loop_sums(-0.5 * np.sum(force * branch, axis=1), faces),
+        )
 
 
 def keeps_growing(strains: Sequence[float], kinetic: Sequence[float]) -> bool:

@@ -1,6 +1,7 @@
 """Loads that packings sustain: closed forms, slow replays, the energy balance, the modes."""
 
 import functools
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,32 @@ def test_without_snaps_a_direction_is_unfinished():
     assert found.limit == pytest.approx(path.first_instability, rel=1e-9)
 
 
+@pytest.fixture
+def growing(monkeypatch):
+    """The load grows in the equations of motion from the first loss of equilibrium on."""
+    monkeypatch.setattr(sys.modules["stability.packing.sustain"], "BY_EVENTS", 0)
+
+
+def test_a_square_lattice_fails_under_a_load_that_grows(growing):
+    """As by events: at 0.01. Loads that are kept lie 1 % apart."""
+    (path,) = sustain(SQUARE, LAW, [[-1, 0]], largest=0.02, interval=1e-4).paths
+    assert path.status == "failed" and "grows slowly" in path.motions[-1].cause
+    assert path.limit <= 0.01 * (1 + 1e-9) < path.failed_under < 1.02 * path.limit
+    assert path.load[-1] == path.limit and path.motions[-1].lost == path.limit
+
+
+@pytest.mark.parametrize(("grains", "seed", "turns"), [(12, 1, 6), (12, 1, 5), (24, 3, 6)])
+def test_a_load_that_grows_has_the_limits_of_events(growing, grains, seed, turns):
+    """Snaps are gone through; energy is balanced, and the end is under its load."""
+    by_events, path = loaded(grains, seed, turns), loaded.__wrapped__(grains, seed, turns)
+    assert path.status == by_events.status
+    assert path.limit == pytest.approx(by_events.limit, rel=0.02)
+    assert path.balance_error < 1e-10 and len(path.motions) <= 2
+    error = path.P[-1, [0, 3]] - path.P[0, [0, 3]] - path.load[-1] * path.direction
+    assert np.abs(error).max() < 1e-3 * path.limit
+    assert path.work[-1, 3] >= 0.99 * sum(snap.released for snap in path.snaps) > 0
+
+
 @pytest.mark.parametrize(("grains", "seed", "turns"), [(12, 1, 6), (12, 1, 5), (24, 3, 6)])
 def test_the_energy_balance_closes_through_snaps(grains, seed, turns):
     path = loaded(grains, seed, turns)
@@ -188,6 +215,8 @@ def test_bad_input():
         sustain(SQUARE, LAW, [[0.0, 0.0]])
     with pytest.raises(InputError, match="subspace"):
         sustain(SQUARE, LAW, 4, subspace="full")
+    with pytest.raises(InputError, match="damping"):
+        sustain(SQUARE, LAW, 4, damping=1.0)
     with pytest.raises(InputError, match="most_snaps"):
         sustain(SQUARE, LAW, 4, most_snaps=-1)
     with pytest.raises(InputError, match="law"):
