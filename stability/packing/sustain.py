@@ -591,7 +591,8 @@ class _Moved:
         Control and load change together, the load from `first` to `last`. Both wait while the
         packing moves.
         """
-        moving, load, status = self.moving, first, "not at rest"
+        moving, load = self.moving, first
+        status: MotionStatus = "not at rest"
         kept: deque[tuple[float, _Moved]] = deque(maxlen=KEPT)
         moving.motion.gradient[:] = 0.0
         while status == "not at rest" and LOOK * (len(self.strains) - 1) < MOST_STEPS:
