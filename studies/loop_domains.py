@@ -223,23 +223,31 @@ def loop_figures(
     table: pd.DataFrame, loops: list[dict[str, Any]], parameters: LoopDomainParameters
 ) -> list[tuple[str, Figure]]:
     """The domains over one another, and the unstable share over order if there are several."""
-    figures = [("domain", domains_figure(table, parameters))]
+    figures = [("domain", domains_figure(table, parameters)),
+               ("domain-strain", domains_figure(table, parameters, ("E1", "E2")))]  # fmt: skip
     if len({loop.order for loop in parameters.loops}) > 1 and "unstable_share" in loops[0]:
         figures.append(("domain-share", share_figure(pd.DataFrame(loops))))
     return figures
 
 
 @styled()
-def domains_figure(table: pd.DataFrame, parameters: LoopDomainParameters) -> Figure:
-    """First loss of each programme by order, a panel for each closure and kind of contacts."""
+def domains_figure(
+    table: pd.DataFrame, parameters: LoopDomainParameters, plane: tuple[str, str] = ("s1", "s2")
+) -> Figure:
+    """First loss of each programme by order, a panel for each closure and kind of contacts.
+
+    In the plane of the stresses or of the strains (`E1`, `E2`).
+    """
     closures = list(dict.fromkeys(loop.closure for loop in parameters.loops))
     orders = list(dict.fromkeys(loop.order for loop in parameters.loops))
     kinds, kappa = list(table.contacts.unique()), table.kappa.iloc[0]
     figure, panels = new_panels(len(kinds), len(closures), 0.8 + 2.5 * len(kinds))
-    regular = all(
+    regular = plane == ("s1", "s2") and all(
         loop.radii is None and not isinstance(loop, LoopOptions) for loop in parameters.loops
     )
     factor = r"$/(2\tan(\pi/n))$" if regular else ""
+    unit = " over $k_n$ (–)" if plane == ("s1", "s2") else " (–)"
+    names = [f"${name[0]}_{name[1]}${factor}{unit}" for name in plane]
     colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(orders)))
     for row, contacts in zip(panels, kinds, strict=True):
         for ax, closure in zip(row, closures, strict=True):
@@ -247,13 +255,13 @@ def domains_figure(table: pd.DataFrame, parameters: LoopDomainParameters) -> Fig
                 own = table[(table.contacts == contacts) & (table.closure == closure)
                             & (table.order == order) & (table.kappa == kappa)]  # fmt: skip
                 bound = domain_boundary(own)
-                values = bound[["s1", "s2"]].to_numpy()
+                values = bound[list(plane)].to_numpy()
                 values = contact_forces_of(values, order) if regular else values
                 lost = bound.kind.isin(ENDS).to_numpy()
                 ax.plot(*_pieces(values, lost), "-", color=colour, linewidth=1.0)
                 ax.plot(*_pieces(values, ~lost), ":", color=colour, linewidth=0.8)
             ax.set_title(rf"{closure}, {contacts}, $\kappa$ = {kappa:g}")
-            ax.set(xlabel=f"$s_1${factor} over $k_n$ (–)", ylabel=f"$s_2${factor} over $k_n$ (–)")
+            ax.set(xlabel=names[0], ylabel=names[1])
     handles = [
         Line2D([], [], color=c, label=f"n = {n}") for n, c in zip(orders, colours, strict=True)
     ]

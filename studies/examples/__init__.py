@@ -24,10 +24,14 @@ def save(
     numbers: Mapping[str, Any],
     table: pd.DataFrame,
     units: str = "dimensionless",
+    **more: pd.DataFrame,
 ) -> dict[str, Any]:
-    """Write figure, table and `summary.json` with their provenance; return the numbers."""
+    """Write figure, tables and `summary.json` with their provenance; return the numbers.
+
+    The table has the name of the figure, those in `more` their own.
+    """
     with study(f"example {name}", out, {}, units, force=True, csv=True) as results:
-        results.write_tables({name: table})
+        results.write_tables({name: table, **more})
         results.write_summary(numbers)
         results.save_figures([(name, figure)])
     return dict(numbers)

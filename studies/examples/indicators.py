@@ -139,8 +139,13 @@ def winners(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 @styled()
 def draw(table: pd.DataFrame) -> Figure:
-    """AUC of every predictor with its interval, a panel a target, a colour a step."""
+    """AUC of every predictor with its interval, a panel a target, a colour a step.
+
+    Steps that a single packing has are left out where others have several.
+    """
     names = [name for name in COMPARED if name in set(table["predictor"])]
+    several = table["packings"] > 1
+    table = table[several] if several.any() else table
     steps = sorted(table["step"].unique())
     figure = new_figure(TWO_COLUMNS, 5.2, fixed=True)
     panels = figure.subplots(1, len(TARGETS), sharex=True, sharey=True)
@@ -167,7 +172,7 @@ def draw(table: pd.DataFrame) -> Figure:
 
 
 def main(out: Path, *folders: Path) -> dict[str, Any]:
-    """Compare the predictors of the series; write table and figure."""
+    """Compare the predictors of the series; write table and figure, and the means by packing."""
     with TemporaryDirectory() as place:
         every = folders or (sample_series(Path(place) / "sample"),)
         rows = pd.concat([scores(one, seed) for seed, one in enumerate(every)], ignore_index=True)
@@ -180,7 +185,8 @@ def main(out: Path, *folders: Path) -> dict[str, Any]:
         "share_of_shuffled_intervals_with_one_half": float(holds.mean()) if len(known) else None,
         "best_indicators": winners(table),
     }
-    return save(out, "indicators", draw(table), numbers, table)
+    own = by_packing(rows).reset_index()
+    return save(out, "indicators", draw(table), numbers, table, by_packing=own)
 
 
 if __name__ == "__main__":

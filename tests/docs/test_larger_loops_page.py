@@ -15,6 +15,8 @@ from stability import Stage, follow, programmes
 from stability.paths.fan import Fan, LoopStates, first_limits
 from stability.paths.model import path_model
 from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold
+from studies.loop_domains import loop_limits, unstable_share
+from studies.paths.options import PolygonOptions
 from tests.docs.pages import DOCS, of_size, page, says, section, tables
 from tests.golden.answers import run
 from tests.oracles.polygon_thresholds import critical_strain as oracle
@@ -129,10 +131,53 @@ def test_drained_paths(tmp_path, closure):
         assert status == loop["status"] and says(E1, loop["end"]["E1"])
 
 
+def test_unstable_shares():
+    """The table is that beside the figure; one loop again."""
+    rows = tables(section(TEXT, "## Bifurcation domains"))[2]
+    kept = pd.read_csv(DOCS / "figures" / "larger-domain-share.csv")
+    kept = kept.set_index(["closure", "contacts", "kappa", "order"]).unstable_share.sort_index()
+    assert len(rows) * 10 == len(kept)
+    for row in rows:
+        closure, contacts = row["closure, contacts"].split(", ")
+        for order in range(3, 13):
+            assert says(row[str(order)], kept[closure, contacts, float(row["κ"]), order])
+    loop = PolygonOptions(3, kappa=0.1, phi_deg=20.0, closure="affine")
+    found = unstable_share(*loop_limits(loop, "strain", 61, friction=True))
+    assert found == pytest.approx(kept["affine", "frictional", 0.1, 3], abs=1e-9)
+    relaxed = kept["traction", "frictional"]
+    stuck = kept["traction", "sticking"]
+    for kappa, low, high in ((0.1, 0.66, 0.98), (0.3, 0.57, 0.77), (0.5, 0.39, 0.53)):
+        assert np.ptp(relaxed[kappa][1:]) <= 0.0225
+        assert low < stuck[kappa][2:].min() and stuck[kappa][2:].max() < high
+    added = (kept["affine", "frictional"] - kept["affine", "sticking"]).unstack()
+    assert added.loc[:, 5:].max().max() <= 0.07
+    assert (kept.unstack("kappa").diff(axis=1).iloc[:, 1:] < 0).all().all()
+    # Loops of 2 n grains, n odd, have the branch directions of n grains.
+    for order in (3, 5):
+        for key in (("affine", "sticking"), ("affine", "frictional")):
+            both = kept[key].unstack()[[order, 2 * order]].to_numpy()
+            np.testing.assert_allclose(both[:, 0], both[:, 1], rtol=0, atol=1e-9)
+
+
+def test_drawn_losses_are_those_of_the_fan():
+    """Of the diamond with friction, along every tenth programme."""
+    kept = pd.read_csv(DOCS / "figures" / "larger-domains.csv")
+    own = kept[(kept.closure == "affine") & (kept.contacts == "frictional") & (kept.order == 4)]
+    loop = PolygonOptions(4, kappa=0.3, phi_deg=20.0, closure="affine")
+    fan, limits = loop_limits(loop, "strain", 61, friction=True)
+    angle = np.degrees(fan.programme)
+    assert len(own) > 50
+    for _, row in own.iloc[::10].iterrows():
+        k = int(np.abs(angle - row.programme_deg).argmin())
+        assert limits.found[row.kind][k]
+        H = limits.states[row.kind].H[k, [0, 3]]
+        np.testing.assert_allclose([row.E1, row.E2], H, rtol=0, atol=1e-8)
+
+
 @pytest.mark.slow
 def test_losses_at_large_n():
     """Affine closure, strain at 40 degrees: the limits and the distance from them."""
-    rows = tables(section(TEXT, "## Bifurcation domains"))[1]
+    rows = tables(section(TEXT, "## Bifurcation domains"))[3]
     found = {}
     for row in rows:
         loop = regular_polygon(int(row["n"]))
@@ -152,7 +197,7 @@ def test_losses_at_large_n():
 @pytest.mark.slow
 def test_losses_at_large_n_under_the_traction_closure():
     """Rows up to 65 grains again; the limit from the others, by the fit that stands there."""
-    (rows,) = tables(section(TEXT, "## Bifurcation domains"))[2:]
+    rows = tables(section(TEXT, "## Bifurcation domains"))[4]
     told = {int(row["n"]): float(row["det K = 0"]) for row in rows}
     for row in rows:
         assert says(row["off the limit"], told[int(row["n"])] - 0.327366)
@@ -187,4 +232,4 @@ def test_ensembles_are_those_of_the_table_beside_the_figure():
 
 def test_figures_exist():
     names = re.findall(r"figures/(larger-[\w-]+\.png)", TEXT)
-    assert len(names) == 7 and all((DOCS / "figures" / name).exists() for name in names)
+    assert len(names) == 10 and all((DOCS / "figures" / name).exists() for name in names)
