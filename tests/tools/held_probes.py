@@ -1,6 +1,7 @@
 """Hold and probe every snapshot of a collection: `python -m tests.tools.held_probes DEM OUT.csv`.
 
-Writes one row a snapshot, and prints one line of a table for each series.
+Writes one row a snapshot, and prints one line of a table for each series. With numbers of snapshots
+of `yade-slow` after it the motion of these in twelve strain directions, answered or not.
 """
 
 import csv
@@ -13,6 +14,12 @@ import pandas as pd
 
 from loops import InputError
 from patterns import read_snapshot
+from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
+from stability.packing.hold import hold
+from stability.packing.pairs import contact_pairs
+from stability.packing.probe import probe_edge
+from stability.packing.state import start_state
+from stability.packing.yield_response import yield_response
 from studies.probe import probe
 from studies.snapshot.in_packing import held_snapshot
 
@@ -71,8 +78,58 @@ def measured(path, how):
     }
 
 
-def main(collection, out):
+def motions(snapshot, directions, strain=1e-8, steps=20_000, looks=5):
+    """Probe of the held state, and its rates of stress and fastest grain in parts of a slow strain.
+
+    Contacts of the yield band are put on their limit, what this leaves out of balance is a load.
+    (D, looks, 2, 2) in place of `P'`; (D, looks) speeds over the strain rate, in mean radii.
+    """
+    held = hold(snapshot.graph, snapshot.law, unbalanced=1e-8)
+    graph, law = held.graph, held.law
+    edge = yield_response(graph, law, yield_band=0.99)
+    found = probe_edge(edge, directions)
+    rows, shear = edge.system.contacts[edge.rows], graph.shear_force.copy()
+    mu = np.broadcast_to(law.mu, shear.shape)
+    shear[rows] = np.sign(shear[rows]) * mu[rows] * graph.normal_force[rows]
+    start = start_state(graph.replace(shear_force=shear))
+    pairs, (masses, inertias) = contact_pairs(start, law, None), masses_of(graph.radii)
+    dt, servo = step_of(masses, pairs, start), servo_of(start, pairs, masses)
+    stresses, speeds = [], []
+    for direction in found.directions:
+        gradient = -np.diag(direction) * strain / (steps * dt)
+        radii = law.shear_increment == "radii"
+        moving = Moving(start, pairs, masses, inertias, servo, radii, gradient=gradient)
+        moving.load(-moving.motion.resultant)
+        for _ in range(looks):
+            moving.run(steps // looks, dt)
+            stresses.append(moving.state().stress)
+            fastest = np.linalg.norm(moving.motion.velocity, axis=1).max()
+            speeds.append(fastest * steps * dt / strain / start.mean_radius)
+    shape = len(found.directions), looks
+    path = np.reshape(stresses, (*shape, 2, 2))
+    first = np.broadcast_to(start.stress, (shape[0], 1, 2, 2))
+    rates = np.diff(path, axis=1, prepend=first) * looks / strain
+    return found, rates, np.reshape(speeds, shape)
+
+
+def print_motions(collection, numbers):
+    """A line a direction: status, fastest grain of each part, error of the stress rates."""
+    series = {path.name: how for name, path, how in snapshots(collection) if name == "yade-slow"}
+    for number in numbers:
+        name = f"grains_{int(number):02d}.parquet"
+        how = series[name] | {"shear_increment": "radii"}
+        found, rates, speeds = motions(read_snapshot(collection / "yade-slow" / name, **how), 12)
+        told = found.stress_rate[:, None]
+        off = np.linalg.norm(rates - told, axis=(2, 3)) / np.linalg.norm(told, axis=(2, 3))
+        for row in zip(found.theta, found.status, speeds, off, strict=True):
+            print(name, *(np.round(part, 4) if part is not row[1] else part for part in row))
+
+
+def main(collection, out, *numbers):
     """Measure all snapshots, a line as each is done."""
+    if numbers:
+        print_motions(Path(collection), numbers)
+        return
     rows = []
     for series, path, how in snapshots(Path(collection)):
         try:

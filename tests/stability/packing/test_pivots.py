@@ -136,6 +136,31 @@ def test_a_path_finds_the_solution_that_pivots_miss():
     assert seen["unique", "finished"] == 3
 
 
+def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
+    """Proved to have none; three springs are tried before the mode stops."""
+    searched, sought = [], strain_increment.solve_complementarity
+    springs, added = [], IncrementalPacking.add_ground_springs
+
+    def search(q, M):
+        searched.append(sought(q, M))
+        return searched[-1]
+
+    def add(packing, grains, spring):
+        springs.append(spring)
+        added(packing, grains, spring)
+
+    monkeypatch.setattr(strain_increment, "solve_complementarity", search)
+    monkeypatch.setattr(IncrementalPacking, "add_ground_springs", add)
+    path = follow(
+        yielding(36, 5, 3), LAW, strained(1e-8 * STRAINS[2]), closure="packing", rows=1,
+        interval=1e-8,
+    )  # fmt: skip
+    (instability,) = path.of_kind("instability")
+    assert instability.detail.startswith("no regimes agree") and "dragged" in instability.detail
+    assert springs == list(strain_increment.GROUND_SPRINGS[:3])
+    assert [len(found.active) for found in searched] == [0]
+
+
 def test_more_contacts_at_yield_than_there_is_room_for_columns(monkeypatch):
     """Eight contacts at yield, columns for seven; a new factorisation from four on."""
     for module in (incremental_packing, strain_increment):

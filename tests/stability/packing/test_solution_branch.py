@@ -12,6 +12,7 @@ import pytest
 from loops import GrainGraph, InputError, LinearFrictional
 from patterns import read_snapshot
 from patterns.snapshots import sample_path
+from stability import follow
 from stability.packing import probe
 from stability.packing.complementarity import (
     STARTS,
@@ -22,6 +23,7 @@ from stability.packing.complementarity import (
     solve_from,
 )
 from stability.packing.probe import probe_edge
+from stability.packing.probe_paths import stage_along
 from stability.packing.regime_regions import RegimeRegions
 from stability.packing.response import (
     CRITICAL,
@@ -35,8 +37,8 @@ from stability.packing.solution_branch import TURN, SolutionBranch, trace_branch
 from stability.packing.yield_response import linear_answer, yield_response
 from studies.snapshot.in_packing import held_snapshot, sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
-from tests.tools import small_packings
-from tests.yade_slow import COLLECTION, in_collection
+from tests.tools import held_probes, small_packings
+from tests.yade_slow import COLLECTION, in_collection, slow
 
 
 def unit(angle):
@@ -286,20 +288,24 @@ def test_stress_steps_are_those_of_yade():
     steps = yade.pop("steps")
     steps = steps[steps[:, 1] == 0.5]
     size = np.hypot(*steps[:, 4:].T)
-    found = probe(
-        GrainGraph(**yade), LinearFrictional(1e6, 5e5, 0.5, "radii"), steps[:, 4:],
-        control="stress", yield_band=0.999,
-    )  # fmt: skip
+    graph, law = GrainGraph(**yade), LinearFrictional(1e6, 5e5, 0.5, "radii")
+    found = probe(graph, law, steps[:, 4:], control="stress", yield_band=0.999)
     assert (found.status == "unique").all()
     off, elastic = (
         np.linalg.norm(rate[:, [0, 1], [0, 1]] * size[:, None] - steps[:, 2:4], axis=1)
         / np.linalg.norm(steps[:, 2:4], axis=1)
         for rate in (found.strain_rate, found.elastic_strain)
     )
-    # 150 degrees is the softest direction: contacts reach their strength on the way.
+    # 150 degrees is the softest direction: contacts reach their strength on the way, as of a path.
     soft = steps[:, 0] == 150
     assert off[~soft].max() < 0.01 and off[soft].max() < 0.2
     assert (off < 1.05 * elastic).all() and elastic[~soft].max() > 0.03
+    (k,) = np.flatnonzero(soft)
+    stage = stage_along(steps[k, 4:] / size[k], "diagonal", "stress", size[k])
+    path = follow(graph, law, stage, closure="packing", rows=1, interval=3e-7)
+    strain, wanted = path.H[-1, [0, 3]], steps[k, 2:4]
+    assert np.linalg.norm(strain - wanted) < 0.05 * np.linalg.norm(wanted)
+    assert len(path.of_kind("yield")) == 65
 
 
 def compared_packings(count, monkeypatch):
@@ -492,3 +498,20 @@ def test_a_branch_found_late_answers_the_directions_before_it_too(monkeypatch):
     _, graph, law = next(case for case in small_packings.packings() if case[0] == 39)
     counts = small_packings.compared(graph, law, "strain")
     assert counts["solutions"] == counts["found"] == 26 and counts["false"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.collection
+def test_a_state_snaps_where_no_rates_were_found():
+    """Strained slowly, it follows the rates that were found; without any, a grain runs away."""
+    snapshot, _ = slow(26)
+    angles = np.radians([60.0, 300.0, 150.0, 210.0])
+    found, rates, speeds = held_probes.motions(
+        snapshot, np.column_stack([np.cos(angles), np.sin(angles)])
+    )
+    assert found.status.tolist() == ["several"] * 2 + ["none found"] * 2
+    for k in (0, 1):
+        told = np.diag(found.stress_rate[k])
+        for rate in rates[k]:
+            assert np.linalg.norm(np.diag(rate) - told) < 3e-3 * np.linalg.norm(told)
+    assert speeds[:2].max() < 100 < 1e4 < speeds[2:].max(axis=1).min()
