@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, Regime
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
 from loops.laws.hertz_mindlin import ShearHistory
@@ -266,25 +266,26 @@ def _walls_of_table(table: Table, bodies: Bodies) -> WallContacts:
         where, received = f"column 'id' of {table.path}, row {row}", f"grain {named[row]}"
         raise InputError(where, received, "an id of the table of grains", "Correct or drop it.")
     springs = (table.column(name) if table.has(name) else None for name in ("kn", "ks", "mu"))
+    flags = table.column("sliding") != 0 if table.has("sliding") else None
     force, branch = table.columns("fx", "fy"), table.columns("branch_x", "branch_y")
-    return WallContacts(grain, force, branch, *springs)
+    return WallContacts(grain, force, branch, *springs, flags)
 
 
 def _wall_springs(
     table: Table, rows: Integers
-) -> tuple[Floats | None, Floats | None, Floats | None]:
-    """Stiffnesses and friction of contacts with walls; `kt` is zero without friction.
+) -> tuple[Floats | None, Floats | None, Floats | None, Flags | None]:
+    """Stiffnesses, friction and flags of contacts with walls; `kt` is zero without friction.
 
     Where the file has no friction, `kt` is zero where it flags a contact as sliding.
     """
+    flags = table.column("sliding")[rows] != 0 if table.has("sliding") else None
     if not (table.has("kn") and table.has("ks")):
-        return None, None, None
+        return None, None, None, flags
     kn, ks = table.column("kn")[rows], table.column("ks")[rows]
     if table.has("mu"):
         mu = table.column("mu")[rows]
-        return kn, np.where(mu > 0, ks, 0.0), mu
-    sliding = table.column("sliding")[rows] if table.has("sliding") else np.zeros(len(rows))
-    return kn, np.where(sliding == 0, ks, 0.0), None
+        return kn, np.where(mu > 0, ks, 0.0), mu, flags
+    return kn, ks if flags is None else np.where(flags, 0.0, ks), None, flags
 
 
 def _law(

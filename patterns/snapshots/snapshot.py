@@ -52,6 +52,8 @@ class WallContacts(Shown):
         Stiffness, if the file has it; `kt` is zero where nothing sticks to the wall.
     mu : (W,) array, optional
         Friction, if the file has it; without it a contact with `kt` never slides in a path.
+    sliding : (W,) array of bool, optional
+        Contacts that the file flags as sliding; without it those at their strength slide.
     """
 
     grain: NDArray[np.int64]
@@ -60,6 +62,7 @@ class WallContacts(Shown):
     kn: NDArray[np.float64] | None = None
     kt: NDArray[np.float64] | None = None
     mu: NDArray[np.float64] | None = None
+    sliding: NDArray[np.bool_] | None = None
 
     def facts(self) -> dict[str, object]:
         """Facts shown at the prompt and in a notebook."""
@@ -235,7 +238,8 @@ class Snapshot(Shown):
             of_walls = {"id": ids[walls.grain]}
             of_walls["fx"], of_walls["fy"] = walls.force.T
             of_walls["branch_x"], of_walls["branch_y"] = walls.branch.T
-            springs = (("kn", walls.kn), ("ks", walls.kt), ("mu", walls.mu))
+            flags = None if walls.sliding is None else walls.sliding.astype(np.int8)
+            springs = (("kn", walls.kn), ("ks", walls.kt), ("mu", walls.mu), ("sliding", flags))
             of_walls |= {n: v for n, v in springs if v is not None}
         of_hertz = {}
         if isinstance(self.law, HertzMindlin):

@@ -43,7 +43,13 @@ from stability.paths.path import Past
 from stability.verdict import loop_spectra
 from studies.output import Columns
 from studies.series.evolution import sample_strain
-from studies.snapshot.in_packing import balance_notes, followed_walls, sample_boundary, sample_edge
+from studies.snapshot.in_packing import (
+    balance_notes,
+    box_corners,
+    followed_walls,
+    sample_boundary,
+    sample_edge,
+)
 
 # Field of `LoopRates` of each column of predictions.
 PREDICTED = {
@@ -127,7 +133,8 @@ def interval_rate(
         return Rate(inertial_number, f"slower in fact: {MOST_STEPS} steps at most", options)
     if before.velocity is None:
         return Rate(inertial_number, "times and masses", options)
-    options |= {"velocity": velocity_beyond(before, H / duration), "spin": before.spin}
+    velocity = velocity_beyond(before, after, H, duration)
+    options |= {"velocity": velocity, "spin": before.spin}
     return Rate(inertial_number, "times, masses and velocities", options)
 
 
@@ -140,15 +147,20 @@ def time_of(snapshot: Snapshot, listed: float | None, time_step: float | None) -
     return snapshot.time
 
 
-def velocity_beyond(snapshot: Snapshot, rate: Floats) -> Floats:
-    """(G, 2) velocities of the grains beyond the affine motion at a rate of strain.
+def velocity_beyond(before: Snapshot, after: Snapshot, H: Floats, duration: float) -> Floats:
+    """(G, 2) velocities of the grains beyond the affine motion that strains the sample by `H`.
 
-    Some codes store velocities that leave the affine motion out: of the velocities with and without
-    it the smaller ones are taken. The sample as a whole is at rest.
+    Between walls it is that of the lower left corner. A periodic sample as a whole is at rest; some
+    codes store velocities that leave its affine motion out: of the velocities with and without it
+    the smaller ones are taken.
     """
-    given = np.asarray(snapshot.velocity)
-    x = snapshot.graph.x - snapshot.graph.x.mean(axis=0)
-    given = given - given.mean(axis=0)
+    given, x, rate = np.asarray(before.velocity), before.graph.x, H / duration
+    if before.walls is not None and after.walls is not None:
+        corners = box_corners(x, before.walls), box_corners(after.graph.x, after.walls)
+        if corners[0] is not None and corners[1] is not None:
+            corner, moved = corners[0][0], corners[1][0]
+            return np.asarray(given - (moved - corner) / duration + (x - corner) @ rate.T)
+    x, given = x - x.mean(axis=0), given - given.mean(axis=0)
     return min(given, given + x @ rate.T, key=lambda velocity: float(np.linalg.norm(velocity)))
 
 

@@ -39,11 +39,12 @@ def sample_boundary(snapshot: Snapshot) -> tuple[PlaneContacts | None, Flags | N
     if walls is not None and walls.kn is not None and walls.kt is not None:
         kt = walls.kt
         if walls.mu is not None:
-            # No law of walls slides in the rate problem: those at yield have no shear stiffness.
+            # No law of walls slides in the rate problem: those that slide have no shear stiffness.
             n = walls.branch / np.linalg.norm(walls.branch, axis=1, keepdims=True)
             N = np.sum(walls.force * n, axis=1)
             T = n[:, 0] * walls.force[:, 1] - n[:, 1] * walls.force[:, 0]
-            kt = np.where(np.abs(T) >= SLIDING_SHARE * walls.mu * N, 0.0, kt)
+            at_yield = np.abs(T) >= SLIDING_SHARE * walls.mu * N
+            kt = np.where(at_yield if walls.sliding is None else walls.sliding, 0.0, kt)
         return PlaneContacts(walls.grain, -walls.branch, walls.kn, kt, walls.mu), None, []
     if walls is not None:
         planes = plane_contacts(snapshot.graph, walls.grain, walls.force, walls.branch)
@@ -86,23 +87,29 @@ def box_area(x: Floats, walls: WallContacts) -> float | None:
 
 def box_sides(x: Floats, walls: WallContacts) -> Floats | None:
     """(2,) width and height within upright walls if grains touch all four of them; else None."""
+    corners = box_corners(x, walls)
+    return None if corners is None else corners[1] - corners[0]
+
+
+def box_corners(x: Floats, walls: WallContacts) -> Floats | None:
+    """(2, 2) lower left and upper right corner within four upright walls; else None."""
     feet = x[walls.grain] - walls.branch
     length = np.hypot(*walls.branch.T)
     across = np.abs(walls.branch) > UPRIGHT * length[:, None]
     if across.all(axis=1).any():
         return None
-    sides = []
+    ends = []
     for axis in (0, 1):
         own = across[:, axis]
         low = own & (walls.branch[:, axis] > 0)
         high = own & (walls.branch[:, axis] < 0)
         if not (low.any() and high.any()):
             return None
-        side = float(feet[high, axis].mean() - feet[low, axis].mean())
-        if max(np.ptp(feet[low, axis]), np.ptp(feet[high, axis])) > UPRIGHT * side:
+        near, far = float(feet[low, axis].mean()), float(feet[high, axis].mean())
+        if max(np.ptp(feet[low, axis]), np.ptp(feet[high, axis])) > UPRIGHT * (far - near):
             return None
-        sides.append(side)
-    return np.array(sides)
+        ends.append((near, far))
+    return np.array(ends).T
 
 
 def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldResponse:

@@ -12,12 +12,18 @@ import pytest
 
 from loops import InputError, Regime, branch_vectors, contact_forces, contact_state, find_faces
 from loops.stress_strain import rotation_and_stretch
-from patterns import Snapshot, read_snapshot, sample_path
+from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
 from stability.packing import loop_changes, loop_rates, packing_response, replay
 from studies.commands.snapshot import _series_lines
 from studies.series import packing as series_packing
 from studies.series.evolution import increments, sample_strain, track_loops
-from studies.series.packing import PREDICTED, Following, interval_rate, packing_predictions
+from studies.series.packing import (
+    PREDICTED,
+    Following,
+    interval_rate,
+    packing_predictions,
+    velocity_beyond,
+)
 from studies.series.plan import cells_by_number, plan_series
 from studies.series.skill_figures import (
     MappedInterval,
@@ -25,10 +31,16 @@ from studies.series.skill_figures import (
     skill_by_interval,
     skill_by_predictor,
 )
-from studies.snapshot.in_packing import add_in_packing
+from studies.snapshot.in_packing import (
+    add_in_packing,
+    box_corners,
+    followed_walls,
+    sample_boundary,
+)
 from studies.snapshot.run import reading
 from tests.docs.test_packing_page import quotes_the_sample
 from tests.packings import LAW, packing
+from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
 from tests.studies.series.test_run import contents, run, times, write_series
 
 CELLS = sample_path("slow/cells.csv")
@@ -496,3 +508,52 @@ def test_the_slow_sample_tells_its_own_rate():
     left_out = replace(before, velocity=beyond)
     found = interval_rate(left_out, after, H, times, Following()).options["velocity"]
     np.testing.assert_allclose(found, beyond, rtol=0, atol=1e-6 * rounding)
+
+
+def walled(**how):
+    """A small packing between rough walls as a snapshot."""
+    graph, planes, force = jammed_in_box(*JAMMED[4])
+    springs = (planes.kn, planes.kt, planes.mu)
+    walls = WallContacts(planes.grain, force, -planes.branch, *springs)
+    regime, ids = np.ones(graph.contact_count, dtype=np.int8), np.arange(graph.grain_count)
+    return Snapshot(graph, LAW, regime, ids, len(force), (), walls, **how)
+
+
+def test_velocities_between_walls_are_those_beyond_the_walls_motion():
+    """Grains that drift as a whole between walls do move; with their walls they don't."""
+    strain, duration = np.diag([2e-5, -1e-5]), 0.5
+    own = 1e-6 * np.array([3.0, 1.0]) + 1e-7 * np.sin(np.arange(72)).reshape(36, 2)
+    before = walled()
+    x, walls = before.graph.x, before.walls
+    corner = box_corners(x, walls)[0]
+    for frame in (np.zeros(2), np.array([1e-4, -2e-4])):
+        moved = x - (x - corner) @ strain.T + duration * frame
+        shift = (moved - x)[walls.grain]
+        # Feet go with the walls, whatever the grains do.
+        feet = x[walls.grain] - walls.branch
+        branch = walls.branch + shift - (duration * frame - (feet - corner) @ strain.T)
+        branch = np.where(np.abs(walls.branch) > 1e-9, branch, 0.0)
+        after = replace(
+            before,
+            graph=before.graph.replace(x=moved, x0=None),
+            walls=replace(walls, branch=branch),
+        )
+        given = own + frame - (x - corner) @ strain.T / duration
+        found = velocity_beyond(replace(before, velocity=given), after, strain, duration)
+        np.testing.assert_allclose(found, own, rtol=0, atol=1e-14)
+
+
+def test_a_walls_contact_slides_where_the_file_says_so():
+    """Flags decide in the rate problem, forces where there are none; in a path all may stick."""
+    one = walled()
+    n = one.walls.branch / np.linalg.norm(one.walls.branch, axis=1, keepdims=True)
+    N = np.sum(n * one.walls.force, axis=1)
+    T = np.abs(n[:, 0] * one.walls.force[:, 1] - n[:, 1] * one.walls.force[:, 0])
+    at_yield = T >= 0.999 * one.walls.mu * N
+    np.testing.assert_array_equal(sample_boundary(one)[0].kt == 0, at_yield)
+    flags = np.arange(len(N)) % 3 == 0
+    assert (flags != at_yield).any()
+    again = snapshot_from_tables(**replace(one, walls=replace(one.walls, sliding=flags)).tables())
+    np.testing.assert_array_equal(again.walls.sliding, flags)
+    np.testing.assert_array_equal(sample_boundary(again)[0].kt == 0, flags)
+    np.testing.assert_array_equal(followed_walls(again)[0].kt, one.walls.kt)
