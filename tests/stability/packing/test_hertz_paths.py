@@ -58,6 +58,36 @@ def test_the_error_halves_with_the_interval_and_the_energy_closes(name, history)
         assert abs(left) < 1e-10 * work
 
 
+@pytest.mark.parametrize("history", ["force", "displacement"])
+@pytest.mark.parametrize(
+    "name", ["12", *(pytest.param(n, marks=pytest.mark.slow) for n in ("16", "24", "36"))]
+)
+def test_a_slow_replay_comes_to_the_forces_of_the_path_in_a_cell(name, history):
+    """To the interval of the path and the rate of the replay; a slower one is closer."""
+    graph = jammed(*PACKINGS[name])
+    law, first = hertz_of(graph, history), np.arange(graph.contact_count)
+    wanted = walked(name, history, 5e-6).states[-1].forces[first]
+    ends = [replay(graph, law, H, duration=t, viscous=0.02).state for t in (1e4, 1e5)]
+    fast, slow = (np.linalg.norm(e.forces[first] - wanted) / np.linalg.norm(wanted) for e in ends)
+    assert slow < fast and slow < 2e-5
+
+
+@pytest.mark.parametrize("history", ["force", "displacement"])
+@pytest.mark.parametrize(
+    "which", [pytest.param(w, marks=[pytest.mark.slow] * (k != 3)) for k, w in enumerate(JAMMED)]
+)
+def test_a_slow_replay_comes_to_the_forces_of_the_path_between_walls(which, history):
+    graph, planes, force = jammed_in_box(*which)
+    law, walls = hertz_of(graph, history, which[2].shear_increment), {"planes": planes}
+    walls["plane_force"] = force
+    stage = Stage(programmes.drained_biaxial(), "parameter", 3e-4)
+    path = follow(graph, law, stage, closure="packing", interval=2e-6, **walls).states[-1]
+    moved = replay(graph, law, stage, inertial_number=2e-7, balanced=True, **walls).state
+    first = np.arange(graph.contact_count + len(planes.grain))
+    size = np.abs(path.forces).max()
+    assert np.abs(path.forces[first] - moved.forces[first]).max() < 2e-5 * size
+
+
 def square(overlap):
     """A lattice of discs of diameter 1, four in a cell."""
     side = 1.0 - overlap

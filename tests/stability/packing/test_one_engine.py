@@ -10,8 +10,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Regime
-from stability import follow
+from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, contact_state
+from loops.packing import PlaneContacts
+from stability import Stage, follow
+from stability.programmes import drained_biaxial
 from tests.oracles.lattices import lattice
 from tests.packings import diamonds, strained, touching_lattice
 
@@ -184,3 +186,45 @@ def test_a_hundred_cells_follow_the_path_of_one():
     assert one.status == many.status == "finished" and len(one.of_kind("yield")) == 3
     assert len(many.of_kind("yield")) > 300
     np.testing.assert_allclose(many.P, one.P, rtol=0, atol=1e-9 * np.abs(one.P).max())
+
+
+def between_walls(law, stage, interval):
+    """A diamond between four smooth walls that balance it, and its path."""
+    half = LENGTH * np.array([np.cos(np.radians(35)), np.sin(np.radians(35))])
+    way = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+    graph = GrainGraph(way * half, [0.5] * 4, contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
+    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
+    push = 2.0 * graph.normal_force * np.abs(way @ half) / LENGTH
+    overlap = push ** (2 / 3 if isinstance(law, HertzMindlin) else 1)
+    planes = PlaneContacts(np.arange(4), (0.5 - overlap)[:, None] * way, np.ones(4), np.zeros(4))
+    walls = {"planes": planes, "plane_force": -push[:, None] * way}
+    return graph, followed(graph, law, stage, interval=interval, **walls)
+
+
+@pytest.mark.parametrize(
+    ("law", "target"),
+    [(LinearFrictional(1.0, 0.5, 0.1), 6e-3), (HertzMindlin(1.0, 0.2, 0.2), 6e-3)],
+    ids=["linear", "hertz"],
+)
+def test_a_lattice_between_walls_follows_the_path_of_the_loop(law, target):
+    """Walls at four grains are uniform traction; forces and strain of the centres, past yield."""
+    errors = []
+    for interval in INTERVALS[1:]:
+        stage = Stage(drained_biaxial(), "H11", target)
+        graph, path = between_walls(law, stage, interval)
+        end = path.states[-1]
+        assert path.status == "finished" and len(path.of_kind("yield")) == 4
+        spans = [x[[0, 1], [0, 1]] - x[[2, 3], [0, 1]] for x in (graph.x, end.x)]
+        strain = 1.0 - spans[1] / spans[0]
+        drained = Stage(drained_biaxial(), "H11", strain[0])
+        loop = follow(graph, law, drained, closure="traction", spins="blocked")
+        (event,) = loop.of_kind("yield")
+        assert loop.status == "finished" and len(event.contacts) == 4
+        N, T = loop.normal_force[-1], loop.shear_force[-1]
+        errors.append([
+            np.abs(end.normal_force[:4] / N - 1.0).max(),
+            np.abs(end.shear_force[:4] / T - 1.0).max(),
+            abs(strain[1] / loop.H[-1][3] - 1.0),
+        ])  # fmt: skip
+    # Forces follow from those of the walls, so errors fall with the interval squared.
+    assert np.max(errors[0]) < 5e-6 and np.min(np.divide(*errors)) > 3.5
