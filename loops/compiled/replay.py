@@ -216,7 +216,7 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
         else:
             slip = across - arm_i * w[i] - arm_j * w[j]
         most = discs.mu[p] * normal
-        before = motion.shear[p]
+        first = before = motion.shear[p]
         if varies:
             root, was = math.sqrt(touching - length), motion.root[p]
             if own:
@@ -248,11 +248,12 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
             s01 += f0 * e1
             s10 += f1 * e0
             s11 += f1 * e1
-            mean = 0.5 * (before + shear)
             if shear != stuck and kt > 0.0:
-                slipped += mean * (stuck - shear) / kt
+                slipped += 0.5 * (before + shear) * (stuck - shear) / kt
+            # The motion did its work on the force that the step began with.
+            beyond -= 0.5 * (first - before) * slip * dt
             if by_radii:
-                beyond += mean * (slip - across + arm_i * w[i] + arm_j * w[j]) * dt
+                beyond += 0.5 * (first + shear) * (slip - across + arm_i * w[i] + arm_j * w[j]) * dt
     motion.moment[0], motion.moment[1], motion.moment[2], motion.moment[3] = s00, s01, s10, s11
     motion.work[1] += slipped
     motion.work[2] += beyond
