@@ -103,23 +103,29 @@ def run(
 
     `cundall` is the share by which every resultant is damped, `viscous` the drag over `m c`.
     """
+    widest = 2.0 * discs.radii.max()
     for step in range(steps):
         motion.closer[0] += dt * (2.0 * move(motion, discs, dt, cundall, viscous))
-        finish(motion, discs, servo, dt, by_radii)
+        finish(motion, discs, servo, dt, by_radii, widest)
         if motion.closer[0] > reach:
             return step + 1
     return steps
 
 
 @kernel
-def finish(motion: Motion, discs: Discs, servo: Servo, dt: float, by_radii: bool) -> None:
-    """Forces where a step has moved the grains, work of the cell, and its gradient of the next."""
+def finish(
+    motion: Motion, discs: Discs, servo: Servo, dt: float, by_radii: bool, widest: float
+) -> None:
+    """Forces where a step has moved the grains, work of the cell, and its gradient of the next.
+
+    `widest` is the largest diameter.
+    """
     stretch = work = 0.0
     for k in range(4):
         part = motion.gradient[k // 2, k % 2]
         stretch += abs(part)
         work -= part * motion.moment[k]
-    motion.closer[0] += dt * stretch * 2.0 * discs.radii.max()
+    motion.closer[0] += dt * stretch * widest
     contact_forces(motion, discs, dt, by_radii, servo.on)
     for k in range(4):
         work -= motion.gradient[k // 2, k % 2] * motion.moment[k]

@@ -265,10 +265,10 @@ def _walls_of_table(table: Table, bodies: Bodies) -> WallContacts:
         row = int(np.argmin(grain))
         where, received = f"column 'id' of {table.path}, row {row}", f"grain {named[row]}"
         raise InputError(where, received, "an id of the table of grains", "Correct or drop it.")
-    springs = (table.column(name) if table.has(name) else None for name in ("kn", "ks", "mu"))
+    kn, ks, mu = (table.column(k) if table.has(k) else None for k in ("kn", "ks", "mu"))
     flags = table.column("sliding") != 0 if table.has("sliding") else None
     force, branch = table.columns("fx", "fy"), table.columns("branch_x", "branch_y")
-    return WallContacts(grain, force, branch, *springs, flags)
+    return WallContacts(grain, force, branch, kn, ks, mu, flags)
 
 
 def _wall_springs(

@@ -503,12 +503,12 @@ class Moving:
         while done < steps:
             if self.motion.closer[0] > self.gap:
                 self._list()
-            made = 0
+            made, widest = 0, 2.0 * float(self.start.radii.max())
             while self.pairs.own and made < steps - done and self.motion.closer[0] <= self.gap:
                 fastest = move(self.motion, self.discs, dt, damping, viscous)
                 self.motion.closer[0] += dt * 2.0 * fastest
                 self._ask_law()
-                finish(self.motion, self.discs, self.servo, dt, self.by_radii)
+                finish(self.motion, self.discs, self.servo, dt, self.by_radii, widest)
                 made += 1
             if not self.pairs.own:
                 how = (steps - done, dt, damping, viscous, self.by_radii, self.gap)
