@@ -144,7 +144,7 @@ def draw(table: pd.DataFrame) -> Figure:
     Steps that a single packing has are left out where others have several.
     """
     names = [name for name in COMPARED if name in set(table["predictor"])]
-    several = table["packings"] > 1
+    several = table.groupby("step")["packings"].transform("max") > 1
     table = table[several] if several.any() else table
     steps = sorted(table["step"].unique())
     figure = new_figure(TWO_COLUMNS, 5.2, fixed=True)

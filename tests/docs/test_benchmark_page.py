@@ -4,6 +4,7 @@ import io
 import re
 from contextlib import redirect_stdout
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -18,9 +19,10 @@ TITLES |= {"contact lost": "contact_lost", "topology changed": "topology"}
 NAMES = {"rate problem": "packing", "path": "packing_path", "own motion": "own_motion"}
 
 
-def measured():
-    """What `studies.examples.indicators` wrote, kept beside its figure."""
-    return pd.read_csv(DOCS / "figures/benchmark.csv")
+def measured(name="benchmark"):
+    """What `studies.examples.indicators` wrote, without the large steps of LAMMPS' sample."""
+    found = pd.read_csv(DOCS / f"figures/{name}.csv")
+    return found[found.step < 0.01]
 
 
 def agrees(token, value):
@@ -55,6 +57,49 @@ def test_winners_are_those_of_the_study():
             agrees(told[title], one[NAMES.get(title, title)])
         agrees(told["base rate"], one["base"])
         assert told["packings"] == str(one["packings"])
+
+
+def test_path_and_replay_at_the_rate_of_the_samples():
+    """Every AUC and interval of the second table; the packings behind it."""
+    (rows,) = tables(section(TEXT, "## Path and replay at the rate of the sample"))
+    found = measured("benchmark-rate").set_index(["target", "step", "predictor"])
+    best = {(one["target"], one["step"]): one["best"] for one in winners(found.reset_index())}
+    assert len(rows) == len(best) == 8
+    for told in rows:
+        place = TITLES[told["target"]], float(told["step"])
+        name = told["best indicator"].strip("`")
+        assert name == best[place]
+        columns = {
+            "AUC": name,
+            "rate problem": "packing",
+            "path": "packing_path",
+            "replay": "replay",
+        }
+        for title, predictor in columns.items():
+            row = found.loc[(*place, predictor)]
+            tokens = re.match(r"(\S+) \((\S+) to (\S+)\)$", told[title]).groups()
+            for token, column in zip(tokens, ("auc", "low", "high"), strict=True):
+                agrees(token, row[column])
+    own = pd.read_csv(DOCS / "figures/benchmark-packings.csv")
+    single = own.groupby(["step", "target", "predictor"]).auc.mean()
+    for (target, step, predictor), row in found.iterrows():
+        if not pd.isna(row.auc):
+            assert row.auc == pytest.approx(single[step, target, predictor], abs=1e-12)
+
+
+def test_the_sample_of_lammps():
+    """Its AUCs in the words, means over the intervals; its steps are its own."""
+    every = pd.read_csv(DOCS / "figures/benchmark.csv")
+    own = every[every.step > 0.01]
+    assert (own.packings <= 1).all() and own[own.predictor == "order"].intervals.sum() == 3 * 4
+    found = r"LAMMPS' periodic.*?rate problem is at (\S+) .*?grains \((\S+)\).*?eigenvalue \((\S+)\)"
+    said = re.search(found, TEXT, re.DOTALL).groups()
+    for token, name in zip(said, ("packing", "order", "packing_lambda_min"), strict=True):
+        row = own[(own.target == "W2_negative") & (own.predictor == name)]
+        agrees(token, np.average(row.auc, weights=row.intervals))
+    lost = own[(own.target == "contact_lost") & own.auc.notna()]
+    means = [np.average(r.auc, weights=r.intervals) for _, r in lost.groupby("predictor")]
+    assert max(means) < 0.62
 
 
 def test_all_predictors_stand_on_the_page():

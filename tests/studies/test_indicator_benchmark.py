@@ -67,6 +67,13 @@ def test_steps_of_one_packing_are_not_drawn_beside_others():
     for shown, steps in ((table, 1), (table[table.step == 0.02], 1), (table[table.step < 1e-3], 1)):
         dots = [line for line in indicators.draw(shown).axes[0].lines if line.get_marker() == "o"]
         assert len(dots) == steps
+    # A predictor that one packing has is drawn where others have several.
+    few = rows(packings=1)
+    replay = few[few.predictor == "packing"].assign(predictor="replay")
+    table = indicators.compare(pd.concat([rows(), replay]))
+    assert table.packings.min() == 1
+    (dots,) = [line for line in indicators.draw(table).axes[0].lines if line.get_marker() == "o"]
+    assert np.isfinite(dots.get_xdata()).sum() == 4
 
 
 def test_means_by_packing_are_kept(tmp_path, monkeypatch):
