@@ -40,7 +40,7 @@ from studies.style import BLACK, LINE_COLOURS, key_columns, new_figure, new_pane
 # Strain at which the programmes of a virgin loop end.
 FAN_REACH = 0.95
 # Limits that end stability in (11, 22).
-ENDS = ("det_Ks_zero", "limit")
+LOST = ("det_Ks_zero", "limit")
 # End of the programmes on a snapshot's loop, over the mean overlap.
 REACH_OVERLAPS = 20.0
 LONGEST = 60
@@ -139,9 +139,9 @@ def unstable_share(fan: Fan, limits: FanLimits) -> float:
     opening = 2.0 * (rate * fan.model.d0).sum(axis=-1) / (rate**2).sum(axis=-1)
     end = np.minimum(opening.min(axis=1), fan.reach)
     strain = {kind: np.where(limits.found[kind], np.hypot(*limits.states[kind].H[:, [0, 3]].T),
-                             np.inf) for kind in (*ENDS, "opening")}  # fmt: skip
+                             np.inf) for kind in (*LOST, "opening")}  # fmt: skip
     end = np.minimum(end, strain["opening"])
-    stable = np.minimum(end, np.minimum(*(strain[kind] for kind in ENDS)))
+    stable = np.minimum(end, np.minimum(*(strain[kind] for kind in LOST)))
     left, whole = (np.trapezoid(0.5 * rho**2, fan.programme) for rho in (stable, end))
     return float(1.0 - left / whole)
 
@@ -209,7 +209,7 @@ def run_loop_domains(
 
 def domain_boundary(rows: pd.DataFrame) -> pd.DataFrame:
     """The first state of each programme at which the loop is lost or parts, by programme."""
-    rows = rows[rows.kind.isin((*ENDS, "opening"))]
+    rows = rows[rows.kind.isin((*LOST, "opening"))]
     first = np.hypot(rows.E1, rows.E2).groupby(rows.programme_deg).idxmin()
     return rows.loc[first].sort_values("programme_deg")
 
@@ -257,7 +257,7 @@ def domains_figure(
                 bound = domain_boundary(own)
                 values = bound[list(plane)].to_numpy()
                 values = contact_forces_of(values, order) if regular else values
-                lost = bound.kind.isin(ENDS).to_numpy()
+                lost = bound.kind.isin(LOST).to_numpy()
                 ax.plot(*_pieces(values, lost), "-", color=colour, linewidth=1.0)
                 ax.plot(*_pieces(values, ~lost), ":", color=colour, linewidth=0.8)
             ax.set_title(rf"{closure}, {contacts}, $\kappa$ = {kappa:g}")

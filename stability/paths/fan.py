@@ -51,7 +51,7 @@ SLOPE_WIDTH = 1e-4
 # Stress over kn at which a programme of stress ends that `follow` takes, over its reach in strain.
 STRESS_REACH = 5.0
 # Event functions this close to zero where another one vanishes do so there too.
-SIMULTANEOUS = 1e-13
+COINCIDENT = 1e-13
 # A normalised eigenvalue or rate this small is zero; shares of the strength and of the branch at
 # which contacts of the first state are at yield and just touch; shortest step.
 SINGULAR, AT_YIELD, TOUCHING, SHORTEST = 1e-12, 1e-9, 1e-11, 1e-9
@@ -596,7 +596,7 @@ def _after_event(
 ) -> None:  # fmt: skip
     """Record what happens in the states of `rows`, and change the regimes that it changes."""
     values, columns = pending(now.take(rows), rows)
-    fires = np.asarray(values <= SIMULTANEOUS)
+    fires = np.asarray(values <= COINCIDENT)
     fires[np.arange(len(rows)), fired] = True
     singular = fires[:, columns["balance"]]
     # In the fields of the path itself: the strain does not grow on, or its tangent has a pole.
