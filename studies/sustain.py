@@ -418,18 +418,15 @@ def path_table(found: Sustained) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def _modes(found: Sustained) -> list[tuple[float, Motion]]:
-    angles = np.degrees(found.theta).tolist()
-    paired = zip(angles, found.paths, strict=True)
-    return [(angle, path.mode) for angle, path in paired if path.mode is not None]
-
-
 def order_table(found: Sustained, faces: Faces) -> pd.DataFrame:
     """One row a direction with a mode and an order: share of the loops in the mode's work."""
     orders, at = np.unique(faces.order[faces.loops], return_inverse=True)
     area = np.bincount(at, faces.area[faces.loops])
     tables = [pd.DataFrame(columns=["theta_deg", "order", "loops", "area_share"])]
-    for angle, mode in _modes(found):
+    for angle, path in zip(np.degrees(found.theta).tolist(), found.paths, strict=True):
+        mode = path.mode
+        if mode is None:
+            continue
         work = np.bincount(at, mode.loop_work, minlength=len(orders))
         negative = np.bincount(at, np.minimum(mode.loop_work, 0.0), minlength=len(orders))
         with np.errstate(invalid="ignore", divide="ignore"):

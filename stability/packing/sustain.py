@@ -51,8 +51,6 @@ PUSH, SMALLEST_PUSH = 0.02, 1e-5
 PUSH_STEPS, LOOK, MOST_STEPS = 500, 100, 60_000
 # Time step over that of a replay: two thirds of the largest stable one.
 STRIDE = 5.0 / 3.0
-# Default of Cundall's damping.
-DAMPING = 0.3
 # Inertial number of the strain at rest.
 STILL = 2e-8
 # Motions after which the load grows in the equations of motion: by this share between two looks,
@@ -264,7 +262,7 @@ def sustain(
     follow: Follow | None = None,
     planes: PlaneContacts | None = None,
     plane_force: ArrayLike | None = None,
-    damping: float = DAMPING,
+    damping: float = 0.3,
 ) -> Sustained:
     """Load a packing along directions of stress until it fails.
 
@@ -371,7 +369,7 @@ def load_path(
     faces: Faces,
     planes: PlaneContacts | None = None,
     plane_force: ArrayLike | None = None,
-    damping: float = DAMPING,
+    damping: float = 0.3,
 ) -> LoadPath:
     """One direction of `sustain`."""
     stage = stage_along(direction, subspace, "stress", largest)
