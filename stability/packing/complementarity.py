@@ -304,7 +304,8 @@ def scaled_definite(M: Floats, start: Floats | None = None) -> tuple[bool, Float
     for _ in range(BARRIER_STEPS):
         if positive_definite(d[:, None] * (M - MARGIN * one)):
             return True, d, np.zeros(m)
-        inverse = np.linalg.inv(_shifted(d, M, s))
+        scaled = d[:, None] * M
+        inverse = np.linalg.inv(scaled + scaled.T + s * one)
         rows = M @ inverse
         blame = np.diag(inverse)
         slope = np.append(-2.0 * np.diag(rows) - 1.0 / d + 1.0 / (1.0 - d), weight - blame.sum())
@@ -323,11 +324,6 @@ def scaled_definite(M: Floats, start: Floats | None = None) -> tuple[bool, Float
                 break
             weight *= 8.0
     return False, d, blame
-
-
-def _shifted(d: Floats, M: Floats, s: float) -> Floats:
-    scaled = d[:, None] * M
-    return np.asarray(scaled + scaled.T + s * np.eye(len(M)))
 
 
 def _infeasible(q: Floats, M: Floats) -> bool:

@@ -107,7 +107,9 @@ def probe_to(
         status=np.array([path.status for path in paths]),
         residual=np.array([path.imbalance[-1] for path in paths]),
         sliding=np.array([_sliding(path.states[-1], pairs) for path in paths]),
-        disagreeing=np.array([_unstable(path) for path in paths]),
+        disagreeing=np.array(
+            [len({event.contacts for event in path.of_kind("instability")}) for path in paths]
+        ),
         strain_rate=strain.reshape(-1, 2, 2),
         stress_rate=stress.reshape(-1, 2, 2),
         work=work,
@@ -137,10 +139,6 @@ def _sliding(state: PackingState, pairs: Pairs) -> int:
     first = replace(state, **{name: getattr(state, name)[: len(pairs)] for name in rows})
     slides = np.abs(first.shear_force) >= AT_YIELD * strength(pairs, first)
     return int(np.count_nonzero(first.closed & slides))
-
-
-def _unstable(path: PackingPath) -> int:
-    return len({event.contacts for event in path.of_kind("instability")})
 
 
 def stage_along(direction: Floats, subspace: Subspace, control: Driven, amplitude: float) -> Stage:

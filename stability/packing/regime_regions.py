@@ -104,22 +104,15 @@ class RegimeRegions:
         self.critical: int | None = None
         self.traced = len(self.basis) == 2 and rates.small and len(rates.every) > 0
         if self.traced:
-            self.circle = self._circle()
-            self._unload()
+            # `Q` and `M` of all directions of the plane.
+            units = [rates.problem(self.control(e)) for e in np.eye(2)]
+            self.circle = np.column_stack([q for q, _ in units]), units[0][1]
+            unloading = solve_from(self.circle[0] @ UNLOADING, self.circle[1], rates.none)
+            if unloading is not None:
+                self._trace(UNLOADING, unloading)
             self._prove()
         if self.traced and control == "stress" and not self.complete:
             self._map_strains()
-
-    def _circle(self) -> tuple[Floats, Floats]:
-        """`Q` and `M` of all directions of the plane."""
-        units = [self.rates.problem(self.control(e)) for e in np.eye(2)]
-        return np.column_stack([q for q, _ in units]), units[0][1]
-
-    def _unload(self) -> None:
-        """Follow the solution of the direction that unloads."""
-        unloading = solve_from(self.circle[0] @ UNLOADING, self.circle[1], self.rates.none)
-        if unloading is not None:
-            self._trace(UNLOADING, unloading)
 
     def _prove(self) -> None:
         """Whether each direction has one solution, or all can be counted over one contact's slip.
