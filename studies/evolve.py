@@ -115,7 +115,7 @@ def run_evolve(
         way = next(iter(ways.values()))
         changes = [loop_changes(graph, state, faces) for state in way.states[1:]]
         tables = {
-            "path": path_table(way, sense),
+            "path": row_table(way, sense),
             "events": event_table(way, snapshot.ids, sense),
             "loops": change_table(changes, faces, sense * way.parameter),
         }
@@ -217,7 +217,7 @@ def replay_rows(done: Replay, stage: Stage, rate: Rate) -> Way:
     return Way("finished", message, parameter, H, P, done.states)
 
 
-def path_table(way: Way, sense: float) -> pd.DataFrame:
+def row_table(way: Way, sense: float) -> pd.DataFrame:
     """One row per recorded state."""
     ends = np.sort([event.parameter for event in way.events])
     return pd.DataFrame(

@@ -53,7 +53,7 @@ def loop_table(snapshot: Snapshot) -> pd.DataFrame:
     (309, 3)
     """
     snapshot = planar(snapshot)
-    columns = pa.table(tables.loop_table(snapshot))
+    columns = pa.table(tables.loop_columns(snapshot))
     frame: pd.DataFrame = columns.to_pandas()
     frame.attrs = provenance("loop_table", {}, UNITS)
     return frame

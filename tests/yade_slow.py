@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from patterns import read_snapshot
-from studies.series.evolution import increments, track_loops
+from studies.series.evolution import loop_increments, track_loops
 from studies.series.skill import score_skill
 
 COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM") or "none") / "yade-slow"
@@ -31,7 +31,7 @@ def strain_between(before, after):
 def predicted(before, after, changes):
     """AUC of the changes for what the loops did between two snapshots."""
     one, two = before, after
-    table = increments(one, two, track_loops(one, two))
+    table = loop_increments(one, two, track_loops(one, two))
     actual = np.full(len(one.faces.loops), np.nan)
     actual[table["loop_before"]] = table["w2"]
     return score_skill(-changes(one.faces).normalised_work, actual, signed=True)["auc"]

@@ -21,7 +21,7 @@ from patterns.snapshots.lammps import is_lammps, is_liggghts, lammps_frames, lig
 from patterns.snapshots.mercury import is_mercury, mercury_frames
 from patterns.snapshots.plain import frame_of_tables, is_pegs, is_table, pegs_frames, table_frames
 from patterns.snapshots.snapshot import Snapshot
-from patterns.snapshots.tables import table_of
+from patterns.snapshots.tables import given_table
 from patterns.snapshots.text import head_of, require_file
 from patterns.snapshots.yade_save import is_yade_save, yade_save_frames
 from patterns.snapshots.yade_vtk import is_yade_vtk, yade_vtk_frames
@@ -214,9 +214,11 @@ def snapshot_from_tables(
     column 'i' of contacts read as 'id1'
     """
     source = Source(Path("tables"), None, as_cell(cell), dict(columns or {}))
-    frame = frame_of_tables(source, table_of("grains", grains), table_of("contacts", contacts))
+    frame = frame_of_tables(
+        source, given_table("grains", grains), given_table("contacts", contacts)
+    )
     if walls is not None:
-        of_walls, notes = with_aliases(table_of("walls", walls), WALL_COLUMNS)
+        of_walls, notes = with_aliases(given_table("walls", walls), WALL_COLUMNS)
         frame = replace(frame, walls=of_walls, notes=(*frame.notes, *notes))
     parameters = _parameters(kn, kt, mu, shear_increment, law, young, poisson, shear_history)
     return build_snapshot(frame, parameters, strict=strict)

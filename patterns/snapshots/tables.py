@@ -236,7 +236,7 @@ def read_table(path: Path, wanted: Collection[str] | None = None) -> Table:
     raise InputError(str(path), received, expected, "Convert it, or name its format by --format.")
 
 
-def table_of(label: str, given: Any) -> Table:
+def given_table(label: str, given: Any) -> Table:
     """Table of a data frame of pandas, polars or pyarrow, a dict of arrays or a structured array.
 
     `InputError` for anything else, and for columns of different lengths.

@@ -141,7 +141,7 @@ def area_ratio(H: Floats) -> float:
     return float((1.0 - H[0]) * (1.0 - H[3]) - H[1] * H[2])
 
 
-def near_pairs(model: PathModel, places: list[Floats]) -> Integers:
+def pairs_in_reach(model: PathModel, places: list[Floats]) -> Integers:
     """(Q, 2) pairs of grains without a contact that are near in one of the places (G, 2)."""
     # Beside a singular state the interpolant may have left the numbers.
     if not model.watches_pairs or not np.isfinite(places).all():

@@ -33,8 +33,8 @@ from stability.paths.record import (
 from stability.paths.regimes import EdgeTrial, edge_problem, path_symmetry, rate_vector
 from stability.paths.state import (
     Mode,
+    contact_overlaps,
     contacts_of,
-    overlaps,
     pack,
     relative_displacements,
     scales,
@@ -327,7 +327,9 @@ class LoopPathSolver:
         self.model = with_contact(self.model, pairs)
         shear = np.concatenate([state.shear_force, np.zeros(new)])
         self.y = pack(state.place, shear, state.parameter, state.work)
-        overlap = overlaps(self.model, relative_displacements(self.model, state.place))[-new:]
+        overlap = contact_overlaps(self.model, relative_displacements(self.model, state.place))[
+            -new:
+        ]
         # Grains that overlap from the start press on each other at once.
         pressed = overlap > TOUCHING_RTOL * self.model.touching[-new:]
         regime = np.where(pressed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)

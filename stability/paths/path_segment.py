@@ -15,8 +15,8 @@ from loops.arrays import Floats, Integers
 from stability.paths.event_functions import (
     EventFunctions,
     first_crossing,
-    near_pairs,
     pair_overlaps,
+    pairs_in_reach,
     polish,
 )
 from stability.paths.model import PathModel
@@ -122,7 +122,7 @@ def follow_segment(
             beyond = table[np.abs(table[:, k]) > functions.tolerance[k], k]
             if len(beyond):
                 sign[k] = -np.sign(beyond[0])
-        pairs = near_pairs(segment.model, [each.x for each in samples])
+        pairs = pairs_in_reach(segment.model, [each.x for each in samples])
         overlaps = np.array([pair_overlaps(segment.model, pairs, each.x) for each in samples])
         signs = np.concatenate([sign, np.ones(len(pairs))])
         watched = functions.with_pairs(len(pairs))

@@ -105,7 +105,7 @@ def relative_displacements(model: PathModel, place: Floats) -> Floats:
     return np.asarray(place[j] - place[i])
 
 
-def overlaps(model: PathModel, moved: Floats) -> Floats:
+def contact_overlaps(model: PathModel, moved: Floats) -> Floats:
     """(C,) `r_i + r_j - l` from the relative displacements, negative for a gap.
 
     Stiff grains overlap by a fraction 1e-8 and keep their digits: `l0^2 - l^2 = -(2 d0 + u).u`.
@@ -148,7 +148,7 @@ def contacts_of(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
         shear_force=np.where(is_open, 0.0, state.shear_force),
         radii_i=radii_i,
         radii_j=radii_j,
-        exact_overlap=overlaps(model, moved),
+        exact_overlap=contact_overlaps(model, moved),
     )
     normal = np.where(is_open, 0.0, model.law.closed_force(contacts))
     contacts = replace(contacts, normal_force=normal)

@@ -213,7 +213,7 @@ class Rings(NamedTuple):
         return found.reshape(-1, 4, 4)
 
 
-def random_rings(loops: int, order: int, seed: int) -> Rings:
+def irregular_rings(loops: int, order: int, seed: int) -> Rings:
     """Irregular rings: overlaps log-uniform from 1e-8 to 0.3, a fifth of the contacts sliding."""
     rng = np.random.default_rng(seed)
     angle = 2 * np.pi * (np.arange(order) + rng.uniform(-0.3, 0.3, (loops, order))) / order
@@ -240,7 +240,7 @@ def closure_methods(quick: bool) -> list[Row]:
     cases = ((6, 200, 8),) if quick else ((6, 2000, 60), (20, 300, 12))
     found: list[Row] = []
     for order, loops, checked in cases:
-        batch = random_rings(loops, order, seed=7)
+        batch = irregular_rings(loops, order, seed=7)
         rows = Rows(f"closures, n = {order}", "primal system, 50 digits", quick)
         exact = np.array([batch.exact(k, "traction") for k in range(checked)])
         for method, name in (
@@ -269,7 +269,7 @@ def relative_error(found: Floats, exact: Floats) -> float:
 def batch_sizes(quick: bool) -> Rows:
     """Time of a hexagon's tangent over the number of hexagons in one call."""
     rows = Rows("batch or one by one", "50 digits, first loop", quick)
-    whole = random_rings(BATCH_SIZES[-1], 6, seed=9)
+    whole = irregular_rings(BATCH_SIZES[-1], 6, seed=9)
     closures: tuple[Closure, ...] = ("affine", "traction")
     for closure in closures:
         exact = whole.exact(0, closure)[None]
@@ -345,7 +345,7 @@ def compiled_methods(quick: bool) -> list[Row]:
         wrong = float((found.contacts != plain.contacts).mean()) if same else 1.0
         name, setting = f"faces, {COMPILED_NAMES[compiled]}", f"{graph.contact_count:,} contacts"
         rows.add(name, setting, call, wrong, len(plain.contacts))
-    matrices = random_rings(200 if quick else 20_000, 6, seed=13).tangents("affine")
+    matrices = irregular_rings(200 if quick else 20_000, 6, seed=13).tangents("affine")
     exact, count = symmetric_spectrum(restrict(matrices, "symmetric")), len(matrices)
     modes = Rows("compiled or plain", "LAPACK", quick)
     for compiled in kernels:

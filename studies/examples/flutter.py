@@ -57,7 +57,7 @@ def random_forces(rng: np.random.Generator, x: Floats, forces: str) -> tuple[Flo
     return base, extra
 
 
-def random_loops(
+def flutter_loops(
     order: int, forces: str, contacts: str, loops: int, seed: int = 1
 ) -> tuple[GrainGraph, LinearFrictional, Regimes]:
     """Loops with the largest |T|/N uniform from 0.01 to 1.2, N/l log-uniform from 1e-4 to 0.5."""
@@ -96,7 +96,7 @@ def search(orders: tuple[int, ...] = ORDERS, loops: int = 4000) -> list[dict[str
     """Shares with flutter, and with flutter while W2 > 0, by closure, forces, contacts, order."""
     rows, closures = [], ("affine", "traction")
     for forces, contacts, order in product(FORCES, CONTACTS, orders):
-        graph, law, regime = random_loops(order, forces, contacts, loops)
+        graph, law, regime = flutter_loops(order, forces, contacts, loops)
         for closure in closures:
             name: Any = closure
             A = macroscopic_tangent(graph, law, name, regime=regime).matrix

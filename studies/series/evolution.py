@@ -87,7 +87,7 @@ def fate_columns(fates: LoopFates) -> dict[str, Any]:
     }
 
 
-def increments(before: Snapshot, after: Snapshot, fates: LoopFates) -> dict[str, Any]:
+def loop_increments(before: Snapshot, after: Snapshot, fates: LoopFates) -> dict[str, Any]:
     """Table of the loops that survived from one snapshot to the next, by their earlier number.
 
     `loop_before`, `loop_after` as the tables of the snapshots number them, `order`, `area` of the

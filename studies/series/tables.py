@@ -91,7 +91,7 @@ def increments(before: Snapshot, after: Snapshot) -> pd.DataFrame:
     """
     before, after = planar(before), planar(after)
     found = evolution.track_loops(before, after)
-    return _frame("increments", evolution.increments(before, after, found))
+    return _frame("increments", evolution.loop_increments(before, after, found))
 
 
 def skill(
@@ -137,7 +137,7 @@ def skill(
         before.mechanics()
         after.mechanics()
         found = evolution.track_loops(before, after)
-        own, state = evolution.increments(before, after, found), facts(before, found)
+        own, state = evolution.loop_increments(before, after, found), facts(before, found)
         own["nonaffinity"] = nonaffinity(own, evolution.interval_row(before, after, found, own))
         score = np.asarray(indicator(before), dtype=float)
         if score.shape != state["order"].shape:

@@ -44,8 +44,8 @@ from studies.output import (
 from studies.series.evolution import (
     evolution_row,
     fate_columns,
-    increments,
     interval_row,
+    loop_increments,
     probe_row,
     track_loops,
 )
@@ -57,7 +57,7 @@ from studies.series.packing import (
 )
 from studies.series.plan import PlannedSnapshot
 from studies.series.workers import Runner, one_blas_thread
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 
 KEY = b"grainloops"
 
@@ -383,7 +383,7 @@ def _write_snapshot(task: PartTask) -> None:
     (planned,) = task.snapshots
     state = planned.read()
     # Tasks run at the same time, each on one core.
-    table = loop_table(state, threads=1)
+    table = loop_columns(state, threads=1)
     row, notes = evolution_row(state, table), list(state.notes)
     if task.directions is not None and task.yield_band is not None:
         probed, why = probe_row(state, task.directions, task.yield_band)
@@ -400,7 +400,7 @@ def _write_snapshot(task: PartTask) -> None:
 def _write_pair(task: PartTask) -> None:
     """Write the tables of fates and increments; metadata keep the row of the interval."""
     before, after, fates = tracked(task)
-    table = increments(before, after, fates)
+    table = loop_increments(before, after, fates)
     own = {"fingerprint": task.fingerprint}
     columns = fate_columns(fates)
     write_part(task.fates_part, _numbers(task, len(columns["fate"])) | columns, own)

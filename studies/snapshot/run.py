@@ -14,8 +14,8 @@ from loops import force_chains
 from patterns import Snapshot, planar, read_snapshot
 from studies.output import readable
 from studies.snapshot.in_packing import add_in_packing
-from studies.snapshot.summary import chains_table, order_table, snapshot_summary
-from studies.snapshot.table import loop_table
+from studies.snapshot.summary import chains_table, order_columns, snapshot_summary
+from studies.snapshot.table import loop_columns
 from studies.study import one_of, study
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def run_snapshot(
         snapshot = read_planar(path, **how)
         with ThreadPoolExecutor(1) as other:
             found = other.submit(force_chains, snapshot.graph) if snapshot.mechanical else None
-            table = loop_table(snapshot)
+            table = loop_columns(snapshot)
         chains = None if found is None else found.result()
         in_place, notes = None, list[str]()
         if in_packing is not None:
@@ -90,7 +90,7 @@ def run_snapshot(
             summary = snapshot_summary(snapshot, table, in_place, chains)
             written.result()
         summary["notes"] += notes
-        tables: dict[str, Any] = {"orders": order_table(summary, table)}
+        tables: dict[str, Any] = {"orders": order_columns(summary, table)}
         if chains is not None:
             tables["chains"] = chains_table(table)
         results.write_tables(tables)

@@ -224,7 +224,7 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
     return found
 
 
-def order_table(summary: dict[str, Any], table: Columns) -> Columns:
+def order_columns(summary: dict[str, Any], table: Columns) -> Columns:
     """One row per order: number and area of its loops, and the share of unstable ones."""
     orders = [int(n) for n in summary["orders"]]
     columns = {

@@ -51,7 +51,7 @@ LAST_ORDER = 8
 GROUPS = (*map(str, range(3, LAST_ORDER)), f"{LAST_ORDER}+")
 
 
-def loop_table(
+def loop_columns(
     snapshot: Snapshot, *, compiled: bool | None = None, threads: int | None = None
 ) -> dict[str, Any]:
     """Table of the loops of a snapshot, one row per loop in the order of `snapshot.faces.loops`.

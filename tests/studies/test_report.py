@@ -15,7 +15,7 @@ from loops import find_faces, polygon_area
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from studies.output import provenance
 from studies.snapshot.polygons import loops_for_map
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 from studies.study import (
     MOST_LOOPS,
     LoopsForMap,
@@ -77,7 +77,7 @@ def map_data(text):
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     snapshot = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
-    table = loop_table(snapshot)
+    table = loop_columns(snapshot)
     figure = folder / "pixel.png"
     figure.write_bytes(PIXEL)
     summary = {

@@ -9,7 +9,7 @@ import pytest
 
 from loops import find_faces
 from patterns import synthetic_network
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 from tests.tools.scaling import __main__ as study
 from tests.tools.scaling.methods import METHODS, bytes_moved, synthetic_snapshot
 
@@ -40,7 +40,7 @@ def test_bytes_are_those_of_input_and_result():
     half_edges, count = len(faces.grains), len(faces.area)
     expected = 16 * 200 + 16 * graph.contact_count + 17 * half_edges + 8 * (count + 1) + 17 * count
     assert bytes_moved("faces", graph, faces, {}) == expected
-    table = loop_table(snapshot)
+    table = loop_columns(snapshot)
     assert bytes_moved("table", graph, faces, table) > expected + 16 * graph.contact_count
 
 

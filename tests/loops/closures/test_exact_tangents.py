@@ -230,10 +230,10 @@ def test_every_loop_of_a_snapshot_is_answered(sample):
 
 def test_the_natural_call_answers_as_the_table(sample):
     """Loops cut out one by one carry the regimes that the snapshot flags."""
-    from studies.snapshot.table import loop_table
+    from studies.snapshot.table import loop_columns
 
     faces = find_faces(sample.graph)
-    table = loop_table(sample)
+    table = loop_columns(sample)
     kn, told = float(np.mean(sample.mechanics()[0].kn)), 0
     for loop in range(len(faces.loops)):
         cut = loop_of_snapshot(sample, loop)

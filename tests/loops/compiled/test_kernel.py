@@ -35,11 +35,11 @@ assert len(find_faces(graph, compiled=True).loops) == len(find_faces(graph).loop
 COMPARED = """
 import numpy as np
 from loops import find_crossings, find_faces
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 from tests.studies.snapshot.test_table import synthetic_snapshot
 snapshot = synthetic_snapshot(300, periodic=True)
 faces = find_faces(snapshot.graph, compiled=True)
-table = loop_table(snapshot, compiled=True)
+table = loop_columns(snapshot, compiled=True)
 pairs = find_crossings(snapshot.graph, compiled=True)
 print([name for name in table if name != "grains"], len(pairs), faces.grains.sum())
 print([float(np.nansum(table[name])).hex() for name in table if name != "grains"])

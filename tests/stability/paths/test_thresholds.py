@@ -6,7 +6,7 @@ import pytest
 from loops import InputError, LinearFrictional, Regime, contact_state
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes, rates_at
-from stability.paths.event_functions import eigenvalue_kind, near_pairs
+from stability.paths.event_functions import eigenvalue_kind, pairs_in_reach
 from stability.paths.model import path_model
 from stability.paths.regimes import keeps_control
 from stability.paths.state import Mode, initial_state, unpack
@@ -83,7 +83,7 @@ def test_pairs_of_grains_are_watched_when_they_come_near(gap, watched):
     # Opposite grains of a flat diamond, (1, 3), over r_i + r_j = 1.
     graph = diamond(np.arcsin(0.5 * (1.0 + gap)))
     model = path_model(graph, contact_state(graph), LAW, "affine", "blocked", None)
-    assert len(near_pairs(model, [graph.x])) == watched
+    assert len(pairs_in_reach(model, [graph.x])) == watched
 
 
 @pytest.mark.parametrize(

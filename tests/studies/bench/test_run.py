@@ -26,9 +26,9 @@ from studies.bench.methods import (
     direction_methods,
     error_at_b,
     exact_solver,
+    irregular_rings,
     largest_difference,
     path_solver,
-    random_rings,
 )
 from studies.bench.run import chosen_groups
 from tests.studies.snapshot.test_run import run
@@ -38,7 +38,7 @@ def test_two_ways_to_fifty_digits_agree():
     """Force method and primal system, both with 50 digits: 40 of them in common."""
     import mpmath as mp
 
-    batch = random_rings(1, 5, seed=4)
+    batch = irregular_rings(1, 5, seed=4)
     g = batch.graph
     state = (g.x[0], g.x0[0], g.normal_force[0], g.shear_force[0], 1.0, 0.4, 0.5, batch.regime[0])
     with mp.workdps(50):
@@ -58,7 +58,7 @@ def test_oracle_of_freely_rolling_rings(order, closure):
 
 def test_errors_of_random_rings_stay_within_what_is_stated():
     """Every operator within its bound; 1e-10 of its norm where the condition is good."""
-    rings = random_rings(200, 6, seed=3)
+    rings = irregular_rings(200, 6, seed=3)
     for closure in ("affine", "traction"):
         name = {"affine": affine_tangent, "traction": traction_tangent}[closure]
         tangent = name(rings.graph, rings.law, regime=rings.regime)

@@ -22,8 +22,8 @@ from patterns import Snapshot, loop_of_snapshot, random_loop, synthetic_network
 from studies.series.evolution import (
     PREDICTIONS,
     evolution_row,
-    increments,
     interval_row,
+    loop_increments,
     sample_strain,
     track_loops,
 )
@@ -80,7 +80,7 @@ def affinely(before, H):
 
 def table_between(before, after_graph, ids=None):
     after = state(after_graph, ids, regime=before.regime)
-    return increments(before, after, track_loops(before, after))
+    return loop_increments(before, after, track_loops(before, after))
 
 
 def strain_of(table):
@@ -222,7 +222,7 @@ def test_names_and_wrapping_change_nothing(packing):
     plain = table_between(packing, after)
     renamed, ids = other_names(after, 2)
     other = state(renamed, ids)
-    found = increments(packing, other, track_loops(packing, other))
+    found = loop_increments(packing, other, track_loops(packing, other))
     for name, values in plain.items():
         if name != "loop_after":
             atol = 1e-12 if name == "rotation" else 1e-14  # degrees
@@ -259,7 +259,7 @@ def test_only_survivors_have_a_row(packing):
     lost = np.arange(0, packing.graph.contact_count, 15)
     after = state(without(packing.graph, lost))
     fates = track_loops(packing, after)
-    table = increments(packing, after, fates)
+    table = loop_increments(packing, after, fates)
     survived = np.flatnonzero(fates.before == Fate.SURVIVED)
     assert 0 < len(survived) < len(packing.faces.loops)
     assert table["loop_before"].tolist() == survived.tolist()
@@ -275,11 +275,11 @@ def test_without_forces_there_is_strain_and_nothing_else(packing):
     bare = state(graph, law=None)
     later = affinely(packing, 1e-2 * STRAINS[0])
     after = state(later, law=None)
-    table = increments(bare, after, track_loops(bare, after))
+    table = loop_increments(bare, after, track_loops(bare, after))
     expected = {"loop_before", "loop_after", "order", "area", "rotation"}
     assert set(table) == expected | {"H11", "H12", "H21", "H22"}
     # One side with forces is not enough.
-    assert set(increments(bare, packing, track_loops(bare, packing))) == set(table)
+    assert set(loop_increments(bare, packing, track_loops(bare, packing))) == set(table)
     areas = {"order": bare.faces.order[bare.faces.loops], "area": bare.faces.area[bare.faces.loops]}
     assert "S11" not in evolution_row(bare, areas)
     assert "negative_W2" not in interval_row(bare, after, track_loops(bare, after), table)
@@ -333,7 +333,7 @@ def test_interval_row(packing):
     H = 1e-3 * STRAINS[1]
     after = state(without(affinely(packing, H), lost))
     fates = track_loops(packing, after)
-    table = increments(packing, after, fates)
+    table = loop_increments(packing, after, fates)
     row = interval_row(packing, after, fates, table)
     np.testing.assert_allclose([row[f"dH{ij}"] for ij in ("11", "22")], H.diagonal(), rtol=1e-10)
     assert row["strain_from"] == "cell"

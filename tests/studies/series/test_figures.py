@@ -15,8 +15,8 @@ from studies.output import provenance
 from studies.series.evolution import (
     PREDICTIONS,
     evolution_row,
-    increments,
     interval_row,
+    loop_increments,
     track_loops,
 )
 from studies.series.figures import (
@@ -90,7 +90,7 @@ class Series:
             self.states.append(state(graph, mechanical=mechanical))
         pairs = list(pairwise(self.states))
         self.fates = [track_loops(*pair) for pair in pairs]
-        self.tables = [increments(*p, f) for p, f in zip(pairs, self.fates, strict=True)]
+        self.tables = [loop_increments(*p, f) for p, f in zip(pairs, self.fates, strict=True)]
         self.evolution = evolution_table(
             [
                 {"snapshot": k} | evolution_row(one, plain_table(one))

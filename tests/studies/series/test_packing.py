@@ -16,7 +16,7 @@ from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapsho
 from stability.packing import loop_changes, loop_rates, packing_response, replay
 from studies.commands.snapshot import _series_lines
 from studies.series import packing as series_packing
-from studies.series.evolution import increments, sample_strain, track_loops
+from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.packing import (
     PREDICTED,
     Following,
@@ -283,7 +283,7 @@ def test_a_packing_that_does_as_told_is_predicted():
         after = tracked(moved(graph, response, step), spins)
         fates = track_loops(before, after)
         columns, row, notes = packing_predictions(before, after, fates, 0.99)
-        actual = increments(before, after, fates)
+        actual = loop_increments(before, after, fates)
         assert row["packing_status"] == "one found" and notes == []
         assert len(actual["w2"]) == len(columns["loop"])
         size = np.abs(actual["W2"]).max()
@@ -424,7 +424,8 @@ def test_where_nothing_moves_there_is_nothing_to_predict(tmp_path):
 def test_figures_stand_on_the_page(result, tmp_path):
     out = tmp_path / "out"
     shutil.copytree(result, out)
-    summary = predict(out, figures=True)
+    predict(out, figures=True)
+    summary = json.loads((out / "summary.json").read_text())
     page = (out / "report.html").read_text()
     for name in ("skill_by_predictor", "skill_by_interval", "nonaffinity_map"):
         assert {f"{name}.png", f"{name}.svg"} <= set(summary["files"])

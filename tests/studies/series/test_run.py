@@ -31,7 +31,7 @@ from studies.series import workers
 from studies.series.plan import PlannedSnapshot, number_of, with_fingerprints
 from studies.series.run import run_series
 from studies.snapshot.run import reading
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 
 ROOT = Path(studies.__file__).resolve().parents[1]
 KEPT = "id1 id2 fn fsx fsy kn ks mu sliding".split()
@@ -106,7 +106,7 @@ def test_parts_hold_the_tables_of_the_snapshots(paths, result):
     frame = pd.read_parquet(result / "loops")
     for k, path in enumerate(paths):
         snapshot = read_snapshot(path)
-        table = loop_table(snapshot)
+        table = loop_columns(snapshot)
         own = frame[frame.snapshot == k]
         assert len(own) == len(table["loop"]) > 0
         for name in ("order", "area", "pressure", "traction_lambda_min"):
@@ -327,15 +327,17 @@ def test_only_what_changed_is_done_again(tmp_path):
 def test_what_was_gathered_before_goes_with_its_snapshots(tmp_path):
     """Tables and figures of the shorter series don't stay beside the longer one's."""
     paths, out = write_series(tmp_path / "run", 3), tmp_path / "out"
-    summary = run(paths[:2], out, csv=True, figures=True)
+    run(paths[:2], out, csv=True, figures=True)
     files = {"loops.csv", "orders_over_strain.png", "work_map.svg", "report.html"}
-    assert files <= set(summary["files"])
+    listed = json.loads((out / "summary.json").read_text())["files"]
+    assert files <= set(listed)
     assert "traction_free_W2" in (out / "report.html").read_text()
     assert {path.name for path in out.iterdir()} == {
-        *summary["files"],
+        *listed,
         *("series.json", "summary.json", "loops", "increments", "fates"),
     }
-    again = run(paths, out)
+    run(paths, out)
+    again = json.loads((out / "summary.json").read_text())
     left = {path.name for path in out.iterdir() if path.is_file()}
     assert left == {"series.json", "summary.json", *again["files"]}
     assert {path.rpartition(".")[2] for path in left} == {"json", "parquet"}

@@ -8,13 +8,13 @@ from loops import GrainGraph, find_faces, force_chains
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.snapshot.figures import chain_segments
 from studies.snapshot.summary import chains_summary, chains_table
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 
 
 @pytest.fixture(scope="module")
 def analysed():
     snapshot = read_snapshot(sample_path())
-    table = loop_table(snapshot)
+    table = loop_columns(snapshot)
     chains = force_chains(snapshot.graph)
     table["chain_contacts"] = chains.on_loops(snapshot.faces)
     return snapshot, table, chains

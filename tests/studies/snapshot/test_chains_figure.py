@@ -9,7 +9,7 @@ from loops import find_faces, force_chains
 from studies.snapshot import figures
 from studies.snapshot.figures import chain_segments
 from studies.snapshot.loop_map import loop_drawer
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 from tests.studies.snapshot.test_table import synthetic_snapshot
 
 
@@ -17,7 +17,7 @@ from tests.studies.snapshot.test_table import synthetic_snapshot
 def drawn_with():
     snapshot = synthetic_snapshot(2000)
     faces, chains = find_faces(snapshot.graph), force_chains(snapshot.graph)
-    table = loop_table(snapshot)
+    table = loop_columns(snapshot)
     table["chain_contacts"] = chains.on_loops(faces)
     links, draw = chain_segments(snapshot, chains), loop_drawer(snapshot)
     assert len(links) > 150

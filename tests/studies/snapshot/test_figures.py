@@ -17,7 +17,7 @@ from studies.snapshot.figures import (
     unstable_rose,
 )
 from studies.snapshot.summary import judges, snapshot_summary
-from studies.snapshot.table import EIGENVALUES, loop_table
+from studies.snapshot.table import EIGENVALUES, loop_columns
 from studies.study import Results
 
 PERIODIC = sample_path("grains_periodic.parquet")
@@ -27,7 +27,7 @@ CELL = tuple(sample_cell().ravel().tolist())
 @pytest.fixture(scope="module")
 def sample():
     snapshot = read_snapshot(PERIODIC, cell=sample_cell())
-    table = loop_table(snapshot)
+    table = loop_columns(snapshot)
     return snapshot, table, snapshot_summary(snapshot, table)
 
 
@@ -116,7 +116,7 @@ def test_stable_and_untrusted_loops_are_drawn_too(sample):
 def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
     snapshot, *_ = sample
     bare = replace(snapshot, law=None, regime=None)
-    table = loop_table(bare)
+    table = loop_columns(bare)
     summary = snapshot_summary(bare, table)
     results = Results(tmp_path, {"command": "grainloops snapshot"})
     saved = results.save_figures(snapshot_figures(bare, table, summary))

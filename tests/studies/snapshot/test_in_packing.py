@@ -18,7 +18,7 @@ from studies.output import definitions
 from studies.snapshot import figures
 from studies.snapshot.in_packing import add_in_packing, place_columns, sample_boundary
 from studies.snapshot.summary import snapshot_summary
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 from studies.study import captions
 from tests.packings import LAW, packing
 from tests.studies.snapshot.test_run import run
@@ -155,7 +155,7 @@ def snapshot_of(graph, law=LAW, regime=Regime.ELASTIC, **more):
 
 def judged(snapshot, asked="whole"):
     """Notes, table and summary."""
-    table = loop_table(snapshot)
+    table = loop_columns(snapshot)
     method, notes = add_in_packing(snapshot, table, asked)
     return notes, table, snapshot_summary(snapshot, table, method)
 

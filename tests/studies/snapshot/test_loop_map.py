@@ -11,7 +11,7 @@ from loops import GrainGraph, find_faces, loop_batches
 from patterns import synthetic_network
 from studies.snapshot import loop_map as module
 from studies.snapshot.paint import paint_loops
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 from tests.studies.snapshot.test_table import synthetic_snapshot
 
 
@@ -79,7 +79,7 @@ def test_map(monkeypatch, tmp_path, limit, mechanical):
     if not mechanical:
         snapshot = replace(snapshot, law=None, regime=None)
     faces = find_faces(snapshot.graph)
-    figure = module.loop_map(snapshot, loop_table(snapshot), module.loop_drawer(snapshot))
+    figure = module.loop_map(snapshot, loop_columns(snapshot), module.loop_drawer(snapshot))
     panels = [ax for ax in figure.axes if ax.get_xlabel()]
     assert len(panels) == (2 if mechanical else 1)
     for ax in panels:
@@ -99,4 +99,4 @@ def test_without_loops_the_map_is_empty(tmp_path):
         law=snapshot.law.take(np.array([0])),
         regime=snapshot.regime[:1],
     )
-    module.loop_map(few, loop_table(few), module.loop_drawer(few)).savefig(tmp_path / "map.png")
+    module.loop_map(few, loop_columns(few), module.loop_drawer(few)).savefig(tmp_path / "map.png")

@@ -5,11 +5,11 @@ import pyarrow.csv
 import pytest
 
 from patterns import read_snapshot, sample_path
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 
 
 def rows_of_loops(snapshot, compiled):
-    return loop_table(snapshot, compiled=compiled)
+    return loop_columns(snapshot, compiled=compiled)
 
 
 @pytest.mark.parametrize("folder", ["box", "periodic"])

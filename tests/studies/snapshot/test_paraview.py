@@ -11,7 +11,7 @@ from loops import InputError, Regime, branch_vectors, find_faces, loop_batches, 
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.output import provenance
 from studies.snapshot.polygons import write_paraview
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 
 MADE = provenance("snapshot", {"path": "grains.csv"}, "as the input's")
 
@@ -41,7 +41,7 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("vtk")
     snapshot = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
     faces = find_faces(snapshot.graph)
-    table = loop_table(snapshot)
+    table = loop_columns(snapshot)
     write_paraview(folder, snapshot, table, MADE)
     return folder, snapshot, faces, table
 
@@ -109,7 +109,7 @@ def test_provenance_is_in_the_files(written):
 def test_without_forces_only_the_geometry(written, tmp_path):
     _, snapshot, _, _ = written
     bare = replace(snapshot, law=None, regime=None)
-    write_paraview(tmp_path, bare, loop_table(bare), MADE)
+    write_paraview(tmp_path, bare, loop_columns(bare), MADE)
     _, _, cells, _ = read_back(tmp_path / "contacts.vtp")
     assert set(cells) == {"grain_1", "grain_2", "branch_length"}
     _, _, cells, _ = read_back(tmp_path / "loops.vtp")

@@ -23,7 +23,7 @@ from stability import imhof_fraction, restrict, symmetric_part
 from studies.bench.hard_cases import as_array, traction_tangent_50
 from studies.cli import main
 from studies.snapshot import figures
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
 
 KEYS = [
@@ -236,7 +236,7 @@ def test_table_of_a_network_whose_loops_are_triangles():
         wall_contacts=0,
         notes=(),
     )
-    table = loop_table(snapshot)
+    table = loop_columns(snapshot)
     assert min(grain for row in table["grains"].to_pylist() for grain in row) >= 100
 
 

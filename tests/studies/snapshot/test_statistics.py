@@ -28,7 +28,7 @@ from studies.snapshot.summary import (
     spread,
     spread_by_group,
 )
-from studies.snapshot.table import GROUPS, loop_table
+from studies.snapshot.table import GROUPS, loop_columns
 
 PERIODIC = sample_path("grains_periodic.parquet")
 MECHANICAL = [
@@ -43,7 +43,7 @@ BLOCK = {"mean", "std", "median", "q25", "q75", "count"}
 
 def of(snapshot):
     """Summary and table of a snapshot."""
-    table = loop_table(snapshot)
+    table = loop_columns(snapshot)
     return snapshot_summary(snapshot, table), table
 
 

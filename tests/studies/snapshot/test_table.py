@@ -8,7 +8,7 @@ import pytest
 from loops import LinearFrictional, Regime, affine_tangent, contact_forces, find_faces, loop_batches
 from patterns import Snapshot, diamond, read_snapshot, sample_cell, sample_path, synthetic_network
 from stability import plane_cone, restrict, symmetric_modes
-from studies.snapshot.table import MECHANICS, SHAPE, loop_table
+from studies.snapshot.table import MECHANICS, SHAPE, loop_columns
 
 
 def synthetic_snapshot(grains=1500, *, periodic=False):
@@ -32,8 +32,8 @@ def snapshots():
 
 @pytest.mark.parametrize("snapshot", list(snapshots()), ids=["plane", "torus", "yade"])
 def test_both_ways_give_the_same_table(snapshot):
-    plain = loop_table(snapshot, compiled=False)
-    fast = loop_table(snapshot, compiled=True, threads=2)
+    plain = loop_columns(snapshot, compiled=False)
+    fast = loop_columns(snapshot, compiled=True, threads=2)
     assert list(plain) == list(fast) == ["loop", "order", *SHAPE, *MECHANICS, "grains"]
     assert plain.pop("grains").equals(fast.pop("grains"))
     for name, values in plain.items():
@@ -63,7 +63,7 @@ def test_both_ways_give_the_same_table(snapshot):
 def test_without_forces_the_mechanical_columns_are_absent(compiled):
     snapshot = replace(synthetic_snapshot(), law=None, regime=None)
     faces = find_faces(snapshot.graph)
-    table = loop_table(snapshot, compiled=compiled)
+    table = loop_columns(snapshot, compiled=compiled)
     assert list(table) == ["loop", "order", *SHAPE, "grains"]
     np.testing.assert_allclose(table["area"], faces.area[faces.loops], rtol=1e-12)
 
@@ -72,7 +72,7 @@ def test_without_forces_the_mechanical_columns_are_absent(compiled):
 def test_columns_of_one_loop(compiled):
     snapshot = synthetic_snapshot(300)
     graph, faces = snapshot.graph, find_faces(snapshot.graph)
-    table = loop_table(snapshot, compiled=compiled)
+    table = loop_columns(snapshot, compiled=compiled)
     batch = next(loop_batches(graph, faces))
     row = np.flatnonzero(faces.loops == batch.face[0])[0]
     force, x = contact_forces(batch.graph)[0], batch.graph.x[0]
@@ -113,7 +113,7 @@ def test_no_sign_within_the_error_bound(compiled):
         law = LinearFrictional(kn=np.ones(4), kt=np.full(4, kappa), mu=np.full(4, np.inf))
         elastic = np.full(4, Regime.ELASTIC, dtype=np.int8)
         snapshot = Snapshot(loop, law, elastic, np.arange(4), 0, ())
-        table = loop_table(snapshot, compiled=compiled)
+        table = loop_columns(snapshot, compiled=compiled)
         for closure in ("affine", "traction"):
             assert np.array_equal(
                 np.sign(table[f"{closure}_lambda_min"]), [expected], equal_nan=True
@@ -132,7 +132,7 @@ def test_where_a_snapshot_lies_changes_nothing(periodic, compiled, shift):
     tables = []
     for by in (np.zeros(2), np.array([shift, -0.5 * shift])):
         graph = here.graph.replace(x=x + by, x0=x + by, cell=cell, cell0=cell)
-        tables.append(loop_table(replace(here, graph=graph), compiled=compiled))
+        tables.append(loop_columns(replace(here, graph=graph), compiled=compiled))
     assert tables[0]["grains"].equals(tables[1]["grains"])
     for name in tables[0].keys() - {"grains"}:
         values = [np.asarray(table[name]) for table in tables]

@@ -15,7 +15,7 @@ import numpy as np
 from loops import find_faces
 from loops.arrays import Floats
 from loops.compiled import kernel
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 from tests.tools.scaling.methods import (
     COMMANDS,
     KEPT,
@@ -71,7 +71,7 @@ def floor_seconds(grains: int, bandwidth: float) -> dict[str, float]:
     # Per grain the bytes are the same at any size: a small network tells them.
     sample = synthetic_snapshot(min(grains, 20_000))
     faces = find_faces(sample.graph)
-    table = loop_table(sample)
+    table = loop_columns(sample)
     share = grains / sample.graph.grain_count / bandwidth
     return {what: share * bytes_moved(what, sample.graph, faces, table) for what in FLOORS}
 

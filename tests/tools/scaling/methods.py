@@ -17,7 +17,7 @@ from patterns import Snapshot, read_snapshot, sample_path, synthetic_network, wr
 from studies.output import write_table
 from studies.snapshot.run import read_planar
 from studies.snapshot.summary import snapshot_summary
-from studies.snapshot.table import loop_table
+from studies.snapshot.table import loop_columns
 
 KN, KT, MU, SLIDING = 1.0, 0.5, 0.5, 0.06
 Work = Callable[[], Any]
@@ -42,7 +42,7 @@ def synthetic_snapshot(grains: int) -> Snapshot:
 def table_of(snapshot: Snapshot, *, compiled: bool) -> Work:
     """Shape, stress, both tangents, eigenvalues, unstable fractions and cones of all loops."""
     assert len(snapshot.faces.loops)  # found before the clock starts
-    return partial(loop_table, snapshot, compiled=compiled)
+    return partial(loop_columns, snapshot, compiled=compiled)
 
 
 def written(snapshot: Snapshot) -> Path:
@@ -63,7 +63,7 @@ def whole_snapshot(snapshot: Snapshot) -> Work:
 
     def work() -> None:
         read = read_planar(path)
-        table = loop_table(read)
+        table = loop_columns(read)
         snapshot_summary(read, table)
         write_table(path.parent, "loops", table, {}, csv=False)
 
@@ -72,12 +72,12 @@ def whole_snapshot(snapshot: Snapshot) -> Work:
 
 def summary_of(snapshot: Snapshot) -> Work:
     """The summary of a snapshot and its loops."""
-    return partial(snapshot_summary, snapshot, loop_table(snapshot))
+    return partial(snapshot_summary, snapshot, loop_columns(snapshot))
 
 
 def writing_of(snapshot: Snapshot) -> Work:
     """The table of loops to Parquet."""
-    table, folder = loop_table(snapshot), written(snapshot).parent
+    table, folder = loop_columns(snapshot), written(snapshot).parent
     return partial(write_table, folder, "loops", table, {}, csv=False)
 
 

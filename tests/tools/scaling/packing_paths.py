@@ -40,7 +40,7 @@ from stability import Programme, Stage, follow
 from stability.packing import loop_changes, replay
 from studies.examples.probing import STRESS, state
 from studies.output import provenance, result_folder, write_table
-from studies.series.evolution import increments, sample_strain, track_loops
+from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.packing import packing_predictions
 from studies.series.plan import cells_by_number
 from studies.series.run import run_series
@@ -377,7 +377,7 @@ def between_walls(collection: Path, springs: str = "linear") -> Iterator[dict[st
     before: Floats | None = None
     for k, (one, two) in enumerate(pairwise(states)):
         tracked = track_loops(one, two)
-        table = increments(one, two, tracked)
+        table = loop_increments(one, two, tracked)
         actual = np.full(len(one.faces.loops), np.nan)
         actual[table["loop_before"]] = table["w2"]
         graph, law, faces = one.graph, one.mechanics()[0], one.faces
@@ -424,7 +424,7 @@ def _strain(one: Snapshot, two: Snapshot) -> Floats:
 def _auc(one: Snapshot, two: Snapshot | None, work: Floats) -> float:
     if two is None:
         return float("nan")
-    table = increments(one, two, track_loops(one, two))
+    table = loop_increments(one, two, track_loops(one, two))
     actual = np.full(len(work), np.nan)
     actual[table["loop_before"]] = table["w2"]
     return float(score_skill(-work, actual, signed=True)["auc"])

@@ -14,8 +14,8 @@ from studies.bench.methods import (
     Row,
     Rows,
     by_method,
+    irregular_rings,
     least_seconds,
-    random_rings,
     relative_error,
 )
 
@@ -25,7 +25,7 @@ LIMITS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)
 
 def closure_switch(quick: bool) -> list[Row]:
     """`method="auto"` with other limits, put together from both methods' results and times."""
-    batch = random_rings(200 if quick else 2000, 6, seed=7)
+    batch = irregular_rings(200 if quick else 2000, 6, seed=7)
     exact = np.array([batch.exact(k, "traction") for k in range(8 if quick else 60)])
     force = traction_tangent(batch.graph, batch.law, regime=batch.regime, method="force")
     saddle = traction_tangent(batch.graph, batch.law, regime=batch.regime, method="saddle")
@@ -49,7 +49,7 @@ def least_squares_methods(quick: bool) -> Rows:
     """numpy's least squares, loop by loop, of hexagons and of rings of 20."""
     rows = Rows("least squares", ORACLE, quick)
     for order, loops, checked in ((6, 200, 8),) if quick else ((6, 2000, 60), (20, 300, 12)):
-        batch = random_rings(loops, order, seed=7)
+        batch = irregular_rings(loops, order, seed=7)
         exact = np.array([batch.exact(k, "traction") for k in range(checked)])
         few = batch.first(60)
         call, error = partial(least_squares, few), relative_error(least_squares(few), exact)
