@@ -6,21 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, overload
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state
-from loops.arrays import Floats
+from loops import ContactLaw, GrainGraph, InputError, contact_state
 from loops.closures import Closure, Spins
 from loops.errors import check_choice, number, whole_number
-from loops.graph import ContactState
 from loops.laws.protocol import require_law
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
-from stability.paths.model import START_MISMATCH, PathModel, compressed, path_model
+from stability.paths.model import path_model
 from stability.paths.path import Past, Path, follow_stages
 from stability.paths.record import model_choice
 from stability.paths.regimes import EdgeTrial, edge_problem
-from stability.paths.state import Mode, initial_state, pack, unpack
+from stability.paths.state import first_state, initial_state, start_mode, unpack
 from stability.programmes import Programme, Stage
 from stability.rate_problem import RateProblem
 
@@ -29,11 +26,6 @@ if TYPE_CHECKING:
     from stability.packing.path import PackingPath
 
 Options = TypeVar("Options")
-# Isotropic strain at which a path starts where its law has no stiffness at first touch.
-FIRST_STRAIN = 1e-8
-# Absolute tolerance of such a path over that strain, by which its start is off. Loops with free
-# spins are all but mechanisms there: rounding of their rates is beyond tighter ones.
-FIRST_ATOL = 1e-4
 
 
 @dataclass(frozen=True)
@@ -218,13 +210,13 @@ def follow(
     require_law(law)
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, closure, checked.spins, checked.volume)
-    model, y, lifted = _first_state(model, graph, contacts)
+    model, y, least = first_state(model, contacts)
     solver = LoopPathSolver(
         model=replace(model, search_all=checked.model == "full"),
         y=y,
         mode=start_mode(model, contacts),
         options=checked,
-        atol=max(checked.atol, FIRST_ATOL * FIRST_STRAIN) if lifted else checked.atol,
+        atol=max(checked.atol, least),
         rows=rows,
         steps_left=max_steps,
         programmes=tuple(stage.programme for stage in stages),
@@ -245,49 +237,6 @@ def _options(kind: type[Options], given: dict[str, Any], closure: str) -> Option
             received = f"{given[name]!r} with the {closure} closure"
             raise InputError(name, received, f"one of {', '.join(names)}", "Leave it out.")
     return kind(**given)
-
-
-def _first_state(
-    model: PathModel, graph: GrainGraph, contacts: ContactState
-) -> tuple[PathModel, Floats, bool]:
-    """State at the start, and whether it was lifted to a first overlap.
-
-    That is where no contact has any stiffness yet; the scale of the stiffness follows it.
-    """
-    y = initial_state(model, graph)
-    elastic = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
-    stiffness = model.law.local_stiffness(contacts, elastic)[:, 0, 0]
-    if not graph.contact_count or (stiffness > 0.0).any():
-        return model, y, False
-    state = unpack(model, y)
-    if model.closure == "affine":
-        place = state.place + FIRST_STRAIN * (np.eye(2).ravel() - state.place)
-    else:
-        place = state.place - FIRST_STRAIN * (model.x0 + state.place)
-    pressed = compressed(contacts, model.law, 1.0 - FIRST_STRAIN)
-    kn = float(model.law.local_stiffness(pressed, elastic)[:, 0, 0].mean())
-    # Between the first stiffness, for what is singular, and the later ones, for tolerances.
-    model = replace(model, stiffness=float(np.sqrt(kn * model.stiffness)))
-    return model, pack(place, state.shear_force, state.parameter, state.work), True
-
-
-def start_mode(model: PathModel, contacts: ContactState) -> Mode:
-    """Regimes of the initial contacts; their shear forces must be within their strength."""
-    regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
-    strength = np.where(regime == Regime.OPEN, 0.0, model.law.strength(contacts))
-    limit = strength + START_MISMATCH * model.stiffness * model.length
-    wrong = np.abs(contacts.shear_force) > limit
-    if wrong.any():
-        c = int(wrong.argmax())
-        where, expected = f"shear force of contact {c}", f"at most its strength {strength[c]:.6g}"
-        received = f"{contacts.shear_force[c]:.6g}"
-        raise InputError(where, received, expected, "Correct it, or raise mu.")
-    # Without friction a closed contact slides, whichever way.
-    frictionless = (model.mu == 0) & (regime != Regime.OPEN)
-    return Mode(
-        np.where(frictionless, Regime.SLIDING, regime).astype(np.int8),
-        np.where(frictionless, 1.0, side),
-    )
 
 
 def rates_at(
@@ -343,5 +292,5 @@ def rates_at(
     check_choice("spins", spins, get_args(Spins))
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, closure, spins, volume)
-    mode, state = start_mode(model, contacts), unpack(model, initial_state(model, graph))
+    mode, state = start_mode(model, contacts), unpack(model, initial_state(model, contacts))
     return edge_problem(model, state, mode, programme, preferred={}, direction=None)

@@ -150,11 +150,12 @@ class PathModel:
     `volume`: Reference area V0 that the stress refers to; `b`, `m` (G, 2): Boundary vectors of the
     polygon and the outward normals of its edges' midpoints `R (x0_c + x0_{c+1})/2`, times V0 over
     the polygon's area: with `F_i = -P b_i` the stress `P` is that of `V0`. Empty under the affine
-    closure; `watches_pairs`: Whether grains without a contact are watched for touching: not in a
-    periodic cell, where images could touch too; `met` (Q,): Pairs, see `pair_keys`, that are in
-    contact or have touched; `length`, `stiffness`: Scales: square root of V0, mean kn of the law,
-    see `law_scale`; `symmetry`: Symmetry of the state and of its control that the rates keep; all
-    unknowns if None; `search_all`: Whether the branch search tries contacts inside their cone too.
+    closure; `first_place`: Place of the initial graph, see `PathState`; `watches_pairs`: Whether
+    grains without a contact are watched for touching: not in a periodic cell, where images could
+    touch too; `met` (Q,): Pairs, see `pair_keys`, that are in contact or have touched; `length`,
+    `stiffness`: Scales: square root of V0, mean kn of the law, see `law_scale`; `symmetry`:
+    Symmetry of the state and of its control that the rates keep; all unknowns if None;
+    `search_all`: Whether the branch search tries contacts inside their cone too.
     """
 
     law: ContactLaw
@@ -167,6 +168,7 @@ class PathModel:
     volume: float
     b: Floats
     m: Floats
+    first_place: Floats
     watches_pairs: bool
     met: Integers
     length: float
@@ -252,37 +254,60 @@ def path_model(
 ) -> PathModel:
     """Gather the constants of a path from its initial graph and the state of its contacts."""
     require_one_state(graph)
+    d, d0 = branch_vectors(graph), reference_branch_vectors(graph)
     v0 = float(reference_volume(graph) if volume is None else np.asarray(volume))
     if not (np.isfinite(v0) and v0 > 0):
         raise InputError("volume", str(v0), "a positive area", "Give the reference area.")
+    length, stiffness = float(np.sqrt(v0)), law_scale(contacts, law)
     b = m = np.zeros((0, 2))
-    if closure == "traction":
+    if closure == "affine":
+        gradient = np.linalg.lstsq(d0, d - d0)[0]
+        place = np.asarray(-gradient.T.ravel(), dtype=float)
+        image = d0 + d0 @ gradient
+        mismatch = np.abs(d - image).max(axis=1, initial=0.0) / length
+        if mismatch.max(initial=0.0) > START_MISMATCH:
+            c = int(mismatch.argmax())
+            raise InputError(
+                f"branch vector of contact {c}",
+                f"{d[c].tolist()}",
+                f"{image[c].tolist()}, an affine image of the reference",
+                "Make the current centres the reference, or use the traction closure.",
+            )
+    else:
         require_loop(graph)
         ratio = v0 / abs(float(polygon_area(graph.x0)))
         centred = from_centroid(graph.x0)
         midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
         b, m = ratio * boundary_vectors(graph.x0), ratio * outward(graph.x0, midpoints)
+        place = graph.x - graph.x0
+    expected = law.normal_force(contacts)
+    mismatch = np.abs(contacts.normal_force - expected) / (stiffness * contacts.touching_length)
+    if mismatch.max(initial=0.0) > START_MISMATCH:
+        c = int(mismatch.argmax())
+        raise InputError(
+            f"normal force of contact {c}",
+            f"{contacts.normal_force[c]:.6g}",
+            f"{float(expected[c]):.6g}, as its overlap gives it",
+            "Give the graph law.normal_force(contact_state(graph)).",
+        )
     model = PathModel(
         law=law,
         closure=closure,
         spins=spins,
         contacts=graph.contacts,
         x0=graph.x0,
-        d0=reference_branch_vectors(graph),
+        d0=d0,
         radii=graph.radii,
         volume=v0,
         b=b,
         m=m,
+        first_place=place,
         watches_pairs=graph.cell is None,
         met=np.array([], dtype=np.int64),
-        length=float(np.sqrt(v0)),
-        stiffness=law_scale(contacts, law),
+        length=length,
+        stiffness=stiffness,
     )
-    model = without_pairs(model, graph.contacts)
-    _check_normal_forces(contacts, model)
-    if closure == "affine":
-        _check_affine(graph, model)
-    return model
+    return without_pairs(model, graph.contacts)
 
 
 def with_contact(model: PathModel, pairs: Integers) -> PathModel:
@@ -306,33 +331,6 @@ def pair_keys(model: PathModel, pairs: Integers) -> Integers:
     """(Q,) a number for each pair of grains, the same in either order."""
     low, high = np.sort(pairs, axis=1).T
     return np.asarray(low * model.grain_count + high)
-
-
-def _check_affine(graph: GrainGraph, model: PathModel) -> None:
-    expected = model.d0 + model.d0 @ np.linalg.lstsq(model.d0, branch_vectors(graph) - model.d0)[0]
-    mismatch = np.abs(branch_vectors(graph) - expected).max(axis=1, initial=0.0) / model.length
-    if mismatch.size and mismatch.max() > START_MISMATCH:
-        c = int(mismatch.argmax())
-        raise InputError(
-            f"branch vector of contact {c}",
-            f"{branch_vectors(graph)[c].tolist()}",
-            f"{expected[c].tolist()}, an affine image of the reference",
-            "Make the current centres the reference, or use the traction closure.",
-        )
-
-
-def _check_normal_forces(state: ContactState, model: PathModel) -> None:
-    expected = model.law.normal_force(state)
-    scale = model.stiffness * state.touching_length
-    mismatch = np.abs(state.normal_force - expected) / scale
-    if mismatch.size and mismatch.max() > START_MISMATCH:
-        c = int(mismatch.argmax())
-        raise InputError(
-            f"normal force of contact {c}",
-            f"{state.normal_force[c]:.6g}",
-            f"{float(expected[c]):.6g}, as its overlap gives it",
-            "Give the graph law.normal_force(contact_state(graph)).",
-        )
 
 
 def law_scale(state: ContactState, law: ContactLaw) -> float:

@@ -6,13 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from loops import GrainGraph
+from loops import InputError
 from loops.arrays import Floats, Regimes
-from loops.graph import ContactState, branch_vectors, reference_branch_vectors
+from loops.graph import ContactState
 from loops.laws.frictional import with_sides
 from loops.laws.protocol import Regime
-from stability.paths.model import PathModel
+from stability.paths.model import START_MISMATCH, PathModel, compressed
 from stability.paths.path import WORK_TERMS
+
+# Isotropic strain at which a path starts where its law has no stiffness at first touch.
+FIRST_STRAIN = 1e-8
+# Absolute tolerance of such a path over that strain, by which its start is off. Loops with free
+# spins are all but mechanisms there: rounding of their rates is beyond tighter ones.
+FIRST_ATOL = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,18 +48,52 @@ class PathState:
     work: Floats
 
 
-def initial_state(model: PathModel, graph: GrainGraph) -> Floats:
-    """Vector `y` of the initial graph."""
-    place = graph.x - graph.x0
+def initial_state(model: PathModel, contacts: ContactState) -> Floats:
+    """Vector `y` of the initial graph, from the state of its contacts."""
+    return pack(model.first_place, contacts.shear_force, 0.0, np.zeros(len(WORK_TERMS)))
+
+
+def first_state(model: PathModel, contacts: ContactState) -> tuple[PathModel, Floats, float]:
+    """Vector `y` at the start, and the least absolute tolerance of a path from there.
+
+    Where no contact has any stiffness yet, the state is lifted to a first overlap, and the scale of
+    the stiffness follows it.
+    """
+    y = initial_state(model, contacts)
+    elastic = np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8)
+    stiffness = model.law.local_stiffness(contacts, elastic)[:, 0, 0]
+    if not model.contact_count or (stiffness > 0.0).any():
+        return model, y, 0.0
+    state = unpack(model, y)
     if model.closure == "affine":
-        place = affine_strain(graph)
-    return pack(place, graph.shear_force, 0.0, np.zeros(len(WORK_TERMS)))
+        place = state.place + FIRST_STRAIN * (np.eye(2).ravel() - state.place)
+    else:
+        place = state.place - FIRST_STRAIN * (model.x0 + state.place)
+    pressed = compressed(contacts, model.law, 1.0 - FIRST_STRAIN)
+    kn = float(model.law.local_stiffness(pressed, elastic)[:, 0, 0].mean())
+    # Between the first stiffness, for what is singular, and the later ones, for tolerances.
+    model = replace(model, stiffness=float(np.sqrt(kn * model.stiffness)))
+    y = pack(place, state.shear_force, state.parameter, state.work)
+    return model, y, FIRST_ATOL * FIRST_STRAIN
 
 
-def affine_strain(graph: GrainGraph) -> Floats:
-    """(2, 2) displacement gradient `H` with `d - d0 = -H d0`, by least squares."""
-    d, d0 = branch_vectors(graph), reference_branch_vectors(graph)
-    return np.asarray(-np.linalg.lstsq(d0, d - d0)[0].T)
+def start_mode(model: PathModel, contacts: ContactState) -> Mode:
+    """Regimes of the initial contacts; their shear forces must be within their strength."""
+    regime, side = model.law.regime(contacts), np.sign(contacts.shear_force)
+    strength = np.where(regime == Regime.OPEN, 0.0, model.law.strength(contacts))
+    limit = strength + START_MISMATCH * model.stiffness * model.length
+    wrong = np.abs(contacts.shear_force) > limit
+    if wrong.any():
+        c = int(wrong.argmax())
+        where, expected = f"shear force of contact {c}", f"at most its strength {strength[c]:.6g}"
+        received = f"{contacts.shear_force[c]:.6g}"
+        raise InputError(where, received, expected, "Correct it, or raise mu.")
+    # Without friction a closed contact slides, whichever way.
+    frictionless = (model.mu == 0) & (regime != Regime.OPEN)
+    return Mode(
+        np.where(frictionless, Regime.SLIDING, regime).astype(np.int8),
+        np.where(frictionless, 1.0, side),
+    )
 
 
 def pack(place: Floats, shear_force: Floats, parameter: float, work: Floats) -> Floats:

@@ -190,7 +190,9 @@ def test_watched_eigenvalues_are_over_the_size_of_the_operator(subspace):
 
 def group_of(graph, law, shear=0.0, side=None):
     model = path_model(graph, contact_state(graph), law, "affine", "blocked", None)
-    y = initial_state(model, graph.replace(shear_force=np.array([shear, 0.0, 0.0, 0.0])))
+    y = initial_state(
+        model, contact_state(graph.replace(shear_force=np.array([shear, 0.0, 0.0, 0.0])))
+    )
     kind = Regime.ELASTIC if side is None else Regime.SLIDING
     mode = Mode(np.full(4, kind, dtype=np.int8), np.zeros(4) if side is None else np.array(side))
     return path_symmetry(model, y, mode, [programmes.isotropic_strain()])

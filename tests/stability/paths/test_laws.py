@@ -241,7 +241,7 @@ def test_spheres_are_followed_from_their_first_touch(order, monkeypatch):
     law, graph, off = HertzMindlin(young=1.0, poisson=0.3), regular_polygon(order), []
     N, T = sphere_contacts(graph, law, 0.1)
     for first in (1e-8, 1e-6):
-        monkeypatch.setattr(import_module("stability.paths.follow"), "FIRST_STRAIN", first)
+        monkeypatch.setattr(import_module("stability.paths.state"), "FIRST_STRAIN", first)
         path = follow(graph, law, Stage(programmes.oedometric(), "H11", 0.1))
         assert path.status == "finished"
         found = path.normal_force[-1] - N, path.shear_force[-1] - T

@@ -25,7 +25,7 @@ def elastic_state(graph, law=LAW, closure="traction"):
     mode = Mode(
         np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8), np.zeros(len(model.mu))
     )
-    state = unpack(model, initial_state(model, graph))
+    state = unpack(model, initial_state(model, contact_state(graph)))
     return StateRates(model, state, mode, programmes.isotropic_strain(), UNIT_PARAMETER)
 
 
