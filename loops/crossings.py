@@ -18,7 +18,7 @@ from loops.arrays import ROUNDING, Flags, Floats, Integers
 from loops.compiled import use_compiled
 from loops.graph import GrainGraph, branch_vectors, require_one_state
 
-COMPARED = 2**15  # pieces of branches compared at a time
+PAIRS_AT_ONCE = 2**15  # pieces of branches compared at a time
 CROWD = 16  # branches in a bin beyond which it is halved
 SPLITS = 12  # times a bin may be halved
 PIECES = 4  # pieces per contact that the grid may cut the branches into, on average
@@ -169,7 +169,7 @@ def _compiled_crossings(graph: GrainGraph, max_pairs: int) -> Integers | None:
 def _meeting_pairs(branches: CellBranches, pieces: BinnedBranches) -> Iterator[Integers]:
     """Pairs of contacts that meet in a bin, in blocks of whole bins."""
     starts = np.concatenate([[0], np.cumsum(pieces.bin_sizes())])
-    cuts = np.searchsorted(starts, np.arange(0, starts[-1], COMPARED))
+    cuts = np.searchsorted(starts, np.arange(0, starts[-1], PAIRS_AT_ONCE))
     for low, high in pairwise(np.unique(np.append(starts[cuts], starts[-1])).tolist()):
         block = pieces.take(slice(low, high))
         start = branches.start[block.contact] - block.shift

@@ -20,7 +20,7 @@ from stability.paths.model import PathModel, with_contact, without_pairs
 from stability.paths.path import FINISHED, ModelOption, PathStatus
 from stability.paths.path_segment import Segment, SegmentEnd, follow_segment
 from stability.paths.record import (
-    SINGULAR,
+    SINGULAR_SYSTEM,
     Record,
     Searches,
     expected_choices,
@@ -55,7 +55,7 @@ RETRIES = (1.0, 0.86, 0.74, 0.62)
 # A target this close, in strain or in stress over kn, is reached.
 REACHED = 1e-15
 # Change of H within which nothing has moved.
-NO_STRAIN = 1e-13
+UNMOVED = 1e-13
 # Force that a parting contact may drop, over kn times length.
 RELEASE = 1e-9
 # Status of a path that kept its symmetry to the end.
@@ -198,7 +198,7 @@ class LoopPathSolver:
                 return outcome
             expected, before = expected_choices(end), end.here
             self._take_on_contacts(end)
-            moved = float(np.abs(end.here.H - here.H).max()) > NO_STRAIN
+            moved = float(np.abs(end.here.H - here.H).max()) > UNMOVED
             idle = 0 if moved else idle + 1
             if idle > CHATTER:
                 if self._carries_nothing():
@@ -348,7 +348,7 @@ class LoopPathSolver:
         if "stage_end" in kinds:
             return FINISHED
         if "singular" in kinds:
-            return "control_limit", f"{name} at parameter {self.parameter:.15g}: {SINGULAR}"
+            return "control_limit", f"{name} at parameter {self.parameter:.15g}: {SINGULAR_SYSTEM}"
         if "control_limit" in kinds:
             return (
                 "control_limit",

@@ -28,7 +28,7 @@ from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, Choice, RateProbl
 from stability.spectra import RTOL, operator_norm, restrict, symmetric_spectrum
 
 CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
-SINGULAR = "the controlled system is singular"
+SINGULAR_SYSTEM = "the controlled system is singular"
 # More pairs of grains than these that touch at once are one event.
 MANY_PAIRS = 12
 
@@ -200,7 +200,7 @@ def record_fired(record: Record, end: SegmentEnd, subspaces: tuple[str, ...]) ->
         detail = "the loading parameter has an extremum"
         record.event("control_limit", parameter, detail=detail)
     if ("singular", -1) in end.fired:
-        record.event("control_limit", parameter, detail=SINGULAR)
+        record.event("control_limit", parameter, detail=SINGULAR_SYSTEM)
     if ("stage_end", -1) in end.fired:
         for change in CHANGES:
             contacts = tuple(item for fired, item in end.fired if fired == change)

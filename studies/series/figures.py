@@ -75,7 +75,7 @@ LOOKS = dict(zip(VERDICTS, ((BLUE, "o"), (VERMILION, "s"), (GREY, "^")), strict=
 # Largest order in the figure of kinetics, and colours of the merged loops by order.
 LAST_DRAWN = 12
 MERGED = dict(zip(range(4, 9), (SKY, BLUE, GREEN, ORANGE, VERMILION), strict=True))
-WORK_COLUMNS = ("W2", "w2", *PREDICTIONS)
+MAPPED_COLUMNS = ("W2", "w2", *PREDICTIONS)
 PACKING_COLUMNS = ("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing")
 SMALLEST = "traction_lambda_min"
 # Most maps on a page, and frames of an animation.
@@ -373,7 +373,7 @@ def joined_increments(series: Series) -> Columns:
     if not parts:
         return {}
     there = set(pyarrow.parquet.read_schema(parts[0]).names)
-    names = [name for name in WORK_COLUMNS if name in there]
+    names = [name for name in MAPPED_COLUMNS if name in there]
     tables = [pyarrow.parquet.read_table(part, columns=names) for part in parts]
     table = pyarrow.concat_tables(tables)
     return {name: table.column(name).to_numpy() for name in names}
@@ -411,7 +411,7 @@ def maps_of(series: Series, counts: Sequence[int], first: int) -> list[LoopsForM
             table = table.join(fates[["fate", "successor", "order_after"]])
             own = pd.read_parquet(task.part).set_index("loop_before")
             table = table.join(
-                own[[name for name in (*WORK_COLUMNS, "nonaffinity") if name in own]]
+                own[[name for name in (*MAPPED_COLUMNS, "nonaffinity") if name in own]]
             )
             if task.packing_part.is_file():
                 predicted = pd.read_parquet(task.packing_part)

@@ -217,7 +217,7 @@ class Failure:
 
     @property
     def reason(self) -> str:
-        """Where the error is, and what was received there."""
+        """Place of the error, and the value received there."""
         return f"{self.where}: got {self.received}"
 
     def error(self) -> InputError:
