@@ -106,8 +106,8 @@ def run_probe(
         step = search_step(found.candidates, len(found.directions))
         if step > 1 and subspace == "diagonal":
             notes.append(
-                f"{found.candidates} contacts at yield: solutions were searched in every {step}th "
-                "direction, the others were read from the branches of those"
+                f"{found.candidates} contacts at yield: solutions were searched in one of {step} "
+                "directions, the others were read from the branches of those"
             )
         orders, loops = order_work_table(found), loop_work_table(found)
         tables = {"probe": probe_table(found), "orders": orders, "loops": loops}

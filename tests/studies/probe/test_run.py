@@ -1,6 +1,7 @@
 """`grainloops probe`: its tables against the numerics, and what it refuses."""
 
 import json
+import sys
 
 import numpy as np
 import pandas as pd
@@ -188,6 +189,17 @@ def test_walls_drive_a_box_and_a_held_outline_stiffens_it(tmp_path):
     assert any("outline's grains follow the strain" in note for note in held["notes"])
     stiff, soft = (np.trace(one["elastic_tangent"]) for one in (held, walls))
     assert stiff > 1.05 * soft > 0
+
+
+def test_a_note_says_that_not_every_direction_was_searched(monkeypatch, tmp_path):
+    grains, how = plain(tmp_path / "a"), {"directions": 8, "figures": False}
+    module = sys.modules["stability.packing.probe"]
+    at_yield = run_probe(grains, tmp_path / "all", **how)["candidates"]
+    monkeypatch.setattr(module, "SEARCH_WORK", 8 * at_yield**3 / 4)
+    (note,) = (
+        note for note in run_probe(grains, tmp_path / "fewer", **how)["notes"] if "searched" in note
+    )
+    assert f"{at_yield} contacts at yield" in note and "one of 4 directions" in note
 
 
 def test_directions_are_followed_between_walls(tmp_path):
