@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,21 @@ def synthetic_snapshot(grains: int) -> Snapshot:
         wall_contacts=0,
         notes=(),
     )
+
+
+def shuffled(snapshot: Snapshot) -> Snapshot:
+    """The same packing with grains and contacts in random order, as codes insert and sort them."""
+    graph, random = snapshot.graph, np.random.default_rng(2)
+    grains, rows = random.permutation(graph.grain_count), random.permutation(graph.contact_count)
+    place = np.argsort(grains)
+    mixed = graph.replace(
+        x=graph.x[grains],
+        radii=graph.radii[grains],
+        contacts=place[graph.contacts[rows]],
+        normal_force=graph.normal_force[rows],
+        shear_force=graph.shear_force[rows],
+    )
+    return replace(snapshot, graph=mixed, regime=snapshot.regime[rows])
 
 
 def table_of(snapshot: Snapshot, *, compiled: bool) -> Work:
@@ -163,10 +179,16 @@ METHODS: dict[tuple[str, str], tuple[Callable[[Snapshot], Work], float]] = {
     ("table", "compiled"): (lambda s: table_of(s, compiled=True), np.inf),
     ("table", "numpy"): (lambda s: table_of(s, compiled=False), 1e4),
     ("read", "by size"): (lambda s: partial(read_snapshot, written(s)), np.inf),
+    ("read", "random order"): (lambda s: partial(read_snapshot, written(shuffled(s))), np.inf),
+    ("faces", "random order"): (
+        lambda s: partial(find_faces, read_snapshot(written(shuffled(s))).graph),
+        np.inf,
+    ),
     ("summary", "by size"): (summary_of, np.inf),
     ("write", "by size"): (writing_of, np.inf),
     ("snapshot", "by size"): (whole_snapshot, np.inf),
     ("command", "by size"): (snapshot_command, np.inf),
+    ("command", "random order"): (lambda s: snapshot_command(shuffled(s)), np.inf),
 }
 # Commands whose whole time is told, of no size of their own.
 COMMANDS = {

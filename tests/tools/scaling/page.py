@@ -46,6 +46,7 @@ COLOURS = {
     "networkx": PURPLE,
     "shapely": ORANGE,
     "by size": BLACK,
+    "random order": GREEN,
 }
 TITLES = {"faces": "faces", "table": "table of all loops, both closures"}
 Rows = list[dict[str, Any]]
