@@ -58,6 +58,9 @@ class GrainGraph(Shown):
     regime : (..., C) array of Regime, optional
         Regime of every contact, where the source of the forces tells it; the contact law reads it
         from the state if left out.
+    rolling_moment : (..., C) array, optional
+        Moment of the rolling spring on grain j, counter-clockwise; grain i has the opposite one.
+        Zero if left out.
 
     Raises
     ------
@@ -85,6 +88,7 @@ class GrainGraph(Shown):
     cell: Floats | None
     cell0: Floats | None
     regime: Regimes | None
+    rolling_moment: Floats | None
 
     def __init__(
         self,
@@ -98,6 +102,7 @@ class GrainGraph(Shown):
         cell: ArrayLike | None = None,
         cell0: ArrayLike | None = None,
         regime: ArrayLike | None = None,
+        rolling_moment: ArrayLike | None = None,
     ) -> None:
         pairs = _integers("contacts", contacts, columns=2)
         no_force = np.zeros(pairs.shape[:1])
@@ -111,6 +116,7 @@ class GrainGraph(Shown):
             "cell": None if cell is None else _frozen(cell, float),
             "cell0": None if cell0 is None else _frozen(cell0, float),
             "regime": None,
+            "rolling_moment": None if rolling_moment is None else _frozen(rolling_moment, float),
         }
         if regime is not None:
             values["regime"] = _frozen(checked_regimes(regime, len(pairs)), np.int8)
@@ -148,6 +154,7 @@ class GrainGraph(Shown):
             self.shear_force.shape[:-1],
             () if self.cell is None else self.cell.shape[:-2],
             () if self.regime is None else self.regime.shape[:-1],
+            () if self.rolling_moment is None else self.rolling_moment.shape[:-1],
         )
 
     def facts(self) -> dict[str, object]:
@@ -160,7 +167,7 @@ class GrainGraph(Shown):
         """Return a graph with some fields changed, validated again.
 
         Regimes belong to the forces that they were read with: with other forces or contacts they
-        are dropped unless given again.
+        are dropped unless given again. So are rolling moments with other contacts.
 
         Examples
         --------
@@ -171,6 +178,8 @@ class GrainGraph(Shown):
         """
         if changes.keys() & {"contacts", "normal_force", "shear_force"}:
             changes = {"regime": None, **changes}
+        if "contacts" in changes:
+            changes = {"rolling_moment": None, **changes}
         return replace(self, **changes)
 
 

@@ -42,8 +42,10 @@ def _check_shapes(graph: Any) -> None:
     count = len(contacts)
     _shape("radii", graph.radii, f"(..., {grains})", graph.radii.shape[-1:] == (grains,))
     _shape("x0", graph.x0, f"(..., {grains}, 2)", graph.x0.shape[-2:] == (grains, 2))
-    for name in ("normal_force", "shear_force"):
+    for name in ("normal_force", "shear_force", "rolling_moment"):
         value = getattr(graph, name)
+        if value is None:
+            continue
         _shape(name, value, f"(..., {count})", value.shape[-1:] == (count,))
     if graph.cell is not None and graph.cell0 is not None and graph.images is not None:
         _shape("images", graph.images, f"({count}, 2)", graph.images.shape == (count, 2))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -16,14 +16,14 @@ from numpy.typing import ArrayLike
 
 from loops import Faces, GrainGraph, InputError
 from loops.arrays import Floats
-from loops.laws import ContactLaw, FrictionalLaw, HertzMindlin
+from loops.laws import ContactLaw, FrictionalLaw, HertzMindlin, RollingResistance
 from loops.packing import PlaneContacts
 from patterns import Snapshot
 from stability import COMPONENTS
 from stability.packing import LoadPath, Motion, Sustained
 from stability.packing import sustain as sustain_packing
 from stability.packing.hold import HoldControl
-from stability.packing.pairs import require_movable
+from stability.packing.pairs import MovableLaw, require_movable
 from stability.packing.probe import Probe, probe_edge
 from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import load_path
@@ -261,7 +261,7 @@ def _followed(
 
 def _digest(
     graph: GrainGraph,
-    law: FrictionalLaw,
+    law: MovableLaw,
     planes: PlaneContacts | None,
     plane_force: Floats | None,
     asked: dict[str, Any],
@@ -274,7 +274,12 @@ def _digest(
         numbers += [planes.grain, planes.branch, planes.kn, planes.kt, plane_force]
         numbers += [] if planes.mu is None else [planes.mu]
     digest = blake2b(f"{code_version()} {asked}".encode(), digest_size=8)
+    if graph.rolling_moment is not None:
+        numbers.append(graph.rolling_moment)
     of_law = [v for v in vars(law).values() if isinstance(v, np.ndarray)]
+    if isinstance(law, RollingResistance):
+        law = cast(FrictionalLaw, law.law)
+        of_law += [v for v in vars(law).values() if isinstance(v, np.ndarray)]
     for values in (*numbers, graph.shear_force, *of_law):
         digest.update(np.ascontiguousarray(values).tobytes())
     history = f"-{law.shear_history}" if isinstance(law, HertzMindlin) else ""

@@ -30,6 +30,7 @@ class Motion(NamedTuple):
     # (P,) what `kt` is multiplied with, zero where open: root of the overlap under Hertz's law, the
     # tangent of a law of one's own
     root: Floats
+    rolled: Floats  # (P,) moment of the rolling spring on the second grain; (0,) without any
     resultant: Floats  # (G, 3) forces and moments of the state
     speed: Floats  # (G, 2) `L x + c` in the last step
     gradient: Floats  # (2, 2) `L`
@@ -62,6 +63,9 @@ class Discs(NamedTuple):
     by_displacement: bool  # `T` is `kt` times a displacement: it goes with `kt`
     # (P, 4) at these positions `N`, tangent, strength, and `-dT` by `d(l)`; (0, 4) of known laws
     own: Floats
+    # (P,), or (0,) without rolling springs: stiffness, and `|M|/N` at the limit
+    k_r: Floats
+    rolling_reach: Floats
 
 
 class Servo(NamedTuple):
@@ -185,6 +189,7 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
     first_wall = len(x) - len(discs.walls)
     own = len(discs.own) > 0
     varies = discs.hertz or own
+    rolls = len(discs.k_r) > 0
     resultant[:] = motion.load
     for p in range(len(discs.pairs)):
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
@@ -209,6 +214,10 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
                     slipped += 0.5 * motion.shear[p] ** 2 / kt
                 motion.shear[p] = 0.0
             motion.root[p] = 0.0
+            if rolls and motion.rolled[p] != 0.0:
+                if summed:
+                    slipped += 0.5 * motion.rolled[p] ** 2 / discs.k_r[p]
+                motion.rolled[p] = 0.0
             continue
         length = math.sqrt(square)
         over = 1.0 / length
@@ -249,6 +258,17 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
         resultant[i, 0] -= f0
         resultant[i, 1] -= f1
         resultant[i, 2] -= arm_i * shear
+        if rolls and discs.k_r[p] > 0.0:
+            rolled = motion.rolled[p]
+            moment = elastic = rolled - discs.k_r[p] * (w[j] - w[i]) * dt
+            limit = discs.rolling_reach[p] * normal
+            if abs(elastic) > limit:
+                moment = math.copysign(limit, elastic)
+                if summed:
+                    slipped += 0.5 * (rolled + moment) * (elastic - moment) / discs.k_r[p]
+            motion.rolled[p] = moment
+            resultant[j, 2] += moment
+            resultant[i, 2] -= moment
         if summed:
             s00 += f0 * e0
             s01 += f0 * e1

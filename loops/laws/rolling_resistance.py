@@ -31,16 +31,17 @@ def _of_the_other(method: LawMethod) -> LawMethod:
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class RollingResistance(Shown):
-    """A contact law with an elastic rolling spring, `M' = -k_r (w_j - w_i)` on grain j.
+    """A contact law with a rolling spring, `M' = -k_r (w_j - w_i)` on grain j, `|M| <= mu_r R N`.
 
     Grain i receives the opposite moment; a closed contact, sticking or sliding, keeps its
     spring, an open one has none. Forces, regimes and overlaps are those of the other law. The
     relative spin `w_j - w_i` vanishes in a rigid rotation, so the law is objective for any radii.
 
-    The spring has no limit. The moment `M` is no part of the state: a moment in the plane has no
-    direction that a motion could turn, so the tangent of the elastic spring doesn't depend on it.
-    A limit `|M| <= eta N R` would need `M` in the grain graph, a regime of its own, and a moment
-    rate per normal displacement (`M' = s eta R N'`), none of which `ContactLaw` carries.
+    `R = r_i r_j/(r_i + r_j)`, as in model C of Ai, Chen, Rotter and Ooi (2011) without its viscous
+    part. The limit holds in paths and replays of packings and where they are held, which keep `M`
+    (`GrainGraph.rolling_moment`). A moment in the plane has no direction that a motion could turn,
+    so the tangent of the elastic spring doesn't depend on it: tangents, rate problems and single
+    loops take every spring as elastic, and paths of single loops refuse a law with a limit.
 
     It acts on the macroscopic tangent where spins are free; blocked or affine spins are equal
     spins. Under isotropic compression it gives regular loops of five and more grains with free
@@ -53,11 +54,13 @@ class RollingResistance(Shown):
         The law of forces.
     k_r : float or (..., C) array
         Rolling stiffness (moment per angle, not negative).
+    mu_r : float or (..., C) array
+        Rolling strength: the largest `|M|/(R N)`, infinite if left out.
 
     Raises
     ------
     InputError
-        If `k_r` is not finite or negative.
+        If `k_r` is not finite or negative, or `mu_r` is negative.
 
     Examples
     --------
@@ -70,15 +73,19 @@ class RollingResistance(Shown):
 
     law: ContactLaw
     k_r: Floats
+    mu_r: Floats
 
-    def __init__(self, law: ContactLaw, k_r: ArrayLike) -> None:
+    def __init__(self, law: ContactLaw, k_r: ArrayLike, mu_r: ArrayLike = np.inf) -> None:
         require_law(law)
         expected = "a finite stiffness, zero or more"
         k_r = parameter("k_r", k_r, expected, 0.0, open_low=False)
-        object.__setattr__(self, "law", law)
-        object.__setattr__(self, "k_r", k_r)
+        expected = "a coefficient of rolling friction, zero or more"
+        mu_r = parameter("mu_r", mu_r, expected, 0.0, open_low=False, high=np.inf)
+        for name, value in (("law", law), ("k_r", k_r), ("mu_r", mu_r)):
+            object.__setattr__(self, name, value)
 
     mu = property(lambda self: self.law.mu)
+    shear_increment = property(lambda self: self.law.shear_increment)
     keeps_strength = property(lambda self: self.law.keeps_strength)
     shear_kinematics = _of_the_other(ContactLaw.shear_kinematics)
     local_stiffness = _of_the_other(ContactLaw.local_stiffness)
@@ -96,5 +103,5 @@ class RollingResistance(Shown):
 
     def take(self, contacts: Integers) -> RollingResistance:
         """Law of the picked contacts; scalar parameters stay scalar."""
-        k_r = self.k_r if self.k_r.ndim == 0 else self.k_r[..., contacts]
-        return RollingResistance(self.law.take(contacts), k_r)
+        picked = (k if k.ndim == 0 else k[..., contacts] for k in (self.k_r, self.mu_r))
+        return RollingResistance(self.law.take(contacts), *picked)

@@ -49,6 +49,7 @@ def _force_rates(pair: Any, regime: int, side: float, un: float, ut: float) -> t
 def _add_forces(pair: Any, dn: float, dt: float, un: float, across: float, out: Floats) -> None:
     """Add the resultants on both grains of force rates, and of forces that turn with the pair."""
     i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
+    dn *= pair["push"]
     f0 = dn * pair["n"][0] + dt * pair["t"][0] + pair["rotation"][0] * across
     f1 = dn * pair["n"][1] + dt * pair["t"][1] + pair["rotation"][1] * across
     out[j] += f0
@@ -96,6 +97,7 @@ def blocks(
             across = s * pair["t"][b] if b < 2 else 0.0
             ut = pair["turning"] * across if b < 2 else -pair["lever"][a // 3]
             dn, dt = _force_rates(pair, regime[p], side[p], un, ut)
+            dn *= pair["push"]
             f0 = dn * pair["n"][0] + dt * pair["t"][0] + pair["rotation"][0] * across
             f1 = dn * pair["n"][1] + dt * pair["t"][1] + pair["rotation"][1] * across
             column = place[(i if a < 3 else j) + b]
@@ -139,6 +141,7 @@ def stress_rate(
             pair = pairs[p]
             un, ut, across = _relative(pair, v, h)
             dn, dt = _force_rates(pair, regime[p], side[p], un, ut)
+            dn *= pair["push"]
             for a in range(2):
                 f = dn * pair["n"][a] + dt * pair["t"][a] + pair["rotation"][a] * across
                 out[2 * a] += f * pair["d"][0]
@@ -165,6 +168,7 @@ def earliest(
 
     `rates` (P, 4) becomes `n . d'`, `N'`, `T'` and the shear rate, `time_to_event` that of every
     pair, infinite beyond what is `left`. Rates below `rounding` of the largest lead to no event.
+    Pairs beyond the gaps are springs against rolling, which open and close with the first ones.
     """
     fastest, largest = 0.0, 0.0
     for p in range(len(pairs)):
@@ -180,7 +184,9 @@ def earliest(
         un, dn, dt = rates[p, UN], rates[p, DN], rates[p, DT]
         own = 0
         # Whether it comes in time is asked first: of nearly all pairs the answer is no.
-        if regime[p] == 0:
+        if p >= len(gap):
+            pass
+        elif regime[p] == 0:
             away = max(gap[p], 0.0)
             if away < -left * un and un < -rounding * fastest:
                 time_to_event[p], own = away / -un, 2
@@ -218,6 +224,8 @@ def advance(
     Energy that a shear spring loses as it goes with its stiffness is added to `work[2]`.
     """
     for p in range(len(pairs)):
+        if regime[p] == 0 and p >= len(gap):
+            continue
         if regime[p] == 0:
             gap[p] += step * rates[p, UN]
             continue
@@ -272,7 +280,14 @@ def add_work(
         force[:, k] = -load[k]
     cell, shear, held, pressed, half_unit = 0.0, 0.0, 0.0, 0.0, 0.5 / unit
     first_wall = count - len(walls)
-    for p in range(len(pairs)):
+    for p in range(len(touching), len(pairs)):
+        # Springs against rolling: moments alone, whose work the motion at the contact is.
+        i, j = 3 * pairs[p]["grains"][0], 3 * pairs[p]["grains"][1]
+        for q in range(2):
+            S = T[p] + times[q] * rates[p, DT] if regime[p] != 0 else 0.0
+            force[q, i + 2] -= S
+            force[q, j + 2] += S
+    for p in range(len(touching)):
         pair = pairs[p]
         i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
         d0, d1 = pair["d"][0], pair["d"][1]

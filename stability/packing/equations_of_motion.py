@@ -24,6 +24,8 @@ from stability.packing.pairs import (
     normal_forces,
     overlaps,
     require_movable,
+    rolling_energy,
+    rolling_reach,
     tangents,
     touching_distances,
     typical_stiffness,
@@ -106,9 +108,9 @@ def replay(
     ----------
     graph : GrainGraph
         One state: periodic, or between walls.
-    law : FrictionalLaw
+    law : FrictionalLaw or RollingResistance
         Contact law: linear, Hertz and Mindlin's, or one of your own, which is asked in every step
-        (slower by far).
+        (slower by far); with rolling springs between grains. Their moments start from the graph's.
     strain : (2, 2) array or Stage
         Displacement gradient `H` of the cell, or of the box between walls, at the end, compression
         positive: `h = (1 - H) h0`, reached at a constant velocity gradient. Or a programme and its
@@ -313,7 +315,8 @@ def stored_energy(state: PackingState, pairs: Pairs) -> float:
     overlap, T = np.where(state.closed, overlaps(state, pairs), 0.0), state.shear_force
     kt = tangents(pairs, overlap)[1]
     shear = np.divide(T**2, 2.0 * kt, out=np.zeros(len(pairs)), where=kt > 0)
-    return float(np.sum(normal_energy(pairs, overlap) + shear))
+    rolling = rolling_energy(pairs, np.where(state.closed, state.rolling_moment, 0.0))
+    return float(np.sum(normal_energy(pairs, overlap) + shear)) + rolling
 
 
 def rests(moving: Moving, slow: float) -> bool:
@@ -345,7 +348,11 @@ def masses_of(
 
 def step_of(masses: Floats, pairs: Pairs, state: PackingState) -> float:
     """Length of a step."""
-    return TIME_STEP * math.sqrt(float(masses.min() / typical_stiffness(pairs, state).max()))
+    stiffest = typical_stiffness(pairs, state).max()
+    if pairs.rolling:
+        smaller = state.radii[pairs.grains[~state.at_wall]].min(axis=1)
+        stiffest = max(stiffest, (pairs.rolling.k_r[~state.at_wall] / smaller**2).max())
+    return TIME_STEP * math.sqrt(float(masses.min() / stiffest))
 
 
 def duration_of(H: Floats, masses: Floats, state: PackingState, inertial_number: float) -> float:
@@ -439,6 +446,7 @@ class Moving:
             root=tangents(pairs, overlaps(start, pairs))[1]
             if pairs.own
             else np.sqrt(overlaps(start, pairs)),
+            rolled=np.array(start.rolling_moment) if pairs.rolling else np.zeros(0),
             resultant=np.zeros((bodies, 3)),
             speed=np.zeros((bodies, 2)),
             gradient=-(servo.gain @ servo.rate).reshape(2, 2) if gradient is None else gradient,
@@ -461,19 +469,21 @@ class Moving:
         self.pairs = with_near(self.pairs, now, self.gap)
         fresh = np.zeros(len(self.pairs) - len(motion.shear))
         shear, root = (np.append(old, fresh) for old in (motion.shear, motion.root))
-        self.motion = motion._replace(shear=shear, root=root)
+        rolled = np.append(motion.rolled, fresh) if self.pairs.rolling else motion.rolled
+        self.motion = motion._replace(shear=shear, root=root, rolled=rolled)
         self.listed = replace(now, contacts=self.pairs.grains, images=self.pairs.images)
         self.motion.closer[:] = 0.0
         images = self.pairs.images.astype(float)
         grains = self.pairs.grains.astype(np.uint32)
         wraps = images.any(axis=1) | (grains[:, 1] >= now.count)
         radii, walls = np.array(now.radii), np.array(now.walls)
-        _, _, kn, kt, mu, hertz, by_displacement, own = self.pairs
+        _, _, kn, kt, mu, hertz, by_displacement, own, rolling = self.pairs
         kn, kt = HERTZ * kn if hertz else kn, np.ones(len(kt)) if own else kt
         asked = np.empty((len(kn) if own else 0, 4))
         self.discs = Discs(
             radii, walls, *self.lightness, grains, images, wraps, kn, kt, mu, hertz,
-            by_displacement, asked,
+            by_displacement, asked, rolling.k_r if rolling else np.zeros(0),
+            rolling_reach(self.pairs, self.listed) if rolling else np.zeros(0),
         )  # fmt: skip
 
     def _ask_law(self) -> None:
@@ -531,5 +541,8 @@ class Moving:
             images=self.pairs.images,
             normal_force=np.zeros(len(motion.shear)),
             shear_force=motion.shear.copy(),
+            rolling_moment=motion.rolled.copy()
+            if self.pairs.rolling
+            else np.zeros(len(motion.shear)),
         )
         return replace(state, normal_force=normal_forces(self.pairs, overlaps(state, self.pairs)))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.errors import InputError, check_choice, number
 from loops.graph import GrainGraph
-from loops.laws import ContactLaw, FrictionalLaw
+from loops.laws import ContactLaw
 from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
@@ -23,6 +23,7 @@ from stability.packing.equations_of_motion import (
     step_of,
 )
 from stability.packing.pairs import (
+    MovableLaw,
     Pairs,
     contact_pairs,
     law_of,
@@ -55,7 +56,7 @@ class HeldPacking(Shown):
     ----------
     graph : GrainGraph
         The closed contacts at rest.
-    law : FrictionalLaw
+    law : FrictionalLaw or RollingResistance
         Stiffness and friction of these contacts.
     planes : PlaneContacts or None
         Contacts with walls at rest.
@@ -92,7 +93,7 @@ class HeldPacking(Shown):
     """
 
     graph: GrainGraph
-    law: FrictionalLaw
+    law: MovableLaw
     planes: PlaneContacts | None
     plane_force: Floats
     status: Status
@@ -152,8 +153,9 @@ def hold(
     ----------
     graph : GrainGraph
         One state: periodic, or between walls.
-    law : FrictionalLaw
-        Contact law: linear, Hertz and Mindlin's, or one of your own.
+    law : FrictionalLaw or RollingResistance
+        Contact law: linear, Hertz and Mindlin's, or one of your own; with rolling springs between
+        grains, whose moments start from the graph's.
     control : {'strain', 'stress'}
         What is held: the cell or the walls; or the stress of a periodic cell (11, 22 and the mean
         of 12 and 21).

@@ -70,8 +70,8 @@ class Order(NamedTuple):
 class IncrementalPacking:
     """The linear system at one geometry; `set_regime` changes the regime of a contact.
 
-    `frame` are the pairs, `regime` and `side` (P,) their regimes and the signs of their slip,
-    `time_to_event` (P,) as far as known.
+    `frame` are the pairs, then their springs against rolling if there are any; `regime` and `side`
+    of each its regime and the sign of its slip, `time_to_event` as far as known.
     """
 
     def __init__(
@@ -89,27 +89,28 @@ class IncrementalPacking:
         self.order: Order | None = before.order if before else None
         self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
         self.frame: NDArray[Any] = frame_of(state, pairs, by_radii, reach)
-        self.regime, self.side = regime.copy(), side.copy()
+        self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(pairs)
         self.stiffest = float(self.frame["kn"].max())
         self.count, self.length = len(state.x), state.mean_radius
         self.wall_freedoms = np.arange(3 * state.count, 3 * self.count)
         self.volume = abs(float(np.linalg.det(state.cell)))
         self.load, self.ground_spring = load, np.zeros(self.count)
-        self.time_to_event = np.full(len(pairs), np.inf)
+        self.time_to_event = np.full(len(self.frame), np.inf)
         # Cached yield-function rates of contacts: value per motion, number of motions, slip sign.
-        self.yield_rates = np.empty((len(pairs), 5 + ROOM))
-        self.motion_count = np.zeros(len(pairs), dtype=np.int64)
-        self.slip_sign = np.zeros(len(pairs))
+        self.yield_rates = np.empty((len(self.frame), 5 + ROOM))
+        self.motion_count = np.zeros(len(self.frame), dtype=np.int64)
+        self.slip_sign = np.zeros(len(self.frame))
         self.factorise()
 
     def tangent(self, c: int) -> tuple[float, float, float]:
         """`D` of a pair: its entries (n, n), (s, n), (s, s); the fourth is 0."""
         regime, pair = self.regime[c], self.frame[c]
         kn = float(pair["kn"]) if regime != OPEN else 0.0
+        push = float(pair["push"]) * kn
         if regime == ELASTIC:
-            return kn, float(pair["coupling"]), float(pair["kt"])
+            return push, float(pair["coupling"]), float(pair["kt"])
         slope = float(self.side[c] * pair["mu"]) if regime == SLIDING else 0.0
-        return kn, slope * kn, 0.0
+        return push, slope * kn, 0.0
 
     def factorise(self) -> None:
         """Factorise the system in its present regimes: the reference without any column."""
@@ -122,7 +123,7 @@ class IncrementalPacking:
         place = np.arange(size) if self.order is None else self.order.place
         k = kernels.blocks(frame, *self.reference, place, at, values)
         unit = float(frame["kn"].mean())
-        closed = self.regime != OPEN
+        closed = np.flatnonzero(self.regime[: self.pair_count] != OPEN)
         degree = np.bincount(frame["grains"][closed].ravel(), minlength=self.count)
         own = np.select([degree < 2, degree < 3], [RATTLERS, PAIRED], GEARS)
         springs = np.repeat(np.maximum(own, self.ground_spring), 3) * unit
@@ -227,7 +228,8 @@ class IncrementalPacking:
         for c in soon[np.argsort(time[soon])].tolist():
             # Yield changes the shear row, opening and closing change both.
             if np.isfinite(time[c]):
-                rows += (pairs + c,) if self.regime[c] == ELASTIC else (c, pairs + c)
+                sheared = self.regime[c] == ELASTIC or c >= self.pair_count
+                rows += (pairs + c,) if sheared else (c, pairs + c)
         return rows
 
     def _solve_ahead(self, rows: list[int]) -> None:

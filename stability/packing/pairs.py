@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from loops.arrays import Flags, Floats, Integers
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
-from loops.laws import FrictionalLaw, HertzMindlin, LinearFrictional, Regime
+from loops.laws import FrictionalLaw, HertzMindlin, LinearFrictional, Regime, RollingResistance
 from loops.packing import PlaneContacts
 from stability.packing.state import PackingState
 
@@ -34,9 +34,12 @@ PAIR = np.dtype(
         ("mu", "f8"),  # slope of the strength with N, 0 where it is not finite
         ("cohesion", "f8"),  # the strength less `mu N`
         ("slides", "i8"),  # whether the strength is finite
+        ("push", "f8"),  # share of the normal force that acts on the grains: none of a spring's
     ]
 )
 
+# Contact laws of paths and equations of motion.
+MovableLaw = FrictionalLaw | RollingResistance
 # Smallest overlap, over the distance of the centres, that stiffnesses are estimated at.
 SMALL_OVERLAP = 1e-4
 # N over the overlap times Hertz's tangent; the law is his where most contacts are that close to it.
@@ -69,6 +72,13 @@ class OwnLaw(NamedTuple):
         return self.law.local_stiffness(state, np.full(len(state.length), regime, dtype=np.int8))
 
 
+class Rolling(NamedTuple):
+    """Springs against rolling (P,): stiffness, zero at walls, and `|M|/(R N)` at the limit."""
+
+    k_r: Floats
+    mu_r: Floats
+
+
 class Pairs(NamedTuple):
     """Pairs (P, 2) with the image of the second grain (P, 2), and `kn`, `kt`, `mu` (P,).
 
@@ -85,6 +95,7 @@ class Pairs(NamedTuple):
     hertz: bool = False
     by_displacement: bool = False
     own: OwnLaw | None = None
+    rolling: Rolling | None = None
 
     def __len__(self) -> int:
         return len(self.grains)
@@ -161,7 +172,31 @@ def strength(pairs: Pairs, state: PackingState) -> Floats:
     return most
 
 
-def require_movable(graph: GrainGraph, law: object) -> FrictionalLaw:
+def rolling_reach(pairs: Pairs, state: PackingState) -> Floats:
+    """(P,) largest `|M|/N` of rolling springs, infinite where there is none."""
+    assert pairs.rolling is not None
+    R = _effective_radii(state.radii[pairs.grains])
+    k_r, mu_r = pairs.rolling
+    finite = (k_r > 0) & np.isfinite(mu_r)
+    return np.where(finite, np.where(finite, mu_r, 0.0) * R, np.inf)
+
+
+def rolling_strength(pairs: Pairs, state: PackingState) -> Floats:
+    """(P,) rolling moment that pairs can carry."""
+    reach = rolling_reach(pairs, state)
+    finite = np.isfinite(reach)
+    return np.where(finite, np.where(finite, reach, 0.0) * state.normal_force, np.inf)
+
+
+def rolling_energy(pairs: Pairs, M: Floats) -> float:
+    """Energy of rolling springs with these moments."""
+    if pairs.rolling is None:
+        return 0.0
+    k_r = pairs.rolling.k_r
+    return float(np.sum(np.divide(M**2, 2.0 * k_r, out=0.0 * M, where=k_r > 0)))
+
+
+def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
     """The law of paths and equations of motion; refuse others, and graphs that carry nothing.
 
     The normal force is one of the overlap, and vanishes with the strength where the grains part.
@@ -171,9 +206,13 @@ def require_movable(graph: GrainGraph, law: object) -> FrictionalLaw:
         raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
     state, name = contact_state(graph), type(law).__name__
     closed = (graph.normal_force > 0) & (state.overlap > 0)
+    if isinstance(law, RollingResistance):
+        require_movable(graph, law.law)
+        if not isinstance(law.law, RollingResistance):
+            return law
     if not isinstance(law, FrictionalLaw):
-        expected = "a law derived from gl.FrictionalLaw, without a spring for rolling"
-        raise InputError("law", name, expected, "Leave rolling out, or study tangents.")
+        expected = "a law derived from gl.FrictionalLaw, and at most one spring for rolling"
+        raise InputError("law", name, expected, "Give another, or study tangents.")
     if type(law) is LinearFrictional:
         hertz = HERTZ * (law.kn * state.overlap)[closed]
         as_hertz = np.abs(graph.normal_force[closed] - hertz) < HERTZ_BAND * hertz
@@ -210,13 +249,19 @@ def require_movable(graph: GrainGraph, law: object) -> FrictionalLaw:
 
 
 def contact_pairs(
-    start: PackingState, law: FrictionalLaw, planes: PlaneContacts | None = None
+    start: PackingState, law: MovableLaw, planes: PlaneContacts | None = None
 ) -> Pairs:
     """The contacts of the start as pairs, those with walls last; `require_movable` gives the law.
 
     Under Hertz's law walls have the stiffness over the root of the overlap that their forces tell,
-    and the ratio of their `kt` to `kn`.
+    and the ratio of their `kt` to `kn`. Walls have no springs for rolling.
     """
+    if isinstance(law, RollingResistance):
+        free = contact_pairs(start, cast(FrictionalLaw, law.law), planes)
+        grains = int(np.count_nonzero(~start.at_wall))
+        numbers = [np.broadcast_to(k, grains).astype(float) for k in (law.k_r, law.mu_r)]
+        k_r, mu_r = (np.append(k, np.zeros(len(free) - grains)) for k in numbers)
+        return Pairs(*free[:8], Rolling(k_r, mu_r)) if k_r.any() else free
     count, hertz, own = int(np.count_nonzero(~start.at_wall)), type(law) is HertzMindlin, None
     radii = start.radii[start.contacts[:count]]
     kn = kt = np.zeros(count)
@@ -245,8 +290,12 @@ def contact_pairs(
     return Pairs(start.contacts, start.images, kn, kt, mu, hertz, by_displacement, own)
 
 
-def law_of(law: FrictionalLaw, pairs: Pairs, rows: Flags, state: PackingState) -> FrictionalLaw:
+def law_of(law: MovableLaw, pairs: Pairs, rows: Flags, state: PackingState) -> MovableLaw:
     """The law of the picked pairs between grains, of the same kind as the one given."""
+    if isinstance(law, RollingResistance):
+        inner = law_of(cast(FrictionalLaw, law.law), pairs, rows, state)
+        parts = (0.0, np.inf) if pairs.rolling is None else (k[rows] for k in pairs.rolling)
+        return RollingResistance(inner, *parts)
     if pairs.own:
         return pairs.own.law.take(np.flatnonzero(rows[pairs.own.rows]))
     kn, kt, mu = (k[rows] for k in pairs[2:5])
@@ -258,6 +307,8 @@ def law_of(law: FrictionalLaw, pairs: Pairs, rows: Flags, state: PackingState) -
 
 def frame_of(state: PackingState, pairs: Pairs, by_radii: bool, reach: float = 0.0) -> NDArray[Any]:
     """Records `PAIR` (P,) of the pairs at the geometry and forces of a state.
+
+    With springs for rolling (2 P,): theirs come after, with `T` the moment over the mean radius.
 
     Springs that are not linear have their tangents, and those with an overlap below `reach`, which
     may open, `N` over the overlap: so they open where the grains part. Open ones have those at it.
@@ -293,7 +344,19 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool, reach: float = 0
             frame["coupling"] = np.where(closed, T / (2.0 * np.where(closed, overlap, 1.0)), 0.0)
     if pairs.own:
         _add_own(frame, pairs, at, T, overlap > reach)
-    return frame
+    frame["push"] = 1.0
+    if pairs.rolling is None:
+        return frame
+    # A spring against rolling slides at a share of the N of its pair, and shears by the spins.
+    springs = frame.copy()
+    for name in ("t", "turning", "rotation", "growth", "coupling", "cohesion", "push"):
+        springs[name] = 0.0
+    springs["lever"] = springs["arm"] = 1.0, -1.0
+    springs["kt"] = pairs.rolling.k_r / unit**2
+    most = rolling_reach(pairs, state) / unit
+    springs["slides"] = np.isfinite(most)
+    springs["mu"] = np.where(springs["slides"], most, 0.0)
+    return np.concatenate([frame, springs])
 
 
 def _add_own(frame: NDArray[Any], pairs: Pairs, at: Floats, T: Floats, far: Flags) -> None:
@@ -354,8 +417,13 @@ def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:
         law = own.law.take(np.append(np.arange(len(stiff)), typical))
         rows = np.append(own.rows, added_rows)
         own = OwnLaw(law, rows, radii[every[rows]].T)
-    at = np.concatenate([pairs.images, images])
-    return Pairs(every, at, kn, kt, mu, pairs.hertz, pairs.by_displacement, own)
+    at, rolling = np.concatenate([pairs.images, images]), pairs.rolling
+    if rolling:
+        at_wall = grains[:, 1] >= count
+        medians = [np.median(k[pairs.grains[:, 1] < count]) for k in rolling]
+        more = [np.where(at_wall, 0.0, median) for median in medians]
+        rolling = Rolling(*map(np.append, rolling, more))
+    return Pairs(every, at, kn, kt, mu, pairs.hertz, pairs.by_displacement, own, rolling)
 
 
 def _effective_radii(radii: Floats) -> Floats:

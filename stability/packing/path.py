@@ -12,17 +12,23 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats, Integers
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
-from loops.laws.protocol import Regime
 from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import require_upright, snap_through, stored_energy
-from stability.packing.incremental_packing import AT_YIELD, IncrementalPacking
+from stability.packing.incremental_packing import (
+    AT_YIELD,
+    ELASTIC,
+    OPEN,
+    SLIDING,
+    IncrementalPacking,
+)
 from stability.packing.pairs import (
     Pairs,
     contact_pairs,
     normal_forces,
     overlaps,
     require_movable,
+    rolling_strength,
     strength,
     tangents,
     with_near,
@@ -71,9 +77,9 @@ class PackingPath(Shown):
     events : tuple of Event
         'yield', 'unloading', 'opening', 'closing', and 'instability': no regimes of the contact
         agree; `detail` has the mode, how it was passed and the energy that its grains released
-        until the interval ended. `index` is the row before. Events of a rejected interval are
-        dropped, except when the path is lost: then they lie beyond the last row. Contacts are
-        numbered as in the states: those of the graph first.
+        until the interval ended. Of a spring against rolling it is 'rolling'. `index` is the row
+        before. Events of a rejected interval are dropped, except when the path is lost: then they
+        lie beyond the last row. Contacts are numbered as in the states: those of the graph first.
     parameter, stage : (R,) array
         Loading parameter since the start, and stage.
     H, P : (R, 4) array
@@ -89,8 +95,8 @@ class PackingPath(Shown):
         work of unbalanced forces, at instabilities and by rattlers. The first is the change of
         `energy` and the other three, to rounding (Theory, equations (11.12) and (11.13)).
     energy : (R,) array
-        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt)`; of Hertz's, `2/5 N overlap`, of other laws
-        their `normal_energy`.
+        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt) + M^2/(2 k_r)`; of Hertz's, `2/5 N overlap`, of
+        other laws their `normal_energy`.
     imbalance : (R,) array
         Largest drift of a grain's resultant over the mean contact force.
     intervals : int
@@ -175,6 +181,7 @@ class PackingPathSolver:
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
         self.first_stress = float(np.linalg.norm(start.stress))
+        # Of the pairs, then of their springs against rolling.
         self.regime, self.side = np.zeros(0, dtype=np.int8), np.zeros(0)
         self._list_pairs()
         self._find_regimes()
@@ -196,11 +203,14 @@ class PackingPathSolver:
             images=self.pairs.images,
             normal_force=N,
             shear_force=T,
+            rolling_moment=np.append(state.rolling_moment, new),
         )
-        first = len(self.regime)
-        closed = np.where(N[first:] > 0, Regime.ELASTIC, Regime.OPEN)
-        self.regime = np.append(self.regime, closed).astype(np.int8)
-        self.side = np.append(self.side, np.zeros(len(N) - first))
+        springs = 2 if self.pairs.rolling else 1
+        regime, side = self.regime.reshape(springs, -1), self.side.reshape(springs, -1)
+        fresh = N[regime.shape[1] :]
+        closed = np.tile(np.where(fresh > 0, ELASTIC, OPEN), (springs, 1))
+        self.regime = np.hstack([regime, closed]).astype(np.int8).ravel()
+        self.side = np.hstack([side, np.zeros(closed.shape)]).ravel()
 
     def _listed_gap(self) -> float:
         return LISTED_GAP * 2.0 * self.state.mean_radius
@@ -208,9 +218,13 @@ class PackingPathSolver:
     def _find_regimes(self) -> None:
         """Mark closed contacts on the friction limit as sliding, on the side of their force."""
         N, T = self.state.normal_force, self.state.shear_force
-        slides = np.abs(T) >= AT_YIELD * strength(self.pairs, self.state)
-        closed = np.where(slides, Regime.SLIDING, Regime.ELASTIC)
-        self.regime = np.where(N > 0, closed, Regime.OPEN).astype(np.int8)
+        most = strength(self.pairs, self.state)
+        if self.pairs.rolling:
+            N, T = np.tile(N, 2), np.append(T, self.state.rolling_moment)
+            most = np.append(most, rolling_strength(self.pairs, self.state))
+        slides = np.abs(T) >= AT_YIELD * most
+        closed = np.where(slides, SLIDING, ELASTIC)
+        self.regime = np.where(N > 0, closed, OPEN).astype(np.int8)
         self.side = np.sign(T)
 
     def _start_stage(self, number: int) -> None:
@@ -471,4 +485,8 @@ def _with_forces_of_geometry(state: PackingState, pairs: Pairs) -> PackingState:
     state = replace(state, normal_force=normal_forces(pairs, overlaps(state, pairs)))
     most = strength(pairs, state)
     T = np.clip(np.where(state.closed, state.shear_force, 0.0), -most, most)
-    return replace(state, shear_force=T)
+    if pairs.rolling is None:
+        return replace(state, shear_force=T, rolling_moment=np.zeros(len(pairs)))
+    most = rolling_strength(pairs, state)
+    M = np.clip(np.where(state.closed, state.rolling_moment, 0.0), -most, most)
+    return replace(state, shear_force=T, rolling_moment=M)

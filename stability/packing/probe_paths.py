@@ -135,7 +135,7 @@ def _of_finished(done: Flags, rows: list[Floats]) -> Floats:
 
 def _sliding(state: PackingState, pairs: Pairs) -> int:
     """Number of contacts of the start that are at yield."""
-    rows = ("contacts", "images", "normal_force", "shear_force")
+    rows = ("contacts", "images", "normal_force", "shear_force", "rolling_moment")
     first = replace(state, **{name: getattr(state, name)[: len(pairs)] for name in rows})
     slides = np.abs(first.shear_force) >= AT_YIELD * strength(pairs, first)
     return int(np.count_nonzero(first.closed & slides))

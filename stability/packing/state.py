@@ -40,6 +40,8 @@ class PackingState(Shown):
         might.
     normal_force, shear_force : (C,) array
         `N` and `T`; zero where open.
+    rolling_moment : (C,) array
+        Moment of the rolling spring on the second grain; zero where there is none.
     walls : (W, 2) array
         Unit normals of the walls into the sample, which keep their directions.
     cell0 : (2, 2) array
@@ -54,6 +56,7 @@ class PackingState(Shown):
     images: Integers
     normal_force: Floats
     shear_force: Floats
+    rolling_moment: Floats
     walls: Floats
     cell0: Floats
 
@@ -125,6 +128,9 @@ class PackingState(Shown):
         np.add.at(out[:, :2], i, -self.forces)
         np.add.at(out[:, 2], i, -arm_i * self.shear_force)
         np.add.at(out[:, 2], j, -(length - arm_i) * self.shear_force)
+        if self.rolling_moment.any():
+            np.add.at(out[:, 2], i, -self.rolling_moment)
+            np.add.at(out[:, 2], j, self.rolling_moment)
         out[self.count :] = 0.0
         return out
 
@@ -151,6 +157,7 @@ class PackingState(Shown):
             cell=self.cell if periodic else None,
             normal_force=self.normal_force[c],
             shear_force=self.shear_force[c],
+            rolling_moment=self.rolling_moment[c] if self.rolling_moment.any() else None,
         )
 
 
@@ -166,7 +173,9 @@ def start_state(
     The cell is the box of four walls along the axes, or any of a given `volume`.
     """
     x, radii, angle = graph.x, graph.radii, np.zeros(graph.grain_count)
-    N, T = graph.normal_force, graph.shear_force
+    N, T, M = graph.normal_force, graph.shear_force, np.zeros(graph.contact_count)
+    if graph.rolling_moment is not None:
+        M = graph.rolling_moment
     if graph.cell is not None:
         assert graph.images is not None
         cell, normals = graph.cell, np.zeros((0, 2))
@@ -193,6 +202,7 @@ def start_state(
             np.append(old, np.sum(force * way, axis=1))
             for old, way in zip((N, T), frame, strict=True)
         )
+        M = np.append(M, 0.0 * distance)
     return PackingState(
         radii=radii,
         x=x,
@@ -202,6 +212,7 @@ def start_state(
         images=images,
         normal_force=N,
         shear_force=T,
+        rolling_moment=M,
         walls=normals,
         cell0=cell,
     )

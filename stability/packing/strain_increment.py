@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from stability.packing.pairs import (
     normal_energy,
     normal_forces,
     overlaps,
+    rolling_strength,
     strength,
     tangents,
     touching_distances,
@@ -131,13 +133,16 @@ class StrainIncrement:
         self.touching = touching_distances(state, pairs)
         # The kernels change these in place.
         self.N, self.T = state.normal_force.copy(), state.shear_force.copy()
+        if pairs.rolling:
+            moment = state.rolling_moment / packing.length
+            self.N, self.T = np.tile(self.N, 2), np.append(self.T, moment)
         self.gap = np.maximum(np.linalg.norm(state.branches, axis=1) - self.touching, 0.0)
-        self.rates = np.empty((len(pairs), 4))
+        self.rates = np.empty((len(self.N), 4))
         self.time = 0.0
         self.u, self.strain = np.zeros(3 * packing.count), np.zeros(4)
         # As in `PackingPath.work`; the last is that of held contacts, of grains it is `released`.
         self.work, self.released = np.zeros(4), np.zeros(packing.count)
-        self.held = np.zeros(len(pairs), dtype=bool)
+        self.held = np.zeros(len(self.N), dtype=bool)
         self.event_count: Counter[int] = Counter()
         self.events: list[Found] = []
 
@@ -193,7 +198,8 @@ class StrainIncrement:
             # Of such forces the energies at both ends are exact, whatever the rule in between.
             overlap = np.empty((4, len(self.pairs)))
             grains = self.touching, self.state.walls, self.state.count
-            overlaps_on_the_way(packing.frame, *grains, self.strain, self.u, h, v, step, overlap)
+            frame = packing.frame[: len(self.pairs)]
+            overlaps_on_the_way(frame, *grains, self.strain, self.u, h, v, step, overlap)
             normal = normal_forces(self.pairs, overlap[1:3])
             before, after = (normal_energy(self.pairs, overlap[k]) for k in (0, 3))
             self.work[0] += float(np.sum(after - before)) if step > 0 else 0.0
@@ -218,14 +224,14 @@ class StrainIncrement:
             self._pivot(c, rates)
         else:
             self._end_forces(c, SLIP)
-            self._close(c) if kind == "closing" else self.packing.set_regime(c, OPEN)
+            self._close(c) if kind == "closing" else self._open(c)
             self._tell(kind, c)
 
     def _damp_rattling_contact(self, c: int, kind: EventKind) -> None:
         """Hold a grain of fewer than three contacts by a ground spring; else hold the contact."""
         packing = self.packing
         pair = packing.frame["grains"][c]
-        closed = packing.regime != OPEN
+        closed = np.flatnonzero(packing.regime[: packing.pair_count] != OPEN)
         degree = np.bincount(packing.frame["grains"][closed].ravel(), minlength=packing.count)[pair]
         loose = pair[degree == degree.min()]
         spring = 10.0 * max(float(packing.ground_spring[loose].max()), GROUND_SPRINGS[0])
@@ -236,17 +242,31 @@ class StrainIncrement:
         packing.add_ground_springs(loose, spring)
         self._tell("instability", c, "a loose grain rattles; dragged", loose)
 
+    def _springs(self, c: int) -> list[int]:
+        """The pair, and its spring against rolling."""
+        return list(range(c, len(self.N), len(self.pairs)))
+
+    def _open(self, c: int) -> None:
+        for row in self._springs(c):
+            self.packing.set_regime(row, OPEN)
+
     def _close(self, c: int) -> None:
         """Make a contact stick or slide to either side, whichever agrees with its closing."""
-        packing, pair = self.packing, self.packing.frame[c]
-        for side in (0.0, 1.0, -1.0):
-            packing.set_regime(c, SLIDING if side else ELASTIC, side)
-            un, ut = packing.relative(packing.solve(*self.control), c)
-            shear, strength = pair["kt"] * ut, -pair["mu"] * pair["kn"] * un
-            agrees = -side * shear >= strength if side else abs(shear) <= strength
-            if un < 0 and (agrees or not pair["slides"]):
+        packing, rows = self.packing, self._springs(c)
+        for sides in product((0.0, 1.0, -1.0), repeat=len(rows)):
+            for row, side in zip(rows, sides, strict=True):
+                packing.set_regime(row, SLIDING if side else ELASTIC, side)
+            rates, agree = packing.solve(*self.control), True
+            for row, side in zip(rows, sides, strict=True):
+                pair = packing.frame[row]
+                un, ut = packing.relative(rates, row)
+                shear, strength = pair["kt"] * ut, -pair["mu"] * pair["kn"] * un
+                agrees = -side * shear >= strength if side else abs(shear) <= strength
+                agree = agree and un < 0 and bool(agrees or not pair["slides"])
+            if agree:
                 return
-        packing.set_regime(c, ELASTIC)
+        for row in rows:
+            packing.set_regime(row, ELASTIC)
 
     def _pivot(self, c: int, rates: Combination) -> None:
         """Find the regime of a contact at yield; hold the grains of a mode that nothing stops."""
@@ -308,27 +328,31 @@ class StrainIncrement:
         grains = packing.frame["grains"][c]
         self._require_viscous(c, why, grains)
         if kind in ("opening", "closing"):
-            packing.set_regime(c, OPEN)
+            self._open(c)
             self._end_forces(c, RELEASED)
         elif packing.regime[c] == SLIDING:
             packing.flip(c)
-        self.held[c] = True
+        self.held[self._springs(c)] = True
         self._tell("instability", c, f"{why}; held", grains)
 
     def _require_viscous(self, c: int, why: str, grains: Integers) -> None:
         if not self.viscous:
-            raise InstabilityError(c, why, grains)
+            raise InstabilityError(c % len(self.pairs), why, grains)
 
     def _tell(
         self, kind: EventKind, c: int, detail: str = "", grains: Integers | None = None
     ) -> None:
-        self.events.append(Found(kind, self.time, c, detail, grains))
+        spring, contact = divmod(c, len(self.pairs))
+        if spring and kind in ("yield", "unloading"):
+            detail = "rolling"
+        self.events.append(Found(kind, self.time, contact, detail, grains))
 
     def _end_forces(self, c: int, spent: int) -> None:
         """Set the forces of a contact to zero; the energy of its shear spring becomes work."""
-        kt = float(self.packing.frame["kt"][c])
-        self.work[spent] += self.T[c] ** 2 / (2 * kt) if kt > 0 else 0.0
-        self.N[c] = self.T[c] = 0.0
+        for row in self._springs(c):
+            kt = float(self.packing.frame["kt"][row])
+            self.work[spent] += self.T[row] ** 2 / (2 * kt) if kt > 0 else 0.0
+            self.N[row] = self.T[row] = 0.0
 
     def end(self) -> End:
         """The packing after the increment: exact normal forces, shear forces within the cone."""
@@ -343,9 +367,15 @@ class StrainIncrement:
         )
         overlap = overlaps(moved, pairs)
         N = normal_forces(pairs, overlap)
+        moved = replace(moved, normal_force=N)
+        most, count = strength(pairs, moved), len(pairs)
+        if pairs.rolling:
+            N, most = (
+                np.tile(N, 2),
+                np.append(most, rolling_strength(pairs, moved) / packing.length),
+            )
         closed = np.where(packing.regime == OPEN, ELASTIC, packing.regime)
         regime, side = np.where(N > 0, closed, OPEN).astype(np.int8), packing.side.copy()
-        most = strength(pairs, replace(moved, normal_force=N))
         # Sliding contacts have all of their strength, others at most that.
         T = np.where(regime == SLIDING, side * np.where(np.isfinite(most), most, 0.0), self.T)
         T = np.clip(np.where(N > 0, T, 0.0), -most, most)
@@ -356,7 +386,7 @@ class StrainIncrement:
         if not pairs.linear:
             # Under the same force a stiffer spring stores less.
             now = tangents(pairs, overlap)[1]
-            springs = (kt > 0) & (now > 0)
+            springs = np.flatnonzero((kt[:count] > 0) & (now > 0))
             softer = 1 / kt[springs] - 1 / now[springs]
             work[INCREMENT] += 0.5 * float(np.sum(T[springs] ** 2 * softer))
         work[SLIP] += relaxed[~self.held].sum()
@@ -365,7 +395,10 @@ class StrainIncrement:
         at_limit = self.held & (np.abs(T) >= (1 - 1e-6) * most) & (N > 0) & (most > 0)
         side[at_limit] = np.sign(T[at_limit])
         regime[at_limit] = SLIDING
-        return End(replace(moved, normal_force=N, shear_force=T), regime, side, work)
+        end = replace(moved, shear_force=T[:count])
+        if pairs.rolling:
+            end = replace(end, rolling_moment=T[count:] * packing.length)
+        return End(end, regime, side, work)
 
 
 def pivot(

@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, overload
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from loops import ContactLaw, GrainGraph, InputError, contact_state
+from loops import ContactLaw, GrainGraph, InputError, RollingResistance, contact_state
 from loops.closures import Closure, Spins
 from loops.errors import check_choice, number, whole_number
 from loops.laws.protocol import require_law
@@ -208,6 +209,9 @@ def follow(
         return follow_packing(graph, law, stages, rows=rows, max_steps=max_steps, **given)
     checked = _options(LoopPathOptions, options, closure)
     require_law(law)
+    if isinstance(law, RollingResistance) and np.isfinite(law.mu_r).any():
+        expected = "springs for rolling without a limit, mu_r=inf, in paths of loops"
+        raise InputError("law", "a finite mu_r", expected, "Follow the packing, or leave it out.")
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, closure, checked.spins, checked.volume)
     model, y, least = first_state(model, contacts)

@@ -44,7 +44,11 @@ LAWS = {
         HertzMindlin(5.0, 0.2, 0.5, shear_history="displacement"),
     ],
     "own": [Power(2.0, 0.2, 0.5, 1.2)],
-    "rolling": [RollingResistance(LinearFrictional(1.0, 0.5, 0.5), 0.02)],
+    "rolling": [
+        RollingResistance(LinearFrictional(1.0, 0.5, 0.5), 0.02),
+        RollingResistance(HertzMindlin(5.0, 0.2, 0.5), 0.02, 0.1),
+        RollingResistance(Power(2.0, 0.2, 0.5, 1.2), 0.02, 0.1),
+    ],
 }
 
 
@@ -55,6 +59,8 @@ def fitted(law, graph):
     if isinstance(law, HertzMindlin):
         how = law.mu, law.shear_increment, law.shear_history
         return HertzMindlin(law.young * share, law.poisson, *how)
+    if isinstance(law, RollingResistance):
+        return RollingResistance(fitted(law.law, graph), law.k_r, law.mu_r)
     return Power(law.k * share, law.kt, law.mu, law.m) if isinstance(law, Power) else law
 
 

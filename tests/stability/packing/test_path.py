@@ -518,7 +518,10 @@ def test_the_load_of_the_start_decreases(kept):
     ("change", "message"),
     [
         ({"load_kept": 1.1}, "load_kept"),
-        ({"law": RollingResistance(LAW, 0.02)}, "without a spring for rolling"),
+        (
+            {"law": RollingResistance(RollingResistance(LAW, 0.02), 0.02)},
+            "at most one spring for rolling",
+        ),
         ({"stages": []}, "stages"),
         ({"rows": -1}, "rows"),
         ({"interval": 0.0}, "interval"),

@@ -232,7 +232,10 @@ def test_pairs_are_those_of_brute_force(gap):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"law": RollingResistance(LAW, 0.1)}, "without a spring for rolling"),
+        (
+            {"law": RollingResistance(RollingResistance(LAW, 0.1), 0.1)},
+            "at most one spring for rolling",
+        ),
         ({"strain": [[1.5, 0], [0, 0]]}, "strain"),
         ({"mass": [1.0]}, "mass"),
         ({"damping": -1}, "damping"),

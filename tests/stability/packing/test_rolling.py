@@ -1,0 +1,281 @@
+"""Springs against rolling in replays, paths and held packings: closed forms, lattices, halving."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from loops import (
+    FrictionalLaw,
+    GrainGraph,
+    InputError,
+    LinearFrictional,
+    RollingResistance,
+    branch_vectors,
+    contact_state,
+)
+from stability import Stage, follow, programmes
+from stability.packing import hold, replay
+from stability.packing.state import start_state
+from tests.packings import LAW, jammed, strained
+from tests.stability.packing.test_hertz_paths import ROUGH, hertz_of
+from tests.stability.packing.test_one_engine import INTERVALS, KAGOME, STRAIN, followed
+from tests.stability.packing.walled_packings import jammed_in_box
+
+KR, N, RADII = 0.03, 0.02, (0.5, 0.4)
+H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
+PACKINGS = {"12": (12, 1), "16": (16, 2), "24": (24, 3), "36": (36, 5)}
+SPRINGS = [(0.02, np.inf), (0.02, 0.05), (0.1, 0.01)]
+
+
+def pair(w):
+    """Two heavy discs pressed together, of small moments of inertia, in counter-rotation."""
+    distance = sum(RADII) - N
+    graph = GrainGraph(
+        x=[[1, 2], [1 + distance, 2]], radii=RADII, contacts=[[0, 1]], normal_force=[N],
+        images=[[0, 0]], cell=4 * np.eye(2),
+    )  # fmt: skip
+    return graph, {"mass": [1e12] * 2, "inertia": [0.1] * 2, "spin": [-w, w], "damping": 0.0}
+
+
+def test_two_grains_swing_against_their_spring_in_closed_form():
+    """`M = -k_r theta`, `theta = 2 w/W sin W t`, `W^2 = 2 k_r/I`; the energy stays."""
+    w, W = 1e-3, np.sqrt(2 * KR / 0.1)
+    graph, start = pair(w)
+    law = RollingResistance(LinearFrictional(1.0, 0.0, 0.0), KR)
+    for turn in (0.3, 0.5, 1.4):
+        time = turn * np.pi / W
+        end = replay(graph, law, np.zeros((2, 2)), duration=time, time_step=time / 4000, **start)
+        (M,), theta = end.state.rolling_moment, np.diff(end.state.angle)[0]
+        assert M == pytest.approx(-KR * theta, rel=1e-12)
+        assert M == pytest.approx(-KR * 2 * w / W * np.sin(turn * np.pi), rel=2e-3, abs=1e-8)
+        # Spins are half a step behind.
+        spin = end.spin + 0.5 * end.time_step * np.array([-M, M]) / 0.1
+        energy = 0.5 * KR * theta**2 + 0.05 * np.sum(spin**2)
+        assert energy == pytest.approx(0.1 * w**2, rel=1e-6)
+
+
+def test_two_grains_roll_at_the_limit_in_closed_form():
+    """Beyond `mu_r R N` the moment stays; what was turned beyond takes its work."""
+    mu_r, w = 0.02, 0.02
+    most = mu_r * 0.5 * 0.4 / 0.9 * N
+    graph, start = pair(w)
+    law = RollingResistance(LinearFrictional(1.0, 0.0, 0.0), KR, mu_r)
+    end = replay(graph, law, np.zeros((2, 2)), duration=1.0, time_step=1e-4, **start)
+    (M,), theta = end.state.rolling_moment, np.diff(end.state.angle)[0]
+    assert theta > 5 * most / KR
+    assert M == pytest.approx(-most, rel=1e-12)
+    spin = end.spin + 0.5 * end.time_step * np.array([-M, M]) / 0.1
+    lost = most**2 / (2 * KR) + most * (theta - most / KR)
+    assert 0.1 * w**2 - 0.05 * np.sum(spin**2) == pytest.approx(lost, rel=1e-3)
+
+
+def test_a_moment_ends_where_grains_part():
+    graph, start = pair(0.02)
+    law = RollingResistance(LinearFrictional(1.0, 0.0, 0.0), KR)
+    apart = np.diag([-2 * N, 0.0])
+    part = replay(graph, law, 0.1 * apart, duration=1.0, **start).state
+    end = replay(graph, law, apart, duration=1.0, **start).state
+    assert part.rolling_moment[0] < 0 == end.normal_force[0] == end.rolling_moment[0]
+
+
+@pytest.mark.parametrize(
+    ("increment", "k_r"),
+    [("branch", 0.5), pytest.param("radii", 0.05, marks=pytest.mark.slow)],
+)
+def test_a_lattice_has_the_path_of_the_loops_engine(increment, k_r):
+    """Centres go with the cell, three unlike spins; the stiff springs make contacts slide."""
+    law = RollingResistance(LinearFrictional(1.0, 0.5, 0.2, increment), k_r)
+    whole = follow(KAGOME, law, strained(STRAIN), closure="affine", spins="free")
+    slid = {c for event in whole.of_kind("yield") for c in event.contacts}
+    error = []
+    for interval in INTERVALS:
+        path = followed(KAGOME, law, strained(STRAIN), interval=interval)
+        assert path.status == "finished" and {e.contacts[0] for e in path.events} == slid
+        error.append(np.abs(path.P[-1] - whole.P[-1]).max() / np.abs(whole.P[-1]).max())
+    assert error[0] < 3e-6 and np.divide(error[:-1], error[1:]).min() > 1.95
+    free = followed(KAGOME, law.law, strained(STRAIN), interval=1e-4)
+    assert np.abs(free.P[-1] - whole.P[-1]).max() > 0.01 * np.abs(whole.P[-1]).max()
+
+
+def kagome_moments(law, steps):
+    """`T` and `M` of the lattice by implicit steps of its three spins; centres are affine."""
+    i, j = KAGOME.contacts.T
+    at_i, at_j = np.eye(3)[i], np.eye(3)[j]
+    d0 = branch_vectors(KAGOME)
+    T, M = np.zeros(6), np.zeros(6)
+    paths = [d0 @ (np.eye(2) - share * STRAIN).T for share in np.linspace(0, 1, steps + 1)]
+    for before, after in pairwise(paths):
+        length, now = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
+        turn = (before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) / (length * now)
+        mean, most = 0.5 * (length + now), float(law.mu_r) * 0.25 * (1.0 - now)
+        w = np.zeros(3)
+        # Newton's method, exact once it knows which springs yield.
+        for _ in range(20):
+            shear = T - 0.5 * mean * (turn - 0.5 * (w[i] + w[j]))
+            tried = M - float(law.k_r) * (w[j] - w[i])
+            rolling, elastic = np.clip(tried, -most, most), np.abs(tried) <= most
+            left = -(at_i + at_j).T @ (0.5 * now * shear) + (at_j - at_i).T @ rolling
+            if np.abs(left).max() < 1e-17:
+                break
+            K = -(at_i + at_j).T @ ((0.125 * now * mean * 2)[:, None] * (at_i + at_j))
+            K -= float(law.k_r) * (at_j - at_i)[elastic].T @ (at_j - at_i)[elastic]
+            w = w - np.linalg.solve(K, left)
+        T, M = shear, rolling
+    return T, M
+
+
+@pytest.mark.parametrize("mu_r", [0.1, 0.05, 0.02])
+def test_springs_of_a_lattice_yield_as_in_small_implicit_steps(mu_r):
+    law = RollingResistance(LinearFrictional(1.0, 0.5, np.inf), 0.05, mu_r)
+    path = followed(KAGOME, law, strained(STRAIN), interval=5e-5)
+    assert path.status == "finished"
+    assert {(event.kind, event.detail) for event in path.events} == {("yield", "rolling")}
+    T, M = kagome_moments(law, 400)
+    end = path.states[-1]
+    np.testing.assert_allclose(end.shear_force[:6], T, rtol=0, atol=3e-5 * np.abs(T).max())
+    np.testing.assert_allclose(end.rolling_moment[:6], M, rtol=0, atol=3e-5 * np.abs(M).max())
+    most = mu_r * 0.25 * end.normal_force[:6]
+    slid = sorted({c for event in path.events for c in event.contacts})
+    np.testing.assert_allclose(np.abs(end.rolling_moment[slid]), most[slid], rtol=1e-12)
+
+
+class Power(FrictionalLaw):
+    """A law of one's own."""
+
+    def __init__(self, k, kt, mu):
+        self.k, self.kt, self.mu = k, kt, mu
+
+    def closed_force(self, state):
+        return self.k * state.overlap**1.2
+
+    def stiffnesses(self, state):
+        return 1.2 * self.k * state.overlap**0.2, self.kt
+
+
+def power_of(graph):
+    """A stiffness for each contact with which the packing keeps its normal forces."""
+    unit = contact_state(graph).overlap ** 1.2
+    return Power(np.where(graph.normal_force > 0, graph.normal_force / unit, 2.0), 0.2, 0.5)
+
+
+def walk(name, inner, spring, interval):
+    """Path of a jammed packing, its start, and the strain."""
+    walls = {}
+    if name == "box":
+        graph, planes, force = jammed_in_box(*ROUGH)
+        walls = {"planes": planes, "plane_force": force}
+    else:
+        graph = jammed(*PACKINGS[name])
+    strain = np.diag([2e-3, -1e-3]) if walls else H
+    inner = {"linear": lambda g: LAW, "hertz": hertz_of, "own": power_of}[inner](graph)
+    law = RollingResistance(inner, *spring)
+    path = follow(graph, law, strained(strain), closure="packing", interval=interval, **walls)
+    return path, (graph, law, strain, walls)
+
+
+def carried(state, count):
+    """Forces and moments of the first contacts."""
+    return np.column_stack([state.forces, state.rolling_moment])[:count]
+
+
+CASES = [
+    pytest.param(
+        name, inner, spring,
+        marks=[pytest.mark.slow] * ((name, inner, spring[1]) not in (("12", "linear", 0.05),)),
+    )
+    for name, inner, spring in (
+        *((name, "linear", spring) for name in PACKINGS for spring in SPRINGS),
+        *((name, inner, (0.02, 0.05)) for name in ("12", "24") for inner in ("hertz", "own")),
+        *(("box", inner, (0.02, 0.05)) for inner in ("linear", "hertz")),
+    )
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "inner", "spring"), CASES)
+def test_paths_halve_their_error_close_their_energy_and_are_slow_replays(name, inner, spring):
+    walks = [walk(name, inner, spring, size) for size in (4e-5, 2e-5, 1e-5)]
+    paths, (graph, law, strain, walls) = [path for path, _ in walks], walks[0][1]
+    assert {path.status for path in paths} == {"finished"}
+    count = len(graph.contacts)
+    ends = [carried(path.states[-1], count) for path in paths]
+    size = np.linalg.norm(ends[-1])
+    coarse, fine = (np.linalg.norm(a - b) / size for a, b in pairwise(ends))
+    assert coarse / fine > 1.9 and fine < 3e-5
+    for path in paths:
+        work, *spent = path.work[-1]
+        assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
+    end = paths[-1].states[-1]
+    assert np.abs(end.rolling_moment).max() > 0
+    assert not end.rolling_moment[~end.closed].any() and not end.rolling_moment[end.at_wall].any()
+    if np.isfinite(law.mu_r).all():
+        radii = end.radii[end.contacts]
+        most = float(law.mu_r) * end.normal_force * radii.prod(axis=1) / radii.sum(axis=1)
+        inside = ~end.at_wall
+        assert np.all(np.abs(end.rolling_moment[inside]) <= (1 + 1e-12) * most[inside])
+        assert any(event.detail == "rolling" for event in paths[-1].events)
+    if inner != "own":
+        how = {"viscous": 0.02, **walls}
+        states = [replay(graph, law, strain, duration=t, **how).state for t in (3e3, 3e4)]
+        fast, slow = (np.linalg.norm(carried(s, count) - ends[-1]) / size for s in states)
+        assert slow < fast and slow < 2e-5
+
+
+def test_springs_without_stiffness_change_nothing():
+    """To the last bit: in a path, a replay and a packing that is held."""
+    graph, found = jammed(16, 2), []
+    for law in (LAW, RollingResistance(LAW, 0.0, 0.1)):
+        path = follow(graph, law, strained(H), closure="packing", interval=4e-5)
+        assert len(path.events) > 1
+        states = [path.states[-1], replay(graph, law, H, duration=1e3).state]
+        numbers = [path.work, path.P, *(part for s in states for part in (s.x, s.shear_force))]
+        still = hold(graph, law).graph
+        found.append(np.concatenate([a.ravel() for a in (*numbers, still.x, still.shear_force)]))
+    np.testing.assert_array_equal(*found)
+
+
+@pytest.mark.parametrize(("k_r", "mu_r"), [(0.05, np.inf), (0.05, 0.02), (2.0, 0.1)])
+def test_a_held_packing_keeps_its_moments(k_r, mu_r):
+    """Its resultants vanish with them, and it stays at rest; steps suit stiff springs."""
+    moved = replay(jammed(24, 3), LAW, H, duration=30.0).state.graph()
+    held = hold(moved, RollingResistance(LAW, k_r, mu_r), unbalanced=1e-7)
+    assert held.status == "at rest"
+    graph, state = held.graph, start_state(held.graph)
+    assert np.abs(graph.rolling_moment).max() > 1e-3 * graph.normal_force.mean()
+    assert np.abs(state.resultants).max() < 1e-5 * state.mean_force
+    again = hold(graph, held.law, unbalanced=1e-7)
+    np.testing.assert_allclose(
+        again.graph.rolling_moment, graph.rolling_moment, rtol=0, atol=1e-5 * state.mean_force
+    )
+    without = start_state(graph.replace(rolling_moment=None)).resultants
+    assert np.abs(without).max() > 1e-3 * state.mean_force
+    path = follow(graph, held.law, strained(0.1 * H), closure="packing")
+    np.testing.assert_array_equal(
+        path.states[0].rolling_moment[: len(graph.contacts)], graph.rolling_moment
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("past", ["viscous", "dynamic"])
+def test_energy_closes_through_instabilities(past):
+    law = RollingResistance(LAW, 0.02, 0.02)
+    stage = Stage(programmes.drained_biaxial(), "H11", 0.02)
+    path = follow(jammed(24, 3), law, stage, closure="packing", past=past, interval=1e-4)
+    assert path.of_kind("instability")
+    work, *spent = path.work[-1]
+    assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
+
+
+def test_bad_input():
+    with pytest.raises(InputError, match="mu_r of the contact law"):
+        RollingResistance(LAW, 0.1, -0.1)
+    with pytest.raises(InputError, match="a finite mu_r"):
+        follow(KAGOME, RollingResistance(LAW, 0.1, 0.1), strained(STRAIN))
+    with pytest.raises(InputError, match="rolling_moment"):
+        KAGOME.replace(rolling_moment=[0.0])
+    law = RollingResistance(LAW, [0.1, 0.2], [0.3, 0.4]).take(np.array([1]))
+    assert (law.k_r.tolist(), law.mu_r.tolist(), law.shear_increment) == ([0.2], [0.4], "radii")
+    graph = KAGOME.replace(rolling_moment=np.ones(6))
+    names = ("contacts", "images", "normal_force", "shear_force")
+    fewer = graph.replace(**{name: getattr(graph, name)[:5] for name in names})
+    assert fewer.rolling_moment is None and graph.replace(x=graph.x).rolling_moment is not None
