@@ -220,7 +220,7 @@ def test_bad_input():
     with pytest.raises(InputError, match="most_snaps"):
         sustain(SQUARE, LAW, 4, most_snaps=-1)
     with pytest.raises(InputError, match="law"):
-        sustain(SQUARE, RollingResistance(LAW, 0.1), 4)
+        sustain(SQUARE, RollingResistance(RollingResistance(LAW, 0.1), 0.1), 4)
 
 
 @pytest.mark.slow
