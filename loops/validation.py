@@ -109,9 +109,10 @@ def _check_contacts(graph: Any) -> None:
         c = _first(np.asarray(((contacts < 0) | (contacts >= grains)).any(axis=1)))[0]
         received, expected = f"grains {contacts[c].tolist()}", f"grains 0 to {grains - 1}"
         raise InputError(f"contact {c}", received, expected, "Add the grain or drop the contact.")
-    for name in ("normal_force", "shear_force"):
+    for name in ("normal_force", "shear_force", "rolling_moment"):
         value = getattr(graph, name)
-        _finite(name.replace("_", " "), "contact", np.isfinite(value), value)
+        if value is not None:
+            _finite(name.replace("_", " "), "contact", np.isfinite(value), value)
     own = contacts[:, 0] == contacts[:, 1]
     if graph.images is not None:
         own &= ~graph.images.any(axis=1)

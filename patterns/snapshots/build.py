@@ -91,6 +91,8 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         forces = normal, shear
         law, regime = _law(table, rows, radii, forces, parameters, frame.shear_increment, notes)
     graph = _graph(table, rows, bodies, (pairs, normal, shear, branches.images, cell, regime))
+    if table.has("mz_on_2"):
+        graph = graph.replace(rolling_moment=some(table.column("mz_on_2"), rows))
     if branches.images is not None and not branches.images.any():
         notes.append("no contact crosses the border of the periodic cell")
     geometry = (graph, branches.d, branches.length)

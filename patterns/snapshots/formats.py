@@ -96,7 +96,8 @@ def read_snapshot(
     normal `nx, ny`, from grain 1 to grain 2; the forces: `fn` (compression positive) and the shear
     force on grain 2, `fsx, fsy` or `ft` along the normal turned by 90 degrees counter-clockwise, or
     the total force `fx_on_2, fy_on_2` on grain 2; `kn`, `ks` (force per length); `mu`; `sliding` (0
-    or 1); `cell_dx, cell_dy`, the image of grain 2. Other formats are translated into these tables.
+    or 1); `mz_on_2`, the moment of a rolling spring on grain 2; `cell_dx, cell_dy`, the image of
+    grain 2. Other formats are translated into these tables.
 
     Parameters
     ----------

@@ -26,6 +26,7 @@ GRAIN_COLUMNS = (
 CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
     *("fn", "ft", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
+    "mz_on_2",
 )
 Notes = tuple[str, ...]  # guesses, and data that a file lacks
 PLAIN_NAMES = GRAIN_COLUMNS + CONTACT_COLUMNS
@@ -48,6 +49,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "ks": ("k_s", "kt", "k_t"),
     "mu": ("friction", "mu_g"),
     "sliding": ("is_sliding", "slides"),
+    "mz_on_2": ("rolling_moment", "moment_on_2"),
 }
 
 

@@ -222,6 +222,8 @@ class Snapshot(Shown):
             contacts["fx_on_2"], contacts["fy_on_2"] = contact_forces(graph).T
         elif graph.normal_force.any():
             contacts["fn"] = graph.normal_force
+        if graph.rolling_moment is not None:
+            contacts["mz_on_2"] = graph.rolling_moment
         if self.law is not None and not isinstance(self.law, LinearFrictional | HertzMindlin):
             expected = "LinearFrictional or HertzMindlin, which columns can hold"
             received, remedy = type(self.law).__name__, "Keep the law beside the tables."
@@ -403,6 +405,7 @@ def _without(snapshot: Snapshot, dropped: Integers, crossings: int) -> Snapshot:
             normal_force=graph.normal_force[kept],
             shear_force=graph.shear_force[kept],
             images=None if graph.images is None else graph.images[kept],
+            rolling_moment=None if graph.rolling_moment is None else graph.rolling_moment[kept],
             regime=None if regime is None else regime[kept],
         ),
         law=None if law is None else law.take(kept),

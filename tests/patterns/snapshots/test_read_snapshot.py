@@ -82,6 +82,19 @@ def test_total_force_on_grain_two_serves_as_well(tmp_path):
     np.testing.assert_allclose(graph.shear_force, [0.2, 0.3, 0.4, -0.5], rtol=1e-15)
 
 
+def test_rolling_moments_are_kept_and_written(tmp_path):
+    moment = [0.1, -0.2, 0.3, 0.4, 9.0]
+    snapshot = read_snapshot(write(tmp_path, contacts=changed(CONTACTS, mz_on_2=moment)))
+    assert snapshot.graph.rolling_moment.tolist() == moment[:4]
+    tables = snapshot.tables()
+    assert tables["contacts"]["mz_on_2"].tolist() == moment[:4]
+    renamed = changed(CONTACTS, rolling_moment=moment)
+    assert read_snapshot(write(tmp_path, contacts=renamed)).graph.rolling_moment[2] == 0.3
+    assert read_snapshot(write(tmp_path)).graph.rolling_moment is None
+    with pytest.raises(InputError, match="rolling moment of contact 1"):
+        snapshot.graph.replace(rolling_moment=[0.0, np.nan, 0.0, 0.0])
+
+
 def test_missing_optional_columns_cost_only_what_depends_on_them(tmp_path):
     contacts = changed(CONTACTS, sliding=None)
     snapshot = read_snapshot(write(tmp_path, contacts=contacts))
