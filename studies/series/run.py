@@ -108,7 +108,7 @@ def run_series(
         whole_number("--probe", probe, 1)
         probed = checked_band(yield_band), probe
         read["probe"] = list(probed)
-    configuration = {"paths": paths, "cells": cells, **read}
+    configuration = {"paths": paths, "cells": cells, "times": times, **read}
     read["cells"] = None if cells is None else cells.name
     out = out.absolute()
     with series_folder(out, read, [one.name for one in planned], force=force):
