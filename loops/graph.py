@@ -59,8 +59,8 @@ class GrainGraph(Shown):
         Regime of every contact, where the source of the forces tells it; the contact law reads it
         from the state if left out.
     rolling_moment : (..., C) array, optional
-        Moment of the rolling spring on grain j, counter-clockwise; grain i has the opposite one.
-        Zero if left out.
+        Moment of the rolling spring on grain j (force times length), counter-clockwise; grain i
+        has the opposite one. Zero if left out.
 
     Raises
     ------

@@ -446,7 +446,9 @@ class Moving:
             root=tangents(pairs, overlaps(start, pairs))[1]
             if pairs.own
             else np.sqrt(overlaps(start, pairs)),
-            rolled=np.array(start.rolling_moment) if pairs.rolling else np.zeros(0),
+            rolled=np.where(pairs.rolling.k_r > 0, start.rolling_moment, 0.0)
+            if pairs.rolling
+            else np.zeros(0),
             resultant=np.zeros((bodies, 3)),
             speed=np.zeros((bodies, 2)),
             gradient=-(servo.gain @ servo.rate).reshape(2, 2) if gradient is None else gradient,

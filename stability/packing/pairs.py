@@ -44,9 +44,7 @@ MovableLaw = FrictionalLaw | RollingResistance
 SMALL_OVERLAP = 1e-4
 # N over the overlap times Hertz's tangent; the law is his where most contacts are that close to it.
 HERTZ, HERTZ_BAND, MOSTLY = 2.0 / 3.0, 0.01, 0.9
-
-
-# What a law of one's own leaves to `FrictionalLaw`; its forces at touch, over the largest.
+# Methods that a law of one's own may not change; its largest force at touch, over that at overlap.
 LEFT = ("gap", "shear_kinematics", "rolling_stiffness", "regime", "take")
 AT_TOUCH = 1e-9
 
@@ -212,7 +210,7 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
             return law
     if not isinstance(law, FrictionalLaw):
         expected = "a law derived from gl.FrictionalLaw, and at most one spring for rolling"
-        raise InputError("law", name, expected, "Give another, or study tangents.")
+        raise InputError("law", name, expected, "Give another, or compute tangents alone.")
     if type(law) is LinearFrictional:
         hertz = HERTZ * (law.kn * state.overlap)[closed]
         as_hertz = np.abs(graph.normal_force[closed] - hertz) < HERTZ_BAND * hertz
@@ -226,7 +224,8 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
         changed += [] if law.keeps_strength else ["keeps_strength"]
         if changed:
             expected = "in paths of packings a law that leaves these to gl.FrictionalLaw"
-            raise InputError("law", f"{name} with {', '.join(changed)}", expected, "Study loops.")
+            remedy = "Leave them out, or use the law for single loops."
+            raise InputError("law", f"{name} with {', '.join(changed)}", expected, remedy)
         ij = graph.radii[graph.contacts].T
         own = OwnLaw(law, np.arange(len(closed)), ij)
         try:
@@ -234,7 +233,8 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
             D = own.stiffness(pressed, Regime.ELASTIC)
         except NotImplementedError as lacks:
             expected = "closed_force, and kt or stiffnesses"
-            raise InputError("law", f"{name} without {lacks}", expected, "Write it.") from None
+            remedy = "Add it to the class."
+            raise InputError("law", f"{name} without {lacks}", expected, remedy) from None
         parting = replace(pressed, length=pressed.touching_length)
         parting = replace(parting, normal_force=np.asarray(law.closed_force(parting)))
         strengths = [
@@ -244,7 +244,8 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
         left = [np.abs(a).max() > AT_TOUCH * np.abs(b).max() for a, b in ends]
         if any(left) or np.any(D[:, 0, 1] != 0):
             expected = "a normal force of the overlap that vanishes, as the strength, at touch"
-            raise InputError("law", name, expected, "Study loops, or leave cohesion out.")
+            remedy = "Leave cohesion out, or use the law for single loops."
+            raise InputError("law", name, expected, remedy)
     return law
 
 
@@ -261,6 +262,7 @@ def contact_pairs(
         grains = int(np.count_nonzero(~start.at_wall))
         numbers = [np.broadcast_to(k, grains).astype(float) for k in (law.k_r, law.mu_r)]
         k_r, mu_r = (np.append(k, np.zeros(len(free) - grains)) for k in numbers)
+        # Its length is that of the pairs: the named tuple can't be replaced by name.
         return Pairs(*free[:8], Rolling(k_r, mu_r)) if k_r.any() else free
     count, hertz, own = int(np.count_nonzero(~start.at_wall)), type(law) is HertzMindlin, None
     radii = start.radii[start.contacts[:count]]

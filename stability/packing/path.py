@@ -488,5 +488,6 @@ def _with_forces_of_geometry(state: PackingState, pairs: Pairs) -> PackingState:
     if pairs.rolling is None:
         return replace(state, shear_force=T, rolling_moment=np.zeros(len(pairs)))
     most = rolling_strength(pairs, state)
-    M = np.clip(np.where(state.closed, state.rolling_moment, 0.0), -most, most)
+    springs = state.closed & (pairs.rolling.k_r > 0)
+    M = np.clip(np.where(springs, state.rolling_moment, 0.0), -most, most)
     return replace(state, shear_force=T, rolling_moment=M)

@@ -223,7 +223,7 @@ def _by_events(
     times: Sequence[float | None],
     following: Following,
 ) -> tuple[Columns, dict[str, Any], list[str]]:
-    """Predictions of the packing's path and of its replay from rest, columns, notes on failures."""
+    """Predictions of the packing's path and of its replay, columns, notes on failures."""
     graph, (law, _) = before.graph, before.mechanics()
     ends, notes = dict[str, PackingState](), list[str]()
     row: dict[str, Any] = {"replay_inertial_number": None, "replay_rate_from": None}

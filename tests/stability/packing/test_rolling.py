@@ -279,3 +279,23 @@ def test_bad_input():
     names = ("contacts", "images", "normal_force", "shear_force")
     fewer = graph.replace(**{name: getattr(graph, name)[:5] for name in names})
     assert fewer.rolling_moment is None and graph.replace(x=graph.x).rolling_moment is not None
+
+
+def test_a_moment_without_a_spring_is_none():
+    """Half of the contacts have no stiffness: a moment given there neither acts nor is stored."""
+    graph = jammed(12, 1, LAW)
+    k_r = np.where(np.arange(graph.contact_count) % 2, 0.02, 0.0)
+    springs, moment = k_r > 0, np.full(graph.contact_count, 1e-4)
+    law = RollingResistance(LAW, k_r)
+    given, wanted = (
+        graph.replace(rolling_moment=M) for M in (moment, np.where(springs, moment, 0))
+    )
+    # In extension contacts open.
+    stage = Stage(programmes.isotropic_strain(), "H11", -5e-3)
+    ends = [replay(one, law, -5e-3 * np.eye(2), duration=50.0) for one in (given, wanted)]
+    count = graph.contact_count
+    assert (ends[1].state.normal_force[:count][~springs] == 0).any()
+    paths = [follow(one, law, stage, closure="packing", rows=2) for one in (given, wanted)]
+    for a, b in ((ends[0].state, ends[1].state), (paths[0].states[-1], paths[1].states[-1])):
+        np.testing.assert_array_equal(a.rolling_moment, b.rolling_moment)
+        np.testing.assert_array_equal(a.x, b.x)

@@ -181,7 +181,7 @@ METHODS: dict[tuple[str, str], tuple[Callable[[Snapshot], Work], float]] = {
     ("read", "by size"): (lambda s: partial(read_snapshot, written(s)), np.inf),
     ("read", "random order"): (lambda s: partial(read_snapshot, written(shuffled(s))), np.inf),
     ("faces", "random order"): (
-        lambda s: partial(find_faces, read_snapshot(written(shuffled(s))).graph),
+        lambda s: partial(find_faces, read_snapshot(written(shuffled(s))).graph, compiled=True),
         np.inf,
     ),
     ("summary", "by size"): (summary_of, np.inf),

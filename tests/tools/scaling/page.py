@@ -46,7 +46,6 @@ COLOURS = {
     "networkx": PURPLE,
     "shapely": ORANGE,
     "by size": BLACK,
-    "random order": GREEN,
 }
 TITLES = {"faces": "faces", "table": "table of all loops, both closures"}
 Rows = list[dict[str, Any]]
@@ -132,7 +131,8 @@ def scaling_figure(rows: Rows, floors: dict[str, dict[int, float]]) -> Figure:
 
 def _times(ax: Axes, rows: Rows, what: str) -> None:
     for how in dict.fromkeys(row["how"] for row in rows if row["what"] == what):
-        _line(ax, rows, (what, how), "seconds", how)
+        if how in COLOURS:
+            _line(ax, rows, (what, how), "seconds", how)
 
 
 def _line(
