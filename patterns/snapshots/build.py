@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, Regime
-from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.arrays import Floats, Integers, Regimes
 from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
 from loops.laws.hertz_mindlin import ShearHistory
@@ -167,10 +167,34 @@ def _forces(
 ) -> tuple[Floats | None, Floats, Floats]:
     """Total force (C, 2) on the second body of all rows, and N and T of the chosen ones.
 
-    No total force if the file lacks a part: then only N, if it has that, and zeros.
+    No total force if the file lacks a part: then only N, if it has that, and zeros. A code's shear
+    vector may lean out of the tangent by its own rounding (1e-9 of the force in Yade's): the total
+    force keeps that share in `N`.
     """
     frictionless = not table.column("mu").any() if table.has("mu") else mu == 0
-    force = _force_on_second(table, _normals(table, rows, n), frictionless)
+    force = table.optional("fx_on_2", "fy_on_2")
+    vectors = table.optional("fsx", "fsy") if force is None else None
+    if force is None and (vectors is not None or table.has("fn")):
+        # Normals of all rows: from the centres between grains, from the file at walls.
+        if len(rows) == len(table):
+            normals = np.empty_like(n)
+        else:
+            given = table.optional("nx", "ny")
+            if given is None:
+                branches = table.optional("branch_x", "branch_y")
+                given = np.zeros((len(table), 2)) if branches is None else branches
+                length = np.hypot(*given.T)
+                given = given / np.where(length > 0, length, 1.0)[:, None]
+            normals = given.copy()
+        normals[rows] = n
+        push = table.column("fn")[:, None] * normals
+        if vectors is not None:
+            force = vectors + push
+        elif table.has("ft"):
+            turned = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+            force = push + table.column("ft")[:, None] * turned
+        elif frictionless:
+            force = push
     normal, shear = np.zeros(len(rows)), np.zeros(len(rows))
     if force is not None:
         f = some(force, rows)
@@ -179,43 +203,6 @@ def _forces(
     elif table.has("fn"):
         normal = some(table.column("fn"), rows)
     return force, normal, shear
-
-
-def _normals(table: Table, rows: Integers, n: Floats) -> Floats:
-    """Normals of all rows: from the centres between grains, from the file at walls."""
-    if len(rows) == len(table):
-        every = np.empty_like(n)
-        every[rows] = n
-        return every
-    given = table.optional("nx", "ny")
-    if given is None:
-        branches = table.optional("branch_x", "branch_y")
-        given = np.zeros((len(table), 2)) if branches is None else branches
-        length = np.hypot(*given.T)
-        given = given / np.where(length > 0, length, 1.0)[:, None]
-    given = given.copy()
-    given[rows] = n
-    return given
-
-
-def _force_on_second(table: Table, n: Floats, frictionless: bool) -> Floats | None:
-    """Total force (C, 2) on the second body of every contact, None if the file lacks a part.
-
-    A code's shear vector may lean out of the tangent by its own rounding (1e-9 of the force in
-    Yade's): the total force keeps that share in `N`.
-    """
-    total = table.optional("fx_on_2", "fy_on_2")
-    if total is not None:
-        return total
-    shear = table.optional("fsx", "fsy")
-    if shear is not None:
-        return shear + table.column("fn")[:, None] * n
-    if table.has("fn", "ft"):
-        turned = np.stack([-n[:, 1], n[:, 0]], axis=1)
-        return table.column("fn")[:, None] * n + table.column("ft")[:, None] * turned
-    if table.has("fn") and frictionless:
-        return table.column("fn")[:, None] * n
-    return None
 
 
 def _redundant(
@@ -256,7 +243,15 @@ def _walls(
         branch = bodies.x[grain] - points[single]
     else:
         return None
-    return WallContacts(grain, sign * force[single], branch, *_wall_springs(table, single))
+    given = {k: table.column(k)[single] for k in ("kn", "ks", "mu", "sliding") if table.has(k)}
+    flags = given["sliding"] != 0 if "sliding" in given else None
+    kn = kt = mu = None
+    if "kn" in given and "ks" in given:
+        kn, kt, mu = given["kn"], given["ks"], given.get("mu")
+        # Nothing sticks without friction; where the file has none, where it flags sliding.
+        free = flags if mu is None else ~(mu > 0)
+        kt = kt if free is None else np.where(free, 0.0, kt)
+    return WallContacts(grain, sign * force[single], branch, kn, kt, mu, flags)
 
 
 def _walls_of_table(table: Table, bodies: Bodies) -> WallContacts:
@@ -271,23 +266,6 @@ def _walls_of_table(table: Table, bodies: Bodies) -> WallContacts:
     flags = table.column("sliding") != 0 if table.has("sliding") else None
     force, branch = table.columns("fx", "fy"), table.columns("branch_x", "branch_y")
     return WallContacts(grain, force, branch, kn, ks, mu, flags)
-
-
-def _wall_springs(
-    table: Table, rows: Integers
-) -> tuple[Floats | None, Floats | None, Floats | None, Flags | None]:
-    """Stiffnesses, friction and flags of contacts with walls; `kt` is zero without friction.
-
-    Where the file has no friction, `kt` is zero where it flags a contact as sliding.
-    """
-    flags = table.column("sliding")[rows] != 0 if table.has("sliding") else None
-    if not (table.has("kn") and table.has("ks")):
-        return None, None, None, flags
-    kn, ks = table.column("kn")[rows], table.column("ks")[rows]
-    if table.has("mu"):
-        mu = table.column("mu")[rows]
-        return kn, np.where(mu > 0, ks, 0.0), mu, flags
-    return kn, ks if flags is None else np.where(flags, 0.0, ks), None, flags
 
 
 def _law(

@@ -7,6 +7,7 @@ snapshots give with a fault; both stand beside it. Every check looks at all cont
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -29,65 +30,12 @@ if TYPE_CHECKING:
 Severity = Literal["ok", "doubt", "error"]
 # Weaker contacts, in mean normal forces, hold mostly rounding and damping.
 LOADED = 0.1
-# Share of the forces along the branches: clean 0.97 to 1; exchanged components 0 to 0.3; signs -1.
-ALONG = 0.4
-# Share of the normal force that pulls: clean 0; damping in a flow 0.1 %.
-PULLING = 0.02
-# Residual force on a grain over the mean force (root mean square): clean 0 to 0.065; a flow 0.28.
-BALANCE = 0.1
-# Residual with the shear forces turned around over the residual as given: clean above 1.
-SHEAR_TURNED = 0.3
-# Residual left at both grains when one contact is turned, over the change: clean 0.48 and more.
-CONTACT_TURNED = 0.3
-# That change over the median residual of a grain, below which a contact is not judged.
-TOLD = 20.0
-# The same in mean normal forces, where grains are balanced to rounding.
-WEAKEST = 1e-3
-# Contacts beyond Coulomb's limit, and their share: clean none; a flow 0.9 %.
-BEYOND, BEYOND_SHARE = 1.01, 0.02
-# Angles of friction in degrees; tangents are smaller.
-DEGREES = (5.0, 90.0)
-# Contacts at one ratio |T|/N, to this share of it, slide; at rest at most 2 of 7,000 agree so far.
-ONE_RATIO, AT_ONE_RATIO = 1e-6, 5
-# The same of a large packing, where ratios agree by chance.
-AT_ONE_RATIO_SHARE = 1e-3
-# |T| / (mu N) of a sliding contact, and the share of them below: clean 1 to 1e-6 and none.
-AT_LIMIT, FEW_BELOW = (0.95, 1.05), 0.05
-# A contact without a flag counts as sliding from this share of mu N on, as Yade's own tables do.
-SLIDING_SHARE = 0.999
-# N over kn times overlap (median): 1 for linear laws, 2/3 for Hertz' tangent stiffness.
-STIFF_RATIO = (0.6, 1.6)
-HERTZ, HERTZ_BAND = 2.0 / 3.0, 0.01
+# Fewer contacts or grains than these are not judged together.
+FEWEST = 20
 # Powers of ten and ratios of 1 are recognised within this.
 NEAR_ROUND = 0.05
-# kn of one contact over the median, and N over kn times overlap as far the other way: clean 2.
-ODD_STIFFNESS = 100.0
-# Centres' distance over the sum of radii (median): clean 0.99 to 1; soft grains 0.9; diameters 0.5.
-DIAMETERS, SOFT, APART, FAR = (0.25, 0.6), 0.85, 1.02, 1.5
-# Share of loaded contacts across a gap: clean none.
-GAPS = 0.01
-# Share of the radii by which all of them are off: clean 1e-4 (kn not known), else 1e-7.
-RADII_OFF = 2e-4
-# That change must leave so much less of N - kn times overlap unexplained.
-EXPLAINED = 3.0
 # Multiples of the rounding of coordinates: for directions and radii, all overlaps, one overlap.
 ROUNDINGS, OVERLAP_ROUNDINGS, SURE_ROUNDINGS = 5.0, 2.0, 20.0
-# Directions of the file against the centres, in radians: 1e-9 if saved within a step.
-DIRECTIONS_OFF = 3e-6
-# Constraints over degrees of freedom: 1.03 and more where load is carried, 0.89 in a flow.
-JAMMED, FEWEST = 0.95, 20
-# Two columns of one quantity agree to this share of the mean force: clean 5e-9, text 1e-6.
-SAME_FORCE = 1e-3
-# Share of contacts in two rows: all where rows are of grains, but for some with fixed grains.
-REPEATED = 0.5
-# Grains this near the bounding box, in mean radii, may touch a wall whose force is not known.
-RIM = 0.05
-# Change of T over kt times slip, between snapshots: clean 1 to 1e-7 in steps of 2e-5 of strain.
-KT = 0.1
-# Share of the contacts whose change of T must agree to KT for a judgement on kt.
-AGREEING = 0.5
-# Contacts to which unknown rotations are fitted at most, and how often they are weighted anew.
-FITTED, REWEIGHTED = 50_000, 12
 
 
 class Finding(NamedTuple):
@@ -104,66 +52,70 @@ class Finding(NamedTuple):
 
     def doubt(self, cause: str, remedy: str, holds: bool = True) -> Finding:
         """The finding as a doubt with its likely cause, if `holds`."""
-        return self._worse("doubt", cause, remedy) if holds else self
+        said = self._replace(says=f"{self.says}{cause}", severity="doubt", remedy=remedy)
+        return said if holds else self
 
     def error(self, cause: str, remedy: str) -> Finding:
         """The finding as an error, after which no result means anything."""
-        return self._worse("error", cause, remedy)
-
-    def _worse(self, severity: Severity, cause: str, remedy: str) -> Finding:
-        return Finding(self.check, self.number, f"{self.says}{cause}", severity, remedy)
+        return self._replace(says=f"{self.says}{cause}", severity="error", remedy=remedy)
 
 
+@dataclass(eq=False)
 class Checked:
     """Contacts between grains with their branches, law and regimes, as the checks need them.
 
     `given` (C, 2) are the branches or normals of the file, `walls` the grains that walls touch and
-    the forces on them (W, 2), `ids` (G,) those of the grains.
+    the forces on them (W, 2), `ids` (G,) those of the grains. Forces may be known without a law.
     """
 
-    def __init__(
-        self,
-        graph: GrainGraph,
-        d: Floats,
-        length: Floats,
-        law: LinearFrictional | HertzMindlin | None,
-        regime: NDArray[np.int8] | None,
-        given: Floats | None,
-        walls: tuple[Integers, Floats] | None,
-        ids: Integers,
-        *,
-        forces_known: bool = False,
-    ) -> None:
-        self.graph = graph
+    graph: GrainGraph
+    d: Floats
+    length: Floats
+    law: LinearFrictional | HertzMindlin | None
+    regime: NDArray[np.int8] | None
+    given: Floats | None
+    walls: tuple[Integers, Floats] | None
+    ids: Integers
+    forces_known: bool = False
+
+    def __post_init__(self) -> None:
+        graph = self.graph
         self.x, self.radii, self.contacts = graph.x, graph.radii, graph.contacts
         self.normal, self.shear = graph.normal_force, graph.shear_force
-        self.d, self.length, self.law, self.given, self.walls = d, length, law, given, walls
-        self.ids = ids
-        # Forces may be known without a stiffness.
-        self.forces_known = forces_known or law is not None
-        self.sliding = None if regime is None else regime == Regime.SLIDING
+        self.sliding = None if self.regime is None else self.regime == Regime.SLIDING
         self.degree = np.bincount(self.contacts.ravel(), minlength=len(self.x))
         self.inner = self.degree > 0
-        if graph.cell is None and walls is None:
+        if graph.cell is None and self.walls is None:
             # Walls whose forces are not known may push on the rim.
             self.inner &= ~on_rim(self.x, self.radii, self.inner)
         self.reach = self.radii[self.contacts].sum(axis=1)
-        self.overlap = self.reach - length
+        self.overlap = self.reach - self.length
         limit = LOADED * float(self.normal.mean())
         self.loaded = self.normal > limit if limit > 0 else np.ones(len(self.normal), dtype=bool)
 
-    def parameter(self, name: str) -> Floats:
-        """(C,) array of `kn`, `kt` or `mu`; under Hertz's law of the tangents of `N`."""
-        value = self.stiffnesses[name == "kt"] if name != "mu" else getattr(self.law, name)
-        return np.broadcast_to(value, len(self.contacts))
+    @property
+    def mu(self) -> Floats:
+        """(C,) array: friction of the contacts."""
+        assert self.law is not None
+        return np.broadcast_to(self.law.mu, len(self.contacts))
 
     @cached_property
     def stiffnesses(self) -> tuple[Floats, Floats]:
-        """`kn` and `kt`, broadcastable to (C,)."""
+        """`kn` and `kt`, (C,) each; under Hertz's law of the tangents of `N`."""
         assert self.law is not None
         if isinstance(self.law, LinearFrictional):
-            return self.law.kn, self.law.kt
-        return self.law.stiffnesses(contact_state(self.graph))
+            kn, kt = self.law.kn, self.law.kt
+        else:
+            kn, kt = self.law.stiffnesses(contact_state(self.graph))
+        return np.broadcast_to(kn, len(self.contacts)), np.broadcast_to(kt, len(self.contacts))
+
+    @property
+    def overlapping(self) -> Integers:
+        """Loaded contacts whose overlap tells a stiffness, none if the centres are too coarse."""
+        coarse = OVERLAP_ROUNDINGS * rounding(self.x)
+        if not self.loaded.any() or np.median(self.overlap[self.loaded]) <= coarse:
+            return np.zeros(0, dtype=np.int64)
+        return np.flatnonzero(self.loaded & (self.overlap > 0))
 
     def names(self, contacts: Integers) -> str:
         """Grains of the first three of some contacts."""
@@ -197,6 +149,10 @@ class Checked:
         return found[0], found[1]
 
 
+# Grains this near the bounding box, in mean radii, may touch a wall whose force is not known.
+RIM = 0.05
+
+
 def on_rim(x: Floats, radii: Floats, touched: Flags) -> Flags:
     """(G,) array: grains at the border of the box around those touched, where walls may be."""
     low, high = x - radii[:, None], x + radii[:, None]
@@ -206,32 +162,8 @@ def on_rim(x: Floats, radii: Floats, touched: Flags) -> Flags:
     return np.asarray((near_low | near_high).any(axis=1))
 
 
-def check_state(state: Checked) -> tuple[Finding, ...]:
-    """All findings on a state, also those that are as they should be."""
-    # Those of one group share what they compute, and run one after the other.
-    groups: list[tuple[Callable[[Checked], Finding | None], ...]] = [
-        (distances, touching, same_snapshot)
-    ]
-    forces: list[Finding] = []
-    if state.forces_known and not (state.normal.any() or state.shear.any()):
-        forces.append(
-            Finding("forces", 0.0, "all contact forces are zero", "doubt", "Export them.")
-        )
-    elif state.law is not None:
-        groups += [
-            (balance, one_contact_turned),
-            (directions, pulling, friction, one_ratio, sliding, flags),
-            (stiffness, odd_stiffness, radii, jammed),
-        ]
-    elif state.forces_known:
-        groups += [(balance, one_contact_turned), (directions, pulling, needed_stiffness)]
-
-    @np.errstate(over="ignore", divide="ignore", invalid="ignore")
-    def run(group: tuple[Callable[[Checked], Finding | None], ...]) -> list[Finding | None]:
-        return [check(state) for check in group]
-
-    found = [one for several in in_threads(run, groups) for one in several if one is not None]
-    return (*found, *forces)
+# Centres' distance over the sum of radii (median): clean 0.99 to 1; soft grains 0.9; diameters 0.5.
+DIAMETERS, SOFT, APART, FAR = (0.25, 0.6), 0.85, 1.02, 1.5
 
 
 def distances(state: Checked) -> Finding:
@@ -251,6 +183,10 @@ def distances(state: Checked) -> Finding:
     return found
 
 
+# Share of loaded contacts across a gap: clean none.
+GAPS = 0.01
+
+
 def touching(state: Checked) -> Finding | None:
     """Contacts that carry load across a gap."""
     gap = -state.overlap[state.loaded]
@@ -263,6 +199,10 @@ def touching(state: Checked) -> Finding | None:
         "Take both tables from one snapshot.",
         share > GAPS,
     )
+
+
+# Directions of the file against the centres, in radians: 1e-9 if saved within a step.
+DIRECTIONS_OFF = 3e-6
 
 
 def same_snapshot(state: Checked) -> Finding | None:
@@ -282,6 +222,10 @@ def same_snapshot(state: Checked) -> Finding | None:
         "Take both tables from one snapshot.",
         off > DIRECTIONS_OFF + ROUNDINGS * coarse,
     )
+
+
+# Share of the forces along the branches: clean 0.97 to 1; exchanged components 0 to 0.3; signs -1.
+ALONG = 0.4
 
 
 def directions(state: Checked) -> Finding:
@@ -308,6 +252,10 @@ def directions(state: Checked) -> Finding:
     return found.error(": forces of other contacts", remedy)
 
 
+# Share of the normal force that pulls: clean 0; damping in a flow 0.1 %.
+PULLING = 0.02
+
+
 def pulling(state: Checked) -> Finding:
     """Share of the normal force that pulls."""
     size = np.abs(state.normal)
@@ -318,6 +266,12 @@ def pulling(state: Checked) -> Finding:
         "The contact law here has no tension: expect errors.",
         PULLING < share <= 0.5,
     )
+
+
+# Residual force on a grain over the mean force (root mean square): clean 0 to 0.065; a flow 0.28.
+BALANCE = 0.1
+# Residual with the shear forces turned around over the residual as given: clean above 1.
+SHEAR_TURNED = 0.3
 
 
 def balance(state: Checked) -> Finding | None:
@@ -343,6 +297,14 @@ def balance(state: Checked) -> Finding | None:
         ": a flow, missing contacts or walls, or forces of other grains",
         "Stability is defined for a state at rest.",
     )
+
+
+# Residual left at both grains when one contact is turned, over the change: clean 0.48 and more.
+CONTACT_TURNED = 0.3
+# That change over the median residual of a grain, below which a contact is not judged.
+TOLD = 20.0
+# The same in mean normal forces, where grains are balanced to rounding.
+WEAKEST = 1e-3
 
 
 def one_contact_turned(state: Checked) -> Finding | None:
@@ -381,18 +343,23 @@ def one_contact_turned(state: Checked) -> Finding | None:
     )
 
 
+# Angles of friction in degrees; tangents are smaller.
+DEGREES = (5.0, 90.0)
+# Contacts beyond Coulomb's limit, and their share: clean none; a flow 0.9 %.
+BEYOND, BEYOND_SHARE = 1.01, 0.02
+
+
 def friction(state: Checked) -> Finding | None:
     """Shear against Coulomb's limit; friction that is an angle."""
-    every = state.parameter("mu")
-    typical = float(np.median(every))
+    typical = float(np.median(state.mu))
     if DEGREES[0] < typical < DEGREES[1]:
         found = Finding("friction", typical, f"mu is {typical:.4g}")
         tangent = np.tan(np.radians(typical))
         return found.doubt(", as an angle in degrees", f"Give its tangent, {tangent:.4g}.")
     rows = np.flatnonzero(state.loaded & (state.normal > 0))
-    if len(rows) == 0 or not np.isfinite(every).any():
+    if len(rows) == 0 or not np.isfinite(state.mu).any():
         return None
-    ratio, mu = np.abs(state.shear[rows]) / state.normal[rows], every[rows]
+    ratio, mu = np.abs(state.shear[rows]) / state.normal[rows], state.mu[rows]
     beyond = float(np.mean(ratio > BEYOND * mu))
     worst = float((ratio / np.where(mu > 0, mu, np.inf)).max())
     says = f"{100 * beyond:.3g} % of the loaded contacts have |T| > mu N, at most {worst:.3g} times"
@@ -403,9 +370,17 @@ def friction(state: Checked) -> Finding | None:
     )
 
 
+# Contacts at one ratio |T|/N, to this share of it, slide; at rest at most 2 of 7,000 agree so far.
+ONE_RATIO, AT_ONE_RATIO = 1e-6, 5
+# The same of a large packing, where ratios agree by chance.
+AT_ONE_RATIO_SHARE = 1e-3
+# |T| / (mu N) of a sliding contact, and the share of them below: clean 1 to 1e-6 and none.
+AT_LIMIT, FEW_BELOW = (0.95, 1.05), 0.05
+
+
 def one_ratio(state: Checked) -> Finding | None:
     """Contacts that share one ratio |T| / (mu N) below 1: they slide, and their mu is smaller."""
-    mu = state.parameter("mu")
+    mu = state.mu
     rows = np.flatnonzero(state.loaded & (state.normal > 0) & (mu > 0) & np.isfinite(mu))
     least = int(max(np.ceil(AT_ONE_RATIO), np.ceil(AT_ONE_RATIO_SHARE * len(rows))))
     if len(rows) < least:
@@ -435,8 +410,7 @@ def sliding(state: Checked) -> Finding | None:
     """Contacts flagged as sliding against Coulomb's limit."""
     if state.sliding is None:
         return None
-    mu = state.parameter("mu")
-    limit = mu * state.normal
+    mu, limit = state.mu, state.mu * state.normal
     rows = np.flatnonzero(state.sliding & state.loaded & np.isfinite(limit) & (limit > 0))
     if len(rows) == 0:
         return None
@@ -455,11 +429,15 @@ def sliding(state: Checked) -> Finding | None:
     return found.doubt(f": mu too {cause}, or flags of another snapshot", remedy)
 
 
+# A contact without a flag counts as sliding from this share of mu N on, as Yade's own tables do.
+SLIDING_SHARE = 0.999
+
+
 def flags(state: Checked) -> Finding | None:
     """Contacts at Coulomb's limit that the file does not flag as sliding."""
     if state.sliding is None:
         return None
-    limit = state.parameter("mu") * state.normal
+    limit = state.mu * state.normal
     rows = np.flatnonzero(np.isfinite(limit) & (limit > 0))
     at_limit = np.abs(state.shear[rows]) >= SLIDING_SHARE * limit[rows]
     count = int(np.count_nonzero(at_limit))
@@ -472,14 +450,18 @@ def flags(state: Checked) -> Finding | None:
     )
 
 
+# N over kn times overlap (median): 1 for linear laws, 2/3 for Hertz' tangent stiffness.
+STIFF_RATIO = (0.6, 1.6)
+HERTZ, HERTZ_BAND = 2.0 / 3.0, 0.01
+
+
 def stiffness(state: Checked) -> Finding | None:
     """N against kn times overlap: units, exchanged stiffnesses."""
-    # Coarser coordinates, and grains that are apart, say nothing of the stiffness.
-    if not state.loaded.any() or _too_coarse(state):
+    rows = state.overlapping
+    if len(rows) == 0:
         return None
-    rows = np.flatnonzero(state.loaded & (state.overlap > 0))
     secant = state.normal[rows] / state.overlap[rows]
-    kn, kt = (state.parameter(name)[rows] for name in ("kn", "kt"))
+    kn, kt = (values[rows] for values in state.stiffnesses)
     needed, exceeds = float(np.median(secant)), float(np.median(kt / kn))
     ratio, shear_ratio = float(np.median(secant / kn)), float(np.median(secant / kt))
     found = Finding("stiffness", ratio, f"N is {ratio:.4g} times kn times the overlap (median)")
@@ -508,16 +490,20 @@ def stiffness(state: Checked) -> Finding | None:
 
 def needed_stiffness(state: Checked) -> Finding | None:
     """Kn that forces and overlaps need, of an input that has none."""
-    rows = np.flatnonzero(state.loaded & (state.overlap > 0))
-    if len(rows) == 0 or _too_coarse(state):
+    rows = state.overlapping
+    if len(rows) == 0:
         return None
     needed = float(np.median(state.normal[rows] / state.overlap[rows]))
     return Finding("stiffness", needed, f"forces and overlaps need kn = {needed:.4g} (median)")
 
 
+# kn of one contact over the median, and N over kn times overlap as far the other way: clean 2.
+ODD_STIFFNESS = 100.0
+
+
 def odd_stiffness(state: Checked) -> Finding | None:
     """Contacts whose kn is far from the others' and from what their force and overlap need."""
-    kn = state.parameter("kn")
+    kn, _ = state.stiffnesses
     rows = np.flatnonzero(state.overlap > SURE_ROUNDINGS * rounding(state.x))
     if len(rows) == 0:
         return None
@@ -535,18 +521,22 @@ def odd_stiffness(state: Checked) -> Finding | None:
     )
 
 
+# Share of the radii by which all of them are off: clean 1e-4 (kn not known), else 1e-7.
+RADII_OFF = 2e-4
+# That change must leave so much less of N - kn times overlap unexplained.
+EXPLAINED = 3.0
+
+
 def radii(state: Checked) -> Finding | None:
     """Radii that are all off by one factor: N is then linear in the overlap but not proportional.
 
     Least squares for `N / kn = a overlap + b (r1 + r2)`; radii too large by a share s give
     `b = -a s`.
     """
-    if _too_coarse(state):
-        return None
-    rows = np.flatnonzero(state.loaded & (state.overlap > 0))
+    rows = state.overlapping
     if len(rows) < FEWEST:
         return None
-    needed = state.normal[rows] / state.parameter("kn")[rows]
+    needed = state.normal[rows] / state.stiffnesses[0][rows]
     overlap, reach = state.overlap[rows], state.reach[rows]
     squares = [[overlap @ overlap, overlap @ reach], [overlap @ reach, reach @ reach]]
     slope, offset = np.linalg.lstsq(squares, [overlap @ needed, reach @ needed], rcond=None)[0]
@@ -563,6 +553,10 @@ def radii(state: Checked) -> Finding | None:
         f"Divide the radii by {1 / (1 - share):.6g}, or give kn of each contact.",
         bool(EXPLAINED * left < without),
     )
+
+
+# Constraints over degrees of freedom: 1.03 and more where load is carried, 0.89 in a flow.
+JAMMED = 0.95
 
 
 def jammed(state: Checked) -> Finding | None:
@@ -587,6 +581,37 @@ def jammed(state: Checked) -> Finding | None:
     return Finding("jammed", ratio, says).doubt(cause, remedy, ratio < JAMMED)
 
 
+def check_state(state: Checked) -> tuple[Finding, ...]:
+    """All findings on a state, also those that are as they should be."""
+    # Those of one group share what they compute, and run one after the other.
+    groups: list[list[Callable[[Checked], Finding | None]]]
+    groups = [[distances, touching, same_snapshot]]
+    zero: list[Finding] = []
+    known = state.forces_known or state.law is not None
+    if known and not (state.normal.any() or state.shear.any()):
+        says = "all contact forces are zero"
+        zero.append(Finding("forces", 0.0, says, "doubt", "Export them."))
+    elif state.law is not None:
+        groups += [
+            [balance, one_contact_turned],
+            [directions, pulling, friction, one_ratio, sliding, flags],
+            [stiffness, odd_stiffness, radii, jammed],
+        ]
+    elif state.forces_known:
+        groups += [[balance, one_contact_turned], [directions, pulling, needed_stiffness]]
+
+    @np.errstate(over="ignore", divide="ignore", invalid="ignore")
+    def run(group: list[Callable[[Checked], Finding | None]]) -> list[Finding | None]:
+        return [check(state) for check in group]
+
+    found = [one for several in in_threads(run, groups) for one in several if one is not None]
+    return (*found, *zero)
+
+
+# Two columns of one quantity agree to this share of the mean force: clean 5e-9, text 1e-6.
+SAME_FORCE = 1e-3
+
+
 def same_force(name: str, column: Floats, used: Floats, scale: float, rows: Integers) -> Finding:
     """Forces in a column of the file, of its `rows`, against those that are used."""
     off = np.abs(column - used) / (scale or 1.0)
@@ -606,6 +631,10 @@ def same_force(name: str, column: Floats, used: Floats, scale: float, rows: Inte
     )
 
 
+# Share of contacts in two rows: all where rows are of grains, but for some with fixed grains.
+REPEATED = 0.5
+
+
 def repeated(same: int, turned: int, count: int, off: Floats) -> Finding:
     """Rows of contacts that stand in an earlier row, with the same first grain or the other one.
 
@@ -619,6 +648,14 @@ def repeated(same: int, turned: int, count: int, off: Floats) -> Finding:
         return found.doubt(f", {wrong} of them with another force", "Dump it again.")
     cause = ": rows of two processors, or files that were joined"
     return found.doubt(cause, "Dump each contact once.", same > 0 or turned < REPEATED * count)
+
+
+# Change of T over kt times slip, between snapshots: clean 1 to 1e-7 in steps of 2e-5 of strain.
+KT = 0.1
+# Share of the contacts whose change of T must agree to KT for a judgement on kt.
+AGREEING = 0.5
+# Contacts to which unknown rotations are fitted at most, and how often they are weighted anew.
+FITTED, REWEIGHTED = 50_000, 12
 
 
 def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
@@ -727,11 +764,6 @@ def rounding(values: Floats) -> float:
         if all(float(f"{value:.{digits}g}") == value for value in shown.tolist()):
             return 0.5 * size * 10.0 ** (1 - digits)
     return 1e-15 * size
-
-
-def _too_coarse(state: Checked) -> bool:
-    """Whether the digits of the coordinates say nothing of the overlaps."""
-    return float(np.median(state.overlap[state.loaded])) <= OVERLAP_ROUNDINGS * rounding(state.x)
 
 
 def _power_of_ten(ratio: float) -> str:
