@@ -1,8 +1,8 @@
-"""The two dumps of a run, atoms and contacts: headers, boxes, grains, pairs, plain tables."""
+"""The two dumps of a run, atoms and contacts: headers, boxes, grains, pairs and their ids."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -25,9 +25,9 @@ from patterns.snapshots.frame import (
     paired,
     require_column,
 )
-from patterns.snapshots.geometry import refuse_radii, refuse_repeated
+from patterns.snapshots.geometry import index_of, places_of, refuse_radii, refuse_repeated
 from patterns.snapshots.tables import Table
-from patterns.snapshots.text import Text, line_at, open_text
+from patterns.snapshots.text import Text, line_at, listed, open_text
 
 ITEM = b"ITEM: "
 START = b"ITEM: TIMESTEP"
@@ -67,34 +67,28 @@ def first_frame(path: Path, head: bytes) -> DumpFrame:
 
 def dump_frames(path: Path) -> list[DumpFrame | InputError]:
     """Headers of all frames of a dump; their rows are passed over, not read."""
-    frames = list(_walk(path, open_text(path)))
+    text, at = open_text(path), 0
+    found: list[DumpFrame | InputError] = []
     seen: set[float] = set()
-    for frame in frames:
-        if isinstance(frame, InputError):
+    while 0 <= at < len(text):
+        try:
+            frame = _frame(path, text, at)
+        except InputError as error:
+            if text[at:].strip():
+                found.append(error)
+            # Skip the TIMESTEP of the damaged header, which may follow UNITS.
+            if is_dump(text[at : at + len(START)]):
+                at = text.find(START, at) + 1 or len(text)
+            at = text.find(START, at)
             continue
         if frame.step in seen:
             raise InputError(
                 str(path), f"step {frame.step} twice", "each step once", "Part the runs."
             )
         seen.add(frame.step)
-    return frames
-
-
-def _walk(path: Path, text: Text) -> Iterator[DumpFrame | InputError]:
-    at = 0
-    while 0 <= at < len(text):
-        try:
-            frame = _frame(path, text, at)
-        except InputError as error:
-            if text[at:].strip():
-                yield error
-            # Skip the TIMESTEP of the damaged header, which may follow UNITS.
-            if is_dump(text[at : at + len(START)]):
-                at = text.find(START, at) + 1 or len(text)
-            at = text.find(START, at)
-        else:
-            yield frame
-            at = frame.span[1]
+        found.append(frame)
+        at = frame.span[1]
+    return found
 
 
 def _frame(path: Path, text: Text, at: int) -> DumpFrame:
@@ -148,7 +142,18 @@ def _box(where: str, values: dict[bytes, list[bytes]]) -> Box | None:
         rows = np.array([[float(value) for value in line] for line in fields])
         if rows.shape != ((3, 4) if "abc" in words else (3, 3) if "xy" in words else (3, 2)):
             raise ValueError
-        origin, cell, height = _edges(rows)
+        if "abc" in words:
+            origin, cell, height = rows[:2, 3].copy(), rows[:2, :2].T.copy(), float(rows[2, 2])
+        else:
+            low, high, xy = rows[:, 0].copy(), rows[:, 1].copy(), 0.0
+            if "xy" in words:
+                # The header has the bounds of the tilted box: subtract the tilt.
+                xy, xz, yz = rows[:, 2]
+                corners = (0.0, xy, xz, xy + xz)
+                low -= [min(corners), min(0.0, yz), 0.0]
+                high -= [max(corners), max(0.0, yz), 0.0]
+            lx, ly, lz = high - low
+            origin, cell, height = low[:2], np.array([[lx, xy], [0.0, ly]]), float(lz)
         if not (np.isfinite(rows).all() and np.linalg.det(cell) > 0):
             raise ValueError
     except ValueError:
@@ -162,22 +167,6 @@ def _box(where: str, values: dict[bytes, list[bytes]]) -> Box | None:
     mantissas = [v.lower().split(b"e")[0].lstrip(b"+-") for line in fields for v in line]
     digits = max(len(mantissa.replace(b".", b"").lstrip(b"0")) for mantissa in mantissas)
     return Box(origin, cell, height, periodic, digits)
-
-
-def _edges(rows: Floats) -> tuple[Floats, Floats, float]:
-    """Origin, edges in the plane and height, from the three kinds of `BOX BOUNDS`."""
-    if rows.shape[1] == 4:
-        return rows[:2, 3].copy(), rows[:2, :2].T.copy(), float(rows[2, 2])
-    low, high = rows[:, 0].copy(), rows[:, 1].copy()
-    xy = 0.0
-    if rows.shape[1] == 3:
-        # The header has the bounds of the tilted box: subtract the tilt.
-        xy, xz, yz = rows[:, 2]
-        corners = (0.0, xy, xz, xy + xz)
-        low -= [min(corners), min(0.0, yz), 0.0]
-        high -= [max(corners), max(0.0, yz), 0.0]
-    lx, ly, lz = high - low
-    return low[:2], np.array([[lx, xy], [0.0, ly]]), float(lz)
 
 
 Listings = list[DumpFrame | InputError]
@@ -222,7 +211,14 @@ def frames_of_dumps(source: Source, read: ReadPair[DumpFrame]) -> Frames:
         notes = (f"{len(unused)} steps of {path} have no atoms, such as {unused[0]}",)
 
     def of_one_box(atoms: DumpFrame, contacts: DumpFrame, notes: Notes) -> Frame:
-        _require_one_box(atoms, contacts)
+        one, other = atoms.box, contacts.box
+        if one is not None and other is not None:
+            gap = max(np.abs(one.cell - other.cell).max(), np.abs(one.origin - other.origin).max())
+            if gap > BOX_TOLERANCE * np.abs(one.cell).max():
+                received = f"box {other.cell.tolist()} from {other.origin.tolist()}"
+                expected = f"{one.cell.tolist()} from {one.origin.tolist()} as {atoms.where}"
+                remedy = "Take both dumps from one run."
+                raise InputError(contacts.where, received, expected, remedy)
         return read(atoms, contacts, notes)
 
     return paired(atoms, contacts, of_one_box, path, "step", notes=notes)
@@ -236,25 +232,19 @@ def _require_kind(frames: Listings, *, atom: bool) -> None:
             raise InputError(frame.where, f"a dump of {frame.label}", expected, remedy)
 
 
-def _require_one_box(atoms: DumpFrame, contacts: DumpFrame) -> None:
-    one, other = atoms.box, contacts.box
-    if one is None or other is None:
-        return
-    size = np.abs(one.cell).max()
-    gap = max(np.abs(one.cell - other.cell).max(), np.abs(one.origin - other.origin).max())
-    if gap > BOX_TOLERANCE * size:
-        received = f"box {other.cell.tolist()} from {other.origin.tolist()}"
-        expected = f"{one.cell.tolist()} from {one.origin.tolist()} as {atoms.where}"
-        raise InputError(contacts.where, received, expected, "Take both dumps from one run.")
-
-
 def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
     """Grains of a frame of atoms.
 
     Positions may be wrapped (`x`), unwrapped (`xu`) or scaled by the box (`xs`, `xsu`); a diameter
     is accepted instead of a radius.
     """
-    found = {name: _find(frame, columns, name) for name in ATOM_NAMES}
+    found: dict[str, str | None] = {}
+    for name in ATOM_NAMES:
+        others = ("diameter",) if name == "radius" else (f"{name}u", f"{name}s", f"{name}su")
+        found[name] = next((one for one in (name, *others) if one in frame.names), None)
+        if name in columns:
+            require_column(name, columns[name], frame.names, frame.where)
+            found[name] = columns[name]
     for name in ("id", "x", "y", "radius"):
         if found[name] is None:
             raise InputError(
@@ -281,14 +271,6 @@ def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
     refuse_repeated(table, ids)
     refuse_radii(table, ids, radii, "Correct the dump; leave points out of it by a group.")
     return Atoms(ids, x, radii, z)
-
-
-def _find(frame: DumpFrame, columns: Mapping[str, str], name: str) -> str | None:
-    if name in columns:
-        require_column(name, columns[name], frame.names, frame.where)
-        return columns[name]
-    others = ("diameter",) if name == "radius" else (f"{name}u", f"{name}s", f"{name}su")
-    return next((column for column in (name, *others) if column in frame.names), None)
 
 
 MOST_CELLS = 1e9  # largest distance in cells; beyond it digits are lost
@@ -442,7 +424,7 @@ def frame_of_pairs(
 ) -> Frame:
     """Plain tables of grains and of the pairs that are contacts; ids of walls are below theirs."""
     rows, said, findings = contact_rows(atoms, pairs, forces.any)
-    forces = Forces(*(part if part is None else part[rows] for part in forces))
+    pairs, forces = pairs.take(rows), Forces(*(f if f is None else f[rows] for f in forces))
     below = min(0, int(atoms.ids.min(initial=0))) - 1 - np.arange(len(walls))
     columns = {"x": atoms.x[:, 0], "y": atoms.x[:, 1], "radius": atoms.radii}
     if atoms.z is not None:
@@ -453,39 +435,103 @@ def frame_of_pairs(
         "type": np.repeat([0, 1], [len(atoms.ids), len(walls)]),
         **{name: np.append(values, none) for name, values in columns.items()},
     }
-    return Frame(
-        Table(listings[0].where, grains),
-        Table(
-            listings[1].where,
-            _contacts(atoms, pairs.take(rows), forces, walls, below),
-        ),
-        space.cell,
-        float(listings[0].step),
-        (*notes, *said),
-        findings,
-    )
-
-
-def _contacts(
-    atoms: Atoms,
-    pairs: GrainPairs,
-    forces: Forces,
-    walls: Sequence[Wall],
-    wall_ids: Integers,
-) -> dict[str, NDArray[np.generic]]:
-    """Contacts between grains, then those with walls."""
-    ones = [np.full(len(wall.grains), own) for own, wall in zip(wall_ids, walls, strict=True)]
-    twos = [atoms.ids[wall.grains] for wall in walls]
+    # Contacts between grains, then those with walls.
+    ones = [np.full(len(wall.grains), own) for own, wall in zip(below, walls, strict=True)]
     d = np.concatenate([pairs.d, *[wall.branch for wall in walls]])
-    columns: dict[str, NDArray[np.generic]] = {
+    contacts: dict[str, NDArray[np.generic]] = {
         "id1": np.concatenate([atoms.ids[pairs.i], *ones]),
-        "id2": np.concatenate([atoms.ids[pairs.j], *twos]),
+        "id2": np.concatenate([atoms.ids[pairs.j], *[atoms.ids[wall.grains] for wall in walls]]),
+        "branch_x": d[:, 0],
+        "branch_y": d[:, 1],
     }
-    columns |= {"branch_x": d[:, 0], "branch_y": d[:, 1]}
     if forces.any is not None:
         force = np.concatenate([forces.any, *[wall.force for wall in walls]])
         if forces.total is None:
-            columns["fn"] = np.einsum("ck,ck->c", force, normals(d))
+            contacts["fn"] = np.einsum("ck,ck->c", force, normals(d))
         else:
-            columns |= {"fx_on_2": force[:, 0], "fy_on_2": force[:, 1]}
+            contacts |= {"fx_on_2": force[:, 0], "fy_on_2": force[:, 1]}
+    tables = Table(listings[0].where, grains), Table(listings[1].where, contacts)
+    return Frame(*tables, space.cell, float(listings[0].step), (*notes, *said), findings)
+
+
+Map = dict[str, str]
+NONE = "none"  # entry of a column map for a column that the file lacks
+KNOWN = 0.5  # share of a column that must be ids of grains
+# Centres of a pair are at most this many times the sum of the radii apart: pair lists may hold
+# neighbours beside contacts.
+PAIR_REACH = 1.5
+SAMPLE_ROWS = 4096  # rows used to recognise columns; all rows are checked at the end
+
+
+def given_columns(table: Table, given: Mapping[str, str], names: Collection[str]) -> Map:
+    """Columns of contacts in the user's map; `InputError` for one that is not in the table."""
+    columns = {name: column for name, column in given.items() if name in names}
+    for name, column in columns.items():
+        if column != NONE:
+            require_column(name, column, table.names, table.path, ", or none")
     return columns
+
+
+def ids_in(table: Table, name: str, rows: Integers, atoms: Atoms) -> Integers | None:
+    """Some rows of a column if it holds ids of grains.
+
+    Some unknown ids are reported as a fault later; a column of few known ids holds something else.
+    """
+    values = table.column(name)[rows]
+    if (np.rint(values) != values).any():
+        return None
+    try:
+        ids = table.integers(name)[rows]
+    except InputError:
+        return None
+    return ids if np.mean(index_of(atoms.ids, ids) >= 0) > KNOWN else None
+
+
+def reach_of(atoms: Atoms, space: Space, one: Integers, two: Integers) -> float:
+    """Largest distance of the centres over the sum of the radii, the worst 10 % left out."""
+    i, j = index_of(atoms.ids, one), index_of(atoms.ids, two)
+    known = (i >= 0) & (j >= 0)
+    i, j = i[known], j[known]
+    if len(i) == 0 or (i == j).any():
+        return np.inf
+    d = pairs_of(atoms, space, i, j).d
+    return float(np.quantile(np.hypot(*d.T) / (atoms.radii[i] + atoms.radii[j]), 0.9))
+
+
+def find_ids(
+    table: Table,
+    atoms: Atoms,
+    space: Space,
+    columns: Map,
+    choices: list[tuple[str, str]],
+    expected: str,
+    remedy: str,
+) -> tuple[Integers, Integers]:
+    """Grains of the pairs; `id1` and `id2` of the choice with the nearest grains join the map."""
+    rows = sample_rows(table)
+    names = dict.fromkeys(n for pair in choices for n in pair)
+    found = {n: ids_in(table, n, rows, atoms) for n in names}
+    known = {n: ids for n, ids in found.items() if ids is not None}
+    reach = [
+        (reach_of(atoms, space, known[one], known[two]), (one, two))
+        for one, two in choices
+        if one in known and two in known
+    ]
+    best = min(reach, default=(np.inf, ("", "")), key=lambda item: item[0])
+    if best[0] > PAIR_REACH:
+        given = ", ".join(f"{n}={columns[n]}" for n in ("id1", "id2") if n in columns)
+        raise InputError(
+            f"columns {listed(table.names)} of {table.path}",
+            f"no ids of two grains that touch{' with ' + given if given else ''}",
+            expected,
+            f"Name them: --columns id1=COLUMN,id2=COLUMN{remedy}.",
+        )
+    columns["id1"], columns["id2"] = best[1]
+    other = "Take both dumps from one step of one run, with all the atoms."
+    one, two = places_of(table, best[1], atoms.ids, "an id of the dump of atoms", other).T
+    return one, two
+
+
+def sample_rows(table: Table) -> Integers:
+    """Rows by which columns are recognised."""
+    return np.unique(np.linspace(0, len(table) - 1, SAMPLE_ROWS).astype(np.int64))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,41 +11,187 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.dump_columns import (
-    AS_WRITTEN,
-    CONTACT_NAMES,
-    NONE,
-    PAIR_REACH,
-    TOLERANCE,
-    ColumnSearch,
-    Map,
-    find_ids,
-    given_columns,
-    named,
-    shares,
-)
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
+    NONE,
+    PAIR_REACH,
     Atoms,
     DumpFrame,
     Forces,
     GrainPairs,
+    Map,
     Space,
     Wall,
     contact_names,
+    find_ids,
     first_frame,
     frame_of_pairs,
     frames_of_dumps,
     gaps,
+    given_columns,
     is_dump,
     normals,
     pairs_of,
     read_atoms,
+    sample_rows,
     space_of,
 )
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
 from patterns.snapshots.tables import Table
 from patterns.snapshots.text import beside, head_of, listed
+
+# Plain names of the columns of contacts of LAMMPS, and their contents.
+CONTACT_NAMES = {
+    "id1": "id of atom 1",
+    "id2": "id of atom 2",
+    "dx": "x of atom 1 less x of atom 2",
+    "dy": "y of atom 1 less y of atom 2",
+    "dist": "distance of the centres",
+    "force": "size of the normal force, repulsion positive",
+    "fx": "x of the normal force on atom 1",
+    "fy": "y of the normal force on atom 1",
+    "p1": "x of the tangential force on atom 1",
+    "p2": "y of the tangential force on atom 1",
+    "p4": "size of the tangential force",
+}
+# Relative tolerance of positions, sizes and directions: dumps have six digits or more.
+TOLERANCE = 1e-3
+AGREEING = 0.5  # least share of rows that fit, by which a column is recognised
+AS_WRITTEN = "Give --columns as the dump was written, and both dumps of one step."
+
+
+def named(columns: Map, names: Iterable[str]) -> str:
+    """Names of a map with their columns, for messages."""
+    return ", ".join(f"{name}={columns[name]}" for name in names)
+
+
+def shares(vector: Floats, n: Floats) -> tuple[float, float]:
+    """Parts of vectors (C, 2) along and across unit vectors, over their size; 0 for none."""
+    size = np.sqrt(np.sum(vector**2)) or 1.0
+    along = np.sqrt(np.sum(np.einsum("ck,ck->c", vector, n) ** 2))
+    across = np.sqrt(np.sum((vector[:, 0] * n[:, 1] - vector[:, 1] * n[:, 0]) ** 2))
+    return float(along / size), float(across / size)
+
+
+class ColumnSearch:
+    """Columns not yet recognised, and the search for two of them that form a vector."""
+
+    def __init__(self, table: Table, columns: Map) -> None:
+        self.table, self.columns, self.rows = table, columns, sample_rows(table)
+        self.data = {name: table.column(name) for name in table.names}
+
+    def free(self) -> list[str]:
+        """Columns without a name that are not zero throughout."""
+        taken = {*self.columns.values(), "index"}
+        return [n for n, values in self.data.items() if n not in taken and values.any()]
+
+    def vector(self, names: tuple[str, str]) -> Floats:
+        """(C, 2) array of two columns by their plain names."""
+        return np.column_stack([self.data[self.columns[name]] for name in names])
+
+    def find(
+        self, names: tuple[str, str], error: Callable[[Floats, Integers], float], size: str
+    ) -> bool:
+        """Add the two columns for which `error` is small to the map; check those given.
+
+        Of several pairs, one whose size is a column comes first.
+        """
+        known = [self.columns.get(name) for name in names]
+        if NONE in known:
+            return False
+        if None not in known:
+            self._check(names, error(self.vector(names), np.arange(len(self.table))))
+            self._size(names, size)
+            return True
+        ones, twos = ([name] if name else self.free() for name in known)
+        found = [
+            pair
+            for one in ones
+            for two in twos
+            if one != two
+            and (vector := self._sample(pair := (one, two))).any()
+            and error(vector, self.rows) <= TOLERANCE
+        ]
+        known_size = self.columns.get(size)
+        sized = []
+        for pair in found if size else []:
+            others = [name for name in self.free() if name not in pair]
+            length = np.hypot(*self._sample(pair).T)
+            if self._equal(length, [known_size] if known_size else others):
+                sized.append(pair)
+        found = sized or found
+        if not found:
+            return False
+        first = self._sample(found[0])
+        for other in map(self._sample, found[1:]):
+            # Further columns with the same vector, up to its sign, are accepted.
+            off = min(np.abs(first - other).max(), np.abs(first + other).max())
+            if off <= TOLERANCE * np.abs(first).max():
+                continue
+            raise InputError(
+                f"columns of {self.table.path}",
+                f"several that may be {names[0]}, {names[1]}: "
+                + " or ".join(" ".join(pair) for pair in found),
+                f"one choice ({CONTACT_NAMES[names[0]]}, {CONTACT_NAMES[names[1]]})",
+                f"Name them: --columns {names[0]}=COLUMN,{names[1]}=COLUMN, or none.",
+            )
+        self.columns |= dict(zip(names, found[0], strict=True))
+        self._check(names, error(self.vector(names), np.arange(len(self.table))))
+        self._size(names, size)
+        return True
+
+    def _sample(self, pair: tuple[str, str]) -> Floats:
+        return np.column_stack([self.data[column][self.rows] for column in pair])
+
+    def _check(self, names: tuple[str, str], error: float) -> None:
+        if error > TOLERANCE:
+            raise InputError(
+                f"columns {named(self.columns, names)} of {self.table.path}",
+                f"vectors {error:.2g} off the branches of the grains",
+                " and ".join(f"{name} ({CONTACT_NAMES[name]})" for name in names),
+                AS_WRITTEN,
+            )
+
+    def _size(self, names: tuple[str, str], size: str) -> None:
+        """Add the column of the vector's size, if there is one."""
+        if size:
+            self.find_size(size, np.hypot(*self.vector(names).T))
+
+    def find_size(self, name: str, length: Floats) -> None:
+        """Add the column whose sizes are `length` (C,) to the map, if there is one.
+
+        `InputError` for a column that has these sizes in most rows but not in all.
+        """
+        known = self.columns.get(name)
+        found = self._equal(length[self.rows], [known] if known else self.free())
+        if found is None and known and known != NONE:
+            where = f"column {name}={known} of {self.table.path}"
+            received, expected = "other sizes than those of the vectors", CONTACT_NAMES[name]
+            raise InputError(where, received, expected, "Give --columns as the dump was written.")
+        if found is None:
+            return
+        self.columns[name] = found
+        off = np.abs(np.abs(self.data[found]) - length)
+        if off.max() > TOLERANCE * length.max():
+            row = int(np.argmax(off))
+            raise InputError(
+                f"column {name}={found} of {self.table.path}, row {row}",
+                f"{self.data[found][row]:g}",
+                f"{length[row]:g}, {CONTACT_NAMES[name]}, as its components and the other rows say",
+                f"Two columns of the dump disagree: dump again, or say {name}=none by --columns.",
+            )
+
+    def _equal(self, length: Floats, names: list[str]) -> str | None:
+        """The column that holds these sizes, up to the sign, in the most rows; at least half."""
+        limit = TOLERANCE * length + 1e-3 * TOLERANCE * float(length.max(initial=0.0))
+        shares = {
+            name: float(np.mean(np.abs(np.abs(self.data[name][self.rows]) - length) <= limit))
+            for name in names
+            if name != NONE
+        }
+        best = max(shares, key=shares.__getitem__, default=None)
+        return best if best is not None and shares[best] >= AGREEING else None
+
 
 MOST_COLUMNS = 100  # largest number of columns among which vectors are searched
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be separated"
@@ -64,31 +209,33 @@ def lammps_frames(source: Source) -> Frames:
     are the per-atom columns of `fix wall/gran ... contacts`.
     """
     check_names(source, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
-    return frames_of_dumps(source, partial(_lammps_frame, source))
 
+    def read(own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
+        atoms = read_atoms(own, source.columns)
+        space, cell_notes = space_of(own.box, atoms, source.cell)
+        columns, pairs, normal, shear = guess_columns(local.read(), atoms, space, source.columns)
+        # On grain 2: the opposite of the forces on atom 1.
+        forces = Forces(None)
+        force_notes: Notes = ()
+        if normal is not None and shear is not None:
+            forces, force_notes = Forces(-(normal + shear)), (DAMPING,)
+        elif normal is not None:
+            missing = (
+                "no tangential force (p1, p2) among the columns; --mu 0 for frictionless grains"
+            )
+            forces, force_notes = Forces(None, -normal), (DAMPING, missing)
+        walls, wall_notes = read_walls(own, atoms, source.columns)
+        if not walls and not all(space.periodic):
+            wall_notes = ("no columns of walls: their forces are unknown",)
+        found = [(name, columns[name]) for name in CONTACT_NAMES if name in columns]
+        shown = ", ".join(f"{name}={column}" for name, column in found if column != NONE)
+        given = all(name in source.columns or name == column for name, column in found)
+        columns_note = f"columns{'' if given else ' guessed'}: {shown}"
+        columns_note += "" if given else "; give --columns to overrule"
+        said = (columns_note, *notes, *cell_notes, *force_notes, *wall_notes)
+        return frame_of_pairs((own, local), atoms, space, pairs, forces, walls, said)
 
-def _lammps_frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
-    atoms = read_atoms(own, source.columns)
-    space, cell_notes = space_of(own.box, atoms, source.cell)
-    columns, pairs, normal, shear = guess_columns(local.read(), atoms, space, source.columns)
-    # On grain 2: the opposite of the forces on atom 1.
-    forces = Forces(None)
-    force_notes: Notes = ()
-    if normal is not None and shear is not None:
-        forces, force_notes = Forces(-(normal + shear)), (DAMPING,)
-    elif normal is not None:
-        missing = "no tangential force (p1, p2) among the columns; --mu 0 for frictionless grains"
-        forces, force_notes = Forces(None, -normal), (DAMPING, missing)
-    walls, wall_notes = read_walls(own, atoms, source.columns)
-    if not walls and not all(space.periodic):
-        wall_notes = ("no columns of walls: their forces are unknown",)
-    found = [(name, columns[name]) for name in CONTACT_NAMES if name in columns]
-    shown = ", ".join(f"{name}={column}" for name, column in found if column != NONE)
-    given = all(name in source.columns or name == column for name, column in found)
-    columns_note = f"columns{'' if given else ' guessed'}: {shown}"
-    columns_note += "" if given else "; give --columns to overrule"
-    said = (columns_note, *notes, *cell_notes, *force_notes, *wall_notes)
-    return frame_of_pairs((own, local), atoms, space, pairs, forces, walls, said)
+    return frames_of_dumps(source, read)
 
 
 def guess_columns(
@@ -158,28 +305,22 @@ def _find_forces(search: ColumnSearch, pairs: GrainPairs) -> tuple[Floats | None
     if search.find(("p1", "p2"), lambda v, rows: shares(v, n[rows])[0], "p4"):
         shear = search.vector(("p1", "p2"))
     if normal is None:
-        _require_nothing_left(search)
+        data = search.data
+        rest = [name for name in search.free() if (np.rint(data[name]) != data[name]).any()]
+        if rest and search.columns.get("fx") != NONE:
+            # They may be forces, and the map does not exclude it.
+            raise InputError(
+                f"columns {listed(rest)} of {search.table.path}",
+                "none that form a force along the branch",
+                "fx, fy and p1, p2 of 'compute pair/local'",
+                "Name them: --columns fx=COLUMN,fy=COLUMN,p1=COLUMN,p2=COLUMN, or force=COLUMN; "
+                "fx=none for the geometry alone; for a file of LIGGGHTS --format liggghts.",
+            )
         return None, None
     # Without a size, whose sign tells repulsion, most contacts are taken to repel.
     if np.sum((1.0 if push is None else push) * np.einsum("ck,ck->c", normal, n)) > 0:
         normal, shear = -normal, None if shear is None else -shear
     return normal, shear
-
-
-def _require_nothing_left(search: ColumnSearch) -> None:
-    """Raise `InputError` if columns may be forces and the map does not exclude them."""
-    rest = [
-        name for name in search.free() if (np.rint(search.data[name]) != search.data[name]).any()
-    ]
-    if not rest or search.columns.get("fx") == NONE:
-        return
-    raise InputError(
-        f"columns {listed(rest)} of {search.table.path}",
-        "none that form a force along the branch",
-        "fx, fy and p1, p2 of 'compute pair/local'",
-        "Name them: --columns fx=COLUMN,fy=COLUMN,p1=COLUMN,p2=COLUMN, or force=COLUMN; fx=none "
-        "for the geometry alone; for a file of LIGGGHTS --format liggghts.",
-    )
 
 
 # Columns of the fix: flag, force on the atom, contact point.
@@ -209,10 +350,15 @@ def read_walls(
         sets = {"wall": mapped}
     walls, notes = [], []
     for fix, names in sets.items():
-        wall = _wall(frame, atoms, names)
-        if wall is not None:
-            walls.append(wall)
-            notes.append(f"{fix} ({len(wall.grains)} contacts)")
+        flag, fx, fy, x, y = frame.read(names).columns(*names).T
+        grains = np.flatnonzero(flag > 0)
+        force = np.column_stack([fx, fy])[grains]
+        branch = atoms.x[grains] - np.column_stack([x, y])[grains]
+        length = np.hypot(*branch.T)
+        inside = (length > 0) & (length <= (1 + FOOT_TOLERANCE) * atoms.radii[grains])
+        if (flag >= 0).all() and inside.all() and np.sum(force * branch) >= 0:
+            walls.append(Wall(grains, force, branch))
+            notes.append(f"{fix} ({len(grains)} contacts)")
         elif mapped:
             where, remedy = f"--columns for the wall of {frame.where}", "Correct the names."
             expected = "flag, force on the atom and contact point of 'fix wall/gran ... contacts'"
@@ -220,19 +366,6 @@ def read_walls(
     if not notes:
         return (), ()
     return tuple(walls), (f"walls recognised: {', '.join(notes)}",)
-
-
-def _wall(frame: DumpFrame, atoms: Atoms, names: list[str]) -> Wall | None:
-    """The wall of these columns, None if they hold something else."""
-    flag, fx, fy, x, y = frame.read(names).columns(*names).T
-    grains = np.flatnonzero(flag > 0)
-    force = np.column_stack([fx, fy])[grains]
-    branch = atoms.x[grains] - np.column_stack([x, y])[grains]
-    length = np.hypot(*branch.T)
-    inside = (length > 0) & (length <= (1 + FOOT_TOLERANCE) * atoms.radii[grains])
-    if (flag < 0).any() or not inside.all() or np.sum(force * branch) < 0:
-        return None
-    return Wall(grains, force, branch)
 
 
 # Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
@@ -274,27 +407,27 @@ def liggghts_frames(source: Source) -> Frames:
     that cross its border.
     """
     check_names(source, (*ATOM_NAMES, *LIGGGHTS_NAMES))
-    return frames_of_dumps(source, partial(_liggghts_frame, source))
 
+    def read(own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
+        atoms = read_atoms(own, source.columns)
+        space, said = space_of(own.box, atoms, source.cell)
+        contacts = read_contacts(local.read(), atoms, space, dict(source.columns))
+        found = ", ".join(f"{name}={c}" for name, c in contacts.columns.items() if c != NONE)
+        said = (f"columns in the order of pair/gran/local: {found}", *notes, *said)
+        box = own.box
+        if box is not None and box.digits < COARSE and source.cell is None and any(space.periodic):
+            space, note = finer_cell(atoms, space, contacts)
+            said = (*said, note)
+        pairs = pairs_of(atoms, space, contacts.pairs.i, contacts.pairs.j, contacts.pairs.d)
+        if not all(space.periodic):
+            said = (
+                *said,
+                "contacts with walls are not in the dumps: their forces are missing from the stress",
+            )
+        forces = Forces(None if contacts.force is None else -contacts.force)
+        return frame_of_pairs((own, local), atoms, space, pairs, forces, notes=said)
 
-def _liggghts_frame(source: Source, own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
-    atoms = read_atoms(own, source.columns)
-    space, said = space_of(own.box, atoms, source.cell)
-    contacts = read_contacts(local.read(), atoms, space, dict(source.columns))
-    found = ", ".join(f"{name}={c}" for name, c in contacts.columns.items() if c != NONE)
-    said = (f"columns in the order of pair/gran/local: {found}", *notes, *said)
-    box = own.box
-    if box is not None and box.digits < COARSE and source.cell is None and any(space.periodic):
-        space, note = finer_cell(atoms, space, contacts)
-        said = (*said, note)
-    pairs = pairs_of(atoms, space, contacts.pairs.i, contacts.pairs.j, contacts.pairs.d)
-    if not all(space.periodic):
-        said = (
-            *said,
-            "contacts with walls are not in the dumps: their forces are missing from the stress",
-        )
-    forces = Forces(None if contacts.force is None else -contacts.force)
-    return frame_of_pairs((own, local), atoms, space, pairs, forces, notes=said)
+    return frames_of_dumps(source, read)
 
 
 def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, str]:
@@ -353,18 +486,10 @@ def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Conta
     ids = find_ids(table, atoms, space, columns, choices, expected, ",fx=COLUMN,fy=COLUMN")
     pairs = pairs_of(atoms, space, *ids)
     first = table.names.index(columns["id1"])
-    if first >= 6:
-        _check_positions(table, atoms, space, pairs, first)
-    force = _force(table, pairs, columns, first + 3)
-    return Contacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
-
-
-def _check_positions(
-    table: Table, atoms: Atoms, space: Space, pairs: GrainPairs, first: int
-) -> None:
-    """Compare the positions with the atoms'; six columns before the ids may be velocities."""
-    names = table.names
-    for x, index in ((table.columns(*names[:2]), pairs.i), (table.columns(*names[3:5]), pairs.j)):
+    # Positions of both grains stand first, if velocities don't: these are the atoms' to rounding.
+    ends = ((0, pairs.i), (3, pairs.j)) if first >= 6 else ()
+    for at, index in ends:
+        x = table.columns(*table.names[at : at + 2])
         gap = x - atoms.x[index]
         gap -= space.shift(space.images(gap))
         off = np.hypot(*gap.T) / atoms.radii[index]
@@ -377,6 +502,8 @@ def _check_positions(
                 f"{atoms.x[index[row]].tolist()} of grain {atoms.ids[index[row]]} among the atoms",
                 "Take both dumps from one step of one run.",
             )
+    force = _force(table, pairs, columns, first + 3)
+    return Contacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
 
 
 def _force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> Floats | None:
