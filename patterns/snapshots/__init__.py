@@ -4,7 +4,7 @@ from patterns.snapshots.formats import count_frames as count_frames
 from patterns.snapshots.formats import read_frames as read_frames
 from patterns.snapshots.formats import read_snapshot as read_snapshot
 from patterns.snapshots.formats import snapshot_from_tables as snapshot_from_tables
-from patterns.snapshots.plain import write_snapshot as write_snapshot
+from patterns.snapshots.frame import write_snapshot as write_snapshot
 from patterns.snapshots.snapshot import Snapshot as Snapshot
 from patterns.snapshots.snapshot import SnapshotLoop as SnapshotLoop
 from patterns.snapshots.snapshot import WallContacts as WallContacts

@@ -26,8 +26,7 @@ from patterns.snapshots.frame import (
     require_column,
 )
 from patterns.snapshots.geometry import index_of, places_of, refuse_radii, refuse_repeated
-from patterns.snapshots.tables import Table
-from patterns.snapshots.text import Text, line_at, listed, open_text
+from patterns.snapshots.tables import Table, Text, line_at, listed, open_text
 
 ITEM = b"ITEM: "
 START = b"ITEM: TIMESTEP"

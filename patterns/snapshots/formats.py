@@ -15,14 +15,23 @@ from loops.errors import check_choice
 from loops.laws.frictional import checked_increment
 from loops.laws.hertz_mindlin import ShearHistory
 from patterns.snapshots.build import LawName, Parameters, build_snapshot
-from patterns.snapshots.frame import WALL_COLUMNS, Frame, Frames, Source, with_aliases
+from patterns.snapshots.frame import (
+    WALL_COLUMNS,
+    Frame,
+    Frames,
+    Source,
+    frame_of_tables,
+    is_pegs,
+    is_table,
+    pegs_frames,
+    table_frames,
+    with_aliases,
+)
 from patterns.snapshots.geometry import as_cell
 from patterns.snapshots.lammps import is_lammps, is_liggghts, lammps_frames, liggghts_frames
 from patterns.snapshots.mercury import is_mercury, mercury_frames
-from patterns.snapshots.plain import frame_of_tables, is_pegs, is_table, pegs_frames, table_frames
 from patterns.snapshots.snapshot import Snapshot
-from patterns.snapshots.tables import given_table
-from patterns.snapshots.text import head_of, require_file
+from patterns.snapshots.tables import given_table, head_of, require_file
 from patterns.snapshots.yade_save import is_yade_save, yade_save_frames
 from patterns.snapshots.yade_vtk import is_yade_vtk, yade_vtk_frames
 

@@ -37,8 +37,7 @@ from patterns.snapshots.dump_files import (
     space_of,
 )
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
-from patterns.snapshots.tables import Table
-from patterns.snapshots.text import beside, head_of, listed
+from patterns.snapshots.tables import Table, beside, head_of, listed
 
 # Plain names of the columns of contacts of LAMMPS, and their contents.
 CONTACT_NAMES = {
@@ -195,6 +194,7 @@ class ColumnSearch:
 
 MOST_COLUMNS = 100  # largest number of columns among which vectors are searched
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be separated"
+NO_WALLS = "contacts with walls are not in the dumps: their forces are missing from the stress"
 
 
 def is_lammps(path: Path, head: bytes) -> bool:
@@ -420,10 +420,7 @@ def liggghts_frames(source: Source) -> Frames:
             said = (*said, note)
         pairs = pairs_of(atoms, space, contacts.pairs.i, contacts.pairs.j, contacts.pairs.d)
         if not all(space.periodic):
-            said = (
-                *said,
-                "contacts with walls are not in the dumps: their forces are missing from the stress",
-            )
+            said = (*said, NO_WALLS)
         forces = Forces(None if contacts.force is None else -contacts.force)
         return frame_of_pairs((own, local), atoms, space, pairs, forces, notes=said)
 

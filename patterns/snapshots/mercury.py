@@ -25,8 +25,7 @@ from patterns.snapshots.dump_files import (
 )
 from patterns.snapshots.frame import Frame, Frames, Listing, Notes, Source, contacts_path, paired
 from patterns.snapshots.geometry import PLANE_TOLERANCE
-from patterns.snapshots.tables import Table
-from patterns.snapshots.text import Text, line_at, open_text
+from patterns.snapshots.tables import Table, Text, line_at, open_text
 
 # Columns by the number of numbers in a row; the header of a frame has 6 numbers in 2D, else 8.
 DATA_COLUMNS = {
@@ -167,11 +166,29 @@ def mercury_frames(source: Source) -> Frames:
 
 
 def _mercury_frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame:
-    atoms, axes = _atoms(data)
+    # Grains, and the two axes of their plane.
+    flat = "z" not in data.names
+    found = data.read([*("xy" if flat else "xyz"), "radius"])
+    radii, axes, depth = found.column("radius"), "xy", None
+    if not flat:
+        depth, y = found.column("z"), found.column("y")
+        limit = PLANE_TOLERANCE * np.abs(radii).min()
+        if np.ptp(depth) > limit and np.ptp(y) <= limit:
+            axes, depth = "xz", y
+    atoms = Atoms(np.arange(len(found)), found.columns(*axes), radii, depth)
     space = Space(source.cell, (True, True))
     table = fstat.read(FSTAT_COLUMNS[1:])
     i, j = table.integers("i"), table.integers("j")
-    _require_known(table, atoms, i, j)
+    highest = np.maximum(i, j)
+    row = int(np.argmax(highest))
+    if highest[row] >= len(atoms.ids) or i.min() < 0:
+        raise InputError(
+            f"{table.path}, row {row}",
+            f"grains {i[row]} and {j[row]}",
+            f"grains 0 to {len(atoms.ids) - 1} of the .data file, walls negative in the second",
+            "Higher numbers are ghosts of a periodic border, as old versions of MercuryDPM write: "
+            "run a later version, or export plain tables.",
+        )
     # Force on the first body of each row; at walls its sign follows from the contact point.
     n, t = (table.columns(*(f"{v}{a}" for a in axes)) for v in "nt")
     force = table.column("fn")[:, None] * n + table.column("ft")[:, None] * t
@@ -192,33 +209,6 @@ def _mercury_frame(source: Source, data: Listing, fstat: Listing, notes: Notes) 
     forces = Forces(-force[between])
     frame = frame_of_pairs((data, fstat), atoms, space, pairs, forces, walls, notes)
     return replace(frame, time=data.step)
-
-
-def _atoms(listing: Listing) -> tuple[Atoms, str]:
-    """Grains, and the two axes of their plane."""
-    flat = "z" not in listing.names
-    table = listing.read([*("xy" if flat else "xyz"), "radius"])
-    radii, ids = table.column("radius"), np.arange(len(table))
-    if flat:
-        return Atoms(ids, table.columns("x", "y"), radii, None), "xy"
-    y, z = table.column("y"), table.column("z")
-    limit = PLANE_TOLERANCE * np.abs(radii).min()
-    if np.ptp(z) > limit and np.ptp(y) <= limit:
-        return Atoms(ids, table.columns("x", "z"), radii, y), "xz"
-    return Atoms(ids, table.columns("x", "y"), radii, z), "xy"
-
-
-def _require_known(table: Table, atoms: Atoms, i: Integers, j: Integers) -> None:
-    highest = np.maximum(i, j)
-    row = int(np.argmax(highest))
-    if highest[row] >= len(atoms.ids) or i.min() < 0:
-        raise InputError(
-            f"{table.path}, row {row}",
-            f"grains {i[row]} and {j[row]}",
-            f"grains 0 to {len(atoms.ids) - 1} of the .data file, walls negative in the second",
-            "Higher numbers are ghosts of a periodic border, as old versions of MercuryDPM write: "
-            "run a later version, or export plain tables.",
-        )
 
 
 def _check_centres(

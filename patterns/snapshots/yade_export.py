@@ -69,7 +69,12 @@ def export_tables(folder: str, number: int | None = None) -> str:
     real = [i for i in O.interactions if i.isReal and (i.id1 in spheres or i.id2 in spheres)]
     if not real:
         raise ValueError("no real interaction at this snapshot: nothing to export")
-    columns = CONTACTS + (FORCES if _has_friction(real) else FORCES[:-1])
+    for i in real:
+        if not (hasattr(i.phys, "kn") and hasattr(i.phys, "ks") and hasattr(i.phys, "shearForce")):
+            physics = type(i.phys).__name__
+            raise ValueError(f"interaction {i.id1}-{i.id2}: {physics} lacks kn, ks or shearForce")
+    rough = all(hasattr(i.phys, "tangensOfFrictionAngle") for i in real)
+    columns = CONTACTS + (FORCES if rough else FORCES[:-1])
     contacts = [_contact(O, i)[: len(columns)] for i in real]
     os.makedirs(folder, exist_ok=True)
     if number is None:
@@ -91,14 +96,6 @@ def _is_sphere(body: Any) -> bool:
     return type(body.shape).__name__ == "Sphere"
 
 
-def _has_friction(real: Sequence[Any]) -> bool:
-    for i in real:
-        if not (hasattr(i.phys, "kn") and hasattr(i.phys, "ks") and hasattr(i.phys, "shearForce")):
-            kind = type(i.phys).__name__
-            raise ValueError(f"interaction {i.id1}-{i.id2}: {kind} lacks kn, ks or shearForce")
-    return all(hasattr(i.phys, "tangensOfFrictionAngle") for i in real)
-
-
 def _contact(scene: Any, i: Any) -> tuple[float, ...]:
     """Row of `CONTACTS` and `FORCES`; a wall comes first, whatever Yade's order."""
     one, two, sign = scene.bodies[i.id1], scene.bodies[i.id2], 1
@@ -117,7 +114,14 @@ def _contact(scene: Any, i: Any) -> tuple[float, ...]:
                 branch[row] + sum(float(h[row, k]) * image[k] for k in (0, 1, 2)) for row in (0, 1)
             ]
     else:
-        branch = [component * _reach(one, two, i.geom.contactPoint, n) for component in n]
+        # From the foot on the wall to the centre; penetrationDepth is not saved by O.save. Yade's
+        # contact point is the foot on a `Wall`; on boxes and facets it lies halfway through the
+        # overlap.
+        point = i.geom.contactPoint
+        reach = sum(float(two.state.pos[k] - point[k]) * n[k] for k in (0, 1))
+        if type(one.shape).__name__ != "Wall":
+            reach = 2 * reach - float(two.shape.radius)
+        branch = [component * reach for component in n]
     # With the components out of the plane: a tilted normal must not look like a smaller force.
     compression = i.phys.normalForce.dot(i.geom.normal)
     force = [normal[k] + shear[k] for k in (0, 1)]
@@ -126,18 +130,6 @@ def _contact(scene: Any, i: Any) -> tuple[float, ...]:
         *(one.id, two.id, image[0], image[1], *branch, *n),
         *(compression, *shear, *force, i.phys.kn, i.phys.ks, mu),
     )
-
-
-def _reach(wall: Any, grain: Any, point: Any, n: Sequence[float]) -> float:
-    """From the foot on the wall to the centre; penetrationDepth is not saved by O.save.
-
-    Yade's contact point is the foot on a `Wall`; on boxes and facets it lies halfway through the
-    overlap.
-    """
-    distance = sum(float(grain.state.pos[k] - point[k]) * n[k] for k in (0, 1))
-    if type(wall.shape).__name__ == "Wall":
-        return distance
-    return 2 * distance - float(grain.shape.radius)
 
 
 def _shear_increment(scene: Any) -> str:

@@ -17,8 +17,7 @@ from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.frame import Frame, Frames, Source, with_plain_names
 from patterns.snapshots.geometry import index_of
-from patterns.snapshots.tables import Table
-from patterns.snapshots.text import require_file, whole_file
+from patterns.snapshots.tables import Table, require_file, whole_file
 
 ROOT = b"<boost_serialization"
 BINARY = b"serialization::archive"
@@ -63,29 +62,26 @@ class Save:
             self.complete = True
 
     def _body(self, px: ET.Element) -> None:
+        """Read a body; several may share one shape."""
         body = int(_number(px, "id"))
         clump = px.find("clumpId")
         if clump is not None and clump.text != "-1":
             raise _MissingError(f"body {body} in a clump where loops are of single grains")
-        shape, radius = self._shape(px, body)
-        position = next(px.find("state").iter("position"), None)  # type: ignore[union-attr]
-        x, y, z = (_number(position, axis, f"position of body {body}") for axis in "xyz")
-        self.bodies.append((body, shape, x, y, z, radius))
-
-    def _shape(self, px: ET.Element, body: int) -> tuple[str, float]:
-        """Class and radius of a shape, which bodies may share."""
         shape = px.find("shape/px")
         if shape is None:
             raise _MissingError(f"no <shape> in body {body}")
         shared = shape.get("object_id_reference")
-        if shared is not None:
-            if shared not in self.shapes:
-                raise _MissingError(f"no shape {shared}, which body {body} refers to")
-            return self.shapes[shared]
-        name = self._class_of(shape)
-        radius = _number(shape, "radius", f"shape of body {body}") if name == "Sphere" else 0.0
-        self.shapes[shape.get("object_id", "")] = (name, radius)
-        return name, radius
+        if shared is None:
+            name, where = self._class_of(shape), f"shape of body {body}"
+            radius = _number(shape, "radius", where) if name == "Sphere" else 0.0
+            shared = shape.get("object_id", "")
+            self.shapes[shared] = (name, radius)
+        elif shared not in self.shapes:
+            raise _MissingError(f"no shape {shared}, which body {body} refers to")
+        name, radius = self.shapes[shared]
+        position = next(px.find("state").iter("position"), None)  # type: ignore[union-attr]
+        x, y, z = (_number(position, axis, f"position of body {body}") for axis in "xyz")
+        self.bodies.append((body, name, x, y, z, radius))
 
     def _class_of(self, px: ET.Element) -> str:
         return self.classes.get(px.get("class_id_reference", px.get("class_id", "")), "none")
@@ -121,7 +117,16 @@ def read_save(path: Path) -> Save:
     save, done = Save(), False
     try:
         with whole_file(path), opened(path) as file:
-            _check_head(path, file)
+            # Yade writes no declarations before the root, and entities may expand endlessly.
+            head = file.read(DECLARATION_BYTES)
+            file.seek(0)
+            start = head.find(ROOT)
+            if start < 0 or b"<!ENTITY" in head[:start]:
+                received = "declarations of entities" if start >= 0 else "no <boost_serialization>"
+                if start < 0 and BINARY in head[:64]:
+                    received = "Yade's binary save, readable by the build of Yade that wrote it"
+                expected = 'XML as O.save("....xml.gz") writes it'
+                raise InputError(str(path), received, expected, LOAD_IN_YADE)
             for _, element in ET.iterparse(file):
                 if element.tag == "px":
                     save.read(element)
@@ -153,19 +158,6 @@ def opened(path: Path) -> BinaryIO:
         magic = file.read(2)
     unpack: Any = {b"\x1f\x8b": gzip.open, b"BZ": bz2.open}.get(magic, open)
     return cast(BinaryIO, unpack(path, "rb"))
-
-
-def _check_head(path: Path, file: BinaryIO) -> None:
-    """Refuse declarations before the root: Yade writes none, and entities may expand endlessly."""
-    head = file.read(DECLARATION_BYTES)
-    file.seek(0)
-    start = head.find(ROOT)
-    if start >= 0 and b"<!ENTITY" not in head[:start]:
-        return
-    received = "declarations of entities" if start >= 0 else "no <boost_serialization>"
-    if start < 0 and BINARY in head[:64]:
-        received = "Yade's binary save, readable by the build of Yade that wrote it"
-    raise InputError(str(path), received, 'XML as O.save("....xml.gz") writes it', LOAD_IN_YADE)
 
 
 def _number(parent: ET.Element | None, name: str, where: str = "") -> float:
@@ -220,11 +212,20 @@ def frame_of_save(source: Source, save: Save) -> Frame:
         Table(f"bodies of {source.path}", grains),
         Table(f"interactions of {source.path}", contacts),
     )
+    notes: list[str] = []
+    if off > SAME_SNAPSHOT:
+        notes.append(
+            f"normals up to {off:.1g} rad off the line of centres: saved after the grains moved, "
+            "forces are one step older than positions"
+        )
+    other = sorted({body[1] for body in save.bodies} - {"Sphere"})
+    if other:
+        notes.append(f"bodies taken as walls: {', '.join(other)}")
     return Frame(
         *with_plain_names(source, *tables),
         cell=cell if source.cell is None else source.cell,
         step=float(save.iteration),
-        notes=_notes(save, off),
+        notes=tuple(notes),
         shear_increment="radii" if save.radii else "branch",
     )
 
@@ -267,16 +268,3 @@ def _contacts(
     if not np.isnan(rows[:, 14]).any():
         columns["mu"] = rows[:, 14]
     return columns, float(off)
-
-
-def _notes(save: Save, off: float) -> tuple[str, ...]:
-    notes = []
-    if off > SAME_SNAPSHOT:
-        notes.append(
-            f"normals up to {off:.1g} rad off the line of centres: saved after the grains moved, "
-            "forces are one step older than positions"
-        )
-    other = sorted({body[1] for body in save.bodies} - {"Sphere"})
-    if other:
-        notes.append(f"bodies taken as walls: {', '.join(other)}")
-    return tuple(notes)

@@ -17,8 +17,7 @@ from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.frame import Frame, Frames, Source, contacts_path, with_plain_names
 from patterns.snapshots.geometry import index_of
-from patterns.snapshots.tables import Table
-from patterns.snapshots.text import PACKING, open_text, require_line_end, whole_file
+from patterns.snapshots.tables import PACKING, Table, open_text, require_line_end, whole_file
 
 LEGACY = b"# vtk DataFile"
 SECTIONS = {
@@ -53,7 +52,18 @@ def read_vtk(path: Path) -> VtkData:
     if legacy:
         *promised, arrays = _check_legacy(path, content)
     else:
-        promised = [*_promised(path, content)]
+        # Numbers of points and lines in the header.
+        piece = re.search(rb"<Piece\b([^>]*)>", content)
+        counts = [
+            re.search(rb"\b" + name + rb'="(\d{1,15})\s*"', piece.group(1)) if piece else None
+            for name in (b"NumberOfPoints", b"NumberOf(?:Lines|Cells)")
+        ]
+        promised = [int(count.group(1)) for count in counts if count]
+        if b"</VTKFile>" not in content[-64:] or len(promised) < 2:
+            raise _damaged(path)
+        if max(promised) > PACKING * len(content):
+            received = f"{promised[0]} points and {promised[1]} lines"
+            raise InputError(str(path), received, "what fits", REMEDY)
         with whole_file(path):
             _check_arrays(path, content, *promised)
     data = _read_with_vtk(path, content, polydata, legacy)
@@ -136,21 +146,6 @@ def _read_with_vtk(path: Path, content: bytes, polydata: bool, legacy: bool) -> 
     return reader.GetOutput()
 
 
-def _promised(path: Path, content: bytes) -> tuple[int, int]:
-    """Numbers of points and lines in the header."""
-    piece = re.search(rb"<Piece\b([^>]*)>", content)
-    counts = [
-        re.search(rb"\b" + name + rb'="(\d{1,15})\s*"', piece.group(1)) if piece else None
-        for name in (b"NumberOfPoints", b"NumberOf(?:Lines|Cells)")
-    ]
-    if b"</VTKFile>" not in content[-64:] or counts[0] is None or counts[1] is None:
-        raise _damaged(path)
-    points, lines = int(counts[0].group(1)), int(counts[1].group(1))
-    if max(points, lines) > PACKING * len(content):
-        raise InputError(str(path), f"{points} points and {lines} lines", "what fits", REMEDY)
-    return points, lines
-
-
 def _check_arrays(path: Path, content: bytes, points: int, lines: int) -> None:
     """Compare the lengths of arrays with the counts, which vtk itself trusts."""
     wanted = {b"PointData": points, b"Points": points, b"CellData": lines}
@@ -165,22 +160,19 @@ def _check_arrays(path: Path, content: bytes, points: int, lines: int) -> None:
         rows = numbers // int(attributes.get(b"NumberOfComponents", b"1"))
         if numbers > PACKING * len(content):
             raise ValueError(f"an array of {numbers} numbers")
-        if rows != wanted.get(section, rows):
-            _refuse_rows(path, section, rows, wanted[section], attributes.get(b"Name", b""))
-
-
-def _refuse_rows(path: Path, section: bytes, rows: int, wanted: int, name: bytes) -> None:
-    values = f"{rows} values of {name.decode(errors='replace')}"
-    if section != b"CellData":
-        raise InputError(str(path), f"{wanted} points and {values}", "a value a point", REMEDY)
-    raise InputError(
-        str(path),
-        f"{wanted} lines and {values}",
-        "a value a line",
-        "In a periodic cell Yade's recorder writes two values for a contact across the border and "
-        "no line, so that values can't be assigned to lines: export tables from inside Yade, "
-        "see docs/yade.md.",
-    )
+        if rows == wanted.get(section, rows):
+            continue
+        values = f"{rows} values of {attributes.get(b'Name', b'').decode(errors='replace')}"
+        if section != b"CellData":
+            raise InputError(str(path), f"{points} points and {values}", "a value a point", REMEDY)
+        raise InputError(
+            str(path),
+            f"{lines} lines and {values}",
+            "a value a line",
+            "In a periodic cell Yade's recorder writes two values for a contact across the border "
+            "and no line, so that values can't be assigned to lines: export tables from inside "
+            "Yade, see docs/yade.md.",
+        )
 
 
 def _numbers(content: bytes, attributes: dict[bytes, bytes], body: bytes) -> int:
@@ -235,14 +227,22 @@ def _yade_vtk_frame(source: Source) -> Frame:
         contacts = _contacts_path(source, ".vtk")
         return exporter_frame(source, read_vtk(path), read_vtk(contacts))
     if name.endswith(".vtm"):
-        path, contacts = _blocks(path)
+        names = re.findall(rb'\bfile="([^"]+)"', bytes(open_text(path)))
+        files = [path.parent / name.decode(errors="replace") for name in names]
+        spheres = [file for file in files if file.suffix == ".vtu"]
+        lines = [file for file in files if file.suffix == ".vtp"]
+        if len(spheres) != 1 or len(lines) != 1:
+            received = f"{len(spheres)} .vtu and {len(lines)} .vtp blocks"
+            remedy = "Record ['spheres', 'intr'] alone with multiblock=True."
+            raise InputError(str(path), received, "the spheres and the interactions", remedy)
+        path, contacts = spheres[0], lines[0]
     elif name.endswith(".vtu"):
         contacts = _contacts_path(source, ".vtp")
     else:
         raise InputError(
             str(path), "a file of lines", "the file of the spheres, ...spheres.N.vtu", "Name it."
         )
-    return _recorder_frame(source, read_vtk(path), read_vtk(contacts))
+    return recorder_frame(source, read_vtk(path), read_vtk(contacts))
 
 
 def _contacts_path(source: Source, ending: str) -> Path:
@@ -254,19 +254,8 @@ def _contacts_path(source: Source, ending: str) -> Path:
     return contacts_path(source, names, "no such file beside it", wanted, hint)
 
 
-def _blocks(path: Path) -> tuple[Path, Path]:
-    names = re.findall(rb'\bfile="([^"]+)"', bytes(open_text(path)))
-    files = [path.parent / name.decode(errors="replace") for name in names]
-    spheres = [file for file in files if file.suffix == ".vtu"]
-    lines = [file for file in files if file.suffix == ".vtp"]
-    if len(spheres) != 1 or len(lines) != 1:
-        received = f"{len(spheres)} .vtu and {len(lines)} .vtp blocks"
-        remedy = "Record ['spheres', 'intr'] alone with multiblock=True."
-        raise InputError(str(path), received, "the spheres and the interactions", remedy)
-    return spheres[0], lines[0]
-
-
-def _recorder_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
+def recorder_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
+    """Frame of `VTKRecorder`, whose lines join the spheres in contact."""
     grains, notes = grains_of(spheres, "radii")
     ends = ends_of(spheres, lines)
     refuse_strays(lines, ends)
