@@ -210,7 +210,21 @@ def equilateral_polygon(
     if given.ndim == 0 or given.shape[-1] < 1:
         expected = "n - 2 finite branch directions, n >= 3"
         raise InputError("angles", str(angles), expected, "Give the directions.")
-    directions = np.concatenate([given, _closing(given)], axis=-1)
+    # Two more branches lead back to the start; they may be one straight line, up to rounding.
+    gap = -np.stack([np.cos(given).sum(axis=-1), np.sin(given).sum(axis=-1)], axis=-1)
+    size = np.hypot(gap[..., 0], gap[..., 1])
+    if not (size <= 2.0 * (1.0 + 4.0 * np.finfo(float).eps)).all():
+        received = f"branches that leave a gap of {float(size.max()):.6g} branches"
+        expected = "a gap that the two closing branches can bridge, at most 2"
+        raise InputError("angles", received, expected, "Turn the branches more.")
+    if not (size > OPEN_DIRECTION).all():
+        received = "branches that close by themselves"
+        remedy = "Give the directions of all branches but the last two."
+        raise InputError("angles", received, "a gap for the two closing branches", remedy)
+    half = np.arctan2(np.sqrt(np.maximum((2.0 - size) * (2.0 + size), 0.0)), size)
+    middle = np.arctan2(gap[..., 1], gap[..., 0])
+    closing = np.stack([middle - half, middle + half], axis=-1)
+    directions = np.concatenate([given, closing], axis=-1)
     units = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
     corners = 2.0 * radius * (np.cumsum(units, axis=-2) - units)
     for ok, received in (
@@ -222,24 +236,6 @@ def equilateral_polygon(
             raise InputError("angles", received, expected, "Correct the directions.")
     x0 = corners - polygon_centroid(corners)[..., None, :]
     return compressed_ring(x0, np.full(directions.shape[-1], radius), strain, kn)
-
-
-def _closing(directions: Floats) -> Floats:
-    """(..., 2) directions of two unit branches that lead back to the start."""
-    gap = -np.stack([np.cos(directions).sum(axis=-1), np.sin(directions).sum(axis=-1)], axis=-1)
-    size = np.hypot(gap[..., 0], gap[..., 1])
-    # The closing two may be one straight line, up to rounding.
-    if not (size <= 2.0 * (1.0 + 4.0 * np.finfo(float).eps)).all():
-        received = f"branches that leave a gap of {float(size.max()):.6g} branches"
-        expected = "a gap that the two closing branches can bridge, at most 2"
-        raise InputError("angles", received, expected, "Turn the branches more.")
-    if not (size > OPEN_DIRECTION).all():
-        received = "branches that close by themselves"
-        remedy = "Give the directions of all branches but the last two."
-        raise InputError("angles", received, "a gap for the two closing branches", remedy)
-    half = np.arctan2(np.sqrt(np.maximum((2.0 - size) * (2.0 + size), 0.0)), size)
-    middle = np.arctan2(gap[..., 1], gap[..., 0])
-    return np.stack([middle - half, middle + half], axis=-1)
 
 
 def polydisperse_polygon(
@@ -492,21 +488,8 @@ def random_loop(
         expected = "a number from 0, below 1"
         raise InputError("polydispersity", str(polydispersity), expected, "Change the argument.")
     rng = np.random.default_rng(seed)
-    radii, directions = _draw(rng, int(np.prod(batch)), order, convex, polydispersity)
-    mobilised = mu * rng.uniform(-1.0, 1.0, (*batch, order))
-    sides = radii + np.roll(radii, -1, axis=-1)
-    edges = sides[..., None] * np.stack([np.cos(directions), np.sin(directions)], axis=-1)
-    corners = np.cumsum(edges, axis=-2) - edges
-    x0 = radius * (corners - polygon_centroid(corners)[..., None, :])
-    return compressed_ring(
-        x0.reshape(*batch, order, 2), radius * radii.reshape(*batch, order), strain, kn, mobilised
-    )
-
-
-def _draw(
-    rng: np.random.Generator, count: int, order: int, convex: bool, polydispersity: float
-) -> tuple[Floats, Floats]:
-    """Radii of mean 1 and branch directions, (count, n) each; walks are repeated until all hold."""
+    # Radii of mean 1; walks are repeated until all loops are as wanted.
+    count = int(np.prod(batch))
     radii, directions = np.empty((count, order)), np.empty((count, order))
     missing = np.arange(count)
     for _ in range(WALK_ROUNDS):
@@ -515,14 +498,24 @@ def _draw(
         radii[missing[good]], directions[missing[good]] = drawn[good], walked[good]
         missing = missing[~good]
         if len(missing) == 0:
-            return radii, directions + rng.uniform(-np.pi, np.pi, (count, 1))
-    kind = "convex" if convex else "non-convex"
-    raise InputError(
-        "random loop",
-        f"no {kind} loop of order {order} and polydispersity {polydispersity} without overlap "
-        f"of opposite grains in {WALK_ROUNDS} rounds",
-        "a loop that has room",
-        "Change the order, the polydispersity or the seed.",
+            break
+    else:
+        kind = "convex" if convex else "non-convex"
+        raise InputError(
+            "random loop",
+            f"no {kind} loop of order {order} and polydispersity {polydispersity} without overlap "
+            f"of opposite grains in {WALK_ROUNDS} rounds",
+            "a loop that has room",
+            "Change the order, the polydispersity or the seed.",
+        )
+    directions += rng.uniform(-np.pi, np.pi, (count, 1))
+    mobilised = mu * rng.uniform(-1.0, 1.0, (*batch, order))
+    sides = radii + np.roll(radii, -1, axis=-1)
+    edges = sides[..., None] * np.stack([np.cos(directions), np.sin(directions)], axis=-1)
+    corners = np.cumsum(edges, axis=-2) - edges
+    x0 = radius * (corners - polygon_centroid(corners)[..., None, :])
+    return compressed_ring(
+        x0.reshape(*batch, order, 2), radius * radii.reshape(*batch, order), strain, kn, mobilised
     )
 
 

@@ -99,7 +99,15 @@ def diamond(
     alpha0, E1, E2, T, radius, kn = np.broadcast_arrays(
         alpha0, E1, E2, T, radius, positive("kn", kn)
     )
-    N = kn * 2.0 * radius * _closed_overlap(E1, E2, alpha0)
+    overlap = overlap_ratio(E1, E2, alpha0)
+    if np.any(overlap < -TOUCHING_ATOL):
+        raise InputError(
+            "E1, E2",
+            f"strains that part the grains by {-float(np.min(overlap)):.3g} of the branch",
+            "strains under which every contact still touches (l <= 2 radius)",
+            "Compress the diamond, or leave the open contacts out.",
+        )
+    N = kn * 2.0 * radius * np.maximum(overlap, 0.0)
     cos, sin = np.cos(alpha0), np.sin(alpha0)
     return GrainGraph(
         x=_centres(2.0 * radius * (1.0 - E1) * cos, 2.0 * radius * (1.0 - E2) * sin),
@@ -117,18 +125,6 @@ def _centres(half1: Floats, half2: Floats) -> Floats:
     x = np.stack([half1, zero, -half1, zero], axis=-1)
     y = np.stack([zero, half2, zero, -half2], axis=-1)
     return np.stack([x, y], axis=-1)
-
-
-def _closed_overlap(E1: Floats, E2: Floats, alpha0: Floats) -> Floats:
-    overlap = overlap_ratio(E1, E2, alpha0)
-    if np.any(overlap < -TOUCHING_ATOL):
-        raise InputError(
-            "E1, E2",
-            f"strains that part the grains by {-float(np.min(overlap)):.3g} of the branch",
-            "strains under which every contact still touches (l <= 2 radius)",
-            "Compress the diamond, or leave the open contacts out.",
-        )
-    return np.maximum(overlap, 0.0)
 
 
 def external_forces(N: ArrayLike, T: ArrayLike, alpha: ArrayLike) -> tuple[Floats, Floats]:

@@ -201,7 +201,14 @@ def growing_yield(paths: PathRows) -> tuple[Floats, Floats]:
     """
     low, ceiling = np.maximum(paths.phi - paths.alpha0, 0.0), 0.5 * np.pi - paths.alpha0
     bracket = _Bracket(low, ceiling.copy(), ceiling, np.zeros(low.shape, dtype=bool))
-    turn = np.clip(_first_guess(paths), low, ceiling)
+    # First the root with `T = kappa (1 - E) turn` and the sine of the turn to first order.
+    stiffness, over = paths.kappa * (1.0 - paths.confinement), paths.alpha0 - paths.phi
+    half, need = 0.5 * stiffness * np.sin(over), paths.f * np.sin(paths.phi)
+    root = np.sqrt(half**2 + stiffness * np.cos(over) * need)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rising, falling = need / (half + root), (root - half) / (stiffness * np.cos(over))
+    guess = np.nan_to_num(np.where(half > 0.0, rising, falling), nan=np.inf)
+    turn = np.clip(guess, low, ceiling)
     T = paths.shear_after(np.zeros_like(turn), np.zeros_like(turn), turn)
     rows, active = np.arange(turn.size), paths
     for _ in range(_ITERATIONS):
@@ -214,7 +221,14 @@ def growing_yield(paths: PathRows) -> tuple[Floats, Floats]:
         T[rows] = active.shear_after(turn[rows], T[rows], goal - turn[rows])
         turn[rows] = goal
     turn[bracket.fails] = np.nan
-    return _last_step(paths, turn)
+    T[:] = np.nan
+    found = np.flatnonzero(np.isfinite(turn))
+    paths, start = paths.take(found), turn[found]
+    shear = paths.shear_after(np.zeros_like(start), np.zeros_like(start), start)
+    excess, slope = _excess(paths, start, shear)
+    step = np.maximum(-excess / np.where(slope > 0.0, slope, np.inf), -start)
+    turn[found], T[found] = start + step, paths.shear_after(start, shear, step)
+    return turn, T
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,39 +267,21 @@ def _excess(paths: PathRows, turn: Floats, T: Floats) -> tuple[Floats, Floats]:
     return T * np.sin(over) - f * np.sin(paths.phi), slope
 
 
-def _first_guess(paths: PathRows) -> Floats:
-    """Root of the excess with `T = kappa (1 - E) turn` and `sin` of the turn to first order."""
-    stiffness = paths.kappa * (1.0 - paths.confinement)
-    over = paths.alpha0 - paths.phi
-    half, need = 0.5 * stiffness * np.sin(over), paths.f * np.sin(paths.phi)
-    root = np.sqrt(half**2 + stiffness * np.cos(over) * need)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rising = need / (half + root)
-        falling = (root - half) / (stiffness * np.cos(over))
-    return np.nan_to_num(np.where(half > 0.0, rising, falling), nan=np.inf)
-
-
-def _last_step(paths: PathRows, turn: Floats) -> tuple[Floats, Floats]:
-    """Shear force integrated from A in one go, and one Newton step with it."""
-    T = np.full_like(turn, np.nan)
-    found = np.flatnonzero(np.isfinite(turn))
-    paths, start = paths.take(found), turn[found]
-    shear = paths.shear_after(np.zeros_like(start), np.zeros_like(start), start)
-    excess, slope = _excess(paths, start, shear)
-    step = -excess / np.where(slope > 0.0, slope, np.inf)
-    step = np.maximum(step, -start)
-    turn[found] = start + step
-    T[found] = paths.shear_after(start, shear, step)
-    return turn, T
-
-
 def falling_yield(paths: PathRows) -> tuple[Floats, Floats]:
     """Turn (negative) and shear force at yield; NaN where the grains' centres meet first."""
     turn, T = np.zeros_like(paths.alpha0), np.zeros_like(paths.alpha0)
     fails = np.zeros(turn.shape, dtype=bool)
     rows, active = np.arange(turn.size), paths
     for _ in range(_ITERATIONS):
-        lack, slope = _lack(active, turn[rows], T[rows])
+        # Margin to yield, `N sin(phi) - |T| cos(phi)`, and its decrease per falling angle.
+        alpha = active.alpha0 + turn[rows]
+        N = normal_force(alpha, active.f, T[rows])
+        shear_rate = active.kappa * (1.0 - N)
+        normal_rate = (N - shear_rate) / np.tan(alpha) + T[rows]
+        # Exactly zero at pi/2, where nothing slides.
+        cos = np.where(active.phi == 0.5 * np.pi, 0.0, np.cos(active.phi))
+        sin = np.sin(active.phi)
+        lack, slope = N * sin + T[rows] * cos, shear_rate * cos - normal_rate * sin
         with np.errstate(divide="ignore", invalid="ignore"):
             step = -np.where(lack > 0.0, lack / slope, 0.0)
         # Once the excess falls, or l has vanished, there is no yield.
@@ -298,18 +294,6 @@ def falling_yield(paths: PathRows) -> tuple[Floats, Floats]:
         T[rows] = active.shear_after(turn[rows], T[rows], step)
         turn[rows] += step
     return np.where(fails, np.nan, turn), np.where(fails, np.nan, T)
-
-
-def _lack(paths: PathRows, turn: Floats, T: Floats) -> tuple[Floats, Floats]:
-    """Margin to yield, `N sin(phi) - |T| cos(phi)`, and its decrease per falling angle."""
-    alpha = paths.alpha0 + turn
-    N = normal_force(alpha, paths.f, T)
-    shear_rate = paths.kappa * (1.0 - N)
-    normal_rate = (N - shear_rate) / np.tan(alpha) + T
-    # Exactly zero at pi/2, where nothing slides.
-    cos = np.where(paths.phi == 0.5 * np.pi, 0.0, np.cos(paths.phi))
-    sin = np.sin(paths.phi)
-    return N * sin + T * cos, shear_rate * cos - normal_rate * sin
 
 
 def strain_limit(paths: PathRows, end: Floats) -> tuple[Floats, Floats]:
@@ -329,25 +313,19 @@ def strain_limit(paths: PathRows, end: Floats) -> tuple[Floats, Floats]:
         goal_T = paths.shear_after(last_turn, last_T, goal - last_turn)
         below = turning_stiffness(paths.alpha0 + goal, paths.f, goal_T, paths.kappa) < 0.0
         if below.any():
-            found = rows[below]
-            turn[found], T[found] = _bisect(
-                paths.take(below), last_turn[below], last_T[below], goal[below]
-            )
+            # Bisection between the last angle, where K22 is positive, and this one.
+            own, start, start_T = paths.take(below), last_turn[below], last_T[below]
+            low, high = start, goal[below]
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (low + high)
+                middle_T = own.shear_after(start, start_T, middle - start)
+                beyond = turning_stiffness(own.alpha0 + middle, own.f, middle_T, own.kappa) < 0.0
+                low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+            turn[rows[below]], T[rows[below]] = low, own.shear_after(start, start_T, low - start)
             rows, paths = rows[~below], paths.take(~below)
             half_tan, growth, goal, goal_T = (x[~below] for x in (half_tan, growth, goal, goal_T))
         last_turn, last_T = goal, goal_T
     return turn, T
-
-
-def _bisect(paths: PathRows, low: Floats, low_T: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """The zero of K22 between `low`, where it is positive, and `high`."""
-    start, start_T = low, low_T
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        T = paths.shear_after(start, start_T, middle - start)
-        below = turning_stiffness(paths.alpha0 + middle, paths.f, T, paths.kappa) < 0.0
-        low, high = np.where(below, low, middle), np.where(below, middle, high)
-    return low, paths.shear_after(start, start_T, low - start)
 
 
 def advance_shear(T: Floats, alpha: Floats, turn: Floats, f: Floats, kappa: Floats) -> Floats:
@@ -466,8 +444,29 @@ def drained_states_after_turn(
     Turns run from 0 on in the path's direction; at B itself the state is still elastic. Exact to
     relative rounding errors also where stiff grains yield after a turn of 1e-9.
     """
-    p, turn = path.parameters, _on_path(path, turn)
-    T, regime = _shear_and_regime(path, turn.reshape(-1))
+    p, turn, direction = path.parameters, finite("turn", turn), path.direction
+    last = 0.5 * np.pi if direction > 0 else 0.0
+    inside = (turn * direction >= 0.0) & ((last - p.alpha0 - turn) * direction > 0.0)
+    expected = f"angles from alpha0 = {p.alpha0:.17g} on, short of {last:.17g}"
+    if path.status == "limit":
+        inside &= turn <= path.end.turn
+        expected += f", up to the limit of strain control at {float(path.end.alpha):.17g}"
+    if not np.all(inside):
+        received = p.alpha0 + float(np.atleast_1d(turn)[~np.atleast_1d(inside)][0])
+        raise InputError("alpha", f"{received:.17g}", expected, "Move it.")
+    # Elastic from A, sliding from B, stuck again.
+    flat, stick_turn = turn.reshape(-1), path.stick_angle - p.alpha0
+    if path.status == "opening":
+        T, regime = np.zeros_like(flat), np.full(flat.shape, "open")
+    else:
+        past_yield = (flat - path.end.turn) * direction > 0.0
+        stuck = (flat - stick_turn) * direction > 0.0
+        slides = past_yield & ~stuck
+        T = _elastic_shear(p, p.alpha0, 0.0, np.where(past_yield, 0.0, flat))
+        T[slides] = _sliding_shear(path, p.alpha0 + flat[slides])
+        stick_T = _sliding_shear(path, np.array([path.stick_angle]))[0]
+        T[stuck] = _elastic_shear(p, path.stick_angle, stick_T, flat[stuck] - stick_turn)
+        regime = np.where(slides, "sliding" if p.confinement > 0.0 else "open", "elastic")
     alpha0, confinement = np.full(turn.shape, p.alpha0), np.full(turn.shape, p.confinement)
     state = drained_state(alpha0, confinement, turn, T.reshape(turn.shape))
     if np.any(state.length <= 0.0):
@@ -493,37 +492,6 @@ def printed_states_after_turn(path: DrainedPath, turn: ArrayLike) -> DrainedStat
     N = (f + held * np.cos(exact.alpha)) / (np.sin(exact.alpha) + p.mu * np.cos(exact.alpha))
     T = np.where(regime == "sliding", held - p.mu * N, exact.T)
     return drained_state(np.asarray(p.alpha0), np.asarray(p.confinement), exact.turn, T)
-
-
-def _on_path(path: DrainedPath, turn: ArrayLike) -> Floats:
-    """Turns as an array, every one on the path."""
-    turn, alpha0 = finite("turn", turn), path.parameters.alpha0
-    last = 0.5 * np.pi if path.direction > 0 else 0.0
-    inside = (turn * path.direction >= 0.0) & ((last - alpha0 - turn) * path.direction > 0.0)
-    expected = f"angles from alpha0 = {alpha0:.17g} on, short of {last:.17g}"
-    if path.status == "limit":
-        inside &= turn <= path.end.turn
-        expected += f", up to the limit of strain control at {float(path.end.alpha):.17g}"
-    if not np.all(inside):
-        received = alpha0 + float(np.atleast_1d(turn)[~np.atleast_1d(inside)][0])
-        raise InputError("alpha", f"{received:.17g}", expected, "Move it.")
-    return turn
-
-
-def _shear_and_regime(path: DrainedPath, turn: Floats) -> tuple[Floats, NDArray[np.str_]]:
-    """Shear force and regime after turns (n,): elastic from A, sliding from B, stuck again."""
-    p, stick_turn = path.parameters, path.stick_angle - path.parameters.alpha0
-    if path.status == "opening":
-        return np.zeros_like(turn), np.full(turn.shape, "open")
-    past_yield = (turn - path.end.turn) * path.direction > 0.0
-    stuck = (turn - stick_turn) * path.direction > 0.0
-    sliding = past_yield & ~stuck
-    T = _elastic_shear(p, p.alpha0, 0.0, np.where(past_yield, 0.0, turn))
-    T[sliding] = _sliding_shear(path, p.alpha0 + turn[sliding])
-    stick_T = _sliding_shear(path, np.array([path.stick_angle]))[0]
-    T[stuck] = _elastic_shear(p, path.stick_angle, stick_T, turn[stuck] - stick_turn)
-    regime = np.where(sliding, "sliding" if p.confinement > 0.0 else "open", "elastic")
-    return T, regime
 
 
 def _elastic_shear(p: DiamondParameters, start: float, T: float, turn: Floats) -> Floats:

@@ -17,7 +17,6 @@ from loops.laws.hertz_mindlin import ShearHistory
 from patterns.snapshots.build import LawName, Parameters, build_snapshot
 from patterns.snapshots.frame import (
     WALL_COLUMNS,
-    Frame,
     Frames,
     Source,
     frame_of_tables,
@@ -165,7 +164,14 @@ def read_snapshot(
     """
     parameters = _parameters(kn, kt, mu, shear_increment, law, young, poisson, shear_history)
     found = _frames(path, contacts, format, columns, cell)
-    return build_snapshot(_choose(path, found, frame), parameters, strict=strict)
+    if frame is None and len(found) > 1:
+        remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
+        raise InputError(str(path), f"{len(found)} snapshots", "one", remedy)
+    number = frame or 0
+    if not -len(found) <= number < len(found):
+        received, expected = f"{path} has {len(found)}", f"a number below {len(found)}"
+        raise InputError(f"--frame {number}", received, expected, "Count from 0.")
+    return build_snapshot(found[number](), parameters, strict=strict)
 
 
 def snapshot_from_tables(
@@ -375,17 +381,3 @@ def _frames(
     beside = None if contacts is None else Path(contacts)
     source = Source(Path(path), beside, as_cell(cell), dict(columns or {}))
     return format_of(source.path, format).frames(source)
-
-
-def _choose(path: str | Path, snapshots: Frames, number: int | None) -> Frame:
-    """One of the snapshots; without a number the only one."""
-    count = len(snapshots)
-    if number is None and count > 1:
-        remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
-        raise InputError(str(path), f"{count} snapshots", "one", remedy)
-    number = number or 0
-    if not -count <= number < count:
-        raise InputError(
-            f"--frame {number}", f"{path} has {count}", f"a number below {count}", "Count from 0."
-        )
-    return snapshots[number]()

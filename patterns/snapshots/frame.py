@@ -296,37 +296,32 @@ def table_frames(source: Source) -> Frames:
     "time": 0.5, "shear_increment": "radii", "law": "hertz", "shear_history": "force"}`, null for no
     cell, and `walls_...`, a row a contact with a wall, see `snapshot_from_tables`.
     """
-    return [partial(_table_frame, source)]
 
+    def read() -> Frame:
+        wanted = known_spellings() | {*source.columns.values()}
+        tables: tuple[Table, ...] = ()
+        if source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES):
+            names, arrays = read_arrays(source.path, wanted | {"cell"})
+            if any(name.startswith("contacts/") for name in names):
+                cell, told = arrays.get("cell"), {}
+                for group in ("grains/", "contacts/"):
+                    own = [n.removeprefix(group) for n in names if n.startswith(group)]
+                    values = {n: arrays[group + n] for n in own if group + n in arrays}
+                    table = table_of_arrays(f"{group[:-1]} of {source.path}", own, values)
+                    tables = (*tables, table)
+        if not tables:
+            grains = read_table(source.path, wanted)
+            tables = grains, read_table(source.contacts or contacts_beside(source.path), wanted)
+            told = _cell_beside(source.path)
+            cell = told.pop("cell", None)
+            walls = source.path.with_name(source.path.name.replace("grains", "walls"))
+            if "grains" in source.path.name and walls.is_file():
+                pushed = read_table(walls, wanted | {"fx", "fy"})
+                told["walls"] = with_aliases(pushed, WALL_COLUMNS)[0]
+        frame = frame_of_tables(source, *tables)
+        return replace(frame, cell=cell if source.cell is None else source.cell, **told)
 
-def _table_frame(source: Source) -> Frame:
-    """The one snapshot; npz and HDF5 files may have both tables in groups."""
-    wanted = known_spellings() | {*source.columns.values()}
-    tables: Sequence[Table] = ()
-    if source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES):
-        names, arrays = read_arrays(source.path, wanted | {"cell"})
-        if any(name.startswith("contacts/") for name in names):
-            tables = [
-                table_of_arrays(
-                    f"{group[:-1]} of {source.path}",
-                    [name.removeprefix(group) for name in names if name.startswith(group)],
-                    {n.removeprefix(group): v for n, v in arrays.items() if n.startswith(group)},
-                )
-                for group in ("grains/", "contacts/")
-            ]
-            cell, beside = arrays.get("cell"), {}
-    if not tables:
-        grains = read_table(source.path, wanted)
-        tables = grains, read_table(source.contacts or contacts_beside(source.path), wanted)
-        beside = _cell_beside(source.path)
-        cell = beside.pop("cell", None)
-        walls = source.path.with_name(source.path.name.replace("grains", "walls"))
-        if "grains" in source.path.name and walls.is_file():
-            beside["walls"] = with_aliases(read_table(walls, wanted | {"fx", "fy"}), WALL_COLUMNS)[
-                0
-            ]
-    frame = frame_of_tables(source, *tables)
-    return replace(frame, cell=cell if source.cell is None else source.cell, **beside)
+    return [read]
 
 
 def frame_of_tables(source: Source, grains: Table, contacts: Table) -> Frame:

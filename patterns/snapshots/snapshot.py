@@ -377,44 +377,38 @@ def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = Fals
     pairs = find_crossings(snapshot.graph, MOST_CROSSINGS)
     if len(pairs) == 0:
         return snapshot
-    if drop:
-        return _without(snapshot, crossing_contacts_to_drop(snapshot.graph, pairs), len(pairs))
-    named = snapshot.ids[snapshot.graph.contacts[pairs[:NAMED_CROSSINGS]]]
-    shown = "; ".join(f"{a[0]}-{a[1]} and {b[0]}-{b[1]}" for a, b in named.tolist())
-    more = "; ..." if len(pairs) > NAMED_CROSSINGS else ""
-    raise InputError(
-        f"contacts of {where}",
-        f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
-        "a planar network",
-        "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings (in Python "
-        "gl.planar(snapshot, drop=True)) leaves out one contact of each pair, the less loaded one.",
-    )
-
-
-def _without(snapshot: Snapshot, dropped: Integers, crossings: int) -> Snapshot:
-    """Leave contacts out, with a note that names the first ten."""
-    graph = snapshot.graph
+    graph, law, regime = snapshot.graph, snapshot.law, snapshot.regime
+    if not drop:
+        named = snapshot.ids[graph.contacts[pairs[:NAMED_CROSSINGS]]]
+        shown = "; ".join(f"{a[0]}-{a[1]} and {b[0]}-{b[1]}" for a, b in named.tolist())
+        more = "; ..." if len(pairs) > NAMED_CROSSINGS else ""
+        raise InputError(
+            f"contacts of {where}",
+            f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
+            "a planar network",
+            "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings (in Python "
+            "gl.planar(snapshot, drop=True)) leaves out one contact of each pair, the less loaded "
+            "one.",
+        )
+    dropped = crossing_contacts_to_drop(graph, pairs)
     kept = np.delete(np.arange(graph.contact_count), dropped)
-    named = ", ".join(f"{a}-{b}" for a, b in snapshot.ids[graph.contacts[dropped[:10]]].tolist())
+    ten = ", ".join(f"{a}-{b}" for a, b in snapshot.ids[graph.contacts[dropped[:10]]].tolist())
     more = ", ..." if len(dropped) > 10 else ""
-    law, regime = snapshot.law, snapshot.regime
+    note = (
+        f"{len(pairs)} pairs of crossing branches: {len(dropped)} contacts left out, of grains "
+        f"{ten}{more}; their forces are missing in every stress"
+    )
+    of_contacts = {
+        name: None if (values := getattr(graph, name)) is None else values[kept]
+        for name in ("contacts", "normal_force", "shear_force", "images", "rolling_moment")
+    }
+    regime = None if regime is None else regime[kept]
     return replace(
         snapshot,
-        graph=graph.replace(
-            contacts=graph.contacts[kept],
-            normal_force=graph.normal_force[kept],
-            shear_force=graph.shear_force[kept],
-            images=None if graph.images is None else graph.images[kept],
-            rolling_moment=None if graph.rolling_moment is None else graph.rolling_moment[kept],
-            regime=None if regime is None else regime[kept],
-        ),
+        graph=graph.replace(**of_contacts, regime=regime),
         law=None if law is None else law.take(kept),
-        regime=None if regime is None else regime[kept],
-        notes=(
-            *snapshot.notes,
-            f"{crossings} pairs of crossing branches: {len(dropped)} contacts left out, of grains "
-            f"{named}{more}; their forces are missing in every stress",
-        ),
+        regime=regime,
+        notes=(*snapshot.notes, note),
     )
 
 

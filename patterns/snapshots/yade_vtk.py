@@ -6,7 +6,6 @@ import base64
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -217,32 +216,35 @@ def yade_vtk_frames(source: Source) -> Frames:
 
     Or of `...-spheres-N.vtk` and `...-intrs-N.vtk`.
     """
-    return [partial(_yade_vtk_frame, source)]
 
+    def read() -> Frame:
+        path = source.path
+        name = path.name.lower().removesuffix(".gz")
+        if name.endswith(".vtk"):
+            contacts = _contacts_path(source, ".vtk")
+            return exporter_frame(source, read_vtk(path), read_vtk(contacts))
+        if name.endswith(".vtm"):
+            names = re.findall(rb'\bfile="([^"]+)"', bytes(open_text(path)))
+            files = [path.parent / name.decode(errors="replace") for name in names]
+            spheres = [file for file in files if file.suffix == ".vtu"]
+            lines = [file for file in files if file.suffix == ".vtp"]
+            if len(spheres) != 1 or len(lines) != 1:
+                received = f"{len(spheres)} .vtu and {len(lines)} .vtp blocks"
+                remedy = "Record ['spheres', 'intr'] alone with multiblock=True."
+                raise InputError(str(path), received, "the spheres and the interactions", remedy)
+            path, contacts = spheres[0], lines[0]
+        elif name.endswith(".vtu"):
+            contacts = _contacts_path(source, ".vtp")
+        else:
+            raise InputError(
+                str(path),
+                "a file of lines",
+                "the file of the spheres, ...spheres.N.vtu",
+                "Name it.",
+            )
+        return recorder_frame(source, read_vtk(path), read_vtk(contacts))
 
-def _yade_vtk_frame(source: Source) -> Frame:
-    path = source.path
-    name = path.name.lower().removesuffix(".gz")
-    if name.endswith(".vtk"):
-        contacts = _contacts_path(source, ".vtk")
-        return exporter_frame(source, read_vtk(path), read_vtk(contacts))
-    if name.endswith(".vtm"):
-        names = re.findall(rb'\bfile="([^"]+)"', bytes(open_text(path)))
-        files = [path.parent / name.decode(errors="replace") for name in names]
-        spheres = [file for file in files if file.suffix == ".vtu"]
-        lines = [file for file in files if file.suffix == ".vtp"]
-        if len(spheres) != 1 or len(lines) != 1:
-            received = f"{len(spheres)} .vtu and {len(lines)} .vtp blocks"
-            remedy = "Record ['spheres', 'intr'] alone with multiblock=True."
-            raise InputError(str(path), received, "the spheres and the interactions", remedy)
-        path, contacts = spheres[0], lines[0]
-    elif name.endswith(".vtu"):
-        contacts = _contacts_path(source, ".vtp")
-    else:
-        raise InputError(
-            str(path), "a file of lines", "the file of the spheres, ...spheres.N.vtu", "Name it."
-        )
-    return recorder_frame(source, read_vtk(path), read_vtk(contacts))
+    return [read]
 
 
 def _contacts_path(source: Source, ending: str) -> Path:

@@ -117,7 +117,16 @@ def _free(scene: CaseState, regime: NDArray[np.int8], closure: str) -> Any:
         held = 2 * n + 1 if n % 2 == 0 else 2 * n
         if closure == "traction":
             return stress_50(full, [*range(2, 2 * n), *range(held, 3 * n + 4)], reference)
-        return _affine_free(full, reference, range(held, 3 * n))
+        # Centres follow `u = -H x0`; stress by virtual work, `V P_ij = -sum F_i x0_j`.
+        centres, spins = range(2 * n), range(held, 3 * n)
+        motion = mp.zeros(2 * n, 4)
+        for row in centres:
+            for b in range(2):
+                motion[row, 2 * (row % 2) + b] = -reference[row // 2][b]
+        relaxed = part_50(full, spins, spins) ** -1 * (part_50(full, spins, centres) * motion)
+        forces = part_50(full, centres, centres) * motion
+        forces -= part_50(full, centres, spins) * relaxed
+        return motion.T * forces / area_50(reference)
 
 
 def _add_rolling(
@@ -139,20 +148,6 @@ def _add_rolling(
     for grain in (i, j):
         for other in (i, j):
             full[2 * n + grain, 2 * n + other] += arm * arm * kt
-
-
-def _affine_free(full: Any, reference: Any, spins: range) -> Any:
-    """Centres follow `u = -H x0`; stress by virtual work, `V P_ij = -sum F_i x0_j`."""
-    import mpmath as mp
-
-    centres = range(2 * len(reference))
-    motion = mp.zeros(len(centres), 4)
-    for row in centres:
-        for b in range(2):
-            motion[row, 2 * (row % 2) + b] = -reference[row // 2][b]
-    relaxed = part_50(full, spins, spins) ** -1 * (part_50(full, spins, centres) * motion)
-    forces = part_50(full, centres, centres) * motion - part_50(full, centres, spins) * relaxed
-    return motion.T * forces / area_50(reference)
 
 
 def affine_tangent_50(x: Floats, x0: Floats, *contacts: Any) -> Any:
@@ -382,7 +377,30 @@ def _evaluated(case: HardCase, value: float, closure: str) -> dict[str, Any]:
 
 def hard_path_rows(case: HardCase) -> list[dict[str, Any]]:
     """One row for each value of a hard path, under the affine closure."""
-    return [_path_row(case, value) for value in case.values]
+    rows = []
+    for value in case.values:
+        path = followed(case.build(value))
+        kinds: list[str] = [event.kind for event in path.events]
+        rest = iter(kinds)
+        met = path.status == case.status and all(kind in rest for kind in case.events)
+        error = np.nan
+        if met and case.place is not None:
+            last = path.of_kind(case.events[-1])[0]  # type: ignore[arg-type]
+            error = abs(float(path.H[last.index, 0]) - case.place(value))
+        rows.append(
+            {
+                "case": case.name,
+                "parameter": case.parameter,
+                "value": float(value),
+                "status": path.status,
+                "events": " ".join(kinds),
+                "expected_met": met,
+                "condition": float(np.max(path.condition)),
+                "energy_error": float(np.abs(path.energy_error).max()),
+                "error": error,
+            }
+        )
+    return rows
 
 
 def loop_letters(case: HardCase) -> str:
@@ -406,25 +424,3 @@ def followed(scene: CaseState, closure: Any = "affine") -> Path:
     stages = [Stage(CASE_PROGRAMMES[name](), quantity, end) for name, quantity, end in scene.stages]
     law: Any = scene.law
     return follow(scene.graph, law, stages, closure=closure, spins=scene.spins)
-
-
-def _path_row(case: HardCase, value: float) -> dict[str, Any]:
-    path = followed(case.build(value))
-    kinds: list[str] = [event.kind for event in path.events]
-    rest = iter(kinds)
-    met = path.status == case.status and all(kind in rest for kind in case.events)
-    error = np.nan
-    if met and case.place is not None:
-        last = path.of_kind(case.events[-1])[0]  # type: ignore[arg-type]
-        error = abs(float(path.H[last.index, 0]) - case.place(value))
-    return {
-        "case": case.name,
-        "parameter": case.parameter,
-        "value": float(value),
-        "status": path.status,
-        "events": " ".join(kinds),
-        "expected_met": met,
-        "condition": float(np.max(path.condition)),
-        "energy_error": float(np.abs(path.energy_error).max()),
-        "error": error,
-    }

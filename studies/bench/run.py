@@ -195,31 +195,27 @@ def pareto(rows: pd.DataFrame) -> Figure:
     lines = -(-groups.ngroups // columns)
     figure, axes = new_panels(lines, columns, 2.75 * lines)
     for ax, (name, own) in zip(axes.flat, groups, strict=False):
-        _draw_front(ax, str(name), own)
+        methods = own.groupby("method", sort=False)
+        for k, (method, one) in enumerate(methods):
+            colour, marker = LINE_COLOURS[k % len(LINE_COLOURS)], MARKERS[k % len(MARKERS)]
+            at = one.seconds_per_item, one.error.clip(lower=LEAST)
+            ax.loglog(*at, marker + "-", color=colour, label=method, markersize=3.5)
+        default = own[own.default]
+        at = default.seconds_per_item, default.error.clip(lower=LEAST)
+        ax.plot(*at, "o", markersize=9, markerfacecolor="none", color=BLACK, zorder=5)
+        ax.axhline(UNIT_ROUND_OFF, color=GREY, linewidth=0.7, linestyle=":")
+        ax.set(title=str(name), xlabel="time per item (s)", ylim=(0.3 * LEAST, 9.0))
+        # From a power of ten to a power of ten: labels of narrow ranges would overlap.
+        low, high = own.seconds_per_item.min(), own.seconds_per_item.max()
+        ax.set_xlim(0.7 * 10.0 ** np.floor(np.log10(low)), 1.4 * 10.0 ** np.ceil(np.log10(high)))
+        ax.xaxis.set_minor_formatter(NullFormatter())
+        below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.24), "fontsize": 5.8}
+        ax.legend(**below, ncols=2 if methods.ngroups > 3 else 1)
     for ax in axes.flat[groups.ngroups :]:
         ax.set_visible(False)
     for ax in axes[:, 0]:
         ax.set_ylabel("error")
     return figure
-
-
-def _draw_front(ax: Axes, name: str, rows: pd.DataFrame) -> None:
-    methods = rows.groupby("method", sort=False)
-    for k, (method, own) in enumerate(methods):
-        colour, marker = LINE_COLOURS[k % len(LINE_COLOURS)], MARKERS[k % len(MARKERS)]
-        at = own.seconds_per_item, own.error.clip(lower=LEAST)
-        ax.loglog(*at, marker + "-", color=colour, label=method, markersize=3.5)
-    default = rows[rows.default]
-    at = default.seconds_per_item, default.error.clip(lower=LEAST)
-    ax.plot(*at, "o", markersize=9, markerfacecolor="none", color=BLACK, zorder=5)
-    ax.axhline(UNIT_ROUND_OFF, color=GREY, linewidth=0.7, linestyle=":")
-    ax.set(title=name, xlabel="time per item (s)", ylim=(0.3 * LEAST, 9.0))
-    # From a power of ten to a power of ten: labels of narrow ranges would overlap.
-    low, high = rows.seconds_per_item.min(), rows.seconds_per_item.max()
-    ax.set_xlim(0.7 * 10.0 ** np.floor(np.log10(low)), 1.4 * 10.0 ** np.ceil(np.log10(high)))
-    ax.xaxis.set_minor_formatter(NullFormatter())
-    below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.24), "fontsize": 5.8}
-    ax.legend(**below, ncols=2 if methods.ngroups > 3 else 1)
 
 
 @styled()
