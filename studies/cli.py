@@ -16,7 +16,7 @@ from typing import Annotated, NoReturn
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 
 from loops.errors import InputError, out_of_memory
-from studies.commands.common import Answer
+from studies.commands import Answer
 from studies.commands.loops import bench, diamond, domain, polygon
 from studies.commands.packing import evolve, probe, sustain
 from studies.commands.snapshot import check, series, snapshot

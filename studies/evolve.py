@@ -19,13 +19,12 @@ from stability import COMPONENTS, Stage, follow
 from stability.packing import LoopRates, PackingPath, Replay, loop_changes, replay
 from stability.packing.state import PackingState, start_state
 from stability.paths.path import Event, Past
-from studies.output import definitions, readable
-from studies.paths.options import PROGRAMMES
+from studies.output import UNITS, definitions, readable
+from studies.paths import PROGRAMMES
+from studies.reading import plan_series, reading
 from studies.series.evolution import components, sample_strain
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
-from studies.series.plan import plan_series
 from studies.snapshot.in_packing import balance_notes, followed_walls, held_snapshot, hold_control
-from studies.snapshot.run import reading
 from studies.study import one_of, study
 
 By = Literal["events", "replay", "both"]
@@ -38,10 +37,6 @@ END = 5e-3
 INTERVALS = 20_000
 # Number of a wall in the table of events.
 NO_GRAIN = -1
-UNITS = (
-    "as the input's: stress = force/length (two dimensions), work = force times length; H and P "
-    "over the cell of the first snapshot"
-)
 
 
 def run_evolve(
@@ -89,7 +84,7 @@ def run_evolve(
     driven = driven_component(programme, axis)
     options = reading(**how) | asked | {"hold": held_control}
     configuration = {"paths": [*paths], "cells": cells, **options}
-    with study("evolve", out, configuration, UNITS, force=force, csv=csv) as results:
+    with study("evolve", out, configuration, UNITS["evolve"], force=force, csv=csv) as results:
         planned = plan_series(paths, cells, reading(**how), times)
         snapshot, held = held_snapshot(planned[0].read(), held_control)
         after = [one.read() for one in planned[1:]]
@@ -131,14 +126,14 @@ def run_evolve(
         results.write_tables(tables)
         summary = results.write_summary(asked | found)
         if animation:
-            from studies.evolve_figures import animate_path
+            from studies.packing_figures import animate_path
 
             # Nothing has moved at the start.
             works = [np.zeros(len(tables["loops"])), *(one.normalised_work for one in changes)]
             animate_path(snapshot, np.array(works), tables["path"], summary, results.folder)
         if figures:
-            from studies.evolve_figures import path_figures
-            from studies.snapshot.polygons import loops_for_map
+            from studies.packing_figures import path_figures
+            from studies.snapshot.table import loops_for_map
 
             pictures = results.save_figures(path_figures(snapshot, tables, summary))
             maps = loops_for_map(snapshot, tables["loops"])

@@ -11,10 +11,9 @@ import pyarrow as pa
 from loops import InputError, force_chains
 from patterns import Snapshot, planar
 from stability import Path
-from studies.output import SIGNS, provenance
+from studies.output import SIGNS, UNITS, provenance
 from studies.snapshot import table as tables
-from studies.snapshot.polygons import half_edges_of_loops, loop_corners
-from studies.snapshot.run import UNITS
+from studies.snapshot.table import half_edges_of_loops, loop_corners
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -55,7 +54,7 @@ def loop_table(snapshot: Snapshot) -> pd.DataFrame:
     snapshot = planar(snapshot)
     columns = pa.table(tables.loop_columns(snapshot))
     frame: pd.DataFrame = columns.to_pandas()
-    frame.attrs = provenance("loop_table", {}, UNITS)
+    frame.attrs = provenance("loop_table", {}, UNITS["snapshot"])
     return frame
 
 
@@ -147,7 +146,7 @@ def chain_table(snapshot: Snapshot) -> pd.DataFrame:
         "length": lengths[chains.chain],
     }
     frame = pd.DataFrame(columns)
-    frame.attrs = provenance("chain_table", {}, UNITS)
+    frame.attrs = provenance("chain_table", {}, UNITS["snapshot"])
     return frame
 
 

@@ -21,6 +21,7 @@ from patterns import Snapshot, planar
 from stability import Path, directional_work, plane_cone, restrict
 from stability.packing import Probe
 from studies.frames import events_of_rows
+from studies.packing_figures import response_envelope
 from studies.paths.figures import (
     MOST_WITH_ARROWS,
     draw_grains,
@@ -28,8 +29,7 @@ from studies.paths.figures import (
     forces_key,
     operator_diagram,
 )
-from studies.probe_figures import response_envelope
-from studies.snapshot.loop_map import draw_orders, draw_values, loop_drawer
+from studies.snapshot.figures import draw_orders, draw_values, loop_drawer
 from studies.style import (
     BLACK,
     BLUE,

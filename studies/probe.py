@@ -25,7 +25,8 @@ from stability.packing.probe import probe_edge, search_step
 from stability.packing.probe_paths import probe_to
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.paths.path import Past
-from studies.output import definitions, readable
+from studies.output import UNITS, definitions, readable
+from studies.reading import read_planar, reading
 from studies.series.evolution import components
 from studies.series.workers import one_blas_thread, open_runner
 from studies.snapshot.in_packing import (
@@ -35,13 +36,8 @@ from studies.snapshot.in_packing import (
     hold_control,
     sample_edge,
 )
-from studies.snapshot.run import read_planar, reading
 from studies.study import one_of, study
 
-UNITS = (
-    "as the input's: stress = force/length (two dimensions); P', H' and W2 are rates per unit of "
-    "the direction; angles in degrees"
-)
 OUTLINE = (
     "walls and cell are unknown: the outline's grains follow the strain, which stiffens the sample"
 )
@@ -91,7 +87,7 @@ def run_probe(
     one_of("--past", past, get_args(Past))
     held_control = hold_control(hold, hold_stress)
     configuration = {"path": path, **reading(**how), **asked, "hold": held_control}
-    with study("probe", out, configuration, UNITS, force=force, csv=csv) as results:
+    with study("probe", out, configuration, UNITS["probe"], force=force, csv=csv) as results:
         snapshot, held = held_snapshot(read_planar(path, **how), held_control)
         faces, notes = snapshot.faces, list(snapshot.notes)
         edge = sample_edge(snapshot, yield_band)
@@ -118,8 +114,8 @@ def run_probe(
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
         summary = results.write_summary(found_values | asked)
         if figures:
-            from studies.probe_figures import probe_figures
-            from studies.snapshot.polygons import loops_for_map
+            from studies.packing_figures import probe_figures
+            from studies.snapshot.table import loops_for_map
 
             pictures = results.save_figures(probe_figures(snapshot, found, loops, summary))
             title, maps = f"Probes of {readable(path.name)}", loops_for_map(snapshot, loops)

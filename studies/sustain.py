@@ -28,9 +28,9 @@ from stability.packing.probe import Probe, probe_edge
 from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import load_path
 from studies.output import code_version, definitions, errors_of, readable, require_folder
+from studies.reading import read_planar, reading
 from studies.series.workers import Runner, one_blas_thread, open_runner
 from studies.snapshot.in_packing import followed_walls, held_snapshot, sample_edge
-from studies.snapshot.run import read_planar, reading
 from studies.study import study
 
 UNITS = (
@@ -116,7 +116,7 @@ def run_sustain(
             | sustain_summary(found, rates, tables)
         )
         if figures:
-            from studies.snapshot.polygons import loops_for_map
+            from studies.snapshot.table import loops_for_map
             from studies.sustain_figures import sustain_figures
 
             drawn = sustain_figures(snapshot, found, rates, tables, summary)

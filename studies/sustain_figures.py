@@ -12,7 +12,7 @@ from matplotlib.projections.polar import PolarAxes
 
 from patterns import Snapshot
 from stability.packing import Probe, Sustained
-from studies.probe_figures import additive_work_map, order_shares, polar_work
+from studies.packing_figures import additive_work_map, order_shares, polar_work
 from studies.style import (
     BLUE,
     GREY,

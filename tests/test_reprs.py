@@ -13,7 +13,7 @@ import stability.packing
 from loops.packing import loops_in_place, plane_contacts
 from loops.shown import LONGEST_REPR, Shown
 from stability.packing import loop_rates, packing_response, replay
-from studies.series.plan import cells_by_number
+from studies.reading import cells_by_number
 from tests.packings import LAW, jammed
 
 SHORT = 300

@@ -1,1 +1,330 @@
-"""The commands of `grainloops`."""
+"""The commands of `grainloops`: their shared options, the clock, the printed answer."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from loops.errors import InputError
+
+# Listed here, since the readers themselves are loaded only by the commands that read.
+FORMAT_NAMES = (
+    "table",
+    "yade-vtk",
+    "yade-xml",
+    "yade-text",
+    "lammps",
+    "liggghts",
+    "mercury",
+    "pegs",
+)
+# File endings that are removed where a result folder is named after its input.
+NAME_ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
+# Seconds before the clock is first shown, and between two changes of it.
+PATIENCE, TICK = 2.0, 0.5
+CLEAR = "\r\x1b[K"
+
+Out = Annotated[
+    Path | None,
+    Parameter(help="Result folder, created. Default: named after the input, in this folder."),
+]
+Force = Annotated[bool, Parameter(help="Replace the earlier results in the folder.")]
+Csv = Annotated[bool, Parameter(help="Write each table as CSV too.")]
+Json = Annotated[bool, Parameter(help="Print the summary as JSON.")]
+NoFigures = Annotated[
+    bool, Parameter(help="Write tables and summary only, no figures and no report.")
+]
+YieldBand = Annotated[
+    float,
+    Parameter(help="Contacts with |T| of at least this share of mu N are allowed to slide."),
+]
+Workers = Annotated[
+    int | None, Parameter(help="Number of processes on this machine. Default: one per core.")
+]
+Scheduler = Annotated[
+    str | None,
+    Parameter(metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the computation."),
+]
+Hold = Annotated[
+    bool, Parameter(help="Bring the state to rest first, at fixed cell or between its walls.")
+]
+HoldStress = Annotated[bool, Parameter(help="Bring the state to rest first, at fixed stress.")]
+PastOption = Annotated[
+    str,
+    Parameter(
+        metavar="viscous|dynamic|stop",
+        help="How paths continue past an unstable contact: dynamic is the limit of slow loading.",
+    ),
+]
+Contacts = Annotated[
+    Path | None,
+    Parameter(help="File of the contacts. Default: the file of matching name beside PATH."),
+]
+Cells = Annotated[
+    Path | None,
+    Parameter(
+        help="Table with the periodic cell of each snapshot: snap, h_xx, h_xy, h_yx, h_yy "
+        "(CSV or Parquet)."
+    ),
+]
+
+
+@Parameter(name="*", group="Results")
+@dataclass(frozen=True, kw_only=True)
+class Writing:
+    """Options of the results."""
+
+    out: Out = None
+    force: Force = False
+    csv: Csv = False
+    json: Json = False
+
+    def files(self) -> dict[str, Any]:
+        """The options that a study takes."""
+        return {"force": self.force, "csv": self.csv}
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Replaying:
+    """Options of the rate of replays, by the names of the studies."""
+
+    inertial_number: Annotated[
+        float | None,
+        Parameter(
+            help="Inertial number of the replays. Default: computed from the times and masses of "
+            "the files; 2e-6 if they are not known."
+        ),
+    ] = None
+    times: Annotated[
+        Path | None,
+        Parameter(
+            help="Table with the time of each snapshot: snap, time. Default: --cells, if it has "
+            "the column time, else the files."
+        ),
+    ] = None
+    time_step: Annotated[
+        float | None, Parameter(help="Time of one step, where snapshots are numbered by steps.")
+    ] = None
+    mean_mass: Annotated[
+        float | None, Parameter(help="Mean mass of a grain, if the files have no column mass.")
+    ] = None
+
+
+@Parameter(name="*", group="Reading the input")
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """Options of reading that every command with an input takes."""
+
+    cell: Annotated[
+        str | None,
+        Parameter(
+            metavar="HXX,HXY,HYX,HYY",
+            help="Periodic cell; its columns are the cell vectors.",
+            allow_leading_hyphen=True,
+        ),
+    ] = None
+    kn: Annotated[float | None, Parameter(help="Normal stiffness, if the input has none.")] = None
+    kt: Annotated[float | None, Parameter(help="Shear stiffness, if the input has none.")] = None
+    mu: Annotated[
+        float | None, Parameter(help="Coefficient of friction, if the input has none.")
+    ] = None
+    shear_increment: Annotated[
+        str | None,
+        Parameter(
+            metavar="branch|radii",
+            help="Lever arm in the DEM code's shear increment. Default: as the input tells, radii "
+            "for Yade, else branch.",
+        ),
+    ] = None
+    law: Annotated[
+        str | None,
+        Parameter(
+            metavar="linear|hertz",
+            help="Contact law of the simulation. Default: as the input tells, else linear. hertz "
+            "takes the input's kn and ks as tangents, or --young and --poisson.",
+        ),
+    ] = None
+    young: Annotated[
+        float | None, Parameter(help="Young's modulus of the grains, for --law hertz.")
+    ] = None
+    poisson: Annotated[
+        float | None, Parameter(help="Poisson's ratio of the grains, for --law hertz.")
+    ] = None
+    shear_history: Annotated[
+        str | None,
+        Parameter(
+            metavar="force|displacement",
+            help="What a contact keeps under --law hertz while its overlap changes: T (Yade; the "
+            "default) or T/kt (LIGGGHTS, LAMMPS).",
+        ),
+    ] = None
+    format: Annotated[
+        str,
+        Parameter(help=f"Format of the input: auto (by its content), {', '.join(FORMAT_NAMES)}."),
+    ] = "auto"
+    columns: Annotated[
+        str | None,
+        Parameter(
+            metavar="NAME=COLUMN,...",
+            help="Columns of the input that have other names, such as radius=size.",
+        ),
+    ] = None
+
+    def how(self) -> dict[str, Any]:
+        """The options as `read_planar` names them, cell and columns as numbers and names."""
+        given = {one.name: getattr(self, one.name) for one in fields(self)}
+        return given | {"cell": cell_of(self.cell), "columns": columns_of(self.columns)}
+
+
+@Parameter(name="*", group="Reading the input")
+@dataclass(frozen=True, kw_only=True)
+class PlaneReading(Reading):
+    """Reading where loops are looked for."""
+
+    drop_crossings: Annotated[
+        bool,
+        Parameter(help="Leave out one contact of each pair whose branches cross."),
+    ] = False
+
+
+@Parameter(name="*", group="Reading the input")
+@dataclass(frozen=True, kw_only=True)
+class OneReading(PlaneReading):
+    """Reading of one snapshot."""
+
+    contacts: Contacts = None
+    frame: Annotated[
+        int | None,
+        Parameter(help="Snapshot of a file with several: 0 is the first, -1 the last."),
+    ] = None
+    cells: Cells = None
+
+    def how_of(self, path: Path) -> dict[str, Any]:
+        """The options for this file: its cell from the table of `--cells`, if that is given."""
+        given = self.how()
+        cells = given.pop("cells")
+        if cells is None:
+            return given
+        if self.cell is not None:
+            raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
+        from studies.reading import cell_reader
+
+        return given | {"cell": cell_reader(cells)(path, self.frame)}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Printed answer of a command: JSON or lines of text, errors, and the exit status."""
+
+    lines: list[str]
+    json: str | None = None
+    errors: tuple[str, ...] = ()
+    status: int = 0
+    out: Path | None = None
+
+
+def answer(summary_json: bool, out: Path, lines: list[str]) -> Answer:
+    """Answer of a study whose results are in `out`: its summary as JSON, or these lines."""
+    if summary_json:
+        return Answer([], (out / "summary.json").read_text().rstrip(), out=out)
+    page = out / "report.html"
+    where = f"results in {out}" + (f"; open {page} first" if page.is_file() else "")
+    return Answer([*lines, where], out=out)
+
+
+@contextmanager
+def clock(name: str) -> Iterator[Callable[[str], None]]:
+    """Show on the last line of a terminal for how many seconds `name` has worked.
+
+    Nothing is shown in the first two seconds, without a terminal or with --quiet. The block gets a
+    function that adds a text to the line.
+    """
+    done, text = threading.Event(), [""]
+
+    def show() -> None:
+        start, wait = time.monotonic(), PATIENCE
+        while not done.wait(wait):
+            wait = TICK
+            line = f"{CLEAR}{name}: {time.monotonic() - start:.0f} s{text[0]}"
+            print(line, end="", file=sys.stderr, flush=True)
+        if wait == TICK:
+            print(CLEAR, end="", file=sys.stderr, flush=True)
+
+    thread = threading.Thread(target=show, daemon=True)
+    shown = sys.stderr.isatty() and os.environ.get("TTY_COMPATIBLE") != "0"
+    if shown:
+        thread.start()
+    try:
+        yield lambda more: text.__setitem__(0, f", {more}")
+    finally:
+        done.set()
+        if shown:
+            thread.join()
+
+
+def out_or(out: Path | None, command: str, path: Path | None = None) -> Path:
+    """The folder asked for, or one named after input and command in the current folder.
+
+    >>> out_or(None, "snapshot", Path("run/grains_05.csv.gz")).name
+    'grains_05-snapshot'
+    """
+    if out is not None or path is None:
+        return out or Path(command)
+    while path.suffix.lower() in NAME_ENDINGS:
+        path = path.with_suffix("")
+    return Path(f"{path.name}-{command}")
+
+
+def numbers(name: str, text: str | None) -> tuple[float, ...] | None:
+    """Numbers of an option, separated by commas; `InputError` for anything else."""
+    if text is None:
+        return None
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            name, repr(text), "numbers separated by commas", "Write 35,45 for example."
+        ) from None
+
+
+def cell_of(text: str | None) -> tuple[float, float, float, float] | None:
+    """Cell of an option; `InputError` for anything but four numbers."""
+    if text is None:
+        return None
+    try:
+        xx, xy, yx, yy = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            "--cell", repr(text), "four numbers HXX,HXY,HYX,HYY", "Separate them by commas."
+        ) from None
+    return xx, xy, yx, yy
+
+
+def columns_of(text: str | None) -> dict[str, str] | None:
+    """Column map of an option; `InputError` for anything but NAME=COLUMN by commas."""
+    if text is None:
+        return None
+    pairs = [part.split("=", 1) for part in text.split(",")]
+    names = [pair[0].strip() for pair in pairs]
+    if not all(len(pair) == 2 and all(part.strip() for part in pair) for pair in pairs):
+        received, remedy = repr(text), "Write x=COLUMN,y=COLUMN."
+    elif len(set(names)) < len(names):
+        received, remedy = f"{text!r}, a name twice", "Give each name one column."
+    else:
+        return {name.strip(): column.strip() for name, column in pairs}
+    raise InputError("--columns", received, "NAME=COLUMN separated by commas", remedy)
+
+
+def shown(value: float | None) -> str:
+    """A number with three digits, a dash for none."""
+    return "-" if value is None else f"{value:.3f}"

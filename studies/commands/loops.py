@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from loops.errors import InputError
-from studies.commands.common import (
+from studies.commands import (
     Answer,
     Force,
     Json,
@@ -64,8 +64,8 @@ def diamond(
     # The options check the words themselves, and say what is expected.
     words: Any = (closure, contact_on_touch, model)
     with clock("grainloops diamond"):
+        from studies.paths import DiamondOptions
         from studies.paths.diamond import run_diamond
-        from studies.paths.options import DiamondOptions
 
         options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
         summary = run_diamond(options, out, **writing.files())
@@ -176,7 +176,7 @@ def polygon(
     named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'radii'}"
     out = out_or(writing.out, named, snapshot)
     with clock("grainloops polygon"):
-        from studies.paths.options import ComparisonOptions, PolygonOptions, orders_of
+        from studies.paths import ComparisonOptions, PolygonOptions, orders_of
         from studies.paths.polygon import run_comparison, run_polygon
 
         if snapshot is not None:
@@ -213,8 +213,8 @@ def _of_snapshot(
 ) -> Any:
     """Options of one loop of a snapshot."""
     from patterns import loop_of_snapshot
-    from studies.paths.options import LoopOptions
-    from studies.snapshot.run import read_planar
+    from studies.paths import LoopOptions
+    from studies.reading import read_planar
 
     if own:
         given = ", ".join(f"--{name.removesuffix('_deg').removeprefix('contact_')}" for name in own)
@@ -320,8 +320,13 @@ def domain(
     out = out_or(writing.out, "domain" if not snapshot else f"loop-{loop}-domain", snapshot)
     ratios = numbers("--kappa", kappa)
     with clock("grainloops domain"):
-        from studies.domain import DomainParameters, run_domain
-        from studies.loop_domains import LONGEST, LoopDomainParameters, run_loop_domains
+        from studies.domain import (
+            LONGEST,
+            DomainParameters,
+            LoopDomainParameters,
+            run_domain,
+            run_loop_domains,
+        )
 
         if not given:
             plain = (None, "blocked", "linear", 0.0, "strain")
@@ -337,7 +342,7 @@ def domain(
             )
             summary = run_domain(parameters, out, **writing.files())
             return answer(writing.json, out, _domain_lines(summary))
-        from studies.paths.options import PolygonOptions, orders_of
+        from studies.paths import PolygonOptions, orders_of
 
         if alpha0 is not None:
             raise InputError(

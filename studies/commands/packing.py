@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from studies.commands.common import (
+from studies.commands import (
     Answer,
     Cells,
     Hold,

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from loops.errors import InputError
-from studies.commands.common import (
+from studies.commands import (
     Answer,
     Cells,
     Contacts,
@@ -256,7 +256,7 @@ def _snapshots(path: Path, cells: Path | None, options: dict[str, Any]) -> Itera
         read = options | {"cell": None if cell is None else np.reshape(cell, (2, 2))}
         yield from read_frames(path, strict=False, **read)
         return
-    from studies.series.plan import cell_reader
+    from studies.reading import cell_reader
 
     cell_of, how = cell_reader(cells), {n: options[n] for n in ("format", "columns")}
     count = count_frames(path, options["contacts"], **how)

@@ -37,7 +37,7 @@ from patterns import Snapshot, read_snapshot, sample_cell, sample_path
 from stability.verdict import loop_stability
 from studies.examples import save
 from studies.output import as_json
-from studies.series.plan import cell_reader
+from studies.reading import cell_reader
 from studies.style import BLACK, BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
 ORDERS, LOOPS, SEED = tuple(range(3, 13)), 200_000, 20261123

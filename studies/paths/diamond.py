@@ -52,9 +52,9 @@ from stability import (
     statuses,
     symmetric_part,
 )
-from studies.output import UNITS_OF_A_LOOP, definitions
+from studies.output import UNITS, definitions
+from studies.paths import DiamondOptions
 from studies.paths.figures import diamond_figures, operator_diagram
-from studies.paths.options import DiamondOptions
 from studies.paths.polygon import (
     YIELD_RTOL,
     Followed,
@@ -96,7 +96,7 @@ def run_diamond(
     Tables `path`, `polar`, `path_dependence`; the loop at A as a plain snapshot, `grains_A` and
     `contacts_A`; with contacts added, `added_contact`.
     """
-    made = ("diamond", out, options.described(), UNITS_OF_A_LOOP)
+    made = ("diamond", out, options.described(), UNITS["paths"])
     with study(*made, force=force, csv=csv) as results:
         found, ignored = follow_diamond(options), None
         if options.contact_on_touch == "add":

@@ -31,9 +31,9 @@ from stability import (
     unstable_fraction,
 )
 from stability import Path as LoopPath
-from studies.output import UNITS_OF_A_LOOP, definitions
+from studies.output import UNITS, definitions
+from studies.paths import ComparisonOptions, DiamondOptions, PolygonOptions
 from studies.paths.figures import comparison_figures, operator_diagram, polygon_figures
-from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
 from studies.study import study
 
 SUBSPACES = ("diagonal", "symmetric", "full")
@@ -67,7 +67,7 @@ def run_polygon(
     options: PolygonOptions, out: Path, *, force: bool = False, csv: bool = False
 ) -> dict[str, Any]:
     """Follow a polygon and write `summary.json`, the table `path` and figures."""
-    made = ("polygon", out, options.described(), UNITS_OF_A_LOOP)
+    made = ("polygon", out, options.described(), UNITS["paths"])
     with study(*made, force=force, csv=csv) as results:
         found = follow_polygon(options)
         results.write_tables({"path": polygon_table(found)})
@@ -81,7 +81,7 @@ def run_comparison(
     options: ComparisonOptions, out: Path, *, force: bool = False, csv: bool = False
 ) -> dict[str, Any]:
     """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
-    made = ("polygon --compare", out, options.described(), UNITS_OF_A_LOOP)
+    made = ("polygon --compare", out, options.described(), UNITS["paths"])
     with study(*made, force=force, csv=csv) as results:
         compared = compare_orders(options)
         results.write_tables({"compare": compared.table, "paths": compared.curves()})

@@ -23,9 +23,9 @@ from stability import COMPONENTS
 from stability.packing.response import SOLVED
 from stability.packing.yield_response import checked_band
 from stability.paths.path import Past
-from studies.output import SERIES, definitions
+from studies.output import SERIES, UNITS, definitions
+from studies.reading import plan_series, reading
 from studies.series.packing import Following
-from studies.series.plan import plan_series
 from studies.series.skill import skill_summary, skill_tables, survival_summary, write_fates
 from studies.series.tasks import (
     Series,
@@ -37,15 +37,9 @@ from studies.series.tasks import (
     write_csv,
 )
 from studies.series.workers import open_runner
-from studies.snapshot.run import reading
 from studies.study import one_of, study
 
 Row = Mapping[str, Any]
-
-UNITS = (
-    "as the input's: lengths, forces, stress = force/length (two dimensions); eigenvalues over the "
-    "mean kn; work per area; angles in degrees"
-)
 
 
 def run_series(
@@ -122,7 +116,9 @@ def run_series(
             if not series.planned:
                 raise failures[0].error()
             do_tasks(runner, series.intervals, "pairs", skip_bad=False)
-        with study("series", out, configuration, UNITS, csv=csv, continued=True) as results:
+        with study(
+            "series", out, configuration, UNITS["series"], csv=csv, continued=True
+        ) as results:
             about = finished_parts(series)
             tables, summary = series_tables(series, about)
             summary["skipped"] = [

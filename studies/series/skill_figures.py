@@ -19,7 +19,7 @@ from loops.arrays import Floats
 from loops.tracking import LoopFates
 from patterns import Snapshot
 from studies.series.skill import EVENT_PREDICTORS, INDICATORS, OTHERS, TARGET
-from studies.snapshot.loop_map import loop_drawer
+from studies.snapshot.figures import loop_drawer
 from studies.style import (
     BLACK,
     BLUE,

@@ -16,13 +16,11 @@ from loops import InputError
 from patterns import Snapshot, planar
 from stability import COMPONENTS
 from studies.frames import loop_table
-from studies.output import provenance
+from studies.output import UNITS, provenance
+from studies.reading import plan_series, reading
 from studies.series import evolution
 from studies.series.packing import facts, nonaffinity
-from studies.series.plan import plan_series
-from studies.series.run import UNITS
 from studies.series.skill import actual_values, score_skill
-from studies.snapshot.run import reading
 
 File = str | os.PathLike[str]
 
@@ -211,7 +209,7 @@ def series(
         tables.append(pd.concat([strains, loops], axis="columns"))
         before = state
     frame = pd.concat(tables, ignore_index=True)
-    frame.attrs = provenance("series", {}, UNITS)
+    frame.attrs = provenance("series", {}, UNITS["series"])
     return frame
 
 
@@ -233,5 +231,5 @@ def _read(
 
 def _frame(name: str, columns: dict[str, Any]) -> pd.DataFrame:
     frame: pd.DataFrame = pa.table(columns).to_pandas()
-    frame.attrs = provenance(name, {}, UNITS)
+    frame.attrs = provenance(name, {}, UNITS["series"])
     return frame

@@ -41,6 +41,7 @@ from studies.output import (
     remove_results,
     require_folder,
 )
+from studies.reading import PlannedSnapshot
 from studies.series.evolution import (
     evolution_row,
     fate_columns,
@@ -55,7 +56,6 @@ from studies.series.packing import (
     indicator_columns,
     packing_predictions,
 )
-from studies.series.plan import PlannedSnapshot
 from studies.series.workers import Runner, one_blas_thread
 from studies.snapshot.table import loop_columns
 

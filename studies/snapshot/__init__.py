@@ -1,3 +1,78 @@
 """The study behind `grainloops snapshot`: the loops of one snapshot and their stability."""
 
-from studies.snapshot.run import run_snapshot as run_snapshot
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from loops import force_chains
+from studies.output import UNITS, readable
+from studies.reading import read_planar, reading
+from studies.snapshot.in_packing import add_in_packing
+from studies.snapshot.summary import chains_table, order_columns, snapshot_summary
+from studies.snapshot.table import loop_columns
+from studies.study import one_of, study
+
+if TYPE_CHECKING:
+    from loops.packing import Method
+
+
+def run_snapshot(
+    path: Path,
+    out: Path,
+    *,
+    force: bool = False,
+    csv: bool = False,
+    figures: bool = True,
+    paraview: bool = False,
+    in_packing: Method | None = None,
+    **how: Any,
+) -> dict[str, Any]:
+    """Find and judge the loops of a snapshot, write tables, figures and a report; the summary.
+
+    `how` are options of `read_planar`; `in_packing` is auto, whole or blocks.
+    """
+    configuration = {"path": path, **reading(**how)}
+    if in_packing is not None:
+        from loops.packing import METHODS
+
+        one_of("--in-packing", in_packing, METHODS)
+        configuration["in_packing"] = in_packing
+    with study("snapshot", out, configuration, UNITS["snapshot"], force=force, csv=csv) as results:
+        snapshot = read_planar(path, **how)
+        with ThreadPoolExecutor(1) as other:
+            found = other.submit(force_chains, snapshot.graph) if snapshot.mechanical else None
+            table = loop_columns(snapshot)
+        chains = None if found is None else found.result()
+        in_place, notes = None, list[str]()
+        if in_packing is not None:
+            in_place, notes = add_in_packing(snapshot, table, in_packing)
+        if chains is not None:
+            table["chain_contacts"] = chains.on_loops(snapshot.faces)
+        # Writing a million loops takes a third of the time of the summary, on another core.
+        with ThreadPoolExecutor(1) as other:
+            written = other.submit(results.write_tables, {"loops": table})
+            summary = snapshot_summary(snapshot, table, in_place, chains)
+            written.result()
+        summary["notes"] += notes
+        tables: dict[str, Any] = {"orders": order_columns(summary, table)}
+        if chains is not None:
+            tables["chains"] = chains_table(table)
+        results.write_tables(tables)
+        summary = results.write_summary(summary)
+        if paraview:
+            from studies.snapshot.table import write_paraview
+
+            write_paraview(results.folder, snapshot, table, results.source)
+        if figures:
+            from studies.snapshot.figures import chain_segments, fabric_table, snapshot_figures
+            from studies.snapshot.table import loops_for_map
+
+            results.write_tables({"fabric": fabric_table(snapshot.graph, summary)})
+            links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
+            pictures = results.save_figures(snapshot_figures(snapshot, table, summary, **links))
+            title = f"Loops of {readable(path.name)}"
+            maps = loops_for_map(snapshot, table, **links)
+            results.write_report(title, summary, pictures, maps)
+    return summary

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from loops import Faces, GrainGraph
 from loops.arrays import Floats, Integers
 from loops.compiled import given, kernel
-from studies.snapshot.polygons import half_edges_of_loops, loop_corners
+from studies.snapshot.table import half_edges_of_loops, loop_corners
 
 
 class Painting(NamedTuple):

@@ -14,9 +14,9 @@ from patterns import regular_polygon
 from stability import Stage, follow, programmes
 from stability.paths.fan import Fan, LoopStates, first_limits
 from stability.paths.model import path_model
+from studies.domain import loop_limits, unstable_share
 from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold
-from studies.loop_domains import loop_limits, unstable_share
-from studies.paths.options import PolygonOptions
+from studies.paths import PolygonOptions
 from tests.docs.pages import DOCS, of_size, page, says, section, tables
 from tests.golden.answers import run
 from tests.oracles.polygon_thresholds import critical_strain as oracle

@@ -11,7 +11,7 @@ import pytest
 
 import grainloops as gl
 from studies.cli import main
-from studies.commands.common import out_or
+from studies.commands import out_or
 from tests.studies.snapshot.test_run import run
 
 SAMPLE = str(gl.sample_path())
@@ -123,7 +123,7 @@ def test_a_terminal_sees_the_seconds(tmp_path):
     # The clock stands, and the work lasts until the line is shown: no race with the machine.
     code = """
 import sys, time
-from studies.commands import common as c
+from studies import commands as c
 c.PATIENCE, c.TICK, lines = 0.01, 0.02, []
 c.time.monotonic = lambda: 0.0
 c.print = lambda line, **how: (print(line, **how), lines.append(line))

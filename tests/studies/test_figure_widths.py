@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 import grainloops as gl
-from studies.evolve_figures import stress_and_volume
+from studies.packing_figures import stress_and_volume
 from studies.series.figures import kinetics_figure
 from studies.series.skill_figures import TARGETS, skill_by_predictor
 

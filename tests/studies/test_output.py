@@ -276,7 +276,7 @@ def test_a_small_snapshot_loads_no_pandas(tmp_path):
     """A third of a second that only tables as CSV need."""
     script = (
         "import sys\nfrom pathlib import Path\nfrom patterns import sample_path\n"
-        "from studies.snapshot.run import run_snapshot\n"
+        "from studies.snapshot import run_snapshot\n"
         "run_snapshot(sample_path('grains_biaxial.csv.gz'), Path(sys.argv[1]), figures=False)\n"
         "assert 'pandas' not in sys.modules"
     )

@@ -14,8 +14,7 @@ import pytest
 from loops import find_faces, polygon_area
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from studies.output import provenance
-from studies.snapshot.polygons import loops_for_map
-from studies.snapshot.table import loop_columns
+from studies.snapshot.table import loop_columns, loops_for_map
 from studies.study import (
     MOST_LOOPS,
     LoopsForMap,

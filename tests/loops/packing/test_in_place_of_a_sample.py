@@ -13,7 +13,7 @@ from loops.packing import factorised, loops_in_place, packing_system
 from loops.packing.in_place import inverted, polygons_of
 from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
-from studies.series.plan import cells_by_number
+from studies.reading import cells_by_number
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "")) / "yade-slow"
 COLLECTION = pytest.mark.collection

@@ -30,7 +30,7 @@ from stability.packing.equations_of_motion import (
 from stability.packing.pairs import contact_pairs, near_pairs
 from stability.packing.state import start_state
 from stability.programmes import combination, drained_biaxial, isotropic_stress, undrained
-from studies.series.plan import cells_by_number
+from studies.reading import cells_by_number
 from tests.packings import LAW, jammed, packing
 from tests.yade_slow import COLLECTION, in_collection, predicted, slow, strain_between
 

@@ -25,17 +25,18 @@ from stability.paths.fan import (
 )
 from stability.paths.model import path_model
 from studies.cli import main
-from studies.domain import Case, first_losses
-from studies.examples.larger_loops import rolling_threshold
-from studies.loop_domains import (
+from studies.domain import (
+    Case,
     LoopDomainParameters,
     _limit_rows,
+    first_losses,
     loop_fan,
     loop_limits,
     run_loop_domains,
     unstable_share,
 )
-from studies.paths.options import PolygonOptions
+from studies.examples.larger_loops import rolling_threshold
+from studies.paths import PolygonOptions
 
 KAPPA = 0.3
 KIND = {("det_Ks_zero", "diagonal"): "det_Ks_zero", ("det_K_zero", "diagonal"): "det_K_zero",

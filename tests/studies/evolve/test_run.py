@@ -15,9 +15,8 @@ from stability import Stage, follow, programmes
 from stability.packing import loop_changes
 from stability.paths.path import Event
 from studies.evolve import _passed, forecast_summary, run_evolve, stage_of
-from studies.series.plan import plan_series
+from studies.reading import plan_series, read_planar, reading
 from studies.snapshot.in_packing import box_sides
-from studies.snapshot.run import read_planar, reading
 from tests.packings import LAW, jammed
 from tests.studies.probe.test_run import plain
 from tests.studies.snapshot.test_run import run
@@ -144,7 +143,7 @@ def test_where_and_why_a_path_ends_is_one_sentence(small, tmp_path, monkeypatch,
 )
 def test_an_animation_has_a_frame_a_row(small, tmp_path, monkeypatch, many):
     """A small file of its own; the frames differ."""
-    monkeypatch.setattr("studies.snapshot.loop_map.PAINT_LIMIT", many)
+    monkeypatch.setattr("studies.snapshot.figures.PAINT_LIMIT", many)
     out = tmp_path / "out"
     how = {"to": 1e-3, "rows": 3, "interval": 5e-5, "figures": False, "animation": True}
     run_evolve([small[0]], out, **how)

@@ -12,13 +12,12 @@ from scipy.stats import norm
 from loops.tracking import Fate
 from patterns import sample_path
 from stability import RTOL
+from studies.reading import plan_series, read_planar, reading, with_fingerprints
 from studies.series.evolution import track_loops
 from studies.series.figures import maps_of
-from studies.series.plan import plan_series, with_fingerprints
 from studies.series.run import run_series
 from studies.series.skill import ENDS, pooled, survival, verdict_codes
 from studies.series.tasks import Series
-from studies.snapshot.run import read_planar, reading
 from studies.snapshot.summary import JUDGES
 from tests.studies.series.test_run import write_series
 

@@ -13,11 +13,10 @@ from patterns import write_snapshot
 from stability.packing import indicators
 from stability.packing.indicators import EXPECTED
 from studies.examples import indicators as benchmark
+from studies.reading import plan_series, reading
 from studies.series.packing import indicator_columns
-from studies.series.plan import plan_series
 from studies.series.skill import INDICATORS
 from studies.series.tasks import Series
-from studies.snapshot.run import reading
 from tests.packings import packing
 from tests.studies.series.test_packing import tracked
 from tests.studies.series.test_run import run

@@ -15,6 +15,7 @@ from loops.stress_strain import rotation_and_stretch
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
 from stability.packing import loop_changes, loop_rates, packing_response, replay
 from studies.commands.snapshot import _series_lines
+from studies.reading import cells_by_number, plan_series, reading
 from studies.series import packing as series_packing
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.packing import (
@@ -24,7 +25,6 @@ from studies.series.packing import (
     packing_predictions,
     velocity_beyond,
 )
-from studies.series.plan import cells_by_number, plan_series
 from studies.series.skill_figures import (
     MappedInterval,
     nonaffinity_map,
@@ -37,7 +37,6 @@ from studies.snapshot.in_packing import (
     followed_walls,
     sample_boundary,
 )
-from studies.snapshot.run import reading
 from tests.docs.test_packing_page import quotes_the_sample
 from tests.packings import LAW, packing
 from tests.stability.packing.walled_packings import JAMMED, jammed_in_box

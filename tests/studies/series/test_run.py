@@ -27,10 +27,9 @@ from loops import InputError
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.cli import main
 from studies.output import folder_lock, result_folder, write_summary
+from studies.reading import PlannedSnapshot, number_of, reading, with_fingerprints
 from studies.series import workers
-from studies.series.plan import PlannedSnapshot, number_of, with_fingerprints
 from studies.series.run import run_series
-from studies.snapshot.run import reading
 from studies.snapshot.table import loop_columns
 
 ROOT = Path(studies.__file__).resolve().parents[1]

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from studies.series.plan import cells_by_number
+from studies.reading import cells_by_number
 from studies.series.run import run_series
 
 CELLS = gl.sample_path("slow/cells.csv")

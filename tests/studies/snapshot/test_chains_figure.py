@@ -7,8 +7,7 @@ from matplotlib.collections import LineCollection
 
 from loops import find_faces, force_chains
 from studies.snapshot import figures
-from studies.snapshot.figures import chain_segments
-from studies.snapshot.loop_map import loop_drawer
+from studies.snapshot.figures import chain_segments, loop_drawer
 from studies.snapshot.table import loop_columns
 from tests.studies.snapshot.test_table import synthetic_snapshot
 

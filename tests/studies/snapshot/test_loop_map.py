@@ -9,7 +9,7 @@ from matplotlib.path import Path as Outline
 
 from loops import GrainGraph, find_faces, loop_batches
 from patterns import synthetic_network
-from studies.snapshot import loop_map as module
+from studies.snapshot import figures as module
 from studies.snapshot.paint import paint_loops
 from studies.snapshot.table import loop_columns
 from tests.studies.snapshot.test_table import synthetic_snapshot

@@ -10,8 +10,7 @@ import pytest
 from loops import InputError, Regime, branch_vectors, find_faces, loop_batches, polygon_area
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.output import provenance
-from studies.snapshot.polygons import write_paraview
-from studies.snapshot.table import loop_columns
+from studies.snapshot.table import loop_columns, write_paraview
 
 MADE = provenance("snapshot", {"path": "grains.csv"}, "as the input's")
 

@@ -16,7 +16,7 @@ import numpy as np
 from loops import Faces, GrainGraph, LinearFrictional, Regime, find_crossings, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, synthetic_network, write_snapshot
 from studies.output import write_table
-from studies.snapshot.run import read_planar
+from studies.reading import read_planar
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_columns
 

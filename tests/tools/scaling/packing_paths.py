@@ -40,9 +40,9 @@ from stability import Programme, Stage, follow
 from stability.packing import loop_changes, replay
 from studies.examples.probing import STRESS, state
 from studies.output import provenance, result_folder, write_table
+from studies.reading import cells_by_number
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.packing import packing_predictions
-from studies.series.plan import cells_by_number
 from studies.series.run import run_series
 from studies.series.skill import mean_skill, score_skill
 from studies.series.skill_figures import PREDICTORS

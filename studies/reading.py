@@ -1,20 +1,24 @@
-"""Plan of a series: its snapshots in order, each with a digest of everything it depends on."""
+"""Reading of snapshots: one with its loops, or those of a series in order, each with a digest."""
 
 from __future__ import annotations
 
 import hashlib
+import inspect
 import re
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+import pyarrow
+
 from loops import InputError
-from patterns import Snapshot, count_frames
+from patterns import Snapshot, count_frames, planar, read_snapshot
 from patterns.snapshots.tables import read_table
 from studies.output import as_json, code_version, provenance, readable
-from studies.snapshot.run import read_planar
 
 Cell = tuple[float, float, float, float]
 CELL_COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
@@ -23,6 +27,31 @@ CONTENTS = re.compile(
     "grains|atoms?|spheres|contacts?|local|pairs?|intrs?|cell|walls?|data|fstat", re.IGNORECASE
 )
 FILE_ENDINGS = re.compile(r"(\.(csv|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz))+$", re.IGNORECASE)
+
+
+def reading(**how: Any) -> dict[str, Any]:
+    """All options of `read_planar` but the path: the given ones, defaults for the others."""
+    asked = list(inspect.signature(read_snapshot).parameters.values())[1:]
+    # Contradictory input is always refused here.
+    defaults = {one.name: one.default for one in asked if one.name != "strict"}
+    return {**defaults, "drop_crossings": False, **how}
+
+
+def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snapshot:
+    """Read a snapshot, find its faces; `InputError` for crossing branches, unless dropped."""
+    if how.get("cell") is not None:
+        how["cell"] = np.reshape(how["cell"], (2, 2))
+    snapshot = read_snapshot(path, **how)
+    # Otherwise Arrow keeps memory, a quarter of the size of a large file, for later tables.
+    pyarrow.default_memory_pool().release_unused()
+    # Crossings and faces are found on two cores. If branches cross, the result and the errors of
+    # the search for faces mean nothing.
+    with ThreadPoolExecutor(1) as other:
+        found = other.submit(getattr, snapshot, "faces")
+        plane = planar(snapshot, str(path), drop=drop_crossings)
+    if plane is snapshot:
+        found.result()
+    return plane
 
 
 @dataclass(frozen=True)
