@@ -17,9 +17,14 @@ from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 
 from loops.errors import InputError, out_of_memory
 from studies.commands import Answer
-from studies.commands.loops import bench, diamond, domain, polygon
-from studies.commands.packing import evolve, probe, sustain
-from studies.commands.snapshot import check, series, snapshot
+from studies.commands.loops import (
+    bench_command,
+    diamond_command,
+    domain_command,
+    polygon_command,
+)
+from studies.commands.packing import evolve_command, probe_command, sustain_command
+from studies.commands.snapshot import check_command, series_command, snapshot_command
 
 HELP = (
     "Stability of grain loops in two-dimensional granular media. Angles in degrees; forces, "
@@ -32,28 +37,36 @@ ADDRESS_SPACE = 800_000_000
 INTERRUPTED = 130
 
 
-def _known(default: object) -> object:
-    """The default that the help of an option shows; none for flags and empty words."""
-    return None if isinstance(default, bool) or default == "" else default
-
-
 app = App(
     name="grainloops",
     help=HELP,
     version_flags=(),
     help_format="plaintext",
-    default_parameter=Parameter(negative=(), allow_repeating=True, show_default=_known),
+    # The help shows no default of flags and of empty words.
+    default_parameter=Parameter(
+        negative=(),
+        allow_repeating=True,
+        show_default=lambda value: None if isinstance(value, bool) or value == "" else value,
+    ),
     result_action="return_value",
     suppress_keyboard_interrupt=False,
     exit_on_error=False,
     print_error=False,
 )
-COMMANDS: tuple[Callable[..., Answer], ...] = (
-    *(check, snapshot, series, probe, sustain, evolve),
-    *(diamond, polygon, domain, bench),
-)
-for place, command in enumerate(COMMANDS):
-    app.command(command, sort_key=place)
+COMMANDS: dict[str, Callable[..., Answer]] = {
+    "check": check_command,
+    "snapshot": snapshot_command,
+    "series": series_command,
+    "probe": probe_command,
+    "sustain": sustain_command,
+    "evolve": evolve_command,
+    "diamond": diamond_command,
+    "polygon": polygon_command,
+    "domain": domain_command,
+    "bench": bench_command,
+}
+for place, (name, command) in enumerate(COMMANDS.items()):
+    app.command(command, name=name, sort_key=place)
 app.register_install_completion_command()
 app.meta.suppress_keyboard_interrupt = False
 
@@ -89,8 +102,15 @@ def launch(
         from studies.style import figure_width as set_width
 
         set_width(figure_width)
+    # `series --in-packing` alone means its rates: the next word may be a file.
+    asked = [
+        "--in-packing=rates"
+        if word == "--in-packing" and words[0] == "series" and after not in ("rates", "events")
+        else word
+        for word, after in zip(words, [*words[1:], ""], strict=False)
+    ]
     with _no_progress() if quiet else nullcontext():
-        answer: Answer | None = app(_with_rates(words))
+        answer: Answer | None = app(asked)
     if answer is not None:
         _print(answer, quiet)
     return answer
@@ -109,17 +129,6 @@ def _no_progress() -> Iterator[None]:
             os.environ["TTY_COMPATIBLE"] = before
 
 
-def _with_rates(words: tuple[str, ...]) -> list[str]:
-    """`series --in-packing` alone means its rates: the next word may be a file."""
-    following = [*words[1:], ""]
-    return [
-        "--in-packing=rates"
-        if word == "--in-packing" and words[0] == "series" and after not in ("rates", "events")
-        else word
-        for word, after in zip(words, following, strict=False)
-    ]
-
-
 def _print(answer: Answer, quiet: bool) -> None:
     """Print an answer; its results have been written, so a closed output loses nothing."""
     text = answer.json
@@ -136,18 +145,6 @@ def _print(answer: Answer, quiet: bool) -> None:
         _print_error(message)
 
 
-def _require_address_space() -> None:
-    """Refuse to run where libraries would wait for memory without end, or abort."""
-    if sys.platform == "win32":
-        return
-    import resource
-
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if limit != resource.RLIM_INFINITY and limit < ADDRESS_SPACE:
-        least = f"at least {ADDRESS_SPACE / 1e9:g} GB, see ulimit -v"
-        _fail(f"out of memory: {limit / 1e9:.2g} GB of address space; {least}.", status=1)
-
-
 def main() -> None:
     """Run the command; bad input gives one line on stderr and exit status 2."""
     # Arrays are short-lived: clearing huge pages for them takes longer than it saves.
@@ -157,8 +154,23 @@ def main() -> None:
         warnings.simplefilter("ignore")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    _require_address_space()
-    interrupted = _note_interrupts()
+    if sys.platform != "win32":
+        import resource
+
+        # With less, libraries would wait for memory without end, or abort.
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit != resource.RLIM_INFINITY and limit < ADDRESS_SPACE:
+            least = f"at least {ADDRESS_SPACE / 1e9:g} GB, see ulimit -v"
+            _fail(f"out of memory: {limit / 1e9:.2g} GB of address space; {least}.", status=1)
+    # Compiled code of libraries may turn the exception of a Ctrl-C into another one.
+    interrupted = threading.Event()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        interrupted.set()
+        signal.default_int_handler(number, frame)
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, note)
     try:
         answer = app.meta(sys.argv[1:])
     except KeyboardInterrupt as error:
@@ -168,22 +180,6 @@ def main() -> None:
             _fail("interrupted.", status=INTERRUPTED)
         _report(error)
     sys.exit(answer.status if isinstance(answer, Answer) else 0)
-
-
-def _note_interrupts() -> threading.Event:
-    """Event that is set at the first Ctrl-C, which is raised as always.
-
-    Compiled code of libraries may turn the exception into another one.
-    """
-    interrupted = threading.Event()
-
-    def note(number: int, frame: FrameType | None) -> None:
-        interrupted.set()
-        signal.default_int_handler(number, frame)
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, note)
-    return interrupted
 
 
 def _report(error: Exception) -> NoReturn:

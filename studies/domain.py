@@ -298,43 +298,35 @@ def run_domain(
         "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv
     ) as results:
         table = domain_table(parameters.cases(), parameters.directions)
-        results.write_tables({"domain": table})
-        summary = results.write_summary(domain_summary(table, parameters))
+        summary = results.write({"domain": table}, domain_summary(table, parameters))
         results.save_figures([("domain", domain_figure(table, parameters.cases()))])
     return summary
 
 
 def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> dict[str, Any]:
     """Counts and bounds of each diamond's domain."""
+    cases = []
+    for case in parameters.cases():
+        contacts = {}
+        for name, own in rows_of(table, case).groupby("contacts"):
+            first, last = (own[own.kind == kind].set_index("programme_deg") for kind in LOSSES)
+            # Along one programme the strains grow in proportion.
+            size = [np.hypot(lost.E1, lost.E2) for lost in (first, last)]
+            contacts[str(name)] = {
+                "det_Ks_zero": len(first),
+                "det_K_zero": len(last),
+                "by_yielding": int((first.regime == "sliding").sum()),
+                "opposite_overlap": int(first.opposite_overlap.sum()),
+                "det_Ks_first": len(first) - int((size[0] >= size[1].reindex(size[0].index)).sum()),
+                "s1": [float(first.s1.min()), float(first.s1.max())],
+                "s2": [float(first.s2.min()), float(first.s2.max())],
+            }
+        strain = float(critical_strain(case.kappa))
+        cases.append({**case.described(), "isotropic_strain": strain, "contacts": contacts})
     return {
         "directions": parameters.directions,
-        "cases": [
-            {
-                **case.described(),
-                "isotropic_strain": float(critical_strain(case.kappa)),
-                "contacts": {
-                    str(name): _contacts(own)
-                    for name, own in rows_of(table, case).groupby("contacts")
-                },
-            }
-            for case in parameters.cases()
-        ],
+        "cases": cases,
         "definitions": definitions("domain"),
-    }
-
-
-def _contacts(table: pd.DataFrame) -> dict[str, Any]:
-    first, last = (table[table.kind == kind].set_index("programme_deg") for kind in LOSSES)
-    # Along one programme the strains grow in proportion.
-    size = [np.hypot(own.E1, own.E2) for own in (first, last)]
-    return {
-        "det_Ks_zero": len(first),
-        "det_K_zero": len(last),
-        "by_yielding": int((first.regime == "sliding").sum()),
-        "opposite_overlap": int(first.opposite_overlap.sum()),
-        "det_Ks_first": len(first) - int((size[0] >= size[1].reindex(size[0].index)).sum()),
-        "s1": [float(first.s1.min()), float(first.s1.max())],
-        "s2": [float(first.s2.min()), float(first.s2.max())],
     }
 
 
@@ -543,7 +535,7 @@ def loop_domains(parameters: LoopDomainParameters) -> tuple[pd.DataFrame, list[d
                 loop, parameters.control, parameters.directions, friction=friction
             )
             named = {**_loop_columns(loop), "contacts": "frictional" if friction else "sticking"}
-            parts += [_limit_rows(fan, limits, kind, named) for kind in LIMITS]
+            parts += [limit_rows(fan, limits, kind, named) for kind in LIMITS]
             counts = {kind: int(limits.found[kind].sum()) for kind in sorted(LIMITS)}
             found = {kind: count for kind, count in counts.items() if count}
             loops.append({**named, "limits": found})
@@ -552,7 +544,8 @@ def loop_domains(parameters: LoopDomainParameters) -> tuple[pd.DataFrame, list[d
     return pd.concat([part for part in parts if len(part)], ignore_index=True), loops
 
 
-def _limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) -> pd.DataFrame:
+def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) -> pd.DataFrame:
+    """One row for each programme with a limit of this kind: its state and stress."""
     found, model = np.flatnonzero(limits.found[kind]), fan.model
     states = limits.states[kind].take(found)
     contacts = fan.contacts(states)
@@ -584,14 +577,9 @@ def run_loop_domains(
         "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv
     ) as results:
         table, loops = loop_domains(parameters)
-        results.write_tables({"domain": table})
-        summary = results.write_summary(
-            {
-                "directions": parameters.directions,
-                "loops": loops,
-                "definitions": definitions("domain"),
-            }
-        )
+        found = {"directions": parameters.directions, "loops": loops}
+        found["definitions"] = definitions("domain")
+        summary = results.write({"domain": table}, found)
         results.save_figures(loop_figures(table, loops, parameters))
     return summary
 

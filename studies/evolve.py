@@ -123,8 +123,7 @@ def run_evolve(
             found["forecast"] = forecast_summary(tables["forecast"], [*ways])
         if rate is not None:
             found["replay"] = {"inertial_number": rate.inertial_number, "source": rate.source}
-        results.write_tables(tables)
-        summary = results.write_summary(asked | found)
+        summary = results.write(tables, asked | found)
         if animation:
             from studies.packing_figures import animate_path
 

@@ -95,7 +95,12 @@ def result_folder(out: Path, *, force: bool) -> Iterator[Path]:
     with errors_of(out):
         out = out.resolve()
         out.parent.mkdir(parents=True, exist_ok=True)
-        _remove_abandoned(out)
+        # Nobody holds the lock of a folder that a killed run left beside `out`.
+        for left in out.parent.glob(f".{escape(out.name)}-{'[0-9a-f]' * 8}"):
+            with suppress(InputError, OSError), folder_lock(left) as locked:
+                # A run that has just started has not locked its folder yet.
+                if locked and time.time() - left.stat().st_mtime > JUST_MADE:
+                    shutil.rmtree(left, ignore_errors=True)
         partial = out.parent / f".{out.name}-{uuid4().hex[:8]}"
     try:
         with errors_of(out):
@@ -181,15 +186,6 @@ def folder_lock(folder: Path) -> Iterator[bool]:
     finally:
         if file is not None:
             os.close(file)
-
-
-def _remove_abandoned(out: Path) -> None:
-    """Remove folders of killed runs beside `out`: no process holds their lock."""
-    for left in out.parent.glob(f".{escape(out.name)}-{'[0-9a-f]' * 8}"):
-        with suppress(InputError, OSError), folder_lock(left) as locked:
-            # A run that has just started has not locked its folder yet.
-            if locked and time.time() - left.stat().st_mtime > JUST_MADE:
-                shutil.rmtree(left, ignore_errors=True)
 
 
 def _put_in_place(partial: Path, out: Path, *, force: bool) -> None:

@@ -109,10 +109,9 @@ def run_probe(
         tables = {"probe": probe_table(found), "orders": orders, "loops": loops}
         if amplitude is None:
             tables |= {"pieces": piece_table(found), "solutions": solution_table(found)}
-        results.write_tables(tables)
         kn = snapshot.mean_kn
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
-        summary = results.write_summary(found_values | asked)
+        summary = results.write(tables, found_values | asked)
         if figures:
             from studies.packing_figures import probe_figures
             from studies.snapshot.table import loops_for_map

@@ -82,7 +82,18 @@ def plan_series(
 
     `times` is a table with their times; by default that of the cells, if it has the column `time`.
     """
-    _require_distinct(paths)
+    if not paths:
+        raise InputError("PATHS", "none", "the files of the snapshots", "Name them in order.")
+    seen: set[Path] = set()
+    for path in paths:
+        if not path.is_file():
+            what = "a folder" if path.is_dir() else "no such file"
+            raise InputError(str(path), what, "a snapshot's file", "Name files: FOLDER/grains_*.")
+        if path.resolve() in seen:
+            raise InputError(
+                "PATHS", f"{path} twice", "each snapshot once", "Leave the repeated one out."
+            )
+        seen.add(path.resolve())
     if how["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
     cell = None if cells is None else cell_reader(cells)
@@ -102,21 +113,6 @@ def plan_series(
             at = None if time is None else time(path, own["frame"])[0]
             planned.append(PlannedSnapshot(len(planned), path.absolute(), own, at))
     return with_fingerprints(planned)
-
-
-def _require_distinct(paths: Sequence[Path]) -> None:
-    if not paths:
-        raise InputError("PATHS", "none", "the files of the snapshots", "Name them in order.")
-    seen: dict[Path, Path] = {}
-    for path in paths:
-        if not path.is_file():
-            what = "a folder" if path.is_dir() else "no such file"
-            raise InputError(str(path), what, "a snapshot's file", "Name files: FOLDER/grains_*.")
-        if path.resolve() in seen:
-            raise InputError(
-                "PATHS", f"{path} twice", "each snapshot once", "Leave the repeated one out."
-            )
-        seen[path.resolve()] = path
 
 
 def cells_by_number(path: Path) -> dict[int, Cell]:

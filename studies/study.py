@@ -43,6 +43,11 @@ class Results:
         write_summary(self.folder, whole)
         return whole
 
+    def write(self, tables: Mapping[str, Any], summary: Mapping[str, Any]) -> dict[str, Any]:
+        """Write tables by name and the summary; return the summary with its provenance."""
+        self.write_tables(tables)
+        return self.write_summary(summary)
+
     def save_figures(self, figures: Iterable[tuple[str, Figure]]) -> list[Path]:
         """Save each figure as PNG and SVG when it has been drawn; return the PNG files.
 

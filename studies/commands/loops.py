@@ -31,7 +31,7 @@ ClosureOption = Annotated[
 Phi = Annotated[float | None, Parameter(help="Friction angle of the contacts (degrees).")]
 
 
-def diamond(
+def diamond_command(
     *,
     table: Annotated[int | None, Parameter(help="Table 1 or 2 of the paper.")] = None,
     alpha0: Annotated[
@@ -66,48 +66,40 @@ def diamond(
     with clock("grainloops diamond"):
         from studies.paths import DiamondOptions
         from studies.paths.diamond import run_diamond
+        from studies.paths.polygon import event_words
 
         options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
         summary = run_diamond(options, out, **writing.files())
-    return answer(writing.json, out, _diamond_lines(summary))
-
-
-def _cone(cone: dict[str, Any]) -> str:
-    """The cone of a state in words."""
-    if cone["status"] == "empty":
-        return "no unstable direction"
-    if cone["status"] == "ray":
-        return "second-order work vanishes in one direction"
-    return f"cone of unstable directions {cone['opening_deg']:.2f} degrees wide"
-
-
-def _diamond_lines(summary: dict[str, Any]) -> list[str]:
-    from studies.paths.polygon import event_words
-
     lines = [
         f"{event_words(event['kind']):<22} E1 = {event['E1']:.10f}  E2 = {event['E2']:.10f}  "
         f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
         for event in summary["events"]
     ]
-    reached = {name: state for name, state in summary["states"].items() if state is not None}
-    for name, state in reached.items():
-        lines.append(
-            f"state {name:<16} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
-            f"{state['verdict']['status']}, {_cone(state['cone'])}"
-        )
-    model = summary["model"]
+    cones = {
+        "empty": "no unstable direction",
+        "ray": "second-order work vanishes in one direction",
+    }
+    for name, state in summary["states"].items():
+        if state is not None:
+            wide = f"cone of unstable directions {state['cone']['opening_deg']:.2f} degrees wide"
+            lines.append(
+                f"state {name:<16} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
+                f"{state['verdict']['status']}, {cones.get(state['cone']['status'], wide)}"
+            )
+    model_found = summary["model"]
     lines.append(
-        f"model {model['choice']}: symmetry {model['symmetry']}, "
-        f"degrees of freedom {model['freedoms']}"
+        f"model {model_found['choice']}: symmetry {model_found['symmetry']}, "
+        f"degrees of freedom {model_found['freedoms']}"
     )
-    if model["check"] is not None:
-        found = model["check"]["differences"].items()
+    if model_found["check"] is not None:
+        found = model_found["check"]["differences"].items()
         apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in found)
         lines.append(f"differences from the full model: {apart or 'nothing to compare'}")
-    return lines + [f"note: {note}" for note in summary["notes"]]
+    lines += [f"note: {note}" for note in summary["notes"]]
+    return answer(writing.json, out, lines)
 
 
-def polygon(
+def polygon_command(
     *,
     order: Annotated[int | None, Parameter(help="Number of grains, 3 or more.")] = None,
     compare: Annotated[
@@ -262,7 +254,7 @@ def _comparison_lines(summary: dict[str, Any]) -> list[str]:
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
-def domain(
+def domain_command(
     *,
     order: Annotated[
         int | None, Parameter(help="Number of grains of a regular loop, 3 to 60.")
@@ -408,7 +400,7 @@ def _domain_lines(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-def bench(
+def bench_command(
     *,
     out: Out = None,
     quick: Annotated[
@@ -427,10 +419,6 @@ def bench(
         from studies.bench import run_bench
 
         summary = run_bench(out, quick=quick, only=only, force=force, progress=tell)
-    return answer(json, out, _bench_lines(summary))
-
-
-def _bench_lines(summary: dict[str, Any]) -> list[str]:
     lines = []
     for name, group in summary["groups"].items():
         for row in group["defaults"][:1]:
@@ -448,4 +436,4 @@ def _bench_lines(summary: dict[str, Any]) -> list[str]:
             f"{hard['wrong_signs']}, errors above their bound {hard['over_bound']}, "
             f"unexpected {len(hard['unexpected']) + len(hard['paths_missed'])}"
         )
-    return lines
+    return answer(json, out, lines)

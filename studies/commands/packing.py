@@ -137,7 +137,7 @@ def _unanswered(summary: dict[str, Any]) -> str:
     return f"no solution found in {count} of {of} directions: shares are of the others; {remedy}"
 
 
-def probe(
+def probe_command(
     path: Annotated[Path, Parameter(help="File of the snapshot, or of its grains.")],
     /,
     *,
@@ -225,7 +225,7 @@ def _sustain_lines(summary: dict[str, Any]) -> list[str]:
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
-def sustain(
+def sustain_command(
     path: Annotated[Path, Parameter(help="Snapshot with forces, periodic or between known walls.")],
     *,
     writing: Writing | None = None,
@@ -318,7 +318,7 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
-def evolve(
+def evolve_command(
     *paths: Annotated[
         Path,
         Parameter(

@@ -47,7 +47,14 @@ SEVERITIES = ("ok", "doubt", "error")
 
 
 def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
-    orders = "  ".join(f"{n}: {count}" for n, count in _grouped(summary["orders"]).items())
+    from studies.snapshot.table import LAST_ORDER
+
+    # Loops of the last order and beyond are counted together.
+    counts: dict[str, int] = {}
+    for n, count in summary["orders"].items():
+        group = n if int(n) < LAST_ORDER else f"{LAST_ORDER}+"
+        counts[group] = counts.get(group, 0) + count
+    orders = "  ".join(f"{n}: {count}" for n, count in counts.items())
     lines = [
         f"{summary['grains']} grains, {summary['contacts']} contacts; mean contacts per grain "
         f"{summary['coordination']:.3f}, excluding {summary['dangling_grains']} grains with fewer "
@@ -79,15 +86,6 @@ def _verdicts(summary: dict[str, Any]) -> list[str]:
     lines += [f"spins {case}: {assumed[f'spins_{case}']}" for case in ("blocked", "free")]
     if "in_packing" not in summary:
         return [*lines, assumed["cut_out"]]
-    return [
-        *lines,
-        f"in its packing: {assumed['in_packing'].format(**summary['in_packing'])}",
-        *_around(summary),
-    ]
-
-
-def _around(summary: dict[str, Any]) -> list[str]:
-    """Lines on the surroundings of the loops and the stated error."""
     parts = "  ".join(
         f"{group}: {shown(share['median'] if share['count'] else None)}"
         for group, share in summary["surroundings_share"].items()
@@ -98,6 +96,8 @@ def _around(summary: dict[str, Any]) -> list[str]:
         f"stated errors of the operators: median {error['median']:.1g}" if error["count"] else ""
     )
     return [
+        *lines,
+        f"in its packing: {assumed['in_packing'].format(**summary['in_packing'])}",
         f"surroundings' share of a loop's stiffness, median by order: {parts} "
         "(without loops undetermined when cut out)",
         f"loops whose surroundings have positive stiffness in all directions: "
@@ -109,18 +109,7 @@ def _percent(share: float) -> str:
     return "-" if share != share else f"{100 * share:.3g} %"
 
 
-def _grouped(orders: dict[str, int]) -> dict[str, int]:
-    """Loops by order, those of the last one and beyond together."""
-    from studies.snapshot.table import LAST_ORDER
-
-    counts: dict[str, int] = {}
-    for n, count in orders.items():
-        group = n if int(n) < LAST_ORDER else f"{LAST_ORDER}+"
-        counts[group] = counts.get(group, 0) + count
-    return counts
-
-
-def snapshot(
+def snapshot_command(
     path: Annotated[Path, Parameter(help="File of the snapshot, or of its grains.")],
     /,
     *,
@@ -164,7 +153,7 @@ def snapshot(
     return answer(writing.json, out, _snapshot_lines(summary))
 
 
-def check(
+def check_command(
     *paths: Annotated[
         Path,
         Parameter(
@@ -198,7 +187,7 @@ def check(
         rows, unread = _rows(paths, cells, how)
         worst = max((SEVERITIES.index(row["severity"]) for row in rows), default=0)
         made = ("check", {"paths": paths, "cells": cells, **how}, "numbers as their text")
-        summary = {
+        summary: dict[str, Any] = {
             "verdict": "unreadable" if unread else SEVERITIES[worst],
             "snapshots": len({(row["path"], row["snapshot"]) for row in rows}),
             "findings": {name: sum(row["severity"] == name for row in rows) for name in SEVERITIES},
@@ -211,8 +200,18 @@ def check(
                 columns = {name: [row[name] for row in rows] for name in (rows or [{}])[0]}
                 results.write_tables({"findings": columns} if columns else {})
                 results.write_summary(summary)
+    lines = []
+    place = None
+    for row in rows:
+        if place != (row["path"], row["snapshot"]):
+            place = row["path"], row["snapshot"]
+            lines.append(f"{row['path']}, snapshot {row['snapshot']}")
+        text = row["says"] + (f". {row['remedy']}" if row["remedy"] else "")
+        lines.append(f"  {row['severity']:<5}  {row['check']:<13}  {text}")
+    found = ", ".join(f"{count} {name}" for name, count in summary["findings"].items())
+    lines.append(f"{summary['snapshots']} snapshots: {found}; verdict: {summary['verdict']}")
     return Answer(
-        _check_lines(rows, summary),
+        lines,
         as_json(summary) if json else None,
         errors=tuple(map(str, unread)),
         status=2 if unread else int(summary["verdict"] == "error" and not exit_zero),
@@ -224,7 +223,8 @@ def _rows(
     paths: Sequence[Path], cells: Path | None, options: dict[str, Any]
 ) -> tuple[list[dict[str, Any]], list[InputError]]:
     """One row per finding, and the errors of the files that could not be read."""
-    from patterns.snapshots.checks import check_kt
+    from loops import find_crossings
+    from patterns.snapshots.checks import Finding, check_kt
 
     if options["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
@@ -235,7 +235,15 @@ def _rows(
         try:
             for number, snapshot in enumerate(_snapshots(path, cells, options)):
                 place = {"path": str(path), "snapshot": number}
-                found = [*snapshot.findings, _crossings(snapshot)]
+                # Loops need a plane network.
+                count = len(find_crossings(snapshot.graph, 1_000_000))
+                crossings = Finding("crossings", float(count), f"{count} pairs of branches cross")
+                if count:
+                    crossings = crossings.error(
+                        ": opposite grains of a loop overlap, or the cell is wrong",
+                        "Give the right cell, or leave out one of each pair by --drop-crossings.",
+                    )
+                found = [*snapshot.findings, crossings]
                 kt = None if before is None else check_kt(before, snapshot)
                 found += [] if kt is None else [kt]
                 rows += [place | one._asdict() for one in found]
@@ -264,34 +272,6 @@ def _snapshots(path: Path, cells: Path | None, options: dict[str, Any]) -> Itera
         place = frame if count > 1 else None
         own = {"cell": np.reshape(cell_of(path, place), (2, 2)), "frame": place}
         yield read_snapshot(path, strict=False, **options | own)
-
-
-def _crossings(snapshot: Any) -> Any:
-    """Whether the network is plane, which loops need."""
-    from loops import find_crossings
-    from patterns.snapshots.checks import Finding
-
-    count = len(find_crossings(snapshot.graph, 1_000_000))
-    found = Finding("crossings", float(count), f"{count} pairs of branches cross")
-    if count == 0:
-        return found
-    return found.error(
-        ": opposite grains of a loop overlap, or the cell is wrong",
-        "Give the right cell, or leave out one of each pair by --drop-crossings.",
-    )
-
-
-def _check_lines(rows: list[dict[str, Any]], summary: dict[str, Any]) -> list[str]:
-    lines = []
-    place = None
-    for row in rows:
-        if place != (row["path"], row["snapshot"]):
-            place = row["path"], row["snapshot"]
-            lines.append(f"{row['path']}, snapshot {row['snapshot']}")
-        text = row["says"] + (f". {row['remedy']}" if row["remedy"] else "")
-        lines.append(f"  {row['severity']:<5}  {row['check']:<13}  {text}")
-    found = ", ".join(f"{count} {name}" for name, count in summary["findings"].items())
-    return [*lines, f"{summary['snapshots']} snapshots: {found}; verdict: {summary['verdict']}"]
 
 
 # So many notes are printed, and so much of the reason why a snapshot was skipped.
@@ -425,7 +405,7 @@ def _target_lines(targets: dict[str, Any]) -> list[str]:
     return lines
 
 
-def series(
+def series_command(
     *paths: Annotated[
         Path,
         Parameter(

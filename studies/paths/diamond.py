@@ -101,9 +101,8 @@ def run_diamond(
         found, ignored = follow_diamond(options), None
         if options.contact_on_touch == "add":
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
-        tables, summary = diamond_tables(found, ignored), diamond_summary(found)
-        results.write_tables(tables)
-        summary = results.write_summary(summary)
+        tables = diamond_tables(found, ignored)
+        summary = results.write(tables, diamond_summary(found))
         results.save_figures(diamond_figures(found, ignored, tables["path_dependence"]))
     return summary
 

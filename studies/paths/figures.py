@@ -506,13 +506,8 @@ def draw_split(found: FollowedDiamond) -> Figure:
         ax.set(title=f"entry {i + 1}{j + 1} (–)", xlim=(0.0, None))
         ax.set(xlabel=STRAIN_LABEL if i == 1 else "")
     fig.legend(*axes["11"].get_legend_handles_labels(), loc="outside lower left", ncols=3)
-    _draw_nonsymmetry(found, axes["n"])
-    return fig
-
-
-def _draw_nonsymmetry(found: FollowedDiamond, ax: Axes) -> None:
-    """`K12 - K21` and its two sources, (29) and (30), (31)."""
-    E1, parts = found.broken(found.E1), found.states
+    # `K12 - K21` and its two sources, (29) and (30), (31).
+    ax = axes["n"]
     ax.axhline(0.0, color=GREY, linewidth=0.6)
     for label, colour, style, part in (
         ("$K$", BLACK, "-", parts.K),
@@ -526,6 +521,7 @@ def _draw_nonsymmetry(found: FollowedDiamond, ax: Axes) -> None:
     ax.set(title="nonsymmetry $K_{12} - K_{21}$ (–)", xlabel=STRAIN_LABEL, xlim=(0.0, None))
     ax.margins(y=0.25)
     ax.legend(loc="best")
+    return fig
 
 
 @styled()

@@ -70,8 +70,7 @@ def run_polygon(
     made = ("polygon", out, options.described(), UNITS["paths"])
     with study(*made, force=force, csv=csv) as results:
         found = follow_polygon(options)
-        results.write_tables({"path": polygon_table(found)})
-        summary = results.write_summary(polygon_summary(found))
+        summary = results.write({"path": polygon_table(found)}, polygon_summary(found))
         critical = summary["critical_strain"]["diagonal"]
         results.save_figures(polygon_figures(found, polygon_diagrams(found, critical)))
     return summary
@@ -84,8 +83,8 @@ def run_comparison(
     made = ("polygon --compare", out, options.described(), UNITS["paths"])
     with study(*made, force=force, csv=csv) as results:
         compared = compare_orders(options)
-        results.write_tables({"compare": compared.table, "paths": compared.curves()})
-        summary = results.write_summary(compared.summary())
+        tables = {"compare": compared.table, "paths": compared.curves()}
+        summary = results.write(tables, compared.summary())
         results.save_figures(comparison_figures(compared))
     return summary
 
@@ -437,26 +436,24 @@ def event_lines(summary: dict[str, Any]) -> list[str]:
     for event in events:
         place = () if by_kind else tuple(f"{event[key]:.8f}" for key in VALUES)
         groups.setdefault((event["kind"], event["subspace"] or "", *place), []).append(event)
-    return [_event_line(group) for group in groups.values()]
+    lines = []
+    for group in groups.values():
+        first, last = group[0], group[-1]
+        pairs = first["kind"] == "opposite_contact"
+        count = len(group) if pairs else sum(len(event["contacts"]) for event in group)
+        values = []
+        for key in VALUES:
+            start, end = f"{first[key]:.8f}", f"{last[key]:.8f}"
+            values.append(f"{key} = {start}" + (f" to {end}" if end != start else ""))
+        said = f"  {count} {'pairs' if pairs else 'contacts'}" if count else ""
+        kind, subspace = event_words(first["kind"]), first["subspace"] or ""
+        lines.append(f"{kind:<22} {subspace:<10} {'  '.join(values)}{said}")
+    return lines
 
 
 def event_words(kind: str) -> str:
     """A kind of event as it is printed."""
     return EVENT_WORDS.get(kind, kind.replace("_", " "))
-
-
-def _event_line(group: list[dict[str, Any]]) -> str:
-    first, last = group[0], group[-1]
-    pairs = first["kind"] == "opposite_contact"
-    count = len(group) if pairs else sum(len(event["contacts"]) for event in group)
-    values = []
-    for key in VALUES:
-        start, end = f"{first[key]:.8f}", f"{last[key]:.8f}"
-        values.append(f"{key} = {start}" + (f" to {end}" if end != start else ""))
-    said = f"  {count} {'pairs' if pairs else 'contacts'}" if count else ""
-    return (
-        f"{event_words(first['kind']):<22} {first['subspace'] or '':<10} {'  '.join(values)}{said}"
-    )
 
 
 def _state(found: Followed, row: int) -> dict[str, Any]:

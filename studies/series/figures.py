@@ -69,7 +69,7 @@ FATE_COLOURS = {
     "changed": PURPLE,
     "died": BLACK,
 }
-LOOKS = dict(zip(VERDICTS, ((BLUE, "o"), (VERMILION, "s"), (GREY, "^")), strict=True))
+VERDICT_LOOKS = dict(zip(VERDICTS, ((BLUE, "o"), (VERMILION, "s"), (GREY, "^")), strict=True))
 # Largest order in the figure of kinetics, and colours of the merged loops by order.
 LAST_DRAWN = 12
 MERGED = dict(zip(range(4, 9), (SKY, BLUE, GREEN, ORANGE, VERMILION), strict=True))
@@ -240,7 +240,7 @@ def survival_by_verdict(table: pd.DataFrame) -> Figure:
     figure, panels = new_panels(len(present), 2, 0.6 + 1.5 * len(present), sharey=True)
     orders = range(3, 3 + len(GROUPS))
     for judge, (left, right) in zip(present, panels, strict=True):
-        for shift, (verdict, look) in zip((-0.12, 0.12, 0.0), LOOKS.items(), strict=True):
+        for shift, (verdict, look) in zip((-0.12, 0.12, 0.0), VERDICT_LOOKS.items(), strict=True):
             own = table[(table["judge"] == judge) & (table["verdict"] == verdict)]
             whole = own[own["order"] == ALL]
             _draw_shares(left, whole["snapshot_after"] + shift, whole, look, verdict)

@@ -114,25 +114,21 @@ def work_signs(increments: Mapping[str, Any]) -> Figure:
         labels = [rf"predicted $W_2 {sign} 0$" for sign in ("<", r"\geq")]
         ax.hist(parts, bins, stacked=True, color=[VERMILION, BLUE], label=labels)
         ax.axvline(0, color=GREY, linewidth=0.8)
-        ax.set_title(f"{title}\nright: {_rate(*parts)}")
+        # Shares of the loops of negative and of positive work whose sign was predicted rightly.
+        rates = []
+        for sign, right, wrong in (
+            ("<", np.sum(parts[0] < 0), np.sum(parts[1] < 0)),
+            (">", np.sum(parts[1] > 0), np.sum(parts[0] > 0)),
+        ):
+            share = f"{right / (right + wrong):.0%}" if right + wrong else "none"
+            rates.append(rf"{share} of $w_2 {sign} 0$")
+        ax.set_title(f"{title}\nright: {', '.join(rates)}")
     for ax in axes[1]:
         ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
     for ax in axes[:, 0]:
         ax.set_ylabel("survived loops")
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
-
-
-def _rate(negative: Floats, positive: Floats) -> str:
-    """Shares of the loops of negative and of positive work whose sign was predicted rightly."""
-    found = []
-    for right, wrong, sign in (
-        (np.sum(negative < 0), np.sum(positive < 0), "<"),
-        (np.sum(positive > 0), np.sum(negative > 0), ">"),
-    ):
-        share = f"{right / (right + wrong):.0%}" if right + wrong else "none"
-        found.append(rf"{share} of $w_2 {sign} 0$")
-    return ", ".join(found)
 
 
 @styled()

@@ -10,7 +10,7 @@ from loops import force_chains
 from studies.output import UNITS, readable
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
-from studies.snapshot.summary import chains_table, order_columns, snapshot_summary
+from studies.snapshot.summary import chains_table, fabric_table, order_columns, snapshot_summary
 from studies.snapshot.table import loop_columns
 from studies.study import one_of, study
 
@@ -59,19 +59,20 @@ def run_snapshot(
         tables: dict[str, Any] = {"orders": order_columns(summary, table)}
         if chains is not None:
             tables["chains"] = chains_table(table)
-        results.write_tables(tables)
-        summary = results.write_summary(summary)
+        if figures:
+            tables["fabric"] = fabric_table(snapshot.graph, summary)
+        summary = results.write(tables, summary)
         if paraview:
             from studies.snapshot.table import write_paraview
 
             write_paraview(results.folder, snapshot, table, results.source)
         if figures:
-            from studies.snapshot.figures import chain_segments, fabric_table, snapshot_figures
+            from studies.snapshot.figures import chain_segments, snapshot_figures
             from studies.snapshot.table import loops_for_map
 
-            results.write_tables({"fabric": fabric_table(snapshot.graph, summary)})
             links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
-            pictures = results.save_figures(snapshot_figures(snapshot, table, summary, **links))
+            drawn = snapshot_figures(snapshot, table, tables["fabric"], summary, **links)
+            pictures = results.save_figures(drawn)
             title = f"Loops of {readable(path.name)}"
             maps = loops_for_map(snapshot, table, **links)
             results.write_report(title, summary, pictures, maps)

@@ -19,15 +19,18 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from loops import ForceChains, GrainGraph, branch_vectors
-from loops.arrays import Floats, Integers
+from loops import ForceChains, branch_vectors
+from loops.arrays import Flags, Floats, Integers
 from patterns import Snapshot
 from studies.output import Columns
 from studies.snapshot.in_packing import PLACE
 from studies.snapshot.summary import (
+    FINE,
+    Groups,
+    axes_density,
     group_rows,
     judges,
-    share,
+    second_order,
     surroundings_share,
     unstable_loops,
 )
@@ -238,27 +241,32 @@ TAIL = 0.01
 # Largest extension of the axis for negative values beyond that, over its positive part.
 NEGATIVE = 0.15
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION}
-# Widths of the bins of a rose (degrees) for many axes and for fewer than FEW; both divide 180.
-FINE, COARSE, FEW = 10.0, 20.0, 200
+# Width of the bins of a rose (degrees) for fewer axes than FEW; it divides 180.
+COARSE, FEW = 20.0, 200
 # Number of segments that are joined to one line with gaps.
 JOINED = 200
 
 
 def snapshot_figures(
-    snapshot: Snapshot, table: Columns, summary: dict[str, Any], links: Floats | None = None
+    snapshot: Snapshot,
+    table: Columns,
+    fabric: Columns,
+    summary: dict[str, Any],
+    links: Floats | None = None,
 ) -> Iterator[tuple[str, Figure]]:
     """Every figure of a snapshot by name; `links (L, 2, 2)` are those of force chains."""
-    draw = loop_drawer(snapshot)
+    draw, groups = loop_drawer(snapshot), group_rows(table["order"])
+    unstable = {judge: unstable_loops(table, judge) for judge in judges(table)}
     yield "map", loop_map(snapshot, table, draw)
     yield "orders", figure_of(order_bars(summary))
-    yield "fabric", fabric_rose(snapshot.graph, summary)
+    yield "fabric", fabric_rose(fabric, summary)
     if links is not None and summary["loops"]:
-        yield "chains", chains_figure(table, draw, links)
+        yield "chains", chains_figure(table, draw, links, groups, unstable)
     if snapshot.mechanical and summary["loops"]:
-        yield "eigenvalues", eigenvalue_distribution(table)
-        yield "directions", unstable_rose(table, summary)
+        yield "eigenvalues", eigenvalue_distribution(table, groups, unstable)
+        yield "directions", unstable_rose(table, unstable, summary)
         if "in_packing" in summary:
-            yield "in_packing", in_packing(table)
+            yield "in_packing", in_packing(table, groups, surroundings_share(table))
 
 
 @styled()
@@ -287,9 +295,9 @@ def order_bars(summary: dict[str, Any], ax: Axes | None = None) -> Axes:
 
 
 @styled()
-def eigenvalue_distribution(table: Columns) -> Figure:
+def eigenvalue_distribution(table: Columns, groups: Groups, unstable: dict[str, Flags]) -> Figure:
     """Histograms of the eigenvalues of Ks: one row per judge, one colour per group of orders."""
-    present, groups = judges(table), group_rows(table["order"])
+    present = list(unstable)
     figure, panels = new_panels(len(present), 3, 0.2 + 1.8 * len(present), sharey=True)
     for k, (name, shown) in enumerate(zip(EIGENVALUES, EIGENVALUE_NAMES, strict=True)):
         values = np.concatenate([table[f"{judge}_{name}"] for judge in present])
@@ -308,11 +316,12 @@ def eigenvalue_distribution(table: Columns) -> Figure:
         panels[-1, k].set_xlabel(shown)
     for judge, row in zip(present, panels, strict=True):
         row[0].set_ylabel(f"{JUDGE_TITLES[judge]}\nshare of the loops per bin")
-        unstable, known = unstable_loops(table, judge), np.isfinite(table[f"{judge}_lambda_min"])
+        known = np.isfinite(table[f"{judge}_lambda_min"])
         for group in GROUPS:
             rows = groups[group]
             if known[rows].any():
-                percent = 100 * np.count_nonzero(unstable[rows]) / np.count_nonzero(known[rows])
+                lost = np.count_nonzero(unstable[judge][rows])
+                percent = 100 * lost / np.count_nonzero(known[rows])
                 label = f"order {group}: {float(f'{percent:.2g}'):g} %"
                 row[2].plot([], [], color=GROUP_COLOURS[group], label=label)
         row[2].legend(title="unstable", loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -340,7 +349,9 @@ def chain_segments(snapshot: Snapshot, chains: ForceChains) -> Floats:
 
 
 @styled()
-def chains_figure(table: Columns, draw: Drawer, links: Floats) -> Figure:
+def chains_figure(
+    table: Columns, draw: Drawer, links: Floats, groups: Groups, unstable: dict[str, Flags]
+) -> Figure:
     """Force chains over the loops by order; unstable loops beside chains and elsewhere."""
     figure, (axes,) = new_panels(1, 2, 3.3, width_ratios=(1.25, 1))
     left, right = axes
@@ -354,18 +365,18 @@ def chains_figure(table: Columns, draw: Drawer, links: Floats) -> Figure:
         left.add_collection(drawn, autolim=False)
     left.set_title("force chains")
     near, smallest = table["chain_contacts"] > 0, table["traction_lambda_min"]
-    groups, place = group_rows(table["order"]), np.arange(len(GROUPS))
+    place = np.arange(len(GROUPS))
     looks = ("beside", near, "o", VERMILION, -0.12), ("elsewhere", ~near, "s", BLUE, 0.12)
     for name, here, marker, colour, aside in looks:
         known = here & np.isfinite(smallest)
         parts = [smallest[groups[group]][known[groups[group]]] for group in GROUPS]
         quartiles = [np.quantile(v, (0.25, 0.5, 0.75)) if len(v) else [np.nan] * 3 for v in parts]
         low, middle, high = np.array(quartiles).T
-        unstable = 100.0 * share(unstable_loops(table, "traction")[known])["mean"]
+        percent = 100.0 * np.mean(unstable["traction"][known]) if known.any() else np.nan
         right.errorbar(
             place + aside, middle, (middle - low, high - middle), fmt=marker, color=colour,
             markersize=4, elinewidth=0.8,
-            label=f"{name}: {np.count_nonzero(here)} loops, {unstable:.2g} % unstable",
+            label=f"{name}: {np.count_nonzero(here)} loops, {percent:.2g} % unstable",
         )  # fmt: skip
     right.axhline(0.0, color=GREY, linewidth=0.6)
     right.set_xticks(place, labels=GROUPS)
@@ -386,56 +397,26 @@ def _joined(segments: Floats) -> list[Floats]:
 
 
 @styled()
-def fabric_rose(graph: GrainGraph, summary: dict[str, Any]) -> Figure:
+def fabric_rose(fabric_density: Columns, summary: dict[str, Any]) -> Figure:
     """Density of the contact directions, and its Fourier series of second order."""
     figure = new_figure(ONE_COLUMN, 3.6)
     ax = figure.add_subplot(projection="polar")
     assert isinstance(ax, PolarAxes)
-    _bars(ax, _contact_axes(graph), FINE, SKY, "contacts", filled=True)
+    _bars(ax, fabric_density["density"], SKY, "contacts", filled=True)
     fabric = summary["contact_fabric"]
     theta = np.linspace(0, 2 * np.pi, 721)
-    a, density = fabric["fourier_amplitude"], _second_order(theta, fabric)
+    a, density = fabric["fourier_amplitude"], second_order(theta, fabric)
     label = f"second order: a = {a:.3f}, {fabric['direction']:.1f}°"
     ax.plot(theta, density, color=VERMILION, label=label)
     _finish(ax, "contact direction", "probability density (1/rad)")
     return figure
 
 
-def fabric_table(graph: GrainGraph, summary: dict[str, Any]) -> Columns:
-    """Numbers of `fabric_rose`: one row per bin of contact directions."""
-    columns = axes_density(_contact_axes(graph), FINE)
-    second = _second_order(np.radians(columns["angle"]), summary["contact_fabric"])
-    return columns | {"second_order": second}
-
-
-def axes_density(axes: Floats, width: float) -> dict[str, NDArray[Any]]:
-    """Density of axes (degrees) over half a turn, in bins of this width."""
-    bins = round(180 / width)
-    # Bins centred on the axes of coordinates, where regular packings have their peaks.
-    at = np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins
-    count = np.bincount(at, minlength=bins)
-    return {
-        "angle": width * np.arange(bins),
-        "count": count,
-        "density": count / max(len(axes), 1) / (2 * np.radians(width)),
-    }
-
-
-def _contact_axes(graph: GrainGraph) -> Floats:
-    d = branch_vectors(graph)
-    return np.degrees(np.arctan2(d[:, 1], d[:, 0]))
-
-
-def _second_order(theta: Floats, fabric: dict[str, Any]) -> Floats:
-    swing = np.cos(2 * (theta - np.radians(fabric["direction"])))
-    return (1 + fabric["fourier_amplitude"] * swing) / (2 * np.pi)
-
-
 @styled()
-def unstable_rose(table: Columns, summary: dict[str, Any]) -> Figure:
+def unstable_rose(table: Columns, judged: dict[str, Flags], summary: dict[str, Any]) -> Figure:
     """Directions of the unstable loops: softest direction and long axis."""
     figure, (axes,) = new_panels(1, 2, 3.7, subplot_kw={"projection": "polar"})
-    unstable = {closure: unstable_loops(table, closure) for closure in CLOSURES}
+    unstable = {closure: judged[closure] for closure in CLOSURES}
     for ax, (title, column, key) in zip(
         axes,
         (
@@ -449,7 +430,8 @@ def unstable_rose(table: Columns, summary: dict[str, Any]) -> Figure:
             angles = angles[np.isfinite(angles)]
             width = FINE if len(angles) >= FEW else COARSE
             label = f"{closure}, {len(angles)} loops"
-            _bars(ax, angles, width, CLOSURE_COLOURS[closure], label, filled=False)
+            density = axes_density(angles, width)["density"]
+            _bars(ax, density, CLOSURE_COLOURS[closure], label, filled=False)
         if not any(rows.any() for rows in unstable.values()):
             say_empty(ax, "no loop is unstable")
         for closure in unstable:
@@ -466,11 +448,10 @@ def unstable_rose(table: Columns, summary: dict[str, Any]) -> Figure:
 
 
 @styled()
-def in_packing(table: Columns) -> Figure:
+def in_packing(table: Columns, groups: Groups, share: Floats) -> Figure:
     """Loops cut out against loops in place, and the surroundings' share of their stiffness."""
     figure, ((left, right),) = new_panels(1, 2, 3.1)
     alone, inside = table[f"{FREE}_lambda_min"], table[f"{PLACE}_lambda_min"]
-    groups = group_rows(table["order"])
     for name in GROUPS:
         rows = groups[name]
         left.plot(alone[rows], inside[rows], ".", color=GROUP_COLOURS[name], markersize=2.5,
@@ -485,7 +466,7 @@ def in_packing(table: Columns) -> Figure:
     key = left.get_legend_handles_labels()
     beside = key_columns(figure, len(GROUPS))
     figure.legend(*key, loc="outside lower center", ncols=beside, markerscale=3)
-    share, order = surroundings_share(table), table["order"]
+    order = table["order"]
     orders = [n for n in np.unique(order) if np.isfinite(share[order == n]).any()]
     right.boxplot(
         [share[(order == n) & np.isfinite(share)] for n in orders],
@@ -499,14 +480,14 @@ def in_packing(table: Columns) -> Figure:
     return figure
 
 
-def _bars(ax: Axes, axes: Floats, width: float, colour: str, label: str, *, filled: bool) -> None:
+def _bars(ax: Axes, density: Floats, colour: str, label: str, *, filled: bool) -> None:
     """Density of axes over the full circle; both directions of an axis count alike."""
-    density = axes_density(axes, width)["density"]
-    centre = np.radians(width) * np.arange(2 * len(density))
+    width = np.pi / len(density)
+    centre = width * np.arange(2 * len(density))
     ax.bar(
         centre,
         np.tile(density, 2),
-        np.radians(width),
+        width,
         color=colour if filled else "none",
         edgecolor="white" if filled else colour,
         linewidth=0.4 if filled else 1.1,

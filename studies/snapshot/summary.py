@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import (
     ForceChains,
+    GrainGraph,
     Regime,
     branch_vectors,
     euler_check,
@@ -39,6 +40,8 @@ Groups = dict[str, Integers | slice]
 JUDGES = (*CLOSURES, FREE, PLACE)
 TENSOR = ("stress_11", "stress_12", "stress_21", "stress_22")
 PLACES = ("beside", "elsewhere")
+# Width of the bins of contact directions (degrees), which divides 180.
+FINE = 10.0
 QUARTILES = {"q25": 0.25, "median": 0.5, "q75": 0.75}
 
 
@@ -418,3 +421,30 @@ def axes_block(angles: Floats, weights: Floats | None = None) -> dict[str, Any]:
         "std": float(std),
         "count": int(np.count_nonzero(known)),
     }
+
+
+def fabric_table(graph: GrainGraph, summary: dict[str, Any]) -> Columns:
+    """Density of the contact directions, one row per bin, and its series of second order."""
+    d = branch_vectors(graph)
+    columns = axes_density(np.degrees(np.arctan2(d[:, 1], d[:, 0])), FINE)
+    second = second_order(np.radians(columns["angle"]), summary["contact_fabric"])
+    return columns | {"second_order": second}
+
+
+def axes_density(axes: Floats, width: float) -> dict[str, NDArray[Any]]:
+    """Density of axes (degrees) over half a turn, in bins of this width."""
+    bins = round(180 / width)
+    # Bins centred on the axes of coordinates, where regular packings have their peaks.
+    at = np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins
+    count = np.bincount(at, minlength=bins)
+    return {
+        "angle": width * np.arange(bins),
+        "count": count,
+        "density": count / max(len(axes), 1) / (2 * np.radians(width)),
+    }
+
+
+def second_order(theta: Floats, fabric: dict[str, Any]) -> Floats:
+    """Density of contact directions by the Fourier series of second order."""
+    swing = np.cos(2 * (theta - np.radians(fabric["direction"])))
+    return (1 + fabric["fourier_amplitude"] * swing) / (2 * np.pi)

@@ -9,7 +9,7 @@ import pytest
 
 from patterns.diamond import TABLE_1
 from patterns.diamond.closed_form import work_compress_then_shear, work_shear_then_compress
-from studies.commands.loops import diamond
+from studies.commands.loops import diamond_command
 from studies.examples import printed_rule
 from tests.docs.pages import DOCS, of_size, page, says, section, tables, unsaid
 from tests.golden.answers import run
@@ -179,7 +179,7 @@ def test_a_number_that_nothing_computes_is_seen():
 
 def test_the_help_names_the_file_of_each_figure():
     """`grainloops diamond --help` against the pictures on the page."""
-    said = " ".join(diamond.__doc__.split()).partition("with --table 1")[2]
+    said = " ".join(diamond_command.__doc__.split()).partition("with --table 1")[2]
     for number, part in zip((1, 2), said.split("with --table 2"), strict=True):
         for name, figure in re.findall(r"(\w+) \((?:Fig\. )?(\d+)\)", part):
             shown = section(page("paper"), f"### Fig. {figure}")

@@ -28,8 +28,8 @@ from studies.cli import main
 from studies.domain import (
     Case,
     LoopDomainParameters,
-    _limit_rows,
     first_losses,
+    limit_rows,
     loop_fan,
     loop_limits,
     run_loop_domains,
@@ -125,7 +125,7 @@ def held_to_single_paths(loop, control, directions=3):
             else:
                 first = next(e for e in path.events if (e.kind, e.subspace) == (event, subspace))
                 np.testing.assert_allclose(H, path.H[first.index], rtol=0, atol=1e-12)
-                told = _limit_rows(fan, limits, kind, {}).set_index("programme_deg")
+                told = limit_rows(fan, limits, kind, {}).set_index("programme_deg")
                 s = told.loc[np.degrees(angle), ["s1", "s2"]].to_numpy(float)
                 np.testing.assert_allclose(s, path.P[first.index, [0, 3]], rtol=0, atol=1e-12)
             compared += 1

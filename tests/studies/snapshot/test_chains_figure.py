@@ -8,6 +8,7 @@ from matplotlib.collections import LineCollection
 from loops import find_faces, force_chains
 from studies.snapshot import figures
 from studies.snapshot.figures import chain_segments, loop_drawer
+from studies.snapshot.summary import group_rows, unstable_loops
 from studies.snapshot.table import loop_columns
 from tests.studies.snapshot.test_table import synthetic_snapshot
 
@@ -25,7 +26,8 @@ def drawn_with():
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(figures, "VECTOR_LIMIT", limit)
             patch.setattr(figures, "JOINED", 20)
-            figure = figures.chains_figure(table, draw, links)
+            groups, unstable = group_rows(table["order"]), unstable_loops(table, "traction")
+            figure = figures.chains_figure(table, draw, links, groups, {"traction": unstable})
         lines = [c for c in figure.axes[0].collections if isinstance(c, LineCollection)]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()

@@ -11,12 +11,17 @@ from studies.snapshot import run_snapshot
 from studies.snapshot.figures import (
     eigenvalue_distribution,
     fabric_rose,
-    fabric_table,
     order_bars,
     snapshot_figures,
     unstable_rose,
 )
-from studies.snapshot.summary import judges, snapshot_summary
+from studies.snapshot.summary import (
+    fabric_table,
+    group_rows,
+    judges,
+    snapshot_summary,
+    unstable_loops,
+)
 from studies.snapshot.table import EIGENVALUES, loop_columns
 from studies.study import Results
 
@@ -31,6 +36,11 @@ def sample():
     return snapshot, table, snapshot_summary(snapshot, table)
 
 
+def judged(table):
+    """Flags of the unstable loops by judge."""
+    return {judge: unstable_loops(table, judge) for judge in judges(table)}
+
+
 def bars(ax, container=0):
     """Angle, height and width of each bar."""
     return np.array(
@@ -43,7 +53,8 @@ def bars(ax, container=0):
 
 def test_rose_of_contacts_is_a_density_and_its_second_harmonic(sample):
     snapshot, _, summary = sample
-    ax = fabric_rose(snapshot.graph, summary).axes[0]
+    numbers = fabric_table(snapshot.graph, summary)
+    ax = fabric_rose(numbers, summary).axes[0]
     angle, height, width = bars(ax)
     assert np.sum(height * width) == pytest.approx(1.0, rel=1e-12)
     np.testing.assert_allclose(height[: len(height) // 2], height[len(height) // 2 :])
@@ -53,7 +64,6 @@ def test_rose_of_contacts_is_a_density_and_its_second_harmonic(sample):
     harmonic = 2 * np.sum(height * width * np.exp(2j * angle)) / np.sinc(width[0] / np.pi)
     drawn = np.sum(curve[:-1, 1] * np.exp(2j * curve[:-1, 0])) * 2 * (2 * np.pi / 720)
     assert abs(harmonic - drawn) < 0.01
-    numbers = fabric_table(snapshot.graph, summary)
     assert numbers["count"].sum() == snapshot.graph.contact_count
     np.testing.assert_allclose(numbers["density"], height[: len(height) // 2])
     at = np.interp(np.radians(numbers["angle"]), curve[:, 0], curve[:, 1])
@@ -62,7 +72,7 @@ def test_rose_of_contacts_is_a_density_and_its_second_harmonic(sample):
 
 def test_rose_of_unstable_loops(sample):
     _, table, summary = sample
-    soft, long = unstable_rose(table, summary).axes
+    soft, long = unstable_rose(table, judged(table), summary).axes
     for ax in (soft, long):
         assert [text.get_text() for text in ax.get_legend().get_texts()] == [
             "affine, 0 loops",
@@ -80,7 +90,7 @@ def test_rose_of_unstable_loops(sample):
 
 def test_histograms_hold_every_loop(sample):
     _, table, _ = sample
-    figure = eigenvalue_distribution(table)
+    figure = eigenvalue_distribution(table, group_rows(table["order"]), judged(table))
     pooled = np.minimum(table["order"], 8)
     names = [f"{judge}_{name}" for judge in judges(table) for name in EIGENVALUES]
     for ax, name in zip(figure.axes, names, strict=True):
@@ -109,8 +119,9 @@ def test_stable_and_untrusted_loops_are_drawn_too(sample):
         values = np.abs(table[f"{closure}_lambda_min"])
         stable[f"{closure}_lambda_min"] = np.where(table["order"] == 5, np.nan, values)
     summary = snapshot_summary(snapshot, stable)
-    unstable_rose(stable, summary).draw_without_rendering()
-    eigenvalue_distribution(stable).draw_without_rendering()
+    unstable_rose(stable, judged(stable), summary).draw_without_rendering()
+    groups = group_rows(stable["order"])
+    eigenvalue_distribution(stable, groups, judged(stable)).draw_without_rendering()
 
 
 def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
@@ -119,7 +130,8 @@ def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
     table = loop_columns(bare)
     summary = snapshot_summary(bare, table)
     results = Results(tmp_path, {"command": "grainloops snapshot"})
-    saved = results.save_figures(snapshot_figures(bare, table, summary))
+    fabric = fabric_table(bare.graph, summary)
+    saved = results.save_figures(snapshot_figures(bare, table, fabric, summary))
     assert [path.stem for path in saved] == ["map", "orders", "fabric"]
     assert {path.name for path in tmp_path.iterdir()} == {
         f"{name}.{ending}" for name in ("map", "orders", "fabric") for ending in ("png", "svg")

@@ -19,9 +19,9 @@ from patterns import (
     synthetic_network,
 )
 from studies.output import definitions
-from studies.snapshot.figures import axes_density
 from studies.snapshot.summary import (
     axes_block,
+    axes_density,
     group_rows,
     share,
     snapshot_summary,
