@@ -63,7 +63,7 @@ from stability.paths.fan import (
 )
 from stability.paths.model import path_model
 from studies.output import UNITS, definitions
-from studies.paths import LoopOptions, PolygonOptions, inside
+from studies.paths.options import LoopOptions, PolygonOptions, inside
 from studies.study import one_of, study
 from studies.style import (
     BLACK,
@@ -298,7 +298,7 @@ def run_domain(
         "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv
     ) as results:
         table = domain_table(parameters.cases(), parameters.directions)
-        summary = results.write({"domain": table}, domain_summary(table, parameters))
+        summary = results.write_results({"domain": table}, domain_summary(table, parameters))
         results.save_figures([("domain", domain_figure(table, parameters.cases()))])
     return summary
 
@@ -579,7 +579,7 @@ def run_loop_domains(
         table, loops = loop_domains(parameters)
         found = {"directions": parameters.directions, "loops": loops}
         found["definitions"] = definitions("domain")
-        summary = results.write({"domain": table}, found)
+        summary = results.write_results({"domain": table}, found)
         results.save_figures(loop_figures(table, loops, parameters))
     return summary
 

@@ -20,7 +20,7 @@ from stability.packing import LoopRates, PackingPath, Replay, loop_changes, repl
 from stability.packing.state import PackingState, start_state
 from stability.paths.path import Event, Past
 from studies.output import UNITS, definitions, readable
-from studies.paths import PROGRAMMES
+from studies.paths.options import PROGRAMMES
 from studies.reading import plan_series, reading
 from studies.series.evolution import components, sample_strain
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
@@ -123,7 +123,7 @@ def run_evolve(
             found["forecast"] = forecast_summary(tables["forecast"], [*ways])
         if rate is not None:
             found["replay"] = {"inertial_number": rate.inertial_number, "source": rate.source}
-        summary = results.write(tables, asked | found)
+        summary = results.write_results(tables, asked | found)
         if animation:
             from studies.packing_figures import animate_path
 

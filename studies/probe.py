@@ -111,7 +111,7 @@ def run_probe(
             tables |= {"pieces": piece_table(found), "solutions": solution_table(found)}
         kn = snapshot.mean_kn
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
-        summary = results.write(tables, found_values | asked)
+        summary = results.write_results(tables, found_values | asked)
         if figures:
             from studies.packing_figures import probe_figures
             from studies.snapshot.table import loops_for_map

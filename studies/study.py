@@ -43,7 +43,9 @@ class Results:
         write_summary(self.folder, whole)
         return whole
 
-    def write(self, tables: Mapping[str, Any], summary: Mapping[str, Any]) -> dict[str, Any]:
+    def write_results(
+        self, tables: Mapping[str, Any], summary: Mapping[str, Any]
+    ) -> dict[str, Any]:
         """Write tables by name and the summary; return the summary with its provenance."""
         self.write_tables(tables)
         return self.write_summary(summary)

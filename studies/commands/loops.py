@@ -64,8 +64,8 @@ def diamond_command(
     # The options check the words themselves, and say what is expected.
     words: Any = (closure, contact_on_touch, model)
     with clock("grainloops diamond"):
-        from studies.paths import DiamondOptions
         from studies.paths.diamond import run_diamond
+        from studies.paths.options import DiamondOptions
         from studies.paths.polygon import event_words
 
         options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
@@ -168,7 +168,7 @@ def polygon_command(
     named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'radii'}"
     out = out_or(writing.out, named, snapshot)
     with clock("grainloops polygon"):
-        from studies.paths import ComparisonOptions, PolygonOptions, orders_of
+        from studies.paths.options import ComparisonOptions, PolygonOptions, orders_of
         from studies.paths.polygon import run_comparison, run_polygon
 
         if snapshot is not None:
@@ -205,7 +205,7 @@ def _of_snapshot(
 ) -> Any:
     """Options of one loop of a snapshot."""
     from patterns import loop_of_snapshot
-    from studies.paths import LoopOptions
+    from studies.paths.options import LoopOptions
     from studies.reading import read_planar
 
     if own:
@@ -334,7 +334,7 @@ def domain_command(
             )
             summary = run_domain(parameters, out, **writing.files())
             return answer(writing.json, out, _domain_lines(summary))
-        from studies.paths import PolygonOptions, orders_of
+        from studies.paths.options import PolygonOptions, orders_of
 
         if alpha0 is not None:
             raise InputError(

@@ -26,7 +26,7 @@ from patterns.diamond import (
 from patterns.diamond.closed_form import angle_from_strains
 from stability import Stage, follow, programmes
 from studies.examples import run_example, save
-from studies.paths import TABLES
+from studies.paths.options import TABLES
 from studies.style import BLUE, GREY, LIGHT_GREY, VERMILION, new_panels, styled
 
 RULES = {"coulomb": LinearFrictional, "printed": PrintedRule}

@@ -53,8 +53,8 @@ from stability import (
     symmetric_part,
 )
 from studies.output import UNITS, definitions
-from studies.paths import DiamondOptions
 from studies.paths.figures import diamond_figures, operator_diagram
+from studies.paths.options import DiamondOptions
 from studies.paths.polygon import (
     YIELD_RTOL,
     Followed,
@@ -102,7 +102,7 @@ def run_diamond(
         if options.contact_on_touch == "add":
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
         tables = diamond_tables(found, ignored)
-        summary = results.write(tables, diamond_summary(found))
+        summary = results.write_results(tables, diamond_summary(found))
         results.save_figures(diamond_figures(found, ignored, tables["path_dependence"]))
     return summary
 

@@ -32,8 +32,8 @@ from stability import (
 )
 from stability import Path as LoopPath
 from studies.output import UNITS, definitions
-from studies.paths import ComparisonOptions, DiamondOptions, PolygonOptions
 from studies.paths.figures import comparison_figures, operator_diagram, polygon_figures
+from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
 from studies.study import study
 
 SUBSPACES = ("diagonal", "symmetric", "full")
@@ -70,7 +70,7 @@ def run_polygon(
     made = ("polygon", out, options.described(), UNITS["paths"])
     with study(*made, force=force, csv=csv) as results:
         found = follow_polygon(options)
-        summary = results.write({"path": polygon_table(found)}, polygon_summary(found))
+        summary = results.write_results({"path": polygon_table(found)}, polygon_summary(found))
         critical = summary["critical_strain"]["diagonal"]
         results.save_figures(polygon_figures(found, polygon_diagrams(found, critical)))
     return summary
@@ -84,7 +84,7 @@ def run_comparison(
     with study(*made, force=force, csv=csv) as results:
         compared = compare_orders(options)
         tables = {"compare": compared.table, "paths": compared.curves()}
-        summary = results.write(tables, compared.summary())
+        summary = results.write_results(tables, compared.summary())
         results.save_figures(comparison_figures(compared))
     return summary
 

@@ -61,7 +61,7 @@ def run_snapshot(
             tables["chains"] = chains_table(table)
         if figures:
             tables["fabric"] = fabric_table(snapshot.graph, summary)
-        summary = results.write(tables, summary)
+        summary = results.write_results(tables, summary)
         if paraview:
             from studies.snapshot.table import write_paraview
 

@@ -16,7 +16,7 @@ from stability.paths.fan import Fan, LoopStates, first_limits
 from stability.paths.model import path_model
 from studies.domain import loop_limits, unstable_share
 from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold
-from studies.paths import PolygonOptions
+from studies.paths.options import PolygonOptions
 from tests.docs.pages import DOCS, of_size, page, says, section, tables
 from tests.golden.answers import run
 from tests.oracles.polygon_thresholds import critical_strain as oracle

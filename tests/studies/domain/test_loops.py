@@ -36,7 +36,7 @@ from studies.domain import (
     unstable_share,
 )
 from studies.examples.larger_loops import rolling_threshold
-from studies.paths import PolygonOptions
+from studies.paths.options import PolygonOptions
 
 KAPPA = 0.3
 KIND = {("det_Ks_zero", "diagonal"): "det_Ks_zero", ("det_K_zero", "diagonal"): "det_K_zero",

@@ -2,8 +2,8 @@
 
 import functools
 
-from studies.paths import DiamondOptions
 from studies.paths.diamond import FollowedDiamond, diamond_summary, follow_diamond
+from studies.paths.options import DiamondOptions
 
 # Nobody writes into these: a test that spoils a path follows one of its own.
 

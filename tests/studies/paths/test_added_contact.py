@@ -16,12 +16,12 @@ from patterns.diamond.closed_form import (
     isotropic_tangents,
 )
 from stability import restrict, symmetric_spectrum
-from studies.paths import DiamondOptions
 from studies.paths.diamond import (
     energy_imbalance,
     run_diamond,
     verification,
 )
+from studies.paths.options import DiamondOptions
 from tests.studies.paths.followed import followed, summary_of
 
 

@@ -9,13 +9,13 @@ from patterns.diamond import drained_path, tangent
 from patterns.diamond.closed_form import work_compress_then_shear
 from patterns.diamond.closed_form import work_shear_then_compress as shear_then_compress
 from stability import symmetric_part
-from studies.paths import DiamondOptions
 from studies.paths.diamond import (
     energy_imbalance,
     follow_diamond,
     path_dependence_table,
     verification,
 )
+from studies.paths.options import DiamondOptions
 from tests.studies.paths.followed import followed, summary_of
 
 POINT_B = {

@@ -9,9 +9,9 @@ from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
 from patterns import diamond
 from patterns.diamond.closed_form import diamond_states
 from stability import restrict
-from studies.paths import DiamondOptions
 from studies.paths.diamond import follow_diamond, verification
 from studies.paths.figures import operator_diagram
+from studies.paths.options import DiamondOptions
 from tests.studies.paths.followed import Confined, followed, summary_of
 
 

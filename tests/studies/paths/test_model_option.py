@@ -5,8 +5,8 @@ import json
 import pytest
 
 from loops import InputError
-from studies.paths import DiamondOptions, PolygonOptions
 from studies.paths.diamond import model_summary
+from studies.paths.options import DiamondOptions, PolygonOptions
 from tests.studies.paths.followed import followed
 from tests.studies.snapshot.test_run import run
 

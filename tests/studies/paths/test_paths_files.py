@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from loops import InputError, find_faces
 from patterns import read_snapshot
-from studies.paths import DiamondOptions
 from studies.paths.diamond import run_diamond, snapshot_tables
 from studies.paths.figures import (
     draw_cone,
@@ -22,6 +21,7 @@ from studies.paths.figures import (
     draw_stress,
     operator_diagram,
 )
+from studies.paths.options import DiamondOptions
 from studies.style import STYLE
 from tests.conftest import leave_undrawn
 from tests.studies.paths.followed import followed

@@ -11,7 +11,7 @@ from patterns import loop_of_snapshot, read_snapshot, regular_polygon, sample_pa
 from patterns.diamond import DiamondParameters
 from patterns.diamond import drained_path as exact_drained_path
 from stability import restrict, symmetric_spectrum
-from studies.paths import (
+from studies.paths.options import (
     PROGRAMMES,
     ComparisonOptions,
     LoopOptions,

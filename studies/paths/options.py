@@ -1,0 +1,413 @@
+"""Options of the studies of paths: the paper's diamond, a polygon, a snapshot's loop, many orders.
+
+Angles in degrees; grains of diameter 1, `kn = 1`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+
+import numpy as np
+
+from loops import (
+    ContactLaw,
+    GrainGraph,
+    HertzMindlin,
+    InputError,
+    LinearFrictional,
+    RollingResistance,
+    contact_state,
+)
+from loops.arrays import Floats
+from loops.closures import Closure, Spins
+from patterns.diamond import (
+    TABLE_1,
+    TABLE_2,
+    DiamondParameters,
+    DrainedPath,
+    diamond,
+    drained_path,
+)
+from patterns.polygons import Orientation, polydisperse_polygon, regular_polygon
+from stability import Programme, Stage, programmes
+from stability.paths.loop_path import OnTouch
+from stability.paths.path import ModelOption
+from studies.study import one_of
+
+if TYPE_CHECKING:
+    from patterns import Snapshot
+
+LawName = Literal["linear", "hertz"]
+ProgrammeName = Literal["drained", "isotropic", "isotropic-stress", "oedometric", "undrained"]
+PROGRAMMES: dict[str, Callable[..., Programme]] = {
+    "drained": programmes.drained_biaxial,
+    "isotropic": programmes.isotropic_strain,
+    "isotropic-stress": programmes.isotropic_stress,
+    "oedometric": programmes.oedometric,
+    "undrained": programmes.undrained,
+}
+TABLES = {1: TABLE_1, 2: TABLE_2}
+DIAMOND_PARAMETERS = ("alpha0_deg", "kappa", "phi_deg", "confine")
+# Strain of the diamond's path after A, and its least strain after B.
+AFTER_A, AFTER_B = 0.3, 0.15
+# Default end of a polygon's programme: share of the strain between A and 1.
+PROGRAMME_SHARE = 0.4
+LARGEST_ORDER, MOST_ORDERS = 1000, 40
+# Default end of a programme on a snapshot's loop: E1 over the mean overlap.
+PROGRAMME_OVERLAPS = 5.0
+RING_NEWTON_STEPS = 20
+
+
+@dataclass(frozen=True)
+class DiamondOptions:
+    """Options of `grainloops diamond`; parameters left out are those of Table 1.
+
+    `table` names one of the paper's sets of parameters, instead of `alpha0_deg` in (0, 90),
+    `kappa` of zero or more, `phi_deg` in [0, 90] (90: nothing slides) and `confine` in [0, 1), the
+    isotropic strain at A. When opposite grains meet, `contact_on_touch` ignores it (as the paper
+    does), stops the path, or adds a contact between them.
+    """
+
+    table: int | None = None
+    alpha0_deg: float | None = None
+    kappa: float | None = None
+    phi_deg: float | None = None
+    confine: float | None = None
+    closure: Closure = "affine"
+    contact_on_touch: OnTouch = "ignore"
+    model: ModelOption = "auto"
+
+    spins: ClassVar[Spins] = "blocked"
+    # Least number of rows of a stage: curves through them look smooth.
+    rows: ClassVar[int] = 80
+
+    def __post_init__(self) -> None:
+        _check_shared(self)
+        one_of("--contact-on-touch", self.contact_on_touch, get_args(OnTouch))
+        own = [name for name in DIAMOND_PARAMETERS if getattr(self, name) is not None]
+        if self.table is not None:
+            one_of("--table", self.table, tuple(TABLES))
+            if own:
+                where, remedy = "--table", "Leave --table out to choose parameters of your own."
+                raise InputError(where, f"a table and {', '.join(own)}", "one or the other", remedy)
+        inside("--alpha0", self.alpha0_deg, lambda a: 0.0 < a < 90.0, "degrees in (0, 90)")
+        if self.contact_on_touch == "add":
+            expected = "30 to 60 degrees with --contact-on-touch add: elsewhere opposite grains "
+            expected += "overlap from the start"
+            inside("--alpha0", self.alpha0_deg, lambda a: 30.0 <= a <= 60.0, expected)
+
+    @property
+    def parameters(self) -> DiamondParameters:
+        """The diamond in radians."""
+        given = TABLES[self.table or 1]
+        return DiamondParameters(
+            alpha0=given.alpha0 if self.alpha0_deg is None else float(np.radians(self.alpha0_deg)),
+            kappa=given.kappa if self.kappa is None else self.kappa,
+            phi=given.phi if self.phi_deg is None else float(np.radians(self.phi_deg)),
+            confinement=given.confinement if self.confine is None else self.confine,
+        )
+
+    @property
+    def volume(self) -> float:
+        """`L10 L20`, the paper's reference area: twice the rhombus."""
+        return float(2.0 * np.sin(2.0 * self.parameters.alpha0))
+
+    @cached_property
+    def exact(self) -> DrainedPath:
+        """The drained path of a diamond whose opposite grains may overlap, in closed form."""
+        return drained_path(self.parameters)
+
+    def graph(self) -> GrainGraph:
+        """The barely touching diamond."""
+        return diamond(self.parameters.alpha0)
+
+    def law(self) -> LinearFrictional:
+        """Linear springs with Coulomb's friction."""
+        loop = self.parameters
+        return LinearFrictional(1.0, loop.kappa, loop.mu)
+
+    def stages(self) -> tuple[tuple[str, Stage], ...]:
+        """Isotropic strain to A, then the drained biaxial test; names and stages.
+
+        Without confinement there is no lateral stress: contacts of an angle above that of friction
+        open as the test starts, and nothing is left to follow.
+        """
+        loop = self.parameters
+        to_A = ("isotropic", Stage(programmes.isotropic_strain(), "H11", loop.confinement))
+        exact = self.exact
+        if exact.status == "opening":
+            return (to_A,)
+        latest, least = loop.confinement, 0.0
+        # With added contacts B has no closed form.
+        if exact.status == "yield" and self.contact_on_touch != "add":
+            latest = float(exact.end.E1)
+            least = latest + AFTER_B
+        last = min(max(loop.confinement + AFTER_A, least), 0.5 * (1.0 + latest))
+        return (to_A, ("drained", Stage(programmes.drained_biaxial(), "H11", last)))
+
+    def described(self) -> dict[str, Any]:
+        """Value of every option by its name on the command line."""
+        loop = self.parameters
+        return {
+            **{one.name: getattr(self, one.name) for one in fields(self)},
+            "alpha0_deg": round(float(np.degrees(loop.alpha0)), 12),
+            "kappa": loop.kappa,
+            "phi_deg": round(float(np.degrees(loop.phi)), 12),
+            "mu": loop.mu,
+            "confine": loop.confinement,
+        }
+
+
+@dataclass(frozen=True)
+class PolygonOptions:
+    """Options of `grainloops polygon`.
+
+    `order` from 3 to 1000, regular; or `radii` in order, whose mean diameter becomes 1, the centres
+    on a circle (`polydisperse_polygon`). `contact_law` linear, or hertz: spheres of `E* = 1`, so
+    that `kn` in units is `E* l0`. `rolling` is the stiffness of rolling springs over `kn l0^2`, for
+    free spins. `kappa` of zero or more, of spheres from 2/3 to below 4/3; `phi_deg` in [0, 90]
+    (90: nothing slides); `confine` in [0, 1), the isotropic strain at A; `programme` what follows
+    A, up to `end`, an E1 above `confine` and below 1, `confine + 0.4 (1 - confine)` if left out.
+    `H12 = H21 = 0` in all.
+    """
+
+    order: int
+    orientation: Orientation = "vertex"
+    kappa: float = 0.2
+    phi_deg: float = 5.0
+    closure: Closure = "affine"
+    spins: Spins = "blocked"
+    confine: float = 0.1
+    programme: ProgrammeName = "drained"
+    end: float | None = None
+    model: ModelOption = "auto"
+    radii: tuple[float, ...] | None = None
+    contact_law: LawName = "linear"
+    rolling: float = 0.0
+
+    volume: ClassVar[float | None] = None
+    rows: ClassVar[int] = 40
+    contact_on_touch: ClassVar[OnTouch] = "ignore"
+
+    def __post_init__(self) -> None:
+        whole = np.isfinite(self.order) and int(self.order) == self.order
+        if not (whole and 3 <= self.order <= LARGEST_ORDER):
+            expected = f"a whole number from 3 to {LARGEST_ORDER}"
+            where = "--order" if self.radii is None else "number of --radii"
+            raise InputError(where, str(self.order), expected, "Correct it.")
+        one_of("--orientation", self.orientation, get_args(Orientation))
+        one_of("--spins", self.spins, get_args(Spins))
+        one_of("--programme", self.programme, get_args(ProgrammeName))
+        _check_shared(self)
+        expected = f"a strain above that of A, {self.confine:g}, and below 1"
+        inside("--end", self.end, lambda e: self.confine < e < 1.0, expected)
+        one_of("--law", self.contact_law, get_args(LawName))
+        inside("--rolling", self.rolling, lambda k: k >= 0.0, "a stiffness of zero or more")
+        if self.rolling > 0.0 and self.spins != "free":
+            expected = "--spins free: a rolling spring acts only if grains rotate on their own"
+            raise InputError("--rolling", f"spins {self.spins}", expected, "Add --spins free.")
+        if self.contact_law == "hertz":
+            expected = "2 (1 - nu)/(2 - nu) of spheres, from 2/3 (nu = 0.5) to below 4/3"
+            inside("--kappa", self.kappa, lambda k: 2 / 3 <= k < 4 / 3, expected)
+        if self.radii is not None:
+            for radius in self.radii:
+                inside("--radii", radius, lambda r: r > 0.0, "positive numbers")
+            if self.orientation != "vertex":
+                received, remedy = "edge with --radii", "Leave --orientation out."
+                raise InputError("--orientation", received, "grain 0 on axis 1", remedy)
+            self.graph()
+
+    @property
+    def keeps_shape(self) -> bool:
+        """Whether isotropic strain scales the loop."""
+        return self.radii is None or self.closure == "affine"
+
+    @property
+    def last_strain(self) -> float:
+        """E1 at the end of the programme."""
+        if self.end is not None:
+            return self.end
+        return round(self.confine + PROGRAMME_SHARE * (1.0 - self.confine), 12)
+
+    @property
+    def mu(self) -> float:
+        """Friction coefficient, infinite when nothing slides."""
+        return float(np.tan(np.radians(self.phi_deg))) if self.phi_deg < 90.0 else float("inf")
+
+    def graph(self, strain: Floats | float = 0.0) -> GrainGraph:
+        """The loop, barely touching or under isotropic strain."""
+        if self.radii is not None:
+            radii = np.array(self.radii) / (2.0 * np.mean(self.radii))
+            return polydisperse_polygon(radii, strain=strain)
+        return regular_polygon(self.order, orientation=self.orientation, strain=strain)
+
+    def law(self) -> ContactLaw:
+        """The law of the contacts, with Coulomb's friction."""
+        law: ContactLaw = LinearFrictional(kn=1.0, kt=self.kappa, mu=self.mu)
+        if self.contact_law == "hertz":
+            nu = 2.0 * (1.0 - self.kappa) / (2.0 - self.kappa)
+            law = HertzMindlin(young=2.0 * (1.0 - nu**2), poisson=nu, mu=self.mu)
+        return RollingResistance(law, self.rolling) if self.rolling > 0.0 else law
+
+    def stages(self) -> tuple[tuple[str, Stage], ...]:
+        """The confinement, left out where there is none, and the programme; names and stages."""
+        confining = ("confinement", Stage(programmes.isotropic_strain(), "H11", self.confine))
+        loading = Stage(PROGRAMMES[self.programme](), "H11", self.last_strain)
+        first = (confining,) if self.confine > 0.0 else ()
+        return (*first, (self.programme, loading))
+
+    def described(self) -> dict[str, Any]:
+        """Value of every option by its name on the command line."""
+        names = ("order", "orientation", "kappa", "phi_deg", "mu", "closure", "spins", "confine")
+        values = {name: getattr(self, name) for name in (*names, "programme", "model")}
+        return {**values, "end": self.last_strain, **self.special()}
+
+    def special(self) -> dict[str, Any]:
+        """Options that make the loop other than a regular one with linear springs."""
+        own = {"law": self.contact_law, "rolling": self.rolling, "radii": self.radii}
+        return {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
+
+
+@dataclass(frozen=True)
+class LoopOptions(PolygonOptions):
+    """One loop of a snapshot, followed from its state there, which is the reference.
+
+    `loop` is its number in the table of loops. Lengths are over the mean diameter of its grains,
+    stiffnesses and forces over the mean `kn` of its contacts; law, forces and regimes are the
+    snapshot's. `end` is an E1 beyond that state, five mean overlaps if left out.
+    """
+
+    snapshot: Snapshot | None = None
+    loop: int = 0
+    source: str = ""
+
+    @cached_property
+    def taken(self) -> tuple[GrainGraph, LinearFrictional, float]:
+        """The loop in these units, its law, and the largest move of a grain to fit the forces."""
+        from patterns import loop_of_snapshot
+
+        assert self.snapshot is not None
+        found = loop_of_snapshot(self.snapshot, self.loop)
+        given, law = found.graph, found.law
+        # Files hold no other law.
+        assert isinstance(law, LinearFrictional)
+        length, kn = 2.0 * given.radii.mean(), float(np.mean(law.kn))
+        law = LinearFrictional(law.kn / kn, law.kt / kn, law.mu, law.shear_increment)
+        N, T = (force / (kn * length) for force in (given.normal_force, given.shear_force))
+        radii, x0 = given.radii / length, (given.x - given.x.mean(axis=0)) / length
+        x = ring_of_lengths(x0, radii + np.roll(radii, -1) - N / law.kn)
+        graph = GrainGraph(x=x, radii=radii, contacts=given.contacts)
+        # Forces of the overlaps; they agree with the file's to rounding.
+        graph = graph.replace(normal_force=law.normal_force(contact_state(graph)), shear_force=T)
+        return graph.replace(regime=found.regime), law, float(np.abs(x - x0).max())
+
+    @property
+    def keeps_shape(self) -> bool:
+        """False: the state is that of the snapshot, no isotropic strain leads to it."""
+        return False
+
+    @property
+    def last_strain(self) -> float:
+        """E1 at the end of the programme."""
+        graph, law, _ = self.taken
+        return self.end or float(f"{PROGRAMME_OVERLAPS * np.mean(graph.normal_force / law.kn):.3g}")
+
+    def graph(self, strain: Floats | float = 0.0) -> GrainGraph:
+        """The loop as the snapshot has it."""
+        return self.taken[0]
+
+    def law(self) -> LinearFrictional:
+        """The snapshot's law."""
+        return self.taken[1]
+
+    def stages(self) -> tuple[tuple[str, Stage], ...]:
+        """The programme, from the state of the snapshot on."""
+        return ((self.programme, Stage(PROGRAMMES[self.programme](), "H11", self.last_strain)),)
+
+    def described(self) -> dict[str, Any]:
+        """Value of every option by its name on the command line."""
+        names = ("order", "closure", "spins", "programme", "model")
+        values = {name: getattr(self, name) for name in names} | {"end": self.last_strain}
+        return {**self.special(), **values}
+
+    def special(self) -> dict[str, Any]:
+        """The snapshot, the number of the loop, and how far its grains were moved."""
+        return {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2]}
+
+
+def ring_of_lengths(x: Floats, lengths: Floats) -> Floats:
+    """Centres whose branches (c, c + 1) have these lengths, with the smallest moves (Newton).
+
+    A file that rounds positions gives overlaps that don't fit its forces.
+    """
+    x, c = x.copy(), np.arange(len(x))
+    for _ in range(RING_NEWTON_STEPS):
+        d = np.roll(x, -1, axis=0) - x
+        size = np.hypot(*d.T)
+        if np.abs(size - lengths).max() <= 4.0 * np.finfo(float).eps * lengths.max():
+            break
+        slopes, n = np.zeros((len(c), len(c), 2)), d / size[:, None]
+        slopes[c, c], slopes[c, np.roll(c, -1)] = -n, n
+        x += np.linalg.lstsq(slopes.reshape(len(c), -1), lengths - size)[0].reshape(-1, 2)
+    return x
+
+
+@dataclass(frozen=True)
+class ComparisonOptions:
+    """Orders to compare, and the other options of all loops; the order of `shared` is not used."""
+
+    orders: tuple[int, ...]
+    shared: PolygonOptions
+
+    def __post_init__(self) -> None:
+        count = len(self.orders)
+        if not count or len(set(self.orders)) < count or count > MOST_ORDERS:
+            expected = f"1 to {MOST_ORDERS} different orders"
+            raise InputError("--compare", str(self.orders), expected, "Write 3-12.")
+        for order in self.orders:
+            self.of(order)
+
+    def of(self, order: int) -> PolygonOptions:
+        """Options of one of the loops."""
+        return replace(self.shared, order=order)
+
+    def described(self) -> dict[str, Any]:
+        """Value of every option by its name on the command line."""
+        described = self.shared.described()
+        del described["order"]
+        return {"compare": list(self.orders), **described}
+
+
+def orders_of(text: str) -> tuple[int, ...]:
+    """Orders written as '3-12' or '3,4,6-8', ascending, each once."""
+    orders: set[int] = set()
+    try:
+        for part in text.split(","):
+            first, _, last = part.partition("-")
+            low, high = int(first), int(last or first)
+            if not 0 <= high - low < 10 * MOST_ORDERS:
+                raise ValueError
+            orders.update(range(low, high + 1))
+    except ValueError:
+        raise InputError(
+            "--compare", repr(text), "orders such as 3-12 or 3,4,6-8", "Write them so."
+        ) from None
+    return tuple(sorted(orders))
+
+
+def _check_shared(options: DiamondOptions | PolygonOptions) -> None:
+    """Check the options that a diamond and a polygon share."""
+    one_of("--closure", options.closure, ("affine", "traction"))
+    one_of("--model", options.model, get_args(ModelOption))
+    inside("--kappa", options.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
+    inside("--phi", options.phi_deg, lambda p: 0.0 <= p <= 90.0, "degrees in [0, 90]")
+    inside("--confine", options.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")
+
+
+def inside(name: str, value: float | None, holds: Callable[[float], bool], expected: str) -> None:
+    """Raise `InputError` for a number out of its range or not finite; None is not given."""
+    if value is not None and not (np.isfinite(value) and holds(value)):
+        raise InputError(name, f"{value:.17g}", expected, "Correct it.")
