@@ -185,7 +185,17 @@ def polygon_command(
         listed = orders_of(compare)
         compared = ComparisonOptions(listed, PolygonOptions(listed[0], **asked))
         summary = run_comparison(compared, out, **writing.files())
-        return answer(writing.json, out, _comparison_lines(summary))
+    lines = [
+        "order  critical strain in 11, 22 / symmetric / full, E1 at first yield, peak s1, status"
+    ]
+    for row in summary["loops"]:
+        strains = [shown(strain) for strain in row["critical_strain"].values()]
+        first, peak = ((row[name] or {}) for name in ("first_yield", "peak"))
+        values = [*strains, shown(first.get("E1")), shown(peak.get("s1"))]
+        columns = "  ".join(f"{value:>9}" for value in values)
+        lines.append(f"{row['order']:>5}  {columns}  {row['status']}")
+    lines += [f"note: {note}" for note in summary["notes"]]
+    return answer(writing.json, out, lines)
 
 
 def _refuse_reading(loop: int | None, reading: OneReading) -> None:
@@ -238,19 +248,6 @@ def _polygon_lines(summary: dict[str, Any]) -> list[str]:
         f"model {model['choice']}: symmetry {model['symmetry']}, "
         f"degrees of freedom {model['freedoms']}, contacts {model['contact_orbits']}"
     )
-    return lines + [f"note: {note}" for note in summary["notes"]]
-
-
-def _comparison_lines(summary: dict[str, Any]) -> list[str]:
-    lines = [
-        "order  critical strain in 11, 22 / symmetric / full, E1 at first yield, peak s1, status"
-    ]
-    for loop in summary["loops"]:
-        strains = [shown(strain) for strain in loop["critical_strain"].values()]
-        first, peak = ((loop[name] or {}) for name in ("first_yield", "peak"))
-        values = [*strains, shown(first.get("E1")), shown(peak.get("s1"))]
-        columns = "  ".join(f"{value:>9}" for value in values)
-        lines.append(f"{loop['order']:>5}  {columns}  {loop['status']}")
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 

@@ -27,7 +27,6 @@ from stability import COMPONENTS, Programme, Stage, follow
 from stability.packing import (
     LoopRates,
     PackingRates,
-    PackingResponse,
     indicators,
     loop_changes,
     loop_rates,
@@ -38,7 +37,7 @@ from stability.packing.indicators import EXPECTED, least_squares_nonaffinity
 from stability.packing.pairs import contact_pairs, require_movable
 from stability.packing.response import SOLVED
 from stability.packing.state import PackingState, start_state
-from stability.packing.yield_response import YieldResponse, forces_of_motion
+from stability.packing.yield_response import forces_of_motion
 from stability.paths.path import Past
 from stability.verdict import loop_spectra
 from studies.output import Columns
@@ -193,8 +192,16 @@ def packing_predictions(
     response = PackingRates(edge).response(H)
     if response.status in SOLVED:
         columns |= _picked(loop_rates(response, before.faces), PREDICTED)
-    own = _own_motion(before, after, edge, response)
-    if own is not None:
+    if before.rotation is not None and after.rotation is not None:
+        # The packing under the grains' actual motion. Codes give angles up to a full turn; a grain
+        # turns by less than half of one in an interval.
+        ids = before.ids, after.ids
+        _, here, there = np.intersect1d(*ids, assume_unique=True, return_indices=True)
+        turned = after.rotation[there] - before.rotation[here]
+        spin = np.full(graph.grain_count, np.nan)
+        spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
+        rate = moved_branches(before, after, response.strain_rate) - branch_vectors(graph)
+        own = replace(response, branch_rate=rate, force_rate=forces_of_motion(edge, rate, spin))
         columns |= _picked(loop_rates(own, before.faces), OWN_FIELDS)
     planes, held, notes = sample_boundary(before)
     by_events: dict[str, Any] = {}
@@ -316,21 +323,6 @@ def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
     except InputError:
         found = {name: np.full(len(before.faces.loops), np.nan) for name in EXPECTED}
     return {f"indicator_{name}": values for name, values in found.items()}
-
-
-def _own_motion(
-    before: Snapshot, after: Snapshot, edge: YieldResponse, response: PackingResponse
-) -> PackingResponse | None:
-    """The packing under the grains' actual motion; None if rotations are unknown."""
-    if before.rotation is None or after.rotation is None:
-        return None
-    spin = np.full(before.graph.grain_count, np.nan)
-    _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
-    # Codes give angles up to a full turn; a grain turns by less than half of one in an interval.
-    turned = after.rotation[there] - before.rotation[here]
-    spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
-    rate = moved_branches(before, after, response.strain_rate) - branch_vectors(before.graph)
-    return replace(response, branch_rate=rate, force_rate=forces_of_motion(edge, rate, spin))
 
 
 def moved_branches(before: Snapshot, after: Snapshot, strain: Floats) -> Floats:

@@ -171,13 +171,21 @@ def connected(address: str, paths: Sequence[Path]) -> Iterator[Any]:
     except ImportError:
         remedy = "Install it: pip install distributed."
         raise InputError("--scheduler", "no Dask here", "dask.distributed", remedy) from None
-    with _quiet():
+    # The log of lost connections is silenced: an error reports those that matter.
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    levels = {name: logging.getLogger(name).level for name in (*names, "distributed")}
+    for name in levels:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
         client = _client(address)
         try:
             _check_workers(client, address, paths)
             yield client
         finally:
             client.close(timeout=PATIENCE)
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def run_on_cluster(
@@ -290,17 +298,3 @@ def _probe(paths: list[str]) -> Callable[[], tuple[str | None, str | None]]:
         return version, missing[0] if missing else None
 
     return probe
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence the log of lost connections: an error reports those that matter."""
-    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
-    levels = {name: logging.getLogger(name).level for name in (*names, "distributed")}
-    for name in levels:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for name, level in levels.items():
-            logging.getLogger(name).setLevel(level)
