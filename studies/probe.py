@@ -21,8 +21,7 @@ from patterns import Snapshot
 from stability import Stage, follow
 from stability.packing import PackingPath, Probe
 from stability.packing.hold import HoldControl
-from stability.packing.probe import probe_edge, search_step
-from stability.packing.probe_paths import probe_to
+from stability.packing.probe import probe_edge, probe_to, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.paths.path import Past
 from studies.output import UNITS, definitions, readable

@@ -46,21 +46,6 @@ def _force_rates(pair: Any, regime: int, side: float, un: float, ut: float) -> t
 
 
 @kernel
-def _add_forces(pair: Any, dn: float, dt: float, un: float, across: float, out: Floats) -> None:
-    """Add the resultants on both grains of force rates, and of forces that turn with the pair."""
-    i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
-    dn *= pair["push"]
-    f0 = dn * pair["n"][0] + dt * pair["t"][0] + pair["rotation"][0] * across
-    f1 = dn * pair["n"][1] + dt * pair["t"][1] + pair["rotation"][1] * across
-    out[j] += f0
-    out[j + 1] += f1
-    out[i] -= f0
-    out[i + 1] -= f1
-    out[i + 2] -= pair["arm"][0] * dt + pair["growth"] * un
-    out[j + 2] -= pair["arm"][1] * dt + pair["growth"] * un
-
-
-@kernel
 def resultants(
     pairs: NDArray[Any], regime: Regimes, side: Floats, v: Floats, h: Floats, out: Floats
 ) -> None:
@@ -70,7 +55,17 @@ def resultants(
             pair = pairs[p]
             un, ut, across = _relative(pair, v, h)
             dn, dt = _force_rates(pair, regime[p], side[p], un, ut)
-            _add_forces(pair, dn, dt, un, across, out)
+            # Forces, and those that turn with the pair.
+            i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
+            dn *= pair["push"]
+            f0 = dn * pair["n"][0] + dt * pair["t"][0] + pair["rotation"][0] * across
+            f1 = dn * pair["n"][1] + dt * pair["t"][1] + pair["rotation"][1] * across
+            out[j] += f0
+            out[j + 1] += f1
+            out[i] -= f0
+            out[i + 1] -= f1
+            out[i + 2] -= pair["arm"][0] * dt + pair["growth"] * un
+            out[j + 2] -= pair["arm"][1] * dt + pair["growth"] * un
 
 
 @kernel

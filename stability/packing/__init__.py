@@ -4,10 +4,10 @@ from stability.packing.equations_of_motion import Replay as Replay
 from stability.packing.equations_of_motion import replay as replay
 from stability.packing.hold import HeldPacking as HeldPacking
 from stability.packing.hold import hold as hold
-from stability.packing.indicators import indicators as indicators
-from stability.packing.loop_rates import LoopRates as LoopRates
-from stability.packing.loop_rates import loop_changes as loop_changes
-from stability.packing.loop_rates import loop_rates as loop_rates
+from stability.packing.loop_quantities import LoopRates as LoopRates
+from stability.packing.loop_quantities import indicators as indicators
+from stability.packing.loop_quantities import loop_changes as loop_changes
+from stability.packing.loop_quantities import loop_rates as loop_rates
 from stability.packing.path import PackingPath as PackingPath
 from stability.packing.probe import Probe as Probe
 from stability.packing.probe import probe as probe

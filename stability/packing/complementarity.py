@@ -3,12 +3,20 @@
 `z` are slip rates of contacts at yield, `w` rates at which each leaves its friction limit. `M` is
 neither symmetric nor, in general, a P-matrix, because slip is not normal to the friction limit.
 There may be one solution, none or several.
+
+Over all directions of a plane `q = Q h`, with `h = (cos a, sin a)`, and the solutions are traced
+from one of them. With the set of sliding contacts fixed, `z` and `w` are linear in `h`: a segment
+of the circle on which all stay positive. Where one of them vanishes, its contact changes regime.
+With `d` the diagonal entry of the principal transform of `M` there, the branch of solutions goes on
+in the same sense if `d > 0` and turns back if `d < 0`, a fold: two solutions on one side of that
+direction, none of this branch on the other. Theory, equations (11.15) and (11.16).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, lapack, lu_solve
@@ -17,17 +25,34 @@ from scipy.optimize import linprog
 
 from loops.arrays import Flags, Floats, Integers
 
+# Begin, end, sliding contacts, line of the watched contact's rate.
+Segment = tuple[float, float, Flags, Floats]
+BranchStatus = Literal["closed", "degenerate", "too long", "reached"]
+
+TURN = 2.0 * np.pi
 # Up to this many unknowns every combination is tried.
 ENUMERATED = 12
 # Beyond, so many active sets to start from: three miss solutions that ten find.
 STARTS = 10
 NAMED_STARTS = 3
-# Over the largest entry of q: wrong signs within it are rounding; solutions within SAME are one.
+# Over the largest entry of q: wrong signs within it are rounding.
 SIGN = 1e-9
-SAME = 1e-6
+# Solutions whose slips differ by less than this share are one.
+SAME_SLIP = 1e-6
 NEWTON_STEPS = 15
 # Pivots below this share of their column, and blocks of this reciprocal condition, are singular.
 PIVOT = 1e-11
+# Angles closer than this are one: contacts that change regime together are exchanged in turn.
+SAME_ANGLE = 1e-11
+# A variable this close to zero, in the angle to it, is zero.
+TOUCHING = 1e-7
+# Over the largest entry of Q: parts zeros that fall together by far more than SAME_ANGLE, or some
+# stay tied and the exchange by pivots leads in circles.
+TIE_BREAK = 1e-8
+# Exchanges after which the transform is made anew from `M`.
+REFRESH = 64
+# A variable whose largest value over the circle is below this share of the largest is zero.
+ZERO_ROW = 1e-12
 # Determinant over the product of the rows' sizes below which a matrix is taken as singular.
 SINGULAR = 1e-13
 # Share of the unit matrix by which a scaled matrix is definite; steps of the search for a scaling.
@@ -69,7 +94,10 @@ def solve_complementarity(
     found = [active for active in known if violation(q, M, active) <= SIGN]
     if certain and found:
         return Complementarity(np.array(found[:1]), "positive definite")
-    for number, start in enumerate(_starts(q, min(starts, NAMED_STARTS) if found else starts)):
+    rng = np.random.default_rng(0)
+    first = [np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool), q < 0]
+    first += [rng.random(len(q)) < 0.5 for _ in range(starts)]
+    for number, start in enumerate(first[: min(starts, NAMED_STARTS) if found else starts]):
         if number == NAMED_STARTS and not (found or feasible) and _infeasible(q, M):
             return known_solutions(q, M, found, "infeasible")
         active = solve_from(q, M, start)
@@ -129,7 +157,7 @@ def lemke(q: Floats, M: Floats) -> Flags | None:
     """Lemke's method with the covering vector of ones: the active set, None if it ends on a ray.
 
     The tableau holds the columns of the nonbasic variables alone, so a pivot is one update of rank
-    one. Variables are numbered w, z, then the artificial one.
+    one, by BLAS in Fortran's order. Variables are numbered w, z, then the artificial one.
     """
     m = len(q)
     if (q >= 0).all():
@@ -138,7 +166,14 @@ def lemke(q: Floats, M: Floats) -> Flags | None:
     basic, nonbasic = np.arange(m), np.arange(m, 2 * m + 1)
     row, column = int(np.argmin(q)), m
     for _ in range(20 * m):
-        _exchange(table, row, column)
+        # Exchange the basic variable of the row with the nonbasic one of the column.
+        pivot, factor = table[row, column], table[:, column].copy()
+        factor[row] = 0.0
+        line = table[row] / -pivot
+        line[column] = 1.0 / pivot
+        table[:, column] = 0.0
+        dger(1.0, factor, line, a=table, overwrite_a=1)
+        table[row] = line
         left = int(basic[row])
         basic[row], nonbasic[column] = nonbasic[column], left
         if left == 2 * m:
@@ -258,27 +293,6 @@ def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
     return best, least
 
 
-def _starts(q: Floats, count: int) -> list[Flags]:
-    rng = np.random.default_rng(0)
-    named = [np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool), q < 0]
-    return (named + [rng.random(len(q)) < 0.5 for _ in range(count)])[:count]
-
-
-def _exchange(table: Floats, row: int, column: int) -> None:
-    """Exchange the basic variable of a row with the nonbasic one of a column, in place.
-
-    `table` is in Fortran's order, so that BLAS adds the matrix of rank one where it stands.
-    """
-    pivot = table[row, column]
-    factor = table[:, column].copy()
-    factor[row] = 0.0
-    line = table[row] / -pivot
-    line[column] = 1.0 / pivot
-    table[:, column] = 0.0
-    dger(1.0, factor, line, a=table, overwrite_a=1)
-    table[row] = line
-
-
 def positive_definite(M: Floats) -> bool:
     """Whether the symmetric part is positive definite: then there is one solution for every `q`."""
     try:
@@ -348,7 +362,190 @@ def _distinct(found: list[tuple[Flags, Floats]], count: int) -> Flags:
     """Active sets whose slips differ, by increasing slip."""
     kept: list[tuple[Flags, Floats]] = []
     for active, slip in sorted(found, key=lambda one: float(np.linalg.norm(one[1]))):
-        size = SAME * np.linalg.norm(slip)
+        size = SAME_SLIP * np.linalg.norm(slip)
         if all(np.linalg.norm(slip - other) > size for _, other in kept):
             kept.append((active, slip))
     return np.array([active for active, _ in kept], dtype=bool).reshape(len(kept), count)
+
+
+@dataclass(frozen=True, eq=False)
+class SolutionBranch:
+    """A branch of solutions, segment by segment.
+
+    Attributes
+    ----------
+    angle : (n, 2) array, radians
+        Where each segment begins and ends along the branch, unwrapped; it ends at a smaller angle
+        than it begins where the branch runs backwards.
+    sliding : (n, m) array of bool
+        Contacts that slide on each segment.
+    status : {'closed', 'degenerate', 'too long'}
+        `closed`: the branch returned to its start, nothing of it is missing. `degenerate`: it was
+        left where a contact neither goes on nor turns back to any digit. `too long`: more segments
+        than asked for.
+    """
+
+    angle: Floats
+    sliding: Flags
+    status: BranchStatus
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing of the branch is missing."""
+        return self.status == "closed"
+
+    @property
+    def winding(self) -> int:
+        """Times that a closed branch runs around the circle; 0 if it covers only a part twice."""
+        return round(float(np.sum(self.angle[:, 1] - self.angle[:, 0])) / TURN)
+
+    @property
+    def longest(self) -> tuple[float, Flags]:
+        """The middle of the longest segment, and its sliding contacts."""
+        k = int(np.argmax(np.abs(self.angle[:, 1] - self.angle[:, 0])))
+        return float(self.angle[k].mean()), self.sliding[k]
+
+    @property
+    def folds(self) -> Floats:
+        """(k,) angles at which the branch turns back, in [0, 2 pi)."""
+        way = self.angle[:, 1] - self.angle[:, 0]
+        moves = np.flatnonzero(np.abs(way) > SAME_ANGLE)
+        forwards = way[moves] > 0
+        after = np.roll(forwards, -1) if self.closed else np.append(forwards[1:], forwards[-1:])
+        return np.mod(self.angle[moves[forwards != after], 1], TURN)
+
+    def at(self, angle: float) -> Integers:
+        """Segments that hold a solution at an angle."""
+        low, high = np.sort(self.angle, axis=1).T
+        turns = np.ceil((low - SAME_ANGLE - angle) / TURN)
+        return np.flatnonzero(angle + TURN * turns <= high + SAME_ANGLE)
+
+
+def trace_branch(
+    Q: Floats, M: Floats, angle: float, sliding: Flags, most: int = 20_000
+) -> SolutionBranch:
+    """Follow the solution with these contacts sliding around the circle, both ways if need be.
+
+    `Q` (m, 2), `M` (m, m). The set `sliding` must solve the problem at `angle`.
+    """
+    if len(Q) == 0:
+        none = np.zeros((1, 0), dtype=bool)
+        return SolutionBranch(np.array([[0.0, TURN]]), none, "closed")
+    found = _both_ways(Q, M, angle, sliding, most)
+    if found.closed:
+        return found
+    # In a symmetric packing contacts change regime together; apart by next to nothing they don't.
+    apart = np.random.default_rng(0).standard_normal(Q.shape) * np.abs(Q).max()
+    parted = _both_ways(Q + TIE_BREAK * apart, M, angle, sliding, most)
+    return parted if parted.closed else found
+
+
+def _both_ways(Q: Floats, M: Floats, angle: float, sliding: Flags, most: int) -> SolutionBranch:
+    """The branch from an angle on, and backwards too where it doesn't close."""
+    segments, status = _follow(Q, M, angle, sliding, 1.0, most)
+    if status != "closed":
+        behind, _ = _follow(Q, M, angle, sliding, -1.0, most)
+        backwards = [(end, begin, active, line) for begin, end, active, line in behind[::-1]]
+        segments = backwards + segments
+    return SolutionBranch(
+        angle=np.array([[begin, end] for begin, end, *_ in segments]).reshape(-1, 2),
+        sliding=np.array([active for _, _, active, _ in segments]).reshape(-1, len(Q)),
+        status=status,
+    )
+
+
+def solutions_over_slip(q: Floats, M: Floats, k: int, start: Flags) -> list[Flags] | None:
+    """Sliding contacts of all solutions where the others have one for every load.
+
+    `start` (m,) are those that slide while contact `k` sticks. They are followed over the slip of
+    `k` from zero to infinity: each change of sign of its rate `w_k` on the way is a solution. None
+    where they can't be followed so far.
+    """
+    lines, end = np.column_stack([q, M[:, k]]), 0.5 * np.pi
+    segments, status = _follow(lines, M, 0.0, start, 1.0, 20_000, end, k)
+    if status != "reached":
+        return None
+    loads = bool(segments[0][3][0] >= 0)
+    found = [start] if loads else []
+    for _, last, slides, rate in segments:
+        if bool(rate @ [np.cos(min(last, end)), np.sin(min(last, end))] >= 0) != loads:
+            loads = not loads
+            found.append(slides | (np.arange(len(q)) == k))
+    return found
+
+
+def _follow(
+    Q: Floats,
+    M: Floats,
+    angle: float,
+    start: Flags,
+    sense: float,
+    most: int,
+    until: float = np.inf,
+    watched: int | None = None,
+) -> tuple[list[Segment], BranchStatus]:
+    """Segments from an angle on, up to the angle `until`.
+
+    The contact that is `watched` sticks, whatever the sign of its rate.
+    """
+    transform = principal_transform(Q, M, start)
+    if transform is None:
+        return [], "degenerate"
+    lines, table = transform[0], np.asfortranarray(transform[1])
+    sliding, at, changed = start.copy(), angle, -1
+    first_sense = sense
+    segments: list[Segment] = []
+    for step in range(most):
+        # Angle from here to the zero of every variable that is not zero all around.
+        size = np.hypot(lines[:, 0], lines[:, 1])
+        ahead = np.mod(sense * (np.arctan2(lines[:, 1], lines[:, 0]) - at) + 0.5 * np.pi, TURN)
+        ahead[ahead > TURN - TOUCHING] = 0.0
+        if changed >= 0:
+            ahead[changed] = np.pi
+        ahead[size <= ZERO_ROW * size.max()] = np.pi
+        if watched is not None:
+            ahead[watched] = np.pi
+        if ahead.max() > np.pi + TOUCHING:
+            return segments, "degenerate"
+        reach = float(ahead.min())
+        if step > 0 and sense == first_sense and np.array_equal(sliding, start):
+            back = float(np.mod(sense * (angle - at), TURN))
+            if back <= reach + SAME_ANGLE:
+                segments.append((at, at + sense * back, sliding.copy(), lines[0].copy()))
+                return segments, "closed"
+        end = at + sense * reach
+        segments.append((at, end, sliding.copy(), lines[watched or 0].copy()))
+        if end >= until:
+            return segments, "reached"
+        ties = np.flatnonzero(ahead <= reach + SAME_ANGLE)
+        share = table[ties, ties] / np.abs(table[:, ties]).max(axis=0)
+        changed = int(ties[np.argmax(np.abs(share))])
+        if np.abs(share).max() < PIVOT:
+            return segments, "degenerate"
+        if table[changed, changed] < 0:
+            sense = -sense
+        sliding[changed] ^= True
+        at = end
+        if step % REFRESH == REFRESH - 1:
+            transform = principal_transform(Q, M, sliding)
+            if transform is None:
+                return segments, "degenerate"
+            lines, table = transform[0], np.asfortranarray(transform[1])
+        else:
+            _exchange(lines, table, changed)
+    return segments, "too long"
+
+
+def _exchange(lines: Floats, table: Floats, k: int) -> None:
+    """Exchange the variables of one contact, in place: `y = lines h + table x` solved for `x_k`.
+
+    `table` is in Fortran's order, so that BLAS adds the matrix of rank one where it stands.
+    """
+    pivot, column = table[k, k], table[:, k].copy()
+    row = table[k] / -pivot
+    row[k] = 1.0 / pivot
+    own = lines[k] / -pivot
+    column[k], table[:, k] = 0.0, 0.0
+    dger(1.0, column, row, a=table, overwrite_a=1)
+    lines += column[:, None] * own
+    table[k], lines[k] = row, own

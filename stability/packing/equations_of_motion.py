@@ -479,13 +479,14 @@ class Moving:
         grains = self.pairs.grains.astype(np.uint32)
         wraps = images.any(axis=1) | (grains[:, 1] >= now.count)
         radii, walls = np.array(now.radii), np.array(now.walls)
-        _, _, kn, kt, mu, hertz, by_displacement, own, rolling = self.pairs
-        kn, kt = HERTZ * kn if hertz else kn, np.ones(len(kt)) if own else kt
-        asked = np.empty((len(kn) if own else 0, 4))
+        pairs = self.pairs
+        kn = HERTZ * pairs.kn if pairs.hertz else pairs.kn
+        kt = np.ones(len(pairs)) if pairs.own else pairs.kt
+        asked = np.empty((len(pairs) if pairs.own else 0, 4))
         self.discs = Discs(
-            radii, walls, *self.lightness, grains, images, wraps, kn, kt, mu, hertz,
-            by_displacement, asked, rolling.k_r if rolling else np.zeros(0),
-            rolling_reach(self.pairs, self.listed) if rolling else np.zeros(0),
+            radii, walls, *self.lightness, grains, images, wraps, kn, kt, pairs.mu, pairs.hertz,
+            pairs.by_displacement, asked, pairs.rolling.k_r if pairs.rolling else np.zeros(0),
+            rolling_reach(pairs, self.listed) if pairs.rolling else np.zeros(0),
         )  # fmt: skip
 
     def _ask_law(self) -> None:

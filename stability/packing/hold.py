@@ -25,17 +25,17 @@ from stability.packing.equations_of_motion import (
 from stability.packing.pairs import (
     MovableLaw,
     Pairs,
+    at_limit,
     contact_pairs,
     law_of,
     overlaps,
     require_movable,
-    strength,
     tangents,
 )
 from stability.packing.state import PackingState, start_state
 
 HoldControl = Literal["strain", "stress"]
-Status = Literal["at rest", "not at rest", "flows"]
+HoldStatus = Literal["at rest", "not at rest", "flows"]
 
 # Steps between two looks at the unbalanced force.
 LOOK = 500
@@ -96,8 +96,8 @@ class HeldPacking(Shown):
     law: MovableLaw
     planes: PlaneContacts | None
     plane_force: Floats
-    status: Status
-    other_status: Status
+    status: HoldStatus
+    other_status: HoldStatus
     damping: float
     control: HoldControl
     unbalanced_before: float
@@ -290,7 +290,7 @@ def _unbalanced(moving: Moving, state: PackingState) -> float:
 
 def _rest(
     moving: Moving, dt: float, damping: float, bound: float, most_steps: int
-) -> tuple[PackingState, Status, int]:
+) -> tuple[PackingState, HoldStatus, int]:
     """The state where a run ends, why it ended, and its steps."""
     steps = 0
     while True:
@@ -310,6 +310,4 @@ def _rest(
 
 
 def _sliding(state: PackingState, pairs: Pairs) -> int:
-    limit = SLIDING_SHARE * strength(pairs, state)
-    slides = state.closed & ~state.at_wall & (np.abs(state.shear_force) >= limit)
-    return int(np.count_nonzero(slides))
+    return int(np.count_nonzero(at_limit(pairs, state, SLIDING_SHARE) & ~state.at_wall))

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.laws.protocol import Regime
-from stability.packing.pairs import Pairs, frame_of
+from stability.packing.pairs import AT_YIELD, Pairs, frame_of
 from stability.packing.state import PackingState
 
 # Ground springs over the mean kn: of every grain, of one with two contacts, of one with fewer
@@ -27,12 +27,11 @@ GEARS, PAIRED, RATTLERS = 1e-7, 1e-4, 1e-3
 RANK, ROOM = 96, 192
 # Right-hand sides that are solved together: that of an event and those of the next likely ones.
 BATCH = 8
-# Share of its strength from which a contact is at yield.
-AT_YIELD = 1.0 - 1e-6
 # An order of elimination is kept until the factors have grown by this.
 FILL = 1.25
 OPEN, ELASTIC, SLIDING = (int(k) for k in (Regime.OPEN, Regime.ELASTIC, Regime.SLIDING))
-UNITS = np.eye(4)
+# Strain rates of one component each, 11, 12, 21, 22.
+UNIT_STRAIN_RATES = np.eye(4)
 NO_STRAIN = np.zeros(4)
 
 
@@ -155,7 +154,7 @@ class IncrementalPacking:
             self.order = None
         self.factors = (L.indptr, L.indices, L.data, U.indptr, U.indices, U.data)
         right = np.zeros((5, size))
-        for column, strain in zip(right, UNITS, strict=False):
+        for column, strain in zip(right, UNIT_STRAIN_RATES, strict=False):
             kernels.resultants(frame, *self.reference, np.zeros(size), strain, column)
         right[4] = self.load
         self.V = self._solved(right)
@@ -204,12 +203,20 @@ class IncrementalPacking:
             if k == ROOM:
                 raise ArithmeticError("more changes of regime at once than there is room for")
             if row not in self.ready:
-                self._solve_ahead([row, *self._next_rows()])
+                rows, time, pairs = [row], self.time_to_event, len(self.frame)
+                # With it the rows that change at the events that come next.
+                soon = np.argpartition(time, min(4 * BATCH, pairs - 1))[: 4 * BATCH]
+                for c in soon[np.argsort(time[soon])].tolist():
+                    # Yield changes the shear row, opening and closing change both.
+                    if np.isfinite(time[c]):
+                        sheared = self.regime[c] == ELASTIC or c >= self.pair_count
+                        rows += (pairs + c,) if sheared else (c, pairs + c)
+                self._solve_ahead(rows)
             self.rows[k] = row
             self.at[row] = k
             self.U[k] = self.ready.pop(row)
-            pairs = self.rows[: k + 1] % len(self.frame)
-            kernels.mutual_rates(self.frame, pairs, self.V, self.U, self.base, self.mutual)
+            chosen = self.rows[: k + 1] % len(self.frame)
+            kernels.mutual_rates(self.frame, chosen, self.V, self.U, self.base, self.mutual)
         return self.at[row]
 
     def columns(self, rows: list[int]) -> list[int]:
@@ -218,19 +225,6 @@ class IncrementalPacking:
         for k in range(0, len(new), BATCH):
             self._solve_ahead(new[k : k + BATCH])
         return [self.column(row) for row in rows]
-
-    def _next_rows(self) -> list[int]:
-        """Rows that change at the events that come next."""
-        time = self.time_to_event
-        pairs = len(time)
-        soon = np.argpartition(time, min(4 * BATCH, pairs - 1))[: 4 * BATCH]
-        rows: list[int] = []
-        for c in soon[np.argsort(time[soon])].tolist():
-            # Yield changes the shear row, opening and closing change both.
-            if np.isfinite(time[c]):
-                sheared = self.regime[c] == ELASTIC or c >= self.pair_count
-                rows += (pairs + c,) if sheared else (c, pairs + c)
-        return rows
 
     def _solve_ahead(self, rows: list[int]) -> None:
         """Solve for the columns of the first eight of these rows that have none."""
@@ -251,6 +245,11 @@ class IncrementalPacking:
             if row in self.at or change != (0.0, 0.0):
                 self.coefficients[:, self.column(row)] = change
                 self.small = None
+
+    def set_regimes(self, contacts: Integers, regimes: Regimes | int) -> None:
+        """Change the regimes of many pairs at once, and factorise anew."""
+        self.regime[contacts] = regimes
+        self.factorise()
 
     def set_side(self, contacts: Integers | int, side: Floats | int) -> None:
         """Choose the sides to which stuck contacts would slide."""
@@ -318,29 +317,24 @@ class IncrementalPacking:
         self, stress: Floats, strain: Floats, Y: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """Matrix of the control; stress rates of unit strains and the load, and of the columns."""
-        m = len(self.at)
-        self._stress_rates(m)
-        columns = self.column_stress[:, :m]
-        whole = self.stress0 - columns[:, : len(Y)] @ Y
-        return stress @ whole[:, :4] + strain, whole, columns
-
-    def _stress_rates(self, m: int) -> None:
-        """Compute the stress rates of columns that have none yet, their own force included."""
         from stability.compiled import packing_rates as kernels
 
-        frame = self.frame
-        out = np.empty(4)
+        frame, m, out = self.frame, len(self.at), np.empty(4)
         if not self.stressed:
             for k in range(5):
-                h = UNITS[k] if k < 4 else NO_STRAIN
+                h = UNIT_STRAIN_RATES[k] if k < 4 else NO_STRAIN
                 kernels.stress_rate(frame, *self.reference, self.V[k], h, out)
                 self.stress0[:, k] = out / self.volume
+        # Of the columns that have none yet, their own force included.
         for k in range(max(self.stressed - 1, 0), m):
             kernels.stress_rate(frame, *self.reference, self.U[k], NO_STRAIN, out)
             pair, shear = frame[self.rows[k] % len(frame)], self.rows[k] >= len(frame)
             own = np.outer(pair["t"] if shear else pair["n"], pair["d"]).ravel()
             self.column_stress[:, k] = (out + own) / self.volume
         self.stressed = m + 1
+        columns = self.column_stress[:, :m]
+        whole = self.stress0 - columns[:, : len(Y)] @ Y
+        return stress @ whole[:, :4] + strain, whole, columns
 
     def relative(self, rates: Combination, c: int) -> tuple[float, float]:
         """`n . d'` and shear rate of a pair."""

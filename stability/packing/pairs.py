@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -40,6 +40,8 @@ PAIR = np.dtype(
 
 # Contact laws of paths and equations of motion.
 MovableLaw = FrictionalLaw | RollingResistance
+# Share of its strength from which a contact is at yield.
+AT_YIELD = 1.0 - 1e-6
 # Smallest overlap, over the distance of the centres, that stiffnesses are estimated at.
 SMALL_OVERLAP = 1e-4
 # N over the overlap times Hertz's tangent; the law is his where most contacts are that close to it.
@@ -77,7 +79,8 @@ class Rolling(NamedTuple):
     mu_r: Floats
 
 
-class Pairs(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Pairs:
     """Pairs (P, 2) with the image of the second grain (P, 2), and `kn`, `kt`, `mu` (P,).
 
     The second one of a pair is the wall, if there is one. Under Hertz's law `kn`, `kt` are the
@@ -168,6 +171,12 @@ def strength(pairs: Pairs, state: PackingState) -> Floats:
         rows, (touch, own) = pairs.own.rows, pairs.own.contacts(overlaps(state, pairs))
         most[rows] = np.where(touch & finite[rows], pairs.own.law.strength(own), most[rows])
     return most
+
+
+def at_limit(pairs: Pairs, state: PackingState, share: float = AT_YIELD) -> Flags:
+    """(P,) closed contacts whose shear force has this share of their strength at least."""
+    reached = np.abs(state.shear_force) >= share * strength(pairs, state)
+    return np.asarray(state.closed & reached)
 
 
 def rolling_reach(pairs: Pairs, state: PackingState) -> Floats:
@@ -262,8 +271,7 @@ def contact_pairs(
         grains = int(np.count_nonzero(~start.at_wall))
         numbers = [np.broadcast_to(k, grains).astype(float) for k in (law.k_r, law.mu_r)]
         k_r, mu_r = (np.append(k, np.zeros(len(free) - grains)) for k in numbers)
-        # Its length is that of the pairs: the named tuple can't be replaced by name.
-        return Pairs(*free[:8], Rolling(k_r, mu_r)) if k_r.any() else free
+        return replace(free, rolling=Rolling(k_r, mu_r)) if k_r.any() else free
     count, hertz, own = int(np.count_nonzero(~start.at_wall)), type(law) is HertzMindlin, None
     radii = start.radii[start.contacts[:count]]
     kn = kt = np.zeros(count)
@@ -300,7 +308,7 @@ def law_of(law: MovableLaw, pairs: Pairs, rows: Flags, state: PackingState) -> M
         return RollingResistance(inner, *parts)
     if pairs.own:
         return pairs.own.law.take(np.flatnonzero(rows[pairs.own.rows]))
-    kn, kt, mu = (k[rows] for k in pairs[2:5])
+    kn, kt, mu = (k[rows] for k in (pairs.kn, pairs.kt, pairs.mu))
     if not isinstance(law, HertzMindlin):
         return LinearFrictional(kn, kt, mu, law.shear_increment)
     modulus = kn / np.sqrt(_effective_radii(state.radii[pairs.grains[rows]]))

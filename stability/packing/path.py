@@ -16,13 +16,13 @@ from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import require_upright, snap_through, stored_energy
 from stability.packing.incremental_packing import (
-    AT_YIELD,
     ELASTIC,
     OPEN,
     SLIDING,
     IncrementalPacking,
 )
 from stability.packing.pairs import (
+    AT_YIELD,
     Pairs,
     contact_pairs,
     normal_forces,
@@ -46,8 +46,8 @@ from stability.paths.path import FINISHED, Event, Past, PathStatus, follow_stage
 from stability.programmes import Stage
 from stability.spectra import COMPONENTS
 
-# Pairs closer than this share of the mean diameter are listed, as open contacts.
-LISTED_GAP = 0.01
+# Pairs closer than this share of the mean diameter may close: they are listed, as open contacts.
+MAY_CLOSE_GAP = 0.01
 # Strain over which the load that balances the start decreases to the share that is kept.
 DECAY = 1e-5
 # Contacts may open within an interval from an overlap of this many intervals of the diameter.
@@ -213,7 +213,7 @@ class PackingPathSolver:
         self.side = np.hstack([side, np.zeros(closed.shape)]).ravel()
 
     def _listed_gap(self) -> float:
-        return LISTED_GAP * 2.0 * self.state.mean_radius
+        return MAY_CLOSE_GAP * 2.0 * self.state.mean_radius
 
     def _find_regimes(self) -> None:
         """Mark closed contacts on the friction limit as sliding, on the side of their force."""
@@ -271,7 +271,15 @@ class PackingPathSolver:
         start = self._quantity(stage)
         way = stage.target - start
         for target in np.linspace(start, stage.target, rows + 1)[1:]:
-            while not self._reached(stage, target, way):
+            while True:
+                scale = 1.0
+                if stage.quantity[0] == "P":
+                    scale = float(tangents(self.pairs, overlaps(self.state, self.pairs))[0].mean())
+                elif stage.quantity == "parameter":
+                    scale = 1.0 / float(np.abs(stage.programme.rate).max())
+                # Reached to a millionth of an interval, or leapt over.
+                if np.sign(way) * (target - self._quantity(stage)) <= 1e-6 * self.size * scale:
+                    break
                 if self.intervals >= max_steps:
                     return "lost", f"{max_steps} intervals were not enough"
                 stop = self._step(stage, float(target), instabilities)
@@ -286,15 +294,6 @@ class PackingPathSolver:
     def _quantity(self, stage: Stage) -> float:
         """The quantity whose target ends the stage."""
         return stage.value(self.H, self.P, self.parameter - self.stage_start)
-
-    def _reached(self, stage: Stage, target: float, way: float) -> bool:
-        """Whether the target is reached, to a millionth of an interval, or has been leapt over."""
-        scale = 1.0
-        if stage.quantity[0] == "P":
-            scale = float(tangents(self.pairs, overlaps(self.state, self.pairs))[0].mean())
-        elif stage.quantity == "parameter":
-            scale = 1.0 / float(np.abs(stage.programme.rate).max())
-        return np.sign(way) * (target - self._quantity(stage)) <= 1e-6 * self.size * scale
 
     def _step(self, stage: Stage, target: float, instabilities: int) -> Stop | None:
         """Go on by one interval, and through the instability that ends it; why the path ends."""

@@ -11,10 +11,14 @@ from stability.directional.branches import plane_directions, works
 from stability.packing.complementarity import (
     ENUMERATED,
     NAMED_STARTS,
+    TURN,
+    SolutionBranch,
     known_solutions,
     positive_definite,
     scaled_definite,
+    solutions_over_slip,
     solve_from,
+    trace_branch,
 )
 from stability.packing.response import (
     CRITICAL,
@@ -28,23 +32,19 @@ from stability.packing.response import (
     PackingRates,
     PackingResponse,
     Solved,
+    complementary_rates,
     controlled_strain,
 )
-from stability.packing.solution_branch import (
-    SolutionBranch,
-    solutions_over_slip,
-    trace_branch,
-)
-from stability.packing.yield_response import complementary_rates
 from stability.second_order_work import plane_cone
 from stability.spectra import subspace_basis
 
 Driven = Literal["strain", "stress"]
 Subspace = Literal["diagonal", "symmetric"]
 
-TURN = 2.0 * np.pi
-# Normalised W2 within NEUTRAL has no sign; angles closer than SAME are equal.
-NEUTRAL, SAME = 1e-9, 1e-10
+# Normalised W2 within this has no sign.
+NEUTRAL = 1e-9
+# Directions closer than this, in radians, are one.
+SAME_DIRECTION = 1e-10
 HALVINGS = 40
 # Strain directions in which solutions are sought whose images may be missed otherwise.
 SEEDS = 24
@@ -103,54 +103,30 @@ class RegimeRegions:
         self.complete = ""
         self.critical: int | None = None
         self.traced = len(self.basis) == 2 and rates.small and len(rates.every) > 0
-        if self.traced:
-            # `Q` and `M` of all directions of the plane.
-            units = [rates.problem(self.control(e)) for e in np.eye(2)]
-            self.circle = np.column_stack([q for q, _ in units]), units[0][1]
-            unloading = solve_from(self.circle[0] @ UNLOADING, self.circle[1], rates.none)
-            if unloading is not None:
-                self._trace(UNLOADING, unloading)
-            self._prove()
-        if self.traced and control == "stress" and not self.complete:
-            self._map_strains()
-
-    def _prove(self) -> None:
-        """Whether each direction has one solution, or all can be counted over one contact's slip.
-
-        The branch from the unloading direction tells the solution of each where it closes.
-        """
-        M = self.circle[1]
-        if not ENUMERATED < len(M) <= STARTED or self.rates.slips_left > TRUSTED:
+        if not self.traced:
             return
-        single, scale, blame = scaled_definite(M)
-        if single:
+        # `Q` and `M` of all directions of the plane.
+        units = [rates.problem(self.control(e)) for e in np.eye(2)]
+        M = units[0][1]
+        self.circle = np.column_stack([q for q, _ in units]), M
+        unloading = solve_from(self.circle[0] @ UNLOADING, M, rates.none)
+        if unloading is not None:
+            self._trace(UNLOADING, unloading)
+        # Whether each direction has one solution, or all can be counted over one contact's slip.
+        if ENUMERATED < len(M) <= STARTED and rates.slips_left <= TRUSTED:
+            single, scale, blame = scaled_definite(M)
+            # The branch from the unloading direction tells the solution of each where it closes.
             around = [branch for branch in self.branches if branch.closed and branch.winding == 1]
-            self.complete = SCALED if len(around) == 1 else ""
-            return
-        for k in np.argsort(-blame)[: CRITICAL_TRIED if len(M) <= MANY else 0]:
-            rest = np.arange(len(M)) != k
-            if scaled_definite(M[np.ix_(rest, rest)], scale[rest])[0]:
-                self.critical = int(k)
-                return
-
-    def _counted(self, direction: Floats) -> list[Flags] | None:
-        """All solutions along a direction, over the slip of the critical contact; None if unknown.
-
-        Each set must solve the problem to rounding; otherwise nothing was shown.
-        """
-        if self.critical is None:
-            return None
-        (Q, M), k = self.circle, self.critical
-        q, rest = Q @ direction, np.arange(len(M)) != k
-        start = solve_from(q[rest], M[np.ix_(rest, rest)], self.rates.none[rest])
-        sets = None
-        if start is not None:
-            slides = self.rates.none.copy()
-            slides[rest] = start
-            sets = solutions_over_slip(q, M, k, slides)
-        if sets is None or len(known_solutions(q, M, sets, CRITICAL).active) != len(sets):
-            return None
-        return sets
+            if single and len(around) == 1:
+                self.complete = SCALED
+            tried = 0 if single or len(M) > MANY else CRITICAL_TRIED
+            for k in np.argsort(-blame)[:tried]:
+                rest = np.arange(len(M)) != k
+                if scaled_definite(M[np.ix_(rest, rest)], scale[rest])[0]:
+                    self.critical = int(k)
+                    break
+        if control == "stress" and not self.complete:
+            self._map_strains()
 
     def _map_strains(self) -> None:
         """Follow the images of the strain directions' solutions over the stress directions.
@@ -220,16 +196,8 @@ class RegimeRegions:
 
     def at(self, direction: Floats, starts: int | None = None) -> DirectionAnswer:
         """Response along a unit direction; with zero starts from the known branches alone."""
-        control, known = self.control(direction), self.sets(direction)
-        complete = self.complete if len(self.rates.every) > ENUMERATED else ""
-        if not complete and (counted := self._counted(direction)) is not None:
-            known, complete = counted, CRITICAL
-        if starts is None:
-            few = self.traced and len(self.rates.every) > MANY
-            starts = min(self.starts, NAMED_STARTS) if few else self.starts
-        solved = self.rates.solved(control, starts, known, complete)
-        if solved.response.status not in SOLVED and not solved.response.proof:
-            solved = self._from_nearest(direction, control) or solved
+        control = self.control(direction)
+        solved = self._solved(direction, control, starts)
         response = solved.response
         if self.traced and response.proof != HELD_STUCK and not self.complete:
             for active in solved.solutions:
@@ -245,20 +213,56 @@ class RegimeRegions:
         stress = self.basis @ response.stress_rate.ravel()
         size = float(np.linalg.norm(strain))
         work, normalised = works(strain / size if size > 0 else strain, stress)
+        # The region of these regimes, entered for the first time or known.
+        region = self.number.setdefault(solved.active.tobytes(), len(self.number))
+        if region == len(self.tangents):
+            tangent = self.basis @ solved.answer.stress @ self.basis.T
+            relative = solved.answer.relative
+            lines = complementary_rates(self.rates.yielding, solved.active, relative) @ self.basis.T
+            if self.driven == "stress":
+                lines = lines @ np.linalg.inv(tangent)
+            plane = len(self.basis) == 2
+            self.tangents.append(tangent)
+            self.arcs.append(_arc(lines, direction) if plane else np.full(2, np.nan))
         own = response.strain_rate.ravel(), response.stress_rate.ravel()
         others = [self.rates.rates_of(control, active) for active in solved.solutions[1:]]
         rates = np.array([own, *others])
         return DirectionAnswer(
-            response, float(work) * size, float(normalised), self._piece(solved, direction),
+            response, float(work) * size, float(normalised), region,
             rates[:, 0], rates[:, 1], np.count_nonzero(solved.solutions, axis=1),
         )  # fmt: skip
+
+    def _solved(self, direction: Floats, control: HeldAndDriven, starts: int | None) -> Solved:
+        """The answer along a direction, from known branches, new starts or the nearest answer."""
+        rates, known = self.rates, self.sets(direction)
+        complete = self.complete if len(rates.every) > ENUMERATED else ""
+        if self.critical is not None and not complete:
+            # All solutions, counted over the slip of the critical contact.
+            (Q, M), k = self.circle, self.critical
+            q, rest = Q @ direction, np.arange(len(M)) != k
+            start = solve_from(q[rest], M[np.ix_(rest, rest)], rates.none[rest])
+            sets = None
+            if start is not None:
+                slides = rates.none.copy()
+                slides[rest] = start
+                sets = solutions_over_slip(q, M, k, slides)
+            # Each set must solve the problem to rounding; otherwise nothing was shown.
+            if sets is not None and len(known_solutions(q, M, sets, "").active) == len(sets):
+                known, complete = sets, CRITICAL
+        if starts is None:
+            few = self.traced and len(rates.every) > MANY
+            starts = min(self.starts, NAMED_STARTS) if few else self.starts
+        solved = rates.solved(control, starts, known, complete)
+        if solved.response.status not in SOLVED and not solved.response.proof:
+            solved = self._from_nearest(direction, control) or solved
+        return solved
 
     def _from_nearest(self, direction: Floats, control: HeldAndDriven) -> Solved | None:
         """Follow the solution of the nearest answered direction along the great circle to here."""
         if len(self.basis) == 2 or not (self.answered and self.rates.small):
             return None
         first, sliding = max(self.answered, key=lambda one: float(one[0] @ direction))
-        if np.linalg.norm(direction - first) < SAME:
+        if np.linalg.norm(direction - first) < SAME_DIRECTION:
             return self.rates.solved(control, 1, [sliding])
         units = [self.rates.problem(self.control(one)) for one in (first, direction)]
         Q, M = np.column_stack([q for q, _ in units]), units[0][1]
@@ -288,31 +292,15 @@ class RegimeRegions:
         """Angle nearest to `a` within the region and up to `b` at which W2 vanishes, if any."""
         tangent, arc = self.tangents[found.piece], self.arcs[found.piece]
         form = tangent if self.driven == "strain" else np.linalg.inv(tangent)
-        low, high = min(a, b) - SAME, max(a, b) + SAME
+        low, high = min(a, b) - SAME_DIRECTION, max(a, b) + SAME_DIRECTION
         ends = plane_cone(form, rtol=0.0).edges
         angles = ends + np.pi * np.arange(-4, 7)[:, None]
         inside = (angles >= low) & (angles <= high)
         middle = 0.5 * (arc[0] + arc[1])
         off = np.abs(np.mod(angles - middle + np.pi, TURN) - np.pi)
-        inside &= off <= 0.5 * (arc[1] - arc[0]) + SAME
+        inside &= off <= 0.5 * (arc[1] - arc[0]) + SAME_DIRECTION
         near = angles[inside]
         return float(near[np.argmin(np.abs(near - a))]) if len(near) else None
-
-    def _piece(self, solved: Solved, direction: Floats) -> int:
-        key = solved.active.tobytes()
-        if key not in self.number:
-            self.number[key] = len(self.number)
-            tangent = self.basis @ solved.answer.stress @ self.basis.T
-            self.tangents.append(tangent)
-            lines = (
-                complementary_rates(self.rates.yielding, solved.active, solved.answer.relative)
-                @ self.basis.T
-            )
-            if self.driven == "stress":
-                lines = lines @ np.linalg.inv(tangent)
-            plane = len(self.basis) == 2
-            self.arcs.append(_arc(lines, direction) if plane else np.full(2, np.nan))
-        return self.number[key]
 
 
 def cones(
@@ -355,7 +343,7 @@ def _end(
         for found in (inside, outside):
             if (angle := pieces.root(found, a, b)) is not None:
                 return angle, True
-        if abs(b - a) < SAME:
+        if abs(b - a) < SAME_DIRECTION:
             break
         middle = 0.5 * (a + b)
         answer = pieces.at(plane_directions(np.asarray(middle)))

@@ -184,13 +184,10 @@ def start_state(
         remedy = "Give the cell, or the contacts with the walls."
         raise InputError("packing", "no cell and no walls", "either of them", remedy)
     else:
-        normals, offsets, wall = _walls(graph, planes)
-        cell, points = _box(x, normals, offsets, volume)
+        normals, points, wall, cell = _walls(graph, planes, volume)
         count, n = graph.grain_count, normals[wall]
-        x, radii, angle = (
-            np.concatenate([old, new])
-            for old, new in ((x, points), (radii, 0.0 * offsets), (angle, 0.0 * offsets))
-        )
+        x, none = np.concatenate([x, points]), np.zeros(len(points))
+        radii, angle = np.append(radii, none), np.append(angle, none)
         contacts = np.vstack([graph.contacts, np.column_stack([planes.grain, count + wall])])
         images = np.zeros_like(contacts)
         distance = np.linalg.norm(planes.branch, axis=1)
@@ -218,27 +215,23 @@ def start_state(
     )
 
 
-def _walls(graph: GrainGraph, planes: PlaneContacts) -> tuple[Floats, Floats, Integers]:
-    """Normals into the sample and offsets `n . x` of the planes; the plane of each contact."""
+def _walls(
+    graph: GrainGraph, planes: PlaneContacts, volume: float | None
+) -> tuple[Floats, Floats, Integers, Floats]:
+    """Normals (W, 2) into the sample and a point (W, 2) of each wall, wall of each contact, cell.
+
+    The left and the lower wall have the lower left corner, the others the end of its sides.
+    """
     distance = np.linalg.norm(planes.branch, axis=1)
     normal = -planes.branch / distance[:, None]
     offset = np.sum(normal * graph.x[planes.grain], axis=1) - distance
     size = float(np.abs(graph.x).max() + graph.radii.max())
     key = np.round(np.column_stack([normal, offset / size]) / SAME_PLANE).astype(np.int64)
     _, first, wall = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    return normal[first], offset[first], wall.ravel()
-
-
-def _box(
-    x: Floats, normals: Floats, offsets: Floats, volume: float | None
-) -> tuple[Floats, Floats]:
-    """The cell (2, 2) and a point (W, 2) of each wall.
-
-    The left and the lower wall have the lower left corner, the others the end of its sides.
-    """
+    normals, offsets, wall = normal[first], offset[first], wall.ravel()
     if volume is not None:
-        side = float(np.ptp(x, axis=0)[0]) or np.sqrt(volume)
-        return np.diag([side, volume / side]), offsets[:, None] * normals
+        side = float(np.ptp(graph.x, axis=0)[0]) or np.sqrt(volume)
+        return normals, offsets[:, None] * normals, wall, np.diag([side, volume / side])
     axis = np.argmax(np.abs(normals), axis=1)
     sides = {(int(a), bool(n[a] < 0)): o for a, n, o in zip(axis, normals, offsets, strict=True)}
     upright = np.abs(normals[np.arange(len(axis)), 1 - axis]) < UPRIGHT
@@ -251,7 +244,7 @@ def _box(
     end = -np.array([sides[0, True], sides[1, True]])
     upper = normals[np.arange(4), axis] < 0
     points = np.where(upper[:, None] & (axis[:, None] == [0, 1]), end, corner)
-    return np.diag(end - corner), points
+    return normals, points, wall, np.diag(end - corner)
 
 
 def jumped(before: PackingState, after: PackingState, stress: float) -> str:

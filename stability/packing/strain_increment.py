@@ -67,6 +67,16 @@ class UnsolvedError(Exception):
         super().__init__("the rate problem has no solution" if proof else "no solution was found")
         self.contact, self.motion, self.turns, self.proof = contact, motion, turns, proof
 
+    @property
+    def mode(self) -> str:
+        """The unstable mode in words: its participation number, and what det K does."""
+        u = self.motion.reshape(-1, 3)[:, :2]
+        square = np.sum(u**2, axis=1)
+        share = float(square.sum() ** 2 / max(float(np.sum(square**2)), 1e-300))
+        turns = "changes sign" if self.turns else "keeps its sign"
+        none = "no regimes agree" if self.proof else "no regimes that agree were found"
+        return f"{none}: {share:.0f} grains take part, det K {turns}"
+
 
 class MixedControl(NamedTuple):
     """`stress @ P' + strain @ H' = rate` in the current geometry."""
@@ -147,46 +157,37 @@ class StrainIncrement:
         self.events: list[Found] = []
 
     def run(self) -> None:
-        """Go to the end of the increment."""
+        """Go from event to event to the end of the increment."""
+        from stability.compiled.packing_rates import earliest, stress_rate
+
+        packing, goal = self.packing, self.goal
         rates = self._settled()
         while self.time < self.duration:
-            if not np.linalg.norm(rates.h[:4]) <= self.max_strain_speed:
+            h, v, left = rates.h, packing.motion(rates), self.duration - self.time
+            if not np.linalg.norm(h[:4]) <= self.max_strain_speed:
                 raise ControlLimitError
-            v = self.packing.motion(rates)
-            step, c, kind = self._next_event(rates.h, v)
-            speed = self._goal_speed(rates.h, v)
-            left = self.duration - self.time
+            # The earliest event: time from now, contact, and its side if it yields.
+            pairs = packing.frame, packing.regime, packing.side
+            now = self.held, self.N, self.T, self.gap, v, h, RATE_RTOL, left
+            step, c, event = earliest(*pairs, *now, self.rates, packing.time_to_event)
+            kind: EventKind = "closing" if event else "opening"
+            if event in (-1, 1):
+                kind = "yield"
+                packing.set_side(c, event)
+            # Rate of the goal's quantity.
+            stress = np.zeros(4)
+            if goal.stress.any():
+                stress_rate(*pairs, v, h, stress)
+            speed = float(goal.strain @ h[:4] + goal.stress @ (stress / packing.volume)) + goal.time
             if speed * self.left > 0:
                 left = min(left, self.left / speed)
             self.left -= speed * min(step, left)
             if step >= left:
-                self._advance(rates.h, v, max(left, 0.0))
+                self._advance(h, v, max(left, 0.0))
                 return
-            self._advance(rates.h, v, step)
+            self._advance(h, v, step)
             self._change(c, kind, rates)
             rates = self._settled()
-
-    def _next_event(self, h: Floats, v: Floats) -> tuple[float, int, EventKind]:
-        """The earliest event: time from now, contact, kind."""
-        from stability.compiled.packing_rates import earliest
-
-        packing = self.packing
-        where = (packing.frame, packing.regime, packing.side, self.held, self.N, self.T, self.gap)
-        left = self.duration - self.time
-        time, c, kind = earliest(*where, v, h, RATE_RTOL, left, self.rates, packing.time_to_event)
-        if kind in (-1, 1):
-            packing.set_side(c, kind)
-            return time, c, "yield"
-        return time, c, "closing" if kind else "opening"
-
-    def _goal_speed(self, h: Floats, v: Floats) -> float:
-        """Rate of the goal's quantity."""
-        from stability.compiled.packing_rates import stress_rate
-
-        packing, goal, stress = self.packing, self.goal, np.zeros(4)
-        if goal.stress.any():
-            stress_rate(packing.frame, packing.regime, packing.side, v, h, stress)
-        return float(goal.strain @ h[:4] + goal.stress @ (stress / packing.volume)) + goal.time
 
     def _advance(self, h: Floats, v: Floats, step: float) -> None:
         """Go on by a time at constant rates."""
@@ -215,21 +216,18 @@ class StrainIncrement:
         self.time += step
 
     def _change(self, c: int, kind: EventKind, rates: Combination) -> None:
-        """Change the regime of a contact at its event."""
+        """Change the regime of a contact at its event; end its rattling."""
         self.event_count[c] += 1
-        if self.event_count[c] > CHATTER:
-            self.event_count[c] = 0
-            self._damp_rattling_contact(c, kind)
-        elif kind == "yield":
-            self._pivot(c, rates)
-        else:
-            self._end_forces(c, SLIP)
-            self._close(c) if kind == "closing" else self._open(c)
-            self._tell(kind, c)
-
-    def _damp_rattling_contact(self, c: int, kind: EventKind) -> None:
-        """Hold a grain of fewer than three contacts by a ground spring; else hold the contact."""
-        packing = self.packing
+        if self.event_count[c] <= CHATTER:
+            if kind == "yield":
+                self._pivot(c, rates)
+            else:
+                self._end_forces(c, SLIP)
+                self._close(c) if kind == "closing" else self._open(c)
+                self._tell(kind, c)
+            return
+        self.event_count[c], packing = 0, self.packing
+        # A grain of fewer than three contacts is held by a ground spring; else the contact is.
         pair = packing.frame["grains"][c]
         closed = np.flatnonzero(packing.regime[: packing.pair_count] != OPEN)
         degree = np.bincount(packing.frame["grains"][closed].ravel(), minlength=packing.count)[pair]
@@ -282,7 +280,7 @@ class StrainIncrement:
                     packing, self.control, c, critical, self._rounding(rates), search=not why
                 )
             except UnsolvedError as stop:
-                why = why or _mode(stop)
+                why = why or stop.mode
                 u = np.linalg.norm(stop.motion.reshape(-1, 3), axis=1)
                 grains = np.flatnonzero(u > 0.1 * u.max())
                 self._require_viscous(c, why, grains)
@@ -460,8 +458,7 @@ def pivot(
         solved = solve_complementarity(*slip_problem(packing, control, every))
         for active in solved.active[:1]:
             wrong = every[active != (packing.regime[every] == SLIDING)].tolist()
-            packing.regime[every] = np.where(active, SLIDING, ELASTIC)
-            packing.factorise()
+            packing.set_regimes(every, np.where(active, SLIDING, ELASTIC))
             return wrong
         proof = solved.proof
     turns = packing.sign(control.stress, control.strain)
@@ -481,16 +478,14 @@ def slip_problem(
     """
     rows = (len(packing.frame) + contacts).tolist()
     sliding = contacts[packing.regime[contacts] == SLIDING]
-    packing.regime[sliding] = ELASTIC
     parts = []
     for first in range(0, len(rows), ROOM):
-        packing.factorise()
+        packing.set_regimes(sliding, ELASTIC)
         units = packing.columns(rows[first : first + ROOM])
         rates = [packing.driven(control.stress, control.strain, k) for k in units]
         parts.append(packing.edge(tuple(rates), contacts))
     q = packing.edge((packing.solve(*control),), contacts)[:, 0]
-    packing.regime[sliding] = SLIDING
-    packing.factorise()
+    packing.set_regimes(sliding, SLIDING)
     # A force -s on the shear row is one unit of slip.
     return q, np.eye(len(rows)) - packing.side[contacts] * np.hstack(parts)
 
@@ -503,13 +498,3 @@ def disagreeing(
     value = sticks * packing.edge((rates,), critical)[:, 0]
     wrong = np.flatnonzero(value < -rounding)
     return critical[wrong[np.argsort(value[wrong])]]
-
-
-def _mode(stop: UnsolvedError) -> str:
-    """The unstable mode in words: its participation number, and what det K does."""
-    u = stop.motion.reshape(-1, 3)[:, :2]
-    square = np.sum(u**2, axis=1)
-    share = float(square.sum() ** 2 / max(float(np.sum(square**2)), 1e-300))
-    turns = "changes sign" if stop.turns else "keeps its sign"
-    none = "no regimes agree" if stop.proof else "no regimes that agree were found"
-    return f"{none}: {share:.0f} grains take part, det K {turns}"

@@ -30,12 +30,10 @@ from stability.packing.equations_of_motion import (
     stored_energy,
     work_of,
 )
-from stability.packing.incremental_packing import AT_YIELD
-from stability.packing.loop_rates import loop_sums
-from stability.packing.pairs import Pairs, require_movable, strength
+from stability.packing.loop_quantities import loop_sums
+from stability.packing.pairs import AT_YIELD, Pairs, require_movable, strength
 from stability.packing.path import PackingPathSolver, Stop
-from stability.packing.probe import probe_directions
-from stability.packing.probe_paths import stage_along
+from stability.packing.probe import probe_directions, stage_along
 from stability.packing.regime_regions import Subspace
 from stability.packing.state import PackingState, start_state
 from stability.packing.strain_increment import Found, InstabilityError, MixedControl

@@ -33,11 +33,10 @@ from stability.packing import (
     replay,
 )
 from stability.packing.equations_of_motion import duration_of, step_of
-from stability.packing.indicators import EXPECTED, least_squares_nonaffinity
+from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
 from stability.packing.pairs import contact_pairs, require_movable
-from stability.packing.response import SOLVED
+from stability.packing.response import SOLVED, forces_of_motion
 from stability.packing.state import PackingState, start_state
-from stability.packing.yield_response import forces_of_motion
 from stability.paths.path import Past
 from stability.verdict import loop_spectra
 from studies.output import Columns

@@ -20,8 +20,7 @@ from loops.kinetics import FATES, OrderEvents
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import ExchangeCounts, Fate
 from stability import COMPONENTS
-from stability.packing.response import SOLVED
-from stability.packing.yield_response import checked_band
+from stability.packing.response import SOLVED, checked_band
 from stability.paths.path import Past
 from studies.output import SERIES, UNITS, definitions
 from studies.reading import plan_series, reading

@@ -22,7 +22,7 @@ from loops.arrays import Floats, Integers
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate
 from stability import RTOL
-from stability.packing.indicators import EXPECTED
+from stability.packing.loop_quantities import EXPECTED
 from studies.output import Columns, as_json, described_table
 from studies.series.tasks import KEY
 from studies.snapshot.summary import judges, spread

@@ -18,7 +18,7 @@ from studies.snapshot.table import EIGENVALUES
 if TYPE_CHECKING:
     from loops.packing import LoopsInPlace, Method, PlaneContacts
     from stability.packing.hold import HoldControl
-    from stability.packing.yield_response import YieldResponse
+    from stability.packing.response import YieldResponse
 
 PLACE = "packing"
 # Unbalanced force over the mean contact force: above the first a note says so, above the second
@@ -114,7 +114,7 @@ def box_corners(x: Floats, walls: WallContacts) -> Floats | None:
 
 def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldResponse:
     """Rate problem of the packing; contacts with |T| of at least `yield_band` mu N may slide."""
-    from stability.packing.yield_response import yield_response
+    from stability.packing.response import yield_response
 
     graph, (law, regime) = snapshot.graph, snapshot.mechanics()
     planes, held, _ = sample_boundary(snapshot)

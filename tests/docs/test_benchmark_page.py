@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stability.packing.indicators import EXPECTED
+from stability.packing.loop_quantities import EXPECTED
 from studies.examples.indicators import COMPARED, STRUCTURAL, winners
 from tests.docs.pages import DOCS, page, says, section, tables
 

@@ -12,8 +12,7 @@ from loops.packing import loops_in_place
 from patterns import Snapshot, WallContacts
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
-from stability.packing.probe import probe_edge
-from stability.packing.probe_paths import probe_to
+from stability.packing.probe import probe_edge, probe_to
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
 from studies.snapshot.in_packing import box_area, followed_walls, sample_boundary, sample_edge

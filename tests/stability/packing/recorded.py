@@ -31,8 +31,8 @@ from stability.packing import (
     strain_increment,
     sustain,
 )
-from stability.packing.indicators import indicators, least_squares_nonaffinity
-from stability.packing.probe_paths import probe_to
+from stability.packing.loop_quantities import indicators, least_squares_nonaffinity
+from stability.packing.probe import probe_to
 from stability.packing.state import PackingState, start_state
 from tests.packings import BRANCH, LAW, LIMITS, diamonds, jammed, packing, strained
 from tests.stability.packing.test_hertz_paths import hertz_of

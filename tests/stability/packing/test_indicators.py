@@ -8,7 +8,7 @@ from loops.assembly import contact_tangent
 from loops.graph import contact_state
 from loops.packing import packing_system, stiffness_matrix
 from loops.packing.in_place import inverse_at_contacts
-from stability.packing.indicators import (
+from stability.packing.loop_quantities import (
     EXPECTED,
     indicators,
     least_squares_nonaffinity,

@@ -8,18 +8,17 @@ import pytest
 
 from loops import GrainGraph, InputError
 from stability.packing import regime_regions
-from stability.packing.complementarity import principal_transform, scaled_definite
+from stability.packing.complementarity import principal_transform, scaled_definite, trace_branch
 from stability.packing.pairs import _as_known, require_movable
 from stability.packing.regime_regions import RegimeRegions, cones
-from stability.packing.response import PackingRates
-from stability.packing.solution_branch import trace_branch
-from stability.packing.sustain import keeps_growing
-from stability.packing.yield_response import (
+from stability.packing.response import (
+    PackingRates,
     condensed,
     linear_answer,
     slip_motion,
     yield_response,
 )
+from stability.packing.sustain import keeps_growing
 from tests.packings import LAW, packing
 
 

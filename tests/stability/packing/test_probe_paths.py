@@ -1,6 +1,7 @@
 """Probes integrated to an amplitude: their limit is the rate problem; Yade's own; what is lost."""
 
 import functools
+import sys
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from loops import InputError, LinearFrictional, find_faces
 from stability import follow
 from stability.packing import probe
-from stability.packing.probe_paths import probe_to
+from stability.packing.probe import probe_to
 from stability.programmes import Programme, Stage
 from tests.packings import LAW, jammed
 
@@ -50,7 +51,7 @@ def test_a_row_is_the_path_itself(case):
 def test_what_is_not_finished_is_not_a_number(case, monkeypatch):
     graph, faces = case
     short = functools.partial(follow, max_steps=2)
-    monkeypatch.setattr("stability.packing.probe_paths.path_of", short)
+    monkeypatch.setattr(sys.modules["stability.packing.probe"], "path_of", short)
     found = probe_to(probe(graph, LAW, 2), graph, LAW, faces, 1e-4)
     assert set(found.status) == {"lost"} and not found.determined.any()
     for name in ("strain_rate", "stress_rate", "loop_work", "work", "normalised"):

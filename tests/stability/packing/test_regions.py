@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stability.packing.probe import probe_directions
-from stability.packing.regime_regions import SAME, RegimeRegions, _arc
+from stability.packing.regime_regions import SAME_DIRECTION, RegimeRegions, _arc
 
 TURN = 2 * np.pi
 
@@ -76,9 +76,9 @@ def test_a_zero_at_an_end_counts_within_the_same_angle(off):
     """W2 vanishes at 0.3: just beyond the ends of the search, then of the region."""
     n = unit(0.3 + np.pi / 2)
     tangent = np.outer(n, unit(0.3))
-    whole, part = np.array([-1.0, 1.0]), np.array([0.3 + off * SAME, 1.0])
+    whole, part = np.array([-1.0, 1.0]), np.array([0.3 + off * SAME_DIRECTION, 1.0])
     zero = None if off > 1 else pytest.approx(0.3, abs=1e-14)
-    for a, b in ((0.3 + off * SAME, 0.8), (0.3 - off * SAME, -0.2)):
+    for a, b in ((0.3 + off * SAME_DIRECTION, 0.8), (0.3 - off * SAME_DIRECTION, -0.2)):
         assert regions(tangent, whole).root(Found, a, b) == zero
     assert regions(tangent, part).root(Found, 0.0, 0.8) == zero
     assert regions(tangent, 0.6 - part[::-1]).root(Found, 0.8, 0.0) == zero

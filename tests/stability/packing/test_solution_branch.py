@@ -16,14 +16,16 @@ from stability import follow
 from stability.packing import probe
 from stability.packing.complementarity import (
     STARTS,
+    TURN,
     Complementarity,
+    SolutionBranch,
     basic_values,
     positive_definite,
     solve_complementarity,
     solve_from,
+    trace_branch,
 )
-from stability.packing.probe import probe_edge
-from stability.packing.probe_paths import stage_along
+from stability.packing.probe import probe_edge, stage_along
 from stability.packing.regime_regions import RegimeRegions
 from stability.packing.response import (
     CRITICAL,
@@ -32,9 +34,9 @@ from stability.packing.response import (
     SOLVED,
     WHOLE_CIRCLE,
     PackingRates,
+    linear_answer,
+    yield_response,
 )
-from stability.packing.solution_branch import TURN, SolutionBranch, trace_branch
-from stability.packing.yield_response import linear_answer, yield_response
 from studies.snapshot.in_packing import held_snapshot, sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
 from tests.tools import held_probes, small_packings

@@ -9,8 +9,7 @@ from loops import GrainGraph, InputError, LinearFrictional
 from loops.packing.system import carrying_grains
 from patterns.synthetic import synthetic_network
 from stability.packing import complementarity, packing_response, probe, response
-from stability.packing.response import PackingRates
-from stability.packing.yield_response import yield_response
+from stability.packing.response import PackingRates, yield_response
 from tests.oracles.regimes import solutions
 
 STRAINS = [np.diag([1.0, 0.0]), np.diag([1.0, -1.0]), np.array([[0.3, 0.5], [0.2, -0.6]])]

@@ -13,7 +13,7 @@ from loops.packing.system import plane_stiffness
 from patterns import random_loop
 from stability import Stage, follow, programmes
 from stability.packing import hold, loop_changes, loop_rates, packing_response, probe, replay
-from stability.packing.loop_rates import LoopRates
+from stability.packing.loop_quantities import LoopRates
 from tests.packings import BRANCH, LAW, jammed, packing, strained
 
 # Unit discs have masses of r^2: the unit of time is a power of two as well.

@@ -17,7 +17,7 @@ from loops import (
 from loops.packing import PlaneContacts
 from stability import Programme, Stage, follow, programmes
 from stability.packing import hold, packing_response, probe, replay
-from stability.packing.probe_paths import probe_to
+from stability.packing.probe import probe_to
 from stability.packing.state import start_state
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.walled_packings import JAMMED, SMOOTH, jammed_in_box, mirrored

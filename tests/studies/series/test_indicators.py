@@ -11,7 +11,7 @@ import pytest
 from loops import branch_vectors
 from patterns import write_snapshot
 from stability.packing import indicators
-from stability.packing.indicators import EXPECTED
+from stability.packing.loop_quantities import EXPECTED
 from studies.examples import indicators as benchmark
 from studies.reading import plan_series, reading
 from studies.series.packing import indicator_columns
