@@ -295,9 +295,10 @@ class IncrementalPacking:
             m = len(self.at)
             a, order = self._changes(self.mutual[:, :, :m], m), np.arange(m)
             sign = eliminate(a, order)
-            self.small = Small(a, order, sign, np.zeros((m, 5)))
+            small = Small(a, order, sign, np.zeros((m, 5)))
             if sign != 0.0:
-                self.small.Y[:] = self.small.solved(self._changes(self.base, m))
+                small = small._replace(Y=small.solved(self._changes(self.base, m)))
+            self.small = small
         return self.small
 
     def _changes(self, rates: Floats, m: int) -> Floats:
