@@ -107,26 +107,30 @@ class RegimeRegions:
             return
         # `Q` and `M` of all directions of the plane.
         units = [rates.problem(self.control(e)) for e in np.eye(2)]
-        M = units[0][1]
-        self.circle = np.column_stack([q for q, _ in units]), M
-        unloading = solve_from(self.circle[0] @ UNLOADING, M, rates.none)
+        self.circle = np.column_stack([q for q, _ in units]), units[0][1]
+        unloading = solve_from(self.circle[0] @ UNLOADING, self.circle[1], rates.none)
         if unloading is not None:
             self._trace(UNLOADING, unloading)
-        # Whether each direction has one solution, or all can be counted over one contact's slip.
-        if ENUMERATED < len(M) <= STARTED and rates.slips_left <= TRUSTED:
-            single, scale, blame = scaled_definite(M)
-            # The branch from the unloading direction tells the solution of each where it closes.
-            around = [branch for branch in self.branches if branch.closed and branch.winding == 1]
-            if single and len(around) == 1:
-                self.complete = SCALED
-            tried = 0 if single or len(M) > MANY else CRITICAL_TRIED
-            for k in np.argsort(-blame)[:tried]:
-                rest = np.arange(len(M)) != k
-                if scaled_definite(M[np.ix_(rest, rest)], scale[rest])[0]:
-                    self.critical = int(k)
-                    break
+        self._prove()
         if control == "stress" and not self.complete:
             self._map_strains()
+
+    def _prove(self) -> None:
+        """Whether each direction has one solution, or all can be counted over one contact's slip."""
+        M = self.circle[1]
+        if not ENUMERATED < len(M) <= STARTED or self.rates.slips_left > TRUSTED:
+            return
+        single, scale, blame = scaled_definite(M)
+        # The branch from the unloading direction tells the solution of each where it closes.
+        around = [branch for branch in self.branches if branch.closed and branch.winding == 1]
+        if single and len(around) == 1:
+            self.complete = SCALED
+        tried = 0 if single or len(M) > MANY else CRITICAL_TRIED
+        for k in np.argsort(-blame)[:tried]:
+            rest = np.arange(len(M)) != k
+            if scaled_definite(M[np.ix_(rest, rest)], scale[rest])[0]:
+                self.critical = int(k)
+                return
 
     def _map_strains(self) -> None:
         """Follow the images of the strain directions' solutions over the stress directions.
