@@ -94,10 +94,7 @@ def solve_complementarity(
     found = [active for active in known if violation(q, M, active) <= SIGN]
     if certain and found:
         return Complementarity(np.array(found[:1]), "positive definite")
-    rng = np.random.default_rng(0)
-    first = [np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool), q < 0]
-    first += [rng.random(len(q)) < 0.5 for _ in range(starts)]
-    for number, start in enumerate(first[: min(starts, NAMED_STARTS) if found else starts]):
+    for number, start in enumerate(_starts(q, min(starts, NAMED_STARTS) if found else starts)):
         if number == NAMED_STARTS and not (found or feasible) and _infeasible(q, M):
             return known_solutions(q, M, found, "infeasible")
         active = solve_from(q, M, start)
@@ -157,7 +154,7 @@ def lemke(q: Floats, M: Floats) -> Flags | None:
     """Lemke's method with the covering vector of ones: the active set, None if it ends on a ray.
 
     The tableau holds the columns of the nonbasic variables alone, so a pivot is one update of rank
-    one, by BLAS in Fortran's order. Variables are numbered w, z, then the artificial one.
+    one. Variables are numbered w, z, then the artificial one.
     """
     m = len(q)
     if (q >= 0).all():
@@ -166,14 +163,7 @@ def lemke(q: Floats, M: Floats) -> Flags | None:
     basic, nonbasic = np.arange(m), np.arange(m, 2 * m + 1)
     row, column = int(np.argmin(q)), m
     for _ in range(20 * m):
-        # Exchange the basic variable of the row with the nonbasic one of the column.
-        pivot, factor = table[row, column], table[:, column].copy()
-        factor[row] = 0.0
-        line = table[row] / -pivot
-        line[column] = 1.0 / pivot
-        table[:, column] = 0.0
-        dger(1.0, factor, line, a=table, overwrite_a=1)
-        table[row] = line
+        _exchange(table, row, column)
         left = int(basic[row])
         basic[row], nonbasic[column] = nonbasic[column], left
         if left == 2 * m:
@@ -291,6 +281,27 @@ def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
             break
         active = active ^ wrong
     return best, least
+
+
+def _starts(q: Floats, count: int) -> list[Flags]:
+    rng = np.random.default_rng(0)
+    named = [np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool), q < 0]
+    return (named + [rng.random(len(q)) < 0.5 for _ in range(count)])[:count]
+
+
+def _exchange(table: Floats, row: int, column: int) -> None:
+    """Exchange the basic variable of a row with the nonbasic one of a column, in place.
+
+    `table` is in Fortran's order, so that BLAS adds the matrix of rank one where it stands.
+    """
+    pivot = table[row, column]
+    factor = table[:, column].copy()
+    factor[row] = 0.0
+    line = table[row] / -pivot
+    line[column] = 1.0 / pivot
+    table[:, column] = 0.0
+    dger(1.0, factor, line, a=table, overwrite_a=1)
+    table[row] = line
 
 
 def positive_definite(M: Floats) -> bool:
@@ -532,11 +543,11 @@ def _follow(
                 return segments, "degenerate"
             lines, table = transform[0], np.asfortranarray(transform[1])
         else:
-            _exchange(lines, table, changed)
+            _exchange_contact(lines, table, changed)
     return segments, "too long"
 
 
-def _exchange(lines: Floats, table: Floats, k: int) -> None:
+def _exchange_contact(lines: Floats, table: Floats, k: int) -> None:
     """Exchange the variables of one contact, in place: `y = lines h + table x` solved for `x_k`.
 
     `table` is in Fortran's order, so that BLAS adds the matrix of rank one where it stands.

@@ -116,7 +116,7 @@ class RegimeRegions:
             self._map_strains()
 
     def _prove(self) -> None:
-        """Whether each direction has one solution, or all can be counted over one contact's slip."""
+        """Whether directions have one solution each, or all are counted over one contact's slip."""
         M = self.circle[1]
         if not ENUMERATED < len(M) <= STARTED or self.rates.slips_left > TRUSTED:
             return
