@@ -66,36 +66,31 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
         ids, is_wall = ids[order], is_wall[order]
     if len(grains) < len(x) or (grains[1:] < grains[:-1]).any():
         x, radii = x[grains], radii[grains]
-        rotation = None if rotation is None else rotation[grains]
-        mass = None if mass is None else mass[grains]
-        motion = None if motion is None else motion[grains]
-    bodies = Bodies(ids, is_wall, x, radii, rotation, mass, motion)
+        rotation, mass, motion = (
+            None if values is None else values[grains] for values in (rotation, mass, motion)
+        )
     if along_space:
         # Successive grains lie many mean spacings apart, as after a random insertion.
         spacing = np.sqrt(np.prod(np.ptp(x, axis=0)) / len(x))
         if np.median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR * spacing:
-            bodies = _along_space(bodies)
+            from loops.compiled import given
+            from loops.compiled.network import spatial_order
+
+            order = spatial_order(given(x, np.float64))
+            x, radii = x[order], radii[order]
+            rotation, mass, motion = (
+                None if values is None else values[order] for values in (rotation, mass, motion)
+            )
+            # Walls stand behind the grains.
+            every = np.append(np.flatnonzero(~is_wall)[order], np.flatnonzero(is_wall))
+            ids, is_wall = ids[every], is_wall[every]
+    bodies = Bodies(ids, is_wall, x, radii, rotation, mass, motion)
     if len(radii) == 0:
         raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
     refuse_radii(table, bodies.grain_ids, radii, "Correct the row, or give walls type 1.")
     _refuse_third_dimension(table, bodies)
     _refuse_coincident(table, bodies)
     return bodies
-
-
-def _along_space(bodies: Bodies) -> Bodies:
-    """The same bodies, grains along a space-filling curve, walls behind them."""
-    from loops.compiled import given
-    from loops.compiled.network import spatial_order
-
-    order = spatial_order(given(bodies.x, np.float64))
-    grains, walls = np.flatnonzero(~bodies.is_wall)[order], np.flatnonzero(bodies.is_wall)
-    every = np.append(grains, walls)
-    rotation = None if bodies.rotation is None else bodies.rotation[order]
-    mass = None if bodies.mass is None else bodies.mass[order]
-    motion = None if bodies.motion is None else bodies.motion[order]
-    ids, is_wall = bodies.ids[every], bodies.is_wall[every]
-    return Bodies(ids, is_wall, bodies.x[order], bodies.radii[order], rotation, mass, motion)
 
 
 def rows_by_first_grain(pairs: Integers) -> Integers:

@@ -121,3 +121,13 @@ def test_a_repeated_contact_of_a_shuffled_file_is_named_by_its_rows(tmp_path, so
     told = str(refused.value)
     assert f"row {len(contacts)} " in told and "row 17" in told
     assert str(one) in told and str(two) in told
+
+
+def test_a_wrong_radius_is_named_by_the_id_of_its_grain(sorts, tmp_path):
+    """Also where grains are sorted along space: radii and ids stand in one order."""
+    path = shuffled_copy(PERIODIC, tmp_path)
+    grains = pyarrow.parquet.read_table(path).to_pydict()
+    grains["radius"][7] = -1.0
+    pyarrow.parquet.write_table(pyarrow.table(grains), path)
+    with pytest.raises(InputError, match=rf"radius of grain {grains['id'][7]} in .* -1\.0"):
+        read_snapshot(path, cell=sample_cell())
