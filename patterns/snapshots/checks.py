@@ -23,6 +23,7 @@ from loops import (
     contact_state,
 )
 from loops.arrays import Flags, Floats, Integers, in_threads
+from patterns.snapshots.geometry import index_of
 
 if TYPE_CHECKING:
     from patterns.snapshots.snapshot import Snapshot
@@ -705,9 +706,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
             return None
         spins = _fitted_spins(pairs, arms, moved, needed)
     else:
-        order = np.argsort(after.ids)
-        place = np.searchsorted(after.ids, before.ids, sorter=order)
-        spin = after.rotation[order[np.minimum(place, len(order) - 1)]] - before.rotation
+        spin = after.rotation[index_of(after.ids, before.ids)] - before.rotation
         spins, moved = np.remainder(spin + np.pi, 2 * np.pi) - np.pi, reach * turn
     slip = moved - np.einsum("ck,ck->c", arms, spins[pairs])
     if not slip.any():
