@@ -16,6 +16,7 @@ from loops import (
 )
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
+from stability.packing.pairs import contact_pairs, rolling_energy
 from stability.packing.state import start_state
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.test_hertz_paths import ROUGH, hertz_of
@@ -279,6 +280,17 @@ def test_bad_input():
     names = ("contacts", "images", "normal_force", "shear_force")
     fewer = graph.replace(**{name: getattr(graph, name)[:5] for name in names})
     assert fewer.rolling_moment is None and graph.replace(x=graph.x).rolling_moment is not None
+
+
+def test_energy_of_the_springs():
+    """M**2/(2 k_r) of contacts with a spring; the others have none."""
+    graph = jammed(12, 1, LAW)
+    k_r = np.where(np.arange(graph.contact_count) % 2, 0.02, 0.0)
+    M = np.linspace(-1e-3, 2e-3, graph.contact_count)
+    pairs = contact_pairs(start_state(graph), RollingResistance(LAW, k_r))
+    wanted = sum(m**2 / (2 * k) for m, k in zip(M, k_r, strict=True) if k)
+    assert rolling_energy(pairs, M) == pytest.approx(wanted, rel=1e-14)
+    assert rolling_energy(contact_pairs(start_state(graph), LAW), M) == 0.0
 
 
 def test_a_moment_without_a_spring_is_none():

@@ -7,6 +7,7 @@ import pytest
 
 from loops import GrainGraph
 from loops.packing import PlaneContacts
+from stability.packing.pairs import _as_known
 from stability.packing.state import jumped, start_state
 from tests.packings import jammed
 
@@ -98,3 +99,16 @@ def test_planes_closer_than_a_millionth_of_the_sample_are_one_wall(gap):
     graph = GrainGraph(x=x, radii=[0.5, 0.5], contacts=np.zeros((0, 2), int))
     planes = PlaneContacts(np.array([0, 1]), np.full((2, 2), [0.0, -0.49]), np.ones(2), np.ones(2))
     assert len(start_state(graph, planes, volume=2.0).walls) == (1 if gap < 1e-6 else 2)
+
+
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e3])
+def test_stiffness_of_new_contacts_grows_with_the_radii_where_that_varies_less(length, stiffness):
+    """In any units: nearly proportional values, nearly constant ones."""
+    radii, others = length * np.array([1.0, 2.0, 3.0]), length * np.array([1.5, 6.0])
+    slope = stiffness * np.array([1.0, 1.02, 0.98])
+    found = _as_known(slope * radii, radii, others)
+    np.testing.assert_allclose(found, stiffness * others, rtol=1e-12)
+    found = _as_known(slope, radii, others)
+    np.testing.assert_allclose(found, stiffness, rtol=1e-12)
+    assert np.all(_as_known(np.full(3, np.inf), radii, others) == np.inf)

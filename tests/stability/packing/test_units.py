@@ -140,14 +140,27 @@ def test_a_replay_and_what_its_loops_do():
     compare_loops(*changes)
 
 
-@pytest.mark.parametrize(("case", "law"), [((12, 1), LAW), ((16, 2), BRANCH)])
-def test_paths_of_packings(case, law):
+# In shear of one per cent contacts open under shear forces, and close.
+SHEAR = np.array([[0.0, -1e-2], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("case", "law", "strain", "kinds"),
+    [
+        ((12, 1), LAW, H, ("yield",)),
+        ((16, 2), BRANCH, H, ("yield",)),
+        ((24, 3), LAW, SHEAR, ("yield", "opening", "closing")),
+    ],
+)
+def test_paths_of_packings(case, law, strain, kinds):
     graph = jammed(*case, law)
-    one = follow(graph, law, strained(H), closure="packing", interval=2e-4)
+    one = follow(graph, law, strained(strain), closure="packing", interval=2e-4)
     other = follow(
-        graph_in_units(graph), law_in_units(law), strained(H), closure="packing", interval=2e-4
-    )
+        graph_in_units(graph), law_in_units(law), strained(strain), closure="packing",
+        interval=2e-4,
+    )  # fmt: skip
     assert one.status == other.status == "finished" and len(one.events) > 2
+    assert all(one.of_kind(kind) for kind in kinds)
     assert [(e.kind, e.contacts) for e in one.events] == [
         (e.kind, e.contacts) for e in other.events
     ]

@@ -8,7 +8,12 @@ import pytest
 from loops import GrainGraph, LinearFrictional, Regime, contact_state, macroscopic_tangent
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes
-from stability.paths.event_functions import _spectra, area_ratio
+from stability.paths.event_functions import (
+    _spectra,
+    _with_excursions,
+    area_ratio,
+    pair_overlaps,
+)
 from stability.paths.model import path_model
 from stability.paths.record import record_changes, record_jumps
 from stability.paths.regimes import path_symmetry
@@ -212,3 +217,27 @@ def test_shear_that_breaks_the_symmetry_does_so_in_any_units(length, kn):
     assert group_of(square, law).name == "D4"
     assert group_of(square, law, shear=1e-18 * kn * length).name == "D4"
     assert group_of(square, law, shear=1e-10 * kn * length) is None
+
+
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
+def test_overlaps_are_in_the_unit_of_the_touching_distance(length):
+    """Grains of .3 and .2 at distances .4 and .6: a fifth of overlap, a fifth of gap."""
+    model = SimpleNamespace(radii=length * np.array([0.3, 0.2, 0.3]))
+    x = length * np.array([[0.0, 0.0], [0.24, 0.32], [0.24, 0.92]])
+    found = pair_overlaps(model, np.array([[0, 1], [1, 2]]), x)
+    np.testing.assert_allclose(found, [0.2, -0.2], rtol=0, atol=1e-14)
+
+
+def test_a_function_positive_between_its_samples_is_found():
+    """Of three functions below zero at the samples the second rises above it, at .3."""
+    thetas = np.array([0.0, 0.5, 1.0])
+
+    def values(theta):
+        return np.array([-1.0, 0.01 - (theta - 0.3) ** 2, -0.01 - (theta - 0.3) ** 2])
+
+    table = np.array([values(theta) for theta in thetas])
+    places, rows = _with_excursions(table, thetas, np.full(3, 1e-9), values)
+    np.testing.assert_allclose(places, [0.0, 0.3, 0.5, 1.0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rows, [values(theta) for theta in places], rtol=0, atol=1e-12)
+    places, _ = _with_excursions(table[:, [0, 2]], thetas, np.full(2, 1e-9), values)
+    np.testing.assert_array_equal(places, thetas)

@@ -1,5 +1,7 @@
 """Limits and tolerances of paths: what lies on either side of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -147,3 +149,16 @@ def test_a_stage_that_ends_within_rounding_of_an_event_meets_it(short, events):
     # det K and det Ks of the square vanish at kappa/(1 + kappa).
     path = follow(diamond(np.pi / 4), LAW, isotropic(1 / 6 - short))
     assert len(path.of_kind("det_K_zero") + path.of_kind("det_Ks_zero")) == events
+
+
+@pytest.mark.parametrize("speed", [1e-3, 1.0, 50.0])
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+@pytest.mark.parametrize("gauge", [UNIT_PARAMETER, np.array([0.3, 0.0, 0.0, -1.0, 0.5])])
+def test_the_gauge_fixes_the_unit_of_time(speed, closure, gauge):
+    """Its product with the rates of strain and load is one, whatever the programme's speed."""
+    strain = np.array([1.0, 0.0, 0.0, 0.4])
+    programme = programmes.combination(np.zeros((4, 4)), np.eye(4), speed * strain)
+    state = elastic_state(diamond(0.8), closure=closure)
+    rates = replace(state, programme=programme, gauge=gauge).raw_rates
+    assert gauge @ np.append(rates.H, rates.parameter) == pytest.approx(1.0, rel=1e-12)
+    np.testing.assert_allclose(rates.H, rates.parameter * speed * strain, rtol=1e-10, atol=1e-12)

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import DOP853
+from scipy.integrate._ivp.rk import rk_step
 
 from loops import GrainGraph, InputError, LinearFrictional, contact_state
 from loops.symmetry import loop_symmetry
@@ -15,6 +17,7 @@ from patterns.polygons import opposite_gap
 from stability import Stage, follow, restrict, symmetric_part
 from stability.paths.fan import (
     CONTROLS,
+    RTOL,
     SPECTRAL,
     STRESS_REACH,
     Fan,
@@ -482,3 +485,20 @@ def test_unstable_share_of_the_diamond_converges_to_the_closed_one(phi, closure)
         found = loop_limits(loop, "strain", directions, friction=phi < 90.0)
         errors.append(abs(unstable_share(*found) - exact))
     assert 0.2 < exact < 0.99 and errors[1] < 0.5 * errors[0] and errors[1] < 0.01
+
+
+@pytest.mark.parametrize("h", [0.1, 0.3])
+def test_the_error_of_a_step_is_that_of_scipy(h):
+    """Orders 5 and 3 weighed as in scipy's DOP853, over the tolerance."""
+    fan, *_ = fan_of(5, "traction", "strain", (30.0,))
+    start, rows, size = LoopStates.at_rest(1, 5), np.arange(1), np.array([h])
+    _, found = fan.step(start, rows, size)
+    y0 = fan._flat(start)[0]
+
+    def rates(_, y):
+        return fan._flat(fan.rates(fan._at(start, y[None]), rows)[0])[0]
+
+    solver = DOP853(rates, 0.0, y0, 1.0, rtol=1e-9, first_step=h)
+    rk_step(rates, 0.0, y0, solver.f, h, solver.A, solver.B, solver.C, solver.K)
+    wanted = solver._estimate_error_norm(solver.K, h, np.ones(len(y0)))
+    assert found[0] * RTOL * fan.reach == pytest.approx(wanted, rel=1e-6, abs=0.0)
