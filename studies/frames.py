@@ -13,7 +13,6 @@ from patterns import Snapshot, planar
 from stability import Path
 from studies.output import SIGNS, UNITS, provenance
 from studies.snapshot import table as tables
-from studies.snapshot.table import half_edges_of_loops, loop_corners
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -92,12 +91,11 @@ def to_geodataframe(snapshot: Snapshot, table: pd.DataFrame | None = None) -> Ge
         remedy = "Install it: pip install grainloops[geo]."
         raise InputError("to_geodataframe", "no library", "geopandas", remedy) from None
     snapshot = planar(snapshot)
-    offsets, at = half_edges_of_loops(snapshot.faces)
+    offsets, corners, _ = tables.loop_polygons(snapshot.graph, snapshot.faces)
     own = loop_table(snapshot) if table is None else table
     if len(own) != len(offsets) - 1:
         received, expected = f"{len(own)} rows", f"one a loop, {len(offsets) - 1}"
         raise InputError("table", received, expected, "Give the table of this snapshot.")
-    corners = loop_corners(snapshot.graph, snapshot.faces, offsets, at)
     rings = shapely.linearrings(corners, indices=np.repeat(np.arange(len(own)), np.diff(offsets)))
     frame = geopandas.GeoDataFrame(own, geometry=shapely.polygons(rings))
     frame.attrs = dict(own.attrs)

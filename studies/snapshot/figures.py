@@ -40,8 +40,7 @@ from studies.snapshot.table import (
     FREE,
     GROUPS,
     LAST_ORDER,
-    half_edges_of_loops,
-    loop_corners,
+    loop_polygons,
 )
 from studies.style import (
     BLACK,
@@ -221,8 +220,7 @@ def _line_width(loops: int) -> float:
 
 def polygons_of_loops(snapshot: Snapshot, picked: Integers | slice = slice(None)) -> list[Floats]:
     """Corners of each loop, or of those picked."""
-    offsets, at = half_edges_of_loops(snapshot.faces, picked)
-    corners = loop_corners(snapshot.graph, snapshot.faces, offsets, at)
+    offsets, corners, _ = loop_polygons(snapshot.graph, snapshot.faces, picked)
     return [corners[a:b] for a, b in pairwise(offsets.tolist())]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from loops import Faces, GrainGraph
 from loops.arrays import Floats, Integers
 from loops.compiled import given, kernel
-from studies.snapshot.table import half_edges_of_loops, loop_corners
+from studies.snapshot.table import loop_polygons
 
 
 class Painting(NamedTuple):
@@ -27,8 +27,8 @@ def paint_loops(graph: GrainGraph, faces: Faces, longest: int) -> Painting:
     Loops that cross a periodic border are unrolled from their first grain. If a loop lies inside
     another one, the later of the two is seen.
     """
-    offsets, at = half_edges_of_loops(faces)
-    corners = given(loop_corners(graph, faces, offsets, at), np.float64)
+    offsets, corners, _ = loop_polygons(graph, faces)
+    corners = given(corners, np.float64)
     low, high = corners.min(axis=0), corners.max(axis=0)
     side = float((high - low).max()) / longest
     columns, rows = (max(1, math.ceil(float(length) / side)) for length in high - low)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -233,26 +233,34 @@ def _eigenvalues(tangent: MacroTangent, kn: float, *, compiled: bool) -> Columns
     }
 
 
-def half_edges_of_loops(
-    faces: Faces, picked: Integers | slice = slice(None)
-) -> tuple[Integers, Integers]:
-    """Offsets (L + 1,) and places of the half-edges of the loops, or of those picked."""
+class LoopPolygons(NamedTuple):
+    """Loops as polygons: corners `[offsets[l] : offsets[l + 1]]` and their grains, by number."""
+
+    offsets: Integers
+    corners: Floats
+    grains: Integers
+
+
+def loop_polygons(
+    graph: GrainGraph, faces: Faces, picked: Integers | slice = slice(None)
+) -> LoopPolygons:
+    """Polygons of the loops, or of those picked.
+
+    They are unrolled through periodic images from each loop's first grain.
+    """
     loops = faces.loops[picked]
     order = faces.order[loops]
     offsets = np.concatenate([[0], np.cumsum(order)])
     first = faces.offsets[loops] - offsets[:-1]
-    return offsets, np.repeat(first, order) + np.arange(offsets[-1])
-
-
-def loop_corners(graph: GrainGraph, faces: Faces, offsets: Integers, at: Integers) -> Floats:
-    """Corners of the loops, unrolled through periodic images from each loop's first grain."""
-    x = graph.x[faces.grains[at]]
-    if graph.cell is None or graph.images is None or len(at) == 0:
-        return x
-    image = graph.images[faces.contacts[at]] * np.where(faces.forward[at], 1, -1)[:, None]
-    passed = np.cumsum(image, axis=0) - image
-    passed -= np.repeat(passed[offsets[:-1]], np.diff(offsets), axis=0)
-    return x + passed @ graph.cell.T
+    at = np.repeat(first, order) + np.arange(offsets[-1])
+    grains = faces.grains[at]
+    x = graph.x[grains]
+    if graph.cell is not None and graph.images is not None and len(at):
+        image = graph.images[faces.contacts[at]] * np.where(faces.forward[at], 1, -1)[:, None]
+        passed = np.cumsum(image, axis=0) - image
+        passed -= np.repeat(passed[offsets[:-1]], order, axis=0)
+        x = x + passed @ graph.cell.T
+    return LoopPolygons(offsets, x, grains)
 
 
 def loops_for_map(snapshot: Snapshot, table: Mapping[str, Any], **series: Any) -> list[LoopsForMap]:
@@ -260,10 +268,9 @@ def loops_for_map(snapshot: Snapshot, table: Mapping[str, Any], **series: Any) -
     faces = snapshot.faces
     if len(faces.loops) > MOST_LOOPS:
         return []
-    offsets, at = half_edges_of_loops(faces)
-    corners = loop_corners(snapshot.graph, faces, offsets, at)
+    offsets, corners, grains = loop_polygons(snapshot.graph, faces)
     columns = {name: np.asarray(values) for name, values in table.items() if name != "grains"}
-    return [LoopsForMap(offsets, corners, snapshot.ids[faces.grains[at]], columns, **series)]
+    return [LoopsForMap(offsets, corners, snapshot.ids[grains], columns, **series)]
 
 
 def write_paraview(
@@ -277,14 +284,14 @@ def write_paraview(
     whether the contact slides. The provenance is field data of both, as JSON.
     """
     source, graph, faces = as_json(provenance), snapshot.graph, snapshot.faces
-    offsets, at = half_edges_of_loops(faces)
+    offsets, corners, grains = loop_polygons(graph, faces)
     write_polydata(
         folder / "loops.vtp",
-        points=loop_corners(graph, faces, offsets, at),
+        points=corners,
         offsets=offsets,
         lines=False,
         cell_data={name: np.asarray(v) for name, v in table.items() if name != "grains"},
-        point_data={"grain": snapshot.ids[faces.grains[at]]},
+        point_data={"grain": snapshot.ids[grains]},
         source=source,
     )
     start, branches = graph.x[graph.contacts[:, 0]], branch_vectors(graph)
