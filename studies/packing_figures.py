@@ -39,6 +39,16 @@ from studies.style import (
 
 # The circle of w2 = 0 of the polar diagram (Nicot et al. 2016, Fig. 11).
 RADIUS = 2.0
+FORECAST_LOOKS: dict[str, tuple[str, dict[str, Any]]] = {
+    "dem": ("DEM", {"linestyle": "none", "marker": "o", "fillstyle": "none", "color": "black"}),
+    "events": ("path by events", {"linestyle": "-", "marker": ".", "color": BLUE}),
+    "replay": ("replay", {"linestyle": "--", "marker": ".", "color": VERMILION}),
+    "persistence": ("stress of the start", {"linestyle": ":", "color": GREY}),
+}
+STRESS_LOOKS = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
+
+
+# ---- probes
 
 
 def probe_figures(
@@ -153,13 +163,7 @@ def additive_work_map(snapshot: Snapshot, work: Floats) -> Figure:
     return figure
 
 
-FORECAST_LOOKS: dict[str, tuple[str, dict[str, Any]]] = {
-    "dem": ("DEM", {"linestyle": "none", "marker": "o", "fillstyle": "none", "color": "black"}),
-    "events": ("path by events", {"linestyle": "-", "marker": ".", "color": BLUE}),
-    "replay": ("replay", {"linestyle": "--", "marker": ".", "color": VERMILION}),
-    "persistence": ("stress of the start", {"linestyle": ":", "color": GREY}),
-}
-STRESS_LOOKS = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
+# ---- paths
 
 
 def path_figures(

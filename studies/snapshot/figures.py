@@ -75,6 +75,25 @@ PAINT_LIMIT = 100_000
 PIXELS = 1600
 # Every group of orders has its own colour.
 ORDER_SCALE = BoundaryNorm(np.arange(2.5, LAST_ORDER + 1), len(ORDER_COLOURS))
+GROUP_COLOURS = dict(zip(GROUPS, ORDER_COLOURS, strict=True))
+EIGENVALUE_NAMES = ("smallest", "middle", "largest")
+JUDGE_TITLES = {
+    "affine": "affine, spins blocked",
+    "traction": "traction, spins blocked",
+    "traction_free": "traction, spins free",
+    PLACE: "in its packing",
+}
+# A histogram has as many bins as the square root of the number of loops, within these limits.
+BIN_COUNTS = 20, 60
+# Share of the loops at either end that the first and the last bin of a histogram collect.
+TAIL = 0.01
+# Largest extension of the axis for negative values beyond that, over its positive part.
+NEGATIVE = 0.15
+CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION}
+# Width of the bins of a rose (degrees) for fewer axes than FEW; it divides 180.
+COARSE, FEW = 20.0, 200
+# Number of segments that are joined to one line with gaps.
+JOINED = 200
 
 
 @styled()
@@ -224,25 +243,7 @@ def polygons_of_loops(snapshot: Snapshot, picked: Integers | slice = slice(None)
     return [corners[a:b] for a, b in pairwise(offsets.tolist())]
 
 
-GROUP_COLOURS = dict(zip(GROUPS, ORDER_COLOURS, strict=True))
-EIGENVALUE_NAMES = ("smallest", "middle", "largest")
-JUDGE_TITLES = {
-    "affine": "affine, spins blocked",
-    "traction": "traction, spins blocked",
-    "traction_free": "traction, spins free",
-    PLACE: "in its packing",
-}
-# A histogram has as many bins as the square root of the number of loops, within these limits.
-BIN_COUNTS = 20, 60
-# Share of the loops at either end that the first and the last bin of a histogram collect.
-TAIL = 0.01
-# Largest extension of the axis for negative values beyond that, over its positive part.
-NEGATIVE = 0.15
-CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION}
-# Width of the bins of a rose (degrees) for fewer axes than FEW; it divides 180.
-COARSE, FEW = 20.0, 200
-# Number of segments that are joined to one line with gaps.
-JOINED = 200
+# ---- all figures of a snapshot
 
 
 def snapshot_figures(
