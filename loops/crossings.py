@@ -305,9 +305,21 @@ def close_branches(branches: CellBranches) -> Iterator[BinnedBranches]:
     """
     count = len(branches.vector)
     counts = bin_counts(count, np.abs(branches.vector).mean(axis=0), branches.sides)
+    parts = []
     # In blocks, as the coordinates take more room than the bins.
-    blocks = np.split(np.arange(count), range(CUT, count, CUT))
-    parts = [_cut_block(branches, counts, block) for block in blocks]
+    for contact in np.split(np.arange(count), range(CUT, count, CUT)):
+        # Cut branches by the columns of the grid, then every part by its rows.
+        x, y = (branches.start[contact] * counts).T
+        dx, dy = (branches.vector[contact] * counts).T
+        branch, column = _spread(*_span(x, x + dx))
+        x, y, dx, dy = x[branch], y[branch], dx[branch], dy[branch]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            enter = np.clip((column + (dx < 0) - x) / dx, 0, 1)
+            leave = np.clip((column + (dx >= 0) - x) / dx, 0, 1)
+        enter[dx == 0], leave[dx == 0] = 0, 1
+        part, row = _spread(*_span(y + enter * dy, y + leave * dy))
+        shift, place = np.divmod(np.column_stack([column[part], row]), counts)
+        parts.append((_numbered(place, counts), contact[branch[part]], shift))
     pieces = _sorted(counts, *map(np.concatenate, zip(*parts, strict=True)))
     limit = 2 * len(pieces.contact)
     for _ in range(SPLITS):
@@ -328,23 +340,6 @@ def bin_counts(contacts: int, extent: Floats, sides: Floats) -> tuple[int, int]:
     crossed = contacts * float(extent @ counts)
     columns, rows = counts * min(1.0, PIECES * contacts / max(crossed, 1.0))
     return max(1, int(columns)), max(1, int(rows))
-
-
-def _cut_block(
-    branches: CellBranches, counts: tuple[int, int], contact: Integers
-) -> tuple[Integers, Integers, Integers]:
-    """Cut branches by the columns of the grid, then every part by its rows."""
-    x, y = (branches.start[contact] * counts).T
-    dx, dy = (branches.vector[contact] * counts).T
-    branch, column = _spread(*_span(x, x + dx))
-    x, y, dx, dy = x[branch], y[branch], dx[branch], dy[branch]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        enter = np.clip((column + (dx < 0) - x) / dx, 0, 1)
-        leave = np.clip((column + (dx >= 0) - x) / dx, 0, 1)
-    enter[dx == 0], leave[dx == 0] = 0, 1
-    part, row = _spread(*_span(y + enter * dy, y + leave * dy))
-    shift, place = np.divmod(np.column_stack([column[part], row]), counts)
-    return _numbered(place, counts), contact[branch[part]], shift
 
 
 def _span(a: Floats, b: Floats) -> tuple[Integers, Integers]:

@@ -132,9 +132,21 @@ def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
     """
     require_one_state(graph)
     if use_compiled(compiled, graph.contact_count):
-        faces = _compiled_faces(graph)
-        if faces is not None:
-            return faces
+        from loops.compiled import given
+        from loops.compiled.network import plane_faces
+
+        images = np.zeros((0, 2)) if graph.images is None else graph.images
+        cell = np.zeros((2, 2)) if graph.cell is None else graph.cell
+        good, offsets, grains, contacts, forward, area, winds, component = plane_faces(
+            given(graph.x, np.float64),
+            given(graph.contacts, np.int64),
+            given(images, np.int64),
+            given(cell, np.float64),
+        )
+        # Else two directions are equal or too close for double precision.
+        if good:
+            kind = _kind(area, winds)
+            return Faces(offsets, grains, contacts, forward, area, kind, component)
     kept_grains, kept_contacts = prune_dangling(graph)
     kept = np.flatnonzero(kept_contacts)
     branches = branch_vectors(graph)
@@ -157,24 +169,6 @@ def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
         kind=_kind(area, np.asarray(winding.any(axis=1))),
         component=label[grains[offsets[:-1]]],
     )
-
-
-def _compiled_faces(graph: GrainGraph) -> Faces | None:
-    """Faces by the kernel; None if two directions are equal or too close for double precision."""
-    from loops.compiled import given
-    from loops.compiled.network import plane_faces
-
-    images = np.zeros((0, 2)) if graph.images is None else graph.images
-    cell = np.zeros((2, 2)) if graph.cell is None else graph.cell
-    good, offsets, grains, contacts, forward, area, winds, component = plane_faces(
-        given(graph.x, np.float64),
-        given(graph.contacts, np.int64),
-        given(images, np.int64),
-        given(cell, np.float64),
-    )
-    if not good:
-        return None
-    return Faces(offsets, grains, contacts, forward, area, _kind(area, winds), component)
 
 
 class LoopGroup(NamedTuple):
@@ -349,7 +343,21 @@ def next_half_edge(
 ) -> Integers:
     """The half-edge that follows each one around the face on its left."""
     origin = contacts.ravel()
-    order = _around_grains(origin, branches, numbers)
+    # Sorted by origin, then by angle: those of both half-edges of a contact, monotone in [0, 4).
+    dx, dy = branches.T
+    cosine = dx / (np.abs(dx) + np.abs(dy))
+    there = np.where(dy < 0, 3 + cosine, 1 - cosine)
+    back = np.where(dy > 0, 3 - cosine, 1 + cosine)
+    angle = (np.column_stack([there, back]) * ANGLE_STEPS).astype(np.int64)
+    key = ((contacts << 32) | angle).ravel()
+    # The stable sort is twice as fast where grains are numbered along space.
+    order = np.argsort(key, kind="stable")
+    # Rounding can put two directions in the wrong order only if their keys differ by at most 1.
+    close = np.flatnonzero(np.diff(key[order]) <= 1)
+    if close.size:
+        for run in np.split(close, np.flatnonzero(np.diff(close) > 1) + 1):
+            tied = slice(run[0], run[-1] + 2)
+            order[tied] = _sorted_exactly(order[tied], branches, origin, numbers)
     degree = np.bincount(origin, minlength=grains)
     end = np.cumsum(degree)[degree > 0]
     begin = end - degree[degree > 0]
@@ -358,27 +366,6 @@ def next_half_edge(
     clockwise[order[begin]] = order[end - 1]
     # At the end of half-edge h, the next one is clockwise from its opposite half-edge, h ^ 1.
     return clockwise.reshape(-1, 2)[:, ::-1].ravel()
-
-
-def _around_grains(origin: Integers, branches: Floats, numbers: Integers) -> Integers:
-    """Half-edges sorted by origin, then counter-clockwise by direction from axis 1."""
-    # Angles of both half-edges of each contact, monotone in [0, 4).
-    dx, dy = branches.T
-    cosine = dx / (np.abs(dx) + np.abs(dy))
-    there = np.where(dy < 0, 3 + cosine, 1 - cosine)
-    back = np.where(dy > 0, 3 - cosine, 1 + cosine)
-    angle = (np.column_stack([there, back]) * ANGLE_STEPS).astype(np.int64)
-    key = ((origin.reshape(-1, 2) << 32) | angle).ravel()
-    # The stable sort is twice as fast where grains are numbered along space.
-    order = np.argsort(key, kind="stable")
-    sorted_key = key[order]
-    # Rounding can put two directions in the wrong order only if their keys differ by at most 1.
-    close = np.flatnonzero(np.diff(sorted_key) <= 1)
-    if close.size:
-        for run in np.split(close, np.flatnonzero(np.diff(close) > 1) + 1):
-            tied = slice(run[0], run[-1] + 2)
-            order[tied] = _sorted_exactly(order[tied], branches, origin, numbers)
-    return order
 
 
 def _sorted_exactly(
@@ -437,7 +424,17 @@ def cycles(following: Integers) -> tuple[Integers, Integers]:
 
 def _walk_short_cycles(following: Integers) -> tuple[Integers, Integers]:
     """Smallest element of each cycle and the place after it; places are -1 in long cycles."""
-    start, size = _short_starts(following)
+    # A walk from every element ends at one smaller than its start: few last beyond their first
+    # steps, and those that close have begun at the smallest element of their cycle.
+    starts, sizes = [], []
+    start, at = np.arange(len(following)), following
+    for length in range(1, SHORT_CYCLE + 1):
+        closed = at == start
+        starts.append(start[closed])
+        sizes.append(np.full(len(starts[-1]), length))
+        going = at > start
+        start, at = start[going], following[at[going]]
+    start, size = np.concatenate(starts), np.concatenate(sizes)
     first = np.empty_like(following)
     position = np.full_like(following, -1)
     at, k = start, 0
@@ -447,22 +444,6 @@ def _walk_short_cycles(following: Integers) -> tuple[Integers, Integers]:
         unfinished = size > k
         start, size, at = start[unfinished], size[unfinished], following[at[unfinished]]
     return first, position
-
-
-def _short_starts(following: Integers) -> tuple[Integers, Integers]:
-    """Smallest elements of the short cycles and the cycles' lengths, by walking from everywhere.
-
-    A walk ends at an element smaller than its start, so few walks last beyond their first steps.
-    """
-    starts, sizes = [], []
-    start, at = np.arange(len(following)), following
-    for size in range(1, SHORT_CYCLE + 1):
-        closed = at == start
-        starts.append(start[closed])
-        sizes.append(np.full(len(starts[-1]), size))
-        going = at > start
-        start, at = start[going], following[at[going]]
-    return np.concatenate(starts), np.concatenate(sizes)
 
 
 def _rank_by_doubling(following: Integers) -> tuple[Integers, Integers]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Floats, Integers
 from loops.errors import InputError
 from loops.shown import Shown
 from loops.tracking import Fate, LoopFates
@@ -232,17 +232,13 @@ class OrderKinetics(Shown):
             float(chdtrc(n, at)) if n else np.nan for n, at in ((pairs, chi2), (cycles, cycle))
         )
         p_all, p_cycles = levels
-        spread_out = self._dispersion(many)
-        return Balance(z, p, chi2, pairs, p_all, cycle, cycles, p_cycles, spread_out)
-
-    def _dispersion(self, many: Flags) -> float:
-        each, net = self.opened + self.closed, self.opened - self.closed
-        total = np.maximum(each.sum(axis=0), 1)
-        share = net.sum(axis=0) / total
+        each, counted = self.opened + self.closed, np.maximum(total, 1)
+        share = net / counted
         with np.errstate(invalid="ignore", divide="ignore"):
-            poisson = each * (1.0 - each / total) * many
-            beyond = (net - share * each) ** 2 * many
-            return float(beyond.sum() / np.sum(poisson * (1.0 - share**2)))
+            poisson = each * (1.0 - each / counted) * many
+            beyond = (self.opened - self.closed - share * each) ** 2 * many
+            dispersion = float(beyond.sum() / np.sum(poisson * (1.0 - share**2)))
+        return Balance(z, p, chi2, pairs, p_all, cycle, cycles, p_cycles, dispersion)
 
     @property
     def _twins(self) -> Floats:

@@ -87,22 +87,7 @@ def winding_ranks(contacts: Integers, images: Integers, label: Integers, count: 
     A spanning forest gives every grain an integer offset; the images of the other contacts less
     these offsets are the windings of the component's cycles. Faces are not used.
     """
-    offset = _forest_offsets(contacts, images, label)
-    i, j = contacts.T
-    winding = offset[i] + images - offset[j]
-    around = winding.any(axis=1)
-    winding, where = winding[around], label[i[around]]
-    ranks = np.zeros(count, dtype=np.int64)
-    ranks[where] = 1
-    one = np.zeros((count, 2), dtype=np.int64)
-    one[where] = winding
-    across = one[where, 0] * winding[:, 1] != one[where, 1] * winding[:, 0]
-    ranks[where[across]] = 2
-    return ranks
-
-
-def _forest_offsets(contacts: Integers, images: Integers, label: Integers) -> Integers:
-    """Periodic image of each grain when reached from its component's first grain."""
+    # Offset: periodic image of each grain when reached from its component's first grain.
     start, end = np.concatenate([contacts, contacts[:, ::-1]]).T
     steps = np.concatenate([images, -images])
     of_grain, degree = np.argsort(start, kind="stable"), np.bincount(start, minlength=len(label))
@@ -120,4 +105,14 @@ def _forest_offsets(contacts: Integers, images: Integers, label: Integers) -> In
         reached, one = np.unique(end[onward], return_index=True)
         offset[reached] = offset[start[onward[one]]] + steps[onward[one]]
         known[reached] = True
-    return offset
+    i, j = contacts.T
+    winding = offset[i] + images - offset[j]
+    around = winding.any(axis=1)
+    winding, where = winding[around], label[i[around]]
+    ranks = np.zeros(count, dtype=np.int64)
+    ranks[where] = 1
+    one = np.zeros((count, 2), dtype=np.int64)
+    one[where] = winding
+    across = one[where, 0] * winding[:, 1] != one[where, 1] * winding[:, 0]
+    ranks[where[across]] = 2
+    return ranks

@@ -111,14 +111,27 @@ def point_group(
     kept = _same(radii[grains], radii, np.abs(radii).max())
     grains, mirrored = grains[kept], mirrored[kept]
     centred = [np.asarray(x - x.mean(axis=0)) for x in configurations]
-    maps = _maps(centred[0], grains, mirrored)
+    # (S, 2, 2) rotation, or mirror, that brings the centres closest to their images.
+    z = centred[0][:, 0] + 1j * centred[0][:, 1]
+    turned = np.where(mirrored, z[grains] @ z, z[grains] @ z.conj())
+    size = np.abs(turned)
+    turned = np.where(size > 0, turned / np.where(size > 0, size, 1.0), 1.0)
+    c, s, sign = turned.real, turned.imag, np.where(mirrored, -1.0, 1.0)
+    maps = np.stack([c, -sign * s, s, sign * c], axis=-1).reshape(-1, 2, 2)
+    nearest = np.rint(maps)
+    maps = np.where(np.abs(maps - nearest) <= AXIS_ROUNDING, nearest, maps) + 0.0
     kept = np.ones(len(grains), dtype=bool)
     for x in centred:
         image = np.einsum("sij,gj->sgi", maps, x)
         gap = (x[grains] - image).reshape(len(maps), -1)
         kept &= _same(gap, np.zeros_like(gap), float(np.abs(x).max()))
-    images, found = _contact_images(contacts, grains, count)
-    kept &= found
+    # (S, C) contact between the images of each contact's grains, if all exist.
+    keys = contacts.min(axis=1) * count + contacts.max(axis=1)
+    order = np.argsort(keys)
+    i, j = grains[:, contacts[:, 0]], grains[:, contacts[:, 1]]
+    wanted = np.minimum(i, j) * count + np.maximum(i, j)
+    images = order[np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)]
+    kept &= (keys[images] == wanted).all(axis=1)
     group = PointGroup(grains[kept], images[kept], maps[kept])
     for values in even:
         group = group.only(_keeps(group, np.asarray(values, dtype=float), np.ones(group.order)))
@@ -149,30 +162,6 @@ def invariant_fields(places: Integers, action: Floats) -> Floats:
         field[places[:, first]] = action @ kept
         fields.append(field / np.sqrt(len(np.unique(places[:, first]))))
     return np.concatenate(fields, axis=-1)
-
-
-def _maps(x: Floats, grains: Integers, mirrored: Flags) -> Floats:
-    """(S, 2, 2) rotation, or mirror, that brings the centres closest to their images."""
-    z = x[:, 0] + 1j * x[:, 1]
-    turn = np.where(mirrored, z[grains] @ z, z[grains] @ z.conj())
-    size = np.abs(turn)
-    turn = np.where(size > 0, turn / np.where(size > 0, size, 1.0), 1.0)
-    sign = np.where(mirrored, -1.0, 1.0)
-    maps = np.stack([turn.real, -sign * turn.imag, turn.imag, sign * turn.real], axis=-1)
-    nearest = np.rint(maps)
-    snapped = np.where(np.abs(maps - nearest) <= AXIS_ROUNDING, nearest, maps)
-    return np.asarray(snapped + 0.0).reshape(-1, 2, 2)
-
-
-def _contact_images(contacts: Integers, grains: Integers, count: int) -> tuple[Integers, Flags]:
-    """(S, C) contact between the images of each contact's grains, and (S,) whether all exist."""
-    keys = contacts.min(axis=1) * count + contacts.max(axis=1)
-    order = np.argsort(keys)
-    i, j = grains[:, contacts[:, 0]], grains[:, contacts[:, 1]]
-    wanted = np.minimum(i, j) * count + np.maximum(i, j)
-    at = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)
-    images = order[at]
-    return images, np.asarray((keys[images] == wanted).all(axis=1))
 
 
 def _keeps(group: PointGroup, values: Floats, parity: Floats) -> Flags:

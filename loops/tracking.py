@@ -105,7 +105,14 @@ def match_contacts(
     known = np.unique(np.concatenate([first_ids, second_ids]))
     low, key = _keys(before.contacts, np.searchsorted(known, first_ids), len(known))
     late_low, late_key = _keys(after.contacts, np.searchsorted(known, second_ids), len(known))
-    c, late = _join(key, late_key)
+    # All pairs of contacts with the same key.
+    order = np.argsort(late_key, kind="stable")
+    ordered = late_key[order]
+    begin = np.searchsorted(ordered, key, side="left")
+    count = np.searchsorted(ordered, key, side="right") - begin
+    c = np.repeat(np.arange(len(key)), count)
+    within = np.arange(len(c)) - np.repeat(np.cumsum(count) - count, count)
+    late = order[begin[c] + within]
     turned = low[c] != late_low[late]
     if before.cell is not None or after.cell is not None:
         start, end = branch_vectors(before)[c], branch_vectors(after)[late]
@@ -138,17 +145,6 @@ def _keys(contacts: Integers, rank: Integers, count: int) -> tuple[NDArray[np.bo
     """Whether grain i has the lower id, and one number for each pair of ids."""
     i, j = rank[contacts].T
     return i <= j, np.minimum(i, j) * count + np.maximum(i, j)
-
-
-def _join(key: Integers, other: Integers) -> tuple[Integers, Integers]:
-    """All pairs of rows with the same key."""
-    order = np.argsort(other, kind="stable")
-    ordered = other[order]
-    begin = np.searchsorted(ordered, key, side="left")
-    count = np.searchsorted(ordered, key, side="right") - begin
-    row = np.repeat(np.arange(len(key)), count)
-    within = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    return row, order[begin[row] + within]
 
 
 def _shortest_lattice_vector(*graphs: GrainGraph) -> float:

@@ -232,29 +232,25 @@ def affine_spin(graph: GrainGraph) -> LoopSpin:
         f = graph.cell @ np.linalg.inv(graph.cell0)
         doubt = ROUNDING * np.abs(graph.cell) @ np.abs(np.linalg.inv(graph.cell0))
     else:
-        f, doubt = _boundary_gradient(graph)
+        # `F = 1 + (1/V0) sum u_i (x) B_i`.
+        try:
+            require_loop(graph)
+        except InputError:
+            raise InputError(
+                "spins 'affine'",
+                "a packing without a cell, away from its reference",
+                "a loop, a periodic cell, or the reference as it stands",
+                "The rotation of a loop is that of its polygon.",
+            ) from None
+        start = graph.x0 - graph.x0[..., :1, :]
+        end = graph.x - graph.x[..., :1, :]
+        b = boundary_vectors(graph.x0)
+        area = np.abs(polygon_area(graph.x0))[..., None, None]
+        h = np.swapaxes(end - start, -1, -2) @ b / area
+        terms = np.swapaxes(np.abs(start) + np.abs(end), -1, -2) @ np.abs(b) / area
+        doubt = terms + np.abs(h) * area_growth(graph.x0)[..., None, None]
+        f, doubt = np.eye(2) + h, ROUNDING * (doubt + np.eye(2))
     return LoopSpin(spin_of_gradient(f), _spin_error(f, doubt))
-
-
-def _boundary_gradient(graph: GrainGraph) -> tuple[Floats, Floats]:
-    """`F = 1 + (1/V0) sum u_i (x) B_i` and its error, (..., 2, 2)."""
-    try:
-        require_loop(graph)
-    except InputError:
-        raise InputError(
-            "spins 'affine'",
-            "a packing without a cell, away from its reference",
-            "a loop, a periodic cell, or the reference as it stands",
-            "The rotation of a loop is that of its polygon.",
-        ) from None
-    start = graph.x0 - graph.x0[..., :1, :]
-    end = graph.x - graph.x[..., :1, :]
-    b = boundary_vectors(graph.x0)
-    area = np.abs(polygon_area(graph.x0))[..., None, None]
-    h = np.swapaxes(end - start, -1, -2) @ b / area
-    terms = np.swapaxes(np.abs(start) + np.abs(end), -1, -2) @ np.abs(b) / area
-    doubt = terms + np.abs(h) * area_growth(graph.x0)[..., None, None]
-    return np.eye(2) + h, ROUNDING * (doubt + np.eye(2))
 
 
 def _spin_error(f: Floats, doubt: Floats) -> Floats:

@@ -75,7 +75,15 @@ def loop_shapes(
             out[loop, X] += weight * (x0 + x1)
             out[loop, Y] += weight * (y0 + y1)
             x0, y0 = x1, y1
-            _add_stress(rows[contacts[h]], out[loop])
+            row = rows[contacts[h]]
+            length = math.hypot(row[DX], row[DY])
+            f0 = (row[FN] * row[DX] - row[FT] * row[DY]) / length
+            f1 = (row[FN] * row[DY] + row[FT] * row[DX]) / length
+            out[loop, S11] += f0 * row[DX]
+            out[loop, S12] += f0 * row[DY]
+            out[loop, S21] += f1 * row[DX]
+            out[loop, S22] += f1 * row[DY]
+            out[loop, PERIMETER] += length
             out[loop, SLIDING] += regime[contacts[h]] == 2
         out[loop, AREA] = 0.5 * double
         out[loop, X] /= 3.0 * double
@@ -86,19 +94,6 @@ def loop_shapes(
         out[loop, X] += x[grains[begin], 0]
         out[loop, Y] += x[grains[begin], 1]
     return out
-
-
-@kernel
-def _add_stress(row: Floats, out: Floats) -> None:
-    """Add `f (x) d`, `f = N n + T t`, and the length of the branch."""
-    length = math.hypot(row[DX], row[DY])
-    f0 = (row[FN] * row[DX] - row[FT] * row[DY]) / length
-    f1 = (row[FN] * row[DY] + row[FT] * row[DX]) / length
-    out[S11] += f0 * row[DX]
-    out[S12] += f0 * row[DY]
-    out[S21] += f1 * row[DX]
-    out[S22] += f1 * row[DY]
-    out[PERIMETER] += length
 
 
 @kernel

@@ -155,7 +155,11 @@ class FrictionalLaw(Shown):
         unloaded = (state.normal_force <= 0) & (state.shear_force == 0)
         gap, band = self.gap(state), TOUCHING_RTOL * state.touching_length
         is_open = unloaded & (gap > band)
-        slides = _loaded_at_yield(self, state)
+        # At its strength; without friction wherever it is loaded.
+        limit = self.strength(state)
+        at_yield = np.abs(state.shear_force) >= limit * (1.0 - AT_YIELD_RTOL)
+        frictionless = (np.asarray(self.mu) == 0.0) & (state.normal_force > 0.0)
+        slides = (at_yield & (limit > 0.0)) | frictionless
         if rates is not None:
             is_open = is_open | (unloaded & (gap >= -band) & (rates[0] > 0))
             sign = np.sign(state.shear_force)
@@ -227,14 +231,6 @@ def edge_rates(
     shear = -(stick[..., 1, 0] * un + stick[..., 1, 1] * ut)
     slid = -(slide[..., 1, 0] * un + slide[..., 1, 1] * ut)
     return normal, shear, np.where(np.isfinite(law.mu), side * slid, np.inf)
-
-
-def _loaded_at_yield(law: ContactLaw, state: ContactState) -> Flags:
-    """Closed contacts at their strength; without friction wherever a contact is loaded."""
-    strength = law.strength(state)
-    at_yield = np.abs(state.shear_force) >= strength * (1.0 - AT_YIELD_RTOL)
-    free = (np.asarray(law.mu) == 0.0) & (state.normal_force > 0.0)
-    return np.asarray((at_yield & (strength > 0.0)) | free)
 
 
 def _plain(state: ContactState, length: Floats) -> ContactState:

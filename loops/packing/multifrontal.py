@@ -45,7 +45,8 @@ class Front:
 def dissection(x: Floats, edges: Integers) -> list[Front]:
     """Fronts of the graph of `edges` (E, 2) on grains at `x` (G, 2), children before parents.
 
-    A separator is the smallest set of grains that touches every edge across a straight cut.
+    A separator is the smallest set of grains that touches every edge across a straight cut; a front
+    leaves to its parent the later neighbours of its grains and what its children left to it.
     """
     own: list[Integers] = []
     children: list[tuple[int, ...]] = []
@@ -77,7 +78,19 @@ def dissection(x: Floats, edges: Integers) -> list[Front]:
         return len(own) - 1
 
     cut(np.arange(len(x)), edges)
-    return _with_rests(own, children, edges, len(x))
+    turn = np.empty(len(x), dtype=np.int64)
+    for k, grains in enumerate(own):
+        turn[grains] = k
+    pairs = np.concatenate([edges, edges[:, ::-1]])
+    pairs = pairs[turn[pairs[:, 0]] < turn[pairs[:, 1]]]
+    pairs = pairs[np.argsort(turn[pairs[:, 0]], kind="stable")]
+    start = np.searchsorted(turn[pairs[:, 0]], np.arange(len(own) + 1))
+    fronts: list[Front] = []
+    for k, grains in enumerate(own):
+        later = [pairs[start[k] : start[k + 1], 1]]
+        later += [fronts[c].rest[turn[fronts[c].rest] > k] for c in children[k]]
+        fronts.append(Front(grains, np.unique(np.concatenate(later)), children[k]))
+    return fronts
 
 
 def _vertex_cover(edges: Integers) -> Integers:
@@ -101,25 +114,6 @@ def _vertex_cover(edges: Integers) -> Integers:
         new[back[reached]] = True
         reached_left |= new
     return np.concatenate([left[~reached_left], right[reached_right]])
-
-
-def _with_rests(
-    own: list[Integers], children: list[tuple[int, ...]], edges: Integers, count: int
-) -> list[Front]:
-    """Fronts with their `rest`: later neighbours of their grains or of their children's."""
-    turn = np.empty(count, dtype=np.int64)
-    for k, grains in enumerate(own):
-        turn[grains] = k
-    pairs = np.concatenate([edges, edges[:, ::-1]])
-    pairs = pairs[turn[pairs[:, 0]] < turn[pairs[:, 1]]]
-    pairs = pairs[np.argsort(turn[pairs[:, 0]], kind="stable")]
-    start = np.searchsorted(turn[pairs[:, 0]], np.arange(len(own) + 1))
-    fronts: list[Front] = []
-    for k, grains in enumerate(own):
-        later = [pairs[start[k] : start[k + 1], 1]]
-        later += [fronts[c].rest[turn[fronts[c].rest] > k] for c in children[k]]
-        fronts.append(Front(grains, np.unique(np.concatenate(later)), children[k]))
-    return fronts
 
 
 class Eliminated(NamedTuple):

@@ -50,7 +50,14 @@ class Carrying(Shown):
 
 def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Carrying:
     """Prune rattlers and floating clusters; `supports` (G,): wall contacts, 2 for a held grain."""
-    kept, contacts = _pruned(graph, closed, supports)
+    kept, contacts = np.ones(graph.grain_count, dtype=bool), closed.copy()
+    while True:
+        degree = supports + np.bincount(graph.contacts[contacts].ravel(), minlength=len(kept))
+        loose = kept & (degree < 2)
+        if not loose.any():
+            break
+        kept &= ~loose
+        contacts &= kept[graph.contacts].all(axis=1)
     count, label = component_labels(graph.grain_count, graph.contacts[contacts], kept)
     held = np.bincount(label[kept], weights=supports[kept], minlength=count) > 0
     winds = np.zeros(count, dtype=bool)
@@ -76,17 +83,6 @@ def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Car
         clusters=int(np.count_nonzero(~good)),
         clustered=int(np.count_nonzero(kept & ~grains)),
     )
-
-
-def _pruned(graph: GrainGraph, closed: Flags, supports: Integers) -> tuple[Flags, Flags]:
-    kept, contacts = np.ones(graph.grain_count, dtype=bool), closed.copy()
-    while True:
-        degree = supports + np.bincount(graph.contacts[contacts].ravel(), minlength=len(kept))
-        loose = kept & (degree < 2)
-        if not loose.any():
-            return kept, contacts
-        kept &= ~loose
-        contacts &= kept[graph.contacts].all(axis=1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
