@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from html import escape
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 LONGEST_REPR = 240  # characters of the line at the prompt; the table of a notebook has all facts
 FEW = 4  # numbers that are shown one by one
@@ -38,8 +36,6 @@ class Shown:
 
 def brief(value: object) -> object:
     """A value in few characters: a number or word as it is, an array by its range and shape."""
-    if isinstance(value, np.ndarray):
-        return _brief_array(value)
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, str | int | np.generic):
@@ -49,25 +45,23 @@ def brief(value: object) -> object:
         if plain and len(value) <= FEW:
             return "(" + ", ".join(str(brief(one)) for one in value) + ")"
         return f"{len(value)} {type(value[0]).__name__ if len(value) else 'items'}"
-    return getattr(value, "name", type(value).__name__)
-
-
-def _brief_array(values: NDArray[Any]) -> str:
-    shape = f"({', '.join(map(str, values.shape))})"
-    kind = values.dtype.kind
-    if values.size == 0 or kind not in "biufU":
+    if not isinstance(value, np.ndarray):
+        return getattr(value, "name", type(value).__name__)
+    shape = f"({', '.join(map(str, value.shape))})"
+    kind = value.dtype.kind
+    if value.size == 0 or kind not in "biufU":
         return shape
-    if values.ndim < 2 and values.size <= FEW:
-        few = str([brief(one) for one in values.ravel().tolist()]).replace("'", "")
-        return few if values.ndim else few[1:-1]
+    if value.ndim < 2 and value.size <= FEW:
+        few = str([brief(one) for one in value.ravel().tolist()]).replace("'", "")
+        return few if value.ndim else few[1:-1]
     if kind == "U":
-        words, counts = np.unique(values, return_counts=True)
+        words, counts = np.unique(value, return_counts=True)
         pairs = zip(counts.tolist(), words.tolist(), strict=True)
         return " + ".join(f"{n} {word}" for n, word in pairs) if len(words) <= MOST_WORDS else shape
     if kind == "b":
-        return f"{np.count_nonzero(values)} of {values.size}"
-    known = values[np.isfinite(values)]
+        return f"{np.count_nonzero(value)} of {value.size}"
+    known = value[np.isfinite(value)]
     if known.size == 0:
-        return f"{values.flat[0]} {shape}"
+        return f"{value.flat[0]} {shape}"
     low, high = known.min(), known.max()
     return (f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}") + f" {shape}"

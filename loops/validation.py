@@ -14,8 +14,46 @@ from loops.errors import InputError
 
 def check_graph(graph: Any) -> None:
     """Raise `InputError` at the first fault of a grain graph."""
-    _check_shapes(graph)
-    _check_grains(graph)
+    _shape("x", graph.x, "(..., G, 2)", graph.x.ndim >= 2 and graph.x.shape[-1] == 2)
+    grains = graph.x.shape[-2]
+    contacts = graph.contacts
+    _shape("contacts", contacts, "(C, 2)", contacts.ndim == 2 and contacts.shape[1] == 2)
+    count = len(contacts)
+    _shape("radii", graph.radii, f"(..., {grains})", graph.radii.shape[-1:] == (grains,))
+    _shape("x0", graph.x0, f"(..., {grains}, 2)", graph.x0.shape[-2:] == (grains, 2))
+    for name in ("normal_force", "shear_force", "rolling_moment"):
+        value = getattr(graph, name)
+        if value is not None:
+            _shape(name, value, f"(..., {count})", value.shape[-1:] == (count,))
+    if graph.cell is not None and graph.cell0 is not None and graph.images is not None:
+        _shape("images", graph.images, f"({count}, 2)", graph.images.shape == (count, 2))
+        _shape("cell", graph.cell, "(..., 2, 2)", graph.cell.shape[-2:] == (2, 2))
+        _shape("cell0", graph.cell0, "(..., 2, 2)", graph.cell0.shape[-2:] == (2, 2))
+        _check_cell("cell", graph.cell)
+        _check_cell("cell0", graph.cell0)
+    elif graph.images is not None and np.any(graph.images):
+        raise InputError(
+            "images", "periodic images without a cell", "a cell", "Give the cell vectors."
+        )
+    try:
+        _ = graph.batch_shape
+    except ValueError as error:
+        raise InputError(
+            "batch axes", str(error), "axes that broadcast", "Align the leading axes."
+        ) from None
+    moved = () if graph.x0 is graph.x else (("reference position", graph.x0),)
+    for name, value in (("position", graph.x), *moved):
+        ok = np.isfinite(value[..., 0]) & np.isfinite(value[..., 1])
+        _finite(name, "grain", ok, value)
+    _finite("radius", "grain", np.isfinite(graph.radii), graph.radii)
+    if not (graph.radii > 0).all():
+        index = _first(graph.radii <= 0)
+        raise InputError(
+            f"radius of grain {index[-1]}",
+            f"{graph.radii[index]}",
+            "a positive length",
+            "Correct it.",
+        )
     _check_contacts(graph)
 
 
@@ -34,37 +72,6 @@ def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:
     return array.astype(np.int8)
 
 
-def _check_shapes(graph: Any) -> None:
-    _shape("x", graph.x, "(..., G, 2)", graph.x.ndim >= 2 and graph.x.shape[-1] == 2)
-    grains = graph.x.shape[-2]
-    contacts = graph.contacts
-    _shape("contacts", contacts, "(C, 2)", contacts.ndim == 2 and contacts.shape[1] == 2)
-    count = len(contacts)
-    _shape("radii", graph.radii, f"(..., {grains})", graph.radii.shape[-1:] == (grains,))
-    _shape("x0", graph.x0, f"(..., {grains}, 2)", graph.x0.shape[-2:] == (grains, 2))
-    for name in ("normal_force", "shear_force", "rolling_moment"):
-        value = getattr(graph, name)
-        if value is None:
-            continue
-        _shape(name, value, f"(..., {count})", value.shape[-1:] == (count,))
-    if graph.cell is not None and graph.cell0 is not None and graph.images is not None:
-        _shape("images", graph.images, f"({count}, 2)", graph.images.shape == (count, 2))
-        _shape("cell", graph.cell, "(..., 2, 2)", graph.cell.shape[-2:] == (2, 2))
-        _shape("cell0", graph.cell0, "(..., 2, 2)", graph.cell0.shape[-2:] == (2, 2))
-        _check_cell("cell", graph.cell)
-        _check_cell("cell0", graph.cell0)
-    elif graph.images is not None and np.any(graph.images):
-        raise InputError(
-            "images", "periodic images without a cell", "a cell", "Give the cell vectors."
-        )
-    try:
-        _ = graph.batch_shape
-    except ValueError as error:
-        raise InputError(
-            "batch axes", str(error), "axes that broadcast", "Align the leading axes."
-        ) from None
-
-
 def _check_cell(name: str, cell: Floats) -> None:
     if not (np.isfinite(cell).all() and (np.linalg.det(cell) != 0).all()):
         raise InputError(
@@ -76,20 +83,6 @@ def _shape(name: str, value: NDArray[Any], expected: str, ok: bool) -> None:
     if not ok:
         raise InputError(
             name, f"shape {value.shape}", f"shape {expected}", "Reshape or complete the array."
-        )
-
-
-def _check_grains(graph: Any) -> None:
-    moved = () if graph.x0 is graph.x else (("reference position", graph.x0),)
-    for name, value in (("position", graph.x), *moved):
-        ok = np.isfinite(value[..., 0]) & np.isfinite(value[..., 1])
-        _finite(name, "grain", ok, value)
-    radii = graph.radii
-    _finite("radius", "grain", np.isfinite(radii), radii)
-    if not (radii > 0).all():
-        index = _first(radii <= 0)
-        raise InputError(
-            f"radius of grain {index[-1]}", f"{radii[index]}", "a positive length", "Correct it."
         )
 
 

@@ -189,25 +189,21 @@ def _agreement(
     """Whether each contact's choice agrees with the rates."""
     every = np.abs(np.concatenate([edge.un, edge.shear, edge.strength]))
     tol = SIGN_TOLERANCE * max(every[~np.isinf(every)].max(initial=0.0), 1e-300)
-    return [
-        _agrees(can, choice, edge.un[k], edge.shear[k], edge.strength[k], tol)
-        for k, (can, choice) in enumerate(zip(options, choices, strict=True))
-    ]
-
-
-def _agrees(
-    can: Sequence[Choice], choice: Choice, un: float, shear: float, strength: float, tol: float
-) -> bool:
-    touching = OPEN in can
-    if choice == OPEN:
-        return un >= -tol
-    if touching and un > tol:
-        return False
-    if choice == ELASTIC:
-        sides = [other.side for other in can if other.regime == Regime.SLIDING]
-        return all(side * shear <= strength + tol for side in sides)
-    # Without friction there is no sticking to compare with.
-    return ELASTIC not in can or bool(choice.side * shear >= strength - tol)
+    agreement = []
+    for k, (can, choice) in enumerate(zip(options, choices, strict=True)):
+        un, shear, strength = edge.un[k], edge.shear[k], edge.strength[k]
+        if choice == OPEN:
+            agrees = un >= -tol
+        elif OPEN in can and un > tol:
+            agrees = False
+        elif choice == ELASTIC:
+            sides = [other.side for other in can if other.regime == Regime.SLIDING]
+            agrees = all(side * shear <= strength + tol for side in sides)
+        else:
+            # Without friction there is no sticking to compare with.
+            agrees = ELASTIC not in can or choice.side * shear >= strength - tol
+        agreement.append(bool(agrees))
+    return agreement
 
 
 def _pivots(

@@ -266,7 +266,20 @@ class AffineBranches:
 
         In the plane only. The zeros of W2 are those of the operator of each sector.
         """
-        ends = line_angles(np.concatenate(self._switching(), axis=-2))
+        edge, which = self.edge, self.which
+        closing, _, shear, strength = self.rows
+        yields, touches = edge.at_yield[..., which, None], edge.touching[..., which, None]
+        apex = touches & edge.slides[..., which, None] & ~yields
+        # Rows (..., E, m) whose zeros bound the regimes; zero rows where nothing can change.
+        sides = np.where(yields, edge.side[..., which, None] * shear - strength, 0.0)
+        bounds = [sides]
+        if touches.any():
+            bounds = [
+                np.where(touches, closing, 0.0),
+                np.where(apex, shear - strength, sides),
+                np.where(apex, shear + strength, 0.0),
+            ]
+        ends = line_angles(np.concatenate(bounds, axis=-2))
         if ends.shape[-1] == 0:
             ends = np.zeros((*self.K.shape[:-2], 1))
         # (..., A, 2, 2) operators of the regimes that hold between two ends.
@@ -304,21 +317,6 @@ class AffineBranches:
         shear = np.where(picked.opens, -rates.shear, slid)
         change += np.einsum("...de,...em->...dm", shear, self.tau)
         return np.asarray(change / self.volume[..., None, None])
-
-    def _switching(self) -> list[Floats]:
-        """Rows (..., E, m) whose zeros bound the regimes; zero rows where nothing can change."""
-        edge, which = self.edge, self.which
-        closing, _, shear, strength = self.rows
-        yields, touches = edge.at_yield[..., which, None], edge.touching[..., which, None]
-        apex = touches & edge.slides[..., which, None] & ~yields
-        sides = np.where(yields, edge.side[..., which, None] * shear - strength, 0.0)
-        if not touches.any():
-            return [sides]
-        return [
-            np.where(touches, closing, 0.0),
-            np.where(apex, shear - strength, sides),
-            np.where(apex, shear + strength, 0.0),
-        ]
 
 
 def affine_branches(
@@ -395,12 +393,30 @@ class RelaxedBranches:
 
     def solve(self, directions: Floats) -> BranchSolutions:
         """All solutions in each direction, (D, m)."""
-        agrees = self._agrees(directions)
-        stress = np.einsum("rij,dj->dri", self.K, directions)
+        stress, closing, shear, strength = (
+            np.einsum("rem,dm->dre", rows, directions)
+            for rows in (self.K, self.closing, self.shear, self.strength)
+        )
+        # (D, R) combinations in which every contact agrees with its rates.
+        size = np.maximum(np.abs(closing), np.abs(shear)).max(axis=-1, initial=0.0)
+        tol = SIGN_TOLERANCE * size[..., None]
+        excess = self.side * shear - strength
+        beyond = np.where(self.yields, excess, np.abs(shear) - strength)
+        held = ~self.slides | (beyond <= tol)
+        slides = (excess >= -tol) | ~self.frictional
+        agrees = np.where(self.chosen == Regime.SLIDING, slides, held)
+        agrees &= ~self.touching | (closing >= -tol)
+        agrees = np.where(self.chosen == Regime.OPEN, closing <= tol, agrees)
+        agrees = agrees.all(axis=-1) & self.trusted
         work, cosine = works(directions[:, None, :], np.where(agrees[..., None], stress, 0.0))
         least = np.argmin(np.where(agrees, work, np.inf), axis=-1)
         most = np.argmax(np.where(agrees, work, -np.inf), axis=-1)
-        several = self._differ(agrees, least, stress, directions)
+        # Solutions with other rates than the first; they may differ in neutral contacts alone.
+        rates = np.concatenate([stress, closing, shear], axis=-1)
+        first = np.take_along_axis(rates, least[:, None, None], axis=1)
+        gap = np.linalg.norm(rates - first, axis=-1)
+        norm = np.maximum(np.linalg.norm(rates, axis=-1), np.linalg.norm(first, axis=-1))
+        several = (agrees & (gap > SOLUTION_RTOL * norm)).any(axis=-1)
         count = np.where(several, 2, np.minimum(agrees.sum(axis=-1), 1))
         found = (count > 0)[:, None]
         both = np.stack([least, most], axis=-1)
@@ -423,32 +439,6 @@ class RelaxedBranches:
         zeros = zeros[~np.isnan(zeros)]
         every = np.concatenate([[0.0], ends, zeros, zeros + np.pi])
         return np.unique(np.mod(every, 2.0 * np.pi))
-
-    def _agrees(self, directions: Floats) -> Flags:
-        """(D, R) combinations in which every contact agrees with its rates."""
-        closing, shear, strength = (
-            np.einsum("rem,dm->dre", rows, directions)
-            for rows in (self.closing, self.shear, self.strength)
-        )
-        size = np.maximum(np.abs(closing), np.abs(shear)).max(axis=-1, initial=0.0)
-        tol = SIGN_TOLERANCE * size[..., None]
-        excess = self.side * shear - strength
-        beyond = np.where(self.yields, excess, np.abs(shear) - strength)
-        held = ~self.slides | (beyond <= tol)
-        agrees = np.where(self.chosen == Regime.SLIDING, (excess >= -tol) | ~self.frictional, held)
-        closed = ~self.touching | (closing >= -tol)
-        agrees = np.where(self.chosen == Regime.OPEN, closing <= tol, agrees & closed)
-        return np.asarray(agrees.all(axis=-1) & self.trusted)
-
-    def _differ(self, agrees: Flags, first: Integers, stress: Floats, directions: Floats) -> Flags:
-        """Directions in which a solution has other rates than the first; neutral contacts aside."""
-        rates = [stress]
-        rates += [np.einsum("rem,dm->dre", own, directions) for own in (self.closing, self.shear)]
-        every = np.concatenate(rates, axis=-1)
-        chosen = np.take_along_axis(every, first[:, None, None], axis=1)
-        gap = np.linalg.norm(every - chosen, axis=-1)
-        size = np.maximum(np.linalg.norm(every, axis=-1), np.linalg.norm(chosen, axis=-1))
-        return np.asarray((agrees & (gap > SOLUTION_RTOL * size)).any(axis=-1))
 
 
 def relaxed_branches(
@@ -498,7 +488,16 @@ def relaxed_branches(
 
 def _combinations(graph: GrainGraph, edge: YieldingContacts) -> list[tuple[Choice, ...]]:
     require_one_state(graph)
-    options = [_options(edge, int(c)) for c in edge.anywhere]
+    options = [
+        edge_options(
+            touching=bool(edge.touching[c]),
+            at_yield=bool(edge.at_yield[c]),
+            apex=bool(edge.apex[c]),
+            frictionless=bool(edge.mu[c] == 0.0),
+            side=float(edge.side[c]),
+        )
+        for c in edge.anywhere
+    ]
     count = float(np.prod([float(len(each)) for each in options]))
     if count > COMBINATIONS:
         raise InputError(
@@ -508,16 +507,6 @@ def _combinations(graph: GrainGraph, edge: YieldingContacts) -> list[tuple[Choic
             "Use the affine closure with spins blocked or affine, or rates_at for one direction.",
         )
     return list(product(*options))
-
-
-def _options(edge: YieldingContacts, c: int) -> tuple[Choice, ...]:
-    return edge_options(
-        touching=bool(edge.touching[c]),
-        at_yield=bool(edge.at_yield[c]),
-        apex=bool(edge.apex[c]),
-        frictionless=bool(edge.mu[c] == 0.0),
-        side=float(edge.side[c]),
-    )
 
 
 def _contact_rates(

@@ -15,10 +15,9 @@ from loops.errors import InputError, check_choice, number
 from loops.laws.frictional import TOUCHING_RTOL
 from loops.laws.protocol import Regime
 from loops.symmetry import PointGroup
-from stability.paths.event_functions import event_functions
 from stability.paths.model import PathModel, with_contact, without_pairs
 from stability.paths.path import FINISHED, ModelOption, PathStatus
-from stability.paths.path_segment import Segment, SegmentEnd, follow_segment
+from stability.paths.path_segment import Segment, SegmentEnd, event_functions, follow_segment
 from stability.paths.record import (
     SINGULAR_SYSTEM,
     Record,
@@ -388,7 +387,19 @@ class LoopPathSolver:
     ) -> tuple[PathStatus, str]:
         """End of a stage where no regimes agree with the control: a limit of it, or no solution."""
         status: PathStatus = "control_limit"
-        if expected and self._turns_back(stage, expected):
+        # Do the expected regimes agree with a falling loading parameter?
+        turns_back = False
+        if expected:
+            state = unpack(self.model, self.y)
+            back = edge_problem(
+                self.model, state, self.mode, stage.programme,
+                preferred=expected, direction=None, gauge=-UNIT_PARAMETER,
+            )  # fmt: skip
+            turns_back = any(
+                all(one.rates.mode.regime[c] == choice.regime for c, choice in expected.items())
+                for one in back.solutions
+            )
+        if turns_back:
             reason = "the loading parameter has an extremum where the regimes change"
         elif problem.singular:
             reason = "the controlled system is singular"
@@ -405,19 +416,3 @@ class LoopPathSolver:
             self.record.row(self.model, self.at(stage.programme))
         self.record.event("control_limit", self.parameter, tuple(sorted(expected)), reason)
         return status, f"{stage.programme.name} at parameter {self.parameter:.15g}: {reason}"
-
-    def _turns_back(self, stage: Stage, expected: dict[int, Choice]) -> bool:
-        """Whether the expected regimes agree with a falling loading parameter."""
-        back = edge_problem(
-            self.model,
-            unpack(self.model, self.y),
-            self.mode,
-            stage.programme,
-            preferred=expected,
-            direction=None,
-            gauge=-UNIT_PARAMETER,
-        )
-        return any(
-            all(int(found.rates.mode.regime[c]) == choice.regime for c, choice in expected.items())
-            for found in back.solutions
-        )

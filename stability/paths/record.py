@@ -10,7 +10,6 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers
 from loops.laws.protocol import Regime
 from loops.symmetry import identity, invariant_fields
-from stability.paths.event_functions import SPECTRAL, eigenvalue_kind
 from stability.paths.model import Kind, PathModel
 from stability.paths.path import (
     Event,
@@ -20,7 +19,7 @@ from stability.paths.path import (
     Path,
     PathStatus,
 )
-from stability.paths.path_segment import SegmentEnd
+from stability.paths.path_segment import SPECTRAL, SegmentEnd, eigenvalue_kind
 from stability.paths.regimes import EdgeTrial
 from stability.paths.state import Mode, shear_stiffness
 from stability.paths.state_rates import StateRates

@@ -8,13 +8,13 @@ import pytest
 from loops import GrainGraph, LinearFrictional, Regime, contact_state, macroscopic_tangent
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes
-from stability.paths.event_functions import (
+from stability.paths.model import path_model
+from stability.paths.path_segment import (
     _spectra,
     _with_excursions,
     area_ratio,
     pair_overlaps,
 )
-from stability.paths.model import path_model
 from stability.paths.record import record_changes, record_jumps
 from stability.paths.regimes import path_symmetry
 from stability.paths.state import Mode, initial_state

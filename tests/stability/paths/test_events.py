@@ -12,7 +12,7 @@ from patterns.diamond import TABLE_1, DiamondParameters, determinant_elastic, ov
 from patterns.diamond import drained_path as exact_drained_path
 from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS, opposite_contact_strain
 from stability import Stage, follow, programmes, rates_at
-from stability.paths.event_functions import first_crossing, polish
+from stability.paths.path_segment import first_crossing, polish
 from tests.oracles.diamond_general import drained_states
 
 CLOSURES = ("affine", "traction")

@@ -8,8 +8,8 @@ import pytest
 from loops import InputError, LinearFrictional, Regime, contact_state
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes, rates_at
-from stability.paths.event_functions import eigenvalue_kind, pairs_in_reach
 from stability.paths.model import path_model
+from stability.paths.path_segment import eigenvalue_kind, pairs_in_reach
 from stability.paths.regimes import keeps_control
 from stability.paths.state import Mode, initial_state, unpack
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates, closure_kind
