@@ -1,6 +1,6 @@
-"""What a packing makes its loops do: their rates under its response, and structural indicators.
+"""Loops of a packing: their rates under its response, and structural indicators of its state.
 
-Indicators say of a state what it is before anything moves: each is known from one snapshot and one
+Indicators describe the state before anything moves: each is known from one snapshot and one
 linear system, the non-affinity from the interval before it; nothing is fitted. A grain's or a
 contact's indicator becomes that of a loop as its mean, or its least value where one contact is
 enough.
