@@ -36,7 +36,7 @@ from stability.packing.strain_increment import MixedControl
 from stability.programmes import Stage
 
 if TYPE_CHECKING:
-    from loops.compiled.replay import Servo
+    from loops.compiled.motion import Servo
 
 # Pairs closer than this share of the mean diameter are listed.
 LISTED_GAP = 0.02
@@ -365,7 +365,7 @@ def duration_of(H: Floats, masses: Floats, state: PackingState, inertial_number:
 
 def servo_of(state: PackingState, pairs: Pairs, masses: Floats) -> Servo:
     """A servo that is off, with the first cell and its lag."""
-    from loops.compiled.replay import Servo
+    from loops.compiled.motion import Servo
 
     back = np.ascontiguousarray(np.linalg.inv(state.cell))
     lag = LAG * math.sqrt(masses.mean() / typical_stiffness(pairs, state).mean())
@@ -426,7 +426,7 @@ class Moving:
         spin: ArrayLike = 0.0,
         gradient: Floats | None = None,
     ) -> None:
-        from loops.compiled.replay import Motion, contact_forces
+        from loops.compiled.motion import MovingDiscs, update_forces
 
         self.start, self.pairs, self.servo, self.by_radii = start, pairs, servo, by_radii
         self.gap = LISTED_GAP * 2.0 * start.mean_radius
@@ -436,7 +436,7 @@ class Moving:
         self.lightness[0][grains], self.lightness[1][grains] = 1.0 / masses, 1.0 / inertias
         velocities, spins = np.zeros((bodies, 2)), np.zeros(bodies)
         velocities[grains], spins[grains] = velocity, spin
-        self.motion = Motion(
+        self.motion = MovingDiscs(
             x=np.array(start.x),
             velocity=velocities,
             angle=np.array(start.angle),
@@ -459,12 +459,12 @@ class Moving:
         )
         self._list()
         self._ask_law()
-        contact_forces(self.motion, self.discs, 0.0, by_radii, servo.on)
+        update_forces(self.motion, self.discs, 0.0, by_radii, servo.on)
         servo.start[:] = self.motion.moment / abs(np.linalg.det(start.cell))
 
     def _list(self) -> None:
         """List the pairs that are close, and hand them to the kernels."""
-        from loops.compiled.replay import Discs
+        from loops.compiled.motion import Discs
 
         motion = self.motion
         now = replace(self.start, x=motion.x, cell=motion.cell)
@@ -510,7 +510,7 @@ class Moving:
 
     def run(self, steps: int, dt: float, damping: float = 0.3, viscous: float = 0.0) -> bool:
         """Integrate some steps; False where pairs had to be listed in too many steps in a row."""
-        from loops.compiled.replay import finish, move, run
+        from loops.compiled.motion import finish, move, run
 
         done = singles = 0
         while done < steps:

@@ -18,7 +18,7 @@ from loops.arrays import Flags, Floats
 from loops.compiled import kernel
 
 
-class Motion(NamedTuple):
+class MovingDiscs(NamedTuple):
     """State of the motion, changed in place."""
 
     x: Floats  # (G, 2)
@@ -93,7 +93,7 @@ class Servo(NamedTuple):
 
 @kernel
 def run(
-    motion: Motion,
+    motion: MovingDiscs,
     discs: Discs,
     servo: Servo,
     steps: int,
@@ -118,7 +118,7 @@ def run(
 
 @kernel
 def finish(
-    motion: Motion, discs: Discs, servo: Servo, dt: float, by_radii: bool, widest: float
+    motion: MovingDiscs, discs: Discs, servo: Servo, dt: float, by_radii: bool, widest: float
 ) -> None:
     """Forces where a step has moved the grains, work of the cell, and its gradient of the next.
 
@@ -130,7 +130,7 @@ def finish(
         stretch += abs(part)
         work -= part * motion.moment[k]
     motion.closer[0] += dt * stretch * widest
-    contact_forces(motion, discs, dt, by_radii, servo.on)
+    update_forces(motion, discs, dt, by_radii, servo.on)
     for k in range(4):
         work -= motion.gradient[k // 2, k % 2] * motion.moment[k]
     motion.work[0] += 0.5 * dt * work
@@ -147,7 +147,7 @@ def _damped(a: float, speed: float, dt: float, cundall: float) -> float:
 
 
 @kernel
-def move(motion: Motion, discs: Discs, dt: float, cundall: float, viscous: float) -> float:
+def move(motion: MovingDiscs, discs: Discs, dt: float, cundall: float, viscous: float) -> float:
     """Update velocities, then positions and cell; the largest `|c|`."""
     x, c, w, cell = motion.x, motion.velocity, motion.spin, motion.cell
     resultant, L = motion.resultant, motion.gradient
@@ -173,7 +173,9 @@ def move(motion: Motion, discs: Discs, dt: float, cundall: float, viscous: float
 
 
 @kernel
-def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summed: bool) -> None:
+def update_forces(
+    motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, summed: bool
+) -> None:
     """Update shear forces over a step of `dt`, and the resultants on all grains.
 
     If `summed`, moments and works as well: mean forces times increments, closed to `dt` squared.
@@ -286,7 +288,7 @@ def contact_forces(motion: Motion, discs: Discs, dt: float, by_radii: bool, summ
 
 
 @kernel
-def _steer(motion: Motion, servo: Servo, dt: float) -> None:
+def _steer(motion: MovingDiscs, servo: Servo, dt: float) -> None:
     """The velocity gradient of the next step."""
     h00, h01, h10, h11 = motion.cell.flat
     b00, b01, b10, b11 = servo.back.flat
