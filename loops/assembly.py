@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats, Integers, Regimes
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
-from loops.laws.protocol import ContactLaw
+from loops.laws.frictional import ContactLaw
 from loops.validation import checked_regimes
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from typing import Generic, Literal, Protocol, TypeVar
 import numpy as np
 
 from loops.arrays import Floats
-from loops.laws.protocol import Regime
+from loops.laws.frictional import Regime
 from loops.shown import Shown
 
 RateStatus = Literal["unique", "none", "several"]

@@ -36,7 +36,7 @@ from loops.assembly import (
 from loops.errors import InputError
 from loops.geometry import area_growth, boundary_vectors, polygon_area, require_loop
 from loops.graph import ContactState, GrainGraph, reference_branch_vectors
-from loops.laws.protocol import ContactLaw
+from loops.laws.frictional import ContactLaw
 
 Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]

@@ -38,7 +38,7 @@ from loops.geometry import (
     volume_growth,
 )
 from loops.graph import GrainGraph, contact_state, reference_branch_vectors
-from loops.laws.protocol import ContactLaw
+from loops.laws.frictional import ContactLaw
 from loops.shown import Shown
 
 # Limits within which a solve is trusted; see `MacroTangent`.

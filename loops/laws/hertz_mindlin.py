@@ -11,8 +11,13 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats, Regimes
 from loops.errors import InputError
 from loops.graph import ContactState
-from loops.laws.frictional import FrictionalLaw, ShearIncrement, friction_and_increment, parameter
-from loops.laws.protocol import Regime
+from loops.laws.frictional import (
+    FrictionalLaw,
+    Regime,
+    ShearIncrement,
+    friction_and_increment,
+    parameter,
+)
 
 ShearHistory = Literal["force", "displacement"]
 

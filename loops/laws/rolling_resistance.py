@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, Regimes
 from loops.graph import ContactState
-from loops.laws.frictional import parameter
-from loops.laws.protocol import ContactLaw, Regime, require_law
+from loops.laws.frictional import ContactLaw, Regime, parameter, require_law
 from loops.shown import Shown
 
 LawMethod = TypeVar("LawMethod", bound=Callable[..., Any])

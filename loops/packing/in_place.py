@@ -24,7 +24,7 @@ from loops.errors import InputError
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
-from loops.laws.protocol import ContactLaw
+from loops.laws.frictional import ContactLaw
 from loops.loop_batches import loop_batches
 from loops.packing.multifrontal import EPS, Front, FrontalLU, dissection, frontal_lu
 from loops.packing.system import (

@@ -25,7 +25,7 @@ from loops.assembly import assembled_sparse, contact_regime, contact_tangent
 from loops.errors import InputError
 from loops.faces import FaceKind, Faces
 from loops.graph import GrainGraph, branch_vectors, contact_state, require_one_state
-from loops.laws.protocol import ContactLaw, Regime
+from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, winding_ranks
 from loops.shown import Shown
 

@@ -37,8 +37,7 @@ from loops.closures.system import affine_spin, contact_springs, drive, form_of, 
 from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.geometry import reference_volume
 from loops.graph import require_one_state
-from loops.laws.frictional import edge_of, with_sides
-from loops.laws.protocol import require_law
+from loops.laws.frictional import edge_of, require_law, with_sides
 from stability.rate_problem import SIGN_TOLERANCE, SOLUTION_RTOL, Choice, edge_options
 from stability.second_order_work import plane_cone
 from stability.spectra import restrict, subspace_basis

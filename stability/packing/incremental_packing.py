@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.laws.protocol import Regime
+from loops.laws.frictional import Regime
 from stability.packing.pairs import AT_YIELD, Pairs, frame_of
 from stability.packing.state import PackingState
 

@@ -22,7 +22,7 @@ from loops.fabric import force_chains
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph, branch_vectors, contact_state
-from loops.laws.protocol import ContactLaw, Regime
+from loops.laws.frictional import ContactLaw, Regime
 from loops.loop_batches import LoopBatch, loop_batches
 from loops.packing import PackingSystem, PlaneContacts, packing_system, stiffness_matrix
 from loops.packing.in_place import inverse_at_contacts

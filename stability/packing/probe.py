@@ -16,7 +16,7 @@ from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
 from loops.errors import InputError, check_choice, number, whole_number
 from loops.graph import GrainGraph
-from loops.laws.protocol import ContactLaw
+from loops.laws.frictional import ContactLaw
 from loops.packing import PackingSystem, PlaneContacts
 from loops.shown import Shown
 from stability.destabilising import LinearControl, control_along, no_control

@@ -18,8 +18,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_regime, contact_tangent
 from loops.errors import InputError
 from loops.graph import GrainGraph, branch_vectors, contact_state
-from loops.laws.frictional import edge_of
-from loops.laws.protocol import ContactLaw, Regime, require_law
+from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
 from loops.packing import (
     Factor,
     PackingSystem,

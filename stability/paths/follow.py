@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from loops import ContactLaw, GrainGraph, InputError, RollingResistance, contact_state
 from loops.closures import Closure, Spins
 from loops.errors import check_choice, number, whole_number
-from loops.laws.protocol import require_law
+from loops.laws.frictional import require_law
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
 from stability.paths.model import path_model
 from stability.paths.path import Past, Path, follow_stages

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.closures import Spins
 from loops.errors import InputError, check_choice, number
-from loops.laws.frictional import TOUCHING_RTOL
-from loops.laws.protocol import Regime
+from loops.laws.frictional import TOUCHING_RTOL, Regime
 from loops.symmetry import PointGroup
 from stability.paths.model import PathModel, with_contact, without_pairs
 from stability.paths.path import FINISHED, ModelOption, PathStatus

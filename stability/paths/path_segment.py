@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from loops.arrays import Flags, Floats, Integers
-from loops.laws.protocol import Regime
+from loops.laws.frictional import Regime
 from stability.paths.model import PathModel, pair_keys
 from stability.paths.state import Mode, unpack
 from stability.paths.state_rates import StateRates

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
-from loops.laws.protocol import Regime
+from loops.laws.frictional import Regime
 from loops.symmetry import identity, invariant_fields
 from stability.paths.model import Kind, PathModel
 from stability.paths.path import (

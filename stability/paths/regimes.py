@@ -10,8 +10,7 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
 from loops.graph import ContactState
-from loops.laws.frictional import edge_of, edge_rates
-from loops.laws.protocol import Regime
+from loops.laws.frictional import Regime, edge_of, edge_rates
 from loops.symmetry import PointGroup, point_group
 from stability.paths.model import PathModel, compressed
 from stability.paths.state import Mode, PathState, Rates, centres, contacts_of, unpack

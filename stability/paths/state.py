@@ -9,8 +9,7 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats, Regimes
 from loops.graph import ContactState
-from loops.laws.frictional import with_sides
-from loops.laws.protocol import Regime
+from loops.laws.frictional import Regime, with_sides
 from stability.paths.model import START_MISMATCH, PathModel, compressed
 from stability.paths.path import WORK_TERMS
 

@@ -20,8 +20,7 @@ from loops.closures.system import (
 )
 from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT, ring_equations
 from loops.graph import ContactState
-from loops.laws.frictional import edge_rates
-from loops.laws.protocol import Regime
+from loops.laws.frictional import Regime, edge_rates
 from stability.paths.model import Kind, PathModel, Unknowns
 from stability.paths.state import (
     Mode,
