@@ -155,14 +155,6 @@ def figure_of(ax: Axes) -> Figure:
     return cast(Figure, ax.figure)
 
 
-def write_above(ax: Axes, x: float, text: str, **look: Any) -> None:
-    """Write a text above axes, centred on a position along the first axis."""
-    ax.annotate(
-        text, (x, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
-        ha="center", va="bottom", **look,
-    )  # fmt: skip
-
-
 def key_columns(figure: Figure, wide: int) -> int:
     """Columns of a key below a figure: so many in two columns of a journal, two in one."""
     return wide if figure.get_figwidth() > 1.5 * ONE_COLUMN else min(wide, 2)

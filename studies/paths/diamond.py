@@ -101,9 +101,10 @@ def run_diamond(
         found, ignored = follow_diamond(options), None
         if options.contact_on_touch == "add":
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
-        tables = diamond_tables(found, ignored)
-        summary = results.write_results(tables, diamond_summary(found))
-        results.save_figures(diamond_figures(found, ignored, tables["path_dependence"]))
+        tables, summary = diamond_tables(found, ignored), diamond_summary(found)
+        figures = diamond_figures(found, ignored, tables["path_dependence"])
+        summary = results.write_results(tables, summary)
+        results.save_figures(figures)
     return summary
 
 
@@ -136,23 +137,40 @@ def state_columns(states: DiamondStates) -> pd.DataFrame:
 
 
 @dataclass(frozen=True, eq=False)
+class ClosedForms:
+    """Closed forms of one diamond, and of the states of its path.
+
+    `touching` are the strains at which opposite grains meet on axis 1 and on axis 2; `definite_*`
+    the isotropic strains between which the diamond is stable, without and with contacts there;
+    `gaps` (R,) those between opposite grains on both axes, over l0. `isotropic` (R, 2, 2) is the
+    tangent (38) at E1, `drained_slope` is `ds1/dE1` at A (33).
+    """
+
+    touching: tuple[float, float]
+    definite_ignored: list[tuple[float, float]]
+    definite_added: list[tuple[float, float]]
+    gaps: tuple[Floats, Floats]
+    isotropic: Floats
+    drained_slope: float
+
+
+@dataclass(frozen=True, eq=False)
 class FollowedDiamond(Followed):
     """A diamond's path; `marks` are I (det K = 0 in the confinement), A and B, where reached.
 
-    `touching` are the strains at which opposite grains meet on axis 1 and on axis 2. `listed` are
-    the events as (kind, row), every row the state as the path arrives there.
+    `listed` are the events as (kind, row), every row the state as the path arrives there.
     """
 
     options: DiamondOptions
     loop: DiamondParameters
     states: DiamondStates
-    touching: tuple[float, float]
+    closed: ClosedForms
     listed: tuple[tuple[str, int], ...]
 
     @property
     def gaps(self) -> tuple[Floats, Floats]:
         """Gaps (R,) between opposite grains on axis 1 and on axis 2, over l0."""
-        return opposite_gaps(self.E1, self.E2, self.loop.alpha0)
+        return self.closed.gaps
 
     @cached_property
     def energies(self) -> dict[str, Floats]:
@@ -241,18 +259,28 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
     {'I': 0.166667, 'A': 0.3, 'B': 0.409734}
     """
     (path, stages), loop = follow_path(options), options.parameters
+    added = on_axes(path, path.regime != Regime.OPEN) > 0.0
     states = diamond_states(
         *(loop, path.H[:, 0], path.H[:, 3], path.shear_force[:, 0]),
         sliding=path.regime[:, 0] == Regime.SLIDING,
-        added=on_axes(path, path.regime != Regime.OPEN) > 0.0,
+        added=added,
         N=path.normal_force[:, 0],
         s1=path.P[:, 0],
         s2=path.P[:, 3],
     )
-    listed, marks, touching = list[tuple[str, int]](), dict[str, int](), touching_strains(loop)
+    confined = diamond_states(loop, loop.confinement, loop.confinement)
+    closed = ClosedForms(
+        touching=touching_strains(loop),
+        definite_ignored=definite_intervals(loop, added=False),
+        definite_added=definite_intervals(loop, added=True),
+        gaps=opposite_gaps(states.E1, states.E2, loop.alpha0),
+        isotropic=isotropic_tangent(states.E1, loop.alpha0, loop.kappa),
+        drained_slope=float(drained_slope(confined.K[0])),
+    )
+    listed, marks = list[tuple[str, int]](), dict[str, int]()
     for event in path.events:
         row = event.index
-        if event.kind == "opposite_contact" and touching[event.contacts[0]] < 0.0:
+        if event.kind == "opposite_contact" and closed.touching[event.contacts[0]] < 0.0:
             continue
         jumps = event.kind in DETERMINANTS and event.detail.startswith("jump")
         if event.kind not in LISTED_KINDS or jumps or (event.kind, row) in listed:
@@ -276,7 +304,7 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
             marks[name] = row
     operators = states.K, states.det_K, states.det_Ks
     return FollowedDiamond(
-        options, path, stages, marks, *operators, loop, states, touching, tuple(listed)
+        options, path, stages, marks, *operators, loop, states, closed, tuple(listed)
     )
 
 
@@ -393,28 +421,36 @@ def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataF
 def diamond_summary(found: FollowedDiamond) -> dict[str, Any]:
     """Summary of the study, without its provenance.
 
-    `states` are null where not reached; `added_contact` where none is added.
+    `states` are null where not reached, B has the operators of sliding contacts too, as `beyond`;
+    `added_contact` is null where none is added.
     """
-    options, table = found.options, found.table
+    options, table, closed = found.options, found.table, found.closed
+    states: dict[str, Any] = dict.fromkeys(NAMED_STATES)
+    for name, row in found.marks.items():
+        states[name] = {
+            **{key: float(table[key][row]) for key in (*STATE_VALUES, *found.energies)},
+            **_operators(found, found.states.take([row])),
+            "gaps": [float(gap[row]) for gap in closed.gaps],
+        }
+    if found.beyond is not None:
+        states["B"]["beyond"] = _operators(found, found.beyond)
     # Files by the number of the paper's figure; those of Table 1 for diamonds of other parameters.
     stress, determinant = ("8", "9") if options.table == 2 else ("6", "7")
     figures = {"4": "path_dependence", stress: "axial_stress", determinant: "determinant"}
     figures |= {"10": "eigenvalues", **({"11": "polar"} if found.marks else {}), "12": "cone"}
-    end = table.iloc[-1]
-    # Strains between which the diamond is stable under isotropic strain, without and with contacts.
     added = {
-        "touching_strains": list(found.touching),
-        "definite_ignored": definite_intervals(found.loop, added=False),
-        "definite_added": definite_intervals(found.loop, added=True),
+        "touching_strains": list(closed.touching),
+        "definite_ignored": closed.definite_ignored,
+        "definite_added": closed.definite_added,
     }
     return {
         "parameters": options.described(),
-        "states": {name: _state(found, name) for name in NAMED_STATES},
+        "states": states,
         "events": [
             {"kind": kind, **{key: float(table[key][row]) for key in EVENT_VALUES}}
             for kind, row in found.listed
         ],
-        "end": {key: float(end[key]) for key in (*STATE_VALUES, *found.energies)},
+        "end": {key: float(table[key].iloc[-1]) for key in (*STATE_VALUES, *found.energies)},
         "model": model_summary(found),
         "verification": verification(found),
         "added_contact": added if options.contact_on_touch == "add" else None,
@@ -424,29 +460,10 @@ def diamond_summary(found: FollowedDiamond) -> dict[str, Any]:
     }
 
 
-def _state(found: FollowedDiamond, name: str) -> dict[str, Any] | None:
-    """A named state with its operators; B has those of sliding contacts too, as `beyond`."""
-    if name not in found.marks:
-        return None
-    row, closure = found.marks[name], found.options.closure
-    here = found.table.iloc[row]
-    state = {
-        **{key: float(here[key]) for key in (*STATE_VALUES, *found.energies)},
-        **_operators(found.states.take([row]), here, closure, found.generic[closure][row]),
-        "gaps": [float(here["gap_1"]), float(here["gap_2"])],
-    }
-    if name == "B" and found.beyond is not None:
-        beyond, A = found.beyond, found.tangents_of(found.beyond, closure)[0]
-        state["beyond"] = _operators(beyond, state_columns(beyond).iloc[0], closure, A)
-    return state
-
-
-def _operators(
-    state: DiamondStates, columns: pd.Series, closure: Closure, A: Floats
-) -> dict[str, Any]:
-    """Operators of one state with their spectra, cone and verdicts; `A` is that of any loop."""
-    K = state.K[0]
-    verdict = judge(K)
+def _operators(found: FollowedDiamond, state: DiamondStates) -> dict[str, Any]:
+    """Operators of one state with their spectra, cone and verdicts, and that of any loop."""
+    K, columns, closure = state.K[0], state_columns(state).iloc[0], found.options.closure
+    verdict, A = judge(K), found.tangents_of(state, closure)[0]
     return {
         "regime": columns["regime"],
         "det_K": float(state.det_K[0]),
@@ -493,8 +510,7 @@ def verification(found: FollowedDiamond) -> dict[str, Any]:
         errors.append(float(np.nanmax(error)))
         untrusted[f"generic_{closure}_untrusted"] = int(np.count_nonzero(np.isnan(error)))
     rows = (found.stage == "isotropic") & ~states.added.any(axis=1) & ~states.sliding
-    closed = isotropic_tangent(states.E1[rows], loop.alpha0, loop.kappa)
-    isotropic = operator_norm(closed - K[rows]) / norm[rows]
+    isotropic = operator_norm(found.closed.isotropic[rows] - K[rows]) / norm[rows]
     root, at_I = None, found.marks.get("I")
     if at_I is not None and loop.kappa > 0.0 and not states.added[at_I].any():
         strain = float(found.E1[at_I])
@@ -542,8 +558,7 @@ def slope_at_A(found: FollowedDiamond) -> dict[str, float] | None:
     s1, E1 = (
         np.polynomial.Polynomial.fit(turn, y, 14).deriv()(0.0) for y in (states.s1, states.E1)
     )
-    confinement = found.loop.confinement
-    closed = float(drained_slope(diamond_states(found.loop, confinement, confinement).K[0]))
+    closed = found.closed.drained_slope
     difference = float(abs(s1 / E1 - closed))
     return {"differences": float(s1 / E1), "closed_form": closed, "difference": difference}
 
@@ -567,7 +582,7 @@ def model_summary(found: FollowedDiamond) -> dict[str, Any]:
 
 def _notes(found: FollowedDiamond) -> list[str]:
     loop, notes = found.loop, []
-    if min(found.touching) < 0.0:
+    if min(found.closed.touching) < 0.0:
         notes.append("opposite grains overlap from the start: below 30 or above 60 degrees")
     if abs(np.sin(loop.alpha0) - np.cos(loop.alpha0)) <= TOUCHING_ATOL:
         notes.append("at 45 degrees both pairs of opposite grains touch at the same strain")

@@ -47,7 +47,6 @@ from studies.style import (
     new_panels,
     say_empty,
     styled,
-    write_above,
 )
 
 if TYPE_CHECKING:
@@ -69,8 +68,6 @@ SUBSPACE_LOOKS: tuple[tuple[str, str, Any, str], ...] = (
     ("symmetric", VERMILION, (0, (4, 2)), r"(11, 22, (12+21)/$\sqrt{2}$)"),
     ("full", GREEN, (0, (1, 1)), "all four components"),
 )
-
-
 CONTACT_LOOKS = {
     "ignored": (VERMILION, DASHED, "opposite grains ignored"),
     "added": (BLUE, "-", "contact added"),
@@ -212,6 +209,14 @@ def over_strain(
         write_above(ax, middle, f"opposite grains {said}", color=GREY, fontsize=7)
     ax.set(xlabel=STRAIN_LABEL, ylabel=ylabel, xlim=(0.0, None))
     ax.margins(y=margin)
+
+
+def write_above(ax: Axes, x: float, text: str, **look: Any) -> None:
+    """Write a text above axes, centred on a position along the first axis."""
+    ax.annotate(
+        text, (x, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
+        ha="center", va="bottom", **look,
+    )  # fmt: skip
 
 
 def true_runs(where: Flags) -> list[slice]:
@@ -564,7 +569,36 @@ def draw_path_dependence(table: pd.DataFrame) -> Figure:
     Lines are (9) and (10), points the integrated rate law.
     """
     fig, ((geometry, works),) = new_panels(1, 2, 2.8, width_ratios=[1.0, 1.25])
-    _draw_routes(float(table["compression"].iloc[0]), geometry)
+    # Routes of the centre of sphere 2 around sphere 1: A, B, C and A, D, C.
+    compression = float(table["compression"].iloc[0])
+    alpha, start = np.radians(40.0), np.radians(20.0)
+    arc: Floats = start + np.linspace(0.0, alpha, 60)
+    for radius, colour in ((1.0, BLUE), (1.0 - compression, VERMILION)):
+        geometry.plot(radius * np.cos(arc), radius * np.sin(arc), color=colour)
+    ends = {"A": (1.0, arc[0]), "B": (1.0, arc[-1])}
+    ends |= {"D": (1.0 - compression, arc[0]), "C": (1.0 - compression, arc[-1])}
+    at = {name: (float(r * np.cos(a)), float(r * np.sin(a))) for name, (r, a) in ends.items()}
+    geometry.plot(*np.stack([at["B"], at["C"]]).T, color=BLUE)
+    geometry.plot(*np.stack([at["A"], at["D"]]).T, color=VERMILION)
+    for name in ("C", "D"):
+        geometry.plot(*np.stack([np.zeros(2), at[name]]).T, color=GREY, linewidth=0.6, zorder=0)
+    for centre, style in (((0.0, 0.0), "-"), (at["A"], "-"), (at["C"], "--")):
+        circle = {"fill": False, "color": GREY, "linewidth": 0.8, "linestyle": style}
+        geometry.add_patch(Circle(centre, 0.5, **circle))
+    geometry.plot(0.0, 0.0, "o", color=BLACK)
+    for name, offset in (("A", (6, -6)), ("B", (-1, 6)), ("C", (-11, 3)), ("D", (1, -11))):
+        geometry.plot(*at[name], "o", color=BLACK)
+        geometry.annotate(name, at[name], offset, textcoords="offset points", fontweight="bold")
+    geometry.annotate("O", (0, 0), (-9, -9), textcoords="offset points", fontweight="bold")
+    for text, place in (
+        ("sphere 1", (-0.05, -0.3)),
+        ("sphere 2", (at["A"][0] + 0.12, at["A"][1] - 0.28)),
+    ):
+        geometry.annotate(text, place, ha="center", color=GREY, fontsize=7)
+    middle = start + 0.5 * alpha
+    geometry.annotate(r"$\alpha$", (0.27 * np.cos(middle), 0.27 * np.sin(middle)), ha="center")
+    geometry.set(aspect="equal", xlim=(-0.6, 1.55), ylim=(-0.6, 1.35))
+    geometry.set_axis_off()
     points = slice(None, None, 5)
     for route, colour, label in (
         ("shear_then_compress", BLUE, r"$\mathcal{E}_1$ (9): A, B, C"),
@@ -580,35 +614,3 @@ def draw_path_dependence(table: pd.DataFrame) -> Figure:
     works.set(ylim=(0.0, None))
     works.legend(loc="upper left")
     return fig
-
-
-def _draw_routes(compression: float, ax: Axes) -> None:
-    """Draw both routes of the centre of sphere 2 around sphere 1: A, B, C and A, D, C."""
-    alpha, start = np.radians(40.0), np.radians(20.0)
-    arc: Floats = start + np.linspace(0.0, alpha, 60)
-    for radius, colour in ((1.0, BLUE), (1.0 - compression, VERMILION)):
-        ax.plot(radius * np.cos(arc), radius * np.sin(arc), color=colour)
-    ends = {"A": (1.0, arc[0]), "B": (1.0, arc[-1])}
-    ends |= {"D": (1.0 - compression, arc[0]), "C": (1.0 - compression, arc[-1])}
-    at = {name: (float(r * np.cos(a)), float(r * np.sin(a))) for name, (r, a) in ends.items()}
-    ax.plot(*np.stack([at["B"], at["C"]]).T, color=BLUE)
-    ax.plot(*np.stack([at["A"], at["D"]]).T, color=VERMILION)
-    for name in ("C", "D"):
-        ax.plot(*np.stack([np.zeros(2), at[name]]).T, color=GREY, linewidth=0.6, zorder=0)
-    for centre, style in (((0.0, 0.0), "-"), (at["A"], "-"), (at["C"], "--")):
-        circle = {"fill": False, "color": GREY, "linewidth": 0.8, "linestyle": style}
-        ax.add_patch(Circle(centre, 0.5, **circle))
-    ax.plot(0.0, 0.0, "o", color=BLACK)
-    for name, offset in (("A", (6, -6)), ("B", (-1, 6)), ("C", (-11, 3)), ("D", (1, -11))):
-        ax.plot(*at[name], "o", color=BLACK)
-        ax.annotate(name, at[name], offset, textcoords="offset points", fontweight="bold")
-    ax.annotate("O", (0, 0), (-9, -9), textcoords="offset points", fontweight="bold")
-    for text, place in (
-        ("sphere 1", (-0.05, -0.3)),
-        ("sphere 2", (at["A"][0] + 0.12, at["A"][1] - 0.28)),
-    ):
-        ax.annotate(text, place, ha="center", color=GREY, fontsize=7)
-    middle = start + 0.5 * alpha
-    ax.annotate(r"$\alpha$", (0.27 * np.cos(middle), 0.27 * np.sin(middle)), ha="center")
-    ax.set(aspect="equal", xlim=(-0.6, 1.55), ylim=(-0.6, 1.35))
-    ax.set_axis_off()

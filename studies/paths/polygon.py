@@ -407,13 +407,27 @@ def polygon_summary(found: Followed) -> dict[str, Any]:
     """Summary of the study, without its provenance; `states` are A and end."""
     path, options = found.path, found.options
     critical = thresholds(options)  # type: ignore[arg-type]
-    peak = found.peak
+    peak, states = found.peak, dict[str, Any]()
+    for name, row in found.marks.items():
+        verdicts = {subspace: judge(path.A[row], subspace) for subspace in SUBSPACES}
+        states[name] = {
+            **{key: float(getattr(found, key)[row]) for key in ("E1", "E2", "s1", "s2")},
+            "N": path.normal_force[row],
+            "T": path.shear_force[row],
+            "det_K": float(found.det_K[row]),
+            "det_Ks": float(found.det_Ks[row]),
+            "eigenvalues_Ks": path.symmetric_eigenvalues[row],
+            "verdict": {
+                subspace: {"status": one.status, "mode": one.mode, "margin": one.margin}
+                for subspace, one in verdicts.items()
+            },
+        }
     return {
         "parameters": options.described(),
         "critical_strain": critical,
         "events": [event_values(found, event) for event in path.events],
         "peak": peak,
-        "states": {name: _state(found, row) for name, row in found.marks.items()},
+        "states": states,
         "status": path.status,
         "message": path.message,
         "rows": len(path),
@@ -454,23 +468,6 @@ def event_lines(summary: dict[str, Any]) -> list[str]:
 def event_words(kind: str) -> str:
     """A kind of event as it is printed."""
     return EVENT_WORDS.get(kind, kind.replace("_", " "))
-
-
-def _state(found: Followed, row: int) -> dict[str, Any]:
-    path = found.path
-    verdicts = {subspace: judge(path.A[row], subspace) for subspace in SUBSPACES}
-    return {
-        **{name: float(getattr(found, name)[row]) for name in ("E1", "E2", "s1", "s2")},
-        "N": path.normal_force[row],
-        "T": path.shear_force[row],
-        "det_K": float(found.det_K[row]),
-        "det_Ks": float(found.det_Ks[row]),
-        "eigenvalues_Ks": path.symmetric_eigenvalues[row],
-        "verdict": {
-            subspace: {"status": verdict.status, "mode": verdict.mode, "margin": verdict.margin}
-            for subspace, verdict in verdicts.items()
-        },
-    }
 
 
 def _verification(found: Followed, critical: dict[str, float | None]) -> dict[str, Any]:
