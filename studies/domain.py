@@ -353,19 +353,6 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
             rf"$\varphi$ = {np.degrees(own[0].phi):g}°" if np.isfinite(own[0].mu) else "no sliding"
         )
         whole.set_title(rf"$\alpha_0$ = {np.degrees(angle):g}°, {phi}")
-    handles = _legend(cases, drawn_programmes=rows == 2)
-    beside = key_columns(figure, 2 if columns == 1 else 4)
-    figure.legend(handles=handles, loc="outside lower center", ncols=beside)
-    return figure
-
-
-def _colours(cases: Sequence[Case]) -> dict[float, str]:
-    """Colour of each stiffness ratio."""
-    ratios = dict.fromkeys(case.kappa for case in cases)
-    return {kappa: LINE_COLOURS[k % len(LINE_COLOURS)] for k, kappa in enumerate(ratios)}
-
-
-def _legend(cases: Sequence[Case], *, drawn_programmes: bool) -> list[Artist]:
     handles: list[Artist] = [
         Line2D([], [], color=BLACK, label=r"$\det K_s = 0$, sticking"),
         Line2D([], [], color=BLACK, linestyle="--", label=r"$\det K = 0$, sticking"),
@@ -375,12 +362,20 @@ def _legend(cases: Sequence[Case], *, drawn_programmes: bool) -> list[Artist]:
             Line2D([], [], color=BLACK, linestyle=":", label="yield: both lost by sliding"),
             Patch(facecolor=BLACK, alpha=0.15, label="stable with friction"),
         ]
-    if drawn_programmes:
+    if rows == 2:
         handles.append(Line2D([], [], color=LIGHT_GREY, label="programmes, sticking"))
     for kappa, colour in _colours(cases).items():
         label = rf"isotropic strain, $\kappa$ = {kappa:g}"
         handles.append(Line2D([], [], color=colour, marker="o", linestyle="", label=label))
-    return handles
+    beside = key_columns(figure, 2 if columns == 1 else 4)
+    figure.legend(handles=handles, loc="outside lower center", ncols=beside)
+    return figure
+
+
+def _colours(cases: Sequence[Case]) -> dict[float, str]:
+    """Colour of each stiffness ratio."""
+    ratios = dict.fromkeys(case.kappa for case in cases)
+    return {kappa: LINE_COLOURS[k % len(LINE_COLOURS)] for k, kappa in enumerate(ratios)}
 
 
 @styled()

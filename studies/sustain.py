@@ -104,9 +104,9 @@ def run_sustain(
         tables = {
             "sustain": direction_table(found, rates),
             "motions": motion_table(found),
-            "paths": path_table(found),
+            "paths": loading_table(found),
             "orders": order_table(found, faces),
-            "loops": loop_table(found, faces),
+            "loops": loop_work_table(found, faces),
         }
         results.write_tables(tables)
         summary = results.write_summary(
@@ -404,7 +404,7 @@ def motion_table(found: Sustained) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=[*names.split(), "opened", "closed", "slid", "grains"])
 
 
-def path_table(found: Sustained) -> pd.DataFrame:
+def loading_table(found: Sustained) -> pd.DataFrame:
     """One row a row of a path, direction by direction."""
     terms = ("work", "slip_work", "shear_work", "released")
     tables = [
@@ -452,7 +452,7 @@ def order_table(found: Sustained, faces: Faces) -> pd.DataFrame:
     return pd.concat(tables[1:] or tables, ignore_index=True)
 
 
-def loop_table(found: Sustained, faces: Faces) -> pd.DataFrame:
+def loop_work_table(found: Sustained, faces: Faces) -> pd.DataFrame:
     """One row a loop: its work in the mode of the weakest direction, and that over its area."""
     weakest, area = weakest_of(found), faces.area[faces.loops]
     mode = None if weakest is None else found.paths[weakest].mode
