@@ -106,7 +106,7 @@ def run_sustain(
             "motions": motion_table(found),
             "paths": loading_table(found),
             "orders": order_table(found, faces),
-            "loops": loop_work_table(found, faces),
+            "loops": mode_work_table(found, faces),
         }
         results.write_tables(tables)
         summary = results.write_summary(
@@ -452,7 +452,7 @@ def order_table(found: Sustained, faces: Faces) -> pd.DataFrame:
     return pd.concat(tables[1:] or tables, ignore_index=True)
 
 
-def loop_work_table(found: Sustained, faces: Faces) -> pd.DataFrame:
+def mode_work_table(found: Sustained, faces: Faces) -> pd.DataFrame:
     """One row a loop: its work in the mode of the weakest direction, and that over its area."""
     weakest, area = weakest_of(found), faces.area[faces.loops]
     mode = None if weakest is None else found.paths[weakest].mode
