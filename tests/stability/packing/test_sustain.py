@@ -271,7 +271,10 @@ def test_a_slow_replay_between_walls_fails_under_the_load_that_fails(which):
 
 @functools.cache
 def yade(state):
-    """A state that Yade held, b(efore) or a(fter), and in rows: degrees, load held, load moved."""
+    """A state that Yade held, and in rows: degrees, load held, load moved.
+
+    b: strain .003; a: .030; c: a, restarted and held again.
+    """
     with np.load(Path(__file__).with_name("yade_stress_steps.npz")) as stored:
         names = ("x", "radii", "contacts", "images", "cell", "normal_force", "shear_force")
         return GrainGraph(**{name: stored[f"{state} {name}"] for name in names}), stored[
@@ -303,3 +306,20 @@ def test_limits_lie_between_the_loads_that_yade_held_and_moved_under(state, row)
         assert path.status in ("held", "snapped") and path.limit == pytest.approx(held, rel=1e-6)
     else:
         assert path.status == "failed" and held <= path.limit < path.failed_under <= moved
+
+
+@pytest.mark.parametrize(
+    "row", [pytest.param(k, marks=[pytest.mark.slow] * (k not in (2, 7))) for k in range(8)]
+)
+def test_limits_of_a_state_that_yade_held_again(row):
+    """Within Yade's loads or up to 7 % above: its levels are applied in a thousand steps."""
+    graph, rows = yade("c")
+    theta, held, moved = rows[row]
+    direction = [np.cos(np.radians(theta)), np.sin(np.radians(theta))]
+    largest = held if np.isinf(moved) else 1.5 * moved
+    (path,) = sustain(graph, YADE_LAW, [direction], largest=largest).paths
+    if np.isinf(moved):
+        assert path.status == "held" and path.limit == pytest.approx(held, rel=1e-6)
+    else:
+        assert path.status == "failed" and path.first_instability < moved
+        assert held <= path.limit <= 1.07 * moved
