@@ -116,8 +116,8 @@ def run_sustain(
             | sustain_summary(found, rates, tables)
         )
         if figures:
+            from studies.packing_figures import sustain_figures
             from studies.snapshot.table import loops_for_map
-            from studies.sustain_figures import sustain_figures
 
             drawn = sustain_figures(snapshot, found, rates, tables, summary)
             pictures = results.save_figures(drawn)

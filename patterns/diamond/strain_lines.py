@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats
-from loops.laws.linear_frictional import ShearIncrement
+from loops.laws.frictional import ShearIncrement
 
 # Halvings of a bracket, down to the rounding of its ends.
 BRACKET_HALVINGS = 64

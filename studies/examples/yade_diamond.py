@@ -16,7 +16,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from loops.arrays import Floats
-from loops.laws.linear_frictional import ShearIncrement
+from loops.laws.frictional import ShearIncrement
 from patterns import sample_path
 from patterns.diamond.strain_lines import (
     LineStates,
