@@ -89,7 +89,7 @@ def test_the_lines_for_the_shell_are_options_of_the_commands():
     assert len(lines) == 3
     for line in lines:
         command, *words = line.split()
-        parameters = inspect.signature(getattr(cli, command)).parameters
+        parameters = inspect.signature(getattr(cli, f"{command}_command")).parameters
         known = {name.replace("_", "-") for name in parameters}
         known |= {"out", "table", "vtk"}
         for word in words:

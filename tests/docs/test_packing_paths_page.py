@@ -173,7 +173,7 @@ def test_settings():
     usual = PackingPathOptions()
     assert f"Intervals of strain {usual.interval:.0e}".replace("e-06", "e-6") in PAGE
     assert f"At {usual.instabilities} unstable contacts" in PAGE
-    assert f"gap below {path.LISTED_GAP} mean diameters" in PAGE
+    assert f"gap below {path.MAY_CLOSE_GAP} mean diameters" in PAGE
     assert f"Beyond {incremental_packing.RANK} columns" in PAGE
     springs = incremental_packing.RATTLERS, incremental_packing.PAIRED, incremental_packing.GEARS
     assert springs == (1e-3, 1e-4, 1e-7)
