@@ -64,13 +64,16 @@ def test_the_error_halves_with_the_interval_and_the_energy_closes(name, history)
     "name", ["12", *(pytest.param(n, marks=pytest.mark.slow) for n in ("16", "24", "36"))]
 )
 def test_a_slow_replay_comes_to_the_forces_of_the_path_in_a_cell(name, history):
-    """To the interval of the path and the rate of the replay; a slower one is closer."""
+    """To the interval of the path and the rate of the replay; a slower one is closer.
+
+    Rounding moves the worst of them: below 2e-5 on one processor, 2.2e-5 on another.
+    """
     graph = jammed(*PACKINGS[name])
     law, first = hertz_of(graph, history), np.arange(graph.contact_count)
     wanted = walked(name, history, 5e-6).states[-1].forces[first]
     ends = [replay(graph, law, H, duration=t, viscous=0.02).state for t in (1e4, 1e5)]
     fast, slow = (np.linalg.norm(e.forces[first] - wanted) / np.linalg.norm(wanted) for e in ends)
-    assert slow < fast and slow < 2e-5
+    assert slow < fast and slow < 3e-5
 
 
 @pytest.mark.parametrize("history", ["force", "displacement"])
