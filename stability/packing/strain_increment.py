@@ -21,6 +21,7 @@ from stability.packing.incremental_packing import (
     IncrementalPacking,
 )
 from stability.packing.pairs import (
+    AT_YIELD,
     Pairs,
     normal_energy,
     normal_forces,
@@ -390,7 +391,7 @@ class StrainIncrement:
         work[SLIP] += relaxed[~self.held].sum()
         work[RELEASED] += relaxed[self.held].sum() + self.released.sum()
         # A held contact that stands on the friction limit slides from now on.
-        at_limit = self.held & (np.abs(T) >= (1 - 1e-6) * most) & (N > 0) & (most > 0)
+        at_limit = self.held & (np.abs(T) >= AT_YIELD * most) & (N > 0) & (most > 0)
         side[at_limit] = np.sign(T[at_limit])
         regime[at_limit] = SLIDING
         end = replace(moved, shear_force=T[:count])

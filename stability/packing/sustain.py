@@ -31,7 +31,7 @@ from stability.packing.equations_of_motion import (
     work_of,
 )
 from stability.packing.loop_quantities import loop_sums
-from stability.packing.pairs import AT_YIELD, Pairs, require_movable, strength
+from stability.packing.pairs import Pairs, at_limit, require_movable
 from stability.packing.path import PackingPathSolver, Stop
 from stability.packing.probe import probe_directions, stage_along
 from stability.packing.regime_regions import Subspace
@@ -623,8 +623,8 @@ class _Moved:
             one.normal_force >= CARRIES * one.normal_force[one.closed].mean()
             for one in (then, state)
         )
-        slides, old = _slides(then, listed), len(pairs)
-        slides[:old] &= ~_slides(state, pairs)
+        slides, old = at_limit(listed, then), len(pairs)
+        slides[:old] &= ~at_limit(pairs, state)
         return Motion(
             status=status,
             lost=lost,
@@ -656,9 +656,3 @@ def keeps_growing(strains: Sequence[float], kinetic: Sequence[float]) -> bool:
     rate_before = (e[half] - e[quarter]) / (half - quarter)
     faster = rate >= rate_before
     return bool(faster and np.mean(kinetic[half:]) >= np.mean(kinetic[quarter:half]))
-
-
-def _slides(state: PackingState, pairs: Pairs) -> Flags:
-    """(P,) contacts on the friction limit."""
-    limit = AT_YIELD * strength(pairs, state)
-    return np.asarray((state.normal_force > 0) & (np.abs(state.shear_force) >= limit))
