@@ -267,6 +267,12 @@ class Fan:
 
     # ---- steps and events
 
+    @cached_property
+    def units(self) -> Floats:
+        """Units of the variables of a step: strains, displacements, shear forces."""
+        length, C = self.model.length, self.model.contact_count
+        return np.repeat([1.0, length, self.model.stiffness * length], [4, 2 * C, C])
+
     def _flat(self, states: LoopStates) -> Floats:
         return np.concatenate(
             [states.H, states.moved.reshape(len(states.H), -1), states.shear_force], axis=1
@@ -290,7 +296,8 @@ class Fan:
         k = self._stages(states, rows, h, STAGES)
         change = h[:, None] * np.tensordot(DOP853.B, k, 1)
         # Error of the embedded orders 5 and 3, as DOP853 weighs it.
-        five, three = (np.tensordot(E[:STAGES], k, 1) for E in (DOP853.E5, DOP853.E3))
+        weighed = k / self.units
+        five, three = (np.tensordot(E[:STAGES], weighed, 1) for E in (DOP853.E5, DOP853.E3))
         five, three = ((e**2).mean(axis=1) for e in (five, three))
         error = h * five / np.sqrt(np.maximum(five + 0.01 * three, np.finfo(float).tiny))
         heading = np.where(h[:, None] > 0.0, change[:, [0, 3]], states.heading)
@@ -328,11 +335,11 @@ class Fan:
         contacts = self.contacts(states)
         A, sign, size = self.operator(self.stiffnesses(states))
         _, beyond = self.edges(states, *self.rates(states, rows))
-        force = self.model.stiffness * self.model.length * self.reach
+        rate = self.model.stiffness * self.model.length
         closed, sticks = states.regime != Regime.OPEN, states.regime == Regime.ELASTIC
-        below = (law.strength(contacts) - np.abs(contacts.shear_force)) / force
+        below = (law.strength(contacts) - np.abs(contacts.shear_force)) / (rate * self.reach)
         cone = sticks & self.model.has_cone
-        slipping = np.where(states.regime == Regime.SLIDING, beyond / self.model.stiffness, np.inf)
+        slipping = np.where(states.regime == Regime.SLIDING, beyond / rate, np.inf)
         gap = -law.gap(contacts) / (self.model.touching * self.reach)
         spectral = stability_measures(restrict(A, "symmetric"))
         table = [np.where(cone, below, np.inf), slipping, np.where(closed, gap, np.inf),
@@ -388,7 +395,8 @@ class FieldBlock(NamedTuple):
         """(B, C, 2, s) branch rates of the fields `z`."""
         whole = np.zeros((len(z), 2 * len(self.first), z.shape[2]))
         whole[:, self.free] = z[:, : len(self.free)]
-        return whole.reshape(len(z), -1, 2, z.shape[2])[:, self.image] * self.sign[..., None]
+        fields = whole.reshape(len(z), len(self.first), 2, z.shape[2])
+        return fields[:, self.image] * self.sign[..., None]
 
 
 def field_blocks(model: PathModel) -> tuple[FieldBlock, ...]:
@@ -560,12 +568,13 @@ def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
     rows, contacts = np.arange(count), fan.contacts(now)
     at_edge = np.abs(contacts.shear_force) >= (1.0 - AT_YIELD) * model.law.strength(contacts)
     at_edge &= model.has_cone
+    still = SINGULAR * model.stiffness * model.length
     for _ in range(2 * model.contact_count + 2):
         rates, shift = fan.rates(now, rows)
         normal, beyond = fan.edges(now, rates, shift)
         sliding = now.regime == Regime.SLIDING
-        start = at_edge & ~sliding & (beyond > SINGULAR)
-        stop = sliding & (beyond < -SINGULAR)
+        start = at_edge & ~sliding & (beyond > still)
+        stop = sliding & (beyond < -still)
         settled = ~(start | stop).any(axis=1)
         if settled.all():
             break
@@ -574,7 +583,7 @@ def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
         now.side[start], now.side[stop] = np.sign(T)[start], 0.0
         now.regime[start], now.regime[stop] = Regime.SLIDING, Regime.ELASTIC
     touching = contacts.overlap <= TOUCHING * model.touching
-    parting = np.asarray((touching & (normal < -SINGULAR * model.stiffness)).any(axis=1))
+    parting = np.asarray((touching & (normal < -still)).any(axis=1))
     limits.record("opening", rows[parting], now.take(parting))
     # On isotropic programmes several modes go singular at one state, which symmetry alone resolves.
     together = fan.control == "stress" or model.closure == "traction"

@@ -500,5 +500,5 @@ def test_the_error_of_a_step_is_that_of_scipy(h):
 
     solver = DOP853(rates, 0.0, y0, 1.0, rtol=1e-9, first_step=h)
     rk_step(rates, 0.0, y0, solver.f, h, solver.A, solver.B, solver.C, solver.K)
-    wanted = solver._estimate_error_norm(solver.K, h, np.ones(len(y0)))
+    wanted = solver._estimate_error_norm(solver.K, h, fan.units)
     assert found[0] * RTOL * fan.reach == pytest.approx(wanted, rel=1e-6, abs=0.0)
