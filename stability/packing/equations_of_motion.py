@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 from scipy.linalg import expm, logm
+from scipy.sparse.linalg import eigsh
 
 from loops.arrays import Floats
 from loops.errors import InputError, number
@@ -20,6 +22,7 @@ from stability.packing.pairs import (
     HERTZ,
     Pairs,
     contact_pairs,
+    frame_of,
     normal_energy,
     normal_forces,
     overlaps,
@@ -40,8 +43,9 @@ if TYPE_CHECKING:
 
 # Pairs closer than this share of the mean diameter are listed.
 LISTED_GAP = 0.02
-# Time step over the smallest sqrt(m/kn), as Yade's samples were made.
-TIME_STEP = 0.3
+# Time step over the smallest sqrt(m/kn), as Yade's samples were made, and its largest share of the
+# stable one at the start.
+TIME_STEP, STABLE = 0.3, 0.8
 # Lag of a servo, over `sqrt(m/kn)` of the means; an affine strain needs no waves.
 LAG = 5.0
 # Steps in a row in each of which the pairs had to be listed anew.
@@ -129,7 +133,8 @@ def replay(
     duration : float, optional
         Time of the whole strain, in place of the inertial number.
     time_step : float, optional
-        Length of a step; 0.3 of the smallest `sqrt(m/kn)` if left out, `kn` that of the start.
+        Length of a step; if left out 0.3 of the smallest `sqrt(m/kn)`, and at most 0.8 of the
+        largest stable one, both of the start.
     mass, inertia : (G,) array, optional
         Masses, those of discs of unit density if left out; moments of inertia, `2/5 m r^2` if left
         out.
@@ -166,12 +171,13 @@ def replay(
     [0.011, 0.011]
     """
     checked = require_movable(graph, law)
+    by_radii = checked.shear_increment == "radii"
     masses, inertias = masses_of(graph.radii, mass, inertia)
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
     start = start_state(graph, planes, plane_force)
     pairs = contact_pairs(start, checked, planes)
-    dt = time_step or step_of(masses, pairs, start)
+    dt = time_step or step_of(masses, inertias, pairs, start, by_radii)
     servo, H = _steering(start, pairs, masses, strain)
     if duration is None:
         number("inertial_number", inertial_number, 0.0, open_low=True)
@@ -184,7 +190,7 @@ def replay(
         masses,
         inertias,
         servo,
-        checked.shear_increment == "radii",
+        by_radii,
         velocity=0.0 if velocity is None else velocity,
         spin=0.0 if spin is None else spin,
         gradient=None
@@ -277,7 +283,7 @@ def snap_through(
     masses, inertias = masses_of(state.radii[: state.count])
     servo = servo_of(state, pairs, masses)
     servo = steered(servo, state, pairs, control.stress, control.strain, control.rate * span)
-    H, dt = servo.gain @ servo.rate, step_of(masses, pairs, state)
+    H, dt = servo.gain @ servo.rate, step_of(masses, inertias, pairs, state, by_radii)
     steps = max(1, round(duration_of(H, masses, state, SNAP_RATE) / dt))
     moving = Moving(state, pairs, masses, inertias, lasting(servo, steps * dt), by_radii)
     moving.load(load)
@@ -346,13 +352,45 @@ def masses_of(
     return np.ascontiguousarray(masses), np.ascontiguousarray(inertias)
 
 
-def step_of(masses: Floats, pairs: Pairs, state: PackingState) -> float:
-    """Length of a step."""
+def step_of(
+    masses: Floats,
+    inertias: Floats,
+    pairs: Pairs,
+    state: PackingState,
+    by_radii: bool,
+    stride: float = 1.0,
+) -> float:
+    """Length of a step; `stride` times that of a replay where this is stable."""
     stiffest = typical_stiffness(pairs, state).max()
-    if pairs.rolling:
-        smaller = state.radii[pairs.grains[~state.at_wall]].min(axis=1)
-        stiffest = max(stiffest, (pairs.rolling.k_r[~state.at_wall] / smaller**2).max())
-    return TIME_STEP * math.sqrt(float(masses.min() / stiffest))
+    usual = stride * TIME_STEP * math.sqrt(float(masses.min() / stiffest))
+    if not state.closed.any():
+        return usual
+    return min(usual, STABLE * largest_step(masses, inertias, pairs, state, by_radii))
+
+
+def largest_step(
+    masses: Floats, inertias: Floats, pairs: Pairs, state: PackingState, by_radii: bool
+) -> float:
+    """Length from which on steps are unstable: two over the largest frequency of the contacts."""
+    from stability.compiled.packing_rates import blocks
+
+    frame = frame_of(state, pairs, by_radii)
+    regime = np.where(state.closed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
+    regime = np.resize(regime, len(frame))
+    size = 3 * len(state.x)
+    at, values = np.empty((2, 36 * len(frame)), dtype=np.int32), np.empty(36 * len(frame))
+    entries = blocks(frame, regime, np.zeros(len(frame)), np.arange(size), at, values)
+    # Walls don't move. Rotations are in units of the mean radius.
+    lightness = np.zeros((len(state.x), 3))
+    lightness[: state.count, :2] = 1.0 / masses[:, None]
+    lightness[: state.count, 2] = state.mean_radius**2 / inertias
+    root, (rows, columns) = np.sqrt(lightness).ravel(), at[:, :entries]
+    scaled = values[:entries] * root[rows] * root[columns]
+    matrix = sparse.csr_array((scaled, (rows, columns)), (size, size))
+    # No mode of a regular packing is orthogonal to random numbers.
+    first = np.random.default_rng(0).standard_normal(size)
+    found = eigsh(matrix, k=1, which="LM", v0=first, tol=1e-2, return_eigenvectors=False)
+    return 2.0 / math.sqrt(abs(float(found[0])))
 
 
 def duration_of(H: Floats, masses: Floats, state: PackingState, inertial_number: float) -> float:

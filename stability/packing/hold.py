@@ -211,7 +211,8 @@ def hold(
     masses, inertias = masses_of(graph.radii, mass, inertia)
     start = start_state(graph, planes, plane_force, volume)
     pairs = contact_pairs(start, checked, planes)
-    dt, by_radii = step_of(masses, pairs, start), checked.shear_increment == "radii"
+    by_radii = checked.shear_increment == "radii"
+    dt = step_of(masses, inertias, pairs, start, by_radii)
     if not np.linalg.norm(start.forces[start.closed]) > 0:
         expected, remedy = "contacts that carry force", "Take a state with forces, or overlaps."
         raise InputError("hold", "no contact force", expected, remedy)

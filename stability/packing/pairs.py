@@ -400,10 +400,8 @@ def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:
         near = np.column_stack([grain, count + wall])
         grains = np.vstack([grains[~images.any(axis=1)], near])
         images = np.zeros_like(grains)
-    # Compared in one order: the smaller grain first, of one grain the larger image.
-    known = {tuple(row) for row in np.column_stack(_ordered(pairs.grains, pairs.images)).tolist()}
-    rows = np.column_stack([grains, images]).tolist()
-    new = np.array([tuple(row) not in known for row in rows], dtype=bool)
+    near, known = _codes((grains, images), _ordered(pairs.grains, pairs.images))
+    new = ~np.isin(near, known)
     grains, images = grains[new], images[new]
     one, other = np.ones(len(pairs)), np.ones(len(grains))
     if pairs.hertz:
@@ -478,7 +476,20 @@ def near_pairs(x: Floats, cell: Floats, radii: Floats, gap: float) -> tuple[Inte
     return np.column_stack([i, second])[kept], image[kept]
 
 
+def _codes(*lists: tuple[Integers, Integers]) -> list[Integers]:
+    """One number for each pair and image, the same in all lists."""
+    bodies = max(int(grains.max(initial=0)) for grains, _ in lists) + 1
+    farthest = max(int(np.abs(images).max(initial=0)) for _, images in lists)
+    sides = 2 * farthest + 1
+    return [
+        ((grains[:, 0] * bodies + grains[:, 1]) * sides + images[:, 0] + farthest) * sides
+        + (images[:, 1] + farthest)
+        for grains, images in lists
+    ]
+
+
 def _ordered(grains: Integers, images: Integers) -> tuple[Integers, Integers]:
+    """The smaller grain first, of one grain the larger image."""
     i, j = grains.T
     back = (images[:, 0] < 0) | ((images[:, 0] == 0) & (images[:, 1] < 0))
     flip = (i > j) | ((i == j) & back)

@@ -47,7 +47,7 @@ MotionStatus = Literal["at rest", "failed", "not at rest"]
 PUSH, SMALLEST_PUSH = 0.02, 1e-5
 # Steps over which this load is added, between two looks at the motion, and the largest number.
 PUSH_STEPS, LOOK, MOST_STEPS = 500, 100, 60_000
-# Time step over that of a replay: two thirds of the largest stable one.
+# Time step over that of a replay.
 STRIDE = 5.0 / 3.0
 # Inertial number of the strain at rest.
 STILL = 2e-8
@@ -523,7 +523,7 @@ class _Moved:
         self.masses, self.inertias = masses_of(state.radii[: state.count])
         servo = servo_of(state, pairs, self.masses)
         servo = steered(servo, state, pairs, control.stress, control.strain, control.rate)
-        self.dt = STRIDE * step_of(self.masses, pairs, state)
+        self.dt = step_of(self.masses, self.inertias, pairs, state, by_radii, STRIDE)
         servo = lasting(servo, PUSH_STEPS * self.dt)
         self.moving = Moving(state, pairs, self.masses, self.inertias, servo, by_radii)
         self.moving.load(load)

@@ -32,7 +32,7 @@ from stability.packing import (
     loop_rates,
     replay,
 )
-from stability.packing.equations_of_motion import duration_of, step_of
+from stability.packing.equations_of_motion import duration_of, masses_of, step_of
 from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
 from stability.packing.pairs import contact_pairs, require_movable
 from stability.packing.response import SOLVED, forces_of_motion
@@ -123,7 +123,9 @@ def interval_rate(
     law = require_movable(before.graph, before.mechanics()[0])
     planes, force = followed_walls(before)
     state = start_state(before.graph, planes, force)
-    longest = MOST_STEPS * step_of(masses, contact_pairs(state, law, planes), state)
+    pairs, by_radii = contact_pairs(state, law, planes), law.shear_increment == "radii"
+    step = step_of(*masses_of(before.graph.radii, masses), pairs, state, by_radii)
+    longest = MOST_STEPS * step
     duration = min(end - start, longest)
     inertial_number = duration_of(H, masses, state, 1.0) / duration
     options = {"duration": duration, "mass": masses}

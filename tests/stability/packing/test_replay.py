@@ -20,6 +20,7 @@ from stability import Stage, follow
 from stability.packing import loop_changes, replay
 from stability.packing.equations_of_motion import (
     Moving,
+    largest_step,
     lasting,
     masses_of,
     servo_of,
@@ -60,6 +61,43 @@ def test_an_elastic_collision_in_closed_form():
     after = replay(touching, law, STILL, duration=1.5 * np.pi / omega, time_step=dt, **start)
     np.testing.assert_allclose(after.velocity, [[0, 0], [v, 0]], atol=1e-5 * v)
     assert after.state.normal_force[0] == 0
+
+
+def triangles(law, overlap=1e-3):
+    """Triangular lattice of discs of unit diameter, each with six contacts."""
+    across, up = np.meshgrid(np.arange(6), np.arange(6))
+    x = np.column_stack([(across + 0.5 * (up % 2)).ravel(), np.sqrt(0.75) * up.ravel()])
+    cell, radii = 6.0 * np.diag([1.0, np.sqrt(0.75)]), np.full(36, 0.5 * (1.0 + overlap))
+    contacts, images = near_pairs(x, cell, radii, 0.0)
+    force = np.full(len(contacts), law.kn * overlap)
+    return GrainGraph(
+        x=x, radii=radii, contacts=contacts, images=images, cell=cell, normal_force=force
+    )
+
+
+@pytest.mark.parametrize(("kn", "unit"), [(1.0, 1.0), (7.0, 1.0), (1.0, 3.0)])
+def test_the_largest_stable_step_of_a_lattice_in_closed_form(kn, unit):
+    """All discs spin alike: slips of `2 r w` at three contacts a disc, `w^2 = 30 kt/m` at `2/5`."""
+    law = LinearFrictional(kn, 2.0 * kn, 5.0)
+    graph = triangles(law)
+    state = start_state(graph.replace(x=unit * graph.x, x0=None, radii=unit * graph.radii,
+                                      cell=unit * graph.cell, cell0=None))  # fmt: skip
+    masses, inertias = masses_of(state.radii)
+    # The branches are shorter than the diameters, by the overlap.
+    expected = 2.0 / np.sqrt(30.0 * law.kt / masses[0] / 1.001**2)
+    found = largest_step(masses, inertias, contact_pairs(state, law), state, False)
+    assert found == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 2.0])
+def test_the_default_step_is_stable_whatever_the_shear_stiffness(ratio):
+    """A lattice with a little spin comes to rest; in steps of `0.3 sqrt(m/kn)` it may blow up."""
+    law = LinearFrictional(1.0, ratio, 1e3)
+    spin, m = np.full(36, 1e-9), np.ones(36)
+    start = {"mass": m, "spin": spin, "duration": 200.0}
+    assert np.abs(replay(triangles(law), law, STILL, **start).spin).max() < 1e-12
+    longer = replay(triangles(law), law, STILL, time_step=0.3, **start)
+    assert (np.abs(longer.spin).max() > 1e-6) == (ratio == 2.0)
 
 
 def test_a_collision_under_hertzs_law_in_closed_form():
