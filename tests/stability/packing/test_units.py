@@ -4,17 +4,30 @@ Units differ by powers of two, so that every number is the same but for its expo
 is compared with a force, or with a number, shows.
 """
 
+import sys
+
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, RollingResistance, find_faces
+from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, find_faces
 from loops.packing import PlaneContacts, loops_in_place
 from loops.packing.system import plane_stiffness
 from patterns import random_loop
 from stability import Stage, follow, programmes
-from stability.packing import hold, loop_changes, loop_rates, packing_response, probe, replay
+from stability.packing import (
+    hold,
+    loop_changes,
+    loop_rates,
+    packing_response,
+    probe,
+    replay,
+    sustain,
+)
 from stability.packing.loop_quantities import LoopRates
+from stability.packing.state import start_state
 from tests.packings import BRANCH, LAW, jammed, packing, strained
+from tests.stability.packing.test_hertz_paths import hertz_of
+from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
 
 # Unit discs have masses of r^2: the unit of time is a power of two as well.
 FORCE, LENGTH = 2.0**12, 2.0**-8
@@ -36,7 +49,49 @@ def graph_in_units(graph):
 
 def law_in_units(law):
     unit = FORCE / LENGTH
+    if isinstance(law, RollingResistance):
+        return RollingResistance(law_in_units(law.law), FORCE * LENGTH * law.k_r, law.mu_r)
+    if isinstance(law, HertzMindlin):
+        how = law.mu, law.shear_increment, law.shear_history
+        return HertzMindlin(unit / LENGTH * law.young, law.poisson, *how)
     return LinearFrictional(unit * law.kn, unit * law.kt, law.mu, law.shear_increment)
+
+
+def walls_in_units(walls):
+    planes, unit = walls["planes"], FORCE / LENGTH
+    stiffness = unit * planes.kn, unit * planes.kt
+    planes = PlaneContacts(planes.grain, LENGTH * planes.branch, *stiffness, planes.mu)
+    return {"planes": planes, "plane_force": FORCE * walls["plane_force"]}
+
+
+def unequal(grains, seed, increment="radii"):
+    """A jammed packing in balance, `kn` 3, other `kt` and `mu` at each contact."""
+    graph, rng = jammed(grains, seed, LAW if increment == "radii" else BRANCH), np.random
+    kt, mu = (
+        rng.default_rng(seed).uniform(*ends, graph.contact_count)
+        for ends in ((0.4, 1.2), (0.5, 0.7))
+    )
+    graph = graph.replace(
+        normal_force=3.0 * graph.normal_force, shear_force=3.0 * graph.shear_force
+    )
+    return graph, LinearFrictional(3.0, kt, mu, increment)
+
+
+def scene(name):
+    """A packing, its law, walls and a strain, in either units."""
+    strain, walls = 4 * H, {}
+    if name == "box":
+        grains, seed, law, wall = JAMMED[3]
+        graph, planes, force = jammed_in_box(grains, seed, law, wall)
+        strain, walls = np.diag([4e-3, -4e-3]), {"planes": planes, "plane_force": force}
+    else:
+        graph, law = unequal(12, 1, "branch" if name == "branch" else "radii")
+    if name == "Hertz":
+        law = hertz_of(graph, "displacement")
+    if name == "rolling":
+        law = RollingResistance(law, 0.1, 0.02)
+    other = graph_in_units(graph), law_in_units(law), walls_in_units(walls) if walls else {}
+    return (graph, law, walls), other, strain
 
 
 def same(found, other, unit=1.0, rtol=1e-9, atol=0.0):
@@ -169,6 +224,75 @@ def test_paths_of_packings(case, law, strain, kinds):
     size = np.abs(one.P).max()
     same(one.P, other.P, FORCE / LENGTH, atol=1e-9 * size)
     same(one.work, other.work, FORCE * LENGTH, rtol=1e-6, atol=1e-9 * np.abs(one.work).max())
+
+
+SCENES = ["radii", "branch", "rolling", "Hertz", "box"]
+PASSED = list(zip(SCENES, ["dynamic", "viscous"] * 3, strict=False))
+
+
+@pytest.mark.parametrize(("name", "past"), PASSED)
+def test_paths_under_each_law(name, past):
+    *both, strain = scene(name)
+    one, other = (
+        follow(graph, law, strained(strain), closure="packing", interval=2e-4, past=past, **walls)
+        for graph, law, walls in both
+    )
+    assert one.status == other.status == "finished" and len(one.events) > 5
+    assert [(e.kind, e.contacts) for e in one.events] == [
+        (e.kind, e.contacts) for e in other.events
+    ]
+    assert one.intervals == other.intervals
+    same(one.P, other.P, FORCE / LENGTH, rtol=1e-7, atol=1e-9 * np.abs(one.P).max())
+    size = 1e-9 * np.abs(one.work).max()
+    same(one.work, other.work, FORCE * LENGTH, rtol=1e-6, atol=size)
+    same(one.energy, other.energy, FORCE * LENGTH, rtol=1e-7)
+    # Work is stored, lost by slip, or released.
+    work, *spent = one.work[-1]
+    assert abs(work - sum(spent) - one.energy[-1] + one.energy[0]) < 1e-9 * abs(work)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_packings_of_each_law_come_to_rest(name):
+    *both, _ = scene(name)
+    held = []
+    for (graph, law, walls), length in zip(both, (1.0, LENGTH), strict=True):
+        kick = 1e-3 * np.random.default_rng(1).standard_normal(graph.x.shape)
+        shaken = graph.replace(x=graph.x + length * kick)
+        how = {"volume": 12.0 * length**2} if walls else {"control": "stress"}
+        held.append(hold(shaken, law, unbalanced=1e-4, **how, **walls))
+    one, other = held
+    assert one.status == other.status == "at rest" and one.steps == other.steps
+    assert (one.lost, one.gained, one.sliding) == (other.lost, other.gained, other.sliding)
+    # The servo mixes stress and strain, whose units differ: rounding is another one.
+    same(one.graph.x, other.graph.x, LENGTH, rtol=0, atol=1e-6)
+    same(one.stress, other.stress, FORCE / LENGTH, rtol=1e-4, atol=1e-5 * one.stress[0, 0])
+    same(one.strain, other.strain, rtol=1e-4, atol=1e-8)
+    for name in ("unbalanced_before", "spread", "forces_changed"):
+        same(getattr(one, name), getattr(other, name), rtol=1e-3, atol=1e-7)
+
+
+@pytest.mark.parametrize(("name", "grows"), [("radii", False), ("box", True), ("Hertz", True)])
+def test_loads_that_are_sustained(name, grows, monkeypatch):
+    if grows:
+        monkeypatch.setattr(sys.modules["stability.packing.sustain"], "BY_EVENTS", 0)
+    *both, _ = scene(name)
+    paths = []
+    for graph, law, walls in both:
+        largest = 0.3 * np.trace(start_state(graph, *walls.values()).stress)
+        found = sustain(graph, law, [[0.2, -1]], largest=largest, interval=1e-4, **walls)
+        paths += found.paths
+    one, other = paths
+    assert one.status == other.status and len(one.motions) == len(other.motions) > 0
+    unit = FORCE / LENGTH
+    for name in ("first_event", "first_instability", "limit", "failed_under"):
+        same(getattr(one, name), getattr(other, name), unit, rtol=1e-7)
+    for first, second in zip(one.motions, other.motions, strict=True):
+        for name in ("status", "steps", "contact", "opened", "closed"):
+            assert getattr(first, name) == getattr(second, name)
+        same(first.strain, second.strain, rtol=1e-3, atol=1e-8)
+        if not grows:
+            same(first.kinetic, second.kinetic, FORCE * LENGTH, rtol=1e-3)
+            same(first.displacement, second.displacement, LENGTH, rtol=1e-3, atol=1e-7)
 
 
 @pytest.mark.parametrize("spins", ["blocked", "free"])

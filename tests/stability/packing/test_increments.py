@@ -1,0 +1,199 @@
+"""Increments of a packing's path by themselves: closings, openings, energies, times to a target."""
+
+import numpy as np
+import pytest
+
+from loops import LinearFrictional, RollingResistance, find_faces
+from stability import Stage, follow
+from stability.packing import path as path_module
+from stability.packing.equations_of_motion import Snap, masses_of
+from stability.packing.incremental_packing import ELASTIC, SLIDING
+from stability.packing.pairs import contact_pairs
+from stability.packing.path import PackingPathSolver
+from stability.packing.response import PackingRates, forces_of_motion, yield_response
+from stability.packing.state import start_state
+from stability.packing.strain_increment import (
+    InstabilityError,
+    MixedControl,
+    StrainIncrement,
+)
+from stability.packing.sustain import LOOK, PUSH_STEPS, STRIDE, _Moved, keeps_growing
+from stability.programmes import Programme
+from tests.packings import LAW, jammed, packing, strained
+from tests.stability.packing.test_path import unaccounted
+
+KN, KT, MU = 3.0, 0.7, 0.4
+
+
+class Rows:
+    """Pairs, then their springs against rolling, whose relative rates are given."""
+
+    def __init__(self, rates, kt, mu):
+        self.rates, self.regime, self.side = rates, [None] * len(rates), [None] * len(rates)
+        self.frame = [
+            {"kt": kt, "mu": mu, "kn": KN, "slides": True} for kt, mu in zip(kt, mu, strict=True)
+        ]
+
+    def set_regime(self, row, regime, side):
+        self.regime[row], self.side[row] = regime, side
+
+    def solve(self, *control):
+        return self.rates
+
+    def relative(self, rates, row):
+        return rates[row]
+
+
+@pytest.mark.parametrize("rolls", [False, True])
+@pytest.mark.parametrize("ratio", [-1.01, -0.99, 0.0, 0.99, 1.01])
+def test_a_closing_contact_slides_where_its_rates_leave_the_cone(ratio, rolls):
+    """`T' = -kt ut`, `N' = -kn un`: it slides beyond `mu N'`, to the side of `T'`.
+
+    A spring against rolling has a stiffness and a strength of its own.
+    """
+    un = -2.0
+    edge = MU * KN * 2.0 / KT
+    other = 0.2 * KN * 2.0 / 0.05
+    rates = [(un, ratio * edge), (un, -ratio * other)][: 2 if rolls else 1]
+    packing = Rows(rates, (KT, 0.05)[: len(rates)], (MU, 0.2)[: len(rates)])
+    made = object.__new__(StrainIncrement)
+    made.packing, made.control = packing, ()
+    made.N, made.pairs = np.zeros(len(rates)), [None]
+    made._close(0)
+    wanted = (SLIDING, -np.sign(ratio)) if abs(ratio) > 1 else (ELASTIC, 0.0)
+    assert (packing.regime[0], packing.side[0]) == wanted
+    if rolls:
+        assert (packing.regime[1], packing.side[1]) == (wanted[0], -wanted[1])
+
+
+def stiffer(grains, seed, mu, law=LAW):
+    """A jammed packing in balance with stiffnesses that are not one."""
+    graph = jammed(grains, seed, law)
+    graph = graph.replace(normal_force=KN * graph.normal_force, shear_force=KN * graph.shear_force)
+    return graph, LinearFrictional(KN, KT, mu, law.shear_increment)
+
+
+@pytest.mark.parametrize("mu", [0.5, np.inf])
+def test_contacts_that_open_and_close_lose_the_energy_of_their_shear_springs(mu):
+    """`T^2/(2 kt)` becomes work of slip: without friction's limit springs are loaded till then."""
+    graph, law = stiffer(24, 3, mu)
+    shear = strained([[0.0, -1e-2], [0.0, 0.0]])
+    path = follow(graph, law, shear, closure="packing", interval=2e-4)
+    assert path.status == "finished"
+    assert len(path.of_kind("opening")) > 1 and len(path.of_kind("closing")) > 0
+    assert unaccounted(path) < 1e-9 and path.work[-1, 1] > 1e-3 * path.work[-1, 0]
+
+
+def test_moments_of_contacts_that_open_become_work():
+    graph, law = stiffer(24, 3, np.inf)
+    law = RollingResistance(law, 0.07)
+    shear = strained([[0.0, -8e-3], [0.0, 0.0]])
+    path = follow(graph, law, shear, closure="packing", interval=2e-4)
+    assert path.status == "finished" and path.of_kind("opening")
+    # Less than the least moment's; overlaps that end between two points leave the rest.
+    assert path.work[-1, 1] > 1e-3 * path.work[-1, 0] and unaccounted(path) < 1e-6
+
+
+def test_forces_of_a_motion_are_those_of_the_rate_problem():
+    """The regimes follow from the motion: where a solution slides its motion slides."""
+    graph, law = packing(24, 3, 0.9, 0.4), LinearFrictional(KN, KT, 0.5, "radii")
+    for length in (1.0, 10.0):
+        large = graph.replace(
+            x=length * graph.x, x0=None, radii=length * graph.radii,
+            cell=length * graph.cell, cell0=None,
+        )  # fmt: skip
+        yielding = yield_response(large, law, yield_band=0.99)
+        found = PackingRates(yielding).response([[0.8, 0.3], [-0.1, -0.5]])
+        assert found.sliding > 2 and found.candidates > found.sliding
+        forces = forces_of_motion(yielding, found.branch_rate, found.spin)
+        np.testing.assert_allclose(forces, found.force_rate, atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 2.0])
+@pytest.mark.parametrize(("quantity", "unit"), [("parameter", 1.0), ("H22", -2e-3), ("H12", 0.0)])
+def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
+    quantity, unit, share, monkeypatch
+):
+    """In units of the loading parameter; a quantity that is not driven may be leapt over."""
+    spans, graph, duration = [], jammed(12, 1), 0.01
+
+    def at_once(state, pairs, load, control, span, by_radii):
+        spans.append(span)
+        np.testing.assert_array_equal(load, -state.resultants)
+        assert by_radii
+        return Snap(state, pairs, np.array([3.0, 2.0, 0.25, 0.75]))
+
+    monkeypatch.setattr(path_module, "snap_through", at_once)
+    programme = Programme("strain", np.zeros((4, 4)), np.eye(4), [1e-3, 0, 0, -2e-3])
+    stage = Stage(programme, quantity, share * duration * unit)
+    solver = PackingPathSolver(graph, LAW, [stage], 1e-4, "dynamic", None, None)
+    met = InstabilityError(3, "why", np.zeros(0, dtype=int))
+    assert solver._pass(met, duration, stage, stage.target) is None
+    wanted = min(share, 1.0) * duration if unit else duration
+    assert spans == [pytest.approx(wanted, rel=1e-12)] == [solver.parameter]
+    assert solver.work.tolist() == [3.0, 2.0, 0.25, 0.75]
+    (event,) = solver.events
+    assert event.detail == "why; replayed; 0.75 released" and event.contacts == (3,)
+    # Behind the target there is nothing left to strain.
+    behind = -0.1 * duration * unit if unit else 0.0
+    solver._pass(met, duration, stage, solver._quantity(stage) + behind)
+    assert spans[1] == duration
+
+
+def moved(graph, law, shift=0.0):
+    """The packing as it starts to move under its own stress, and a little more."""
+    start = start_state(graph)
+    pairs = contact_pairs(start, law)
+    rate = shift * start.stress.ravel()
+    control = MixedControl(np.diag([1.0, 0, 0, 1.0]), np.diag([0, 1.0, 1.0, 0]), rate)
+    args = start, pairs, -start.resultants, control, True, graph.contact_count, 0.3
+    return _Moved(*args), start
+
+
+def test_a_packing_at_rest_is_asked_once_its_load_is_on():
+    """Looks of 100 steps, the load comes on over 500: rest is told after 600."""
+    moving, start = moved(jammed(12, 1), LAW)
+    assert moving.hold() == "at rest"
+    assert moving.steps == PUSH_STEPS + LOOK and len(moving.strains) == 7
+    # The mean stress is the mean mass times the squared strain rate of an inertial number of one.
+    masses = masses_of(start.radii)[0]
+    mean = 0.5 * np.trace(start.stress)
+    assert moving.pace**2 * masses.mean() == pytest.approx(mean, rel=1e-12)
+    smallest = 0.3 * np.sqrt(masses.min() / LAW.kn)
+    assert moving.dt == pytest.approx(STRIDE * smallest, rel=1e-12)
+
+
+def test_what_is_told_of_a_motion():
+    """Kinetic energy and strain at each look are those of the bodies; the mode that of a copy."""
+    moving, start = moved(jammed(12, 1), LAW, -0.05)
+    for _ in range(7):
+        moving.look()
+        motion = moving.moving.motion
+        square = (motion.velocity**2).sum(axis=1)
+        kinetic = 0.5 * np.sum(moving.masses * square + moving.inertias * motion.spin**2)
+        assert moving.kinetic[-1] == pytest.approx(kinetic, rel=1e-12)
+        grown = motion.cell @ np.linalg.inv(start.cell) - np.eye(2)
+        assert moving.strains[-1] == pytest.approx(np.linalg.norm(grown), rel=1e-12)
+    end, faces = moving.moving.state(), find_faces(jammed(12, 1))
+    told = moving.told("at rest", 1.0, 2.0, faces)
+    np.testing.assert_allclose(told.strain.reshape(2, 2), -grown, rtol=1e-9, atol=1e-15)
+    assert told.kinetic == max(moving.kinetic) and told.steps == 700
+    assert (told.lost, told.load) == (1.0, 2.0) and told.released > 0
+    then = moving.mode[0] if moving.mode else end
+    F = then.cell @ np.linalg.inv(start.cell)
+    np.testing.assert_allclose(told.displacement, then.x - start.x @ F.T, rtol=0, atol=1e-15)
+    # Looks from here on count from here.
+    moving.start_again()
+    moving.look()
+    again = moving.told("at rest", 1.0, 2.0, faces)
+    assert again.steps == LOOK and len(moving.strains) == 2
+    now = moving.moving.motion.cell @ np.linalg.inv(end.cell) - np.eye(2)
+    np.testing.assert_allclose(again.strain.reshape(2, 2), -now, rtol=1e-6, atol=1e-15)
+    assert moving.work()[3] == pytest.approx(told.released + again.released, rel=1e-9)
+
+
+def test_growth_at_its_edges():
+    """As fast as before is growth still; a single look beyond the strain of failure is."""
+    even = np.linspace(0.0, 2e-3, 9)
+    assert keeps_growing(even, np.ones(9)) and keeps_growing([0.0, 1e-3], [0.0, 1.0])
+    assert not keeps_growing(even, np.linspace(1.0, 0.99, 9))
