@@ -15,6 +15,7 @@ from stability.packing.complementarity import (
     principal_transform,
     solve_complementarity,
     solve_from,
+    trace_branch,
 )
 from tests.stability.packing.test_complementarity import random_problem
 
@@ -191,3 +192,13 @@ def test_lemke_with_rows_that_do_not_fall():
     """The column of the second slip has a zero: that row bounds nothing."""
     M = np.eye(3) + np.diag([1.0, 1.0], k=-1) * [[0.0], [0.0], [1.0]]
     assert lemke(np.array([-1.0, -0.5, 2.0]), M).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_variable_that_is_zero_all_around_ends_no_segment(unit):
+    """A third contact with a load of 1e-13 of the largest, of the wrong sign on half the circle."""
+    Q, M = unit * np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1e-13]]), unit * np.eye(3)
+    found = trace_branch(Q, M, 0.25 * np.pi, np.zeros(3, dtype=bool))
+    assert found.closed and found.winding == 1 and not found.sliding[:, 2].any()
+    Q[2] *= 1e3
+    assert trace_branch(Q, M, 0.25 * np.pi, np.zeros(3, dtype=bool)).sliding[:, 2].any()

@@ -73,6 +73,14 @@ def test_columns_solved_ahead_are_those_solved_alone():
     np.testing.assert_array_equal(ahead.mutual[:, :10, :10], alone.mutual[:, :10, :10])
 
 
+def test_rows_that_change_next_are_solved_ahead():
+    """Yield changes the shear row alone, opening and closing change both."""
+    pieces = pieces_of(jammed(36, 5, LAW), [(7, OPEN, 0.0), (9, SLIDING, 1.0)])
+    pieces.time_to_event[[5, 7, 9]], pairs = (2.0, 1.0, 3.0), len(pieces.time_to_event)
+    pieces.column(20)
+    assert sorted(pieces.ready) == [7, 9, pairs + 5, pairs + 7, pairs + 9]
+
+
 def test_edges_are_kept_by_motion():
     """Cached rates of the yield function are those of the motion, on either side."""
     graph = jammed(36, 5, LAW)

@@ -1,10 +1,18 @@
 """Regions of directions: their arcs and the zeros of W2 in them, by brute force over angles."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from stability.packing.probe import probe_directions
-from stability.packing.regime_regions import SAME_DIRECTION, RegimeRegions, _arc
+from stability.packing.regime_regions import (
+    SAME_DIRECTION,
+    RegimeRegions,
+    _arc,
+    _end,
+    cones,
+)
 
 TURN = 2 * np.pi
 
@@ -94,3 +102,98 @@ def test_directions_of_the_symmetric_subspace_are_spread_over_the_sphere(count):
     plane = probe_directions(count, "diagonal")
     angles = np.unwrap(np.arctan2(plane[:, 1], plane[:, 0]))
     np.testing.assert_allclose(angles, TURN * np.arange(count) / count, atol=1e-12)
+
+
+class Circle:
+    """Regions of a W2 that changes its sign at some angles; each zero is known near one of them."""
+
+    def __init__(self, zeros, near=np.inf, turned=0.0):
+        self.zeros, self.near, self.turned = np.asarray(zeros), near, turned
+        self.asked = []
+
+    def answer(self, angle, piece=0):
+        """Negative from the first zero to the second, from the third to the fourth, and so on."""
+        angle = (angle - self.turned) % TURN
+        return SimpleNamespace(
+            normalised=1.0 - 2.0 * (np.count_nonzero(self.zeros <= angle) % 2),
+            piece=piece,
+            angle=angle,
+        )
+
+    def root(self, found, a, b):
+        for zero in (self.zeros + TURN * np.arange(-2, 4)[:, None]).ravel():
+            off = abs((found.angle - zero + np.pi) % TURN - np.pi)
+            if min(a, b) <= zero + self.turned <= max(a, b) and off <= self.near:
+                return float(zero + self.turned)
+        return None
+
+    def at(self, direction):
+        self.asked.append(direction)
+        return self.answer(np.arctan2(direction[1], direction[0]))
+
+
+def cones_of(circle, angles):
+    directions = np.array([unit(angle) for angle in angles])
+    return cones(circle, directions, [circle.answer(angle) for angle in angles])
+
+
+@pytest.mark.parametrize(
+    "zeros", [(1.0, 2.0), (0.5, 3.9), (1.0, 1.9, 4.0, 5.5), (1.2, 2.0, 3.0, 3.6, 4.8, 6.1)]
+)
+def test_cones_lie_between_the_zeros_beside_their_directions(zeros):
+    """Turned by any angle, across zero as well; only directions next to a zero know it."""
+    rng = np.random.default_rng(6)
+    gap = 0.3
+    angles = np.arange(0.0, TURN, gap) + rng.uniform(0.0, 0.01, 21)
+    for turn in np.linspace(0.0, TURN, 9):
+        circle = Circle(zeros, near=0.9 * gap, turned=turn)
+        found = cones_of(circle, turn + rng.permutation(angles))
+        assert found.refined.all() and not circle.asked
+        begin = (found.ends[:, 0] - turn) % TURN
+        order = np.argsort(begin)
+        np.testing.assert_allclose(begin[order], zeros[::2], rtol=0, atol=1e-12)
+        widths = (found.ends[:, 1] - found.ends[:, 0])[order]
+        np.testing.assert_allclose(widths, np.subtract(zeros[1::2], zeros[::2]), atol=1e-12)
+
+
+def test_a_cone_all_around_is_one_turn_from_the_first_direction():
+    angles = np.array([2.0, 0.7, 4.0, 5.5, 3.0])
+    circle = Circle([0.0])
+    found = cones_of(circle, angles)
+    np.testing.assert_allclose(found.ends, [[0.7, 0.7 + TURN]], rtol=0, atol=1e-15)
+    assert not found.refined.any()
+    # Nothing is said where half a turn is left out.
+    assert cones_of(circle, [0.1, 0.1 + 1.0001 * np.pi, 5.0]) is None
+    assert cones_of(circle, [0.1, 0.1 + 0.9999 * np.pi, 5.0]) is not None
+    assert cones(circle, np.ones((3, 3)), [circle.answer(0.0)] * 3) is None
+
+
+def test_work_within_rounding_of_zero_has_no_sign():
+    circle = Circle([1.0, 2.0])
+    angles = np.linspace(0.0, TURN, 7)[:-1]
+    for size, count in ((0.5e-9, 0), (2e-9, 1)):
+        answers = [circle.answer(angle) for angle in angles]
+        for answer in answers:
+            answer.normalised = min(answer.normalised, 0.0) * size
+        found = cones(circle, np.array([unit(angle) for angle in angles]), answers)
+        assert len(found.ends) == count
+
+
+@pytest.mark.parametrize(("a", "b"), [(1.5, 2.5), (1.5, 0.5), (1.5, 2.1)])
+def test_an_end_without_a_zero_is_found_by_halving(a, b):
+    """To 1e-10 and no further; the side on which W2 is negative is told."""
+    circle = Circle([1.0, 2.0], near=-1.0)
+    found, sure = _end(circle, circle.answer(a), circle.answer(b), a, b)
+    zero = 2.0 if b > a else 1.0
+    assert not sure and 0.0 <= (zero - found) * np.sign(b - a) < SAME_DIRECTION
+    assert len(circle.asked) == np.ceil(np.log2(abs(b - a) / SAME_DIRECTION))
+    # Where there is no answer the last one of the directions stands.
+    assert _end(circle, circle.answer(a), circle.answer(b, piece=-1), a, b) == (a, False)
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1, 2, 2.5])
+def test_zeros_are_found_as_many_turns_away_as_cones_may_reach(turns):
+    n = unit(0.3 + np.pi / 2)
+    tangent, zero = np.outer(n, unit(0.3)), 0.3 + turns * TURN
+    made = regions(tangent, zero + np.array([-1.0, 1.0]))
+    assert made.root(Found, zero - 0.1, zero + 0.2) == pytest.approx(zero, abs=1e-13)
