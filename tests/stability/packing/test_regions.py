@@ -107,9 +107,9 @@ def test_directions_of_the_symmetric_subspace_are_spread_over_the_sphere(count):
 class Circle:
     """Regions of a W2 that changes its sign at some angles; each zero is known near one of them."""
 
-    def __init__(self, zeros, near=np.inf, turned=0.0):
+    def __init__(self, zeros, near=np.inf, turned=0.0, known=(-1.0, 1.0)):
         self.zeros, self.near, self.turned = np.asarray(zeros), near, turned
-        self.asked = []
+        self.known, self.asked = known, []
 
     def answer(self, angle, piece=0):
         """Negative from the first zero to the second, from the third to the fourth, and so on."""
@@ -123,7 +123,8 @@ class Circle:
     def root(self, found, a, b):
         for zero in (self.zeros + TURN * np.arange(-2, 4)[:, None]).ravel():
             off = abs((found.angle - zero + np.pi) % TURN - np.pi)
-            if min(a, b) <= zero + self.turned <= max(a, b) and off <= self.near:
+            near = off <= self.near and found.normalised in self.known
+            if near and min(a, b) <= zero + self.turned <= max(a, b):
                 return float(zero + self.turned)
         return None
 
@@ -140,13 +141,14 @@ def cones_of(circle, angles):
 @pytest.mark.parametrize(
     "zeros", [(1.0, 2.0), (0.5, 3.9), (1.0, 1.9, 4.0, 5.5), (1.2, 2.0, 3.0, 3.6, 4.8, 6.1)]
 )
-def test_cones_lie_between_the_zeros_beside_their_directions(zeros):
-    """Turned by any angle, across zero as well; only directions next to a zero know it."""
+@pytest.mark.parametrize("known", [-1.0, 1.0])
+def test_cones_lie_between_the_zeros_beside_their_directions(zeros, known):
+    """Turned by any angle, across zero as well; the direction on one side of a zero knows it."""
     rng = np.random.default_rng(6)
     gap = 0.3
     angles = np.arange(0.0, TURN, gap) + rng.uniform(0.0, 0.01, 21)
     for turn in np.linspace(0.0, TURN, 9):
-        circle = Circle(zeros, near=0.9 * gap, turned=turn)
+        circle = Circle(zeros, near=0.9 * gap, turned=turn, known=(known,))
         found = cones_of(circle, turn + rng.permutation(angles))
         assert found.refined.all() and not circle.asked
         begin = (found.ends[:, 0] - turn) % TURN
