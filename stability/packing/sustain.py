@@ -51,10 +51,13 @@ PUSH_STEPS, LOOK, MOST_STEPS = 500, 100, 60_000
 STRIDE = 5.0 / 3.0
 # Inertial number of the strain at rest.
 STILL = 2e-8
-# Motions after which the load grows in the equations of motion: by this share between two looks,
-# not while the strain is faster than this inertial number. Loads that are kept, and how many of
-# them a search for the largest one in equilibrium goes back first.
-BY_EVENTS, GROWTH, GATE, KEPT, BACK = 3, 0.01, 2e-5, 100, 8
+# Motions after which the load grows in the equations of motion, by this share between two looks at
+# an inertial number of the strain. Faster strains let it grow less, and stand still from so many
+# times the number on; slower ones more, up to the share by which a limit is passed.
+BY_EVENTS, GROWTH, PACE, FAST = 3, 0.01, 2e-5, 2.0
+# Loads that are kept, each larger by this share, and how many of them a search for the largest one
+# in equilibrium goes back first.
+KEPT, APART, BACK = 40, 0.02, 4
 # Before a limit is believed the interval is cut by this, so many times.
 CUT, CUTS = 4.0, 3
 # Strains: up to which a motion tells its mode, from which on it may be a failure, and flow.
@@ -455,7 +458,7 @@ class _LoadPathSolver(PackingPathSolver):
         self.ended, target = True, stage.target
         first, cause = self.parameter, f"load that grows slowly, after {BY_EVENTS} motions"
         moved = self._moved(stage, target)
-        status, kept = moved.grow(first, target, self._least_push() / PUSH)
+        status, reached, kept = moved.grow(first, target, self._least_push() / PUSH)
         if status == "at rest":
             motion = moved.told(status, first, target, self.faces)
             return self._take(replace(motion, cause=cause), moved) or FINISHED
@@ -476,7 +479,7 @@ class _LoadPathSolver(PackingPathSolver):
             best.since = best.origin
             motion = best.told("at rest", first, load, self.faces)
             self._take(replace(motion, cause=cause), best)
-        load = target if fails == len(kept) else kept[fails][0]
+        load = reached if fails == len(kept) else kept[fails][0]
         motion = moved.told(status, self.parameter, load, self.faces)
         return self._take(replace(motion, cause=cause), moved) or FINISHED
 
@@ -581,20 +584,22 @@ class _Moved:
 
     def grow(
         self, first: float, last: float, least: float
-    ) -> tuple[MotionStatus, Sequence[tuple[float, _Moved]]]:
-        """Let the control change slowly; the end, and the packing under the last loads.
+    ) -> tuple[MotionStatus, float, Sequence[tuple[float, _Moved]]]:
+        """Let the control change slowly; the end, its load, and the packing under loads before.
 
-        Control and load change together, the load from `first` to `last`. Both wait while the
-        packing moves.
+        Control and load change together, the load from `first` to `last`, so fast that the strain
+        goes at one pace.
         """
         moving, load = self.moving, first
         status: MotionStatus = "not at rest"
         kept: deque[tuple[float, _Moved]] = deque(maxlen=KEPT)
         moving.motion.gradient[:] = 0.0
         while status == "not at rest" and LOOK * (len(self.strains) - 1) < MOST_STEPS:
-            calm = np.linalg.norm(moving.motion.gradient) < GATE * self.pace
-            if load < last and calm:
-                step = min(GROWTH * max(load, least), last - load)
+            speed = float(np.linalg.norm(moving.motion.gradient)) / (PACE * self.pace)
+            grows = load < last and speed < FAST
+            if grows:
+                share = min(GROWTH / max(speed, 1e-9), PUSH)
+                step = min(share * max(load, least), last - load)
                 duration = LOOK * self.dt
                 moving.servo.rate[:] = self.rate * step / ((last - first) * duration)
                 # The servo's clock tells its load: the two go on together.
@@ -606,10 +611,11 @@ class _Moved:
                 here = replace(self.origin[0], cell=moving.motion.cell.copy())
                 self.since = here, *self.origin[1:]
             status = self.look()
-            if load < last and calm:
+            before = kept[-1][0] if kept else first
+            if grows and before + APART * max(load, least) <= load < last:
                 kept.append((load, copy(self)))
         self.since = self.origin
-        return status, kept
+        return status, load, kept
 
     def told(self, status: MotionStatus, lost: float, load: float, faces: Faces) -> Motion:
         """The motion since it was counted."""

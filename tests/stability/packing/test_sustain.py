@@ -148,10 +148,10 @@ def growing(monkeypatch):
 
 
 def test_a_square_lattice_fails_under_a_load_that_grows(growing):
-    """As by events: at 0.01. Loads that are kept lie 1 % apart."""
+    """As by events: at 0.01. Loads that are kept lie 2 to 4 % apart."""
     (path,) = sustain(SQUARE, LAW, [[-1, 0]], largest=0.02, interval=1e-4).paths
     assert path.status == "failed" and "grows slowly" in path.motions[-1].cause
-    assert path.limit <= 0.01 * (1 + 1e-9) < path.failed_under < 1.02 * path.limit
+    assert path.limit <= 0.01 * (1 + 1e-9) < path.failed_under < 1.04 * path.limit
     assert path.load[-1] == path.limit and path.motions[-1].lost == path.limit
 
 
