@@ -194,9 +194,10 @@ def test_lemke_with_rows_that_do_not_fall():
     assert lemke(np.array([-1.0, -0.5, 2.0]), M).tolist() == [True, True, False]
 
 
-def test_a_variable_that_is_zero_all_around_ends_no_segment():
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_variable_that_is_zero_all_around_ends_no_segment(unit):
     """A third contact with a load of 1e-13 of the largest, of the wrong sign on half the circle."""
-    Q, M = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1e-13]]), np.eye(3)
+    Q, M = unit * np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1e-13]]), np.eye(3)
     found = trace_branch(Q, M, 0.25 * np.pi, np.zeros(3, dtype=bool))
     assert found.closed and found.winding == 1 and not found.sliding[:, 2].any()
     Q[2] *= 1e3

@@ -28,7 +28,7 @@ def solver_of(graph, law, closure="traction", **options):
 
 
 def square(length, kn, overlap=0.0):
-    """A square of unequal sides from a length of 1, its law and forces in some units."""
+    """A square with sides of one length, its law and forces in some units."""
     loop, law = regular_polygon(4), LinearFrictional(kn, 0.3 * kn, 0.2)
     graph = GrainGraph(
         x=length * loop.x, radii=(1.0 + overlap) * length * loop.radii, contacts=loop.contacts
@@ -94,3 +94,16 @@ def test_a_path_takes_the_same_steps_in_other_units():
     # The limit is one on the steps of all segments together.
     few = follow(graph, law, stage, closure="traction", rows=0, max_steps=len(one) // 2)
     assert one.status == "finished" and few.status == "lost" and "number of steps" in few.message
+
+
+@pytest.mark.parametrize(("length", "kn"), UNITS)
+def test_a_control_may_join_stress_and_strain(length, kn):
+    """A loop between springs: `P11 + kn H11` grows by kn times the parameter, P22 stays."""
+    graph, law = square(length, kn, 0.02)
+    rows = np.diag([1.0, 0.0, 0.0, 1.0]), np.diag([kn, 1.0, 1.0, 0.0])
+    springs = programmes.combination(*rows, [kn, 0.0, 0.0, 0.0], "springs")
+    path = follow(graph, law, Stage(springs, "parameter", 0.01), closure="traction")
+    assert path.status == "finished" and path.H[-1, 0] > 1e-3
+    joined = path.P[:, 0] / kn + path.H[:, 0]
+    np.testing.assert_allclose(joined - joined[0], path.parameter, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(path.P[:, 3] / kn, path.P[0, 3] / kn, rtol=0, atol=1e-14)
