@@ -5,11 +5,13 @@ import pytest
 
 from loops import LinearFrictional, RollingResistance, find_faces
 from stability import Stage, follow
+from stability.packing import loop_changes
 from stability.packing import path as path_module
 from stability.packing.equations_of_motion import Snap, masses_of
 from stability.packing.incremental_packing import ELASTIC, SLIDING
 from stability.packing.pairs import contact_pairs
 from stability.packing.path import PackingPathSolver
+from stability.packing.probe import stage_along
 from stability.packing.response import PackingRates, forces_of_motion, yield_response
 from stability.packing.state import start_state
 from stability.packing.strain_increment import (
@@ -17,7 +19,14 @@ from stability.packing.strain_increment import (
     MixedControl,
     StrainIncrement,
 )
-from stability.packing.sustain import LOOK, PUSH_STEPS, STRIDE, _Moved, keeps_growing
+from stability.packing.sustain import (
+    LOOK,
+    PUSH_STEPS,
+    STRIDE,
+    _LoadPathSolver,
+    _Moved,
+    keeps_growing,
+)
 from stability.programmes import Programme
 from tests.packings import LAW, jammed, packing, strained
 from tests.stability.packing.test_path import unaccounted
@@ -92,6 +101,25 @@ def test_moments_of_contacts_that_open_become_work():
     assert path.status == "finished" and path.of_kind("opening")
     # Less than the least moment's; overlaps that end between two points leave the rest.
     assert path.work[-1, 1] > 1e-3 * path.work[-1, 0] and unaccounted(path) < 1e-6
+
+
+@pytest.mark.parametrize("length", [1.0, 16.0])
+def test_grains_turn_with_a_packing_that_turns(length):
+    """Angles, forces and moments; whatever the unit of length of the spins."""
+    graph, angle = jammed(16, 2), 1e-4
+    graph = graph.replace(
+        x=length * graph.x, x0=None, radii=length * graph.radii,
+        cell=length * graph.cell, cell0=None,
+        normal_force=length * graph.normal_force, shear_force=length * graph.shear_force,
+    )  # fmt: skip
+    turned = strained([[0.0, angle], [-angle, 0.0]])
+    path = follow(graph, LAW, turned, closure="packing", interval=1e-4)
+    start, end = path.states[0], path.states[-1]
+    assert path.status == "finished" and not path.of_kind("opening")
+    np.testing.assert_allclose(end.angle[: end.count], angle, rtol=1e-3)
+    size = start.mean_force
+    np.testing.assert_allclose(end.normal_force, start.normal_force, rtol=0, atol=1e-4 * size)
+    np.testing.assert_allclose(end.shear_force, start.shear_force, rtol=0, atol=1e-4 * size)
 
 
 def test_forces_of_a_motion_are_those_of_the_rate_problem():
@@ -182,6 +210,8 @@ def test_what_is_told_of_a_motion():
     then = moving.mode[0] if moving.mode else end
     F = then.cell @ np.linalg.inv(start.cell)
     np.testing.assert_allclose(told.displacement, then.x - start.x @ F.T, rtol=0, atol=1e-15)
+    work = loop_changes(jammed(12, 1), then, faces)
+    np.testing.assert_allclose(told.loop_work, work.area * work.additive_work, rtol=1e-9)
     # Looks from here on count from here.
     moving.start_again()
     moving.look()
@@ -197,3 +227,73 @@ def test_growth_at_its_edges():
     even = np.linspace(0.0, 2e-3, 9)
     assert keeps_growing(even, np.ones(9)) and keeps_growing([0.0, 1e-3], [0.0, 1.0])
     assert not keeps_growing(even, np.linspace(1.0, 0.99, 9))
+
+
+@pytest.mark.parametrize(("first", "last", "least"), [(0.2, 0.3, 0.0), (0.0, 0.01, 0.05)])
+def test_a_load_that_grows_is_that_of_the_servo(first, last, least):
+    """By a hundredth of itself or of the least load at each look; the stress goes with it."""
+    moving, start = moved(jammed(12, 1), LAW, 0.02)
+    rate = moving.rate.copy()
+    status, kept = moving.grow(first, last, least)
+    assert status == "at rest" and moving.since is moving.origin
+    wanted, load = [], first
+    while (load := load + 0.01 * max(load, least)) < last * (1 - 1e-12):
+        wanted.append(load)
+    # Rest is told by the sixth look under the last load.
+    assert 15 < len(wanted) < 60 and moving.steps == LOOK * (len(wanted) + 6)
+    np.testing.assert_allclose([one for one, _ in kept], wanted, rtol=1e-12)
+    for load, trial in [*kept, (last, moving)]:
+        state = trial.moving.state()
+        F = state.cell @ np.linalg.inv(start.cell)
+        P = np.linalg.det(F) * state.stress @ np.linalg.inv(F).T
+        share = (load - first) / (last - first)
+        error = np.diag(P - start.stress) - share * rate[[0, 3]]
+        # While it grows the packing is some steps behind the servo.
+        late = 2e-3 if trial is moving else 0.05
+        assert np.abs(error).max() < late * np.abs(rate).max()
+
+
+def load_solver(graph, interval=1e-4):
+    """A path of loads along (-1, 0), up to a tenth of the stress."""
+    largest = 0.1 * start_state(graph).stress[0, 0]
+    stage = stage_along(np.array([-1.0, 0.0]), "diagonal", "stress", largest)
+    solver = _LoadPathSolver(graph, LAW, stage, interval, None, None)
+    solver.faces, solver.most_snaps, solver.damping = find_faces(graph), 3, 0.3
+    return solver, stage
+
+
+def test_a_motion_starts_in_balance_under_its_load():
+    """Forces out of balance at the start are kept as a load, the rise is that of the direction."""
+    graph = jammed(12, 1)
+    graph = graph.replace(shear_force=0.9 * graph.shear_force)
+    solver, stage = load_solver(graph)
+    assert np.abs(solver.state.resultants).max() > 1e-2 * solver.state.mean_force
+    moving = solver._moved(stage, 0.4 * stage.target)
+    assert np.abs(moving.moving.motion.resultant).max() < 1e-12 * solver.state.mean_force
+    programme = stage.programme
+    np.testing.assert_allclose(moving.rate, programme.rate * 0.4 * stage.target, rtol=1e-12)
+
+
+def test_intervals_are_cut_before_an_equilibrium_is_given_up(monkeypatch):
+    """A quarter of the interval, three times; twice as long again after each that goes well."""
+    solver, stage = load_solver(jammed(12, 1))
+    whole, sizes, moves, answers = solver.size, [], [], []
+
+    def step(self, stage, target, instabilities):
+        sizes.append(self.size)
+        self.events.append(None)
+        return answers.pop(0)
+
+    def move(self, stage, contact, cause):
+        moves.append((contact, cause, len(self.events)))
+
+    monkeypatch.setattr(PackingPathSolver, "_step", step)
+    monkeypatch.setattr(_LoadPathSolver, "_move", move)
+    answers += [("lost", str(k)) for k in range(4)]
+    solver._step(stage, 1.0, 1)
+    assert sizes == [whole, whole / 4, whole / 16, whole / 64] and moves == [(-1, "3", 0)]
+    sizes.clear()
+    answers += [None] * 8
+    for _ in range(8):
+        solver._step(stage, 1.0, 1)
+    assert sizes == [whole / 2**k for k in (6, 5, 4, 3, 2, 1, 0, 0)] and len(moves) == 1
