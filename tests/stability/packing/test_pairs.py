@@ -1,0 +1,285 @@
+"""Pairs of a packing and their frames: unequal grains, stiffnesses that are not one."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance
+from loops.packing import PlaneContacts
+from stability.packing.pairs import (
+    AT_YIELD,
+    _codes,
+    at_limit,
+    contact_pairs,
+    frame_of,
+    law_of,
+    near_pairs,
+    normal_energy,
+    normal_forces,
+    overlaps,
+    rolling_energy,
+    rolling_reach,
+    rolling_strength,
+    strength,
+    tangents,
+    touching_distances,
+    typical_stiffness,
+    with_near,
+)
+from stability.packing.state import start_state
+from tests.stability.packing.test_own_laws import Stiffening
+
+RADII = np.array([2.0, 3.0, 5.0])
+OVERLAP = np.array([0.1, 0.2, 0.05])
+LINEAR = LinearFrictional([3.0, 4.0, 5.0], [0.7, 1.1, 0.4], [0.2, 0.3, np.inf], "radii")
+HERTZ = HertzMindlin([7.0, 8.0, 9.0], 0.3, 0.4, "branch", "displacement")
+OWN = Stiffening(k=3.0, b=2.0, kt=0.7, mu=0.4, c=0.5)
+LAWS = {"linear": LINEAR, "Hertz": HERTZ, "own": OWN}
+
+
+def triangle(law, shear=(0.03, -0.02, 0.01), walls=False):
+    """Three unequal grains that touch one another; the first two on a floor, if asked for."""
+    i, j = np.array([[0, 1], [0, 2], [1, 2]]).T
+    a, b, c = RADII[i] + RADII[j] - OVERLAP
+    corner = (a**2 + b**2 - c**2) / (2 * a)
+    x = np.array([[0.0, 0.0], [a, 0.0], [corner, np.sqrt(b**2 - corner**2)]])
+    # The second grain is larger: its centre is higher above a floor.
+    turn = np.arcsin(0.95 / a)
+    x = x @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    graph = GrainGraph(
+        x=x, radii=RADII, contacts=np.column_stack([i, j]), shear_force=shear,
+        normal_force=[1.0] * 3, cell=None if walls else 60.0 * np.eye(2),
+        images=None if walls else np.zeros((3, 2), dtype=int),
+    )  # fmt: skip
+    if not walls:
+        state, planes = start_state(graph), None
+    else:
+        feet = np.array([[0.0, 0.0], [0.0, 0.0]]) - [[0.0, 1.9], [0.0, 2.85]]
+        stiff = np.array([6.0, 8.0]), np.array([1.5, 1.0])
+        planes = PlaneContacts(np.array([0, 1]), feet, *stiff, np.array([0.1, 0.6]))
+        force = np.array([[0.01, 0.5], [-0.02, 0.9]])
+        state = start_state(graph, planes, force, volume=50.0)
+    pairs = contact_pairs(state, law, planes)
+    N = normal_forces(pairs, overlaps(state, pairs))
+    return replace(state, normal_force=N), pairs
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_forces_are_slopes_of_energies_and_stiffnesses_of_forces(name):
+    state, pairs = triangle(LAWS[name])
+    size = 1e-6
+    np.testing.assert_allclose(overlaps(state, pairs), OVERLAP, rtol=1e-12)
+    np.testing.assert_allclose(touching_distances(state, pairs), [5.0, 7.0, 8.0])
+    for of, slope in ((normal_energy, normal_forces), (normal_forces, lambda *a: tangents(*a)[0])):
+        rise = of(pairs, OVERLAP + size) - of(pairs, OVERLAP - size)
+        np.testing.assert_allclose(rise / (2 * size), slope(pairs, OVERLAP), rtol=1e-6)
+    assert (normal_energy(pairs, np.zeros(3)) == 0).all()
+    assert (normal_forces(pairs, np.zeros(3)) == 0).all()
+
+
+def test_stiffnesses_in_closed_form():
+    state, pairs = triangle(LINEAR)
+    np.testing.assert_allclose(tangents(pairs, OVERLAP), [LINEAR.kn, LINEAR.kt])
+    np.testing.assert_allclose(normal_forces(pairs, OVERLAP), LINEAR.kn * OVERLAP)
+    state, pairs = triangle(HERTZ)
+    R = np.array([6 / 5, 10 / 7, 15 / 8])
+    kn = np.array([7.0, 8.0, 9.0]) / (1 - 0.3**2) * np.sqrt(R * OVERLAP)
+    kt = float(HERTZ.stiffness_ratio) * kn
+    np.testing.assert_allclose(tangents(pairs, OVERLAP), [kn, kt], rtol=1e-12)
+    np.testing.assert_allclose(state.normal_force, 2 / 3 * kn * OVERLAP, rtol=1e-12)
+    # Hardly in touch: as at an overlap of 1e-4 of the distance.
+    touch = np.array([5.0, 7.0, 8.0])
+    np.testing.assert_allclose(typical_stiffness(pairs, state), kn, rtol=1e-12)
+    apart = replace(state, x=1.5 * state.x)
+    wanted = kn * np.sqrt(1e-4 * touch / OVERLAP)
+    np.testing.assert_allclose(typical_stiffness(pairs, apart), wanted, rtol=1e-12)
+    state, pairs = triangle(OWN)
+    wanted = 3.0 * (1.0 + 4.0 * OVERLAP), np.full(3, 0.7)
+    np.testing.assert_allclose(tangents(pairs, OVERLAP), wanted, rtol=1e-6)
+
+
+def test_strengths_and_moments_in_closed_form():
+    law = RollingResistance(LINEAR, [0.3, 0.5, 0.9], [0.02, np.inf, 0.04])
+    state, pairs = triangle(law)
+    N, R = LINEAR.kn * OVERLAP, np.array([6 / 5, np.nan, 15 / 8])
+    np.testing.assert_allclose(strength(pairs, state), [0.2 * N[0], 0.3 * N[1], np.inf])
+    reach = np.array([0.02 * R[0], np.inf, 0.04 * R[2]])
+    np.testing.assert_allclose(rolling_reach(pairs, state), reach)
+    np.testing.assert_allclose(rolling_strength(pairs, state), reach * N)
+    M = np.array([0.1, 0.2, 0.3])
+    wanted = 0.01 / 0.6 + 0.04 / 1.0 + 0.09 / 1.8
+    assert rolling_energy(pairs, M) == pytest.approx(wanted, rel=1e-14)
+    # Open contacts carry nothing, whatever their springs.
+    open_ones = replace(state, normal_force=np.zeros(3))
+    assert rolling_strength(pairs, open_ones)[[0, 2]].tolist() == [0.0, 0.0]
+    edge = AT_YIELD * np.array([0.2, 0.3]) * N[:2]
+    for share, reached in ((1.0 - 1e-9, False), (1.0 + 1e-9, True)):
+        shear = replace(state, shear_force=np.append(share * edge * [1, -1], 9.0))
+        assert at_limit(pairs, shear).tolist() == [reached, reached, False]
+    _, pairs = triangle(OWN)
+    N = 3.0 * OVERLAP * (1.0 + 2.0 * OVERLAP)
+    np.testing.assert_allclose(strength(pairs, state), 0.4 * N / (1.0 + 0.5 * N), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["linear", "Hertz"])
+@pytest.mark.parametrize("rolls", [False, True])
+def test_the_law_of_pairs_is_the_law_that_they_came_from(name, rolls):
+    law = RollingResistance(LAWS[name], [0.3, 0.5, 0.9], 0.02) if rolls else LAWS[name]
+    state, pairs = triangle(law)
+    rows = np.array([True, False, True])
+    found = law_of(law, pairs, rows, state)
+    again = contact_pairs(
+        replace(state, contacts=state.contacts[rows], images=state.images[rows],
+                normal_force=state.normal_force[rows], shear_force=state.shear_force[rows]), found
+    )  # fmt: skip
+    for part in ("kn", "kt", "mu"):
+        np.testing.assert_allclose(getattr(again, part), getattr(pairs, part)[rows], rtol=1e-12)
+    assert (again.hertz, again.by_displacement) == (pairs.hertz, pairs.by_displacement)
+    if rolls:
+        np.testing.assert_allclose(again.rolling, [k[rows] for k in pairs.rolling], rtol=1e-14)
+
+
+@pytest.mark.parametrize("law", [LINEAR, HERTZ], ids=["linear", "Hertz"])
+def test_springs_of_walls_have_the_forces_that_they_were_given(law):
+    """Under Hertz's law the stiffness is the force's over `2/3 overlap^(3/2)`, `kt/kn` is kept."""
+    state, pairs = triangle(law, walls=True)
+    assert len(pairs) == 5 and pairs.mu[3:].tolist() == [0.1, 0.6]
+    if law is LINEAR:
+        assert pairs.kn[3:].tolist() == [6.0, 8.0] and pairs.kt[3:].tolist() == [1.5, 1.0]
+        return
+    np.testing.assert_allclose(state.normal_force[3:], [0.5, 0.9], rtol=1e-9)
+    np.testing.assert_allclose(pairs.kn[3:], 1.5 * np.array([0.5, 0.9]) / [0.1**1.5, 0.15**1.5])
+    np.testing.assert_allclose(pairs.kt[3:] / pairs.kn[3:], [0.25, 0.125])
+
+
+@pytest.mark.parametrize("by_radii", [False, True])
+@pytest.mark.parametrize("name", LAWS)
+def test_a_frame_has_the_slopes_of_force_and_moment(name, by_radii):
+    """The force turns with the pair, the levers grow with it, spins shear by them."""
+    state, pairs = triangle(RollingResistance(LAWS[name], 0.3, 0.02))
+    frame, unit, size = frame_of(state, pairs, by_radii), RADII.mean(), 1e-6
+    free, springs = frame[:3], frame[3:]
+    N, T = state.normal_force, state.shear_force
+    d, length = state.branches, np.linalg.norm(state.branches, axis=1)
+    ri, rj = RADII[pairs.grains].T
+
+    def force(d):
+        n = d / np.linalg.norm(d, axis=1)[:, None]
+        return N[:, None] * n + T[:, None] * np.column_stack([-n[:, 1], n[:, 0]])
+
+    np.testing.assert_allclose(free["n"], d / length[:, None], rtol=1e-12)
+    np.testing.assert_allclose(free["t"][:, 0], -free["n"][:, 1], rtol=1e-12)
+    across = size * free["t"]
+    slope = (force(d + across) - force(d - across)) / (2 * size)
+    np.testing.assert_allclose(free["rotation"], slope, rtol=1e-6, atol=1e-9)
+    arms = 0.5 * np.column_stack([length + ri - rj, length + rj - ri])
+    np.testing.assert_allclose(free["arm"], arms / unit, rtol=1e-12)
+    levers = np.column_stack([ri, rj]) if by_radii else arms
+    np.testing.assert_allclose(free["lever"], levers / unit, rtol=1e-12)
+    np.testing.assert_allclose(free["turning"], (ri + rj) / length if by_radii else 1.0)
+    # Moments are levers times T: half of T for each unit that the pair grows by.
+    np.testing.assert_allclose(free["growth"], 0.5 * T / unit, rtol=1e-12)
+    kn, kt = tangents(pairs, OVERLAP)
+    np.testing.assert_allclose(free["kn"], kn, rtol=1e-9)
+    np.testing.assert_allclose(free["kt"], kt, rtol=1e-9)
+    if name == "Hertz":
+        # T goes with kt, which goes with the root of the overlap.
+        fall = T * (np.sqrt(1 + size) - np.sqrt(1 - size)) / (2 * size * OVERLAP)
+        np.testing.assert_allclose(free["coupling"], fall, rtol=1e-6)
+    # Strength along the tangent: slope and cohesion.
+    most = [
+        strength(pairs, replace(state, normal_force=N, x=(1 - s) * state.x))
+        for s in (0.0, size, -size)
+    ]
+    finite = np.isfinite(pairs.mu)
+    assert (free["slides"] == finite).all()
+    there = free["mu"] * N + free["cohesion"]
+    np.testing.assert_allclose(there[finite], most[0][finite], rtol=1e-12)
+    if name == "own":
+        rise = (most[1] - most[2]) / (2 * size * length)
+        np.testing.assert_allclose(free["mu"] * free["kn"], rise, rtol=1e-5)
+    # A spring against rolling: moments over the mean radius, levers of one.
+    np.testing.assert_allclose(springs["kt"], 0.3 / unit**2, rtol=1e-12)
+    reach = 0.02 * ri * rj / (ri + rj) / unit
+    np.testing.assert_allclose(springs["mu"], reach, rtol=1e-12)
+    assert (springs["lever"] == [1.0, -1.0]).all() and (springs["arm"] == [1.0, -1.0]).all()
+    assert (free["push"] == 1).all() and (springs["push"] == 0).all()
+    np.testing.assert_allclose(springs["kn"], free["kn"])
+
+
+@pytest.mark.parametrize("name", ["Hertz", "own"])
+def test_contacts_that_may_open_have_the_force_over_their_overlap(name):
+    """So they open where the grains part; open ones have it at the reach."""
+    state, pairs = triangle(LAWS[name])
+    for reach in (0.15, 0.3):
+        frame = frame_of(state, pairs, True, reach)
+        secant, tangent = state.normal_force / OVERLAP, tangents(pairs, OVERLAP)[0]
+        np.testing.assert_allclose(frame["kn"], np.where(reach < OVERLAP, tangent, secant))
+    apart = replace(state, x=1.5 * state.x, normal_force=np.zeros(3), shear_force=np.zeros(3))
+    frame, at = frame_of(apart, pairs, True, 0.2), np.full(3, 0.2)
+    np.testing.assert_allclose(frame["kn"], normal_forces(pairs, at) / 0.2, rtol=1e-9)
+    if name == "Hertz":
+        assert (frame["coupling"] == 0).all()
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.3, 2.0])
+@pytest.mark.parametrize("shift", [0.0, 40.0])
+def test_near_pairs_of_a_skewed_cell_are_those_of_a_search(gap, shift):
+    """Every image within some cells, the grains' own ones included; each has its code."""
+    rng = np.random.default_rng(int(10 * gap))
+    cell = np.array([[2.2, 1.5], [-0.3, 1.8]])
+    x, radii = rng.uniform(-3, 3, (4, 2)) + shift, rng.uniform(0.2, 0.6, 4)
+    grains, images = near_pairs(x, cell, radii, gap)
+    found = {
+        (*map(int, pair), *map(int, image)) for pair, image in zip(grains, images, strict=True)
+    }
+    home = np.floor(np.linalg.solve(cell, x.T).T).astype(int)
+    wanted = set()
+    for i, j in product(range(4), repeat=2):
+        for a, b in product(range(-6, 7), repeat=2):
+            image = np.array([a, b]) + home[i] - home[j]
+            if i > j or (i == j and (a, b) <= (0, 0)):
+                continue
+            if np.linalg.norm(x[j] + cell @ image - x[i]) < radii[i] + radii[j] + gap:
+                wanted.add((i, j, *map(int, image)))
+    assert found == wanted and (gap == 0.0 or len(found) > 3)
+    (codes,) = _codes((grains, images))
+    assert len(set(codes.tolist())) == len(found)
+
+
+@pytest.mark.parametrize("name", ["linear", "Hertz"])
+def test_new_pairs_have_medians_and_walls_are_as_stiff_as_known(name):
+    """Under Hertz's law stiffnesses over the root of the effective radius; walls over the radius.
+
+    The third grain comes near the floor.
+    """
+    law = RollingResistance(LAWS[name], [0.3, 0.5, 0.9], [0.02, 0.03, 0.04])
+    state, pairs = triangle(law, walls=True)
+    x = np.array(state.x)
+    x[2] = [20.0, 5.05 - 1.9]
+    more = with_near(pairs, replace(state, x=x), 0.1)
+    new = more.grains[len(pairs) :]
+    assert len(state.walls) == 1 and new.tolist() == [[2, 3]]
+    R = RADII[[0, 1]]
+    for k in ("kn", "kt", "mu"):
+        by_root = name == "Hertz" and k != "mu"
+        old = getattr(pairs, k)[3:] / (np.sqrt(R) if by_root else 1.0)
+        proportional = np.std(old / R) * old.mean() < np.std(old) * (old / R).mean()
+        wanted = (old / R).mean() * RADII[2] if proportional else old.mean()
+        wanted *= np.sqrt(RADII[2]) if by_root else 1.0
+        assert getattr(more, k)[-1] == pytest.approx(wanted, rel=1e-12)
+    assert more.rolling.k_r[-1] == 0.0
+    # A pair of grains that were not in touch.
+    fewer = replace(
+        pairs, grains=pairs.grains[1:], images=pairs.images[1:], kn=pairs.kn[1:], kt=pairs.kt[1:],
+        mu=pairs.mu[1:], rolling=type(pairs.rolling)(*(k[1:] for k in pairs.rolling)),
+    )  # fmt: skip
+    more = with_near(fewer, state, 0.1)
+    assert more.grains[-1].tolist() == [0, 1]
+    roots = np.sqrt([6 / 5, 10 / 7, 15 / 8]) if name == "Hertz" else np.ones(3)
+    for k in ("kn", "kt"):
+        values = getattr(pairs, k)[1:3] / roots[1:]
+        assert getattr(more, k)[-1] == pytest.approx(np.median(values) * roots[0], rel=1e-12)
+    assert more.rolling.k_r[-1] == pytest.approx(0.7) and more.rolling.mu_r[-1] == 0.035
