@@ -55,7 +55,7 @@ def test_the_affine_stiffness_is_that_of_contacts_that_go_with_the_cell():
     H = np.array([[0.3, -0.7], [0.2, 0.5]])
     for opened in (False, True):
         if opened:
-            state = replace(state, x=state.x + [[0, 0], [0, 0], [0.0, 1.0]])
+            state = replace(state, x=state.x + np.array([[0, 0], [0, 0], [0.0, 1.0]]))
         P = np.zeros((2, 2))
         for c in range(1 if opened else 3):
             d = state.branches[c]
@@ -213,10 +213,11 @@ def test_time_goes_on_while_pairs_are_listed_anew():
         pairs = contact_pairs(state, law)
         masses, inertias = masses_of(state.radii)
         servo = servo_of(state, pairs, masses)
-        kick = 0.02 * np.random.default_rng(1).normal(size=(12, 2))
+        kick = 0.05 * np.random.default_rng(1).normal(size=(12, 2))
         moving = Moving(state, pairs, masses, inertias, servo, True, velocity=kick)
         assert all(moving.run(part, 0.1) for part in parts)
         ends.append(moving.state())
     for end in ends[1:]:
         np.testing.assert_allclose(end.x, ends[0].x, rtol=0, atol=1e-12)
-    assert np.abs(ends[0].x - state.x).max() > 0.02
+    assert np.abs(ends[0].x - state.x).max() > 0.01
+    assert len(ends[0].contacts) > len(state.contacts) + 1
