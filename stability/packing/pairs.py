@@ -482,8 +482,7 @@ def _codes(*lists: tuple[Integers, Integers]) -> list[Integers]:
     farthest = max(int(np.abs(images).max(initial=0)) for _, images in lists)
     sides = 2 * farthest + 1
     return [
-        ((grains[:, 0] * bodies + grains[:, 1]) * sides + images[:, 0] + farthest) * sides
-        + (images[:, 1] + farthest)
+        ((grains[:, 0] * bodies + grains[:, 1]) * sides + images[:, 0]) * sides + images[:, 1]
         for grains, images in lists
     ]
 

@@ -1,5 +1,7 @@
 """Increments of a packing's path by themselves: closings, openings, energies, times to a target."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,9 @@ from stability.packing.strain_increment import (
     StrainIncrement,
 )
 from stability.packing.sustain import (
+    APART,
     LOOK,
+    PUSH,
     PUSH_STEPS,
     STRIDE,
     _LoadPathSolver,
@@ -229,25 +233,24 @@ def test_growth_at_its_edges():
     assert not keeps_growing(even, np.linspace(1.0, 0.99, 9))
 
 
-@pytest.mark.parametrize(("first", "last", "least"), [(0.2, 0.3, 0.0), (0.0, 0.01, 0.05)])
+@pytest.mark.parametrize(("first", "last", "least"), [(0.2, 0.6, 0.0), (0.0, 0.1, 0.05)])
 def test_a_load_that_grows_is_that_of_the_servo(first, last, least):
-    """By a hundredth of itself or of the least load at each look; the stress goes with it."""
+    """The stress goes with the load, and loads that are kept lie apart."""
     moving, start = moved(jammed(12, 1), LAW, 0.02)
     rate = moving.rate.copy()
-    status, kept = moving.grow(first, last, least)
-    assert status == "at rest" and moving.since is moving.origin
-    wanted, load = [], first
-    while (load := load + 0.01 * max(load, least)) < last * (1 - 1e-12):
-        wanted.append(load)
-    # Rest is told by the sixth look under the last load.
-    assert 15 < len(wanted) < 60 and moving.steps == LOOK * (len(wanted) + 6)
-    np.testing.assert_allclose([one for one, _ in kept], wanted, rtol=1e-12)
+    status, load, kept = moving.grow(first, last, least)
+    assert (status, load) == ("at rest", last) and moving.since is moving.origin
+    assert len(moving.strains) == PUSH_STEPS // LOOK + 2
+    loads = [one for one, _ in kept]
+    gaps = [(b - a) / max(b, least) for a, b in pairwise(loads)]
+    # One step of the load at most beyond what lies between.
+    assert len(kept) > 10 and APART * (1 - 1e-9) <= min(gaps) and max(gaps) < APART + PUSH
+    assert last * (1 - APART - PUSH) < loads[-1] < last
     for load, trial in [*kept, (last, moving)]:
         state = trial.moving.state()
         F = state.cell @ np.linalg.inv(start.cell)
         P = np.linalg.det(F) * state.stress @ np.linalg.inv(F).T
-        share = (load - first) / (last - first)
-        error = np.diag(P - start.stress) - share * rate[[0, 3]]
+        error = np.diag(P - start.stress) - (load - first) / (last - first) * rate[[0, 3]]
         # While it grows the packing is some steps behind the servo.
         late = 2e-3 if trial is moving else 0.05
         assert np.abs(error).max() < late * np.abs(rate).max()

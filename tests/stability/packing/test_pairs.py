@@ -11,6 +11,7 @@ from loops.packing import PlaneContacts
 from stability.packing.pairs import (
     AT_YIELD,
     _codes,
+    _ordered,
     at_limit,
     contact_pairs,
     frame_of,
@@ -111,6 +112,8 @@ def test_strengths_and_moments_in_closed_form():
     M = np.array([0.1, 0.2, 0.3])
     wanted = 0.01 / 0.6 + 0.04 / 1.0 + 0.09 / 1.8
     assert rolling_energy(pairs, M) == pytest.approx(wanted, rel=1e-14)
+    _, walled = triangle(law, walls=True)
+    assert rolling_energy(walled, np.append(M, [0.0, 0.0])) == pytest.approx(wanted, rel=1e-14)
     # Open contacts carry nothing, whatever their springs.
     open_ones = replace(state, normal_force=np.zeros(3))
     assert rolling_strength(pairs, open_ones)[[0, 2]].tolist() == [0.0, 0.0]
@@ -147,6 +150,9 @@ def test_springs_of_walls_have_the_forces_that_they_were_given(law):
     state, pairs = triangle(law, walls=True)
     assert len(pairs) == 5 and pairs.mu[3:].tolist() == [0.1, 0.6]
     if law is LINEAR:
+        # Without a friction a wall that resists shear never slides, another one always.
+        planes = PlaneContacts(np.array([0, 1]), np.ones((2, 2)), np.ones(2), np.array([0.0, 1.0]))
+        assert contact_pairs(state, law, planes).mu[3:].tolist() == [0.0, np.inf]
         assert pairs.kn[3:].tolist() == [6.0, 8.0] and pairs.kt[3:].tolist() == [1.5, 1.0]
         return
     np.testing.assert_allclose(state.normal_force[3:], [0.5, 0.9], rtol=1e-9)
@@ -222,12 +228,17 @@ def test_contacts_that_may_open_have_the_force_over_their_overlap(name):
     np.testing.assert_allclose(frame["kn"], normal_forces(pairs, at) / 0.2, rtol=1e-9)
     if name == "Hertz":
         assert (frame["coupling"] == 0).all()
+    else:
+        assert np.isfinite(frame["mu"]).all() and (frame["cohesion"] == 0).all()
+        near = frame_of(state, pairs, True, 0.3)
+        np.testing.assert_allclose(near["mu"], strength(pairs, state) / state.normal_force)
+        np.testing.assert_allclose(near["cohesion"], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.3, 2.0])
 @pytest.mark.parametrize("shift", [0.0, 40.0])
 def test_near_pairs_of_a_skewed_cell_are_those_of_a_search(gap, shift):
-    """Every image within some cells, the grains' own ones included; each has its code."""
+    """Every image within some cells, the grains' own ones included."""
     rng = np.random.default_rng(int(10 * gap))
     cell = np.array([[2.2, 1.5], [-0.3, 1.8]])
     x, radii = rng.uniform(-3, 3, (4, 2)) + shift, rng.uniform(0.2, 0.6, 4)
@@ -245,8 +256,6 @@ def test_near_pairs_of_a_skewed_cell_are_those_of_a_search(gap, shift):
             if np.linalg.norm(x[j] + cell @ image - x[i]) < radii[i] + radii[j] + gap:
                 wanted.add((i, j, *map(int, image)))
     assert found == wanted and (gap == 0.0 or len(found) > 3)
-    (codes,) = _codes((grains, images))
-    assert len(set(codes.tolist())) == len(found)
 
 
 @pytest.mark.parametrize("name", ["linear", "Hertz"])
@@ -259,9 +268,13 @@ def test_new_pairs_have_medians_and_walls_are_as_stiff_as_known(name):
     state, pairs = triangle(law, walls=True)
     x = np.array(state.x)
     x[2] = [20.0, 5.05 - 1.9]
-    more = with_near(pairs, replace(state, x=x), 0.1)
+    more = with_near(pairs, replace(state, x=x + np.array([0.0, 30.0])), 0.1)
     new = more.grains[len(pairs) :]
     assert len(state.walls) == 1 and new.tolist() == [[2, 3]]
+    for part in ("kn", "kt", "mu"):
+        np.testing.assert_allclose(getattr(more, part)[:5], getattr(pairs, part), rtol=1e-14)
+    x[2] = [-20.0, 8.0]
+    assert len(with_near(pairs, replace(state, x=x), 0.1)) == 5
     R = RADII[[0, 1]]
     for k in ("kn", "kt", "mu"):
         by_root = name == "Hertz" and k != "mu"
@@ -283,3 +296,40 @@ def test_new_pairs_have_medians_and_walls_are_as_stiff_as_known(name):
         values = getattr(pairs, k)[1:3] / roots[1:]
         assert getattr(more, k)[-1] == pytest.approx(np.median(values) * roots[0], rel=1e-12)
     assert more.rolling.k_r[-1] == pytest.approx(0.7) and more.rolling.mu_r[-1] == 0.035
+
+
+def test_a_pair_has_one_code_whatever_the_list_it_is_in():
+    """Five bodies, two images either way: all differ, and the same pair has the same code."""
+    every = np.array(list(product(range(5), range(5), range(-2, 3), range(-2, 3))))
+    some = np.random.default_rng(1).permutation(every)[:30]
+    codes, again = _codes((every[:, :2], every[:, 2:]), (some[:, :2], some[:, 2:]))
+    assert len(set(codes.tolist())) == len(every)
+    rows = {tuple(row): code for row, code in zip(every.tolist(), codes.tolist(), strict=True)}
+    assert [rows[tuple(row)] for row in some.tolist()] == again.tolist()
+
+
+def test_pairs_are_ordered_by_grain_and_by_image():
+    grains = np.array([[3, 1], [1, 3], [2, 2], [2, 2], [2, 2], [2, 2]])
+    images = np.array([[1, -2], [1, -2], [-1, 2], [1, -2], [0, -1], [0, 1]])
+    found, at = _ordered(grains, images)
+    assert found.tolist() == [[1, 3], [1, 3], *[[2, 2]] * 4]
+    assert at.tolist() == [[-1, 2], [1, -2], [1, -2], [1, -2], [0, 1], [0, 1]]
+
+
+def test_pairs_of_an_own_law_that_are_apart_stand_at_a_small_overlap():
+    """In a frame of `n` and `t`; new ones have the law of the median stiffness."""
+    law = Stiffening(k=np.array([3.0, 9.0, 4.0]), b=2.0, kt=0.7, mu=0.4, c=0.5)
+    state, pairs = triangle(law)
+    touch, made = pairs.own.contacts(np.array([0.1, 0.0, 0.05]))
+    assert touch.tolist() == [True, False, True]
+    np.testing.assert_allclose(made.overlap, [0.1, 7e-4, 0.05], rtol=1e-9)
+    assert (made.n == [1.0, 0.0]).all() and (made.t == [0.0, 1.0]).all()
+    rows = np.array([False, True, True])
+    kept = {
+        part: getattr(state, part)[rows]
+        for part in ("contacts", "images", "normal_force", "shear_force")
+    }
+    fewer = replace(state, **kept)
+    more = with_near(contact_pairs(fewer, law.take([1, 2])), state, 0.1)
+    assert more.grains[-1].tolist() == [0, 1] and more.own.rows.tolist() == [0, 1, 2]
+    assert more.own.radii[:, -1].tolist() == [2.0, 3.0] and more.own.law.k[-1] == 9.0
