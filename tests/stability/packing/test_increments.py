@@ -1,6 +1,7 @@
 """Increments of a packing's path by themselves: closings, openings, energies, times to a target."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,9 @@ from stability.packing.strain_increment import (
     InstabilityError,
     MixedControl,
     StrainIncrement,
+    UnsolvedError,
+    disagreeing,
+    pivot,
 )
 from stability.packing.sustain import (
     APART,
@@ -300,3 +304,84 @@ def test_intervals_are_cut_before_an_equilibrium_is_given_up(monkeypatch):
     for _ in range(8):
         solver._step(stage, 1.0, 1)
     assert sizes == [whole / 2**k for k in (6, 5, 4, 3, 2, 1, 0, 0)] and len(moves) == 1
+
+
+class Edges:
+    """Contacts at yield: rates of the yield function, and their change per unit of slip of one."""
+
+    def __init__(self, value, along, regime, side):
+        self.value, self.along = np.array(value), np.array(along)
+        self.regime, self.side = np.array(regime), np.array(side)
+        self.frame, self.flipped = [None] * len(value), []
+
+    def edge(self, rates, contacts):
+        return np.column_stack([self.value, self.along])[contacts][:, : len(rates)]
+
+    def column(self, row):
+        return row
+
+    def solve(self, *control):
+        return "base"
+
+    def driven(self, stress, strain, column):
+        return "unit"
+
+    def flip(self, c):
+        self.flipped.append(c)
+        self.regime[c] = SLIDING if self.regime[c] == ELASTIC else ELASTIC
+
+
+CONTROL = MixedControl(np.zeros((4, 4)), np.eye(4), np.ones(4))
+
+
+@pytest.mark.parametrize(("value", "agrees"), [(-0.9e-9, True), (-1.1e-9, False)])
+def test_a_contact_that_agrees_to_rounding_is_flipped_at_once(value, agrees):
+    """One that slip takes further from agreement has no other regime."""
+    packing = Edges([value], [3.0], [ELASTIC], [1.0])
+    packing.motion, packing.sign = lambda unit: np.ones(6), lambda *control: 1.0
+    if agrees:
+        assert pivot(packing, CONTROL, 0, np.array([0]), 1e-9) == packing.flipped == [0]
+    else:
+        with pytest.raises(UnsolvedError) as stop:
+            pivot(packing, CONTROL, 0, np.array([0]), 1e-9, search=False)
+        assert not stop.value.turns and packing.flipped == [0, 0]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_contact_that_slip_reaches_first_changes_its_regime(side):
+    """Slip of contact 0 agrees at 2; contact 1 is reached at 1.5, contact 2 at 3, 3 never."""
+    value, along = [-2.0, 3.0, 6.0, 1.0], [0.0, 2.0 * side, 2.0 * side, -1.0 * side]
+    packing = Edges(value, along, [ELASTIC] * 4, [side, 1.0, 1.0, 1.0])
+    # The rate of contact 0 itself does not change: it agrees once its slip is its excess.
+    found = pivot(packing, CONTROL, 0, np.arange(4), 1e-9)
+    assert found == [1, 0] and packing.flipped == [1, 0]
+    packing = Edges(value, along, [ELASTIC] * 4, [side, 1.0, 1.0, 1.0])
+    packing.value[1] = 4.1
+    assert pivot(packing, CONTROL, 0, np.arange(4), 1e-9) == [0]
+
+
+def test_contacts_that_disagree_come_worst_first():
+    """Sticking ones by rates below zero, sliding ones above it, beyond rounding."""
+    regime = [ELASTIC, SLIDING, ELASTIC, SLIDING, ELASTIC, SLIDING]
+    packing = Edges([-2.0, 3.0, 1.0, -1.0, -0.9e-9, 0.9e-9], np.zeros(6), regime, np.ones(6))
+    assert disagreeing(packing, None, np.arange(6), 1e-9).tolist() == [1, 0]
+    assert disagreeing(packing, None, np.array([0, 2]), 1e-9).tolist() == [0]
+
+
+def test_rates_below_rounding_are_a_share_of_the_stiffest_spring():
+    """1e-9 of what it gains where a pair of mean grains goes with the cell."""
+    made = object.__new__(StrainIncrement)
+    made.packing = SimpleNamespace(stiffest=3.0, length=0.25)
+    rates = SimpleNamespace(h=np.array([0.5, -4.0, 1.0, 0.0, 99.0]))
+    assert made._rounding(rates) == pytest.approx(1e-9 * 4.0 * 3.0 * 0.5, rel=1e-12)
+
+
+@pytest.mark.parametrize(("speeds", "number"), [([3, 3, 3, 0], 3), ([3, 0, 0, 0], 1), ([0] * 4, 0)])
+def test_the_participation_number_of_an_unstable_mode(speeds, number):
+    """Equal speeds count whole, spins do not count."""
+    motion = np.zeros((4, 3))
+    motion[:, 0], motion[:, 1], motion[:, 2] = 0.6 * np.array(speeds), 0.8 * np.array(speeds), 7.0
+    found = UnsolvedError(2, motion.ravel(), True, "enumeration")
+    assert found.mode == f"no regimes agree: {number} grains take part, det K changes sign"
+    found = UnsolvedError(2, 1e-3 * motion.ravel(), False, "")
+    assert f"were found: {number} grains" in found.mode and "keeps its sign" in found.mode
