@@ -358,6 +358,10 @@ def test_the_contact_that_slip_reaches_first_changes_its_regime(side):
     packing = Edges(value, along, [ELASTIC] * 4, [side, 1.0, 1.0, 1.0])
     packing.value[1] = 4.1
     assert pivot(packing, CONTROL, 0, np.arange(4), 1e-9) == [0]
+    # Reached at 1.75, with what the slip before has left of it.
+    packing = Edges(value, along, [ELASTIC] * 4, [side, 1.0, 1.0, 1.0])
+    packing.value[2] = 3.5
+    assert pivot(packing, CONTROL, 0, np.arange(4), 1e-9) == [1, 2, 0]
 
 
 def test_contacts_that_disagree_come_worst_first():
