@@ -174,8 +174,9 @@ def test_what_carries_nothing_changes_nothing():
     assert (two.force_rate[-2:] == 0).all()
 
 
+@pytest.mark.parametrize("unit", [1.0, 2.0**-30])
 @pytest.mark.parametrize("mu", [0.25, np.inf])
-def test_a_strain_that_moves_a_mechanism_is_not_converged(mu):
+def test_a_strain_that_moves_a_mechanism_is_not_converged(mu, unit):
     """A square lattice of large and small discs: turning by turns, they load no contact."""
     number = np.arange(16).reshape(4, 4)
     pairs = [(number, np.roll(number, -1, axis)) for axis in (0, 1)]
@@ -188,10 +189,10 @@ def test_a_strain_that_moves_a_mechanism_is_not_converged(mu):
         contacts=np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in pairs]),
         images=np.concatenate(images).reshape(-1, 2),
         cell=0.98 * 4 * np.eye(2),
-        normal_force=np.full(32, 0.02),
-        shear_force=np.repeat([0.005, -0.005], 16),
+        normal_force=unit * np.full(32, 0.02),
+        shear_force=unit * np.repeat([0.005, -0.005], 16),
     )
-    law = LinearFrictional(1.0, 0.5, mu)
+    law = LinearFrictional(unit * 1.0, unit * 0.5, mu)
     for strain in (np.diag([1.0, 0.0]), H):
         found = packing_response(graph, law, strain)
         assert (found.status, found.proof) == ("not converged", "mechanism")
