@@ -345,8 +345,6 @@ def scaled_definite(M: Floats, start: Floats | None = None) -> tuple[bool, Float
         length = 1.0 / (1.0 + np.sqrt(max(decrease, 0.0)))
         d, s = d + length * step[:m], s + length * float(step[m])
         if decrease < 1.0:
-            if s > 3.0 * m / weight:
-                break
             weight *= 8.0
     return False, d, blame
 
@@ -472,7 +470,9 @@ def solutions_over_slip(q: Floats, M: Floats, k: int, start: Flags) -> list[Flag
     `k` from zero to infinity: each change of sign of its rate `w_k` on the way is a solution. None
     where they can't be followed so far.
     """
+    # Rates without slip and those of a unit slip have units of their own.
     lines, end = np.column_stack([q, M[:, k]]), 0.5 * np.pi
+    lines /= np.where(lines.any(axis=0), np.abs(lines).max(axis=0), 1.0)
     segments, status = _follow(lines, M, 0.0, start, 1.0, 20_000, end, k)
     if status != "reached":
         return None
@@ -499,6 +499,8 @@ def _follow(
 
     The contact that is `watched` sticks, whatever the sign of its rate.
     """
+    # In the unit of slip in which `M` is of order one, slips compare with rates.
+    M = M / (np.abs(M).max() or 1.0)
     transform = principal_transform(Q, M, start)
     if transform is None:
         return [], "degenerate"

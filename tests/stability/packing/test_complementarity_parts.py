@@ -1,0 +1,175 @@
+"""Parts of the complementarity solver by themselves: units, Newton's barrier, branches by hand."""
+
+import numpy as np
+import pytest
+
+from stability.packing import complementarity
+from stability.packing.complementarity import (
+    TURN,
+    SolutionBranch,
+    feasible_for_all,
+    scaled_definite,
+    solutions_over_slip,
+    solve_complementarity,
+    solve_from,
+    trace_branch,
+)
+
+UNITS = [2.0**20, 2.0**-20, 2.0**44, 2.0**-44]
+
+
+def problem(rng, most=8):
+    m = int(rng.integers(2, most))
+    return rng.standard_normal((m, 2)), np.eye(m) + 0.9 * rng.standard_normal((m, m))
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_branch_is_the_same_whatever_the_unit_of_slip(unit):
+    """In one branch slips and rates, which are not of one kind, both end segments."""
+    rng, folds = np.random.default_rng(11), 0
+    for _ in range(10):
+        Q, M = problem(rng)
+        start = solve_from(Q[:, 0], M, np.zeros(len(Q), bool))
+        if start is None:
+            continue
+        one = trace_branch(Q, M, 0.0, start)
+        for slips, loads in ((unit, 1.0), (1.0, unit)):
+            other = trace_branch(loads * Q, slips * M, 0.0, start)
+            assert other.status == one.status
+            np.testing.assert_array_equal(other.sliding, one.sliding)
+            np.testing.assert_allclose(other.angle, one.angle, rtol=0, atol=1e-9)
+        folds += len(one.folds)
+    assert folds > 3
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_solutions_over_the_slip_of_one_contact_are_the_same_in_any_unit_of_load(unit):
+    rng, counts = np.random.default_rng(4), set()
+    for _ in range(25):
+        q, M = rng.standard_normal(5), np.eye(5) + 0.3 * rng.standard_normal((5, 5))
+        M[:, 0] *= rng.choice([-2.0, 1.0])
+        if scaled_definite(M[1:, 1:])[0]:
+            start = np.insert(solve_from(q[1:], M[1:, 1:], np.zeros(4, bool)), 0, False)
+            found = {one.tobytes() for one in solutions_over_slip(unit * q, M, 0, start)}
+            assert found == {one.tobytes() for one in solve_complementarity(q, M).active}
+            counts.add(len(found))
+    assert counts >= {0, 1, 2}
+
+
+def test_branches_of_mirrored_contacts_are_parted_in_any_unit():
+    """Two equal pairs of contacts, which change regime together."""
+    rng, parted = np.random.default_rng(5), 0
+    for _ in range(10):
+        one, other = 0.5 * rng.standard_normal((2, 2, 2)) + np.eye(2) * [[[1.0]], [[0.0]]]
+        Q, M = np.tile(rng.standard_normal((2, 2)), (2, 1)), np.block([[one, other], [other, one]])
+        start = solve_from(Q[:, 0], M, np.zeros(4, bool))
+        if start is None:
+            continue
+        first = trace_branch(Q, M, 0.0, start)
+        for unit in (2.0**30, 2.0**-30):
+            found = trace_branch(unit * Q, M, 0.0, start)
+            assert found.status == first.status == "closed"
+            np.testing.assert_array_equal(found.sliding, first.sliding)
+            np.testing.assert_allclose(found.angle, first.angle, rtol=0, atol=1e-12)
+        parted += 1
+    assert parted > 6
+
+
+def barrier(M, d, s, weight):
+    """The function that the search for a scaling makes smallest."""
+    sums = d[:, None] * M
+    log_det = np.linalg.slogdet(sums + sums.T + s * np.eye(len(M)))[1]
+    return weight * s - log_det - np.log(d).sum() - np.log(1.0 - d).sum()
+
+
+def test_the_search_for_a_scaling_is_newtons_method(monkeypatch):
+    """Slope and curvature of each step against differences of the barrier, which falls."""
+    rng, m = np.random.default_rng(3), 4
+    M = np.eye(m) + 1.1 * rng.standard_normal((m, m))
+    matrices, systems = [], []
+    inv, solve = np.linalg.inv, np.linalg.solve
+    monkeypatch.setattr(np.linalg, "inv", lambda a: matrices.append(a.copy()) or inv(a))
+    monkeypatch.setattr(
+        np.linalg, "solve", lambda a, b: systems.append((a.copy(), b.copy())) or solve(a, b)
+    )
+    tried, definite = [], complementarity.positive_definite
+    monkeypatch.setattr(
+        complementarity, "positive_definite", lambda a: tried.append(a) or definite(a)
+    )
+    found, last, blame = scaled_definite(M)
+    monkeypatch.undo()
+    assert not found and len(systems) == complementarity.BARRIER_STEPS
+    points, weights = [], []
+    for table, scaled, (curve, slope) in zip(tried, matrices, systems, strict=False):
+        d = np.diag(table) / np.diag(M)
+        sums = d[:, None] * M
+        s = float(np.mean(np.diag(scaled - sums - sums.T)))
+        np.testing.assert_allclose(scaled, sums + sums.T + s * np.eye(m), rtol=0, atol=1e-8)
+        points.append(np.append(d, s))
+        weights.append(slope[-1] + np.trace(inv(scaled)))
+    assert weights[0] * abs(points[0][-1]) == pytest.approx(2 * m, rel=1e-6)
+    lowest = np.linalg.eigvalsh(0.5 * (M + M.T))[0]
+    assert points[0][-1] == pytest.approx(-1.1 * lowest + 1e-3, rel=1e-6)
+
+    def value(x, k):
+        return barrier(M, x[:-1], x[-1], weights[k])
+
+    for k in range(6):
+        (curve, slope), x, steps = systems[k], points[k], 1e-4 * np.eye(m + 1)
+        numeric = [(value(x + e, k) - value(x - e, k)) / 2e-4 for e in steps]
+        np.testing.assert_allclose(slope, numeric, rtol=1e-4, atol=1e-4 * np.abs(slope).max())
+        second = [
+            [
+                sum(a * b * value(x + a * e + b * f, k) for a in (1, -1) for b in (1, -1)) / 4e-8
+                for f in steps
+            ]
+            for e in steps
+        ]
+        np.testing.assert_allclose(curve, second, rtol=1e-3, atol=1e-4 * np.abs(curve).max())
+    for k, (one, other) in enumerate(zip(points, points[1:], strict=False)):
+        assert value(other, k) < value(one, k)
+        curve, slope = systems[k]
+        step = -solve(curve, slope)
+        share = 1.0 / (1.0 + np.sqrt(-slope @ step))
+        np.testing.assert_allclose(other, one + share * step, rtol=0, atol=1e-8)
+        # Eight times the weight once the minimum is near.
+        grows = -slope @ step < 1.0
+        assert weights[k + 1] == pytest.approx((8.0 if grows else 1.0) * weights[k], rel=1e-6)
+    np.testing.assert_allclose(blame, np.diag(inv(matrices[-1])), rtol=1e-12)
+
+
+def test_a_rate_that_rises_by_less_than_rounding_is_not_enough():
+    """The largest rise is 1e-6, of a matrix of 1e4; and of 1e-2."""
+    assert not feasible_for_all(np.diag([1e4, 1e-6]))
+    assert feasible_for_all(np.diag([1e-2, 1e-6]))
+
+
+def test_longest_segment_and_folds_of_a_branch_by_hand():
+    """Forwards by 1, a tie, backwards by 2, on to where it began: folds at 1 and at -1."""
+    ends = [[0.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 0.0]]
+    sliding = np.eye(4, dtype=bool)
+    closed = SolutionBranch(np.array(ends), sliding, "closed")
+    angle, slides = closed.longest
+    assert angle == 0.0 and slides.tolist() == [False, False, True, False]
+    np.testing.assert_allclose(closed.folds, [1.0, TURN - 1.0], rtol=0, atol=1e-15)
+    assert closed.winding == 0 and closed.closed
+    # One that is cut open turns back only where it goes on.
+    cut = SolutionBranch(np.array(ends[:3]), sliding[:3], "degenerate")
+    np.testing.assert_allclose(cut.folds, [1.0], rtol=0, atol=1e-15)
+    away = SolutionBranch(np.array([[5.0, 5.5], [5.5, 5.4]]), sliding[:2], "too long")
+    assert away.longest[0] == 5.25
+
+
+@pytest.mark.parametrize("start", [0.3, 0.0, 0.5 * np.pi, np.pi])
+def test_a_branch_may_begin_where_a_segment_ends(start):
+    """Two contacts on their own: each slides on one half of the circle."""
+    sliding = np.array([np.cos(start) < -1e-9, np.sin(start) < -1e-9])
+    found = trace_branch(np.eye(2), np.eye(2), start, sliding)
+    assert found.status == "closed" and found.winding == 1
+    assert found.angle[0, 0] == start
+    assert found.angle[-1, 1] == pytest.approx(start + TURN, abs=1e-12)
+    np.testing.assert_allclose(found.angle[1:, 0], found.angle[:-1, 1], rtol=0, atol=1e-14)
+    for (low, high), slides in zip(found.angle, found.sliding, strict=True):
+        if high - low > 1e-9:
+            middle = 0.5 * (low + high)
+            assert slides.tolist() == [np.cos(middle) < 0, np.sin(middle) < 0]
