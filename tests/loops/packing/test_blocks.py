@@ -37,7 +37,7 @@ def cut_open(graph):
     """The contacts inside the cell, three away from the origin."""
     kept = (graph.images == 0).all(axis=1)
     return GrainGraph(
-        x=graph.x + [3.0, -5.0], radii=graph.radii, contacts=graph.contacts[kept],
+        x=graph.x + np.array([3.0, -5.0]), radii=graph.radii, contacts=graph.contacts[kept],
         normal_force=graph.normal_force[kept], shear_force=graph.shear_force[kept],
     )  # fmt: skip
 

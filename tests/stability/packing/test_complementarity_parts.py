@@ -1,5 +1,7 @@
 """Parts of the complementarity solver by themselves: units, Newton's barrier, branches by hand."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -96,11 +98,11 @@ def test_the_search_for_a_scaling_is_newtons_method(monkeypatch):
     monkeypatch.setattr(
         complementarity, "positive_definite", lambda a: tried.append(a) or definite(a)
     )
-    found, last, blame = scaled_definite(M)
+    found, _, blame = scaled_definite(M)
     monkeypatch.undo()
     assert not found and len(systems) == complementarity.BARRIER_STEPS
     points, weights = [], []
-    for table, scaled, (curve, slope) in zip(tried, matrices, systems, strict=False):
+    for table, scaled, (_, slope) in zip(tried, matrices, systems, strict=False):
         d = np.diag(table) / np.diag(M)
         sums = d[:, None] * M
         s = float(np.mean(np.diag(scaled - sums - sums.T)))
@@ -126,7 +128,7 @@ def test_the_search_for_a_scaling_is_newtons_method(monkeypatch):
             for e in steps
         ]
         np.testing.assert_allclose(curve, second, rtol=1e-3, atol=1e-4 * np.abs(curve).max())
-    for k, (one, other) in enumerate(zip(points, points[1:], strict=False)):
+    for k, (one, other) in enumerate(pairwise(points)):
         assert value(other, k) < value(one, k)
         curve, slope = systems[k]
         step = -solve(curve, slope)
