@@ -323,7 +323,7 @@ def scaled_definite(M: Floats, start: Floats | None = None) -> tuple[bool, Float
     d = np.full(m, 0.5) if start is None else start
     if m == 0:
         return True, d, d
-    sums = d[:, None] * (M - MARGIN * one)
+    sums = d[:, None] * M
     s = 1e-3 - 1.1 * float(np.linalg.eigvalsh(sums + sums.T)[0])
     weight, blame = 2.0 * m / abs(s), np.zeros(m)
     for _ in range(BARRIER_STEPS):

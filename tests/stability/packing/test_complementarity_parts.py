@@ -140,6 +140,11 @@ def test_the_search_for_a_scaling_is_newtons_method(monkeypatch):
     np.testing.assert_allclose(blame, np.diag(inv(matrices[-1])), rtol=1e-12)
 
 
+@pytest.mark.parametrize(("least", "definite"), [(2e-9, True), (5e-10, False)])
+def test_definite_by_less_than_a_billionth_is_not_certain(least, definite):
+    assert scaled_definite(np.diag([1.0, least]))[0] == definite
+
+
 def test_a_rate_that_rises_by_less_than_rounding_is_not_enough():
     """The largest rise is 1e-6, of a matrix of 1e4; and of 1e-2."""
     assert not feasible_for_all(np.diag([1e4, 1e-6]))
