@@ -14,6 +14,7 @@ from stability.packing.incremental_packing import (
     RATTLERS,
     SLIDING,
     IncrementalPacking,
+    Order,
 )
 from stability.packing.pairs import contact_pairs
 from stability.packing.state import start_state
@@ -163,8 +164,22 @@ def test_there_is_room_for_so_many_columns(monkeypatch):
     pieces = pieces_of()
     assert pieces.columns([3, 8, 12, 3, 20]) == [0, 1, 2, 0, 3]
     assert pieces.column(30) == 4 and pieces.column(8) == 1
+    # The cached rates of a contact: four strains and the load, then every column.
+    assert pieces.yield_rates.shape == (len(pieces.frame), 5 + 5)
     with pytest.raises(ArithmeticError, match="room"):
         pieces.column(31)
+
+
+@pytest.mark.parametrize(("growth", "kept"), [(1.0, True), (1.2, True), (1.3, False)])
+def test_an_order_of_elimination_is_kept_until_the_factors_grow_by_a_quarter(growth, kept):
+    pieces = pieces_of()
+    place, entries = pieces.order
+    assert entries == pieces.lu.L.nnz
+    order = pieces.order = Order(place, entries / growth)
+    V = pieces.V.copy()
+    pieces.factorise()
+    assert (pieces.order is order) == kept and (pieces.order is None) != kept
+    np.testing.assert_allclose(pieces.V, V, rtol=0, atol=1e-10 * np.abs(V).max())
 
 
 def test_a_regime_that_returns_leaves_no_change():

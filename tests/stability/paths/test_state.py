@@ -419,16 +419,18 @@ def test_rows_and_events_of_a_record():
     assert row["normal_energy"] == pytest.approx((N[kept] ** 2 / (2 * law.kn[kept])).sum())
     assert row["tangential_energy"] == pytest.approx((T[kept] ** 2 / (2 * law.kt[kept])).sum())
     record.row(model, here)
-    record.rows[0] = {**row, "H": np.ones(4)}
+    record.row(model, here)
+    for k in (0, 1):
+        record.rows[k] = {**row, "H": np.ones(4)}
     record.event("yield", 0.3, (1,))
     record.branching(here)
     for event in record.events:
-        assert event.index == 1 and event.H == tuple(place) and event.stage == 2
+        assert event.index == 2 and event.H == tuple(place) and event.stage == 2
     # Contacts that are added later are open before.
     more = with_contact(model, np.array([[0, 2]]))
     path = record.path(more, "finished", "", "full", None)
-    assert path.regime.tolist() == [[STICK, STICK, APART, STICK, STICK, APART]] * 2
-    np.testing.assert_array_equal(path.normal_force[:, :5], [N, N])
+    assert path.regime.tolist() == [[STICK, STICK, APART, STICK, STICK, APART]] * 3
+    np.testing.assert_array_equal(path.normal_force[:, :5], [N, N, N])
     assert (path.normal_force[:, 5] == 0).all() and (path.shear_force[:, 5] == 0).all()
 
 
