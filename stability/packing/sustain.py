@@ -489,7 +489,8 @@ class _LoadPathSolver(PackingPathSolver):
     def _moved(self, stage: Stage, load: float) -> _Moved:
         """The packing as it starts to move under another load."""
         stress, strain, rate = stage.programme.equations(self.H)
-        done = stress @ (self.P - self.P_start) + strain @ (self.H - self.H_start)
+        # There is one stage: its strains are those of the path.
+        done = stress @ (self.P - self.P_start) + strain @ self.H
         control = self._control(stage, 0.0)._replace(rate=rate * load - done)
         where = self.state, self.pairs, -self.balance
         return _Moved(*where, control, self.by_radii, self.count, self.damping)

@@ -176,6 +176,27 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     assert spans[1] == duration
 
 
+def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
+    """The rate of a snap takes the strain to where the programme would be after it."""
+    rates = []
+
+    def kept(state, pairs, load, control, span, by_radii):
+        rates.append((control.rate, span))
+        return Snap(state, pairs, np.zeros(4))
+
+    monkeypatch.setattr(path_module, "snap_through", kept)
+    rate, duration = np.array([1e-3, 0.0, 0.0, -2e-3]), 0.01
+    stage = Stage(Programme("strain", np.zeros((4, 4)), np.eye(4), rate), "parameter", 1.0)
+    solver = PackingPathSolver(jammed(12, 1), LAW, [stage], 1e-4, "dynamic", None, None)
+    # Ahead of the programme, and half an interval behind it.
+    error, solver.parameter = np.array([2e-6, -1e-6, 3e-6, 4e-6]), 0.5 * duration
+    solver.F = np.eye(2) - error.reshape(2, 2)
+    solver._pass(InstabilityError(3, "why", np.zeros(0, dtype=int)), duration, stage, 1.0)
+    ((found, span),) = rates
+    assert span == duration
+    np.testing.assert_allclose(found * span, 1.5 * rate * duration - error, rtol=1e-9)
+
+
 def moved(graph, law, shift=0.0):
     """The packing as it starts to move under its own stress, and a little more."""
     start = start_state(graph)

@@ -332,4 +332,7 @@ def test_pairs_of_an_own_law_that_are_apart_stand_at_a_small_overlap():
     fewer = replace(state, **kept)
     more = with_near(contact_pairs(fewer, law.take([1, 2])), state, 0.1)
     assert more.grains[-1].tolist() == [0, 1] and more.own.rows.tolist() == [0, 1, 2]
+    lone = replace(fewer, **{part: values[:1] for part, values in kept.items()})
+    both = with_near(contact_pairs(lone, law.take([1])), state, 0.1)
+    assert both.own.rows.tolist() == [0, 1, 2] and both.own.law.k.tolist() == [9.0] * 3
     assert more.own.radii[:, -1].tolist() == [2.0, 3.0] and more.own.law.k[-1] == 9.0

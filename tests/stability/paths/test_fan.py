@@ -39,6 +39,23 @@ def fan_of(loop, closure, control, degrees, mu=np.inf, *, length=1.0, kn=1.0, ov
     return Fan(model, control, np.radians(degrees), reach)
 
 
+@pytest.mark.parametrize(("length", "kn"), [(1.0, 1.0), (2.0**-9, 2.0**30)])
+def test_distances_to_events_are_shares_of_the_reach(length, kn):
+    """Overlap over the touching distance; strength less `|T|` over kn times the distance."""
+    mu, reach = 0.3, 0.25
+    fan = fan_of(lopsided(), "affine", "strain", (33.0,), mu, length=length, kn=kn, overlap=0.02,
+                 reach=reach)  # fmt: skip
+    C = fan.model.contact_count
+    T = 1e-3 * kn * length * np.arange(C)
+    values, _, columns = fan.functions(LoopStates.at_rest(1, C, T), np.array([0]))
+    overlap = fan.model.touching - fan.model.length0
+    np.testing.assert_allclose(
+        values[0, columns["opening"]], overlap / (fan.model.touching * reach), rtol=1e-9
+    )
+    left = (mu * kn * overlap - T) / (fan.model.stiffness * fan.model.length * reach)
+    np.testing.assert_allclose(values[0, columns["yield"]], left, rtol=1e-9)
+
+
 def lopsided():
     return random_loop(5, 3, polydispersity=0.3, strain=0.0)
 
