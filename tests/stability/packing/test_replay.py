@@ -63,6 +63,19 @@ def test_an_elastic_collision_in_closed_form():
     assert after.state.normal_force[0] == 0
 
 
+def test_a_motion_that_meets_others_in_every_step_is_refused():
+    """More than a hundred steps in a row, in each of which pairs have to be listed anew."""
+    law, apart = LinearFrictional(1.0, 0.5, 0.5), pair(1.5)
+    # Grains may come closer by the listed gap, a fiftieth of the diameter.
+    fast = {"velocity": [[0.011, 0.0], [0.011, 0.0]], "time_step": 1.0}
+    end = replay(apart, law, STILL, duration=101.0, **fast)
+    np.testing.assert_allclose(end.velocity[:, 0], 0.011)
+    with pytest.raises(InputError, match="in one of 102 steps"):
+        replay(apart, law, STILL, duration=102.0, **fast)
+    slow = fast | {"velocity": [[0.009, 0.0], [0.009, 0.0]]}
+    assert replay(apart, law, STILL, duration=300.0, **slow).steps == 300
+
+
 def triangles(law, overlap=1e-3):
     """Triangular lattice of discs of unit diameter, each with six contacts."""
     across, up = np.meshgrid(np.arange(6), np.arange(6))
