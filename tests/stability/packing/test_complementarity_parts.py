@@ -160,6 +160,10 @@ def test_longest_segment_and_folds_of_a_branch_by_hand():
     assert angle == 0.0 and slides.tolist() == [False, False, True, False]
     np.testing.assert_allclose(closed.folds, [1.0, TURN - 1.0], rtol=0, atol=1e-15)
     assert closed.winding == 0 and closed.closed
+    # Both ends of a segment belong to it, in any turn.
+    for angle, segments in ((0.0, [0, 2, 3]), (1.0, [0, 1, 2]), (TURN - 1.0, [2, 3]), (2.0, [])):
+        for turn in (-TURN, 0.0, TURN):
+            assert closed.at(angle + turn).tolist() == segments
     # One that is cut open turns back only where it goes on.
     cut = SolutionBranch(np.array(ends[:3]), sliding[:3], "degenerate")
     np.testing.assert_allclose(cut.folds, [1.0], rtol=0, atol=1e-15)

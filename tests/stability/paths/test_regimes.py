@@ -92,6 +92,7 @@ def test_contacts_of_an_orbit_take_one_choice(mu):
     assert taken.regime.tolist() == [SLIDE] * 4
     np.testing.assert_array_equal(taken.side, sign)
     assert first_choices(model, orbits, {turned: LEFT}) == {0: first}
+    assert first_choices(model, orbits, {turned: ELASTIC}) == {0: ELASTIC}
     assert first_choices(model, orbits, {}) == {}
     plain = replace(model, symmetry=None)
     alone = edge_orbits(plain, options)
