@@ -157,7 +157,7 @@ def drawn(rng, grains, contacts, size):
     return np.column_stack(np.divmod(x, size)) / 8, pairs[:contacts]
 
 
-@pytest.mark.parametrize("size", [4, 8, 1000])
+@pytest.mark.parametrize("size", [pytest.param(4, marks=pytest.mark.slow), 8, 1000])
 def test_random_graphs_in_the_plane(size):
     """Few grid points make touching, folding and overlapping frequent."""
     for seed in range(15):

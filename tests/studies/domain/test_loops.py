@@ -476,7 +476,10 @@ def exact_share_of_the_diamond(kappa, phi, directions=20001):
     return 1.0 - np.trapezoid(stable**2, b) / np.trapezoid(end**2, b)
 
 
-@pytest.mark.parametrize(("phi", "closure"), [(20.0, "affine"), (90.0, "traction")])
+@pytest.mark.parametrize(
+    ("phi", "closure"),
+    [(20.0, "affine"), pytest.param(90.0, "traction", marks=pytest.mark.slow)],
+)
 def test_unstable_share_of_the_diamond_converges_to_the_closed_one(phi, closure):
     exact = exact_share_of_the_diamond(KAPPA, np.radians(phi))
     loop = PolygonOptions(4, kappa=KAPPA, phi_deg=phi, closure=closure)

@@ -144,6 +144,7 @@ def test_the_path_ends_where_the_followed_strain_is_used_up():
 # Energy
 
 
+@pytest.mark.slow
 def test_without_lateral_force_yield_is_the_end_of_strain_control():
     # T = N tan(alpha) there: sliding contacts hold alpha at phi, and slip would have to go back.
     for alpha0, phi in ((10.0, 30.0), (18.0, 89.0), (44.0, 84.0), (60.0, 85.0)):

@@ -256,6 +256,7 @@ def test_orders():
         ComparisonOptions((2, 3), PolygonOptions(3))
 
 
+@pytest.mark.slow
 def test_comparison(tmp_path, unsaved):
     shared = PolygonOptions(3, closure="traction", kappa=0.25, confine=0.05, end=0.2)
     summary = run_comparison(ComparisonOptions((3, 4, 8), shared), tmp_path / "c")

@@ -100,6 +100,7 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
     np.testing.assert_allclose(own.nonaffinity, away, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_path_and_the_replay_predict_beside(tmp_path, monkeypatch, unsaved):
     """One step of 2e-5, whose AUC of the path is .99 and more, of the replay .995 and more."""
     out, replayed = tmp_path / "series", []
