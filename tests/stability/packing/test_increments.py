@@ -1,5 +1,6 @@
 """Increments of a packing's path by themselves: closings, openings, energies, times to a target."""
 
+from copy import copy
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -410,3 +411,35 @@ def test_the_participation_number_of_an_unstable_mode(speeds, number):
     assert found.mode == f"no regimes agree: {number} grains take part, det K changes sign"
     found = UnsolvedError(2, 1e-3 * motion.ravel(), False, "")
     assert f"were found: {number} grains" in found.mode and "keeps its sign" in found.mode
+
+
+@pytest.mark.parametrize("resting", [0, 1, 7, 15, 16, 19, 20])
+def test_the_limit_is_the_largest_kept_load_that_comes_to_rest(resting, monkeypatch):
+    """Of twenty: from the last but three back by four, eight, ... and then between the two."""
+    graph, asked = jammed(12, 1), []
+
+    def grow(self, first, last, least):
+        kept = []
+        for number in range(20):
+            one = copy(self)
+            one.number = number
+            kept.append((first + 1e-9 * (1 + number), one))
+        return "failed", first + 21e-9, kept
+
+    def hold(self):
+        asked.append(self.number)
+        return "at rest" if self.number < resting else "failed"
+
+    monkeypatch.setattr(_Moved, "grow", grow)
+    monkeypatch.setattr(_Moved, "hold", hold)
+    stage = stage_along(np.array([-1.0, 0.0]), "diagonal", "stress", 1e-6)
+    solver = _LoadPathSolver(graph, LAW, stage, 1e-5, None, None)
+    solver.faces, solver.most_snaps, solver.damping = find_faces(graph), 30, 0.3
+    stop, why = solver._grow(stage)
+    assert stop == "lost" and "after 3 motions; strain rate and kinetic energy keep growing" in why
+    assert solver.parameter == pytest.approx(1e-9 * resting, abs=1e-15) and solver.ended
+    assert [motion.status for motion in solver.motions] == ["at rest"] * (resting > 0) + ["failed"]
+    assert solver.motions[-1].lost == solver.parameter
+    assert solver.motions[-1].load == pytest.approx(1e-9 * (resting + 1), rel=1e-9)
+    back = [k for k in (16, 8, 0) if k >= resting]
+    assert asked[: len(back)] == back and len(set(asked)) == len(asked) <= 6
