@@ -74,7 +74,7 @@ class Polygons:
 
 def polygons_of(graph: GrainGraph, faces: Faces) -> Polygons:
     """Polygons of all loops of a packing, in the order of `Faces.loops`."""
-    row = np.full(len(faces.kind), -1)
+    row = np.zeros(len(faces.kind), dtype=np.int64)
     row[faces.loops] = np.arange(len(faces.loops))
     out = Polygons([], [], [], [], np.empty((len(faces.loops), 2)))
     for batch in loop_batches(graph, faces):
@@ -554,7 +554,7 @@ def loops_in_place(
     side = np.inf if method == "whole" else block
     found = inverted(system, polygons, side, buffer, threads or available_cores())
     error = found.error + _truncation(system, polygons, found.matrix, found.rho)
-    row = np.full(len(faces.kind), -1)
+    row = np.zeros(len(faces.kind), dtype=np.int64)
     row[faces.loops] = np.arange(len(faces.loops))
     alone, alone_error = np.empty((len(faces.loops), 4, 4)), np.empty(len(faces.loops))
     given = None if regime is None else np.asarray(regime, dtype=np.int8)

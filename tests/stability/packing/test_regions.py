@@ -199,3 +199,12 @@ def test_zeros_are_found_as_many_turns_away_as_cones_may_reach(turns):
     tangent, zero = np.outer(n, unit(0.3)), 0.3 + turns * TURN
     made = regions(tangent, zero + np.array([-1.0, 1.0]))
     assert made.root(Found, zero - 0.1, zero + 0.2) == pytest.approx(zero, abs=1e-13)
+
+
+@pytest.mark.parametrize("size", [1.0, 2.0**-70, 2.0**70])
+def test_rows_that_are_zero_bound_no_arc_in_any_unit(size):
+    """Within a right angle of every other row."""
+    lines = size * np.array([[1.0, 0.0], [0.6, 0.8], [-1e-14, 0.0]])
+    first, last = np.arctan2(0.8, 0.6) - 0.5 * np.pi, 0.5 * np.pi
+    np.testing.assert_allclose(_arc(lines, unit(0.4)), [first, last], rtol=1e-12)
+    np.testing.assert_allclose(_arc(0.0 * lines, unit(0.4)), 0.4 + np.pi * np.array([-1, 1]))

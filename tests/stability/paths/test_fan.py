@@ -56,6 +56,18 @@ def test_distances_to_events_are_shares_of_the_reach(length, kn):
     np.testing.assert_allclose(values[0, columns["yield"]], left, rtol=1e-9)
 
 
+def test_contacts_that_stick_tend_to_slide_the_way_they_are_loaded():
+    """`s T' - mu N'`, with the sign `s` of `T`, and that of `T'` where `T` is zero."""
+    fan = fan_of(lopsided(), "affine", "strain", (33.0,), 0.3, overlap=0.02)
+    T = 1e-3 * np.array([1.0, -1.0, 0.0, 1.0, -1.0])
+    states = LoopStates.at_rest(1, 5, T)
+    rates, shift = fan.rates(states, np.array([0]))
+    normal, beyond = fan.edges(states, rates, shift)
+    way = np.where(T == 0.0, np.sign(rates.shear_force), np.sign(T))
+    assert set(np.sign(T * rates.shear_force[0]).tolist()) == {-1.0, 0.0, 1.0}
+    np.testing.assert_allclose(beyond, way * rates.shear_force - 0.3 * normal, rtol=1e-12)
+
+
 def lopsided():
     return random_loop(5, 3, polydispersity=0.3, strain=0.0)
 
