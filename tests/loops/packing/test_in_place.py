@@ -231,6 +231,20 @@ def test_the_spin_of_the_smallest_gear_is_one():
     np.testing.assert_allclose(motion * np.sign(motion[[0, 0, 0, 3, 3]]), wanted, rtol=1e-14)
 
 
+@pytest.mark.parametrize("large", [0, 4])
+def test_rounding_locks_no_ring_of_small_gears(large):
+    """One gear that is a million times larger turns a ring of four, whose spins are as large."""
+    radii = np.array([0.7, 1.1, 0.3, 1.3, 0.9])
+    radii[large] *= 1e6
+    ring = [k for k in range(5) if k != large]
+    pairs = [[large, ring[0]], *([ring[k], ring[(k + 1) % 4]] for k in range(4))]
+    mode, motion = gear_train(pairs, 5, radii=radii)
+    assert mode.tolist() == [0] * 5
+    wanted = np.ones(5) / radii
+    wanted[[large, ring[1], ring[3]]] *= -1.0
+    np.testing.assert_allclose(motion / motion[ring[0]], wanted / wanted[ring[0]], rtol=1e-12)
+
+
 def test_gears_and_free_spins_are_found():
     """Two grains that roll on each other alone, a ring of four, a ring of three that locks."""
     pairs = [[0, 1], [2, 3], [3, 4], [4, 5], [5, 2], [6, 7], [7, 8], [8, 6]]
