@@ -362,6 +362,10 @@ def step_of(
 ) -> float:
     """Length of a step; `stride` times that of a replay where this is stable."""
     stiffest = typical_stiffness(pairs, state).max()
+    if pairs.rolling:
+        # Springs of pairs that touch later are in no frequency of the start.
+        smaller = state.radii[pairs.grains[~state.at_wall]].min(axis=1)
+        stiffest = max(stiffest, (pairs.rolling.k_r[~state.at_wall] / smaller**2).max())
     usual = stride * TIME_STEP * math.sqrt(float(masses.min() / stiffest))
     if not state.closed.any():
         return usual
