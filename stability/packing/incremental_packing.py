@@ -20,9 +20,9 @@ from loops.laws.frictional import Regime
 from stability.packing.pairs import AT_YIELD, Pairs, frame_of
 from stability.packing.state import PackingState
 
-# Ground springs over the mean kn: of every grain, of one with two contacts, of one with fewer
-# (docs/theory/packing.md).
-GEARS, PAIRED, RATTLERS = 1e-7, 1e-4, 1e-3
+# Ground spring of every grain over the mean kn: as weak as the matrix needs. Limits are equal to
+# four digits from 1e-11 to 1e-7, and wrong from 1e-5 on (docs/theory/packing.md).
+REGULARISATION = 1e-7
 # Number of columns from which on the system is factorised anew, and the largest possible one.
 RANK, ROOM = 96, 192
 # Right-hand sides that are solved together: that of an event and those of the next likely ones.
@@ -122,10 +122,7 @@ class IncrementalPacking:
         place = np.arange(size) if self.order is None else self.order.place
         k = kernels.blocks(frame, *self.reference, place, at, values)
         unit = float(frame["kn"].mean())
-        closed = np.flatnonzero(self.regime[: self.pair_count] != OPEN)
-        degree = np.bincount(frame["grains"][closed].ravel(), minlength=self.count)
-        own = np.select([degree < 2, degree < 3], [RATTLERS, PAIRED], GEARS)
-        springs = np.repeat(np.maximum(own, self.ground_spring), 3) * unit
+        springs = np.repeat(np.maximum(REGULARISATION, self.ground_spring), 3) * unit
         if len(self.wall_freedoms):
             # Walls are held: nothing couples to them.
             held = np.zeros(size, dtype=bool)
@@ -133,10 +130,6 @@ class IncrementalPacking:
             kept = ~(held[at[0, :k]] | held[at[1, :k]])
             free = int(np.count_nonzero(kept))
             at[:, :free], values[:free], k = at[:, :k][:, kept], values[:k][kept], free
-        else:
-            # All grains may move together: one is held.
-            anchor = 3 * int(np.argmax(degree))
-            springs[anchor : anchor + 2] += unit
         at[:, k : k + size] = np.arange(size)
         values[k + place] = springs
         self.lu = splu(

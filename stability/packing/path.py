@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,8 +35,10 @@ from stability.packing.pairs import (
     tangents,
     with_near,
 )
+from stability.packing.rattlers import free_rattlers
 from stability.packing.state import PackingState, jumped, start_state
 from stability.packing.strain_increment import (
+    RELEASED,
     ControlLimitError,
     Found,
     Goal,
@@ -54,6 +58,8 @@ DECAY = 1e-5
 REACH = 4.0
 # Largest strain speed over the smallest of the stage; beyond, the control has met its limit.
 MAX_SPEED_RATIO = 1e3
+# Intervals before the end of a path that are kept, to go through them again.
+HISTORY = 64
 Stop = tuple[PathStatus, str]
 
 
@@ -174,6 +180,9 @@ class PackingPathSolver:
         self.work = np.zeros(4)
         self.events: list[Event] = []
         self.rows: list[tuple[Any, ...]] = []
+        # Values of the stage's quantity at which rows are left to record, and where to go back to.
+        self.targets: deque[float] = deque()
+        self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY)
         # Memory and order of elimination of the increment before.
         self.packing: IncrementalPacking | None = None
         self.pairs = contact_pairs(start, checked, planes)
@@ -184,11 +193,12 @@ class PackingPathSolver:
         # Of the pairs, then of their springs against rolling.
         self.regime, self.side = np.zeros(0, dtype=np.int8), np.zeros(0)
         self._list_pairs()
+        self.state, self.rattlers, _ = free_rattlers(self.state, self.pairs)
         self._find_regimes()
         self.first_resultants, self.unbalanced_share = self.state.resultants, 1.0
         self.imbalance = 0.0 * self.balance
         self._start_stage(0)
-        self._record()
+        self.record()
 
     def _list_pairs(self) -> None:
         """Add the pairs that are close to the list, as open contacts."""
@@ -267,40 +277,60 @@ class PackingPathSolver:
             row, detail = len(self.rows) - 1, f"to {stage.programme.name}"
             change = Event("programme_change", self.parameter, number, row, (), detail)
             self.events.append(change)
+        self.start_stage(number, stage, rows)
+        while self.targets:
+            if self.intervals >= max_steps:
+                return "lost", f"{max_steps} intervals were not enough"
+            self.history.append(self.saved())
+            stop = self.step(stage, instabilities)
+            if stop is not None:
+                self.record()
+                return stop
+            if progress is not None:
+                progress(self.parameter)
+        return FINISHED
+
+    def start_stage(self, number: int, stage: Stage, rows: int) -> None:
+        """Measure a stage from this state; rows are recorded at equal parts of its quantity."""
         self._start_stage(number)
         start = self._quantity(stage)
-        way = stage.target - start
-        for target in np.linspace(start, stage.target, rows + 1)[1:]:
-            while True:
-                scale = 1.0
-                if stage.quantity[0] == "P":
-                    scale = float(tangents(self.pairs, overlaps(self.state, self.pairs))[0].mean())
-                elif stage.quantity == "parameter":
-                    scale = 1.0 / float(np.abs(stage.programme.rate).max())
-                # Reached to a millionth of an interval, or leapt over.
-                if np.sign(way) * (target - self._quantity(stage)) <= 1e-6 * self.size * scale:
-                    break
-                if self.intervals >= max_steps:
-                    return "lost", f"{max_steps} intervals were not enough"
-                stop = self._step(stage, float(target), instabilities)
-                if stop is not None:
-                    self._record()
-                    return stop
-                if progress is not None:
-                    progress(self.parameter)
-            self._record()
-        return FINISHED
+        self.targets = deque(np.linspace(start, stage.target, rows + 1)[1:].tolist())
+        self._record_reached(stage)
+
+    def saved(self) -> dict[str, Any]:
+        """All that the path is, to go back to."""
+        kept = {name: value for name, value in vars(self).items() if name != "history"}
+        return {name: copy(value) for name, value in kept.items()}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go back to a saved state of the path."""
+        vars(self).update({name: copy(value) for name, value in saved.items()})
 
     def _quantity(self, stage: Stage) -> float:
         """The quantity whose target ends the stage."""
         return stage.value(self.H, self.P, self.parameter - self.stage_start)
 
-    def _step(self, stage: Stage, target: float, instabilities: int) -> Stop | None:
+    def _record_reached(self, stage: Stage) -> None:
+        """Record a row for every target that is reached to a millionth of an interval."""
+        scale = 1.0
+        if stage.quantity[0] == "P":
+            scale = float(tangents(self.pairs, overlaps(self.state, self.pairs))[0].mean())
+        elif stage.quantity == "parameter":
+            scale = 1.0 / float(np.abs(stage.programme.rate).max())
+        # Targets of a quantity that is not driven may be leapt over.
+        way = np.sign(stage.target - (stage.value(self.H_start, self.P_start, 0.0)))
+        while self.targets and not (
+            way * (self.targets[0] - self._quantity(stage)) > 1e-6 * self.size * scale
+        ):
+            self.targets.popleft()
+            self.record()
+
+    def step(self, stage: Stage, instabilities: int) -> Stop | None:
         """Go on by one interval, and through the instability that ends it; why the path ends."""
-        before = (self.state, self.F, self.regime, self.side, self.pairs)
+        before = self.saved()
         events: list[Found] = []
         try:
-            met, duration = self._interval(stage, target, events)
+            met, duration = self._interval(stage, events)
         except RejectedError as error:
             status, message = error.args
         except ControlLimitError:
@@ -309,19 +339,21 @@ class PackingPathSolver:
         except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
             status, message = "lost", f"the system can't be solved: {error}"
         else:
-            stop = self._pass(met, duration, stage, target) if met else None
+            stop = self._pass(met, duration, stage) if met else None
             found = {event.contacts for event in self.events if event.kind == "instability"}
             if stop is None and len(found) >= instabilities:
                 stop = "instabilities", f"{len(found)} contacts have no consistent regime"
+            if stop is None:
+                self._record_reached(stage)
             return stop
-        self.state, self.F, self.regime, self.side, self.pairs = before
+        self.restore(before)
         if status == "lost":
             # The events that led there stay.
             self._add_events(events)
         return status, message
 
     def _interval(
-        self, stage: Stage, target: float, events: list[Found]
+        self, stage: Stage, events: list[Found]
     ) -> tuple[InstabilityError | None, float]:
         """Strain by an increment: the instability that ends it, and the duration asked for."""
         packing = IncrementalPacking(
@@ -356,52 +388,75 @@ class PackingPathSolver:
             self.balance.ravel() * scale,
             relief,
             duration,
-            self._goal(stage, target),
+            self._goal(stage, self.targets[0]),
             max_speed,
             self.past == "viscous",
+            self.rattlers,
         )
-        met = None
+        met, taken = None, (increment, decrease / duration)
         try:
             increment.run()
+            while len(self.targets) > 1 and increment.at_goal:
+                # A row within the interval, which goes on as if there were none.
+                before = self.saved()
+                self._take(*taken)
+                self.record()
+                self.restore(before | {"rows": self.rows})
+                increment.left += self.targets[1] - self.targets.popleft()
+                increment.run()
         except InstabilityError as error:
             met = error
         finally:
             events += increment.events
-        state, self.regime, self.side, work = increment.end()
+        before_it = self.state
+        self._take(*taken)
         self.packing = packing
-        if not state.closed.any():
-            raise RejectedError("no_load", "the packing has come apart and carries no force")
-        jump = jumped(self.state, state, self.first_stress)
+        jump = jumped(before_it, self.state, self.first_stress)
         if jump:
             raise RejectedError("lost", jump)
-        self._add_events(events, increment.released)
-        self.F = self.F - increment.strain.reshape(2, 2) @ self.F
-        self.unbalanced_share -= decrease * min(increment.time / duration, 1.0)
-        self._accept(state, increment.time, work)
         self.intervals += 1
         # Neighbours come nearer with the cell as well, by twice this.
-        affine = float(np.linalg.norm(increment.strain) * state.radii.max())
+        affine = float(np.linalg.norm(increment.strain) * self.state.radii.max())
         self.wandered += float(np.abs(increment.u).max()) + affine
         if not 2.0 * self.wandered < 0.5 * self._listed_gap():
             self._list_pairs()
         return met, duration
 
+    def _take(self, increment: StrainIncrement, relief: float) -> None:
+        """Take over the state that an increment has reached; `relief` of the load a time."""
+        state, self.regime, self.side, work = increment.end()
+        self.rattlers = increment.rattlers
+        if not state.closed.any():
+            raise RejectedError("no_load", "the packing has come apart and carries no force")
+        self._add_events(increment.events, increment.released)
+        self.F = self.F - increment.strain.reshape(2, 2) @ self.F
+        self.unbalanced_share -= relief * increment.time
+        self._accept(state, increment.time, work)
+        closed = np.resize(self.state.closed, len(self.regime))
+        entered = closed & (self.regime == OPEN)
+        regime = np.where(closed, np.where(entered, ELASTIC, self.regime), OPEN)
+        self.regime = regime.astype(np.int8)
+
     def _accept(self, state: PackingState, duration: float, work: Floats) -> None:
-        """Take over a later state, with the loading parameter and work that led to it."""
-        self.state = state
+        """Take over a later state, with the loading parameter and work that led to it.
+
+        Grains that carry nothing leave the system, or join it.
+        """
+        self.state, self.rattlers, released = free_rattlers(state, self.pairs, self.rattlers)
+        self.first_resultants[self.rattlers] = 0.0
         self.parameter += duration
         self.work += work
-        self.imbalance = state.resultants - self.balance
+        self.work[RELEASED] += released
+        self.wandered += float(np.abs(self.state.x - state.x).max())
+        self.imbalance = self.state.resultants - self.balance
 
-    def _pass(
-        self, met: InstabilityError, duration: float, stage: Stage, target: float
-    ) -> Stop | None:
+    def _pass(self, met: InstabilityError, duration: float, stage: Stage) -> Stop | None:
         """Stop at an instability, or go through it by the equations of motion."""
         if self.past == "stop":
             self._add_events([Found("instability", 0.0, met.contact, f"{met.why}; stopped")])
             return "instabilities", str(met)
         rate = 1.0 if stage.quantity == "parameter" else stage.programme.driven(stage.quantity)
-        left = (target - self._quantity(stage)) / rate if rate else np.inf
+        left = (self.targets[0] - self._quantity(stage)) / rate if rate else np.inf
         # A target of a quantity that is not driven may be leapt over.
         span = min(duration, left) if left > 0 else duration
         load, control = -self.balance, self._control(stage, 1.0 / span)
@@ -449,10 +504,11 @@ class PackingPathSolver:
                 detail = f"{detail}; {left[grains].sum():.2g} released"
                 # The energy of a grain belongs to its first instability.
                 left[grains] = 0.0
-            place = (self.parameter + time, self.stage, len(self.rows) - 1)
-            self.events.append(Event(kind, *place, (contact,), detail))
+            parameter = self.parameter + time
+            row = sum(one[0] <= parameter for one in self.rows) - 1
+            self.events.append(Event(kind, parameter, self.stage, row, (contact,), detail))
 
-    def _record(self) -> None:
+    def record(self) -> None:
         """Add a row."""
         state = self.state
         energy = stored_energy(state, self.pairs)

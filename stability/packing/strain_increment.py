@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Flags, Floats, Integers, Regimes
 from stability.packing.complementarity import solve_complementarity
 from stability.packing.incremental_packing import (
     ELASTIC,
@@ -31,6 +31,7 @@ from stability.packing.pairs import (
     tangents,
     touching_distances,
 )
+from stability.packing.rattlers import carrying_nothing
 from stability.packing.state import PackingState
 from stability.paths.path import EventKind
 
@@ -42,6 +43,8 @@ GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
 SLIP, INCREMENT, RELEASED = 1, 2, 3
 # Rates of the wrong sign below this share of the largest are rounding.
 RATE_RTOL = 1e-9
+# Detail of the opening of a contact whose grain leaves the system.
+CARRIES_NOTHING = "its grain carries nothing"
 # Changes of regime within one pivot.
 PIVOT_STEPS = 40
 
@@ -135,25 +138,31 @@ class StrainIncrement:
         goal: Goal,
         max_strain_speed: float,
         viscous: bool,
+        rattlers: Flags,
     ) -> None:
         self.packing, self.state, self.pairs = packing, state, pairs
         self.control, self.duration = control, duration
         self.load, self.relief = load, relief
         self.goal, self.left = goal, goal.left
         self.max_strain_speed, self.viscous = max_strain_speed, viscous
-        self.touching = touching_distances(state, pairs)
+        # Grains that carry nothing, and the pairs that they are in: never in touch.
+        self.rattlers = rattlers.copy()
+        self.absent = rattlers[pairs.grains].any(axis=1)
+        self.touching = np.where(self.absent, 0.0, touching_distances(state, pairs))
         # The kernels change these in place.
         self.N, self.T = state.normal_force.copy(), state.shear_force.copy()
         if pairs.rolling:
             moment = state.rolling_moment / packing.length
             self.N, self.T = np.tile(self.N, 2), np.append(self.T, moment)
-        self.gap = np.maximum(np.linalg.norm(state.branches, axis=1) - self.touching, 0.0)
+        apart = np.linalg.norm(state.branches, axis=1) - touching_distances(state, pairs)
+        self.gap = np.maximum(apart, 0.0)
         self.rates = np.empty((len(self.N), 4))
-        self.time = 0.0
+        self.time, self.reached = 0.0, False
         self.u, self.strain = np.zeros(3 * packing.count), np.zeros(4)
         # As in `PackingPath.work`; the last is that of held contacts, of grains it is `released`.
         self.work, self.released = np.zeros(4), np.zeros(packing.count)
-        self.held = np.zeros(len(self.N), dtype=bool)
+        # Pairs without events: absent ones, and contacts that are held.
+        self.held = np.resize(self.absent, len(self.N))
         self.event_count: Counter[int] = Counter()
         self.events: list[Found] = []
 
@@ -180,15 +189,22 @@ class StrainIncrement:
             if goal.stress.any():
                 stress_rate(*pairs, v, h, stress)
             speed = float(goal.strain @ h[:4] + goal.stress @ (stress / packing.volume)) + goal.time
-            if speed * self.left > 0:
-                left = min(left, self.left / speed)
+            self.reached = speed * self.left > 0 and self.left / speed < left
+            if self.reached:
+                left = self.left / speed
             self.left -= speed * min(step, left)
             if step >= left:
                 self._advance(h, v, max(left, 0.0))
                 return
+            self.reached = False
             self._advance(h, v, step)
             self._change(c, kind, rates)
             rates = self._settled()
+
+    @property
+    def at_goal(self) -> bool:
+        """Whether it ended at its goal, before its time was over."""
+        return self.reached and self.time < self.duration
 
     def _advance(self, h: Floats, v: Floats, step: float) -> None:
         """Go on by a time at constant rates."""
@@ -228,6 +244,8 @@ class StrainIncrement:
                 self._tell(kind, c)
             return
         self.event_count[c], packing = 0, self.packing
+        if self._free(c):
+            return
         # A grain of fewer than three contacts is held by a ground spring; else the contact is.
         pair = packing.frame["grains"][c]
         closed = np.flatnonzero(packing.regime[: packing.pair_count] != OPEN)
@@ -240,6 +258,36 @@ class StrainIncrement:
         self._require_viscous(c, "a loose grain rattles", loose)
         packing.add_ground_springs(loose, spring)
         self._tell("instability", c, "a loose grain rattles; dragged", loose)
+
+    def _free(self, c: int) -> bool:
+        """Take grains of a contact that carry nothing out of the system to the end; whether any."""
+        packing, pairs = self.packing, self.pairs
+        N = np.where(packing.regime[: len(pairs)] != OPEN, self.N[: len(pairs)], 0.0)
+        idle = carrying_nothing(replace(self.state, normal_force=N))
+        grains = [g for g in pairs.grains[c % len(pairs)].tolist() if idle[g]]
+        self.rattlers[grains] = True
+        rows = np.flatnonzero(self.rattlers[pairs.grains].any(axis=1) & ~self.absent)
+        if len(rows):
+            energy = normal_energy(pairs, overlaps(self._moved(), pairs))
+            self.work[RELEASED] += float(energy[rows].sum())
+        for row in rows.tolist():
+            self.absent[row] = self.held[self._springs(row)] = True
+            self.touching[row] = 0.0
+            if packing.regime[row] != OPEN:
+                self._end_forces(row, RELEASED)
+                self._open(row)
+                self._tell("opening", row, CARRIES_NOTHING)
+        return bool(grains)
+
+    def _moved(self) -> PackingState:
+        """The packing where the increment has taken it, with the forces of its start."""
+        v, E = self.u.reshape(-1, 3), self.strain.reshape(2, 2)
+        return replace(
+            self.state,
+            x=self.state.x - self.state.x @ E.T + v[:, :2],
+            angle=self.state.angle + v[:, 2] / self.packing.length,
+            cell=self.state.cell - E @ self.state.cell,
+        )
 
     def _springs(self, c: int) -> list[int]:
         """The pair, and its spring against rolling."""
@@ -281,6 +329,8 @@ class StrainIncrement:
                     packing, self.control, c, critical, self._rounding(rates), search=not why
                 )
             except UnsolvedError as stop:
+                if self._free(c):
+                    return
                 why = why or stop.mode
                 u = np.linalg.norm(stop.motion.reshape(-1, 3), axis=1)
                 grains = np.flatnonzero(u > 0.1 * u.max())
@@ -355,16 +405,8 @@ class StrainIncrement:
 
     def end(self) -> End:
         """The packing after the increment: exact normal forces, shear forces within the cone."""
-        packing, pairs = self.packing, self.pairs
-        v = self.u.reshape(-1, 3)
-        E = self.strain.reshape(2, 2)
-        moved = replace(
-            self.state,
-            x=self.state.x - self.state.x @ E.T + v[:, :2],
-            angle=self.state.angle + v[:, 2] / packing.length,
-            cell=self.state.cell - E @ self.state.cell,
-        )
-        overlap = overlaps(moved, pairs)
+        packing, pairs, moved = self.packing, self.pairs, self._moved()
+        overlap = np.where(self.absent, 0.0, overlaps(moved, pairs))
         N = normal_forces(pairs, overlap)
         moved = replace(moved, normal_force=N)
         most, count = strength(pairs, moved), len(pairs)
