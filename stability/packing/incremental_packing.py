@@ -149,7 +149,7 @@ class IncrementalPacking:
         right = np.zeros((5, size))
         for column, strain in zip(right, UNIT_STRAIN_RATES, strict=False):
             kernels.resultants(frame, *self.reference, np.zeros(size), strain, column)
-        right[4] = self.load
+        right[4] = self._held_load()
         self.V = self._solved(right)
         self.motion_count[:] = 0
         self.small: Small | None = None
@@ -166,7 +166,17 @@ class IncrementalPacking:
     def set_load(self, load: Floats) -> None:
         """Replace the load; only while there are no columns."""
         self.load = load
-        self.V[4] = self._solved(load[None])[0]
+        self.V[4] = self._solved(self._held_load()[None])[0]
+
+    def _held_load(self) -> Floats:
+        """The load of grains with contacts; in a cell without its resultant, which nothing holds."""
+        closed = np.flatnonzero(self.reference[0][: self.pair_count] != OPEN)
+        touched = np.zeros(self.count, dtype=bool)
+        touched[self.frame["grains"][closed]] = True
+        load = np.where(touched[:, None], self.load.reshape(-1, 3), 0.0)
+        if not len(self.wall_freedoms) and touched.any():
+            load[touched, :2] -= load[touched, :2].mean(axis=0)
+        return load.ravel()
 
     def add_ground_springs(self, grains: Integers, spring: float) -> None:
         """Hold grains by springs of at least `spring` times the mean kn."""

@@ -28,6 +28,9 @@ from stability.packing.state import PackingState
 # A grain whose largest normal force is below this share of the mean force carries nothing. Grains
 # of held states have 1e-6 or 7e-3 and more, those of states under way 8e-5 or 4e-3 and more.
 LOADED_SHARE = 1e-3
+# Normals of two contacts that are opposite to this share hold a grain between them: it does not
+# slip out sideways, where it would move by more than ten times its overlap.
+WEDGED = 0.1
 # Rounds in which the grains that carry nothing move out of overlap, one after the other.
 MOST_ROUNDS = 30
 
@@ -127,7 +130,7 @@ def _out_of_overlap(state: PackingState, pairs: Pairs, idle: Flags, free: Flags)
         matrix = w[:, None] * apart.reshape(len(pressed), -1)
         # Contacts that only touch, by rounding, are open.
         right = w * (overlap[pressed] + 4.0 * still)
-        moves = np.linalg.lstsq(matrix, right, rcond=1e-6)[0].reshape(-1, 2)
+        moves = np.linalg.lstsq(matrix, right, rcond=WEDGED)[0].reshape(-1, 2)
         energy = float(np.sum((weight * np.maximum(overlap, 0.0)) ** 2))
         start, step = x, 1.0
         while step > 1e-3:

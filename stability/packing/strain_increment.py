@@ -142,7 +142,7 @@ class StrainIncrement:
     ) -> None:
         self.packing, self.state, self.pairs = packing, state, pairs
         self.control, self.duration = control, duration
-        self.load, self.relief = load, relief
+        self.load, self.relief = load.copy(), relief.copy()
         self.goal, self.left = goal, goal.left
         self.max_strain_speed, self.viscous = max_strain_speed, viscous
         # Grains that carry nothing, and the pairs that they are in: never in touch.
@@ -242,6 +242,8 @@ class StrainIncrement:
                 self._end_forces(c, SLIP)
                 self._close(c) if kind == "closing" else self._open(c)
                 self._tell(kind, c)
+                if kind == "opening":
+                    self._free(c)
             return
         self.event_count[c], packing = 0, self.packing
         if self._free(c):
@@ -277,6 +279,13 @@ class StrainIncrement:
                 self._end_forces(row, RELEASED)
                 self._open(row)
                 self._tell("opening", row, CARRIES_NOTHING)
+        if grains:
+            # Nothing would hold them against a load.
+            for load in (self.load, self.relief):
+                load.reshape(-1, 3)[grains] = 0.0
+            if self.control.stress.any() and (packing.regime == OPEN).all():
+                raise ControlLimitError
+            packing.factorise()
         return bool(grains)
 
     def _moved(self) -> PackingState:

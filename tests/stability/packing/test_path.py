@@ -1,6 +1,7 @@
 """The path of a packing by events: against its own refinement, slow replays, loops and Yade."""
 
 import functools
+from collections import Counter
 from dataclasses import replace
 from itertools import pairwise, product
 
@@ -23,6 +24,7 @@ from stability.packing import (
 )
 from stability.packing import path as path_module
 from stability.packing.pairs import _ordered, near_pairs, with_near
+from stability.packing.strain_increment import CARRIES_NOTHING
 from stability.programmes import Programme, drained_biaxial
 from tests.packings import BRANCH, JAMMED, LAW, diamonds, jammed, packing, strained
 from tests.yade_slow import in_collection, predicted, slow, strain_between
@@ -375,23 +377,17 @@ def test_a_contact_that_would_open_if_it_stuck_slides_when_it_closes(which, law,
     assert found[: len(kinds)] == kinds and found.count("closing") == kinds.count("closing")
 
 
-def test_a_loose_grain_is_dragged_after_a_dozen_events_of_a_contact():
-    """Closings and openings in turn within an interval; the next one finds the grain loose."""
+def test_a_grain_that_carries_nothing_is_no_event_of_the_packing():
+    """Its contacts turned a dozen times within an interval; it leaves the system instead."""
     strain, interval = 10 * H, 1e-4
     path = followed(packed(24, 3, BRANCH), BRANCH, strained(strain), interval=interval)
     assert path.status == "finished"
-    why = "a loose grain rattles; dragged"
-    event, *_ = [e for e in path.of_kind("instability") if e.detail.startswith(why)]
-    before = path.events[: path.events.index(event)]
-    span = interval / np.linalg.norm(strain)
-    turns = [
-        e.kind
-        for e in before
-        if e.contacts == event.contacts and event.parameter - e.parameter < span
-    ]
-    assert turns == 6 * ["closing", "opening"]
-    # Gaps of the geometry close within a step of linear gaps, which the quadrature sees.
-    assert unaccounted(path) < 1e-7
+    assert not [e for e in path.of_kind("instability") if "rattles" in e.detail]
+    gone = [e for e in path.of_kind("opening") if e.detail == CARRIES_NOTHING]
+    assert gone
+    turns = Counter(round(e.parameter, 9) for e in path.events if e.contacts == gone[0].contacts)
+    assert max(turns.values()) < 4
+    assert unaccounted(path) < 1e-9
 
 
 def with_a_row_of_rattlers(graph, count, gap=1e-4):
@@ -410,30 +406,20 @@ def with_a_row_of_rattlers(graph, count, gap=1e-4):
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_rattlers_that_touch(count):
-    """Their gaps close almost without force, and they end where a slow replay puts them."""
+    """They are no contacts, and they end where a slow replay puts them."""
     graph, first = packed(16, 2, LAW), 16
     loose = with_a_row_of_rattlers(graph, count)
     paths = [followed(g, LAW, strained(H), interval=2e-5) for g in (graph, loose)]
     alone, end = (path.states[-1] for path in paths)
     other = replay(loose, LAW, H, duration=2e4, viscous=0.02).state
-    touching = [
-        event for event in paths[1].events if (end.contacts[event.contacts[0]] >= first).all()
-    ]
-    assert [event.kind for event in touching] == ["closing"] * (count - 1)
-    # Loose grains move with the cell.
-    apart = 2 * loose.radii[-1] + 1e-4
-    for event in touching:
-        assert event.parameter == pytest.approx(1e-4 / apart / H[0, 0], rel=1e-4)
-    for state in (end, other):
-        pairs = (state.contacts >= first).all(axis=1)
-        assert np.count_nonzero(pairs) == count - 1 and state.closed[pairs].all()
-        assert state.normal_force[pairs].max() < 3e-9
+    pairs = (end.contacts >= first).all(axis=1)
+    assert np.count_nonzero(pairs) == count - 1 and not end.closed[pairs].any()
+    # Without them moving each other, they would overlap by ten times this.
+    gap = np.linalg.norm(end.branches[pairs], axis=1) - 2 * loose.radii[-1]
+    assert 0 <= gap.min() and gap.max() < 1e-8
     np.testing.assert_allclose(end.x[first:], other.x[first:], rtol=0, atol=1e-8)
     # The others don't hear of it.
-    told = [
-        [(e.kind, pytest.approx(e.parameter, rel=1e-6)) for e in path.events if e not in touching]
-        for path in paths
-    ]
+    told = [[(e.kind, pytest.approx(e.parameter, rel=1e-6)) for e in p.events] for p in paths]
     assert told[0] == told[1]
     forces = (state.forces[: graph.contact_count] for state in (alone, end, other))
     wanted, found, slowly = forces
