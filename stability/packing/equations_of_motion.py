@@ -53,7 +53,7 @@ SINGLES = 100
 # Through an instability: inertial number of the strain.
 SNAP_RATE = 2.5e-7
 # At rest are a mean resultant over the mean contact force, and a strain rate over that of the snap.
-REST_FORCE, REST_STRAIN = 1e-5, 1e-2
+REST_FORCE, REST_STRAIN = 1e-7, 1e-2
 # Steps between checks of the rest, and the largest number of checks.
 CHECK_STEPS, MAX_CHECKS = 1000, 200
 

@@ -389,6 +389,8 @@ class PackingPathSolver:
             relief,
             duration,
             self._goal(stage, self.targets[0]),
+            # Under given strain rates its time ends it, to rounding.
+            (1.0 + 1e-9) * self.size,
             max_speed,
             self.past == "viscous",
             self.rattlers,
@@ -470,12 +472,30 @@ class PackingPathSolver:
             return "lost", f"{met}; {error}"
         detail = f"{met.why}; replayed; {snap.work[3]:.2g} released"
         self._add_events([Found("instability", 0.0, met.contact, detail)])
-        self.F = snap.state.cell @ np.linalg.inv(self.state.cell) @ self.F
-        self.pairs = snap.pairs
-        self._accept(snap.state, span, snap.work)
+        self._go_on_from(snap.state, snap.pairs, span, snap.work)
+        return None
+
+    def take_motion(self, state: PackingState, pairs: Pairs, load: float, work: Floats) -> None:
+        """Go on from the end of a motion that came to rest, at another loading parameter."""
+        self._go_on_from(state, pairs, load - self.parameter, work)
+        self.record()
+
+    def _go_on_from(
+        self, state: PackingState, pairs: Pairs, duration: float, work: Floats
+    ) -> None:
+        """Take over a state at rest, with pairs of its own, whose regimes are to be found."""
+        self.F = state.cell @ np.linalg.inv(self.state.cell) @ self.F
+        self.pairs = pairs
+        self._accept(state, duration, work)
         self._find_regimes()
         self._list_pairs()
-        return None
+
+    def control_to(self, stage: Stage, parameter: float) -> MixedControl:
+        """The whole change of stress and strain to a later loading parameter."""
+        stress, strain, rate = stage.programme.equations(self.H)
+        done = stress @ (self.P - self.P_start) + strain @ (self.H - self.H_start)
+        whole = rate * (parameter - self.stage_start) - done
+        return self._control(stage, 0.0)._replace(rate=whole)
 
     def _control(self, stage: Stage, correction: float) -> MixedControl:
         """The programme on rates in the current geometry; its error is made good at a rate."""

@@ -119,7 +119,7 @@ class End(NamedTuple):
 
 
 class StrainIncrement:
-    """A packing under a control for a `duration` of the loading parameter, or to its goal.
+    """A packing under a control for a `duration` of the loading parameter, to its goal or a strain.
 
     `load` are the resultants on the grains that a load balances, which decrease at the rate
     `relief`. Instabilities are passed if `viscous`, else they end the increment
@@ -136,6 +136,7 @@ class StrainIncrement:
         relief: Floats,
         duration: float,
         goal: Goal,
+        largest_strain: float,
         max_strain_speed: float,
         viscous: bool,
         rattlers: Flags,
@@ -143,7 +144,7 @@ class StrainIncrement:
         self.packing, self.state, self.pairs = packing, state, pairs
         self.control, self.duration = control, duration
         self.load, self.relief = load.copy(), relief.copy()
-        self.goal, self.left = goal, goal.left
+        self.goal, self.left, self.left_to_strain = goal, goal.left, largest_strain
         self.max_strain_speed, self.viscous = max_strain_speed, viscous
         # Grains that carry nothing, and the pairs that they are in: never in touch.
         self.rattlers = rattlers.copy()
@@ -172,10 +173,12 @@ class StrainIncrement:
 
         packing, goal = self.packing, self.goal
         rates = self._settled()
-        while self.time < self.duration:
-            h, v, left = rates.h, packing.motion(rates), self.duration - self.time
-            if not np.linalg.norm(h[:4]) <= self.max_strain_speed:
+        while self.time < self.duration and self.left_to_strain > 0:
+            h, v = rates.h, packing.motion(rates)
+            strain_speed = float(np.linalg.norm(h[:4]))
+            if not strain_speed <= self.max_strain_speed:
                 raise ControlLimitError
+            left = min(self.duration - self.time, self.left_to_strain / strain_speed)
             # The earliest event: time from now, contact, and its side if it yields.
             pairs = packing.frame, packing.regime, packing.side
             now = self.held, self.N, self.T, self.gap, v, h, RATE_RTOL, left
@@ -193,6 +196,7 @@ class StrainIncrement:
             if self.reached:
                 left = self.left / speed
             self.left -= speed * min(step, left)
+            self.left_to_strain -= strain_speed * min(step, left)
             if step >= left:
                 self._advance(h, v, max(left, 0.0))
                 return

@@ -1,13 +1,11 @@
-"""The load that a packing sustains along directions of stress, and the motion past its limits."""
+"""The load that a packing sustains along directions of stress, and its first large motion."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,59 +34,66 @@ from stability.packing.path import PackingPathSolver, Stop
 from stability.packing.probe import probe_directions, stage_along
 from stability.packing.regime_regions import Subspace
 from stability.packing.state import PackingState, start_state
-from stability.packing.strain_increment import Found, InstabilityError, MixedControl
-from stability.paths.path import FINISHED
 from stability.programmes import Stage
 
-LoadStatus = Literal["held", "snapped", "failed", "unfinished"]
-MotionStatus = Literal["at rest", "failed", "not at rest"]
+LoadStatus = Literal["held", "large motion, at rest again", "large motion, no rest", "unfinished"]
+MotionStatus = Literal["at rest", "no rest"]
 
-# Load by which a limit is passed: over the load there, and over the stress of the start.
-PUSH, SMALLEST_PUSH = 0.02, 1e-5
-# Steps over which this load is added, between two looks at the motion, and the largest number.
-PUSH_STEPS, LOOK, MOST_STEPS = 500, 100, 60_000
+# Share by which the load is raised where the equilibrium is lost: of 0.002, 0.005 and 0.02 all give
+# the same motion within its spread, the smaller ones more slowly (docs/sustaining.md).
+PUSH = 0.005
+# Least rise of the load, over the stress of the start.
+LEAST_PUSH = 1e-6
+# Steps over which the load is raised.
+PUSH_STEPS = 500
+# Steps between two looks at a motion.
+LOOK = 100
+# Steps after which a motion that does not rest is given up.
+MOST_STEPS = 60_000
+# Strain of a motion from which on it is given up: the sample flows.
+FLOW_STRAIN = 0.02
 # Time step over that of a replay.
 STRIDE = 5.0 / 3.0
-# Inertial number of the strain at rest.
-STILL = 2e-8
-# Motions after which the load grows in the equations of motion, by this share between two looks at
-# an inertial number of the strain. Faster strains let it grow less, and stand still from so many
-# times the number on; slower ones more, up to the share by which a limit is passed.
-BY_EVENTS, GROWTH, PACE, FAST = 3, 0.01, 2e-5, 2.0
-# Loads that are kept, each larger by this share, and how many of them a search for the largest one
-# in equilibrium goes back first.
-KEPT, APART, BACK = 40, 0.02, 4
-# Before a limit is believed the interval is cut by this, so many times.
-CUT, CUTS = 4.0, 3
-# Strains: up to which a motion tells its mode, from which on it may be a failure, and flow.
-MODE_STRAIN, FAILURE_STRAIN, FLOW_STRAIN = 2e-5, 1e-3, 0.02
+# Inertial number of the strain at rest. With 2e-8 the bottleneck after a fold counted as rest.
+STILL = 2e-10
+# Largest error of the stress along the direction, over its rise: else the interval is cut.
+LOAD_ERROR = 5e-3
+# Factor by which an interval is cut, and how often, before a lost equilibrium is believed.
+CUT = 4.0
+MOST_CUTS = 3
+# The last share of the intervals before a loss, and at least so many, are gone through in halves,
+# until the limit changes by less than this, at most so often.
+STRETCH = 0.1
+LEAST_STRETCH = 4
+CONVERGED = 0.01
+MOST_HALVINGS = 5
+# Strain of a motion up to which its displacements are the mode.
+MODE_STRAIN = 2e-5
 # Grains that move by this share of the largest displacement take part in a mode.
 TAKES_PART = 0.1
 # Contacts with less than this share of the mean normal force do not count as opened or closed.
 CARRIES = 0.01
-# Default of the largest load over the mean stress; rows, and intervals and events without end.
-REACH, ROWS, MANY = 0.1, 20, 1_000_000
-
-
-MESSAGES = {
-    "failed": "strain rate and kinetic energy keep growing at constant load",
-    "not at rest": f"neither rest nor failure in {MOST_STEPS} steps",
-}
+# Default of the largest load, over the mean stress.
+DEFAULT_LARGEST = 0.1
+# Default of the strain from which on a motion is large.
+LARGE = 3e-4
+# Numberings of grains and contacts, and damping, of the runs that tell the spread.
+NUMBERINGS = (1, 2)
+LESS_DAMPING = 1.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(Shown):
-    """A motion from an equilibrium that was lost, at constant load or under one that grows slowly.
+    """A motion from an equilibrium that was lost, under a constant load.
 
     Attributes
     ----------
-    status : {'at rest', 'failed', 'not at rest'}
-        'at rest': the packing found another equilibrium under the same load, a snap. 'failed':
-        strain rate and kinetic energy grew over the last two doublings of the strain, beyond a
-        strain of 1e-3. 'not at rest': neither within 60,000 steps.
+    status : {'at rest', 'no rest'}
+        'at rest': the packing found another equilibrium under the same load. 'no rest': it strained
+        by more than 0.02, or still moved after 60,000 steps.
     lost, load : float
-        Load of the direction at which the equilibrium was lost, and under which it moved: a
-        fiftieth more. Of a load that grew slowly, its first and last value.
+        Stress along the direction, less that of the start, where the equilibrium was lost, and the
+        load under which it moved: a two-hundredth more.
     cause : str
         Why the equilibrium was lost.
     contact : int
@@ -139,24 +144,28 @@ class LoadPath(Shown):
     ----------
     direction : (m,) array
         Unit direction of `P'`.
-    status : {'held', 'snapped', 'failed', 'unfinished'}
-        'held': the largest load is reached on one path of equilibria; 'snapped': it is reached
-        through snaps; 'failed': no rest was found beyond `limit`; 'unfinished': the path ended for
-        another reason at `limit`, see `message`.
+    status : str
+        'held': no large motion up to the largest load; 'large motion, at rest again' and 'large
+        motion, no rest': how the first large motion ended; 'unfinished': given up before, see
+        `message`.
     message : str
         The status in words.
     first_event : float
         Load at which the first contact changed its regime; nan if none did.
-    first_instability : float
-        Load at which the equilibrium was first lost; nan if it never was.
-    limit : float
-        Largest load in equilibrium.
-    failed_under : float
-        Load under which the packing failed, above `limit` by a fiftieth; nan if it did not.
+    limit, limit_spread : float
+        Stress along the direction of the last state in equilibrium before the first one that was
+        lost, less that of the start; and how much it changed as the interval was halved and by
+        other numberings, over itself. nan if none was lost.
+    first_large_load, first_large_strain, first_large_spread : float
+        Load and strain of the first large motion, nan if there was none; largest change of the
+        load by other numberings and by a third of the damping, over itself: nan if it was not
+        asked for. A run without a large motion counts with the largest load.
     motions : tuple of Motion
-        Motions past lost equilibria, in their order.
+        Motions past lost equilibria, in their order; the large one is the last.
     load : (R,) array
-        Loads of the rows: the start, and after each step of the load and each snap.
+        Loads of the rows: the start, the end of each interval and of each motion.
+    resting : (R,) array of bool
+        Whether the packing is in equilibrium there.
     H, P : (R, 4) array
         Displacement gradient and nominal stress.
     work : (R, 4) array
@@ -169,25 +178,23 @@ class LoadPath(Shown):
     status: LoadStatus
     message: str
     first_event: float
-    first_instability: float
     limit: float
-    failed_under: float
+    limit_spread: float
+    first_large_load: float
+    first_large_strain: float
+    first_large_spread: float
     motions: tuple[Motion, ...]
     load: Floats
+    resting: Flags
     H: Floats
     P: Floats
     work: Floats
     energy: Floats
 
     @property
-    def snaps(self) -> tuple[Motion, ...]:
-        """Motions that came to rest."""
-        return tuple(motion for motion in self.motions if motion.status == "at rest")
-
-    @property
     def mode(self) -> Motion | None:
-        """The motion that failed, else the snap of largest strain; None without any."""
-        if self.status == "failed":
+        """The large motion, else the motion of largest strain; None without any."""
+        if self.status.startswith("large"):
             return self.motions[-1]
         return max(self.motions, key=lambda one: float(np.linalg.norm(one.strain)), default=None)
 
@@ -236,18 +243,30 @@ class Sustained(Shown):
         return np.array([path.status for path in self.paths])
 
     @property
-    def limit(self) -> Floats:
-        """(D,) largest loads in equilibrium."""
-        return np.array([path.limit for path in self.paths])
+    def first_large_load(self) -> Floats:
+        """(D,) loads of the first large motions, nan where there was none."""
+        return np.array([path.first_large_load for path in self.paths])
 
     @property
-    def failed(self) -> Flags:
-        """(D,) whether the packing failed."""
-        return self.status == "failed"
+    def limit(self) -> Floats:
+        """(D,) stresses at which the equilibrium was first lost, nan where it never was."""
+        return np.array([path.limit for path in self.paths])
 
 
-# A function that follows directions to a load, and returns their paths in order.
-Follow = Callable[[Floats, float], Sequence[LoadPath]]
+# A function that loads directions, and returns their paths in order.
+Follow = Callable[[Floats, "Loading"], Sequence[LoadPath]]
+
+
+class Loading(NamedTuple):
+    """How a direction is loaded; what `sustain` documents."""
+
+    subspace: Subspace
+    largest: float
+    interval: float
+    large: float
+    most_motions: int
+    spread: bool
+    damping: float = 0.3
 
 
 def sustain(
@@ -258,22 +277,22 @@ def sustain(
     subspace: Subspace = "diagonal",
     largest: float | None = None,
     interval: float = 5e-6,
+    large: float = LARGE,
     most_snaps: int = 30,
+    spread: bool = True,
     faces: Faces | None = None,
     follow: Follow | None = None,
     planes: PlaneContacts | None = None,
     plane_force: ArrayLike | None = None,
     damping: float = 0.3,
 ) -> Sustained:
-    """Load a packing along directions of stress until it fails.
+    """Load a packing along directions of stress until its first large motion.
 
     Each direction of `P'`, with no strain outside of the subspace, is followed from event to event.
     Where the equilibrium is lost (no regimes of a contact agree, or the control asks for ever more
-    strain) the load is raised by a fiftieth and kept constant, and the equations of motion decide:
-    the packing comes to rest in another equilibrium, a snap, and is loaded further; or its strain
-    rate and its kinetic energy keep growing, and it has failed. After three motions the load grows
-    slowly in the equations of motion themselves, and waits while the packing moves; where it fails
-    so, loads before are kept constant until one comes to rest and the next one does not.
+    strain) the load is raised by a two-hundredth and kept constant, and the equations of motion
+    decide: the packing comes to rest in another equilibrium and is loaded further, or it does not.
+    The first motion with a strain of `large`, or without rest, ends the direction.
 
     Parameters
     ----------
@@ -290,17 +309,23 @@ def sustain(
         Load (force per length) up to which each direction is followed; by default a tenth of the
         mean stress.
     interval : float
-        Strain over which the geometry is kept.
+        Strain over which the geometry is kept. It is cut where the stress leaves the load by more
+        than 0.5 %, and halved again before the first loss until that changes by less than 1 %.
+    large : float
+        Strain from which on a motion is large.
     most_snaps : int
-        Snaps, of at most three by events, after which a direction is left 'unfinished'.
+        Smaller motions after which a direction is left 'unfinished'.
+    spread : bool
+        Whether to load directions with a large motion again, with two other numberings of grains
+        and contacts and with a third of the damping; three times the cost.
     faces : Faces, optional
         Faces of the graph, if known.
     follow : callable, optional
-        Follows the directions (D, m) to the largest load, by default one after the other.
+        Follows the directions (D, m), given a `Loading`, by default one after the other.
     planes, plane_force
         Contacts with walls, as in `stability.follow`; between walls the subspace is diagonal.
     damping : float
-        Cundall's damping of the motions. Limits with two values tell how far they depend on it.
+        Cundall's damping of the motions.
 
     Returns
     -------
@@ -323,39 +348,29 @@ def sustain(
     >>> found = sustain(lattice, LinearFrictional(1.0, 0.5, 0.5), [[-1, 0], [1, 0]],
     ...                 largest=0.02, interval=1e-4)
     >>> found.status.tolist(), found.limit.round(6).tolist()
-    (['failed', 'held'], [0.01, 0.02])
+    (['large motion, no rest', 'held'], [0.01, nan])
     """
     checked = require_movable(graph, law)
     check_choice("subspace", subspace, get_args(Subspace))
     number("interval", interval, 0.0, open_low=True)
+    number("large", large, 0.0, open_low=True)
     whole_number("most_snaps", most_snaps, 0)
     if not 0.0 < damping < 1.0:
         raise InputError("damping", f"{damping}", "a share between 0 and 1", "Correct it.")
     unit = probe_directions(directions, subspace)
     stress = start_state(graph, planes, plane_force).stress
     if largest is None:
-        largest = REACH * 0.5 * float(np.trace(stress))
+        largest = DEFAULT_LARGEST * 0.5 * float(np.trace(stress))
     number("largest", largest, 0.0, open_low=True)
+    loading = Loading(subspace, largest, interval, large, most_snaps, spread, damping)
     found = find_faces(graph) if faces is None else faces
     if follow is None:
+        walls = planes, plane_force
         paths: Sequence[LoadPath] = [
-            load_path(
-                graph,
-                checked,
-                direction,
-                subspace,
-                largest,
-                interval,
-                most_snaps,
-                found,
-                planes,
-                plane_force,
-                damping,
-            )
-            for direction in unit
+            load_path(graph, checked, direction, loading, found, *walls) for direction in unit
         ]
     else:
-        paths = follow(unit, largest)
+        paths = follow(unit, loading)
     return Sustained(subspace, unit, largest, tuple(paths), stress)
 
 
@@ -363,34 +378,115 @@ def load_path(
     graph: GrainGraph,
     law: ContactLaw,
     direction: Floats,
-    subspace: Subspace,
-    largest: float,
-    interval: float,
-    most_snaps: int,
+    loading: Loading,
     faces: Faces,
     planes: PlaneContacts | None = None,
     plane_force: ArrayLike | None = None,
-    damping: float = 0.3,
 ) -> LoadPath:
-    """One direction of `sustain`."""
-    stage = stage_along(direction, subspace, "stress", largest)
-    solver = _LoadPathSolver(graph, law, stage, interval, planes, plane_force)
-    solver.faces, solver.most_snaps, solver.damping = faces, most_snaps, damping
-    stop, message = solver.follow(0, stage, ROWS, MANY, MANY, None)
-    motions = tuple(solver.motions)
-    failed = bool(motions) and motions[-1].status == "failed"
-    held: LoadStatus = "snapped" if motions else "held"
-    path = solver.path(stop, message)
+    """One direction of `sustain`, with its spread."""
+    path = _loaded(graph, law, direction, loading, faces, planes, plane_force)
+    if not (loading.spread and path.status.startswith("large")):
+        return path
+    less = loading._replace(damping=loading.damping * LESS_DAMPING)
+    others = [_loaded(graph, law, direction, less, faces, planes, plane_force)]
+    for seed in NUMBERINGS:
+        again = renumbered(graph, law, planes, seed)
+        others.append(_loaded(*again[:2], direction, loading, None, again[2], plane_force))
+    limits = [abs(other.limit / path.limit - 1.0) for other in others[1:]]
+    loads = [other.first_large_load for other in others]
+    reached = np.where(np.isnan(loads), loading.largest, loads)
+    return replace(
+        path,
+        limit_spread=float(np.nanmax([path.limit_spread, *limits])),
+        first_large_spread=float(np.abs(reached / path.first_large_load - 1.0).max()),
+    )
+
+
+def renumbered(
+    graph: GrainGraph, law: ContactLaw, planes: PlaneContacts | None, seed: int
+) -> tuple[GrainGraph, ContactLaw, PlaneContacts | None]:
+    """The packing with its grains and contacts in another order."""
+    rng = np.random.default_rng(seed)
+    grains, rows = rng.permutation(graph.grain_count), rng.permutation(graph.contact_count)
+    place = np.empty_like(grains)
+    place[grains] = np.arange(len(grains))
+    moment, images = graph.rolling_moment, graph.images
+    other = GrainGraph(
+        x=graph.x[grains],
+        radii=graph.radii[grains],
+        contacts=place[graph.contacts[rows]],
+        images=None if images is None else images[rows],
+        cell=graph.cell,
+        normal_force=graph.normal_force[rows],
+        shear_force=graph.shear_force[rows],
+        rolling_moment=None if moment is None else moment[rows],
+    )
+    walls = None if planes is None else replace(planes, grain=place[planes.grain])
+    return other, law.take(rows), walls
+
+
+def _loaded(
+    graph: GrainGraph,
+    law: ContactLaw,
+    direction: Floats,
+    loading: Loading,
+    faces: Faces | None,
+    planes: PlaneContacts | None,
+    plane_force: ArrayLike | None,
+) -> LoadPath:
+    """One direction, loaded until its first large motion; modes of the loops of these faces."""
+    stage = stage_along(direction, loading.subspace, "stress", loading.largest)
+    solver = PackingPathSolver(graph, law, [stage], loading.interval, "stop", planes, plane_force)
+    solver.start_stage(0, stage, 1)
+    motions: list[Motion] = []
+    limit = spread = math.nan
+    status: LoadStatus = "held"
+    moving = None
+    while solver.targets:
+        stop = _to_loss(solver, stage, loading)
+        if stop is None:
+            break
+        lost = _along(solver, stage)
+        if not motions:
+            lost, spread = _halved(solver, stage, loading, stop)
+            limit = lost
+        if len(motions) == loading.most_motions:
+            status = "unfinished"
+            message = f"more than {loading.most_motions} motions before the largest load"
+            break
+        contact = solver.events[-1].contacts[0] if stop[0] == "instabilities" else -1
+        rise = max(PUSH * solver.parameter, LEAST_PUSH * solver.first_stress)
+        load = min(solver.parameter + rise, stage.target)
+        moving = _DeadLoad(solver, stage, load, graph.contact_count, loading.damping)
+        ended = moving.hold()
+        motion = moving.told(ended, lost, load, faces)
+        motions.append(replace(motion, cause=stop[1], contact=contact))
+        if ended == "no rest":
+            status, message = "large motion, no rest", f"{stop[1]}; no rest at constant load"
+            break
+        solver.take_motion(moving.moving.state(), moving.moving.pairs, load, moving.work())
+        if np.linalg.norm(motion.strain) >= loading.large:
+            status = "large motion, at rest again"
+            break
+    if status == "held":
+        message = "no large motion up to the largest load"
+    elif status == "large motion, at rest again":
+        message = motions[-1].cause
+    large = motions[-1] if status.startswith("large") else None
+    path = solver.path("finished", message)
     return LoadPath(
         direction=direction,
-        status="failed" if failed else held if stop == "finished" else "unfinished",
+        status=status,
         message=message,
         first_event=min((event.parameter for event in solver.events), default=math.nan),
-        first_instability=motions[0].lost if motions else math.nan,
-        limit=solver.parameter,
-        failed_under=motions[-1].load if failed else math.nan,
-        motions=motions,
+        limit=limit,
+        limit_spread=spread,
+        first_large_load=math.nan if large is None else large.load,
+        first_large_strain=math.nan if large is None else float(np.linalg.norm(large.strain)),
+        first_large_spread=math.nan,
+        motions=tuple(motions),
         load=path.parameter,
+        resting=np.ones(len(path), dtype=bool),
         H=path.H,
         P=path.P,
         work=path.work,
@@ -398,230 +494,120 @@ def load_path(
     )
 
 
-class _LoadPathSolver(PackingPathSolver):
-    """A path by events that goes on by the equations of motion where its equilibrium is lost."""
-
-    faces: Faces
-    most_snaps: int
-    damping: float
-
-    def __init__(
-        self,
-        graph: GrainGraph,
-        law: ContactLaw,
-        stage: Stage,
-        interval: float,
-        planes: PlaneContacts | None,
-        plane_force: ArrayLike | None,
-    ) -> None:
-        super().__init__(graph, law, [stage], interval, "stop", planes, plane_force)
-        self.count = graph.contact_count
-        self.whole_interval = interval
-        self.motions: list[Motion] = []
-        self.ended = False
-
-    def _step(self, stage: Stage, target: float, instabilities: int) -> Stop | None:
-        """An interval, a shorter one where that ends in no equilibrium, or a motion."""
-        events, cause = len(self.events), ""
-        for _ in range(CUTS + 1):
-            stop = super()._step(stage, target, instabilities)
-            if stop is None or self.ended:
-                self.size = min(2.0 * self.size, self.whole_interval)
-                return stop
-            del self.events[events:]
-            cause = stop[1]
-            self.size = max(self.size / CUT, self.whole_interval / CUT**CUTS)
-        return self._move(stage, -1, cause)
-
-    def _pass(
-        self, met: InstabilityError, duration: float, stage: Stage, target: float
-    ) -> Stop | None:
-        self._add_events([Found("instability", 0.0, met.contact, met.why)])
-        return self._move(stage, met.contact, met.why)
-
-    def _move(self, stage: Stage, contact: int, cause: str) -> Stop | None:
-        """Raise the load a little and keep it: at rest again the path goes on, else it ends."""
-        if len(self.motions) == self.most_snaps:
-            self.ended = True
-            return "instabilities", f"more than {self.most_snaps} motions before the largest load"
-        if len(self.motions) == BY_EVENTS:
-            return self._grow(stage)
-        lost = self.parameter
-        load = lost + min(max(PUSH * lost, self._least_push()), stage.target - lost)
-        moved = self._moved(stage, load)
-        status = moved.hold()
-        motion = moved.told(status, lost, load, self.faces)
-        return self._take(replace(motion, cause=cause, contact=contact), moved)
-
-    def _grow(self, stage: Stage) -> Stop:
-        """Let the load grow slowly, to the last or to the largest one that comes to rest."""
-        self.ended, target = True, stage.target
-        first, cause = self.parameter, f"load that grows slowly, after {BY_EVENTS} motions"
-        moved = self._moved(stage, target)
-        status, reached, kept = moved.grow(first, target, self._least_push() / PUSH)
-        if status == "at rest":
-            motion = moved.told(status, first, target, self.faces)
-            return self._take(replace(motion, cause=cause), moved) or FINISHED
-        rests, fails, back = -1, len(kept), BACK
-        while fails - rests > 1:
-            # Back by more and more until one comes to rest, then between the two.
-            k = (rests + fails) // 2 if rests >= 0 else max(fails - back, 0)
-            back *= 2
-            trial = copy(kept[k][1])
-            trial.start_again()
-            found = trial.hold()
-            if found == "at rest":
-                rests, best = k, trial
-            else:
-                fails, status, moved = k, found, trial
-        if rests >= 0:
-            load = kept[rests][0]
-            best.since = best.origin
-            motion = best.told("at rest", first, load, self.faces)
-            self._take(replace(motion, cause=cause), best)
-        load = reached if fails == len(kept) else kept[fails][0]
-        motion = moved.told(status, self.parameter, load, self.faces)
-        return self._take(replace(motion, cause=cause), moved) or FINISHED
-
-    def _least_push(self) -> float:
-        return SMALLEST_PUSH * self.first_stress
-
-    def _moved(self, stage: Stage, load: float) -> _Moved:
-        """The packing as it starts to move under another load."""
-        stress, strain, rate = stage.programme.equations(self.H)
-        # There is one stage: its strains are those of the path.
-        done = stress @ (self.P - self.P_start) + strain @ self.H
-        control = self._control(stage, 0.0)._replace(rate=rate * load - done)
-        where = self.state, self.pairs, -self.balance
-        return _Moved(*where, control, self.by_radii, self.count, self.damping)
-
-    def _take(self, motion: Motion, moved: _Moved) -> Stop | None:
-        """Go on from the end of a motion that came to rest."""
-        self.motions.append(motion)
-        if motion.status != "at rest":
-            self.ended = True
-            return "lost", f"{motion.cause}; {MESSAGES[motion.status]}"
-        end, work = moved.moving.state(), moved.work()
-        self.F = end.cell @ np.linalg.inv(self.state.cell) @ self.F
-        self.pairs = moved.moving.pairs
-        self._accept(end, motion.load - self.parameter, work)
-        self._find_regimes()
-        self._list_pairs()
-        self._record()
-        return None
+def _along(solver: PackingPathSolver, stage: Stage) -> float:
+    """Stress along the direction of a stage, less that of the start."""
+    stress, _, rate = stage.programme.equations(solver.H)
+    rise = stress @ (solver.P - solver.P_start)
+    return float(rise @ rate / (rate @ rate))
 
 
-class _Moved:
-    """A packing that moves as its control changes by its `rate`, and while it is kept then."""
+def _to_loss(solver: PackingPathSolver, stage: Stage, loading: Loading) -> Stop | None:
+    """Go on until the equilibrium is lost, and why it was; None at the largest load.
+
+    Shorter intervals are tried where one ends in no equilibrium, or away from its load.
+    """
+    cuts = 0
+    while solver.targets:
+        before = solver.saved()
+        solver.history.append(before)
+        stop = solver.step(stage, 2)
+        met = stop is not None and stop[0] == "instabilities"
+        error = abs(_along(solver, stage) - solver.parameter)
+        least = LEAST_PUSH * solver.first_stress
+        away = error > LOAD_ERROR * max(solver.parameter, least)
+        if cuts < MOST_CUTS and ((stop is not None and not met) or away):
+            size = solver.size / CUT
+            solver.restore(before)
+            solver.history.pop()
+            solver.size, cuts = size, cuts + 1
+            continue
+        solver.record()
+        if stop is not None:
+            return stop
+        cuts = 0
+        solver.size = min(2.0 * solver.size, loading.interval)
+    return None
+
+
+def _halved(
+    solver: PackingPathSolver, stage: Stage, loading: Loading, stop: Stop
+) -> tuple[float, float]:
+    """Go through the last intervals again, in halves; the limit, and its change over itself.
+
+    They are halved again while the limit changes by more than 1 %.
+    """
+    limit, spread = _along(solver, stage), math.inf
+    for _ in range(MOST_HALVINGS):
+        before, rows = solver.saved(), len(solver.history)
+        back = min(max(LEAST_STRETCH, math.ceil(STRETCH * solver.intervals)), rows)
+        solver.restore(solver.history[-back])
+        # Half of what the intervals were in the mean: one that a loss ends is shorter.
+        strain = float(np.linalg.norm(before["F"] - solver.F))
+        size = solver.size = 0.5 * strain / back
+        if _to_loss(solver, stage, loading._replace(interval=size)) is None:
+            # In halves the equilibrium is not lost.
+            solver.restore(before)
+            return limit, math.inf
+        finer = _along(solver, stage)
+        limit, spread = finer, abs(limit / finer - 1.0)
+        if spread <= CONVERGED:
+            break
+    return limit, spread
+
+
+class _DeadLoad:
+    """A packing that moves under a load which is raised within some steps and then constant."""
 
     def __init__(
-        self,
-        state: PackingState,
-        pairs: Pairs,
-        load: Floats,
-        control: MixedControl,
-        by_radii: bool,
-        count: int,
-        damping: float,
+        self, solver: PackingPathSolver, stage: Stage, load: float, count: int, damping: float
     ) -> None:
+        state, pairs, self.load = solver.state, solver.pairs, -solver.balance
         self.masses, self.inertias = masses_of(state.radii[: state.count])
+        control = solver.control_to(stage, load)
         servo = servo_of(state, pairs, self.masses)
-        servo = steered(servo, state, pairs, control.stress, control.strain, control.rate)
-        self.dt = step_of(self.masses, self.inertias, pairs, state, by_radii, STRIDE)
+        servo = steered(servo, state, pairs, *control)
+        self.dt = step_of(self.masses, self.inertias, pairs, state, solver.by_radii, STRIDE)
         servo = lasting(servo, PUSH_STEPS * self.dt)
-        self.moving = Moving(state, pairs, self.masses, self.inertias, servo, by_radii)
-        self.moving.load(load)
-        self.load, self.count, self.damping, self.rate = load, count, damping, control.rate
+        self.moving = Moving(state, pairs, self.masses, self.inertias, servo, solver.by_radii)
+        self.moving.load(self.load)
+        self.count, self.damping = count, damping
         # Strain rate of an inertial number of one.
         self.pace = math.sqrt(0.5 * float(np.trace(state.stress)) / self.masses.mean())
-        self.energy, self.steps = stored_energy(state, pairs), 0
-        self.origin = self.since = state, pairs, 0.0, 0
-        self.strains, self.kinetic = [0.0], [0.0]
+        self.start, self.pairs = state, pairs
+        self.energy, self.steps, self.kinetic = stored_energy(state, pairs), 0, 0.0
         self.mode: tuple[PackingState, Pairs] | None = None
 
-    def __copy__(self) -> _Moved:
-        """Another packing that moves from here on its own."""
-        other = object.__new__(_Moved)
-        vars(other).update(vars(self))
-        other.moving = copy(self.moving)
-        for name in ("motion", "servo"):
-            parts = getattr(self.moving, name)
-            own = (part.copy() if isinstance(part, np.ndarray) else part for part in parts)
-            setattr(other.moving, name, type(parts)(*own))
-        return other
-
-    def start_again(self) -> None:
-        """Count strain, energies and the mode from here."""
-        moving = self.moving
-        self.since = moving.state(), moving.pairs, float(self.work()[3]), self.steps
-        self.strains, self.kinetic, self.mode = [0.0], [0.0], None
+    def hold(self) -> MotionStatus:
+        """Move until rest, or until the sample flows."""
+        motion, grains = self.moving.motion, len(self.masses)
+        back = np.linalg.inv(self.start.cell)
+        while self.steps < MOST_STEPS:
+            ran = self.moving.run(LOOK, self.dt, self.damping)
+            motion = self.moving.motion
+            self.steps += LOOK
+            strain = float(np.linalg.norm(motion.cell @ back - np.eye(2)))
+            square = np.sum(motion.velocity[:grains] ** 2, axis=1)
+            turning = motion.spin[:grains] ** 2
+            kinetic = 0.5 * float(self.masses @ square + self.inertias @ turning)
+            self.kinetic = max(self.kinetic, kinetic)
+            if self.mode is None and strain >= MODE_STRAIN:
+                self.mode = self.moving.state(), self.moving.pairs
+            if not ran or strain > FLOW_STRAIN:
+                return "no rest"
+            if self.steps > PUSH_STEPS and rests(self.moving, STILL * self.pace):
+                return "at rest"
+        return "no rest"
 
     def work(self) -> Floats:
-        """Work since the first state, as `PackingPath.work`."""
+        """Work since the start, as `PackingPath.work`."""
         return work_of(self.moving, self.moving.state(), self.load, self.energy)
 
-    def look(self) -> MotionStatus:
-        """Make some steps, and judge the motion since it was counted."""
-        ran, motion = self.moving.run(LOOK, self.dt, self.damping), self.moving.motion
-        self.steps += LOOK
-        grown = motion.cell @ np.linalg.inv(self.since[0].cell) - np.eye(2)
-        self.strains.append(float(np.linalg.norm(grown)))
-        velocity, spin = motion.velocity[: len(self.masses)], motion.spin[: len(self.masses)]
-        square = np.sum(velocity**2, axis=1)
-        self.kinetic.append(0.5 * float(self.masses @ square + self.inertias @ spin**2))
-        if self.mode is None and self.strains[-1] >= MODE_STRAIN:
-            self.mode = self.moving.state(), self.moving.pairs
-        if not ran or self.strains[-1] > FLOW_STRAIN or keeps_growing(self.strains, self.kinetic):
-            return "failed"
-        waited = LOOK * (len(self.strains) - 1) > PUSH_STEPS
-        return "at rest" if waited and rests(self.moving, STILL * self.pace) else "not at rest"
-
-    def hold(self) -> MotionStatus:
-        """Move until rest or failure."""
-        status: MotionStatus = "not at rest"
-        while status == "not at rest" and LOOK * (len(self.strains) - 1) < MOST_STEPS:
-            status = self.look()
-        return status
-
-    def grow(
-        self, first: float, last: float, least: float
-    ) -> tuple[MotionStatus, float, Sequence[tuple[float, _Moved]]]:
-        """Let the control change slowly; the end, its load, and the packing under loads before.
-
-        Control and load change together, the load from `first` to `last`, so fast that the strain
-        goes at one pace.
-        """
-        moving, load = self.moving, first
-        status: MotionStatus = "not at rest"
-        kept: deque[tuple[float, _Moved]] = deque(maxlen=KEPT)
-        moving.motion.gradient[:] = 0.0
-        while status == "not at rest" and LOOK * (len(self.strains) - 1) < MOST_STEPS:
-            speed = float(np.linalg.norm(moving.motion.gradient)) / (PACE * self.pace)
-            grows = load < last and speed < FAST
-            if grows:
-                share = min(GROWTH / max(speed, 1e-9), PUSH)
-                step = min(share * max(load, least), last - load)
-                duration = LOOK * self.dt
-                moving.servo.rate[:] = self.rate * step / ((last - first) * duration)
-                # The servo's clock tells its load: the two go on together.
-                moving.servo.clock[0] = (load - first) / step * duration
-                load = load + step if step < last - load else last
-                whole = (load - first) / step * duration
-                moving.servo = moving.servo._replace(whole=whole)
-                self.strains, self.kinetic = [0.0], [0.0]
-                here = replace(self.origin[0], cell=moving.motion.cell.copy())
-                self.since = here, *self.origin[1:]
-            status = self.look()
-            before = kept[-1][0] if kept else first
-            if grows and before + APART * max(load, least) <= load < last:
-                kept.append((load, copy(self)))
-        self.since = self.origin
-        return status, load, kept
-
-    def told(self, status: MotionStatus, lost: float, load: float, faces: Faces) -> Motion:
-        """The motion since it was counted."""
-        moving, count = self.moving, self.count
-        (state, pairs, spent, steps), end = self.since, self.moving.state()
+    def told(
+        self, status: MotionStatus, lost: float, load: float, faces: Faces | None
+    ) -> Motion:
+        """The motion so far; without faces no work of loops."""
+        moving, count, state, pairs = self.moving, self.count, self.start, self.pairs
+        end = moving.state()
         back = np.linalg.inv(state.cell)
         then, listed = (end, moving.pairs) if self.mode is None else self.mode
         force = then.forces[:count] - state.forces[:count]
@@ -639,27 +625,14 @@ class _Moved:
             cause="",
             contact=-1,
             strain=(np.eye(2) - end.cell @ back).ravel(),
-            released=float(self.work()[3]) - spent,
-            kinetic=max(self.kinetic),
-            steps=self.steps - steps,
+            released=float(self.work()[3]),
+            kinetic=self.kinetic,
+            steps=self.steps,
             displacement=(then.x - state.x @ (then.cell @ back).T)[: state.count],
             opened=int(np.count_nonzero(carried & ~then.closed[:old])),
             closed=int(np.count_nonzero(carries) - np.count_nonzero(carries[:old] & state.closed)),
             slid=int(np.count_nonzero(slides)),
-            loop_work=loop_sums(-0.5 * np.sum(force * branch, axis=1), faces),
+            loop_work=np.zeros(0)
+            if faces is None
+            else loop_sums(-0.5 * np.sum(force * branch, axis=1), faces),
         )
-
-
-def keeps_growing(strains: Sequence[float], kinetic: Sequence[float]) -> bool:
-    """Whether strain rate and mean kinetic energy did not fall over two doublings of the strain."""
-    e = np.array(strains)
-    if not e[-1] >= FAILURE_STRAIN:
-        return False
-    half, quarter = int(np.argmax(e >= 0.5 * e[-1])), int(np.argmax(e >= 0.25 * e[-1]))
-    if half == quarter:
-        # The strain doubled between two looks.
-        return True
-    rate = (e[-1] - e[half]) / max(len(e) - 1 - half, 1)
-    rate_before = (e[half] - e[quarter]) / (half - quarter)
-    faster = rate >= rate_before
-    return bool(faster and np.mean(kinetic[half:]) >= np.mean(kinetic[quarter:half]))
