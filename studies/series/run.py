@@ -368,6 +368,6 @@ def missed_stresses(followed: Row) -> list[str]:
     return [
         f"from snapshot {one['snapshots'][0]} to {one['snapshots'][1]} the replay ends "
         f"{100 * one['replay_stress_error']:.2g} % of p from the later snapshot's stress: its "
-        "loops are not foretold"
+        "loops are not predicted"
         for one in followed["replay_missed_stress"]
     ]

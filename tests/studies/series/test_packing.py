@@ -191,7 +191,7 @@ def test_replays_that_miss_the_stress_are_named_by_their_snapshots():
     }
     assert missed_stresses(summary) == [
         f"from snapshot {one} to {two} the replay ends {share} % of p from the later snapshot's "
-        "stress: its loops are not foretold"
+        "stress: its loops are not predicted"
         for one, two, share in ((8, 9, "1.2"), (9, 12, "2"))
     ]
     assert summary["replay_rate_from"] == {"as given": 4}
