@@ -170,12 +170,15 @@ def _operators(
     """`A_in` and relative error of the loops of a block; all grains but its free ones are held."""
     free, grains = block.free, np.flatnonzero(block.free)
     number = np.cumsum(free) - 1
+    count = len(polygons.centre)
     matrix, freedom, coupled = _regular_matrix(system, block)
+    moves = free & (freedom[:, :2] >= 0).all(axis=1)
+    if not moves.any():
+        return np.full((count, 4, 4), np.nan), np.full(count, np.nan)
     edges = np.concatenate([_edges(system, polygons, free), coupled])
     fronts = dissection(block.x[grains], number[edges])
     lu = frontal_lu(matrix, fronts, freedom[grains], threads)
-    loops_at = _loops_by_front(fronts, polygons, number, free & (freedom[:, :2] >= 0).all(axis=1))
-    count = len(polygons.centre)
+    loops_at = _loops_by_front(fronts, polygons, number, moves)
     compliance, terms = np.full((count, 4, 4), np.nan), np.zeros(count)
 
     def use(k: int, freedoms: Integers, z: Floats) -> None:

@@ -236,7 +236,7 @@ class Snapshot(Shown):
             contacts |= {n: np.broadcast_to(v, graph.contact_count) for n, v in known.items()}
             contacts["sliding"] = (self.regime == Regime.SLIDING).astype(np.int8)
         of_walls: dict[str, NDArray[Any]] | None = None
-        if walls is not None:
+        if walls is not None and len(walls.grain):
             of_walls = {"id": ids[walls.grain]}
             of_walls["fx"], of_walls["fy"] = walls.force.T
             of_walls["branch_x"], of_walls["branch_y"] = walls.branch.T

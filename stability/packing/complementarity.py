@@ -531,7 +531,8 @@ def _follow(
         if end >= until:
             return segments, "reached"
         ties = np.flatnonzero(ahead <= reach + SAME_ANGLE)
-        share = table[ties, ties] / np.abs(table[:, ties]).max(axis=0)
+        column = np.abs(table[:, ties]).max(axis=0)
+        share = table[ties, ties] / np.where(column > 0, column, 1.0)
         changed = int(ties[np.argmax(np.abs(share))])
         if np.abs(share).max() < PIVOT:
             return segments, "degenerate"

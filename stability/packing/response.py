@@ -72,6 +72,8 @@ STARTED = 600
 PART, RINGS, ROUNDS = 300, 3, 14
 # Smallest scale of residuals, over the contacts' forces: in a lattice grain loads are rounding.
 IDLE = 1e-8
+# Entries of `M`, one less what the packing gives way, below this are rounding (rows: 9e-16).
+ROUNDED = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -566,8 +568,9 @@ def controlled(
     held, B = control.held.T @ control.strain, control.driven
     imposed = control.stress - B @ answer.stress @ held
     solved = np.linalg.solve(B @ answer.stress @ B.T, np.column_stack([imposed, -B @ stress]))
-    q = unit @ (held + B.T @ solved[:, 0])
-    return q, matrix + unit @ B.T @ solved[:, 1:]
+    q, driven = unit @ (held + B.T @ solved[:, 0]), unit @ B.T @ solved[:, 1:]
+    M = matrix + driven
+    return q, np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
 
 
 def packing_response(
@@ -655,11 +658,13 @@ def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDri
     P = np.zeros((2, 2)) if stress is None else np.asarray(stress, dtype=float)
     driven = np.isnan(H)
     if H.shape != (2, 2) or np.isinf(H).any():
-        raise InputError(
-            "strain_rate", f"{H.tolist()}", "(2, 2) finite numbers, or nan for stress control", "."
-        )
+        expected = "(2, 2) finite numbers, or nan for stress control"
+        remedy = "Give a number for each component that is prescribed, nan for the others."
+        raise InputError("strain_rate", f"{H.tolist()}", expected, remedy)
     if P.shape != (2, 2) or not np.isfinite(P[driven]).all():
-        raise InputError("stress_rate", f"{P.tolist()}", "a number where the strain is nan", ".")
+        expected = "finite numbers of shape (2, 2) where the strain is nan"
+        remedy = "Give zero to hold the stress."
+        raise InputError("stress_rate", f"{P.tolist()}", expected, remedy)
     rows = np.eye(4)
     return HeldAndDriven(rows[~driven.ravel()], H[~driven], rows[driven.ravel()], P[driven])
 

@@ -372,6 +372,13 @@ def _followed_lines(followed: dict[str, Any]) -> list[str]:
             f"forces of path and replay differ by {apart['median']:.2g} of what the replay changes "
             f"(median), at most by {apart['largest']:.2g}, from snapshot {before} to {after}"
         )
+    missed = followed["replay_stress_error"]
+    if missed is not None:
+        before, after = missed["snapshots"]
+        lines.append(
+            f"replays end {100 * missed['median']:.2g} % of p from the later snapshot's stress "
+            f"(median), at most {100 * missed['largest']:.2g} %, from snapshot {before} to {after}"
+        )
     return lines
 
 

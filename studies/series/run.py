@@ -24,7 +24,7 @@ from stability.packing.response import SOLVED, checked_band
 from stability.paths.path import Past
 from studies.output import SERIES, UNITS, definitions
 from studies.reading import plan_series, reading
-from studies.series.packing import Following
+from studies.series.packing import STRESS_ERROR, Following
 from studies.series.skill import skill_summary, skill_tables, survival_summary, write_fates
 from studies.series.tasks import (
     Series,
@@ -203,9 +203,9 @@ def series_tables(
         tables["skill_by_order"] = by_order
         summary["packing"] = solved_summary(intervals, series.yield_band)
     if series.following is not None:
-        summary["followed"] = followed_summary(
-            intervals, [one.number for one in series.planned], series.following.past
-        )
+        numbers = [one.number for one in series.planned]
+        summary["followed"] = followed_summary(intervals, numbers, series.following.past)
+        summary["notes"] = [*missed_stresses(summary["followed"]), *summary["notes"]]
     return tables, summary
 
 
@@ -324,29 +324,50 @@ def solved_summary(intervals: Sequence[Row], band: float) -> dict[str, Any]:
 
 
 def followed_summary(intervals: Sequence[Row], numbers: Sequence[int], past: str) -> dict[str, Any]:
-    """Summary of paths and replays: statuses, instabilities, distance, rates.
+    """Summary of paths and replays: statuses, instabilities, distances, rates.
 
     `numbers` are those of the snapshots.
     """
     rows = [row for row in intervals if "path_status" in row]
-    rates = [row["replay_inertial_number"] for row in rows]
-    apart = {
-        k: row["path_from_replay"]
-        for k, row in enumerate(intervals)
-        if row.get("path_from_replay") is not None
-    }
-    farthest = max(apart, key=lambda k: apart[k], default=None)
+    replayed = [row for row in rows if row["replay_inertial_number"] is not None]
+    rates = [row["replay_inertial_number"] for row in replayed]
+    errors = known_values(intervals, "replay_stress_error")
+    beyond = [k for k, error in errors.items() if error > STRESS_ERROR]
+    missed = [
+        {"snapshots": [numbers[k], numbers[k + 1]], "replay_stress_error": errors[k]}
+        for k in beyond
+    ]
     return {
         "past": past,
         "path_statuses": dict(Counter(row["path_status"] for row in rows)),
         "path_instabilities": sum(row["path_instabilities"] for row in rows),
-        "path_from_replay": None
-        if farthest is None
-        else {
-            "median": float(np.median([*apart.values()])),
-            "largest": apart[farthest],
-            "snapshots": [numbers[farthest], numbers[farthest + 1]],
-        },
+        "path_from_replay": largest_of(known_values(intervals, "path_from_replay"), numbers),
         "replay_inertial_number": [min(rates), max(rates)] if rates else None,
-        "replay_rate_from": dict(Counter(row["replay_rate_from"] for row in rows)),
+        "replay_rate_from": dict(Counter(row["replay_rate_from"] for row in replayed)),
+        "replay_stress_error": largest_of(errors, numbers),
+        "replay_missed_stress": missed,
     }
+
+
+def known_values(intervals: Sequence[Row], name: str) -> dict[int, float]:
+    """Numbers of a column of the intervals, by interval, where there is one."""
+    return {k: row[name] for k, row in enumerate(intervals) if row.get(name) is not None}
+
+
+def largest_of(values: Mapping[int, float], numbers: Sequence[int]) -> dict[str, Any] | None:
+    """Median, largest value and its two snapshots; None without a value."""
+    if not values:
+        return None
+    k = max(values, key=lambda one: values[one])
+    median = float(np.median([*values.values()]))
+    return {"median": median, "largest": values[k], "snapshots": [numbers[k], numbers[k + 1]]}
+
+
+def missed_stresses(followed: Row) -> list[str]:
+    """Warnings of the intervals whose replay ends away from the stress of the later snapshot."""
+    return [
+        f"from snapshot {one['snapshots'][0]} to {one['snapshots'][1]} the replay ends "
+        f"{100 * one['replay_stress_error']:.2g} % of p from the later snapshot's stress: its "
+        "loops are not predicted"
+        for one in followed["replay_missed_stress"]
+    ]

@@ -467,11 +467,15 @@ def in_packing(table: Columns, groups: Groups, share: Floats) -> Figure:
     figure.legend(*key, loc="outside lower center", ncols=beside, markerscale=3)
     order = table["order"]
     orders = [n for n in np.unique(order) if np.isfinite(share[order == n]).any()]
-    right.boxplot(
-        [share[(order == n) & np.isfinite(share)] for n in orders],
-        positions=orders, whis=(5, 95), showfliers=False, manage_ticks=False,
-        medianprops={"color": VERMILION},
-    )  # fmt: skip
+    if orders:
+        right.boxplot(
+            [share[(order == n) & np.isfinite(share)] for n in orders],
+            positions=orders, whis=(5, 95), showfliers=False, manage_ticks=False,
+            medianprops={"color": VERMILION},
+        )  # fmt: skip
+    else:
+        for ax in (left, right):
+            say_empty(ax, "no loop judged in its packing")
     right.axhline(1.0, color=GREY, linewidth=0.6)
     right.set(xlabel="loop order (number of grains)", ylabel="share of the surroundings")
     right.xaxis.set_major_locator(MaxNLocator(12, integer=True))

@@ -121,6 +121,27 @@ def test_a_hinged_triangle_changes_nothing_else():
     assert (change < 1e-9).all() and (change < found.error).all() and (found.error < 1e-2).all()
 
 
+@pytest.mark.parametrize("method", ["whole", "blocks"])
+@pytest.mark.parametrize("case", ["spins", "sliding", "no shear stiffness"])
+def test_no_loop_is_judged_where_every_grain_is_held(method, case):
+    """Spins may stay free: without shear springs nothing at all moves."""
+    graph = packing(30, seed=2)
+    regime = None if case == "spins" else np.full(graph.contact_count, Regime.SLIDING)
+    law = LAW
+    if case == "no shear stiffness":
+        law, regime = LinearFrictional(1.0, 0.0, 0.5), np.full(graph.contact_count, Regime.ELASTIC)
+    found = loops_in_place(
+        graph,
+        law,
+        find_faces(graph),
+        regime=regime,
+        held=np.ones(graph.grain_count, bool),
+        method=method,
+    )
+    assert np.isnan(found.matrix).all() and np.isnan(found.error).all()
+    assert np.isfinite(found.alone).any() or case != "spins"
+
+
 def plain_lu(dense):
     """Factors of a small matrix in one front."""
     count = len(dense)

@@ -1,5 +1,6 @@
 """Files of runs under Hertz and Mindlin's law, and contacts with walls: read, checked, written."""
 
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -135,15 +136,21 @@ def boxed(**springs):
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
 def test_walls_are_written_and_read_back(tmp_path, ending):
-    first, walls = boxed(mu=np.full(len(jammed_in_box(24, 1)[1].grain), 0.3))
+    count = len(jammed_in_box(24, 1)[1].grain)
+    first, walls = boxed(mu=np.full(count, 0.3), sliding=np.arange(count) % 3 == 0)
     path = tmp_path / f"grains_1.{ending}"
     write_snapshot(path, first)
     second = read_snapshot(path)
     assert second.wall_contacts == len(walls.grain)
-    for name in ("grain", "force", "branch", "kn", "kt", "mu"):
+    for name in ("grain", "force", "branch", "kn", "kt", "mu", "sliding"):
         np.testing.assert_array_equal(getattr(second.walls, name), getattr(first.walls, name))
     # A later snapshot of that name without walls leaves none behind.
     write_snapshot(path, snapshot_from_tables(**first.tables() | {"walls": None}))
+    assert read_snapshot(path).walls is None
+    # So does one whose walls touch no grain.
+    write_snapshot(path, first)
+    none = {f.name: v[:0] for f in fields(walls) if (v := getattr(walls, f.name)) is not None}
+    write_snapshot(path, replace(first, walls=WallContacts(**none), wall_contacts=0))
     assert read_snapshot(path).walls is None
 
 

@@ -47,6 +47,19 @@ def unit(angle):
     return np.array([np.cos(angle), np.sin(angle)])
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("M", [[[0.0]], [[0.0, 0.0], [0.0, 1.0]]])
+def test_a_branch_is_left_where_slip_changes_no_rate(M):
+    """A column of zeros: the contact can neither go on nor turn back."""
+    Q = np.column_stack([np.ones(len(M)), np.linspace(0.5, 1.0, len(M))])
+    found = trace_branch(Q, np.array(M), 0.0, np.zeros(len(M), dtype=bool))
+    assert found.status == "degenerate" and not found.sliding[:, 0].any()
+    ends = np.sort(found.angle.ravel())[[0, -1]]
+    rates = Q @ np.array([np.cos(ends), np.sin(ends)])
+    # It is left where the rate of that contact would turn negative.
+    np.testing.assert_allclose(rates[0], 0.0, atol=1e-12)
+
+
 def every_solution(Q, M, angle):
     """Slips of all solutions, by enumeration of the sets of sliding contacts."""
     q, found = Q @ unit(angle), []

@@ -132,3 +132,29 @@ def test_statuses_without_enumeration_say_no_more_than_was_shown(monkeypatch):
             several += truth.status == "several"
             told += truth.status == found.status == "several"
     assert several > 30 and told > 0.7 * several
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("increment", ["branch", "radii"])
+@pytest.mark.parametrize("kt", [1e-3, 0.3, 0.5, 0.7, 1.0])
+def test_slip_that_nothing_answers_has_no_solution_whatever_rounding_leaves(kt, increment):
+    """One grain of a row and its image: slip makes it spin and changes no shear force, `M` is 0.
+
+    Stretched along the row the contact loses strength and its shear force can't follow.
+    """
+    row = GrainGraph(
+        x=[[0, 0]],
+        radii=[0.505],
+        contacts=[[0, 0]],
+        images=[[1, 0]],
+        cell=np.diag([1.0, 3.0]),
+        normal_force=[0.01],
+        shear_force=[0.005],
+    )
+    law = LinearFrictional(1.0, kt, 0.5, increment)
+    rates = PackingRates(yield_response(row, law, yield_band=AT_YIELD))
+    given = response.component_control(np.diag([1.0, 0.0]), None)
+    assert rates.problem(given)[1].tolist() == [[0.0]]
+    found = probe(row, law, [[1.0, 0.3], [1.0, -0.3], [-1.0, 0.3], [-1.0, -0.3]])
+    assert found.status.tolist() == ["unique", "unique", "none", "none"]
+    assert set(found.proof) == {"enumeration"}

@@ -14,17 +14,21 @@ from loops import InputError, Regime, branch_vectors, contact_forces, contact_st
 from loops.stress_strain import rotation_and_stretch
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
 from stability.packing import loop_changes, loop_rates, packing_response, replay
+from stability.packing.state import start_state
 from studies.commands.snapshot import _series_lines
 from studies.reading import cells_by_number, plan_series, reading
 from studies.series import packing as series_packing
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.packing import (
     PREDICTED,
+    STRESS_ERROR,
     Following,
     interval_rate,
     packing_predictions,
+    stress_error,
     velocity_beyond,
 )
+from studies.series.run import followed_summary, missed_stresses
 from studies.series.skill_figures import (
     MappedInterval,
     nonaffinity_map,
@@ -38,7 +42,7 @@ from studies.snapshot.in_packing import (
     sample_boundary,
 )
 from tests.docs.test_packing_page import quotes_the_sample
-from tests.packings import LAW, packing
+from tests.packings import LAW, jammed, packing
 from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
 from tests.studies.series.test_run import contents, run, times, write_series
 
@@ -127,6 +131,12 @@ def test_the_path_and_the_replay_predict_beside(tmp_path, monkeypatch, unsaved):
     apart, row = summary["followed"]["path_from_replay"], pd.read_parquet(out / "skill.parquet")
     assert apart["snapshots"] == row[["snapshot_before", "snapshot_after"]].iloc[0].tolist()
     assert 0 < apart["median"] == apart["largest"] < 0.2
+    own = contact_forces(after.graph).T @ branch_vectors(after.graph)
+    own /= np.linalg.det(after.graph.cell)
+    away = np.linalg.norm(end.stress - own) / (0.5 * np.trace(own))
+    told = pd.read_parquet(out / "evolution.parquet")["replay_stress_error"].iloc[1]
+    assert told == pytest.approx(away, rel=1e-6) and told < 1e-3
+    assert summary["followed"]["replay_missed_stress"] == []
     assert skill["packing"]["auc"] < skill["packing_path"]["auc"]
     far = summary["skill_of_targets"]["nonaffine"]
     assert far["packing"]["auc"] < far["packing_path"]["auc"] < far["replay"]["auc"]
@@ -140,6 +150,63 @@ def test_the_path_and_the_replay_predict_beside(tmp_path, monkeypatch, unsaved):
         assert table.recall[target, "replay"] > 0.95
     with pytest.raises(InputError, match="--in-packing: got 'path', expected False, True, rates"):
         predict(tmp_path / "other", PATHS[:2], in_packing="path")
+
+
+def test_the_last_stress_of_a_replay_is_held_to_that_of_the_later_snapshot():
+    """Over its mean stress, in any unit; with all forces of a contact changed by a hundredth."""
+    graph = jammed(16, 2)
+    later = tracked(graph)
+    state = start_state(graph)
+    assert stress_error(state, later) == 0.0
+    pressure = 0.5 * np.trace(state.stress)
+    wanted = 0.01 * np.linalg.norm(state.stress) / pressure
+    for unit in (1.0, 1e6):
+        N, T = 1.01 * unit * graph.normal_force, 1.01 * unit * graph.shear_force
+        strained = replace(state, normal_force=N, shear_force=T)
+        first = tracked(graph.replace(normal_force=N / 1.01, shear_force=T / 1.01))
+        assert stress_error(strained, first) == pytest.approx(wanted, rel=1e-12)
+    nothing = tracked(graph.replace(normal_force=0 * N, shear_force=0 * T))
+    assert stress_error(state, nothing) is None
+
+
+def followed(error, rate=2e-6):
+    return {
+        "path_status": "refused" if rate is None else "finished",
+        "path_instabilities": 0,
+        "path_from_replay": None if rate is None else 0.1,
+        "replay_inertial_number": rate,
+        "replay_rate_from": None if rate is None else "as given",
+        "replay_stress_error": error,
+    }
+
+
+def test_replays_that_miss_the_stress_are_named_by_their_snapshots():
+    rows = [followed(0.001), followed(None, None), {}, followed(0.9 * STRESS_ERROR),
+            followed(0.0123), followed(0.02)]  # fmt: skip
+    summary = followed_summary(rows, [3, 4, 6, 7, 8, 9, 12], "viscous")
+    assert summary["replay_stress_error"] == {
+        "median": pytest.approx((0.9 * STRESS_ERROR + 0.0123) / 2),
+        "largest": 0.02,
+        "snapshots": [9, 12],
+    }
+    assert missed_stresses(summary) == [
+        f"from snapshot {one} to {two} the replay ends {share} % of p from the later snapshot's "
+        "stress: its loops are not predicted"
+        for one, two, share in ((8, 9, "1.2"), (9, 12, "2"))
+    ]
+    assert summary["replay_rate_from"] == {"as given": 4}
+
+
+def test_a_series_whose_replays_are_all_refused_is_summed_up(tmp_path):
+    """No walls and no cell: no interval has a rate, though times and masses are known."""
+    paths, listed = write_series(tmp_path / "run", 3), tmp_path / "times.csv"
+    listed.write_text("snap,time\n0,0.0\n1,1.0\n2,2.0\n")
+    how = {"in_packing": "events", "times": listed, "mean_mass": 1.0}
+    summary = run(paths, tmp_path / "out", **how)
+    told = summary["followed"]
+    assert told["path_statuses"] == {"refused": 2} and told["replay_inertial_number"] is None
+    assert told["replay_rate_from"] == {} and told["replay_stress_error"] is None
+    assert any("not followed by events" in note for note in summary["notes"])
 
 
 def lost_any(faces, opened):

@@ -12,7 +12,7 @@ import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime, find_faces
 from loops.packing import loops_in_place, outline_grains
-from patterns import Snapshot, read_snapshot, sample_path
+from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import restrict, symmetric_part
 from studies.output import definitions
 from studies.snapshot import figures
@@ -185,6 +185,18 @@ def test_a_single_loop_stands_in_no_packing():
     assert summary["untrusted_loops"]["packing"] == 1
     assert "no loop could be judged in the packing" in notes[-1]
     assert summary["in_packing"]["boundary"] == "4 grains held to the affine motion"
+
+
+def test_a_command_on_one_triangle_says_that_no_loop_is_judged(monkeypatch, tmp_path):
+    angle = np.radians([90, 210, 330])
+    x = (1 - 5e-4) / np.sqrt(3) * np.column_stack([np.cos(angle), np.sin(angle)])
+    graph = GrainGraph(x, [0.5] * 3, [[0, 1], [1, 2], [2, 0]], normal_force=[5e-4] * 3)
+    write_snapshot(tmp_path / "grains_1.csv", snapshot_of(graph))
+    out = tmp_path / "out"
+    asked = ("--in-packing", "whole", "--out", out)
+    assert run(monkeypatch, "snapshot", tmp_path / "grains_1.csv", *asked) == 0
+    assert np.isnan(pd.read_parquet(out / "loops.parquet")["packing_lambda_min"]).all()
+    assert (out / "in_packing.svg").read_text().count("no loop judged in its packing") == 2
 
 
 def test_no_forces_are_refused():

@@ -1,0 +1,45 @@
+"""States of 2,000 discs at rest, and the levels of dead load under which Yade found rest again.
+
+Made by `tests/tools/yade_rest.py`, which says when a level is at rest. Each level starts from rest
+under the one before; the last of a direction is the first under which Yade found none.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from loops import GrainGraph, LinearFrictional
+
+STATES = ("slow",)
+LAW = LinearFrictional(1e6, 5e5, 0.5, "radii")
+PARTS = ("x", "radii", "contacts", "images", "cell", "normal_force", "shear_force")
+# Strain of a level that is a large motion.
+LARGE = 3e-4
+
+
+def yade_rest(state):
+    """The graph at rest, its law, and a table of levels for each direction in degrees.
+
+    `load` (N/m) along (cos, sin) in the plane (P11, P22), compression positive; `at_rest`; `H11`,
+    `H22` from the held state on and `strain`, the norm of their change in the level; `P11`, `P22`,
+    the stress in addition to the start's; `unbalanced` and `kinetic` (largest energy, J); `steps`.
+    """
+    with np.load(Path(__file__).with_name(f"yade_rest_{state}.npz")) as stored:
+        graph = GrainGraph(**{part: stored[part] for part in PARTS})
+        table = pd.DataFrame({name: stored[f"level {name}"] for name in stored["columns"]})
+    levels = {degrees: own.reset_index(drop=True) for degrees, own in table.groupby("degrees")}
+    return graph, LAW, levels
+
+
+def bracket(levels, of="rest"):
+    """Loads between which Yade first found no rest, or first moved by a large strain; inf: never.
+
+    `of="large"`: the strain of the level exceeds `LARGE`, or it found no rest.
+    """
+    ends = ~levels["at_rest"].to_numpy()
+    if of == "large":
+        ends |= levels["strain"].to_numpy() > LARGE
+    load = np.concatenate([[0.0], levels["load"], [np.inf]])
+    first = int(np.argmax(ends)) if ends.any() else len(ends)
+    return load[first], load[first + 1]
