@@ -67,6 +67,8 @@ STRETCH = 0.1
 LEAST_STRETCH = 4
 CONVERGED = 0.01
 MOST_HALVINGS = 5
+# No number of instabilities ends a path: each one does.
+MANY = 1_000_000
 # Strain of a motion up to which its displacements are the mode.
 MODE_STRAIN = 2e-5
 # Grains that move by this share of the largest displacement take part in a mode.
@@ -510,7 +512,7 @@ def _to_loss(solver: PackingPathSolver, stage: Stage, loading: Loading) -> Stop 
     while solver.targets:
         before = solver.saved()
         solver.history.append(before)
-        stop = solver.step(stage, 2)
+        stop = solver.step(stage, MANY)
         met = stop is not None and stop[0] == "instabilities"
         error = abs(_along(solver, stage) - solver.parameter)
         least = LEAST_PUSH * solver.first_stress
