@@ -40,6 +40,8 @@ from studies.style import (
 
 # The circle of w2 = 0 of the polar diagram (Nicot et al. 2016, Fig. 11).
 RADIUS = 2.0
+# Volumes that change by less than this share of what is driven are rounding.
+STILL = 1e-6
 # Loads below this share of the largest load are drawn at the centre.
 LOW = 1e-5
 LOAD_LOOKS = {
@@ -212,6 +214,9 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
     )  # fmt: skip
     volume.set(xlabel=f"${_change(driven)}$", ylabel=r"$H_{11} + H_{22}$")
     volume.ticklabel_format(axis="x", scilimits=(-3, 3))
+    reach = float(np.abs(path["driven"]).max())
+    if np.ptp(path["H11"] + path["H22"]) < STILL * reach:
+        volume.set_ylim(-reach, reach)
     for ax in (stress, volume):
         ax.legend()
     return figure
