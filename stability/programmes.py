@@ -243,6 +243,22 @@ def undrained(axis: Axis = 1, rate: float = 1.0) -> Programme:
     return Programme(held.name, held.stress, held.strain, held.rate, isochoric_row=row)
 
 
+def simple_shear(axis: Axis = 1, rate: float = 1.0) -> Programme:
+    """Shear strain rate along `axis`, no other strain: `H12' = rate` along axis 1, `H21'` along 2.
+
+    Lines along `axis` slide over one another and the area stays, `det(1 - H) = 1`. A positive rate
+    moves grains of larger coordinate across to smaller ones along `axis`, and raises `P12`.
+
+    Examples
+    --------
+    >>> simple_shear(axis=2).rate.tolist()
+    [0.0, 0.0, 1.0, 0.0]
+    """
+    _axes(axis)
+    driven = {"H11": 0.0, "H12": 0.0, "H21": 0.0, "H22": 0.0}
+    return _programme("simple shear", driven | {f"H{axis}{3 - axis}": rate})
+
+
 def combination(
     stress: ArrayLike, strain: ArrayLike, rate: ArrayLike, name: str = "combination"
 ) -> Programme:

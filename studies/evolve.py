@@ -15,19 +15,21 @@ from numpy.typing import NDArray
 from loops import Faces, InputError
 from loops.arrays import Floats
 from patterns import Snapshot
-from stability import COMPONENTS, Stage, follow
+from stability import COMPONENTS, Stage, follow, programmes
 from stability.packing import LoopRates, PackingPath, Replay, loop_changes, replay
-from stability.packing.state import PackingState, start_state
+from stability.packing.state import PackingState
 from stability.paths.path import Event, Past
 from studies.output import UNITS, definitions, readable
 from studies.paths.options import PROGRAMMES
 from studies.reading import plan_series, reading
 from studies.series.evolution import components, sample_strain
+from studies.series.loading import nominal, stress_of
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
 from studies.snapshot.in_packing import balance_notes, followed_walls, held_snapshot, hold_control
 from studies.study import one_of, study
 
 By = Literal["events", "replay", "both"]
+EVOLVED = PROGRAMMES | {"simple-shear": programmes.simple_shear}
 # A drop: the driven stress falls between two snapshots by more than this share of itself.
 DROP = 1e-4
 # Snapshots beyond the end of a path by less than this share of it are at its end: strains over the
@@ -55,6 +57,7 @@ def run_evolve(
     times: Path | None = None,
     time_step: float | None = None,
     mean_mass: float | None = None,
+    damping: float = 0.3,
     hold: bool = False,
     hold_stress: bool = False,
     cells: Path | None = None,
@@ -75,7 +78,7 @@ def run_evolve(
     """
     asked = {
         "programme": programme, "axis": axis, "to": to, "rows": rows, "interval": interval,
-        "instabilities": instabilities, "past": past, "by": by,
+        "instabilities": instabilities, "past": past, "by": by, "damping": damping,
     }  # fmt: skip
     one_of("--by", by, get_args(By))
     held_control = hold_control(hold, hold_stress)
@@ -103,10 +106,11 @@ def run_evolve(
             known = Following(past, inertial_number, time_step, mean_mass)
             rate = replay_rate(snapshot, after, [one.time for one in planned], known, stage)
             done = replay(
-                graph, law, stage, planes=planes, plane_force=plane_force, rows=rows, **rate.options
-            )
+                graph, law, stage, planes=planes, plane_force=plane_force, rows=rows,
+                damping=damping, **rate.options,
+            )  # fmt: skip
             ways["replay"] = replay_rows(done, stage, rate)
-        # Tables and map are those of the first way.
+        # Tables and map are those of the first way; a replay beside a path has its own.
         way = next(iter(ways.values()))
         changes = [loop_changes(graph, state, faces) for state in way.states[1:]]
         tables = {
@@ -114,15 +118,22 @@ def run_evolve(
             "events": event_table(way, snapshot.ids, sense),
             "loops": change_table(changes, faces, sense * way.parameter),
         }
+        if len(ways) > 1:
+            other = ways["replay"]
+            own = [loop_changes(graph, state, faces) for state in other.states[1:]]
+            tables["replay"] = row_table(other, sense).drop(columns="events")
+            tables["replay_loops"] = change_table(own, faces, sense * other.parameter)
         if after:
             tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
-        found = path_summary(way, tables) | {"driven": driven, "notes": notes, "held": held}
+        found = path_summary(way, tables, driven) | {"driven": driven, "notes": notes, "held": held}
         found |= {"dem": len(after), "mean_kn": snapshot.mean_kn, "forecast": None, "replay": None}
         if after and driven[0] == "H":
             tables["forecast"] = forecast_table(ways, tables["dem"], driven, sense)
             found["forecast"] = forecast_summary(tables["forecast"], [*ways])
         if rate is not None:
             found["replay"] = {"inertial_number": rate.inertial_number, "source": rate.source}
+            if len(ways) > 1:
+                found["replay"] |= replay_summary(ways, tables, driven, graph.contact_count)
         summary = results.write_results(tables, asked | found)
         if animation:
             from studies.packing_figures import animate_path
@@ -158,12 +169,14 @@ def driven_component(programme: str, axis: int) -> str:
     """Component of strain or stress that a programme drives."""
     if programme == "isotropic-stress":
         return "P11"
+    if programme == "simple-shear":
+        return f"H{axis}{3 - axis}"
     return "H11" if programme == "isotropic" else f"H{axis}{axis}"
 
 
 def stage_of(programme: str, axis: int, to: float) -> Stage:
     """Stage that runs a programme from the snapshot until its driven component changes by `to`."""
-    one_of("--programme", programme, tuple(PROGRAMMES))
+    one_of("--programme", programme, tuple(EVOLVED))
     if not (np.isfinite(to) and to):
         remedy = "Give the strain to reach, negative in extension."
         raise InputError("--to", f"{to:g}", "a finite number other than zero", remedy)
@@ -172,7 +185,7 @@ def stage_of(programme: str, axis: int, to: float) -> Stage:
     sense = float(np.sign(to))
     isotropic = programme.startswith("isotropic")
     given = {"rate": sense} if isotropic else {"rate": sense, "axis": axis}
-    return Stage(PROGRAMMES[programme](**given), "parameter", abs(to))
+    return Stage(EVOLVED[programme](**given), "parameter", abs(to))
 
 
 class Way(NamedTuple):
@@ -301,12 +314,6 @@ def replay_rate(
     return found._replace(options={"inertial_number": found.inertial_number})
 
 
-def nominal(stress: Floats, H: Floats) -> Floats:
-    """Nominal stress over the first cell, `det F P F^-T` with `F = 1 - H`."""
-    F = np.eye(2) - H
-    return np.asarray(np.linalg.det(F) * stress @ np.linalg.inv(F).T)
-
-
 def dem_table(snapshot: Snapshot, names: Sequence[str], later: Sequence[Snapshot]) -> pd.DataFrame:
     """Strain and nominal stress of the later snapshots, over the cell of the first."""
     strains, stresses = [], []
@@ -316,7 +323,7 @@ def dem_table(snapshot: Snapshot, names: Sequence[str], later: Sequence[Snapshot
         if source not in ("cell", "walls"):
             raise InputError(name, "no cell", "the cell of a later state", "Give --cells.")
         strains.append(H)
-        stresses.append(nominal(start_state(after.graph, *followed_walls(after)).stress, H))
+        stresses.append(nominal(stress_of(after), H))
     return pd.DataFrame(
         {
             "snapshot": names,
@@ -388,22 +395,48 @@ def forecast_summary(table: pd.DataFrame, ways: Sequence[str]) -> dict[str, Any]
     return told
 
 
-def path_summary(way: Way, tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
+def replay_summary(
+    ways: Mapping[str, Way], tables: Mapping[str, pd.DataFrame], driven: str, contacts: int
+) -> dict[str, Any]:
+    """End of a replay beside a path, and how far their contact forces are apart there.
+
+    The distance is None where the path ended before the replay.
+    """
+    path, other = ways["events"], ways["replay"]
+    work = tables["replay_loops"]["W2"].dropna()
+    last, end, first = (
+        state.forces[:contacts] for state in (other.states[-1], path.states[-1], path.states[0])
+    )
+    apart = float(np.linalg.norm(end - last) / np.linalg.norm(last - first))
+    return {
+        "end": end_of(tables["replay"], driven),
+        "negative_loops": float((work < 0).mean()) if len(work) else None,
+        "path_from_replay": apart if path.status == "finished" else None,
+    }
+
+
+def end_of(rows: pd.DataFrame, driven: str) -> dict[str, float]:
+    """Normal strains and stresses of the last row, and those of the driven axes."""
+    names = dict.fromkeys(("H11", "H22", "P11", "P22", f"H{driven[1:]}", f"P{driven[1:]}"))
+    return {name: float(rows[name].iloc[-1]) for name in names}
+
+
+def path_summary(way: Way, tables: dict[str, pd.DataFrame], driven: str) -> dict[str, Any]:
     """Summary of a way and its tables."""
-    end, work = tables["path"].iloc[-1], tables["loops"]["W2"].dropna()
+    last, work = tables["path"].iloc[-1], tables["loops"]["W2"].dropna()
     instabilities = [event for event in way.events if event.kind == "instability"]
     passed = Counter(_passed(event) for event in instabilities)
     return {
         "definitions": definitions("evolve"),
-        "end": {name: float(end[name]) for name in ("H11", "H22", "P11", "P22")},
+        "end": end_of(tables["path"], driven),
         "events": dict(Counter(event.kind for event in way.events)),
         "intervals": way.intervals,
         "loops": len(tables["loops"]),
         "message": way.message,
         "negative_loops": float((work < 0).mean()) if len(work) else None,
         "passed": {name or "other": count for name, count in passed.items()},
-        "reached": float(end["driven"]),
+        "reached": float(last["driven"]),
         "status": way.status,
         "unstable_contacts": len({event.contacts for event in instabilities}),
-        "work": float(end["work"]) if way.works else None,
+        "work": float(last["work"]) if way.works else None,
     }

@@ -22,6 +22,7 @@ from studies.snapshot.figures import draw_values, loop_drawer
 from studies.style import (
     BLUE,
     DIVERGING,
+    GREEN,
     GREY,
     LIGHT_GREY,
     ONE_COLUMN,
@@ -39,6 +40,8 @@ from studies.style import (
 
 # The circle of w2 = 0 of the polar diagram (Nicot et al. 2016, Fig. 11).
 RADIUS = 2.0
+# Volumes that change by less than this share of what is driven are rounding.
+STILL = 1e-6
 # Loads below this share of the largest load are drawn at the centre.
 LOW = 1e-5
 LOAD_LOOKS = {
@@ -54,6 +57,7 @@ FORECAST_LOOKS: dict[str, tuple[str, dict[str, Any]]] = {
     "persistence": ("stress of the start", {"linestyle": ":", "color": GREY}),
 }
 STRESS_LOOKS = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
+SHEAR_LOOK = (GREEN, "-.")
 
 
 # ---- probes
@@ -186,17 +190,23 @@ def path_figures(
 
 @styled()
 def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
-    """Both normal stresses and the volume along the path, with the DEM's for comparison."""
-    path, dem, events = tables["path"], tables.get("dem"), tables["events"]
+    """Stresses and the volume along the path, with a replay's and the DEM's for comparison."""
+    path, events = tables["path"], tables["events"]
     figure, ((stress, volume),) = new_panels(1, 2, 2.7)
     _draw_stresses(stress, path, driven)
     volume.plot(path["driven"], path["H11"] + path["H22"], color=BLUE, label="path")
-    if dem is not None:
-        at = dem[driven] - (path[driven].iloc[0] if driven[0] == "P" else 0.0)
-        ring: dict[str, Any] = {"linestyle": "none", "marker": "o", "fillstyle": "none"}
-        stress.plot(at, dem["P11"] - path["P11"].iloc[0], color=BLUE, label="DEM", **ring)
-        stress.plot(at, dem["P22"] - path["P22"].iloc[0], color=VERMILION, **ring)
-        volume.plot(at, dem["H11"] + dem["H22"], color=BLUE, label="DEM", **ring)
+    dots: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 4}
+    ring: dict[str, Any] = {"linestyle": "none", "marker": "o", "fillstyle": "none"}
+    for name, look in (("replay", dots), ("dem", ring)):
+        other = tables.get(name)
+        if other is None:
+            continue
+        label = "DEM" if name == "dem" else name
+        at = other[driven] - (path[driven].iloc[0] if driven[0] == "P" else 0.0)
+        for number, (quantity, (colour, _)) in enumerate(_stress_looks(driven).items()):
+            change = other[quantity] - path[quantity].iloc[0]
+            stress.plot(at, change, color=colour, label="_" * (number > 0) + label, **look)
+        volume.plot(at, other["H11"] + other["H22"], color=BLUE, label=label, **look)
     unstable = events["driven"][events["kind"] == "instability"]
     stress.plot(
         unstable, np.zeros(len(unstable)), "|", color=GREY, markersize=8,
@@ -204,6 +214,9 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
     )  # fmt: skip
     volume.set(xlabel=f"${_change(driven)}$", ylabel=r"$H_{11} + H_{22}$")
     volume.ticklabel_format(axis="x", scilimits=(-3, 3))
+    reach = float(np.abs(path["driven"]).max())
+    if np.ptp(path["H11"] + path["H22"]) < STILL * reach:
+        volume.set_ylim(-reach, reach)
     for ax in (stress, volume):
         ax.legend()
     return figure
@@ -232,9 +245,15 @@ def forecast_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
     return figure
 
 
+def _stress_looks(driven: str) -> dict[str, tuple[str, str]]:
+    """Looks of both normal stresses, and of the shear stress that a programme drives."""
+    own = f"P{driven[1:]}"
+    return STRESS_LOOKS if own in STRESS_LOOKS else STRESS_LOOKS | {own: SHEAR_LOOK}
+
+
 def _draw_stresses(ax: Axes, path: pd.DataFrame, driven: str) -> None:
-    """Changes of both normal stresses along the path."""
-    for name, (colour, style) in STRESS_LOOKS.items():
+    """Changes of both normal stresses along the path, and of a shear stress that is driven."""
+    for name, (colour, style) in _stress_looks(driven).items():
         start = path[name].iloc[0]
         label = f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
         ax.plot(path["driven"], path[name] - start, style, color=colour, label=label)
@@ -258,7 +277,8 @@ def animate_path(
     label = "normalised $W_2$ since the start"
     figure.colorbar(ScalarMappable(*colours[::-1]), ax=left, shrink=0.75, label=label)
     _draw_stresses(right, path, summary["driven"])
-    rings = [right.plot([0.0], [0.0], "o", color=colour)[0] for colour, _ in STRESS_LOOKS.values()]
+    looks = _stress_looks(summary["driven"])
+    rings = [right.plot([0.0], [0.0], "o", color=colour)[0] for colour, _ in looks.values()]
     right.legend()
 
     def show(row: int) -> None:
@@ -266,7 +286,7 @@ def animate_path(
         nonlocal loops
         loops.remove()
         loops = draw(left, works[row], *colours)
-        for ring, name in zip(rings, STRESS_LOOKS, strict=True):
+        for ring, name in zip(rings, looks, strict=True):
             ring.set_data([path["driven"][row]], [path[name][row] - path[name].iloc[0]])
 
     return write_animation(folder, figure, map(show, range(1, len(works))), summary["provenance"])

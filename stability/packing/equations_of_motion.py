@@ -99,6 +99,7 @@ def replay(
     inertia: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
     spin: ArrayLike | None = None,
+    shares: ArrayLike | None = None,
     damping: float = 0.3,
     viscous: float = 0.0,
     balanced: bool = False,
@@ -115,11 +116,11 @@ def replay(
     law : FrictionalLaw or RollingResistance
         Contact law: linear, Hertz and Mindlin's, or one of your own, which is asked in every step
         (slower by far); with rolling springs between grains. Their moments start from the graph's.
-    strain : (2, 2) array or Stage
+    strain : (2, 2) or (K, 2, 2) array, or Stage
         Displacement gradient `H` of the cell, or of the box between walls, at the end, compression
-        positive: `h = (1 - H) h0`, reached at a constant velocity gradient. Or a programme and its
-        end, 'parameter' or a component that is driven alone: strains are prescribed, stresses held
-        by a servo on `H'`.
+        positive: `h = (1 - H) h0`, reached at a constant velocity gradient. Or `H` at the ends of K
+        parts, each at a velocity gradient of its own. Or a programme and its end, 'parameter' or a
+        component that is driven alone: strains are prescribed, stresses held by a servo on `H'`.
         Walls don't turn: `H12 = H21 = 0`.
     planes : PlaneContacts, optional
         Contacts with four walls along the axes, in place of a cell. Grains that touch a wall later
@@ -128,8 +129,8 @@ def replay(
     plane_force : (W, 2) array, optional
         Force of the wall on the grain at each of them (force), for shear forces of rough walls.
     inertial_number : float
-        Rate: `|H| / duration * sqrt(mean mass / pressure)`; of a programme with the elastic affine
-        estimate of `H`. Slower is closer to quasi-static.
+        Rate: `|H| / duration * sqrt(mean mass / pressure)`; of parts with the sum of their strains,
+        of a programme with the elastic affine estimate of `H`. Slower is closer to quasi-static.
     duration : float, optional
         Time of the whole strain, in place of the inertial number.
     time_step : float, optional
@@ -140,6 +141,9 @@ def replay(
         out.
     velocity, spin : (G, 2), (G,) array, optional
         Velocities beyond the affine motion, and spins, to start with; rest if left out.
+    shares : (K,) array, optional
+        Shares of the duration at which the parts end, rising to 1; by default the parts take times
+        as their strains are.
     damping : float
         Cundall's: a resultant is less by this share with the motion, more against it.
     viscous : float
@@ -178,12 +182,15 @@ def replay(
     start = start_state(graph, planes, plane_force)
     pairs = contact_pairs(start, checked, planes)
     dt = time_step or step_of(masses, inertias, pairs, start, by_radii)
-    servo, H = _steering(start, pairs, masses, strain)
+    servo, ends = _steering(start, pairs, masses, strain)
+    sizes = np.array([np.linalg.norm(part) for part in np.diff(ends, axis=0, prepend=0.0)])
     if duration is None:
         number("inertial_number", inertial_number, 0.0, open_low=True)
-        duration = duration_of(H, masses, start, inertial_number)
+        duration = duration_of(sizes.sum(), masses, start, inertial_number)
     steps = max(1, round(duration / dt))
     servo = lasting(servo, steps * dt)
+    at = _shares(sizes, shares)
+    gradients = {} if servo.on else _gradients(ends, at, steps, dt)
     moving = Moving(
         start,
         pairs,
@@ -193,18 +200,20 @@ def replay(
         by_radii,
         velocity=0.0 if velocity is None else velocity,
         spin=0.0 if spin is None else spin,
-        gradient=None
-        if servo.on
-        else (np.real(expm(logm(np.eye(2) - H) / steps)) - np.eye(2)) / dt,
+        gradient=gradients.get(0),
     )
     motion = moving.motion
     if balanced:
         moving.load(-motion.resultant)
-    count, states = start.count, [moving.state()]
-    for part in np.diff(np.linspace(0, steps, rows + 1).round().astype(int)).tolist():
-        if not moving.run(part, dt, damping, viscous):
-            found = f"grains that move {moving.gap:.2g} in one of {steps} steps"
-            raise InputError("replay", found, "a stable motion", "Take shorter steps.")
+    count, states, done = start.count, [moving.state()], 0
+    for last in np.linspace(0, steps, rows + 1).round().astype(int)[1:].tolist():
+        while done < last:
+            motion.gradient[:] = gradients.get(done, motion.gradient)
+            part = min([last, *(turn for turn in gradients if turn > done)]) - done
+            if not moving.run(part, dt, damping, viscous):
+                found = f"grains that move {moving.gap:.2g} in one of {steps} steps"
+                raise InputError("replay", found, "a stable motion", "Take shorter steps.")
+            done += part
         states.append(moving.state())
     velocity, spin = motion.velocity[:count], motion.spin[:count]
     return Replay(states[-1], velocity, spin, steps, dt, steps * dt, tuple(states))
@@ -226,7 +235,10 @@ def require_upright(start: PackingState, stress: Floats, strain: Floats, rate: F
 def _steering(
     start: PackingState, pairs: Pairs, masses: Floats, strain: ArrayLike | Stage
 ) -> tuple[Servo, Floats]:
-    """A servo with rates over the whole duration, off for a given strain, and the whole strain."""
+    """A servo with rates over the whole duration, off for a given strain; `H` of parts (K, 2, 2).
+
+    Under a servo these are one part, the strain that is expected.
+    """
     servo = servo_of(start, pairs, masses)
     if isinstance(strain, Stage):
         programme, span = strain.programme, _span(strain)
@@ -235,14 +247,45 @@ def _steering(
         servo = steered(servo, start, pairs, stress, rows, rate * span)
         row = programme.isochoric_row
         servo = servo._replace(isochoric=-1 if row is None else row)
-        return servo, (servo.gain @ servo.rate).reshape(2, 2)
-    H = np.asarray(strain, dtype=float)
-    if H.shape != (2, 2) or not np.isfinite(H).all() or not np.linalg.det(np.eye(2) - H) > 0:
-        raise InputError(
-            "strain", f"{H.tolist()}", "(2, 2) finite numbers that leave a cell", "Take less."
-        )
-    require_upright(start, np.zeros((4, 4)), np.eye(4), H.ravel())
-    return servo, H
+        return servo, (servo.gain @ servo.rate).reshape(1, 2, 2)
+    ends = np.asarray(strain, dtype=float)
+    ends = ends[None] if ends.ndim == 2 else ends
+    fits = ends.ndim == 3 and len(ends) > 0 and ends.shape[1:] == (2, 2)
+    if not (fits and np.isfinite(ends).all() and (np.linalg.det(np.eye(2) - ends) > 0).all()):
+        expected = "(2, 2) finite numbers that leave a cell, or (K, 2, 2) of parts"
+        raise InputError("strain", f"{np.asarray(strain).tolist()}", expected, "Take less.")
+    for H in ends:
+        require_upright(start, np.zeros((4, 4)), np.eye(4), H.ravel())
+    return servo, ends
+
+
+def _shares(sizes: Floats, given: ArrayLike | None) -> Floats:
+    """Shares of the duration at which parts of some strains end."""
+    if given is None:
+        whole = float(sizes.sum())
+        steady = np.linspace(0.0, 1.0, len(sizes) + 1)[1:]
+        return np.cumsum(sizes) / whole if whole > 0 else steady
+    shares = np.asarray(given, dtype=float)
+    rises = shares.shape == sizes.shape and shares[-1] == 1.0
+    if not (rises and shares[0] > 0 and (np.diff(shares) > 0).all()):
+        expected = f"{len(sizes)} numbers that rise to 1, the end of each part of the strain"
+        raise InputError("shares", f"{shares.tolist()}", expected, "Leave them out, or correct.")
+    return shares
+
+
+def _gradients(ends: Floats, shares: Floats, steps: int, dt: float) -> dict[int, Floats]:
+    """Velocity gradient of each part by the step that it begins with.
+
+    Parts of less than a step are joined to the next one.
+    """
+    marks = np.rint(shares * steps).astype(int)
+    last = np.append(np.diff(marks) > 0, True)
+    begin, before, found = 0, np.eye(2), {}
+    for end, H in zip(marks[last].tolist(), ends[last], strict=True):
+        moved = (np.eye(2) - H) @ np.linalg.inv(before)
+        found[begin] = (np.real(expm(logm(moved) / (end - begin))) - np.eye(2)) / dt
+        begin, before = end, np.eye(2) - H
+    return found
 
 
 def _span(stage: Stage) -> float:
@@ -397,8 +440,8 @@ def largest_step(
     return 2.0 / math.sqrt(abs(float(found[0])))
 
 
-def duration_of(H: Floats, masses: Floats, state: PackingState, inertial_number: float) -> float:
-    """Duration of a strain at an inertial number."""
+def duration_of(H: ArrayLike, masses: Floats, state: PackingState, inertial_number: float) -> float:
+    """Duration of a strain, or of one of this size, at an inertial number."""
     pressure = 0.5 * float(np.trace(state.stress))
     if not pressure > 0:
         raise InputError("pressure", f"{pressure:g}", "forces", "Give the duration of the strain.")

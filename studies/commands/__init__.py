@@ -118,6 +118,9 @@ class Replaying:
     mean_mass: Annotated[
         float | None, Parameter(help="Mean mass of a grain, if the files have no column mass.")
     ] = None
+    damping: Annotated[
+        float, Parameter(help="Cundall's damping of the replays, as in the simulation.")
+    ] = 0.3
 
 
 @Parameter(name="*", group="Reading the input")

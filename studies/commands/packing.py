@@ -301,8 +301,19 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
     if summary["replay"] is not None:
         rate = summary["replay"]
         lines.append(f"replay at inertial number {rate['inertial_number']:.2g} ({rate['source']})")
-    end = "  ".join(f"{name} = {value:.6g}" for name, value in summary["end"].items())
-    lines.append(f"end: {end}")
+    lines.append(f"end: {_values(summary['end'])}")
+    beside = summary["replay"] or {}
+    if "end" in beside:
+        share, apart = beside["negative_loops"], beside["path_from_replay"]
+        lines.append(
+            f"end of the replay: {_values(beside['end'])}"
+            + ("" if share is None else f"; W2 < 0 in {100 * share:.1f} % of loops")
+            + (
+                ""
+                if apart is None
+                else f"; forces of path and replay differ by {apart:.2g} of what the replay changes"
+            )
+        )
     lines += [
         f"{FORECAST_WORDS[name]}: error of the driven stress {row['error']:.4g}, of the stress of "
         f"the start {row['persistence_error']:.4g}, over {row['snapshots']} snapshots; below half "
@@ -316,6 +327,10 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
             f"W2 < 0 in {100 * summary['negative_loops']:.1f} % of {summary['loops']} loops"
         )
     return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def _values(row: dict[str, float]) -> str:
+    return "  ".join(f"{name} = {value:.6g}" for name, value in row.items())
 
 
 def evolve_command(
@@ -335,10 +350,13 @@ def evolve_command(
         str,
         Parameter(
             metavar="NAME",
-            help="Loading programme: drained, isotropic, isotropic-stress, oedometric, undrained.",
+            help="Loading programme: drained, isotropic, isotropic-stress, oedometric, undrained, "
+            "simple-shear.",
         ),
     ] = "drained",
-    axis: Annotated[int, Parameter(help="Driven axis: 1 or 2.")] = 1,
+    axis: Annotated[
+        int, Parameter(help="Driven axis: 1 or 2; of simple-shear the axis along which it slides.")
+    ] = 1,
     rows: Annotated[int, Parameter(help="Rows of the path, evenly spaced.")] = 20,
     interval: Annotated[
         float,
@@ -351,7 +369,7 @@ def evolve_command(
         Parameter(
             metavar="events|replay|both",
             help="Follow from event to event, or replay by the equations of motion, or both; "
-            "tables and map are those of the first.",
+            "tables and map are those of the first, of both the replay has tables of its own.",
         ),
     ] = "events",
     replaying: Replaying | None = None,

@@ -436,6 +436,16 @@ def series_command(
     yield_band: YieldBand = 0.99,
     past: PastOption = "viscous",
     replaying: Replaying | None = None,
+    programme: Annotated[
+        str,
+        Parameter(
+            metavar="WORD|TABLE",
+            help="How paths and replays reach the later strain: straight; 1-first, 2-first (the "
+            "strain of that axis before the rest); mixed-1, mixed-2 (the strain of that axis and "
+            "the stress across it, as the two snapshots have them); or a table of time and h_xx, "
+            "h_xy, h_yx, h_yy, or time, H11, H22 (H12, H21), rows between the snapshots.",
+        ),
+    ] = "straight",
     probe: Annotated[
         int | None,
         Parameter(metavar="N", help="Probe each snapshot along N directions of strain."),
@@ -477,6 +487,7 @@ def series_command(
             yield_band=yield_band,
             **words,
             **asdict(replaying or Replaying()),
+            programme=programme,
             probe=probe,
             indicators=indicators,
             skip_bad=skip_bad,

@@ -23,7 +23,7 @@ from loops.packing import loops_in_place
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from patterns import Snapshot
-from stability import COMPONENTS, Programme, Stage, follow
+from stability import COMPONENTS, follow
 from stability.packing import (
     LoopRates,
     PackingRates,
@@ -41,6 +41,7 @@ from stability.paths.path import Past
 from stability.verdict import loop_spectra
 from studies.output import Columns
 from studies.series.evolution import sample_strain
+from studies.series.loading import Loading, StrainTable, loading_between, stress_of
 from studies.snapshot.in_packing import (
     balance_notes,
     box_corners,
@@ -77,16 +78,20 @@ STRESS_ERROR = 5e-3
 
 
 class Following(NamedTuple):
-    """Options of paths and replays: continuation after an instability, rate of the replay.
+    """Options of paths and replays: continuation after an instability, rate of the replay, way.
 
     `inertial_number` comes before the times of the snapshots; `time_step` is that of their numbers,
-    `mean_mass` stands in for masses that the files lack.
+    `mean_mass` stands in for masses that the files lack. `programme` is one of `WAYS`, or the name
+    of the `table` of strains.
     """
 
     past: Past = "viscous"
     inertial_number: float | None = None
     time_step: float | None = None
     mean_mass: float | None = None
+    damping: float = 0.3
+    programme: str = "straight"
+    table: StrainTable | None = None
 
 
 class Rate(NamedTuple):
@@ -103,16 +108,17 @@ def interval_rate(
     H: Floats,
     times: Sequence[float | None],
     asked: Following,
+    loading: Loading | None = None,
 ) -> Rate:
     """Rate at which the code strained its sample by `H` from one snapshot to the next.
 
-    `times` are those of a table, which come before those of the files.
+    `times` are those of a table, which come before those of the files. The strain was reached on
+    the way of a `loading`, or straight.
     """
     if asked.inertial_number is not None:
         given = asked.inertial_number
         return Rate(given, "as given", {"inertial_number": given})
-    start = time_of(before, times[0], asked.time_step)
-    end = time_of(after, times[1], asked.time_step)
+    start, end = times_of(before, after, times, asked)
     masses = before.mass
     if masses is None and asked.mean_mass is not None:
         square = before.graph.radii**2
@@ -130,15 +136,25 @@ def interval_rate(
     step = step_of(*masses_of(before.graph.radii, masses), pairs, state, by_radii)
     longest = MOST_STEPS * step
     duration = min(end - start, longest)
-    inertial_number = duration_of(H, masses, state, 1.0) / duration
+    size = float(np.linalg.norm(H)) if loading is None else loading.size
+    inertial_number = duration_of(size, masses, state, 1.0) / duration
     options = {"duration": duration, "mass": masses}
     if duration < end - start:
         return Rate(inertial_number, f"slower in fact: {MOST_STEPS} steps at most", options)
     if before.velocity is None:
         return Rate(inertial_number, "times and masses", options)
-    velocity = velocity_beyond(before, after, H, duration)
+    velocity = velocity_beyond(before, after, H if loading is None else loading.start, duration)
     options |= {"velocity": velocity, "spin": before.spin}
     return Rate(inertial_number, "times, masses and velocities", options)
+
+
+def times_of(
+    before: Snapshot, after: Snapshot, times: Sequence[float | None], asked: Following
+) -> tuple[float | None, float | None]:
+    """Times of the two snapshots of an interval, as far as they are known."""
+    listed = zip((before, after), times, strict=True)
+    start, end = (time_of(one, time, asked.time_step) for one, time in listed)
+    return start, end
 
 
 def time_of(snapshot: Snapshot, listed: float | None, time_step: float | None) -> float | None:
@@ -241,15 +257,15 @@ def _by_events(
     row |= {"path_status": "refused", "path_instabilities": 0}
     row |= {"path_released": None, "path_from_replay": None, "replay_stress_error": None}
     try:
-        rate = interval_rate(before, after, H, times, following)
+        known = times_of(before, after, times, following)
+        loading = loading_between(before, after, H, following.programme, following.table, known)
+        rate = interval_rate(before, after, H, times, following, loading)
         row |= {"replay_inertial_number": rate.inertial_number, "replay_rate_from": rate.source}
         notes += balance_notes(before)
-        strain = Programme("strain of the interval", np.zeros((4, 4)), np.eye(4), H.ravel())
-        stage = Stage(strain, "parameter", 1.0)
         planes, force = followed_walls(before)
         path = follow(
-            graph, law, stage, closure="packing", instabilities=PASSED, past=following.past,
-            planes=planes, plane_force=force,
+            graph, law, loading.stages, closure="packing", instabilities=PASSED,
+            past=following.past, planes=planes, plane_force=force,
         )  # fmt: skip
         work = path.work[-1]
         row |= {
@@ -262,8 +278,9 @@ def _by_events(
         else:
             notes.append(f"path by events {path.status}: {path.message}")
         ends["replay"] = replay(
-            graph, law, H, planes=planes, plane_force=force, **rate.options
-        ).state
+            graph, law, loading.strain, planes=planes, plane_force=force, shares=loading.shares,
+            damping=following.damping, **rate.options,
+        ).state  # fmt: skip
         row["replay_stress_error"] = stress_error(ends["replay"], after)
         if "path" in ends:
             first, last, other = (
@@ -283,7 +300,7 @@ def _by_events(
 
 def stress_error(end: PackingState, after: Snapshot) -> float | None:
     """Difference of a final stress to that of the later snapshot, over its mean stress."""
-    own = start_state(after.graph, *followed_walls(after)).stress
+    own = stress_of(after)
     pressure = 0.5 * abs(float(np.trace(own)))
     return float(np.linalg.norm(end.stress - own)) / pressure if pressure > 0 else None
 

@@ -24,6 +24,7 @@ from stability.packing.response import SOLVED, checked_band
 from stability.paths.path import Past
 from studies.output import SERIES, UNITS, definitions
 from studies.reading import plan_series, reading
+from studies.series.loading import WAYS, read_strains
 from studies.series.packing import STRESS_ERROR, Following
 from studies.series.skill import skill_summary, skill_tables, survival_summary, write_fates
 from studies.series.tasks import (
@@ -60,6 +61,8 @@ def run_series(
     times: Path | None = None,
     time_step: float | None = None,
     mean_mass: float | None = None,
+    damping: float = 0.3,
+    programme: str | Path = "straight",
     probe: int | None = None,
     indicators: bool = False,
     **how: Any,
@@ -71,7 +74,8 @@ def run_series(
     predictions with what happened; with 'events' the packing's path and its replay predict too, the
     path with the way `past` an instability, the replay at the inertial number of the sample: of the
     times of the snapshots (a table `times`, their files, or their numbers by `time_step`) and their
-    masses (or the `mean_mass`), unless `inertial_number` is given.
+    masses (or the `mean_mass`), unless `inertial_number` is given. The `programme` is the way of
+    both to the later strain: one of `WAYS` or a table of strains over time.
     With `probe` every snapshot is probed along this number of directions of strain. With
     `indicators` the structural indicators of the loops predict too, beside the rate problem.
 
@@ -84,16 +88,20 @@ def run_series(
     in_packing = in_packing or indicators
     one_of("--in-packing", in_packing, (False, True, "rates", "events"))
     band, by_events = checked_band(yield_band) if in_packing else None, in_packing == "events"
-    following = Following(past, inertial_number, time_step, mean_mass)
+    rate = {"inertial_number": inertial_number, "time_step": time_step, "mean_mass": mean_mass}
     one_of("--past", past, get_args(Past))
-    for name, value in following._asdict().items():
-        if name != "past" and value is not None:
+    for name, value in rate.items():
+        if value is not None:
             number(f"--{name.replace('_', '-')}", value, 0.0, open_low=True)
+    number("--damping", damping, 0.0)
+    table = None if programme in WAYS else read_strains(Path(programme))
+    way = str(programme) if table is None else table.name
+    following = Following(past, **rate, damping=damping, programme=way, table=table)
     if not by_events and (following != Following() or times is not None):
         received = "the rates alone" if in_packing else "no path and no replay"
         remedy = "Add --in-packing events, or leave the options of paths and replays out."
         raise InputError("--in-packing", received, "events", remedy)
-    read["in_packing"] = [band, "events", *following] if by_events else band
+    read["in_packing"] = [band, "events", *following[:-1]] if by_events else band
     if indicators:
         read["indicators"] = True
     probed: tuple[float | None, int | None] = (None, None)

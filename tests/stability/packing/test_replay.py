@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.linalg import expm, logm
 
 from loops import (
     GrainGraph,
@@ -30,7 +31,13 @@ from stability.packing.equations_of_motion import (
 )
 from stability.packing.pairs import contact_pairs, near_pairs
 from stability.packing.state import start_state
-from stability.programmes import combination, drained_biaxial, isotropic_stress, undrained
+from stability.programmes import (
+    combination,
+    drained_biaxial,
+    isotropic_stress,
+    simple_shear,
+    undrained,
+)
 from studies.reading import cells_by_number
 from tests.packings import LAW, jammed, packing
 from tests.yade_slow import COLLECTION, in_collection, predicted, slow, strain_between
@@ -221,6 +228,82 @@ def driven(end, graph):
     return np.eye(2) - F, np.linalg.det(F) * end.state.stress @ np.linalg.inv(F).T
 
 
+def strains_of(found, graph):
+    """Displacement gradients at the rows of a replay."""
+    return np.array([np.eye(2) - one.cell @ np.linalg.inv(graph.cell) for one in found.states])
+
+
+def test_parts_of_a_straight_way_are_the_straight_way():
+    """Cut where its velocity gradient leads, at any times that keep the speed."""
+    graph = jammed(16, 2)
+    H = np.array([[2e-3, 3e-4], [-1e-4, -1e-3]])
+    steps = {"duration": 100.0, "time_step": 0.1}
+    whole = replay(graph, LAW, H, **steps)
+    ends = np.array([np.eye(2) - expm(t * logm(np.eye(2) - H)) for t in (0.25, 0.5, 1.0)])
+    for how in ({}, {"shares": [0.25, 0.5, 1.0]}):
+        parts = replay(graph, LAW, ends, **steps, **how)
+        assert parts.steps == whole.steps
+        np.testing.assert_allclose(parts.state.x, whole.state.x, rtol=0, atol=1e-11)
+        for name in ("normal_force", "shear_force"):
+            one, two = getattr(parts.state, name), getattr(whole.state, name)
+            np.testing.assert_allclose(one, two, rtol=0, atol=1e-11 * np.abs(two).max())
+
+
+def test_parts_are_reached_at_their_shares_and_take_times_as_their_strains():
+    """There, a rest, and back: rows of the cell, and the default of as much time as strain."""
+    graph = jammed(16, 2)
+    H = np.array([[1e-3, 5e-4], [0.0, -4e-4]])
+    found = replay(graph, LAW, [H, H, 0 * H], shares=[0.2, 0.6, 1.0], duration=200.0, rows=10)
+    rows = strains_of(found, graph)
+    size = np.linalg.norm(H)
+    np.testing.assert_allclose(rows[[2, 4, 6]], [H, H, H], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rows[[1, 8]], [H / 2, H / 2], rtol=0, atol=3e-3 * size)
+    np.testing.assert_allclose(rows[[0, 10]], 0.0, atol=1e-12)
+    # A third of the way takes a third of the time; the rate is that of the whole way.
+    even = replay(graph, LAW, [H, 3 * H], inertial_number=1e-4, rows=3)
+    np.testing.assert_allclose(strains_of(even, graph)[1], H, rtol=0, atol=3e-3 * size)
+    longer = replay(graph, LAW, [2 * H, H], inertial_number=1e-4)
+    assert longer.duration == pytest.approx(even.duration, rel=1e-3)
+    assert replay(graph, LAW, H, inertial_number=1e-4).duration == pytest.approx(
+        even.duration / 3, rel=1e-2
+    )
+
+
+def test_a_row_pressed_and_let_go_has_its_force_back():
+    """Overlap of a row, at rest at the top of the way and at its end."""
+    graph = GrainGraph(
+        x=[[0, 0], [1, 0]], radii=[0.505] * 2, contacts=[[0, 1], [1, 0]], images=[[0, 0], [1, 0]],
+        cell=[[2, 0], [0, 3]], normal_force=[0.01] * 2,
+    )  # fmt: skip
+    law = LinearFrictional(1.0, 0.5, 0.5)
+    H = np.diag([1e-3, 0.0])
+    found = replay(graph, law, [H, 0 * H], duration=1000.0, rows=2)
+    top, end = (state.normal_force[:2] for state in found.states[1:])
+    np.testing.assert_allclose(top, 0.011, rtol=1e-9)
+    np.testing.assert_allclose(end, 0.01, rtol=1e-9)
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_simple_shear_keeps_the_area_and_all_but_one_strain(axis):
+    """As a programme and as a strain: one way, and the shear stress rises with it."""
+    graph, g = jammed(16, 2), 1e-3
+    H = np.zeros((2, 2))
+    H[axis - 1, 2 - axis] = g
+    stage = Stage(simple_shear(axis), "parameter", g)
+    one, two = (replay(graph, LAW, way, duration=2000.0) for way in (stage, H))
+    for found in (one, two):
+        np.testing.assert_allclose(strains_of(found, graph)[-1], H, rtol=0, atol=1e-9)
+        assert np.linalg.det(found.state.cell) == pytest.approx(np.linalg.det(graph.cell))
+    stresses = [found.state.stress for found in (one, two)]
+    np.testing.assert_allclose(*stresses, rtol=0, atol=1e-4 * np.abs(stresses[0]).max())
+    path = follow(graph, LAW, stage, closure="packing", interval=1e-5)
+    np.testing.assert_allclose(path.H[-1], H.ravel(), rtol=0, atol=1e-10)
+    rise = one.state.stress - one.states[0].stress
+    assert rise[0, 1] > 0 and rise[1, 0] > 0
+    told = path.states[-1].stress - path.states[0].stress
+    np.testing.assert_allclose(told, rise, rtol=0, atol=0.02 * np.abs(rise).max())
+
+
 def test_stress_control_of_a_row_in_closed_form():
     """Discs in a row carry `P11 = N/h22`, `N = N0 + kn H11 d`, at rest whatever the masses."""
     d, overlap, kn = 0.99, 0.01, 2.0
@@ -288,6 +371,10 @@ def test_pairs_are_those_of_brute_force(gap):
             "at most one spring for rolling",
         ),
         ({"strain": [[1.5, 0], [0, 0]]}, "strain"),
+        ({"strain": np.zeros((0, 2, 2))}, "strain"),
+        ({"strain": np.zeros((2, 2, 2)), "shares": [0.5, 0.9]}, "2 numbers that rise to 1"),
+        ({"strain": np.zeros((2, 2, 2)), "shares": [1.0]}, "2 numbers that rise to 1"),
+        ({"strain": np.zeros((2, 2, 2)), "shares": [0.0, 1.0]}, "2 numbers that rise to 1"),
         ({"mass": [1.0]}, "mass"),
         ({"damping": -1}, "damping"),
         ({"inertial_number": 0}, "inertial_number"),

@@ -154,6 +154,51 @@ def test_an_animation_has_a_frame_a_row(small, tmp_path, monkeypatch, many):
     assert (out / "animation.gif").stat().st_size < 3e5
 
 
+@pytest.mark.parametrize("axis", [1, 2])
+def test_simple_shear_drives_its_own_strain_and_stress(small, tmp_path, monkeypatch, capsys, axis):
+    """By path and replay; the command prints the shear stress too."""
+    ways = ("--programme", "simple-shear", "--axis", axis, "--to", -1e-3, "--rows", 2)
+    how = ("--interval", 5e-5, "--by", "both", "--no-figures")
+    assert run(monkeypatch, "evolve", small[0], *ways, *how, "--out", tmp_path / "out") == 0
+    driven = f"H{axis}{3 - axis}"
+    for name in ("path", "replay"):
+        table = pd.read_parquet(tmp_path / f"out/{name}.parquet")
+        np.testing.assert_allclose(table["driven"], [0.0, -5e-4, -1e-3], atol=1e-9)
+        others = table.filter(like="H").drop(columns=driven)
+        np.testing.assert_allclose(table[driven], table["driven"], atol=1e-7)
+        np.testing.assert_allclose(others, 0.0, atol=1e-7)
+        assert table["P12"].iloc[-1] < table["P12"].iloc[0]
+    said = capsys.readouterr().out
+    assert f"at {driven} = -0.001" in said and said.count(f"P{driven[1:]} = -") == 2
+
+
+def test_both_ways_from_one_snapshot_have_their_numbers(small, tmp_path):
+    """Those of either way alone, and how far their forces are apart."""
+    how = {"to": 1e-3, "rows": 4, "interval": 2e-5, "figures": False, "damping": 0.5}
+    both, one, two = (
+        run_evolve([small[0]], tmp_path / by, by=by, inertial_number=1e-5, **how)
+        for by in ("both", "events", "replay")
+    )
+    tables = {
+        by: {path.stem: pd.read_parquet(path) for path in (tmp_path / by).glob("*.parquet")}
+        for by in ("both", "events", "replay")
+    }
+    for name in ("path", "loops", "events"):
+        pd.testing.assert_frame_equal(tables["both"][name], tables["events"][name])
+    own = tables["replay"]["path"].drop(columns="events")
+    pd.testing.assert_frame_equal(tables["both"]["replay"], own)
+    pd.testing.assert_frame_equal(tables["both"]["replay_loops"], tables["replay"]["loops"])
+    told = both["replay"]
+    assert both["end"] == one["end"] and told["end"] == two["end"]
+    assert told["negative_loops"] == two["negative_loops"]
+    assert 0 < told["path_from_replay"] < 0.05
+    assert "end" not in two["replay"] and one["replay"] is None
+    # Another damping is another replay.
+    other = run_evolve([small[0]], tmp_path / "o", by="replay", inertial_number=1e-5,
+                       **how | {"damping": 0.1})  # fmt: skip
+    assert other["end"] != two["end"] and other["damping"] == 0.1
+
+
 @pytest.mark.parametrize("programme", ["drained", "isotropic", "isotropic-stress", "undrained"])
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_programmes_drive_what_they_say(programme, sense, small):
