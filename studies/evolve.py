@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -203,6 +204,8 @@ class Way(NamedTuple):
     events: Sequence[Event] = ()
     intervals: int = 0
     works: Mapping[str, Floats] = MappingProxyType({})
+    limit: float = math.nan
+    limit_spread: float = math.nan
 
 
 def path_rows(path: PackingPath) -> Way:
@@ -211,7 +214,8 @@ def path_rows(path: PackingPath) -> Way:
     works = dict(zip(terms, path.work.T, strict=True))
     works |= {"energy": path.energy, "imbalance": path.imbalance}
     rows = path.parameter, path.H, path.P, path.states
-    return Way(path.status, path.message, *rows, path.events, path.intervals, works)
+    limit = path.limit, path.limit_spread
+    return Way(path.status, path.message, *rows, path.events, path.intervals, works, *limit)
 
 
 def replay_rows(done: Replay, stage: Stage, rate: Rate) -> Way:
@@ -431,6 +435,8 @@ def path_summary(way: Way, tables: dict[str, pd.DataFrame], driven: str) -> dict
         "end": end_of(tables["path"], driven),
         "events": dict(Counter(event.kind for event in way.events)),
         "intervals": way.intervals,
+        "limit": None if math.isnan(way.limit) else way.limit,
+        "limit_spread": way.limit_spread if math.isfinite(way.limit_spread) else None,
         "loops": len(tables["loops"]),
         "message": way.message,
         "negative_loops": float((work < 0).mean()) if len(work) else None,

@@ -46,8 +46,8 @@ STILL = 1e-6
 LOW = 1e-5
 LOAD_LOOKS = {
     "held": ("o", BLUE, "held"),
-    "snapped": ("s", ORANGE, "held through snaps"),
-    "failed": ("X", VERMILION, "failed"),
+    "large motion, at rest again": ("s", ORANGE, "large motion, at rest again"),
+    "large motion, no rest": ("X", VERMILION, "large motion, no rest"),
     "unfinished": ("d", GREY, "unfinished"),
 }
 FORECAST_LOOKS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -325,28 +325,29 @@ def sustain_figures(
 
 @styled()
 def limit_surface(found: Sustained, rates: Probe) -> Figure:
-    """Loads at the first event, the first instability and the limit over the stress direction."""
+    """Loads of the first event, loss of equilibrium and large motion over the stress direction."""
     figure = new_figure(ONE_COLUMN, 4.4)
     ax = figure.add_subplot(projection="polar")
     assert isinstance(ax, PolarAxes)
     largest, theta = found.largest, found.theta
     table = {
         name: np.array([getattr(path, name) for path in found.paths])
-        for name in ("first_event", "first_instability", "limit")
+        for name in ("first_event", "limit", "first_large_load")
     }
     for begin, end in rates.cones:
         arc = np.linspace(begin, end, 181)
         ax.fill_between(arc, 0.0, 1.1, color=ORANGE, alpha=0.25, linewidth=0)
     for name, colour, label in (
         ("first_event", SKY, "first event"),
-        ("first_instability", ORANGE, "first instability"),
+        ("limit", ORANGE, "equilibrium lost"),
     ):
         radius = _radius(np.where(np.isnan(table[name]), largest, table[name]) / largest)
         if found.subspace == "diagonal":
             ax.plot(*_closed(theta, radius), color=colour, linewidth=1.0, label=label)
-    radius = _radius(table["limit"] / largest)
+    large = table["first_large_load"]
+    radius = _radius(np.where(np.isnan(large), largest, large) / largest)
     if found.subspace == "diagonal":
-        ax.plot(*_closed(theta, radius), color=GREY, linewidth=1.0, label="limit")
+        ax.plot(*_closed(theta, radius), color=GREY, linewidth=1.0, label="first large motion")
     for status, (marker, colour, label) in LOAD_LOOKS.items():
         own = found.status == status
         if own.any():
@@ -389,7 +390,7 @@ def load_curves(found: Sustained, paths: pd.DataFrame) -> Figure:
         own = paths["theta_deg"] == angle
         marker, colour, label = LOAD_LOOKS[status]
         ax.plot(
-            size[own], paths["load"][own], color=colour, linewidth=0.9,
+            size[own], paths["load"][own], ".-", color=colour, linewidth=0.9, markersize=2.5,
             label=None if status in shown else label,
         )  # fmt: skip
         shown.add(status)

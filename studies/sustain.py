@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass, fields
 from functools import partial
@@ -26,7 +27,7 @@ from stability.packing.hold import HoldControl
 from stability.packing.pairs import MovableLaw, require_movable
 from stability.packing.probe import Probe, probe_edge
 from stability.packing.regime_regions import Subspace
-from stability.packing.sustain import load_path
+from stability.packing.sustain import LARGE, Loading, load_path
 from studies.output import code_version, definitions, errors_of, readable, require_folder
 from studies.reading import read_planar, reading
 from studies.series.workers import Runner, one_blas_thread, open_runner
@@ -49,7 +50,9 @@ def run_sustain(
     subspace: Subspace = "diagonal",
     largest: float | None = None,
     interval: float = 5e-6,
+    large: float = LARGE,
     most_snaps: int = 30,
+    spread: bool = True,
     hold_stress: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -71,7 +74,9 @@ def run_sustain(
         "subspace": subspace,
         "largest": largest,
         "interval": interval,
+        "large": large,
         "most_snaps": most_snaps,
+        "spread": spread,
     }
     configuration = {"path": path, **reading(**how), **asked, "hold": control}
     require_folder(out, force=force)
@@ -81,8 +86,7 @@ def run_sustain(
         law = require_movable(snapshot.graph, snapshot.mechanics()[0])
         faces = snapshot.faces
         planes, plane_force = followed_walls(snapshot)
-        chosen = subspace, interval, most_snaps, faces, planes, plane_force
-        task = partial(_Direction, snapshot.graph, law, *chosen)
+        task = partial(_Direction, snapshot.graph, law, faces, planes, plane_force)
         parts = _Parts(out.absolute(), _digest(snapshot.graph, law, planes, plane_force, asked))
         with open_runner(workers, scheduler, []) as runner:
             found = sustain_packing(
@@ -92,7 +96,9 @@ def run_sustain(
                 subspace=subspace,
                 largest=largest,
                 interval=interval,
+                large=large,
                 most_snaps=most_snaps,
+                spread=spread,
                 faces=faces,
                 follow=partial(_followed, runner, parts, task),
                 planes=planes,
@@ -134,14 +140,18 @@ def sustain(
     *,
     subspace: Subspace = "diagonal",
     largest: float | None = None,
+    interval: float = 5e-6,
+    large: float = LARGE,
     most_snaps: int = 30,
+    spread: bool = True,
     hold: HoldControl = "strain",
 ) -> Sustained:
-    """Load a snapshot along directions of stress until it fails.
+    """Load a snapshot along directions of stress until its first large motion.
 
     The sample is brought to rest first. Each direction of the stress rate is followed from event to
     event; where its equilibrium is lost the load is kept constant and the equations of motion tell
-    whether the sample comes to rest again (a snap) or fails.
+    whether the sample comes to rest again. The first motion whose strain reaches `large`, or that
+    does not come to rest, ends the direction.
 
     Parameters
     ----------
@@ -156,16 +166,24 @@ def sustain(
     largest : float, optional
         Load (force per length) up to which each direction is followed; by default a tenth of the
         mean stress.
+    interval : float
+        Strain over which the geometry is kept; halved before the first loss of equilibrium until
+        that changes by less than 1 %.
+    large : float
+        Strain from which on a motion is large.
     most_snaps : int
-        Snaps after which a direction is left 'unfinished'.
+        Smaller motions after which a direction is left 'unfinished'.
+    spread : bool
+        Whether directions with a large motion are loaded again, with two other numberings of grains
+        and contacts and with a third of the damping; three times the cost.
     hold : {'strain', 'stress'}
         Whether the sample comes to rest at a fixed cell or at fixed stress.
 
     Returns
     -------
     Sustained
-        Loads at the first event and the first instability, limits, snaps and modes of failure by
-        direction; see `stability.packing.Sustained`.
+        First large motions, limits (the first loss of equilibrium) and modes by direction; see
+        `stability.packing.Sustained`.
 
     Raises
     ------
@@ -187,7 +205,7 @@ def sustain(
     ...     np.full(8, gl.Regime.ELASTIC, dtype=np.int8), np.arange(4), 0, ())
     >>> found = gl.sustain(snapshot, [[-1, 0], [1, 0]], largest=0.002)
     >>> found.status.tolist(), found.limit.round(6).tolist()
-    (['failed', 'held'], [0.001, 0.002])
+    (['large motion, no rest', 'held'], [0.001, nan])
     """
     at_rest, _ = held_snapshot(_followable(snapshot, subspace), hold)
     law, _ = at_rest.mechanics()
@@ -198,7 +216,10 @@ def sustain(
         directions,
         subspace=subspace,
         largest=largest,
+        interval=interval,
+        large=large,
         most_snaps=most_snaps,
+        spread=spread,
         faces=at_rest.faces,
         planes=planes,
         plane_force=plane_force,
@@ -224,15 +245,12 @@ class _Direction:
 
     graph: GrainGraph
     law: ContactLaw
-    subspace: Subspace
-    interval: float
-    most_snaps: int
     faces: Faces
     planes: PlaneContacts | None
     plane_force: Floats | None
     number: int
     direction: Floats
-    largest: float
+    loading: Loading
 
     @property
     def name(self) -> str:
@@ -241,17 +259,16 @@ class _Direction:
 
 def _load(one: _Direction) -> tuple[int, LoadPath]:
     with one_blas_thread():
-        how = one.subspace, one.largest, one.interval, one.most_snaps, one.faces
-        walls = one.planes, one.plane_force
-        return one.number, load_path(one.graph, one.law, one.direction, *how, *walls)
+        how = one.loading, one.faces, one.planes, one.plane_force
+        return one.number, load_path(one.graph, one.law, one.direction, *how)
 
 
 def _followed(
-    runner: Runner, parts: _Parts, task: partial[_Direction], directions: Floats, largest: float
+    runner: Runner, parts: _Parts, task: partial[_Direction], directions: Floats, loading: Loading
 ) -> list[LoadPath]:
     """Paths of all directions, independent of the number of processes; finished ones are kept."""
     found = {k: path for k in range(len(directions)) if (path := parts.read(k)) is not None}
-    left = [task(k, one, largest) for k, one in enumerate(directions) if k not in found]
+    left = [task(k, one, loading) for k, one in enumerate(directions) if k not in found]
     with closing(runner(_load, left)) as answers:
         for number, path in answers:
             parts.write(number, path)
@@ -346,16 +363,18 @@ def _components(name: str, values: Floats) -> dict[str, Any]:
 
 
 def direction_table(found: Sustained, rates: Probe) -> pd.DataFrame:
-    """One row a direction: loads, status, strain, snaps, mode; w2 of the rate problem beside."""
+    """One row a direction: loads, spreads, strain, snaps, mode; w2 of the rate problem beside."""
     rows = []
     for path in found.paths:
         mode, taken = path.mode, [float(np.linalg.norm(one.strain)) for one in path.snaps]
         row = {
             "status": path.status,
-            "first_event": path.first_event,
-            "first_instability": path.first_instability,
+            "first_large_load": path.first_large_load,
+            "first_large_strain": path.first_large_strain,
+            "first_large_spread": path.first_large_spread,
             "limit": path.limit,
-            "failed_under": path.failed_under,
+            "limit_spread": path.limit_spread,
+            "first_event": path.first_event,
             "snaps": len(taken),
             "snap_strain": sum(taken),
             "largest_snap": max(taken, default=0.0),
@@ -412,6 +431,7 @@ def loading_table(found: Sustained) -> pd.DataFrame:
             {
                 "theta_deg": np.full(len(path.load), angle),
                 "load": path.load,
+                "at_rest": path.resting,
                 **_components("H", path.H),
                 **_components("P", path.P),
                 **dict(zip(terms, path.work.T, strict=True)),
@@ -469,9 +489,8 @@ def mode_work_table(found: Sustained, faces: Faces) -> pd.DataFrame:
 
 
 def weakest_of(found: Sustained) -> int | None:
-    """The direction that fails under the smallest load, else that of the first instability."""
-    for name in ("failed_under", "first_instability"):
-        loads = np.array([getattr(path, name) for path in found.paths])
+    """The direction with the least load of a large motion, else of a lost equilibrium."""
+    for loads in (found.first_large_load, found.limit):
         if not np.isnan(loads).all():
             return int(np.nanargmin(loads))
     return None
@@ -484,7 +503,8 @@ def sustain_summary(
     statuses, counts = np.unique(found.status, return_counts=True)
     weakest, row, shares = weakest_of(found), None, {}
     if weakest is not None:
-        names = ["theta_deg", "status", "first_instability", "limit", "failed_under", "snaps"]
+        names = ["theta_deg", "status", "first_large_load", "first_large_strain"]
+        names += ["first_large_spread", "limit", "limit_spread", "snaps"]
         names += ["mode_grains", "mode_opened", "mode_closed", "mode_slid"]
         whole = tables["sustain"][names].astype(object)
         row = whole.where(whole.notna(), None).iloc[weakest].to_dict()
@@ -498,8 +518,16 @@ def sustain_summary(
         "orders": shares,
         "rate_cones": np.degrees(rates.cones),
         "rate_undetermined": int(np.count_nonzero(~rates.determined)),
+        "largest_limit_spread": _largest(path.limit_spread for path in found.paths),
+        "largest_first_large_spread": _largest(path.first_large_spread for path in found.paths),
         "statuses": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
         "stress": found.stress,
         "weakest": row,
         "balance_error": max(path.balance_error for path in found.paths),
     }
+
+
+def _largest(spreads: Iterable[float]) -> float | None:
+    """Largest of the spreads that are known; None if none is, or if one is infinite."""
+    known = [one for one in spreads if not np.isnan(one)]
+    return max(known) if known and np.isfinite(known).all() else None

@@ -169,7 +169,7 @@ class IncrementalPacking:
         self.V[4] = self._solved(self._held_load()[None])[0]
 
     def _held_load(self) -> Floats:
-        """The load of grains with contacts; in a cell without its resultant, which nothing holds."""
+        """Return the load of grains with contacts; in a cell without the resultant of all."""
         closed = np.flatnonzero(self.reference[0][: self.pair_count] != OPEN)
         touched = np.zeros(self.count, dtype=bool)
         touched[self.frame["grains"][closed]] = True

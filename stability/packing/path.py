@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -60,6 +61,14 @@ REACH = 4.0
 MAX_SPEED_RATIO = 1e3
 # Intervals before the end of a path that are kept, to go through them again.
 HISTORY = 64
+# Share of the intervals before the end of a path that is gone through again in halves, and the
+# least number of them.
+STRETCH = 0.1
+LEAST_STRETCH = 4
+# Change of a limit by half the interval, over itself, from which on it counts as converged.
+CONVERGED = 0.01
+# Halvings after which a limit is said to be not converged.
+MOST_HALVINGS = 5
 Stop = tuple[PathStatus, str]
 
 
@@ -107,6 +116,10 @@ class PackingPath(Shown):
         Largest drift of a grain's resultant over the mean contact force.
     intervals : int
         Number of intervals.
+    limit, limit_spread : float
+        Loading parameter at which the path met its limit, by the smallest interval, and its change
+        as the interval was halved, over itself: infinite where it has not converged to 1 %. nan of
+        paths that end otherwise than by 'control_limit' or a first instability.
     """
 
     status: PathStatus
@@ -121,6 +134,8 @@ class PackingPath(Shown):
     energy: Floats
     imbalance: Floats
     intervals: int
+    limit: float
+    limit_spread: float
 
     def __len__(self) -> int:
         return len(self.parameter)
@@ -153,7 +168,42 @@ def follow_packing(
         ),
         stages,
     )
-    return solver.path(*stop)
+    path = solver.path(*stop)
+    met = stop[0] == "control_limit" or (stop[0] == "instabilities" and past == "stop")
+    if not (met and solver.history):
+        return path
+    stage = stages[solver.stage]
+    limit, spread = halved(
+        solver, lambda size: solver.ends(stage, size, instabilities), lambda: solver.parameter
+    )
+    message = f"{path.message}; the limit has not converged" if spread > CONVERGED else path.message
+    return replace(path, message=message, limit=limit, limit_spread=spread)
+
+
+def halved(
+    solver: PackingPathSolver, ends: Callable[[float], bool], value: Callable[[], float]
+) -> tuple[float, float]:
+    """Go through the last intervals again, in halves: the limit, and its change over itself.
+
+    `ends` goes on at intervals of a size, and tells whether the path ends before its target. They
+    are halved until the limit changes by less than 1 %; else the change is infinite.
+    """
+    limit = value()
+    for _ in range(MOST_HALVINGS):
+        end = solver.saved()
+        back = max(LEAST_STRETCH, math.ceil(STRETCH * solver.intervals))
+        back = min(back, len(solver.history))
+        solver.restore(solver.history[-back])
+        # Half of what the intervals were in the mean: one that a limit ends is shorter.
+        solver.size = 0.5 * float(np.linalg.norm(end["F"] - solver.F)) / back
+        if not (solver.size > 0 and ends(solver.size)):
+            # In halves it goes on, or nothing moved.
+            solver.restore(end)
+            return limit, math.inf if solver.size > 0 else 0.0
+        coarse, limit = limit, value()
+        if abs(coarse - limit) <= CONVERGED * abs(limit):
+            return limit, abs(coarse - limit) / max(abs(limit), 1e-300)
+    return limit, math.inf
 
 
 class PackingPathSolver:
@@ -290,6 +340,15 @@ class PackingPathSolver:
                 progress(self.parameter)
         return FINISHED
 
+    def ends(self, stage: Stage, size: float, instabilities: int) -> bool:
+        """Go on at intervals of a size; whether the path ends before the target of the stage."""
+        self.size = size
+        while self.targets:
+            self.history.append(self.saved())
+            if self.step(stage, instabilities) is not None:
+                return True
+        return False
+
     def start_stage(self, number: int, stage: Stage, rows: int) -> None:
         """Measure a stage from this state; rows are recorded at equal parts of its quantity."""
         self._start_stage(number)
@@ -352,9 +411,7 @@ class PackingPathSolver:
             self._add_events(events)
         return status, message
 
-    def _interval(
-        self, stage: Stage, events: list[Found]
-    ) -> tuple[InstabilityError | None, float]:
+    def _interval(self, stage: Stage, events: list[Found]) -> tuple[InstabilityError | None, float]:
         """Strain by an increment: the instability that ends it, and the duration asked for."""
         packing = IncrementalPacking(
             self.state,
@@ -480,9 +537,7 @@ class PackingPathSolver:
         self._go_on_from(state, pairs, load - self.parameter, work)
         self.record()
 
-    def _go_on_from(
-        self, state: PackingState, pairs: Pairs, duration: float, work: Floats
-    ) -> None:
+    def _go_on_from(self, state: PackingState, pairs: Pairs, duration: float, work: Floats) -> None:
         """Take over a state at rest, with pairs of its own, whose regimes are to be found."""
         self.F = state.cell @ np.linalg.inv(self.state.cell) @ self.F
         self.pairs = pairs
@@ -552,6 +607,8 @@ class PackingPathSolver:
             energy=np.array(energy),
             imbalance=np.array(imbalance),
             intervals=self.intervals,
+            limit=math.nan,
+            limit_spread=math.nan,
         )
 
 

@@ -74,7 +74,7 @@ def free_rattlers(state: PackingState, pairs: Pairs, before: Flags | None = None
     idle = np.zeros(len(state.x), dtype=bool) if before is None else before
     was = idle[pairs.grains].any(axis=1)
     idle = carrying_nothing(replace(state, normal_force=np.where(was, 0.0, state.normal_force)))
-    free = idle[pairs.grains].any(axis=1)
+    free: Flags = np.asarray(idle[pairs.grains].any(axis=1))
     energy = _energy(state, pairs, free & state.closed)
     nothing = {
         name: np.where(free, 0.0, getattr(state, name))
@@ -84,7 +84,7 @@ def free_rattlers(state: PackingState, pairs: Pairs, before: Flags | None = None
     N = np.where(free, normal_forces(pairs, overlaps(moved, pairs)), 0.0)
     loaded = N >= LOADED_SHARE * state.mean_force
     idle[pairs.grains[loaded].ravel()] = False
-    free = idle[pairs.grains].any(axis=1)
+    free = np.asarray(idle[pairs.grains].any(axis=1))
     joined = ~free & (N > 0)
     moved = replace(moved, normal_force=np.where(joined, N, moved.normal_force))
     return Freed(moved, idle, energy - _energy(moved, pairs, joined))

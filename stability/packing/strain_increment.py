@@ -148,7 +148,7 @@ class StrainIncrement:
         self.max_strain_speed, self.viscous = max_strain_speed, viscous
         # Grains that carry nothing, and the pairs that they are in: never in touch.
         self.rattlers = rattlers.copy()
-        self.absent = rattlers[pairs.grains].any(axis=1)
+        self.absent: Flags = np.asarray(rattlers[pairs.grains].any(axis=1))
         self.touching = np.where(self.absent, 0.0, touching_distances(state, pairs))
         # The kernels change these in place.
         self.N, self.T = state.normal_force.copy(), state.shear_force.copy()

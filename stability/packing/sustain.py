@@ -30,7 +30,7 @@ from stability.packing.equations_of_motion import (
 )
 from stability.packing.loop_quantities import loop_sums
 from stability.packing.pairs import Pairs, at_limit, require_movable
-from stability.packing.path import PackingPathSolver, Stop
+from stability.packing.path import PackingPathSolver, Stop, halved
 from stability.packing.probe import probe_directions, stage_along
 from stability.packing.regime_regions import Subspace
 from stability.packing.state import PackingState, start_state
@@ -61,12 +61,6 @@ LOAD_ERROR = 5e-3
 # Factor by which an interval is cut, and how often, before a lost equilibrium is believed.
 CUT = 4.0
 MOST_CUTS = 3
-# The last share of the intervals before a loss, and at least so many, are gone through in halves,
-# until the limit changes by less than this, at most so often.
-STRETCH = 0.1
-LEAST_STRETCH = 4
-CONVERGED = 0.01
-MOST_HALVINGS = 5
 # No number of instabilities ends a path: each one does.
 MANY = 1_000_000
 # Strain of a motion up to which its displacements are the mode.
@@ -192,6 +186,11 @@ class LoadPath(Shown):
     P: Floats
     work: Floats
     energy: Floats
+
+    @property
+    def snaps(self) -> tuple[Motion, ...]:
+        """Motions that came to rest."""
+        return tuple(motion for motion in self.motions if motion.status == "at rest")
 
     @property
     def mode(self) -> Motion | None:
@@ -445,13 +444,17 @@ def _loaded(
     status: LoadStatus = "held"
     moving = None
     while solver.targets:
-        stop = _to_loss(solver, stage, loading)
+        stop = _to_loss(solver, stage, loading.interval)
         if stop is None:
             break
         lost = _along(solver, stage)
         if not motions:
-            lost, spread = _halved(solver, stage, loading, stop)
-            limit = lost
+            limit, spread = halved(
+                solver,
+                lambda size: _to_loss(solver, stage, size) is not None,
+                lambda: _along(solver, stage),
+            )
+            lost = _along(solver, stage)
         if len(motions) == loading.most_motions:
             status = "unfinished"
             message = f"more than {loading.most_motions} motions before the largest load"
@@ -503,7 +506,7 @@ def _along(solver: PackingPathSolver, stage: Stage) -> float:
     return float(rise @ rate / (rate @ rate))
 
 
-def _to_loss(solver: PackingPathSolver, stage: Stage, loading: Loading) -> Stop | None:
+def _to_loss(solver: PackingPathSolver, stage: Stage, interval: float) -> Stop | None:
     """Go on until the equilibrium is lost, and why it was; None at the largest load.
 
     Shorter intervals are tried where one ends in no equilibrium, or away from its load.
@@ -527,34 +530,8 @@ def _to_loss(solver: PackingPathSolver, stage: Stage, loading: Loading) -> Stop 
         if stop is not None:
             return stop
         cuts = 0
-        solver.size = min(2.0 * solver.size, loading.interval)
+        solver.size = min(2.0 * solver.size, interval)
     return None
-
-
-def _halved(
-    solver: PackingPathSolver, stage: Stage, loading: Loading, stop: Stop
-) -> tuple[float, float]:
-    """Go through the last intervals again, in halves; the limit, and its change over itself.
-
-    They are halved again while the limit changes by more than 1 %.
-    """
-    limit, spread = _along(solver, stage), math.inf
-    for _ in range(MOST_HALVINGS):
-        before, rows = solver.saved(), len(solver.history)
-        back = min(max(LEAST_STRETCH, math.ceil(STRETCH * solver.intervals)), rows)
-        solver.restore(solver.history[-back])
-        # Half of what the intervals were in the mean: one that a loss ends is shorter.
-        strain = float(np.linalg.norm(before["F"] - solver.F))
-        size = solver.size = 0.5 * strain / back
-        if _to_loss(solver, stage, loading._replace(interval=size)) is None:
-            # In halves the equilibrium is not lost.
-            solver.restore(before)
-            return limit, math.inf
-        finer = _along(solver, stage)
-        limit, spread = finer, abs(limit / finer - 1.0)
-        if spread <= CONVERGED:
-            break
-    return limit, spread
 
 
 class _DeadLoad:
@@ -604,9 +581,7 @@ class _DeadLoad:
         """Work since the start, as `PackingPath.work`."""
         return work_of(self.moving, self.moving.state(), self.load, self.energy)
 
-    def told(
-        self, status: MotionStatus, lost: float, load: float, faces: Faces | None
-    ) -> Motion:
+    def told(self, status: MotionStatus, lost: float, load: float, faces: Faces | None) -> Motion:
         """The motion so far; without faces no work of loops."""
         moving, count, state, pairs = self.moving, self.count, self.start, self.pairs
         end = moving.state()

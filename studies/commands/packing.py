@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,12 +36,6 @@ STATUS_WORDS = {
     "none": "no solution (proved)",
     "none found": "no solution found",
     "not converged": "not converged",
-}
-SUSTAINED_WORDS = {
-    "held": "held",
-    "snapped": "held through snaps",
-    "failed": "failed",
-    "unfinished": "unfinished (no limit found)",
 }
 # How the path went on past an instability.
 PASSED_WORDS = {
@@ -201,9 +196,7 @@ def probe_command(
 
 
 def _sustain_lines(summary: dict[str, Any]) -> list[str]:
-    statuses = ", ".join(
-        f"{count} {SUSTAINED_WORDS[name]}" for name, count in summary["statuses"].items()
-    )
+    statuses = ", ".join(f"{count} {name}" for name, count in summary["statuses"].items())
     lines = [
         f"{summary['directions']} directions of the stress rate ({summary['subspace']}), load up "
         f"to {summary['largest']:.4g}: {statuses}"
@@ -211,18 +204,30 @@ def _sustain_lines(summary: dict[str, Any]) -> list[str]:
     weakest = summary["weakest"]
     if weakest is None:
         lines.append("the equilibrium was lost in no direction")
-    elif weakest["failed_under"] is not None:
+    elif weakest["first_large_load"] is not None:
         lines.append(
-            f"weakest direction: {weakest['theta_deg']:.1f} degrees; largest load in equilibrium: "
-            f"{weakest['limit']:.4g}, load of the failure: {weakest['failed_under']:.4g}, snaps "
-            f"before it: {weakest['snaps']}"
+            f"first large motion: under {weakest['first_large_load']:.4g}, by a strain of "
+            f"{weakest['first_large_strain']:.2g}, at {weakest['theta_deg']:.1f} degrees"
+            f"{_within(weakest['first_large_spread'])}"
+        )
+        lines.append(
+            f"first loss of equilibrium in this direction: {weakest['limit']:.4g}"
+            f"{_within(weakest['limit_spread'])}"
         )
     else:
         lines.append(
-            "no direction failed; the smallest load at which the equilibrium was lost: "
-            f"{weakest['first_instability']:.4g}, at {weakest['theta_deg']:.1f} degrees"
+            "no large motion; the smallest load at which the equilibrium was lost: "
+            f"{weakest['limit']:.4g}, at {weakest['theta_deg']:.1f} degrees"
+            f"{_within(weakest['limit_spread'])}"
         )
     return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def _within(spread: float | None) -> str:
+    """A spread in words."""
+    if spread is None:
+        return ""
+    return f" (spread {100 * spread:.1g} %)" if spread < math.inf else " (not converged)"
 
 
 def sustain_command(
@@ -245,9 +250,18 @@ def sustain_command(
         ),
     ] = None,
     interval: Annotated[float, Parameter(help="Strain over which the geometry is kept.")] = 5e-6,
+    large: Annotated[float, Parameter(help="Strain from which on a motion is large.")] = 3e-4,
     most_snaps: Annotated[
-        int, Parameter(help="Largest number of snaps; a direction with more stays unfinished.")
+        int,
+        Parameter(help="Largest number of smaller motions; a direction with more is unfinished."),
     ] = 30,
+    no_spread: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            help="Don't load again with other numberings and less damping to tell the spread.",
+        ),
+    ] = False,
     hold_stress: Annotated[
         bool,
         Parameter(help="Bring the sample to rest at fixed stress first. Default: at fixed cell."),
@@ -257,7 +271,7 @@ def sustain_command(
     no_figures: NoFigures = False,
     reading: OneReading | None = None,
 ) -> Answer:
-    """Find the largest load that a DEM snapshot sustains in each direction of stress."""
+    """Find the load of the first large motion of a DEM snapshot in each direction of stress."""
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "sustain", path)
     words: Any = {"subspace": subspace}
@@ -272,7 +286,9 @@ def sustain_command(
                 **words,
                 largest=largest,
                 interval=interval,
+                large=large,
                 most_snaps=most_snaps,
+                spread=not no_spread,
                 hold_stress=hold_stress,
                 workers=workers,
                 scheduler=scheduler,
@@ -293,6 +309,9 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
         f"{summary['to']:g}: {summary['message']}",
         f"{summary['intervals']} intervals, events: {counts or 'none'}",
     ]
+    if summary["limit"] is not None:
+        told = _within(summary["limit_spread"])
+        lines.append(f"limit at {summary['driven']} = {summary['limit']:.4g}{told}")
     if summary["unstable_contacts"]:
         ways = ", ".join(
             f"{count} {PASSED_WORDS.get(name, name)}" for name, count in summary["passed"].items()

@@ -8,8 +8,8 @@ from stability.compiled import packing_rates
 from stability.packing import incremental_packing
 from stability.packing.incremental_packing import (
     ELASTIC,
-    REGULARISATION,
     OPEN,
+    REGULARISATION,
     SLIDING,
     IncrementalPacking,
     Order,
