@@ -507,7 +507,8 @@ def sustain_summary(
         names += ["first_large_spread", "limit", "limit_spread", "snaps"]
         names += ["mode_grains", "mode_opened", "mode_closed", "mode_slid"]
         whole = tables["sustain"][names].astype(object)
-        row = whole.where(whole.notna(), None).iloc[weakest].to_dict()
+        row = whole.where(whole.notna() & (whole != np.inf), None).iloc[weakest].to_dict()
+        row["limit_converged"] = found.paths[weakest].limit_spread < np.inf
         orders = tables["orders"]
         own = orders[orders["theta_deg"] == row["theta_deg"]].set_index("order")
         wanted = ["loops", "area_share", "W2_share", "negative_share"]

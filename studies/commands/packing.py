@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -212,22 +211,22 @@ def _sustain_lines(summary: dict[str, Any]) -> list[str]:
         )
         lines.append(
             f"first loss of equilibrium in this direction: {weakest['limit']:.4g}"
-            f"{_within(weakest['limit_spread'])}"
+            f"{_within(weakest['limit_spread'], weakest['limit_converged'])}"
         )
     else:
         lines.append(
             "no large motion; the smallest load at which the equilibrium was lost: "
             f"{weakest['limit']:.4g}, at {weakest['theta_deg']:.1f} degrees"
-            f"{_within(weakest['limit_spread'])}"
+            f"{_within(weakest['limit_spread'], weakest['limit_converged'])}"
         )
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
-def _within(spread: float | None) -> str:
+def _within(spread: float | None, converged: bool = True) -> str:
     """A spread in words."""
-    if spread is None:
-        return ""
-    return f" (spread {100 * spread:.1g} %)" if spread < math.inf else " (not converged)"
+    if not converged:
+        return " (not converged)"
+    return "" if spread is None else f" (spread {100 * spread:.1g} %)"
 
 
 def sustain_command(
@@ -310,7 +309,7 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
         f"{summary['intervals']} intervals, events: {counts or 'none'}",
     ]
     if summary["limit"] is not None:
-        told = _within(summary["limit_spread"])
+        told = _within(summary["limit_spread"], summary["limit_spread"] is not None)
         lines.append(f"limit at {summary['driven']} = {summary['limit']:.4g}{told}")
     if summary["unstable_contacts"]:
         ways = ", ".join(
