@@ -374,6 +374,7 @@ def direction_table(found: Sustained, rates: Probe) -> pd.DataFrame:
             "first_large_spread": path.first_large_spread,
             "limit": path.limit,
             "limit_spread": path.limit_spread,
+            "first_instability": path.first_instability,
             "first_event": path.first_event,
             "snaps": len(taken),
             "snap_strain": sum(taken),

@@ -63,7 +63,7 @@ MAX_SPEED_RATIO = 1e3
 HISTORY = 64
 # Share of the intervals before the end of a path that is gone through again in halves, and the
 # least number of them.
-STRETCH = 0.1
+STRETCH = 0.5
 LEAST_STRETCH = 4
 # Change of a limit by half the interval, over itself, from which on it counts as converged.
 CONVERGED = 0.01

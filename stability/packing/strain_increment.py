@@ -31,7 +31,7 @@ from stability.packing.pairs import (
     tangents,
     touching_distances,
 )
-from stability.packing.rattlers import carrying_nothing
+from stability.packing.rattlers import LIGHT_SHARE, LOADED_SHARE, carrying_nothing
 from stability.packing.state import PackingState
 from stability.paths.path import EventKind
 
@@ -250,7 +250,7 @@ class StrainIncrement:
                     self._free(c)
             return
         self.event_count[c], packing = 0, self.packing
-        if self._free(c):
+        if self._free(c, LIGHT_SHARE):
             return
         # A grain of fewer than three contacts is held by a ground spring; else the contact is.
         pair = packing.frame["grains"][c]
@@ -265,11 +265,11 @@ class StrainIncrement:
         packing.add_ground_springs(loose, spring)
         self._tell("instability", c, "a loose grain rattles; dragged", loose)
 
-    def _free(self, c: int) -> bool:
+    def _free(self, c: int, share: float = LOADED_SHARE) -> bool:
         """Take grains of a contact that carry nothing out of the system to the end; whether any."""
         packing, pairs = self.packing, self.pairs
         N = np.where(packing.regime[: len(pairs)] != OPEN, self.N[: len(pairs)], 0.0)
-        idle = carrying_nothing(replace(self.state, normal_force=N))
+        idle = carrying_nothing(replace(self.state, normal_force=N), share)
         grains = [g for g in pairs.grains[c % len(pairs)].tolist() if idle[g]]
         self.rattlers[grains] = True
         rows = np.flatnonzero(self.rattlers[pairs.grains].any(axis=1) & ~self.absent)
@@ -342,7 +342,7 @@ class StrainIncrement:
                     packing, self.control, c, critical, self._rounding(rates), search=not why
                 )
             except UnsolvedError as stop:
-                if self._free(c):
+                if self._free(c, LIGHT_SHARE):
                     return
                 why = why or stop.mode
                 u = np.linalg.norm(stop.motion.reshape(-1, 3), axis=1)

@@ -18,6 +18,7 @@ from loops.laws import ContactLaw
 from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
+    REST_FORCE_LOADED,
     Moving,
     lasting,
     masses_of,
@@ -63,6 +64,9 @@ CUT = 4.0
 MOST_CUTS = 3
 # No number of instabilities ends a path: each one does.
 MANY = 1_000_000
+# A motion of less strain is no loss of the sample's equilibrium, but of a few grains: whether an
+# interval meets it hangs on its length.
+MICRO_STRAIN = 1e-5
 # Strain of a motion up to which its displacements are the mode.
 MODE_STRAIN = 2e-5
 # Grains that move by this share of the largest displacement take part in a mode.
@@ -149,9 +153,11 @@ class LoadPath(Shown):
     first_event : float
         Load at which the first contact changed its regime; nan if none did.
     limit, limit_spread : float
-        Stress along the direction of the last state in equilibrium before the first one that was
-        lost, less that of the start; and how much it changed as the interval was halved and by
-        other numberings, over itself. nan if none was lost.
+        Stress along the direction, less that of the start, of the last state before the equilibrium
+        was first lost by a motion of 1e-5 or more; and how much it changed as the interval was
+        halved and by other numberings, over itself. nan if it never was.
+    first_instability : float
+        The same of a motion of any strain: often of a few grains alone.
     first_large_load, first_large_strain, first_large_spread : float
         Load and strain of the first large motion, nan if there was none; largest change of the
         load by other numberings and by a third of the damping, over itself: nan if it was not
@@ -176,6 +182,7 @@ class LoadPath(Shown):
     first_event: float
     limit: float
     limit_spread: float
+    first_instability: float
     first_large_load: float
     first_large_strain: float
     first_large_spread: float
@@ -447,14 +454,16 @@ def _loaded(
         stop = _to_loss(solver, stage, loading.interval)
         if stop is None:
             break
-        lost = _along(solver, stage)
-        if not motions:
-            limit, spread = halved(
+        change = math.nan
+        if math.isnan(limit):
+            _, change = halved(
                 solver,
                 lambda size: _to_loss(solver, stage, size) is not None,
                 lambda: _along(solver, stage),
             )
-            lost = _along(solver, stage)
+            if not solver.targets:
+                break
+        lost = _along(solver, stage)
         if len(motions) == loading.most_motions:
             status = "unfinished"
             message = f"more than {loading.most_motions} motions before the largest load"
@@ -466,6 +475,8 @@ def _loaded(
         ended = moving.hold()
         motion = moving.told(ended, lost, load, faces)
         motions.append(replace(motion, cause=stop[1], contact=contact))
+        if math.isnan(limit) and np.linalg.norm(motion.strain) >= MICRO_STRAIN:
+            limit, spread = lost, change
         if ended == "no rest":
             status, message = "large motion, no rest", f"{stop[1]}; no rest at constant load"
             break
@@ -486,6 +497,7 @@ def _loaded(
         first_event=min((event.parameter for event in solver.events), default=math.nan),
         limit=limit,
         limit_spread=spread,
+        first_instability=motions[0].lost if motions else math.nan,
         first_large_load=math.nan if large is None else large.load,
         first_large_strain=math.nan if large is None else float(np.linalg.norm(large.strain)),
         first_large_spread=math.nan,
@@ -573,7 +585,8 @@ class _DeadLoad:
                 self.mode = self.moving.state(), self.moving.pairs
             if not ran or strain > FLOW_STRAIN:
                 return "no rest"
-            if self.steps > PUSH_STEPS and rests(self.moving, STILL * self.pace):
+            rest = STILL * self.pace, REST_FORCE_LOADED
+            if self.steps > PUSH_STEPS and rests(self.moving, *rest):
                 return "at rest"
         return "no rest"
 
