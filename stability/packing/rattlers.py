@@ -25,9 +25,11 @@ from stability.packing.pairs import (
 )
 from stability.packing.state import PackingState
 
-# A grain whose largest normal force is below this share of the mean force carries nothing. Grains
-# of held states have 1e-6 or 7e-3 and more, those of states under way 8e-5 or 4e-3 and more.
-LOADED_SHARE = 1e-3
+# A grain whose largest normal force is below this share of the mean force carries nothing, at the
+# start and until it finds no room. Grains of held states have 1e-6 or 7e-3 and more.
+LOADED_SHARE = 1e-4
+# One that carries does so until this share: with one share for both it would come and go.
+UNLOADED_SHARE = 1e-5
 # A grain whose forces are below this share of the mean force is light: where it has no consistent
 # regimes it leaves the system. Such a snap of one grain moves the sample by 3e-7 and has 1e-9 of
 # its energy; whether an interval met it changed the first loss by a factor of two.
@@ -47,7 +49,7 @@ class Freed(NamedTuple):
     released: float
 
 
-def carrying_nothing(state: PackingState, share: float = LOADED_SHARE) -> Flags:
+def carrying_nothing(state: PackingState, share: float) -> Flags:
     """Grains (B,) without load: none above a share of the mean force, or fewer than two contacts.
 
     Contacts of such grains do not count for their neighbours, and so on.
@@ -75,9 +77,12 @@ def free_rattlers(state: PackingState, pairs: Pairs, before: Flags | None = None
     Grains that did so `before` do until they find no room: then they keep the normal forces of
     their overlaps.
     """
-    idle = np.zeros(len(state.x), dtype=bool) if before is None else before
-    was = idle[pairs.grains].any(axis=1)
-    idle = carrying_nothing(replace(state, normal_force=np.where(was, 0.0, state.normal_force)))
+    if before is None:
+        idle = carrying_nothing(state, LOADED_SHARE)
+    else:
+        was = before[pairs.grains].any(axis=1)
+        forces = np.where(was, 0.0, state.normal_force)
+        idle = carrying_nothing(replace(state, normal_force=forces), UNLOADED_SHARE)
     free: Flags = np.asarray(idle[pairs.grains].any(axis=1))
     energy = _energy(state, pairs, free & state.closed)
     nothing = {

@@ -31,7 +31,7 @@ from stability.packing.pairs import (
     tangents,
     touching_distances,
 )
-from stability.packing.rattlers import LIGHT_SHARE, LOADED_SHARE, carrying_nothing
+from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.state import PackingState
 from stability.paths.path import EventKind
 
@@ -265,7 +265,7 @@ class StrainIncrement:
         packing.add_ground_springs(loose, spring)
         self._tell("instability", c, "a loose grain rattles; dragged", loose)
 
-    def _free(self, c: int, share: float = LOADED_SHARE) -> bool:
+    def _free(self, c: int, share: float = UNLOADED_SHARE) -> bool:
         """Take grains of a contact that carry nothing out of the system to the end; whether any."""
         packing, pairs = self.packing, self.pairs
         N = np.where(packing.regime[: len(pairs)] != OPEN, self.N[: len(pairs)], 0.0)
