@@ -330,6 +330,7 @@ class PackingPathSolver:
         self.start_stage(number, stage, rows)
         while self.targets:
             if self.intervals >= max_steps:
+                self.record()
                 return "lost", f"{max_steps} intervals were not enough"
             self.history.append(self.saved())
             stop = self.step(stage, instabilities)
