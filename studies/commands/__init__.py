@@ -153,7 +153,7 @@ class Reading:
         str | None,
         Parameter(
             metavar="linear|hertz",
-            help="Contact law of the simulation. Default: as the input tells, else linear. hertz "
+            help="Contact law of the simulation. Default: as the input or its kn tell. hertz "
             "takes the input's kn and ks as tangents, or --young and --poisson.",
         ),
     ] = None
