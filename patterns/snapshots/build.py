@@ -14,17 +14,9 @@ from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
 from loops.laws.hertz_mindlin import ShearHistory
 from loops.validation import repeated_contacts
-from patterns.snapshots.checks import (
-    HERTZ,
-    HERTZ_BAND,
-    SLIDING_SHARE,
-    SURE_ROUNDINGS,
-    Checked,
-    Finding,
-    check_state,
-    rounding,
-    same_force,
-)
+from patterns.snapshots.checked import HERTZ, Checked, goes_with_root
+from patterns.snapshots.checks import SLIDING_SHARE, check_state, same_force
+from patterns.snapshots.findings import Finding, rounding
 from patterns.snapshots.frame import Frame
 from patterns.snapshots.geometry import (
     Bodies,

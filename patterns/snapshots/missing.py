@@ -1,0 +1,159 @@
+"""Checks of what a snapshot lacks: contacts of grains that overlap, walls around the sample."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from loops.arrays import Flags, Floats, Integers
+from patterns.snapshots.checked import Checked
+from patterns.snapshots.findings import Finding
+from patterns.snapshots.stiffness_checks import OF_GRAIN, wrong_radii
+
+# Overlap of a pair without a contact over the typical one of the contacts: clean none. A contact
+# below carries a ten-thousandth of a typical force.
+LOST = 1e-4
+# Such an overlap over the error that the digits of centres and radii leave: clean none above 1.
+LOST_ROUNDINGS = 2.0
+# Share of the loaded contacts that may be apart; gaps of more are taken for the error of centres.
+FEW_APART = 0.01
+
+
+def lost_contacts(state: Checked) -> Finding | None:
+    """Pairs of grains that overlap and have no row."""
+    rows = state.overlapping
+    if len(rows) == 0:
+        return None
+    typical = float(np.median(state.overlap[rows]))
+    gap = float(np.quantile(-state.overlap[state.loaded], 1 - FEW_APART))
+    noise = 0.0 if state.fit is None else OF_GRAIN * state.fit.noise[1] * typical
+    least = max(LOST * typical, LOST_ROUNDINGS * state.rounded, gap, noise)
+    pairs, overlap = overlapping_pairs(state.x, state.radii, state.graph.cell, least)
+    # Of a wrong radius another check tells.
+    fits = ~np.isin(pairs, wrong_radii(state)[0]).any(axis=1)
+    pairs, overlap = pairs[fits], overlap[fits]
+    # A pair that touches through several images of the cell has a row for each.
+    count = len(state.x)
+    touching, place, found = np.unique(pairs @ [count, 1], return_index=True, return_counts=True)
+    given = np.sort(np.sort(state.contacts, axis=1) @ [count, 1])
+    listed = np.searchsorted(given, touching, "right") - np.searchsorted(given, touching)
+    lost = place[found > listed]
+    lost = lost[np.argsort(-overlap[lost])]
+    named = zip(state.ids[pairs[lost[:3]]].tolist(), overlap[lost[:3]] / typical, strict=True)
+    each = [f"{one} and {two} (by {share:.3g} typical overlaps)" for (one, two), share in named]
+    more = ", ..." if len(lost) > 3 else ""
+    says = f"{len(lost)} pairs of grains overlap and have no contact"
+    return Finding("lost", len(lost), says).doubt(
+        f": {', '.join(each)}{more}",
+        "Export these contacts too, or correct the radii or the cell.",
+        len(lost) > 0,
+    )
+
+
+def overlapping_pairs(
+    x: Floats, radii: Floats, cell: Floats | None, least: float
+) -> tuple[Integers, Floats]:
+    """Pairs of grains (P, 2), the lower one first, that overlap by more than `least`, and by what.
+
+    A pair that overlaps through several images of a periodic `cell` stands there as often.
+    """
+    owner, reach = np.arange(len(x)), 2.0 * float(radii.max())
+    if cell is not None:
+        x, owner = _with_images(x, cell, reach)
+    # Rows of bins, sorted: of a grain the later ones in its bin and the next bin, then three bins
+    # of the next row, lie one after the other.
+    bins = np.floor((x - x.min(axis=0)) / reach).astype(np.int64)
+    width = int(bins[:, 1].max()) + 3
+    key = bins[:, 0] * width + bins[:, 1]
+    order = np.argsort(key, kind="stable")
+    key, x, owner = key[order], x[order], owner[order]
+    r, own = radii[owner], order < len(radii)
+    ends = [np.searchsorted(key, key + step, "right") for step in (1, width + 1)]
+    found = []
+    for at, end in (
+        (np.arange(1, len(x) + 1), ends[0]),
+        (np.searchsorted(key, key + width - 1), ends[1]),
+    ):
+        one = np.flatnonzero(at < end)
+        while len(one):
+            two = at[one]
+            d = x[one] - x[two]
+            near = (r[one] + r[two] - least) ** 2 > d[:, 0] ** 2 + d[:, 1] ** 2
+            found.append(np.stack([one[near], two[near]], axis=1))
+            at[one] += 1
+            one = one[at[one] < end[one]]
+    pairs = np.concatenate(found) if found else np.zeros((0, 2), dtype=np.int64)
+    overlap = r[pairs].sum(axis=1) - np.hypot(*(x[pairs[:, 0]] - x[pairs[:, 1]]).T)
+    inside, grains = own[pairs], owner[pairs]
+    # Across a border a pair is found from both sides: once by the lower grain of the two.
+    first = np.where(inside[:, 0], grains[:, 0], grains[:, 1])
+    kept = inside.all(axis=1) | (inside.any(axis=1) & (first == grains.min(axis=1)))
+    kept &= (grains[:, 0] != grains[:, 1]) & (overlap > least)
+    return np.sort(grains[kept], axis=1), overlap[kept]
+
+
+def _with_images(x: Floats, cell: Floats, reach: float) -> tuple[Floats, Integers]:
+    """Centres within the cell, then images of those within `reach` of it; grains of both."""
+    inside = np.linalg.solve(cell, x.T).T
+    inside -= np.floor(inside)
+    margin = reach * np.linalg.norm(cell[:, ::-1], axis=0) / np.abs(np.linalg.det(cell))
+    copies, owners = [inside], [np.arange(len(x))]
+    layers = (range(-k, k + 1) for k in np.ceil(margin).astype(int).tolist())
+    for image in product(*layers):
+        if image != (0, 0):
+            moved = inside + image
+            near = np.flatnonzero(((moved > -margin) & (moved < 1.0 + margin)).all(axis=1))
+            copies.append(moved[near])
+            owners.append(near)
+    return np.concatenate(copies) @ cell.T, np.concatenate(owners)
+
+
+# Resultant on a grain, in mean normal forces, that counts as pushing it: at rest 0.065 (root mean
+# square), at a wall that is missing 1.
+PUSHED = 0.3
+# Cosine between that resultant and a contact which stands against it.
+AGAINST = 0.7
+# Share of such grains that nothing stands against, all of them outward, and their least number:
+# without the walls of the file 0.84 and more, in a flow 0.2.
+BARE_SHARE, FEWEST_BARE = 0.7, 5
+
+
+def walls(state: Checked) -> Finding | None:
+    """Grains at the outline that are pushed outward and have nothing that pushes back."""
+    if state.graph.cell is not None:
+        return Finding("walls", 0.0, "no walls needed: the sample is periodic")
+    force = np.add(*state.resultants)
+    size = np.hypot(*force.T)
+    mean = float(np.abs(state.normal).mean())
+    pushed = (state.degree > 0) & (size > PUSHED * mean)
+    bare = pushed & ~_stopped(state, force / np.where(size > 0, size, 1.0)[:, None])
+    away = state.x - state.x[state.degree > 0].mean(axis=0)
+    bare &= np.einsum("gk,gk->g", force, away) > 0
+    count, grains = int(np.count_nonzero(pushed)), np.flatnonzero(bare)
+    grains = grains[np.argsort(-size[grains])]
+    known = 0 if state.walls is None else len(state.walls[0])
+    says = f"{known} contacts with walls are known" if known else "no walls known"
+    found = Finding("walls", len(grains), says)
+    if len(grains) == 0:
+        held = "hold the sample" if known else "and none needed: no grain is pushed outward"
+        return found._replace(says=f"{says.removesuffix(' are known')} {held}")
+    if len(grains) < max(FEWEST_BARE, BARE_SHARE * count):
+        pushed_out = f"{len(grains)} of {count} grains out of balance are pushed outward"
+        return found._replace(says=f"{says}; {pushed_out}, too few for a missing wall")
+    named = ", ".join(map(str, state.ids[grains[:3]].tolist())) + ", ..." * (len(grains) > 3)
+    return found.doubt(
+        f", and {len(grains)} grains at the outline are pushed outward with nothing to push back, "
+        f"by up to {size[grains[0]] / mean:.3g} mean normal forces: grains {named}",
+        "Give the contacts with walls: rows of a body of type 1 with force and branch, or a table "
+        "walls_... beside the grains.",
+    )
+
+
+def _stopped(state: Checked, towards: Floats) -> Flags:
+    """(G,) whether a contact of the grain stands in a direction (G, 2)."""
+    n = state.d / state.length[:, None]
+    stopped = np.zeros(len(state.x), dtype=bool)
+    for end, sign in zip(state.contacts.T, (1.0, -1.0), strict=True):
+        stopped[end[sign * np.einsum("ck,ck->c", n, towards[end]) > AGAINST]] = True
+    return stopped
