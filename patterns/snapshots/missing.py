@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
+from loops.compiled import given, use_compiled
 from patterns.snapshots.checked import Checked
 from patterns.snapshots.findings import Finding
 from patterns.snapshots.stiffness_checks import OF_GRAIN, wrong_radii
@@ -30,14 +31,16 @@ def lost_contacts(state: Checked) -> Finding | None:
     noise = 0.0 if state.fit is None else OF_GRAIN * state.fit.noise[1] * typical
     least = max(LOST * typical, LOST_ROUNDINGS * state.rounded, gap, noise)
     pairs, overlap = overlapping_pairs(state.x, state.radii, state.graph.cell, least)
+    if len(pairs) == np.count_nonzero(state.overlap > least):
+        return Finding("lost", 0.0, "no pair of grains overlaps without a contact")
     # Of a wrong radius another check tells.
     fits = ~np.isin(pairs, wrong_radii(state)[0]).any(axis=1)
     pairs, overlap = pairs[fits], overlap[fits]
     # A pair that touches through several images of the cell has a row for each.
     count = len(state.x)
     touching, place, found = np.unique(pairs @ [count, 1], return_index=True, return_counts=True)
-    given = np.sort(np.sort(state.contacts, axis=1) @ [count, 1])
-    listed = np.searchsorted(given, touching, "right") - np.searchsorted(given, touching)
+    rows = np.sort(np.sort(state.contacts, axis=1) @ [count, 1])
+    listed = np.searchsorted(rows, touching, "right") - np.searchsorted(rows, touching)
     lost = place[found > listed]
     lost = lost[np.argsort(-overlap[lost])]
     named = zip(state.ids[pairs[lost[:3]]].tolist(), overlap[lost[:3]] / typical, strict=True)
@@ -52,45 +55,55 @@ def lost_contacts(state: Checked) -> Finding | None:
 
 
 def overlapping_pairs(
-    x: Floats, radii: Floats, cell: Floats | None, least: float
+    x: Floats, radii: Floats, cell: Floats | None, least: float, *, compiled: bool | None = None
 ) -> tuple[Integers, Floats]:
     """Pairs of grains (P, 2), the lower one first, that overlap by more than `least`, and by what.
 
     A pair that overlaps through several images of a periodic `cell` stands there as often.
     """
-    owner, reach = np.arange(len(x)), 2.0 * float(radii.max())
+    count, owner = len(x), np.arange(len(x))
     if cell is not None:
-        x, owner = _with_images(x, cell, reach)
-    # Rows of bins, sorted: of a grain the later ones in its bin and the next bin, then three bins
-    # of the next row, lie one after the other.
-    bins = np.floor((x - x.min(axis=0)) / reach).astype(np.int64)
+        x, owner = _with_images(x, cell, 2.0 * float(radii.max()))
+    r = radii[owner]
+    if use_compiled(compiled, count):
+        from loops.compiled.overlaps import overlapping
+
+        pairs = overlapping(given(x, np.float64), given(r, np.float64), least)
+    else:
+        pairs = _overlapping(x, r, least)
+    one, two = np.ascontiguousarray(pairs.T)
+    overlap = r[one] + r[two] - np.hypot(x[one, 0] - x[two, 0], x[one, 1] - x[two, 1])
+    low, high = np.minimum(owner[one], owner[two]), np.maximum(owner[one], owner[two])
+    kept = (low != high) & (overlap > least)
+    if cell is not None:
+        # Across a border a pair is found from both sides: once by the lower grain of the two.
+        real = np.where(one < count, owner[one], owner[two])
+        kept &= ((one < count) & (two < count)) | (((one < count) | (two < count)) & (real == low))
+    return np.stack([low[kept], high[kept]], axis=1), overlap[kept]
+
+
+def _overlapping(x: Floats, radii: Floats, least: float) -> Integers:
+    """(P, 2) grains that overlap, as the kernel finds them in another order."""
+    bins = np.floor((x - x.min(axis=0)) / (2.0 * float(radii.max()))).astype(np.int64)
     width = int(bins[:, 1].max()) + 3
     key = bins[:, 0] * width + bins[:, 1]
     order = np.argsort(key, kind="stable")
-    key, x, owner = key[order], x[order], owner[order]
-    r, own = radii[owner], order < len(radii)
-    ends = [np.searchsorted(key, key + step, "right") for step in (1, width + 1)]
-    found = []
-    for at, end in (
-        (np.arange(1, len(x) + 1), ends[0]),
-        (np.searchsorted(key, key + width - 1), ends[1]),
+    key, x, radii = key[order], x[order], radii[order]
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    # Later grains of the own bin and of the bin above, then three bins of the next column.
+    for at, stop in (
+        (np.arange(1, len(x) + 1), np.searchsorted(key, key + 1, "right")),
+        (np.searchsorted(key, key + width - 1), np.searchsorted(key, key + width + 1, "right")),
     ):
-        one = np.flatnonzero(at < end)
+        one = np.flatnonzero(at < stop)
         while len(one):
             two = at[one]
-            d = x[one] - x[two]
-            near = (r[one] + r[two] - least) ** 2 > d[:, 0] ** 2 + d[:, 1] ** 2
+            reach = radii[one] + radii[two] - least
+            near = (reach > 0) & (np.sum((x[one] - x[two]) ** 2, axis=1) < reach**2)
             found.append(np.stack([one[near], two[near]], axis=1))
             at[one] += 1
-            one = one[at[one] < end[one]]
-    pairs = np.concatenate(found) if found else np.zeros((0, 2), dtype=np.int64)
-    overlap = r[pairs].sum(axis=1) - np.hypot(*(x[pairs[:, 0]] - x[pairs[:, 1]]).T)
-    inside, grains = own[pairs], owner[pairs]
-    # Across a border a pair is found from both sides: once by the lower grain of the two.
-    first = np.where(inside[:, 0], grains[:, 0], grains[:, 1])
-    kept = inside.all(axis=1) | (inside.any(axis=1) & (first == grains.min(axis=1)))
-    kept &= (grains[:, 0] != grains[:, 1]) & (overlap > least)
-    return np.sort(grains[kept], axis=1), overlap[kept]
+            one = one[at[one] < stop[one]]
+    return order[np.concatenate(found)]
 
 
 def _with_images(x: Floats, cell: Floats, reach: float) -> tuple[Floats, Integers]:

@@ -464,13 +464,14 @@ def all_pairs(x, radii, cell):
 @pytest.mark.parametrize(
     "cell", [None, [[6.0, 0.0], [0.0, 5.0]], [[6.0, 2.5], [-0.7, 5.0]], [[1.5, 0.3], [0.0, 12.0]]]
 )
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_overlapping_pairs_are_those_of_a_search_one_by_one(cell, seed):
+def test_overlapping_pairs_are_those_of_a_search_one_by_one(cell, seed, compiled):
     """Unequal grains anywhere, also far out of the cell; a cell narrower than a grain."""
     rng = np.random.default_rng(seed)
     x, radii = rng.uniform(-3, 9, (40, 2)), rng.uniform(0.1, 0.8, 40)
     cell = None if cell is None else np.array(cell)
-    pairs, overlap = missing.overlapping_pairs(x, radii, cell, 0.0)
+    pairs, overlap = missing.overlapping_pairs(x, radii, cell, 0.0, compiled=compiled)
     found = {}
     for pair, value in zip(pairs.tolist(), overlap, strict=True):
         found.setdefault(tuple(pair), []).append(value)
@@ -478,7 +479,7 @@ def test_overlapping_pairs_are_those_of_a_search_one_by_one(cell, seed):
     assert found.keys() == wanted.keys() and len(wanted) > 5
     for pair, overlaps in wanted.items():
         np.testing.assert_allclose(sorted(found[pair]), overlaps, atol=1e-12)
-    some = missing.overlapping_pairs(x, radii, cell, 0.3)[1]
+    some = missing.overlapping_pairs(x, radii, cell, 0.3, compiled=compiled)[1]
     np.testing.assert_allclose(np.sort(some), np.sort(overlap[overlap > 0.3]), atol=1e-12)
 
 
