@@ -32,11 +32,10 @@ from patterns.snapshots.snapshot import Snapshot, WallContacts
 from patterns.snapshots.tables import Table, require_columns
 
 LawName = Literal["linear", "hertz"]
-# Contacts that tell a law, and the least spread of the logarithm of their overlaps.
-FEWEST, SPREAD = 10, 0.1
-# How far the exponent of kn over R times the overlap may be from a half: two materials of 1:4 leave
-# 0.07 among 44 contacts. Springs have an exponent of 0, Yade's that go with the radii 0.05 at most.
-ROOT_BAND = 0.2
+# N over kn times the overlap (median) over Hertz's 2/3, less one, of tables of his law: 1e-9.
+HERTZ_BAND = 0.01
+# Multiples of the rounding of centres above which an overlap tells a law.
+SURE_ROUNDINGS = 20.0
 TOLD = (
     "Hertz's law, told by the columns: kn goes with the root of the overlap, and N is 2/3 of kn "
     "times it; --law linear if it is another"
@@ -143,15 +142,10 @@ def _of_hertz(kn: Floats, normal: Floats, radii: Floats, length: Floats, coarse:
     """
     overlap = radii.sum(axis=1) - length
     told = (kn > 0) & (normal > 0) & (overlap > coarse)
-    if np.count_nonzero(told) < FEWEST:
+    kn, N, radii, overlap = kn[told], normal[told], radii[told], overlap[told]
+    if len(kn) == 0 or abs(float(np.median(N / (kn * overlap))) / HERTZ - 1) > HERTZ_BAND:
         return False
-    reduced = (radii.prod(axis=1) / radii.sum(axis=1))[told]
-    kn, N, overlap = kn[told], normal[told], overlap[told]
-    size = np.log(reduced * overlap)
-    share = float(np.median(N / (kn * overlap)))
-    if abs(share / HERTZ - 1) > HERTZ_BAND or np.std(size) < SPREAD:
-        return False
-    return bool(abs(np.polyfit(size, np.log(kn), 1)[0] - 0.5) < ROOT_BAND)
+    return goes_with_root(kn, radii, overlap)
 
 
 def _graph(

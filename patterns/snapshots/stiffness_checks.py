@@ -46,8 +46,10 @@ def stiffness(state: Checked) -> Finding | None:
         found = found._replace(says=f"{found.says}, Hertz's tangents give {HERTZ:.4g}")
     if off:
         unit = power_of_ten(fit.ratio)
-        right = modulus if isinstance(state.law, HertzMindlin) else f"kn = {needed:.4g}"
-        stiff = "the modulus" if isinstance(state.law, HertzMindlin) else "kn"
+        of_modulus = isinstance(state.law, HertzMindlin) and state.law.ratio is None
+        stiff = "the modulus" if of_modulus else "kn"
+        right = modulus if of_modulus else f"kn = {needed:.4g}"
+        right += f" ({modulus})" if fit.hertz and not of_modulus else ""
         cause = f"the forces are {fit.ratio:.4g} times what {stiff} and the overlaps give, or "
         cause += f"{stiff} is {1 / fit.ratio:.4g} times what the forces and overlaps need"
         return found.doubt(

@@ -149,20 +149,19 @@ def mechanical():
 
 @pytest.mark.parametrize("fault", ONE_SNAPSHOT)
 def test_faults_of_one_snapshot_are_found(fault):
-    """All of them, but where digits are said to be too few, and one lost contact that moves."""
+    """All of them, and all lost contacts but one that moves; too few digits are said."""
     check, change, times = ONE_SNAPSHOT[fault]
     rng = np.random.default_rng(1)
     tried, missed = 0, []
     for name, snapshot in mechanical():
         said = next(one.says for one in snapshot.findings if one.check == "unseen")
-        for _ in range(times):
+        for _ in range(0 if "overlap open" in said else times):
             tables = snapshot.tables()
             if change(tables, snapshot, rng) is False:
                 continue
             tried += 1
-            known = suspicious(snapshot)
             other = snapshot_from_tables(**tables, strict=False)
-            if check not in suspicious(other) - known and "overlap open" not in said:
+            if check not in suspicious(other) - suspicious(snapshot):
                 missed.append(name)
     print(f"{fault}: {tried - len(missed)} of {tried}, missed {missed}")
     assert tried >= 15 and len(missed) <= (1 if check == "lost" else 0)
