@@ -11,7 +11,7 @@ import pandas as pd
 
 from loops import GrainGraph, LinearFrictional
 
-STATES = ("slow",)
+STATES = ("slow", "dense")
 LAW = LinearFrictional(1e6, 5e5, 0.5, "radii")
 PARTS = ("x", "radii", "contacts", "images", "cell", "normal_force", "shear_force")
 # Strain of a level that is a large motion.
