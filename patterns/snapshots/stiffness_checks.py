@@ -163,7 +163,7 @@ def one_contact(state: Checked) -> Finding | None:
     few = rows[:3]
     overlap, needed = state.overlap[few].tolist(), fit.needed[few].tolist()
     ratios = [
-        f"N is {n / o:.4g} times as much" if o > 0 else "N acts across a gap"
+        f"N is {n / o:.4g} times what they give" if o > 0 else "N acts across a gap"
         for n, o in zip(needed, overlap, strict=True)
     ]
     kn = state.stiffnesses[0][few].tolist()

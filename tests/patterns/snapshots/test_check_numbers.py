@@ -381,6 +381,51 @@ def test_stiffnesses_are_exchanged_where_the_other_one_fits(kt, factor, cause):
     assert cause in found.says
 
 
+@pytest.mark.parametrize("law", ["springs", "modulus", "tangents"])
+def test_forces_against_overlaps_in_numbers(law):
+    """Ratio, its error, overlaps that the forces need and their noise, contact by contact."""
+    factor = np.random.default_rng(4).uniform(0.8, 0.9, COUNT)
+    made = elastic(factor)
+    power = 1.0
+    if law != "springs":
+        ratio = None if law == "modulus" else 0.5
+        of_hertz = HertzMindlin(1e7, 0.0, 0.5, ratio=ratio)
+        force = factor * of_hertz.closed_force(SimpleNamespace(**hertz_state(made)))
+        made = dataclasses.replace(uneven(normal=force), law=of_hertz)
+        # kn goes with the third root of N: what N needs goes with the other two thirds.
+        factor, power = factor ** (2 / 3), 1.5 if law == "modulus" else 1.0
+    fit, scale = made.fit, np.median(factor)
+    np.testing.assert_allclose(fit.needed, factor / scale * made.overlap, rtol=1e-9)
+    np.testing.assert_allclose(fit.off, fit.needed - made.overlap, atol=1e-15)
+    typical = np.median(made.overlap)
+    larger = np.maximum(fit.needed, made.overlap)
+    noise = [np.quantile(np.abs(fit.off) / of, 0.9) for of in (larger, typical)]
+    np.testing.assert_allclose(fit.noise, noise, rtol=1e-9)
+    low, high = np.quantile(factor, [0.25, 0.75])
+    error = power * (3 * (high - low) / np.sqrt(COUNT) + noise[1] ** 2)
+    assert (fit.ratio, fit.error) == pytest.approx((scale**power, error), rel=1e-9)
+    assert fit.hertz == (law != "springs") and fit.typical == pytest.approx(typical)
+
+
+@pytest.mark.parametrize(("x", "radius"), [(8, 8), (8, 6), (6, 8)])
+def test_digits_of_centres_and_radii_leave_overlaps_open(x, radius):
+    """Radii count by their own digits, at most by those of the centres."""
+    made = uneven()
+    made.x = np.array([[float(f"{v:.{x}g}") for v in row] for row in made.x + 10.0])
+    made.radii = np.array([float(f"{v:.{radius}g}") for v in made.radii])
+    centres, radii = findings.rounding(made.x), findings.rounding(made.radii)
+    assert made.rounded == pytest.approx(2 * np.sqrt(2) * centres + 2 * min(centres, radii))
+    assert (radii > centres) == (radius < x)
+
+
+def test_grains_that_walls_should_hold_are_named_from_the_most_pushed_on():
+    made = limits.ring(push=np.linspace(0.5, 1.0, 10)[:, None])
+    says = missing.walls(made).says
+    assert says.startswith("10 contacts with walls are known, and 10 grains at the outline")
+    # Twice the mean of all contacts, less a uniform force on all grains.
+    assert says.endswith("by up to 1.98 mean normal forces: grains 9, 8, 7, ...")
+
+
 def test_contacts_of_an_odd_stiffness_are_named():
     """Their kn, or their forces, are not what the overlaps need; all forces are scaled."""
     right = elastic()
@@ -390,8 +435,8 @@ def test_contacts_of_an_odd_stiffness_are_named():
     found = stiffness_checks.one_contact(made)
     (a, b), (c, d) = 100 + made.contacts[[3, 9]]
     assert found.number == 2 and found.severity == "doubt"
-    first = f"grains {a} and {b} (N is {1 / 300:.4g} times as much)"
-    assert f": {first}, grains {c} and {d} (N is {1 / 1.06:.4g} times as much)" in found.says
+    first = f"grains {a} and {b} (N is {1 / 300:.4g} times what they give)"
+    assert f": {first}, grains {c} and {d} (N is {1 / 1.06:.4g} times what they give)" in found.says
     needed = [f"kn = {right.law.kn[k]:.4g}" for k in (3, 9)]
     assert f"{needed[0]}, {needed[1]} would fit" in found.remedy
     normal = right.normal.copy()
