@@ -362,7 +362,8 @@ def _followed_lines(followed: dict[str, Any]) -> list[str]:
     )
     ends = ", ".join(f"{status}: {count}" for status, count in followed["path_statuses"].items())
     lines = [
-        f"replay at inertial number {low if low == high else f'{low} to {high}'} ({sources})",
+        f"replay at inertial number {low if low == high else f'{low} to {high}'} ({sources}), "
+        f"damping {followed['damping']:g}, programme {followed['programme']}",
         f"path by events ({ends}), {followed['path_instabilities']} instabilities passed by "
         f"{followed['past']}",
     ]

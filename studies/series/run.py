@@ -212,7 +212,7 @@ def series_tables(
         summary["packing"] = solved_summary(intervals, series.yield_band)
     if series.following is not None:
         numbers = [one.number for one in series.planned]
-        summary["followed"] = followed_summary(intervals, numbers, series.following.past)
+        summary["followed"] = followed_summary(intervals, numbers, series.following)
         summary["notes"] = [*missed_stresses(summary["followed"]), *summary["notes"]]
     return tables, summary
 
@@ -331,7 +331,9 @@ def solved_summary(intervals: Sequence[Row], band: float) -> dict[str, Any]:
     }
 
 
-def followed_summary(intervals: Sequence[Row], numbers: Sequence[int], past: str) -> dict[str, Any]:
+def followed_summary(
+    intervals: Sequence[Row], numbers: Sequence[int], following: Following
+) -> dict[str, Any]:
     """Summary of paths and replays: statuses, instabilities, distances, rates.
 
     `numbers` are those of the snapshots.
@@ -346,7 +348,9 @@ def followed_summary(intervals: Sequence[Row], numbers: Sequence[int], past: str
         for k in beyond
     ]
     return {
-        "past": past,
+        "past": following.past,
+        "programme": following.programme,
+        "damping": following.damping,
         "path_statuses": dict(Counter(row["path_status"] for row in rows)),
         "path_instabilities": sum(row["path_instabilities"] for row in rows),
         "path_from_replay": largest_of(known_values(intervals, "path_from_replay"), numbers),

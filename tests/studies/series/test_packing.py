@@ -183,7 +183,7 @@ def followed(error, rate=2e-6):
 def test_replays_that_miss_the_stress_are_named_by_their_snapshots():
     rows = [followed(0.001), followed(None, None), {}, followed(0.9 * STRESS_ERROR),
             followed(0.0123), followed(0.02)]  # fmt: skip
-    summary = followed_summary(rows, [3, 4, 6, 7, 8, 9, 12], "viscous")
+    summary = followed_summary(rows, [3, 4, 6, 7, 8, 9, 12], Following(damping=0.2))
     assert summary["replay_stress_error"] == {
         "median": pytest.approx((0.9 * STRESS_ERROR + 0.0123) / 2),
         "largest": 0.02,
@@ -195,6 +195,7 @@ def test_replays_that_miss_the_stress_are_named_by_their_snapshots():
         for one, two, share in ((8, 9, "1.2"), (9, 12, "2"))
     ]
     assert summary["replay_rate_from"] == {"as given": 4}
+    assert (summary["programme"], summary["damping"]) == ("straight", 0.2)
 
 
 def test_a_series_whose_replays_are_all_refused_is_summed_up(tmp_path):
