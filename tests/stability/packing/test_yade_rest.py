@@ -11,7 +11,7 @@ REST, WITHIN, LEAST, MOST_STEPS, FLOWS = 1e-6, 1e-3, 5e-4, 20_000, 1e-2
 
 @pytest.mark.parametrize("state", STATES)
 def test_a_held_state_is_at_rest(state):
-    """The tables hold the forces at 1e-9 of the mean: positions are those after the last step."""
+    """Overlaps differ by what the grains moved in the last step: positions are those after it."""
     graph, law, _ = yade_rest(state)
     forces, (i, j) = contact_forces(graph), graph.contacts.T
     left = np.zeros((graph.grain_count, 2))
