@@ -10,7 +10,7 @@ their cell:
 - dense: another packing, .029, past its peak (2e-4); held from 427, 811 to 416, 740 N/m, and again;
 - held: the moving state of `yade_held.npz` without its velocities; held from 401, 811 to 401, 811.
 
-The levels are put on at an inertial number of some 1e-6 (held), 2e-6 (slow) and 1e-5 (dense).
+The last levels are put on at an inertial number of 2e-6 (held), 6e-6 (slow) and 1e-5 (dense).
 """
 
 from pathlib import Path
