@@ -198,7 +198,7 @@ class Checked:
             found.append(rest - touched[:, None] * ((area @ rest) / (area @ area or 1.0)))
         return found[0], found[1]
 
-    @property
+    @cached_property
     def residuals(self) -> tuple[Floats, Floats]:
         """`resultants` of the inner grains, zero on the others."""
         normal, shear = (np.where(self.inner[:, None], r, 0.0) for r in self.resultants)
@@ -207,10 +207,13 @@ class Checked:
 
 def goes_with_root(stiffness: Floats, radii: Floats, overlap: Floats) -> bool:
     """Whether stiffnesses are Hertz's: they go with the root of the overlap; `radii` (C, 2)."""
-    size = np.log(radii.prod(axis=1) / radii.sum(axis=1) * overlap)
-    if len(size) < FEWEST or np.std(size) < SPREAD:
+    one, two = radii[:, 0], radii[:, 1]
+    size = np.log(one * two / (one + two) * overlap)
+    size -= size.mean() if len(size) else 0.0
+    spread = float(size @ size)
+    if len(size) < FEWEST or spread < SPREAD**2 * len(size):
         return False
-    return bool(abs(np.polyfit(size, np.log(stiffness), 1)[0] - 0.5) < ROOT_BAND)
+    return bool(abs(size @ np.log(stiffness) / spread - 0.5) < ROOT_BAND)
 
 
 # Grains this near the bounding box, in mean radii, may touch a wall whose force is not known.

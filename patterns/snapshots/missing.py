@@ -27,7 +27,9 @@ def lost_contacts(state: Checked) -> Finding | None:
     if len(rows) == 0:
         return None
     typical = float(np.median(state.overlap[rows]))
-    gap = float(np.quantile(-state.overlap[state.loaded], 1 - FEW_APART))
+    loaded = state.overlap[state.loaded]
+    apart = np.count_nonzero(loaded < 0) > FEW_APART * len(loaded)
+    gap = float(np.quantile(-loaded, 1 - FEW_APART)) if apart else 0.0
     noise = 0.0 if state.fit is None else OF_GRAIN * state.fit.noise[1] * typical
     least = max(LOST * typical, LOST_ROUNDINGS * state.rounded, gap, noise)
     pairs, overlap = overlapping_pairs(state.x, state.radii, state.graph.cell, least)
@@ -140,11 +142,11 @@ def walls(state: Checked) -> Finding | None:
     size = np.hypot(*force.T)
     mean = float(np.abs(state.normal).mean())
     pushed = (state.degree > 0) & (size > PUSHED * mean)
-    bare = pushed & ~_stopped(state, force / np.where(size > 0, size, 1.0)[:, None])
-    away = state.x - state.x[state.degree > 0].mean(axis=0)
-    bare &= np.einsum("gk,gk->g", force, away) > 0
+    centre = state.x[state.degree > 0].mean(axis=0)
+    bare = pushed & ~_stopped(state, pushed, force)
     count, grains = int(np.count_nonzero(pushed)), np.flatnonzero(bare)
-    grains = grains[np.argsort(-size[grains])]
+    outward = np.einsum("gk,gk->g", force[grains], state.x[grains] - centre) > 0
+    grains = grains[outward][np.argsort(-size[grains[outward]])]
     known = 0 if state.walls is None else len(state.walls[0])
     says = f"{known} contacts with walls are known" if known else "no walls known"
     found = Finding("walls", len(grains), says)
@@ -163,10 +165,13 @@ def walls(state: Checked) -> Finding | None:
     )
 
 
-def _stopped(state: Checked, towards: Floats) -> Flags:
-    """(G,) whether a contact of the grain stands in a direction (G, 2)."""
-    n = state.d / state.length[:, None]
+def _stopped(state: Checked, grains: Flags, force: Floats) -> Flags:
+    """(G,) whether some of the grains have a contact in the direction of a force (G, 2)."""
     stopped = np.zeros(len(state.x), dtype=bool)
     for end, sign in zip(state.contacts.T, (1.0, -1.0), strict=True):
-        stopped[end[sign * np.einsum("ck,ck->c", n, towards[end]) > AGAINST]] = True
+        rows = np.flatnonzero(grains[end])
+        towards, d = force[end[rows]], sign * state.d[rows]
+        along = np.einsum("ck,ck->c", towards, d)
+        ahead = along > AGAINST * np.hypot(*towards.T) * state.length[rows]
+        stopped[end[rows[ahead]]] = True
     return stopped

@@ -36,7 +36,7 @@ def stiffness(state: Checked) -> Finding | None:
         cause = f" and {shear_ratio:.4g} times kt times it: kn and kt exchanged"
         return found.doubt(cause, "Exchange them.")
     needed, of_hertz = _needed_stiffness(state, rows)
-    modulus = f"E/(1 - nu^2) = {_needed_modulus(state, rows):.4g}"
+    modulus = f"E/(1 - nu^2) = {_needed_modulus(state, rows):.4g}" if off or of_hertz else ""
     if of_hertz and not fit.hertz and not state.goes_with_root(kn, rows):
         return found.doubt(
             ": N goes with the overlap to the power of 3/2, as in Hertz's law, and kn does not",
@@ -114,8 +114,11 @@ def wrong_radii(state: Checked) -> tuple[Integers, Floats]:
     if fit is None or len(state.contacts) < FEWEST:
         return np.zeros(0, dtype=np.int64), np.zeros(0)
     pushed = state.normal > 0
-    allowed = np.tile(fit.allowed(OF_GRAIN, ODD_SHARE, state.rounded)[pushed], 2)
-    grain, off = state.contacts[pushed].T.ravel(), np.tile(fit.off[pushed], 2)
+    allowed = fit.allowed(OF_GRAIN, ODD_SHARE, state.rounded)
+    if not (np.abs(fit.off) > allowed).any():
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    allowed, off = (np.tile(values[pushed], 2) for values in (allowed, fit.off))
+    grain = state.contacts[pushed].T.ravel()
     degree = np.bincount(grain, minlength=len(state.x))
     outlying = np.bincount(grain[np.abs(off) > allowed], minlength=len(state.x))
     candidates = (outlying >= 2) & (outlying >= AGREEING_CONTACTS * degree)
@@ -157,8 +160,9 @@ def one_contact(state: Checked) -> Finding | None:
     if fit is None or len(state.contacts) < FEWEST:
         return None
     odd = np.abs(fit.off) > fit.allowed(OF_CONTACT, ODD_SHARE, state.rounded)
-    odd &= ~np.isin(state.contacts, wrong_radii(state)[0]).any(axis=1)
     rows = np.flatnonzero(odd)
+    # Of a wrong radius another check tells.
+    rows = rows[~np.isin(state.contacts[rows], wrong_radii(state)[0]).any(axis=1)]
     says = f"{len(rows)} contacts have a kn that does not fit their force and overlap"
     few = rows[:3]
     overlap, needed = state.overlap[few].tolist(), fit.needed[few].tolist()

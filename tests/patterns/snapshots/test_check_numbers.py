@@ -492,6 +492,28 @@ def hertz_state(made):
     return {"radii_i": one, "radii_j": two, "touching_length": one + two, "overlap": made.overlap}
 
 
+def test_the_first_three_are_named_and_the_others_counted():
+    """Five grains with wrong radii, five odd contacts and five lost ones of 144 grains."""
+    count, size = 432, (12, 12)
+    contacts = limits.lattice(*size)[2]
+    five = np.array([13, 40, 67, 94, 121])
+    for k, ending in ((3, "need"), (5, ", ...")):
+        radii = np.where(np.isin(np.arange(144), five[:k]), 1.01, 1.0)
+        found = stiffness_checks.one_radius(limits.state(size=size, radii=radii))
+        named = [f"that of grain {g} is 1.01 times what they need" for g in five[:3]]
+        assert found.number == k and f": {', '.join(named)}" in found.says
+        assert found.says.endswith(ending) and found.remedy.endswith(", ...." if k > 3 else "5.")
+        pairs = [f"grains {a} and {b} (N is 2 times" for a, b in contacts[five[:3]]]
+        normal = np.where(np.isin(np.arange(count), five[:k]), 2.0, 1.0)
+        odd = stiffness_checks.one_contact(limits.state(size=size, normal=normal))
+        assert odd.number == k and all(pair in odd.says for pair in pairs)
+        assert odd.says.count("grains") == 3 and odd.says.endswith("..." if k > 3 else ")")
+        kept = ~np.isin(np.arange(count), five[:k])
+        lost = missing.lost_contacts(limits.state(size=size, kept=kept))
+        assert lost.number == k and lost.says.count("typical overlaps") == 3
+        assert lost.says.endswith("..." if k > 3 else ")")
+
+
 def all_pairs(x, radii, cell):
     """Overlaps of each pair through each image."""
     found = {}
@@ -514,7 +536,7 @@ def all_pairs(x, radii, cell):
 def test_overlapping_pairs_are_those_of_a_search_one_by_one(cell, seed, compiled):
     """Unequal grains anywhere, also far out of the cell; a cell narrower than a grain."""
     rng = np.random.default_rng(seed)
-    x, radii = rng.uniform(-3, 9, (40, 2)), rng.uniform(0.1, 0.8, 40)
+    x, radii = rng.uniform(-3, 9, (40, 2)) - 20.0 * (seed == 2), rng.uniform(0.1, 0.8, 40)
     cell = None if cell is None else np.array(cell)
     pairs, overlap = missing.overlapping_pairs(x, radii, cell, 0.0, compiled=compiled)
     found = {}
