@@ -12,7 +12,7 @@ moment rows included. Spins and moments are scaled by the mean radius, so all fr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -122,13 +122,17 @@ class PlaneContacts(Shown):
 
     def take(self, rows: Flags) -> PlaneContacts:
         """The picked contacts."""
-        arrays = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "fixed"}
-        return replace(self, **{k: None if a is None else a[rows] for k, a in arrays.items()})
+        mu, force = (None if a is None else a[rows] for a in (self.mu, self.force))
+        sliding = None if self.sliding is None else self.sliding[rows]
+        given = self.grain[rows], self.branch[rows], self.kn[rows], self.kt[rows]
+        return PlaneContacts(*given, mu, force, sliding, self.fixed)
 
     def to_plates(self, x: Floats) -> Floats:
         """(W, 2) from the centres of the grains, at `x` (G, 2), to the point of each plate."""
         n = self.branch / np.linalg.norm(self.branch, axis=1, keepdims=True)
-        aside = self.fixed - x[self.grain] - self.branch
+        feet = x[self.grain] + self.branch
+        corner = feet.min(axis=0, initial=np.inf) if self.fixed is None else self.fixed
+        aside = corner - feet
         along = aside - np.sum(aside * n, axis=1, keepdims=True) * n
         return np.asarray(self.branch + along)
 
@@ -281,11 +285,10 @@ def packing_system(
     branches, pairs = branch_vectors(graph)[kept], graph.contacts[kept]
     ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
     if planes is not None:
-        feet = graph.x[planes.grain] + planes.branch
-        corner = feet.min(axis=0, initial=np.inf) if planes.fixed is None else planes.fixed
-        planes = replace(planes.take(carrying.grains[planes.grain]), fixed=corner)
+        to_plates = planes.to_plates(graph.x)[carrying.grains[planes.grain]]
+        planes = planes.take(carrying.grains[planes.grain])
         blocks = np.concatenate([blocks, plane_stiffness(planes, graph.radii, law)])
-        branches = np.concatenate([branches, planes.to_plates(graph.x)])
+        branches = np.concatenate([branches, to_plates])
         own, none = freedom[planes.grain], np.full((len(planes.grain), 2), -1)
         at_planes = np.column_stack([own[:, :2], none, own[:, 2], none[:, 0]])
         ends = np.concatenate([ends, at_planes])

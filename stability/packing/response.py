@@ -8,7 +8,7 @@ negative and one is zero. From the relative motion `r` they are `w_c - z_c = g_c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -47,7 +47,9 @@ from stability.packing.complementarity import (
 )
 from stability.packing.pairs import AT_YIELD
 
-ResponseStatus = Literal["unique", "one found", "several", "none", "none found", "not converged"]
+ResponseStatus = Literal[
+    "unique", "one found", "several", "none", "none found", "not converged", "nearest"
+]
 SOLVED: tuple[ResponseStatus, ...] = ("unique", "one found", "several")
 
 # In place of a proof: a mechanism moves under the strain or under slip with all contacts sticking.
@@ -83,9 +85,10 @@ class YieldResponse:
 
     `rows` (m,) are their rows among the system's contacts, `gauge` (m, 4) the vectors `g`,
     `push` (m, 4) the contact forces of a unit of `s T'`, `sliding` (m, 4, 4) their blocks when
-    they slide, `distance` (m,) what `|T|` lacks to the strength. `of_two` (m,) marks candidates on a grain with two contacts. Both carry the same
-    force, so their ratio `T/N` is one of the geometry and hardly changes: those that the yield band
-    alone would make candidates, `settled` in number, are inside the cone and stick.
+    they slide, `distance` (m,) what `|T|` lacks to the strength. `of_two` (m,) marks candidates
+    on a grain with two contacts. Both carry the same force, so their ratio `T/N` is one of the
+    geometry and hardly changes: those that the yield band alone would make candidates,
+    `settled` in number, are inside the cone and stick.
     """
 
     system: PackingSystem
@@ -190,10 +193,11 @@ class _NearYield(NamedTuple):
 
     def take(self, c: Integers) -> _NearYield:
         """The picked contacts."""
-        arrays = (getattr(self.state, one.name) for one in fields(self.state))
-        state = ContactState(*(None if a is None else a[c] for a in arrays))
-        more = (values[c] for values in self[2:])
-        return _NearYield(self.law.take(c), state, *more)
+        at = self.state
+        arrays = at.length, at.n, at.t, at.normal_force, at.shear_force, at.radii_i, at.radii_j
+        state = ContactState(*(a[c] for a in arrays))
+        flags = self.regimes[c], self.may_slide[c], self.full[c]
+        return _NearYield(self.law.take(c), state, *flags, self.number[c])
 
     def slips(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Gauge (m, 4), push (m, 4), sliding block (m, 4, 4) and distance (m,) of contacts."""
@@ -226,12 +230,12 @@ def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: floa
     return _NearYield(law, state, regimes, may_slide, full, np.arange(len(regimes)))
 
 
-def checked_band(yield_band: float) -> float:
+def checked_band(share: float, name: str = "yield_band", usual: float = 0.99) -> float:
     """Check the share of its strength from which a contact may slide."""
-    if not 0.0 < yield_band <= 1.0:
-        remedy = "Leave it out: 0.99 is what was compared with simulations."
-        raise InputError("yield_band", f"{yield_band:g}", "a share in (0, 1]", remedy)
-    return float(yield_band)
+    if not 0.0 < share <= 1.0:
+        remedy = f"Leave it out: {usual:g} is what was compared with simulations."
+        raise InputError(name, f"{share:g}", "a share in (0, 1]", remedy)
+    return float(share)
 
 
 def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:
@@ -259,14 +263,14 @@ def linear_answer(
 
 
 def slip_motion(
-    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers
+    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers, refinements: int = 8
 ) -> tuple[Floats, Floats]:
     """(size, k) motion per unit of slip `z` of each chosen candidate.
 
     Also (k,) the share of each load that no motion balances, above rounding with a mechanism.
     """
     loads = -in_freedoms(yielding.system, yielding.rows[chosen], yielding.push[chosen]).T.toarray()
-    motion = answer.factor.solve(loads)
+    motion = answer.factor.solve(loads, refinements=refinements)
     left = np.linalg.norm(loads - answer.factor.matrix @ motion, axis=0)
     return motion, left / np.linalg.norm(loads, axis=0)
 
@@ -308,15 +312,17 @@ def complementary_rates(yielding: YieldResponse, active: Flags, relative: Floats
 
 
 def forces_of_motion(yielding: YieldResponse, branch_rate: Floats, spin: Floats) -> Floats:
-    """(C, 2) force rates under given branch rates and spins, which decide on the regimes."""
+    """(C, 2) changes of force under given ones of branches and angles, which decide on slip."""
     system = yielding.system
     kept = system.contacts
     turns = spin[system.graph.contacts[kept]] * system.length
     relative = np.zeros((len(system.branches), 4))
     relative[: len(kept)] = np.concatenate([branch_rate[kept], turns], axis=1)
-    active = complementary_rates(yielding, np.zeros(len(yielding.rows), dtype=bool), relative) < 0
+    rates = complementary_rates(yielding, np.zeros(len(yielding.rows), dtype=bool), relative)
+    slip = np.maximum(-(yielding.distance + rates), 0.0)
     out = np.zeros_like(branch_rate)
-    forces = -np.einsum("eij,ej->ei", stiffness_of(yielding, active), relative)
+    forces = -np.einsum("eij,ej->ei", system.stiffness, relative)
+    forces[yielding.rows] -= yielding.push * slip[:, None]
     out[kept] = forces[: len(kept), :2]
     return out
 
@@ -368,6 +374,11 @@ class PackingResponse(Shown):
         Distinct solutions found; of a continuum some.
     system : PackingSystem
         The carrying part; `system.carrying` counts rattlers and floating clusters.
+    reached : float
+        Of an increment (`packing_increment`) the share at which the first contact softened and was
+        kept from sliding, else 1.
+    beyond : int
+        Of an increment, contacts that end beyond their strength and were no candidates.
     """
 
     status: ResponseStatus
@@ -386,6 +397,8 @@ class PackingResponse(Shown):
     settled: int
     solutions: int
     system: PackingSystem
+    reached: float = 1.0
+    beyond: int = 0
 
     def __str__(self) -> str:
         return (
@@ -416,16 +429,19 @@ class Solved(NamedTuple):
 
 
 class PackingRates:
-    """The rate problem of one state, prepared for any number of strain rates."""
+    """The rate problem of one state, prepared for any number of strain rates.
 
-    def __init__(self, yielding: YieldResponse) -> None:
+    `refinements` of the motions under slip: one leaves some 1e-9 of them.
+    """
+
+    def __init__(self, yielding: YieldResponse, refinements: int = 8) -> None:
         self.yielding = yielding
         self.none = np.zeros(len(yielding.rows), dtype=bool)
         self.every = np.arange(len(yielding.rows))
         self.elastic = linear_answer(yielding, self.none)
         self.slips_left = 0.0
         if self.small:
-            self.slips, left = slip_motion(yielding, self.elastic, self.every)
+            self.slips, left = slip_motion(yielding, self.elastic, self.every, refinements)
             self.slips_left = float(left.max(initial=0.0))
             self.whole = condensed(yielding, self.none, self.elastic, self.every, self.slips)
         self.last = (self.none, self.elastic)

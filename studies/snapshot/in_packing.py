@@ -112,12 +112,33 @@ def box_corners(x: Floats, walls: WallContacts) -> Floats | None:
     return np.array(ends).T
 
 
-def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldResponse:
-    """Rate problem of the packing; contacts with |T| of at least `yield_band` mu N may slide."""
+def fixed_point(before: Snapshot, after: Snapshot, H: Floats) -> Floats | None:
+    """(2,) point at rest of the strain `H` of a box of plates, whichever of them moved.
+
+    The lower left corner where the first length stays; None without four plates along the axes.
+    """
+    if before.walls is None or after.walls is None:
+        return None
+    corners = box_corners(before.graph.x, before.walls), box_corners(after.graph.x, after.walls)
+    if corners[0] is None or corners[1] is None:
+        return None
+    moved, strain = corners[1][0] - corners[0][0], np.diag(H)
+    return np.asarray(corners[0][0] + np.divide(moved, strain, out=0.0 * moved, where=strain != 0))
+
+
+def sample_edge(
+    snapshot: Snapshot, yield_band: float, fixed: Floats | None = None
+) -> YieldResponse:
+    """Rate problem of the packing; contacts with |T| of at least `yield_band` mu N may slide.
+
+    Plates strain about the point `fixed`, by default the lower left corner.
+    """
     from stability.packing.response import yield_response
 
     graph, (law, regime) = snapshot.graph, snapshot.mechanics()
     planes, held, _ = sample_boundary(snapshot)
+    if planes is not None:
+        planes = replace(planes, fixed=fixed)
     volume = None
     if graph.cell is None:
         box = None if snapshot.walls is None else box_area(graph.x, snapshot.walls)
