@@ -194,8 +194,8 @@ class _NearYield(NamedTuple):
     def take(self, c: Integers) -> _NearYield:
         """The picked contacts."""
         at = self.state
-        arrays = at.length, at.n, at.t, at.normal_force, at.shear_force, at.radii_i, at.radii_j
-        state = ContactState(*(a[c] for a in arrays))
+        forces, radii = (at.normal_force[c], at.shear_force[c]), (at.radii_i[c], at.radii_j[c])
+        state = ContactState(at.length[c], at.n[c], at.t[c], *forces, *radii)
         flags = self.regimes[c], self.may_slide[c], self.full[c]
         return _NearYield(self.law.take(c), state, *flags, self.number[c])
 
