@@ -9,7 +9,7 @@ has taken off its shear force,
 `q` and `M` those of the rate problem, `q` times the increment. The load is raised from zero, where
 nothing slips, and its solution is followed. Where that would turn back to smaller loads the packing
 snaps: the contact that softens is kept from sliding, as in a path past an instability, and counted.
-Theory, equation (11.21).
+Theory, equation (11.24).
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ def packing_increment(
     """Motion of all grains and contacts of a packing over an increment of strain, in one solve.
 
     Geometry and stiffness are those of the start. Each contact slides from where it reaches its
-    strength, at the cost of one linear complementarity problem. Theory, equation (11.21).
+    strength, at the cost of one linear complementarity problem. Theory, equation (11.24).
 
     Parameters
     ----------
