@@ -347,7 +347,8 @@ def unseen(state: Checked) -> Finding:
         lines.append("no contact slides: mu is not told")
     fit = state.fit
     if fit is None:
-        lines.append("no overlap is larger than the digits: stiffness and radii are not told")
+        what = "stiffness, radii and missing contacts"
+        lines.append(f"no overlap is larger than the digits: {what} are not told")
     elif state.rounded > COARSE * fit.typical:
         share = 100 * state.rounded / fit.typical
         lines.append(

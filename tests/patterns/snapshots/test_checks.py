@@ -280,6 +280,31 @@ def test_scales_of_forces_and_stiffness_are_told(path, options, column, factor, 
 
 
 @pytest.mark.parametrize(("path", "options"), HEALTHY[:2])
+@pytest.mark.parametrize("digits", ["single", 8, 6])
+def test_rounded_centres_and_radii_raise_no_alarm(path, options, digits):
+    """Forces that are off are told nevertheless, as far as overlaps have a digit."""
+
+    def rounded(values):
+        if digits == "single":
+            return values.astype(np.float32).astype(float)
+        return np.array([float(f"{value:.{digits}g}") for value in values])
+
+    tables = read_snapshot(path, **options).tables()
+    for name in ("x", "y", "radius"):
+        tables["grains"][name] = rounded(np.array(tables["grains"][name]))
+    del tables["contacts"]["branch_x"], tables["contacts"]["branch_y"]
+    healthy = snapshot_from_tables(**tables)
+    assert not suspicious(healthy)
+    says = found(healthy, "unseen").says
+    # Six digits of the larger sample are as coarse as its overlaps.
+    blind = digits == 6 and healthy.graph.cell is not None
+    assert ("no overlap is larger than the digits" in says) == blind
+    assert "overlap open" in says or digits == 8 or blind
+    told = suspicious(spoilt(healthy, force=lambda values: 0.9 * values))
+    assert told == (set() if blind else {"stiffness"})
+
+
+@pytest.mark.parametrize(("path", "options"), HEALTHY[:2])
 @pytest.mark.parametrize("factor", [1.01, 0.99, 1.0005])
 def test_one_radius_is_told(path, options, factor):
     healthy = read_snapshot(path, **options)
