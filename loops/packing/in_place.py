@@ -444,7 +444,8 @@ class LoopsInPlace(Shown):
     ----------
     matrix : (L, 4, 4) array
         `A_in` in the order (11, 12, 21, 22) (force per length). Not numbers where the loop carries
-        nothing, where one of its grains is held, or where nothing resists one of its strains.
+        nothing, where one of its grains is held, where nothing resists one of its strains, or where
+        rounding alone decides whether a ring of gears in the packing closes.
     alone : (L, 4, 4) array
         `A_loop`: the loop cut out, uniform traction, spins free; not numbers where not trusted.
     error : (L,) array

@@ -165,11 +165,11 @@ def test_what_surrounds_the_loops(elastic, flagged):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["flagged", "sheared_and_flagged", "elastic", "sheared"])
 def test_stated_errors_against_eighty_bits(request, name):
-    """At four ratios of the springs, 9,032 loops of four states."""
+    """13,548 loops of four states, soft in shear: ratios of the springs from 0.5 down."""
     state = request.getfixturevalue(name)
-    for ratio in (0.5, 1e-6, 1e-8, 1e-10):
-        kn = float(np.median(state.law.kn))
-        law = LinearFrictional(kn, ratio * kn, 0.5, "radii")
+    kn, mu = (float(np.median(p)) for p in (state.law.kn, state.law.mu))
+    for ratio in (0.5, 1e-8) if "flagged" in name else (0.5, 1e-6, 1e-8, 1e-10):
+        law = LinearFrictional(kn, ratio * kn, mu, "radii")
         regime = state.graph.regime
         found = loops_in_place(state.graph, law, state.faces, regime=regime, method="whole")
         system = found.system

@@ -47,7 +47,7 @@ def test_mismatches_from_rounding_to_locked():
 
 @pytest.mark.slow
 def test_ten_thousand_loops_of_rings_that_nearly_close():
-    total, ratios, _ = campaign(500, 0, 36, ("closing",), closing_packing)
+    total, ratios, _ = campaign(720, 0, 16, ("closing",), closing_packing)
     assert total["loops"] > 9_000 and total["beyond"] == 0
     assert all(total[f"{name} wrong"] == 0 for name in SIGNS)
     assert total["answered"] > 0.8 * total["loops"] and max(ratios.values()) < 0.5
