@@ -94,14 +94,20 @@ def run_evolve(
         graph, faces, (law, _) = snapshot.graph, snapshot.faces, snapshot.mechanics()
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         planes, plane_force = followed_walls(snapshot)
-        rate, ways = None, dict[str, Way]()
+        rate, ways, reached = None, dict[str, Way](), [0.0]
+
+        def told(parameter: float) -> None:
+            reached[0] = parameter
+            if progress is not None:
+                progress(parameter)
+
         if by != "replay":
             path = follow(
                 graph, law, stage, closure="packing", max_steps=INTERVALS, rows=rows,
-                interval=interval, instabilities=instabilities, past=past, progress=progress,
+                interval=interval, instabilities=instabilities, past=past, progress=told,
                 planes=planes, plane_force=plane_force,
             )  # fmt: skip
-            ways["events"] = path_rows(path)
+            ways["events"] = path_rows(path, reached[0])
         if by != "events":
             known = Following(past, inertial_number, time_step, mean_mass)
             rate = replay_rate(snapshot, after, [one.time for one in planned], known, stage)
@@ -205,13 +211,15 @@ class Way(NamedTuple):
     works: Mapping[str, Floats] = MappingProxyType({})
 
 
-def path_rows(path: PackingPath) -> Way:
-    """A path by events in rows."""
+def path_rows(path: PackingPath, reached: float) -> Way:
+    """A path by events in rows, and in its message how far it came beyond the last one."""
     terms = ("work", "slip_work", "shear_work", "released")
     works = dict(zip(terms, path.work.T, strict=True))
     works |= {"energy": path.energy, "imbalance": path.imbalance}
     rows = path.parameter, path.H, path.P, path.states
-    return Way(path.status, path.message, *rows, path.events, path.intervals, works)
+    beyond = reached > path.parameter[-1]
+    message = f"{path.message}; it came to {reached:.4g}" if beyond else path.message
+    return Way(path.status, message, *rows, path.events, path.intervals, works)
 
 
 def replay_rows(done: Replay, stage: Stage, rate: Rate) -> Way:

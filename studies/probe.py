@@ -91,11 +91,12 @@ def run_probe(
         edge = sample_edge(snapshot, yield_band)
         found = probe_edge(edge, directions, control, subspace, faces, progress=progress)
         paths: list[PackingPath] = []
+        reached: list[float] = []
         if amplitude is not None:
             notes += balance_notes(snapshot)
 
             def shared(stages: Sequence[Stage]) -> Sequence[PackingPath]:
-                paths[:] = _followed(snapshot, past, workers, scheduler, stages)
+                paths[:], reached[:] = _followed(snapshot, past, workers, scheduler, stages)
                 return paths
 
             packing = (snapshot.graph, snapshot.mechanics()[0], faces)
@@ -116,7 +117,7 @@ def run_probe(
             tables["paths"] = path_table(found, paths)
         kn = snapshot.mean_kn
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
-        found_values["ended"] = ended_paths(paths)
+        found_values["ended"] = ended_paths(paths, reached)
         summary = results.write_results(tables, found_values | asked)
         if figures:
             from studies.packing_figures import probe_figures
@@ -198,12 +199,15 @@ class _Direction:
         return f"direction {self.number}"
 
 
-def _follow(one: _Direction) -> tuple[int, PackingPath]:
+def _follow(one: _Direction) -> tuple[int, tuple[PackingPath, float]]:
+    """The path of a direction, and what it has reached: its last row may lie before."""
+    reached = [0.0]
     with one_blas_thread():
-        return one.number, follow(
+        path = follow(
             one.graph, one.law, one.stage, closure="packing", past=one.past, planes=one.planes,
-            plane_force=one.plane_force,
+            plane_force=one.plane_force, progress=lambda done: reached.__setitem__(0, done),
         )  # fmt: skip
+    return one.number, (path, max(reached[0], float(path.parameter[-1])))
 
 
 def _followed(
@@ -212,13 +216,14 @@ def _followed(
     workers: int | None,
     scheduler: str | None,
     stages: Sequence[Stage],
-) -> list[PackingPath]:
-    """Paths of all directions, independent of the number of processes."""
+) -> tuple[list[PackingPath], list[float]]:
+    """Paths of all directions and what they reached, whatever the number of processes."""
     packing = (snapshot.graph, snapshot.mechanics()[0], *followed_walls(snapshot))
     tasks = [_Direction(k, *packing, past, stage) for k, stage in enumerate(stages)]
     with open_runner(workers, scheduler, []) as runner:
         found = dict(runner(_follow, tasks))
-    return [found[k] for k in range(len(stages))]
+    paths, reached = zip(*(found[k] for k in range(len(stages))), strict=True)
+    return list(paths), list(reached)
 
 
 def probe_table(found: Probe) -> pd.DataFrame:
@@ -265,16 +270,11 @@ def path_table(found: Probe, paths: Sequence[PackingPath]) -> pd.DataFrame:
     )
 
 
-def ended_paths(paths: Sequence[PackingPath]) -> list[dict[str, Any]]:
+def ended_paths(paths: Sequence[PackingPath], reached: Sequence[float]) -> list[dict[str, Any]]:
     """Directions whose paths ended before the amplitude: their number, where and why."""
     return [
-        {
-            "direction": k,
-            "reached": float(path.parameter[-1]),
-            "status": path.status,
-            "message": path.message,
-        }
-        for k, path in enumerate(paths)
+        {"direction": k, "reached": far, "status": path.status, "message": path.message}
+        for k, (path, far) in enumerate(zip(paths, reached, strict=True))
         if path.status != "finished"
     ]
 
