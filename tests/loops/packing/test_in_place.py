@@ -293,6 +293,24 @@ def test_solving_again_changes_rounding_alone(monkeypatch, many):
     assert (found.error[~again] > 1e10 * expected.error[~again]).all()
 
 
+def test_rounding_of_the_sweep_knows_no_units(monkeypatch):
+    graph, law, _ = CASES["several fronts"]
+    swept, met = in_place._swept_error, []
+
+    def spy(*given):
+        met.append(swept(*given))
+        return met[-1]
+
+    monkeypatch.setattr(in_place, "_swept_error", spy)
+    for unit in (1.0, 2.0**20):
+        scaled = graph.replace(
+            x=unit * graph.x, radii=unit * graph.radii, cell=unit * graph.cell,
+            normal_force=unit * graph.normal_force, shear_force=unit * graph.shear_force,
+        )  # fmt: skip
+        loops_in_place(scaled, law, find_faces(scaled), threads=1)
+    np.testing.assert_allclose(met[1], met[0], rtol=1e-9)
+
+
 def test_solves_are_refined_once():
     """Factors that are off by a thousandth leave a millionth."""
     rng = np.random.default_rng(2)
