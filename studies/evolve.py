@@ -209,7 +209,7 @@ class Way(NamedTuple):
 
 
 def path_rows(path: PackingPath) -> Way:
-    """A path by events in rows."""
+    """A path by events in rows, and in its message how far it came beyond the last one."""
     terms = ("work", "slip_work", "shear_work", "released")
     works = dict(zip(terms, path.work.T, strict=True))
     works |= {"energy": path.energy, "imbalance": path.imbalance}

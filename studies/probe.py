@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -91,9 +90,15 @@ def run_probe(
         faces, notes = snapshot.faces, list(snapshot.notes)
         edge = sample_edge(snapshot, yield_band)
         found = probe_edge(edge, directions, control, subspace, faces, progress=progress)
+        paths: list[PackingPath] = []
+        reached: list[float] = []
         if amplitude is not None:
             notes += balance_notes(snapshot)
-            shared = partial(_followed, snapshot, past, workers, scheduler)
+
+            def shared(stages: Sequence[Stage]) -> Sequence[PackingPath]:
+                paths[:], reached[:] = _followed(snapshot, past, workers, scheduler, stages)
+                return paths
+
             packing = (snapshot.graph, snapshot.mechanics()[0], faces)
             found = probe_to(found, *packing, amplitude, shared, *followed_walls(snapshot))
         if found.system.held:
@@ -108,8 +113,11 @@ def run_probe(
         tables = {"probe": probe_table(found), "orders": orders, "loops": loops}
         if amplitude is None:
             tables |= {"pieces": piece_table(found), "solutions": solution_table(found)}
+        else:
+            tables["paths"] = path_table(found, paths)
         kn = snapshot.mean_kn
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
+        found_values["ended"] = ended_paths(paths, reached)
         summary = results.write_results(tables, found_values | asked)
         if figures:
             from studies.packing_figures import probe_figures
@@ -191,12 +199,15 @@ class _Direction:
         return f"direction {self.number}"
 
 
-def _follow(one: _Direction) -> tuple[int, PackingPath]:
+def _follow(one: _Direction) -> tuple[int, tuple[PackingPath, float]]:
+    """The path of a direction, and what it has reached: its last row may lie before."""
+    reached = [0.0]
     with one_blas_thread():
-        return one.number, follow(
+        path = follow(
             one.graph, one.law, one.stage, closure="packing", past=one.past, planes=one.planes,
-            plane_force=one.plane_force,
+            plane_force=one.plane_force, progress=lambda done: reached.__setitem__(0, done),
         )  # fmt: skip
+    return one.number, (path, max(reached[0], float(path.parameter[-1])))
 
 
 def _followed(
@@ -205,13 +216,14 @@ def _followed(
     workers: int | None,
     scheduler: str | None,
     stages: Sequence[Stage],
-) -> list[PackingPath]:
-    """Paths of all directions, independent of the number of processes."""
+) -> tuple[list[PackingPath], list[float]]:
+    """Paths of all directions and what they reached, whatever the number of processes."""
     packing = (snapshot.graph, snapshot.mechanics()[0], *followed_walls(snapshot))
     tasks = [_Direction(k, *packing, past, stage) for k, stage in enumerate(stages)]
     with open_runner(workers, scheduler, []) as runner:
         found = dict(runner(_follow, tasks))
-    return [found[k] for k in range(len(stages))]
+    paths, reached = zip(*(found[k] for k in range(len(stages))), strict=True)
+    return list(paths), list(reached)
 
 
 def probe_table(found: Probe) -> pd.DataFrame:
@@ -239,6 +251,32 @@ def probe_table(found: Probe) -> pd.DataFrame:
             "fold_after_deg": np.degrees(found.between_folds[:, 1]),
         }
     )
+
+
+def path_table(found: Probe, paths: Sequence[PackingPath]) -> pd.DataFrame:
+    """Every recorded row of the directions' paths, those that ended on the way too."""
+    rows = [len(path) for path in paths]
+    return pd.DataFrame(
+        {
+            "direction": np.repeat(np.arange(len(paths)), rows),
+            "theta_deg": np.repeat(np.degrees(found.theta), rows),
+            "row": np.concatenate([np.arange(count) for count in rows]),
+            "driven": np.concatenate([path.parameter for path in paths]),
+            **components("H", np.concatenate([path.H for path in paths])),
+            **components("P", np.concatenate([path.P for path in paths])),
+            "status": np.repeat([path.status for path in paths], rows),
+            "message": np.repeat([path.message for path in paths], rows),
+        }
+    )
+
+
+def ended_paths(paths: Sequence[PackingPath], reached: Sequence[float]) -> list[dict[str, Any]]:
+    """Directions whose paths ended before the amplitude: their number, where and why."""
+    return [
+        {"direction": k, "reached": far, "status": path.status, "message": path.message}
+        for k, (path, far) in enumerate(zip(paths, reached, strict=True))
+        if path.status != "finished"
+    ]
 
 
 def solution_table(found: Probe) -> pd.DataFrame:

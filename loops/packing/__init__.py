@@ -16,5 +16,6 @@ from loops.packing.system import outline_grains as outline_grains
 from loops.packing.system import packing_stress_rate as packing_stress_rate
 from loops.packing.system import packing_system as packing_system
 from loops.packing.system import plane_contacts as plane_contacts
+from loops.packing.system import plane_stiffness as plane_stiffness
 from loops.packing.system import relative_motion as relative_motion
 from loops.packing.system import stiffness_matrix as stiffness_matrix

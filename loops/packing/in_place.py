@@ -10,13 +10,13 @@ The whole packing is inverted, or square blocks of it with the grains around the
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import connected_components
 
 from loops.arrays import ROUNDING, Flags, Floats, Integers, available_cores, frobenius
 from loops.closures import macroscopic_tangent
@@ -26,23 +26,27 @@ from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
 from loops.laws.frictional import ContactLaw
 from loops.loop_batches import loop_batches
+from loops.packing.gears import RegularMatrix, regular_matrix
 from loops.packing.multifrontal import EPS, Front, FrontalLU, dissection, frontal_lu
 from loops.packing.system import (
     PackingSystem,
     PlaneContacts,
     factorised,
     packing_system,
-    stiffness_matrix,
 )
 from loops.shown import Shown
 
-# Number of random vectors by which norms are estimated, for all loops at once.
-SKETCH = 16
+# Number of random vectors by which norms are estimated, for all loops at once, and the factor by
+# which an estimate may be too small: chi-squared, one in a thousand is below half.
+SKETCH, SKETCHED = 16, 2.0
+# Bound on the rounding of the sweep down, over its standard deviation (largest seen: 5.2).
+SWEPT = 8.0
+# Loops whose sweep errs by more than solves would are solved again, those that err most first, as
+# long as right-hand sides times unknowns are fewer (one or two seconds); AT_ONCE loops at a time.
+AGAIN, AT_ONCE = 5e7, 16
 # Above this norm of the residual `R = 1 - K Z` errors are not of first order in it: a mode may be
 # softer than EPS shows, down to SOFTEST.
 LARGEST_RESIDUAL, SOFTEST = 0.1, 1e-16
-# Relative tolerance of a ring of gears: its ratios of radii, multiplied around it, return to 1.
-GEAR_RTOL = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,18 +174,20 @@ def _operators(
     """`A_in` and relative error of the loops of a block; all grains but its free ones are held."""
     free, grains = block.free, np.flatnonzero(block.free)
     number = np.cumsum(free) - 1
-    count = len(polygons.centre)
-    matrix, freedom, coupled = _regular_matrix(system, block)
+    regular = regular_matrix(system, free, block.whole)
+    count, freedom = len(polygons.centre), regular.freedom
     moves = free & (freedom[:, :2] >= 0).all(axis=1)
-    if not moves.any():
-        return np.full((count, 4, 4), np.nan), np.full(count, np.nan)
-    edges = np.concatenate([_edges(system, polygons, free), coupled])
+    if not (regular.known and moves.any()):
+        unknown = np.nan if regular.known else np.inf
+        return np.full((count, 4, 4), np.nan), np.full(count, unknown)
+    edges = np.concatenate([_edges(system, polygons, free), regular.coupled])
     fronts = dissection(block.x[grains], number[edges])
-    lu = frontal_lu(matrix, fronts, freedom[grains], threads)
+    lu = frontal_lu(regular.matrix, fronts, freedom[grains], threads)
     loops_at = _loops_by_front(fronts, polygons, number, moves)
     compliance, terms = np.full((count, 4, 4), np.nan), np.zeros(count)
+    variance = np.zeros((count, 4, 4))
 
-    def use(k: int, freedoms: Integers, z: Floats) -> None:
+    def use(k: int, freedoms: Integers, z: Floats, spread: Floats) -> None:
         order = np.argsort(freedoms)
         for group, rows in loops_at[k]:
             moves = freedom[polygons.grains[group][rows], :2]
@@ -189,13 +195,53 @@ def _operators(
             v, area = polygons.vectors[group][rows], polygons.area[group][rows]
             loops = polygons.row[group][rows]
             compliance[loops], terms[loops] = _compliances(z, place, v, area)
+            variance[loops] = _compliances(spread, place, v * v, area * area)[0]
 
     lu.on_fronts(use)
     known = np.isfinite(compliance).all(axis=(1, 2))
-    sketches = [_projected(polygons, freedom, one)[known] for one in _sketches(matrix, lu)]
+    found = [*_sketches(regular.matrix, lu), *_slip_sketches(regular, lu)]
+    sketches = [_projected(polygons, freedom, one) for one in found]
     operator, error = np.full((count, 4, 4), np.nan), np.full(count, np.nan)
-    operator[known], error[known] = _inverses(compliance[known], terms[known], *sketches)
-    return operator, error
+
+    def invert(loops: Flags) -> None:
+        some = (one[loops] for one in (compliance, terms, *sketches))
+        operator[loops], error[loops] = _inverses(*some)
+
+    invert(known)
+    swept = _swept_error(operator, variance)
+    again = known & ~(swept <= error)
+    most = np.argsort(np.where(again, -swept, np.inf), kind="stable")[int(AGAIN / (4 * lu.size)) :]
+    again[most] = False
+    _solve_again(compliance, again, regular, lu, polygons)
+    invert(again)
+    return operator, np.where(again, error, error + swept)
+
+
+def _swept_error(A: Floats, variance: Floats) -> Floats:
+    """(L,) relative error of `A = C^-1` by the rounding of `C` in the sweep, of given variance."""
+    square = A * A
+    with np.errstate(over="ignore", invalid="ignore"):
+        terms = square.sum(axis=1)[:, :, None] * variance * square.sum(axis=2)[:, None, :]
+        return SWEPT * np.sqrt(terms.sum(axis=(1, 2))) / frobenius(A)
+
+
+def _solve_again(
+    compliance: Floats, again: Flags, regular: RegularMatrix, lu: FrontalLU, polygons: Polygons
+) -> None:
+    """Replace the compliances of some loops by those of four solves each, refined once."""
+    for grains, vectors, area, row in zip(
+        polygons.grains, polygons.vectors, polygons.area, polygons.row, strict=True
+    ):
+        some = np.flatnonzero(again[row])
+        for part in np.split(some, np.arange(AT_ONCE, len(some), AT_ONCE)):
+            moves, v = regular.freedom[grains[part], :2], vectors[part]
+            loads, own = np.zeros((lu.size, len(part), 4)), np.arange(len(part))[:, None]
+            loads[moves[:, :, 0], own, :2] = loads[moves[:, :, 1], own, 2:] = v
+            B = loads.reshape(lu.size, -1)
+            u = lu.solve(B)
+            u = (u + lu.solve(B - regular.matrix @ u)).reshape(loads.shape)
+            strain = np.einsum("lna,lnck->lcak", v, u[moves, own[:, :, None]])
+            compliance[row[part]] = strain.reshape(-1, 4, 4) / area[part, None, None]
 
 
 def inverse_at_contacts(system: PackingSystem, threads: int = 1) -> Floats:
@@ -207,8 +253,9 @@ def inverse_at_contacts(system: PackingSystem, threads: int = 1) -> Floats:
     none = Polygons([], [], [], [], np.empty((0, 2)))
     (block,) = packing_blocks(system, none, np.inf, 0.0)
     grains, number = np.flatnonzero(block.free), np.cumsum(block.free) - 1
-    matrix, freedom, coupled = _regular_matrix(system, block)
-    edges = np.concatenate([_edges(system, none, block.free), coupled])
+    regular = regular_matrix(system, block.free, block.whole, slips=False)
+    matrix, freedom = regular.matrix, regular.freedom
+    edges = np.concatenate([_edges(system, none, block.free), regular.coupled])
     fronts = dissection(block.x[grains], number[edges])
     lu = frontal_lu(matrix, fronts, freedom[grains], threads)
     turn = np.empty(len(grains), dtype=np.int64)
@@ -221,7 +268,7 @@ def inverse_at_contacts(system: PackingSystem, threads: int = 1) -> Floats:
     start = np.searchsorted(first[by_front], np.arange(len(fronts) + 1))
     found = np.zeros((len(pairs), 6, 6))
 
-    def use(k: int, freedoms: Integers, z: Floats) -> None:
+    def use(k: int, freedoms: Integers, z: Floats, _: Floats) -> None:
         rows = by_front[start[k] : start[k + 1]]
         order = np.argsort(freedoms)
         place = order[np.searchsorted(freedoms, ends[rows].clip(0), sorter=order) % len(order)]
@@ -253,13 +300,19 @@ def inverse_at_contacts(system: PackingSystem, threads: int = 1) -> Floats:
 
 
 def _inverses(
-    C: Floats, terms: Floats, left: Floats, right: Floats, residual: Floats
+    C: Floats,
+    terms: Floats,
+    left: Floats,
+    right: Floats,
+    residual: Floats,
+    *slips: Floats,
 ) -> tuple[Floats, Floats]:
     """`A = C^-1` and a bound on its relative error; not numbers where the bound is not below 1.
 
     With the residual `R = 1 - K Z`, `dC = (1/V) B^T Z R B` and `dA = -A dC A`. Rounding of `K` adds
     to `R`; rounding of the products and of the inversion adds to `dC`. `left`, `right`, `residual`
-    (L, 4, SKETCH) have the norms of `B^T Z`, `B^T Z^T`, `B^T R^T` over the root of V.
+    (L, 4, SKETCH) have the norms of `B^T Z`, `B^T Z^T`, `B^T R^T` over the root of V, two `slips`
+    of rings that nearly close those of `B^T Z` and two those of `B^T Z^T`, in pairs.
     """
     u, s, vt = np.linalg.svd(C)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -267,9 +320,13 @@ def _inverses(
         size, At = frobenius(A), np.swapaxes(A, 1, 2)
         remaining = frobenius(At @ residual) + ROUNDING * frobenius(At @ right)
         rounding = ROUNDING * size * (terms + s[:, 0])
-        error = frobenius(A @ left) * remaining / size + rounding
+        error, change = frobenius(A @ left) * remaining, frobenius(left) * remaining
+        for one, other in zip(slips[:2], slips[2:], strict=True):
+            norm = frobenius(At @ other)
+            error, change = error + frobenius(A @ one) * norm, change + frobenius(one) * norm
+        error = SKETCHED * error / size + rounding
         # Twice the first order is a bound where dC A is small.
-        small = frobenius(left) * remaining + rounding < 0.25
+        small = SKETCHED * change + rounding < 0.25
     error = np.where(small, 2.0 * error, np.inf)
     A[~(error < 1.0)] = np.nan
     return A, error
@@ -297,7 +354,7 @@ def _sketches(matrix: sparse.csr_array, lu: FrontalLU) -> tuple[Floats, Floats, 
     sizes = abs(matrix)
     c = np.where(sizes.sum(axis=0) > 0, sizes.sum(axis=0), 1.0)
     d = np.where(sizes.sum(axis=1) > 0, sizes @ (1.0 / c), 1.0)[:, None]
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (len(c), SKETCH)) / np.sqrt(SKETCH)
+    signs = _random_signs(len(c), seed=0)
     loads = np.hstack([c[:, None] * signs, matrix.T @ (signs / d)])
     right, back = np.hsplit(lu.solve(loads, transposed=True), 2)
     residual = signs / d - back
@@ -306,14 +363,35 @@ def _sketches(matrix: sparse.csr_array, lu: FrontalLU) -> tuple[Floats, Floats, 
     return lu.solve(d * signs), right, residual
 
 
+def _slip_sketches(regular: RegularMatrix, lu: FrontalLU) -> list[Floats]:
+    """(size, SKETCH) of rings that nearly close: `Z E g`, `Z e g`, `Z^T e g`, `Z^T F g`, if any.
+
+    `E` and `F` are what rounding of each slip adds to columns and rows, `e` their amplitudes:
+    rounding changes `a.Kb` by about `|a.E| |e.b| + |a.e| |F.b|`.
+    """
+    if not len(regular.amplitudes):
+        return [np.zeros((lu.size, 0))] * 4
+    columns, rows = (one.T @ _random_signs(one.shape[0], seed=1) for one in regular.rounding)
+    amplitudes = np.zeros((lu.size, SKETCH))
+    amplitudes[regular.amplitudes] = _random_signs(len(regular.amplitudes), seed=2)
+    left = lu.solve(np.hstack([columns, amplitudes]))
+    right = lu.solve(np.hstack([amplitudes, rows]), transposed=True)
+    return [*np.hsplit(left, 2), *np.hsplit(right, 2)]
+
+
+def _random_signs(count: int, *, seed: int) -> Floats:
+    """(count, SKETCH) signs over sqrt(SKETCH)."""
+    return np.random.default_rng(seed).choice([-1.0, 1.0], (count, SKETCH)) / np.sqrt(SKETCH)
+
+
 def _projected(polygons: Polygons, freedom: Integers, sketch: Floats) -> Floats:
     """(L, 4, SKETCH) `B^T` times a sketch over the root of the area."""
-    out = np.empty((len(polygons.centre), 4, SKETCH))
+    out = np.empty((len(polygons.centre), 4, sketch.shape[1]))
     for grains, v, area, row in zip(
         polygons.grains, polygons.vectors, polygons.area, polygons.row, strict=True
     ):
         products = np.einsum("lna,lnck->lcak", v, sketch[freedom[grains, :2]], optimize=True)
-        out[row] = products.reshape(len(row), 4, SKETCH) / np.sqrt(area)[:, None, None]
+        out[row] = products.reshape(len(row), *out.shape[1:]) / np.sqrt(area)[:, None, None]
     return out
 
 
@@ -347,106 +425,6 @@ def _loops_by_front(
     return at
 
 
-def _regular_matrix(
-    system: PackingSystem, block: Block
-) -> tuple[sparse.csr_array, Integers, Integers]:
-    """Nonsingular `K` of the free grains, (G, 4) freedoms in it, (E, 2) pairs of coupled grains.
-
-    Other grains are held. One grain of each component that nothing holds is on springs without
-    load. A spin that no contact resists is left out. A gear mode of several spins is balanced by
-    moments in proportion to it, an unknown of its own (the fourth freedom of one grain), with the
-    mode as row and column at the border of `K`. This is the limit of `K + eps` for `eps` to zero.
-    """
-    grains, size = system.graph.grain_count, system.size
-    kept = np.zeros(size + 1, dtype=bool)
-    kept[system.freedom[block.free]] = True
-    kept[-1] = False
-    ends = np.where(kept[system.ends], system.ends, -1)
-    touched = (ends >= 0).any(axis=1)
-    part = replace(system, ends=ends[touched], stiffness=system.stiffness[touched])
-    springs = np.zeros(size)
-    if block.whole:
-        springs[system.freedom[system.carrying.anchors, :2].ravel()] = system.unit
-    mode, motion = spin_modes(part.stiffness, part.ends, size)
-    gears = (mode >= 0) & (np.bincount(mode[mode >= 0], minlength=1)[mode] > 1)
-    kept[:-1] &= (mode < 0) | gears
-    spins = np.flatnonzero(gears)
-    _, first, column = np.unique(mode[spins], return_index=True, return_inverse=True)
-    border = sparse.csr_array((system.unit * motion[spins], (spins, column)), (size, len(first)))
-    matrix = sparse.vstack(
-        [
-            sparse.hstack([stiffness_matrix(part) + sparse.diags_array(springs), border]),
-            sparse.hstack([border.T, sparse.csr_array((len(first), len(first)))]),
-        ]
-    ).tocsr()
-    own = np.concatenate([np.flatnonzero(kept[:-1]), size + np.arange(len(first))])
-    number = np.full(size + len(first) + 1, -1)
-    number[own] = np.arange(len(own))
-    grain_of = np.empty(size, dtype=np.int64)
-    turning = np.flatnonzero(system.freedom[:, 2] >= 0)
-    grain_of[system.freedom[turning, 2]] = turning
-    freedom = np.full((grains, 4), -1)
-    freedom[:, :3] = number[system.freedom]
-    freedom[grain_of[spins[first]], 3] = number[size + np.arange(len(first))]
-    coupled = np.column_stack([grain_of[spins[first]][column], grain_of[spins]])
-    return matrix[own][:, own], freedom, coupled[coupled[:, 0] != coupled[:, 1]]
-
-
-def spin_modes(stiffness: Floats, ends: Integers, size: int) -> tuple[Integers, Floats]:
-    """(size,) number of the mode that moves each freedom, -1 for none, and how far it does so.
-
-    A contact whose shear both spins make couples them, `S_w_i w_i + S_w_j w_j = 0`; one that
-    resists a single spin, or both apart, stops them. Coupled spins are a mode where none is
-    stopped and all ratios agree. Modes are null vectors of `K`; no two share a freedom.
-    """
-    i, j = ends[:, 4], ends[:, 5]
-    a, b = stiffness[:, :, 2], stiffness[:, :, 3]
-    of_i, of_j = ((np.abs(s).max(axis=1) > 0) & (w >= 0) for s, w in ((a, i), (b, j)))
-    both = of_i & of_j & (i != j)
-    square = np.where(both, np.sum(b * b, axis=1), 1.0)
-    ratio = -np.sum(a * b, axis=1) / square
-    apart = np.abs(a + ratio[:, None] * b).max(axis=1) > GEAR_RTOL * np.abs(a).max(axis=1)
-    both &= ~apart & (ratio != 0)
-    stopped = np.concatenate([i[of_i & ~both], j[of_j & ~both]])
-    i, j, ratio = i[both], j[both], ratio[both]
-
-    spin = np.zeros(size + 1, dtype=bool)
-    spin[ends[:, 4:]] = True
-    spins = np.flatnonzero(spin[:size])
-    # One entry per pair of grains: their contacts through other images are compared below.
-    low, high = np.minimum(i, j), np.maximum(i, j)
-    _, first = np.unique(low * size + high, return_index=True)
-    rows, columns = np.concatenate([i[first], j[first]]), np.concatenate([j[first], i[first]])
-    turns = np.concatenate([ratio[first], 1.0 / ratio[first]])
-    coupled = sparse.csr_array((turns, (rows, columns)), (size, size))
-    _, label = connected_components(coupled, directed=False)
-    _, starts = np.unique(label[spins], return_index=True)
-    # An extra root joined to one spin of each component makes one tree of all components.
-    roots = spins[starts]
-    to_roots = sparse.csr_array(
-        (np.ones(len(roots)), (np.zeros(len(roots), dtype=np.int64), roots)), (1, size)
-    )
-    tree = sparse.block_array([[coupled, sparse.csr_array((size, 1))], [to_roots, None]]).tocsr()
-    order, before = breadth_first_order(tree, size)
-    inner = order[1:]
-    factor = np.asarray(tree[before[inner], inner]).ravel().tolist()
-    motion = np.zeros(size + 1)
-    motion[size] = 1.0
-    for node, parent, turn in zip(inner.tolist(), before[inner].tolist(), factor, strict=True):
-        motion[node] = turn * motion[parent]
-
-    locked = np.zeros(size, dtype=bool)
-    locked[label[stopped]] = True
-    off = np.abs(motion[j] - ratio * motion[i]) > GEAR_RTOL * np.abs(motion[j])
-    locked[label[i[off]]] = True
-    mode = np.full(size, -1)
-    free = spins[~locked[label[spins]]]
-    mode[free] = np.unique(label[free], return_inverse=True)[1]
-    largest = np.zeros(size)
-    np.maximum.at(largest, mode[free], np.abs(motion[free]))
-    return mode, np.where(mode >= 0, motion[:size] / np.where(mode >= 0, largest[mode], 1.0), 0.0)
-
-
 Method = Literal["auto", "whole", "blocks"]
 METHODS = get_args(Method)
 # Largest number of grains that `auto` inverts as a whole, for the sake of memory.
@@ -466,7 +444,8 @@ class LoopsInPlace(Shown):
     ----------
     matrix : (L, 4, 4) array
         `A_in` in the order (11, 12, 21, 22) (force per length). Not numbers where the loop carries
-        nothing, where one of its grains is held, or where nothing resists one of its strains.
+        nothing, where one of its grains is held, where nothing resists one of its strains, or where
+        rounding alone decides whether a ring of gears in the packing closes.
     alone : (L, 4, 4) array
         `A_loop`: the loop cut out, uniform traction, spins free; not numbers where not trusted.
     error : (L,) array

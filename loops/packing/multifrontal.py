@@ -7,8 +7,10 @@ freedoms J and the remaining S, and `K` reduced to them by the fronts below,
     Z_JJ = F_JJ^-1 + F_JJ^-1 F_JS Z_SS F_SJ F_JJ^-1
 
 `Z_SS` is a part of the parent's inverse: one sweep up the tree factorises, one sweep down inverts.
-`K` may be nonsymmetric; pivots are taken within a front's own block. Subtrees are independent, so
-threads share them; each front is computed in the same way by any thread.
+`K` may be nonsymmetric; pivots are taken within a front's own block. Where such a block is nearly
+singular the sweep down amplifies rounding more than a solve does: the variance of its rounding goes
+down with it. Subtrees are independent, so threads share them; each front is computed in the same
+way by any thread.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ LEAF = 32
 EPS = 1e-12
 # Largest subtree that is one task of a thread, as a share of all grains.
 TASK = 1 / 32
+# Variance of the rounding of one product, over its square.
+PRODUCT = float(np.finfo(np.float64).eps) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,32 +151,27 @@ class FrontalLU:
             v[part.own] = inverse @ v[part.own] - right @ v[part.rest]
         return v
 
-    def on_fronts(self, use: Callable[[int, Integers, Floats], None]) -> None:
-        """Call `use(front, freedoms, inverse)` for each front, its own freedoms first.
+    def on_fronts(self, use: Callable[[int, Integers, Floats, Floats], None]) -> None:
+        """Call `use(front, freedoms, inverse, variance)` for each front, its own freedoms first.
 
-        Threads call it for several fronts at a time.
+        The variance is that of the entries' rounding in this sweep, taken as independent. Threads
+        call it for several fronts at a time.
         """
         starts = dict(_tasks(self.fronts))
         waiting: list[Future[None]] = []
 
-        def down(k: int, outer: Floats) -> None:
+        def down(k: int, outer: Floats, variance: Floats) -> None:
             place = np.empty(self.size, dtype=np.int64)
-            todo = [(k, outer)]
+            todo = [(k, outer, variance)]
             while todo:
-                k, outer = todo.pop()
-                part = self.parts[k]
-                j, size = len(part.own), len(part.own) + len(part.rest)
-                z = np.empty((size, size))
-                z[j:, j:] = outer
-                z[j:, :j] = -outer @ part.left
-                z[:j, j:] = -part.right @ outer
-                z[:j, :j] = part.inverse - part.right @ z[j:, :j]
-                freedoms = np.concatenate([part.own, part.rest])
-                use(k, freedoms, z)
-                place[freedoms] = np.arange(size)
+                k, outer, variance = todo.pop()
+                z, spread = _inverse_of(self.parts[k], outer, variance)
+                freedoms = np.concatenate([self.parts[k].own, self.parts[k].rest])
+                use(k, freedoms, z, spread)
+                place[freedoms] = np.arange(len(freedoms))
                 for child in self.fronts[k].children:
                     at = place[self.parts[child].rest]
-                    below = (child, z[at[:, None], at])
+                    below = (child, z[at[:, None], at], spread[at[:, None], at])
                     if child in starts:
                         waiting.append(pool.submit(down, *below))
                     else:
@@ -180,9 +179,30 @@ class FrontalLU:
 
         with ThreadPoolExecutor(self.threads) as pool:
             if self.fronts:
-                waiting.append(pool.submit(down, len(self.fronts) - 1, np.empty((0, 0))))
+                none = np.empty((0, 0))
+                waiting.append(pool.submit(down, len(self.fronts) - 1, none, none))
             while waiting:
                 waiting.pop().result()
+
+
+def _inverse_of(part: Eliminated, outer: Floats, variance: Floats) -> tuple[Floats, Floats]:
+    """Entries of the inverse in a front, own freedoms first, and the variance of their rounding.
+
+    `outer` and `variance` are those of its remaining freedoms.
+    """
+    j, size = len(part.own), len(part.own) + len(part.rest)
+    z, spread = np.empty((size, size)), np.empty((size, size))
+    z[j:, j:], spread[j:, j:] = outer, variance
+    z[j:, :j] = -outer @ part.left
+    z[:j, j:] = -part.right @ outer
+    z[:j, :j] = part.inverse - part.right @ z[j:, :j]
+    with np.errstate(over="ignore", invalid="ignore"):
+        products = variance + PRODUCT * outer**2
+        spread[j:, :j] = products @ part.left**2
+        spread[:j, j:] = part.right**2 @ products
+        spread[:j, :j] = part.right**2 @ (spread[j:, :j] + PRODUCT * z[j:, :j] ** 2)
+        spread[:j, :j] += PRODUCT * part.inverse**2
+    return z, spread
 
 
 def frontal_lu(

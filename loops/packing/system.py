@@ -12,7 +12,7 @@ moment rows included. Spins and moments are scaled by the mean radius, so all fr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -24,8 +24,14 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import assembled_sparse, contact_regime, contact_tangent
 from loops.errors import InputError
 from loops.faces import FaceKind, Faces
-from loops.graph import GrainGraph, branch_vectors, contact_state, require_one_state
-from loops.laws.frictional import ContactLaw, Regime
+from loops.graph import (
+    ContactState,
+    GrainGraph,
+    branch_vectors,
+    contact_state,
+    require_one_state,
+)
+from loops.laws.frictional import ContactLaw, LinearFrictional, Regime
 from loops.pruning import component_labels, winding_ranks
 from loops.shown import Shown
 
@@ -87,11 +93,14 @@ def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Car
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlaneContacts(Shown):
-    """Contacts of grains with moving planes: branch from centre to foot, stiffness of each.
+    """Contacts of grains with rigid plates: branch from centre to foot, stiffness of each.
 
-    `kt` is zero where the wall has no friction. A foot moves with the strain, a plane keeps its
-    direction: there is no turning of the frame, and no geometric stiffness. `mu` is read by the
-    equations of motion and by paths; without it a contact that has a shear stiffness never slides.
+    A plate moves with the mean strain times its place, `-H' (X - fixed)` with `X` the point of the
+    plate nearest to `fixed`: it neither turns nor stretches along itself, so that its frame and its
+    geometry have no stiffness. Without `fixed` that is the lower left corner of the feet, as in
+    paths. `kt` is zero where the wall has no friction; without `mu` a contact that has a shear
+    stiffness never slides. `force` (W, 2) is that of the wall on the grain; without it no contact
+    stands at its strength. Contacts that are `sliding` keep to it.
     """
 
     grain: Integers
@@ -99,16 +108,47 @@ class PlaneContacts(Shown):
     kn: Floats
     kt: Floats
     mu: Floats | None = None
+    force: Floats | None = None
+    sliding: Flags | None = None
+    fixed: Floats | None = None
 
     @property
     def regime(self) -> Regimes:
         """(W,) elastic with friction, else sliding."""
-        return np.where(self.kt > 0, Regime.ELASTIC, Regime.SLIDING).astype(np.int8)
+        sticks = self.kt > 0
+        if self.sliding is not None:
+            sticks = sticks & ~self.sliding
+        return np.where(sticks, Regime.ELASTIC, Regime.SLIDING).astype(np.int8)
 
     def take(self, rows: Flags) -> PlaneContacts:
         """The picked contacts."""
-        mu = None if self.mu is None else self.mu[rows]
-        return PlaneContacts(self.grain[rows], self.branch[rows], self.kn[rows], self.kt[rows], mu)
+        mu, force = (None if a is None else a[rows] for a in (self.mu, self.force))
+        sliding = None if self.sliding is None else self.sliding[rows]
+        given = self.grain[rows], self.branch[rows], self.kn[rows], self.kt[rows]
+        return PlaneContacts(*given, mu, force, sliding, self.fixed)
+
+    def to_plates(self, x: Floats) -> Floats:
+        """(W, 2) from the centres of the grains, at `x` (G, 2), to the point of each plate."""
+        n = self.branch / np.linalg.norm(self.branch, axis=1, keepdims=True)
+        feet = x[self.grain] + self.branch
+        corner = feet.min(axis=0, initial=np.inf) if self.fixed is None else self.fixed
+        aside = corner - feet
+        along = aside - np.sum(aside * n, axis=1, keepdims=True) * n
+        return np.asarray(self.branch + along)
+
+    def state(self, radii: Floats) -> ContactState:
+        """The contacts as those with grains of no radius; `radii` (G,)."""
+        length = np.linalg.norm(self.branch, axis=1)
+        n = self.branch / length[:, None]
+        t = np.column_stack([-n[:, 1], n[:, 0]])
+        force = np.zeros_like(n) if self.force is None else -self.force
+        N, T = np.sum(force * n, axis=1), np.sum(force * t, axis=1)
+        return ContactState(length, n, t, N, T, radii[self.grain], 0.0 * length, self.regime)
+
+    def law(self, law: ContactLaw) -> LinearFrictional:
+        """Springs and friction of the plates, with the shear increment of the law of the grains."""
+        mu = np.full(len(self.kn), np.inf) if self.mu is None else self.mu
+        return LinearFrictional(self.kn, self.kt, mu, getattr(law, "shear_increment", "branch"))
 
 
 def plane_contacts(
@@ -160,17 +200,16 @@ def outline_grains(graph: GrainGraph, faces: Faces) -> Flags:
     return grains
 
 
-def plane_stiffness(planes: PlaneContacts, radii: Floats) -> Floats:
-    """(W, 4, 4) blocks `S`: `N' = -kn n.d'`, `T' = -kt (t.d' - r w)`, moment `-r T`."""
-    n = planes.branch / np.linalg.norm(planes.branch, axis=1, keepdims=True)
-    t = np.column_stack([-n[:, 1], n[:, 0]])
-    zero = np.zeros((len(n), 1))
-    normal = np.column_stack([n, zero, zero])
-    shear = np.column_stack([t, -radii[planes.grain], zero])
-    return (
-        planes.kn[:, None, None] * normal[:, :, None] * normal[:, None, :]
-        + planes.kt[:, None, None] * shear[:, :, None] * shear[:, None, :]
-    )
+def plane_stiffness(planes: PlaneContacts, radii: Floats, law: ContactLaw) -> Floats:
+    """(W, 4, 4) blocks `S` in the regimes of the contacts, those of `law` between grains.
+
+    Frames keep their directions: of the geometry the growth of the arm alone is left.
+    """
+    state = replace(planes.state(radii), normal_force=np.zeros(len(planes.kn)))
+    blocks = contact_tangent(state, planes.law(law), planes.regime)
+    turning = (state.shear_force / state.length)[:, None, None]
+    blocks[:, :2, :2] -= turning * state.n[:, :, None] * state.t[:, None, :]
+    return blocks
 
 
 # Stiffness added to the diagonal, over the typical one: it resists gear modes and mechanisms and
@@ -189,7 +228,8 @@ class PackingSystem(Shown):
     `freedom` (G, 3) numbers the unknowns of each grain (x, y, spin times `length`), -1 where it
     has none; `ends` (E, 6) those of each contact in the order x_i, y_i, x_j, y_j, w_i, w_j.
     `contacts` (C',) are the contacts of the graph, wall contacts follow behind them in all arrays
-    of length E. `unit` is a typical stiffness, `volume` the area that stresses refer to.
+    of length E. `branches` (E, 2) go to the other grain, or to the point of the plate that moves
+    with the strain. `unit` is a typical stiffness, `volume` the area that stresses refer to.
     """
 
     graph: GrainGraph
@@ -245,9 +285,10 @@ def packing_system(
     branches, pairs = branch_vectors(graph)[kept], graph.contacts[kept]
     ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
     if planes is not None:
+        to_plates = planes.to_plates(graph.x)[carrying.grains[planes.grain]]
         planes = planes.take(carrying.grains[planes.grain])
-        blocks = np.concatenate([blocks, plane_stiffness(planes, graph.radii)])
-        branches = np.concatenate([branches, planes.branch])
+        blocks = np.concatenate([blocks, plane_stiffness(planes, graph.radii, law)])
+        branches = np.concatenate([branches, to_plates])
         own, none = freedom[planes.grain], np.full((len(planes.grain), 2), -1)
         at_planes = np.column_stack([own[:, :2], none, own[:, 2], none[:, 0]])
         ends = np.concatenate([ends, at_planes])

@@ -14,7 +14,9 @@ from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
 from loops.laws.hertz_mindlin import ShearHistory
 from loops.validation import repeated_contacts
-from patterns.snapshots.checks import SLIDING_SHARE, Checked, Finding, check_state, same_force
+from patterns.snapshots.checked import HERTZ, Checked, goes_with_root
+from patterns.snapshots.checks import SLIDING_SHARE, check_state, same_force
+from patterns.snapshots.findings import Finding, rounding
 from patterns.snapshots.frame import Frame
 from patterns.snapshots.geometry import (
     Bodies,
@@ -30,6 +32,14 @@ from patterns.snapshots.snapshot import Snapshot, WallContacts
 from patterns.snapshots.tables import Table, require_columns
 
 LawName = Literal["linear", "hertz"]
+# N over kn times the overlap (median) over Hertz's 2/3, less one, of tables of his law: 1e-9.
+HERTZ_BAND = 0.01
+# Multiples of the rounding of centres above which an overlap tells a law.
+SURE_ROUNDINGS = 20.0
+TOLD = (
+    "Hertz's law, told by the columns: kn goes with the root of the overlap, and N is 2/3 of kn "
+    "times it; --law linear if it is another"
+)
 
 
 class Parameters(NamedTuple):
@@ -74,14 +84,20 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         walls, wall_count = _walls(table, bodies, every, force), len(every) - len(rows)
     else:
         walls, wall_count = _walls_of_table(frame.walls, bodies), len(frame.walls)
+    notes = list(frame.notes)
     if parameters.law is None:
         parameters = parameters._replace(law=frame.law, shear_history=frame.shear_history)
+    if parameters.law is None and table.has("kn", "ks") and force is not None:
+        kn, coarse = some(table.column("kn"), rows), SURE_ROUNDINGS * rounding(bodies.x)
+        if _of_hertz(kn, normal, bodies.radii[pairs], branches.length, coarse):
+            parameters = parameters._replace(law="hertz")
+            notes.append(TOLD)
     hertz = parameters.law == "hertz"
     wanted = (("kn", "kn", parameters.kn), ("kt", "ks", parameters.kt))
     lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
     if hertz and (lacks or parameters.young is not None):
         lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
-    notes, law, regime = list(frame.notes), None, None
+    law, regime = None, None
     if force is None:
         lacks = ["shear forces" if table.has("fn") else "forces", *lacks]
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
@@ -117,6 +133,19 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         *(bodies.rotation, tuple(lacks), mass, frame.time),
         *((None, None) if bodies.motion is None else (bodies.motion[:, :2], bodies.motion[:, 2])),
     )
+
+
+def _of_hertz(kn: Floats, normal: Floats, radii: Floats, length: Floats, coarse: float) -> bool:
+    """Whether stiffnesses and forces are Hertz's: `kn` with the root of the overlap, N 2/3 of both.
+
+    `radii` (C, 2); overlaps that are not above `coarse` say nothing.
+    """
+    overlap = radii.sum(axis=1) - length
+    told = (kn > 0) & (normal > 0) & (overlap > coarse)
+    kn, N, radii, overlap = kn[told], normal[told], radii[told], overlap[told]
+    if len(kn) == 0 or abs(float(np.median(N / (kn * overlap))) / HERTZ - 1) > HERTZ_BAND:
+        return False
+    return goes_with_root(kn, radii, overlap)
 
 
 def _graph(

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers
 from loops.validation import repeated_contacts
-from patterns.snapshots.checks import Finding, repeated
+from patterns.snapshots.checks import repeated
+from patterns.snapshots.findings import Finding
 from patterns.snapshots.frame import (
     Frame,
     Frames,

@@ -123,8 +123,9 @@ def read_snapshot(
         Shear increment of the code (see `LinearFrictional`); by default that of the source:
         `radii` for Yade, else `branch`.
     law : {'linear', 'hertz'}, optional
-        Contact law of the simulation; by default that of the source, else linear. Under Hertz's
-        law columns `kn` and `ks` are tangents, from which modulus and kt/kn of each contact follow.
+        Contact law of the simulation; by default that of the source, else Hertz's where `kn` goes
+        with the root of the overlap and `N` is 2/3 of both, else linear. Under Hertz's law columns
+        `kn` and `ks` are tangents, from which modulus and kt/kn of each contact follow.
     young, poisson : float, optional
         Under Hertz's law Young's modulus of the grains (force per length squared) and Poisson's
         ratio, in place of columns `kn` and `ks`.

@@ -22,7 +22,7 @@ from loops.arrays import Floats
 from loops.errors import check_choice
 from loops.laws.frictional import ShearIncrement, checked_increment
 from loops.laws.hertz_mindlin import ShearHistory
-from patterns.snapshots.checks import Finding
+from patterns.snapshots.findings import Finding
 from patterns.snapshots.geometry import WALL
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import (

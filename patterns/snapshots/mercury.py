@@ -12,7 +12,6 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.checks import rounding
 from patterns.snapshots.dump_files import (
     Atoms,
     Forces,
@@ -23,6 +22,7 @@ from patterns.snapshots.dump_files import (
     normals,
     pairs_of,
 )
+from patterns.snapshots.findings import rounding
 from patterns.snapshots.frame import Frame, Frames, Listing, Notes, Source, contacts_path, paired
 from patterns.snapshots.geometry import PLANE_TOLERANCE
 from patterns.snapshots.tables import Table, Text, line_at, open_text

@@ -28,7 +28,7 @@ from loops import (
 )
 from loops.arrays import Integers, Regimes
 from loops.shown import Shown
-from patterns.snapshots.checks import Finding
+from patterns.snapshots.findings import Finding
 
 # Options that give the stiffness of the contacts.
 STIFFNESS = ("kn", "kt", "young", "poisson")

@@ -4,6 +4,8 @@ from stability.packing.equations_of_motion import Replay as Replay
 from stability.packing.equations_of_motion import replay as replay
 from stability.packing.hold import HeldPacking as HeldPacking
 from stability.packing.hold import hold as hold
+from stability.packing.increment import PackingIncrements as PackingIncrements
+from stability.packing.increment import packing_increment as packing_increment
 from stability.packing.loop_quantities import LoopRates as LoopRates
 from stability.packing.loop_quantities import indicators as indicators
 from stability.packing.loop_quantities import loop_changes as loop_changes

@@ -49,6 +49,9 @@ TOUCHING = 1e-7
 # Over the largest entry of Q: parts zeros that fall together by far more than SAME_ANGLE, or some
 # stay tied and the exchange by pivots leads in circles.
 TIE_BREAK = 1e-8
+# Of a load that is raised: pivots below this share of their column soften, slopes below this share
+# of the largest are zero, and contacts change regime at most so many times.
+SOFT, SLOPE, CHANGES = 1e-9, 1e-14, 12
 # Exchanges after which the transform is made anew from `M`.
 REFRESH = 64
 # A variable whose largest value over the circle is below this share of the largest is zero.
@@ -180,6 +183,59 @@ def lemke(q: Floats, M: Floats) -> Flags | None:
         last = ties[basic[ties] == 2 * m]
         row = int(last[0] if len(last) else ties[np.argmin(falling[ties])])
     return None
+
+
+@dataclass(frozen=True, eq=False)
+class RaisedLoad:
+    """Slips `z` (m,) under a whole load, `w = distance + q + M z`, and contacts kept from sliding.
+
+    `held` (m,) are contacts that softened and end beyond their strength; without any, `z` solves
+    the problem. `first` is the share of the load at which the first one was held, 1 if none was.
+    """
+
+    slip: Floats
+    held: Flags
+    first: float
+
+
+def raise_load(distance: Floats, q: Floats, M: Floats) -> RaisedLoad:
+    """Raise the load from zero, where nothing slips, and follow the solution.
+
+    `distance` (m,), not negative, is what each contact has left. Contacts change regime one by one
+    where their `w` or `z` vanishes. A pivot that is not positive would turn the solution back to
+    smaller loads, a snap: that contact sticks from there on, whatever its `w`.
+    """
+    m = len(q)
+    size = max(float(np.abs(distance).max(initial=0.0)), float(np.abs(q).max(initial=0.0)))
+    # Contacts that reach their strength together are parted.
+    apart = TIE_BREAK * size * (1.0 + np.random.default_rng(0).random(m))
+    lines, table = np.column_stack([distance + apart, q]), np.asfortranarray(M.copy())
+    slides, held = np.zeros((2, m), dtype=bool)
+    changes, first, share, changed = np.zeros(m, dtype=np.int64), 1.0, 0.0, -1
+    while True:
+        value, slope = lines[:, 0] + share * lines[:, 1], lines[:, 1]
+        rounding = SLOPE * np.abs(slope).max(initial=0.0)
+        falls = (slope < -rounding) & ~held
+        if changed >= 0 and slope[changed] > -TOUCHING * np.abs(slope).max():
+            falls[changed] = False
+        ahead = np.flatnonzero(falls)
+        step = np.maximum(value[ahead], 0.0) / -slope[ahead]
+        if share + step.min(initial=np.inf) >= 1.0:
+            break
+        k = int(ahead[np.argmin(step)])
+        share, changes[k] = share + float(step.min()), changes[k] + 1
+        pivot = table[k, k] / np.abs(table[:, k]).max()
+        changed = -1
+        if pivot < SOFT or changes[k] > CHANGES:
+            held[k], first = True, min(first, share)
+        if abs(pivot) >= SOFT and (slides[k] or not held[k]):
+            slides[k] ^= True
+            _exchange_contact(lines, table, k)
+            changed = k
+    end = basic_values(distance + q, M, slides)
+    # Some are within their strength again.
+    held &= end < -SIGN * size
+    return RaisedLoad(np.where(slides, np.maximum(end, 0.0), 0.0), held, first)
 
 
 def principal_transform(q: Floats, M: Floats, active: Flags) -> tuple[Floats, Floats] | None:

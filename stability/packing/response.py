@@ -8,7 +8,7 @@ negative and one is zero. From the relative motion `r` they are `w_c - z_c = g_c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_regime, contact_tangent
 from loops.errors import InputError
-from loops.graph import GrainGraph, branch_vectors, contact_state
+from loops.graph import ContactState, GrainGraph, branch_vectors, contact_state
 from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
 from loops.packing import (
     Factor,
@@ -29,6 +29,7 @@ from loops.packing import (
     in_freedoms,
     packing_stress_rate,
     packing_system,
+    plane_stiffness,
     relative_motion,
     stiffness_matrix,
 )
@@ -46,7 +47,9 @@ from stability.packing.complementarity import (
 )
 from stability.packing.pairs import AT_YIELD
 
-ResponseStatus = Literal["unique", "one found", "several", "none", "none found", "not converged"]
+ResponseStatus = Literal[
+    "unique", "one found", "several", "none", "none found", "not converged", "nearest"
+]
 SOLVED: tuple[ResponseStatus, ...] = ("unique", "one found", "several")
 
 # In place of a proof: a mechanism moves under the strain or under slip with all contacts sticking.
@@ -82,9 +85,10 @@ class YieldResponse:
 
     `rows` (m,) are their rows among the system's contacts, `gauge` (m, 4) the vectors `g`,
     `push` (m, 4) the contact forces of a unit of `s T'`, `sliding` (m, 4, 4) their blocks when
-    they slide. `of_two` (m,) marks candidates on a grain with two contacts. Both carry the same
-    force, so their ratio `T/N` is one of the geometry and hardly changes: those that the yield band
-    alone would make candidates, `settled` in number, are inside the cone and stick.
+    they slide, `distance` (m,) what `|T|` lacks to the strength. `of_two` (m,) marks candidates
+    on a grain with two contacts. Both carry the same force, so their ratio `T/N` is one of the
+    geometry and hardly changes: those that the yield band alone would make candidates,
+    `settled` in number, are inside the cone and stick.
     """
 
     system: PackingSystem
@@ -92,6 +96,7 @@ class YieldResponse:
     gauge: Floats
     push: Floats
     sliding: Floats
+    distance: Floats
     of_two: Flags
     settled: int
 
@@ -129,49 +134,108 @@ def yield_response(
     state = contact_state(graph)
     given = contact_regime(state, law, regime)
     regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
-    near = edge_of(law, state, regimes == Regime.ELASTIC, yield_band).at_yield
-    regimes = np.where(near, Regime.SLIDING, regimes).astype(np.int8)
-    # Without a shear force there is no side to slide to: frictionless contacts always slide.
-    at_yield = (state.shear_force != 0) & (regimes == Regime.SLIDING)
-    base = np.where(at_yield, Regime.ELASTIC, regimes).astype(np.int8)
+    near = [_near_yield(law, state, regimes, yield_band)]
+    base = np.where(near[0].may_slide, Regime.ELASTIC, near[0].regimes).astype(np.int8)
+    if planes is not None:
+        walls = planes.law(law), planes.state(graph.radii)
+        near.append(_near_yield(*walls, planes.regime, yield_band))
+        may_slide = near[1].may_slide & (planes.kt > 0)
+        near[1] = near[1]._replace(may_slide=may_slide)
+        slides = (near[1].regimes == Regime.SLIDING) & ~may_slide
+        planes = replace(planes, sliding=slides)
     system = packing_system(graph, law, regime=base, planes=planes, held=held, volume=volume)
-    degree = np.bincount(graph.contacts[system.contacts].ravel(), minlength=graph.grain_count)
-    if system.planes is not None:
-        degree += np.bincount(system.planes.grain, minlength=graph.grain_count)
-    of_two = (degree[graph.contacts] == 2).any(axis=1)
-    elastic_or_flagged = regimes != Regime.OPEN
-    full = edge_of(law, state, elastic_or_flagged, max(yield_band, AT_YIELD)).at_yield
-    settled = at_yield & of_two & ~full
-    rows = np.flatnonzero((at_yield & ~settled)[system.contacts])
-    c = system.contacts[rows]
-    sign = np.sign(state.shear_force[c])
+    grains, picked = [graph.contacts], [system.contacts]
+    if planes is not None:
+        grains.append(planes.grain[:, None])
+        picked.append(np.flatnonzero(system.carrying.grains[planes.grain]))
+    degree = np.bincount(
+        np.concatenate([g[c].ravel() for g, c in zip(grains, picked, strict=True)]),
+        minlength=graph.grain_count,
+    )
+    rows, of_two, settled, first = [], [], 0, 0
+    for k, (one, g, c) in enumerate(zip(near, grains, picked, strict=True)):
+        two = (degree[g] == 2).any(axis=1)
+        inside = one.may_slide & two & ~one.full
+        settled += int(np.count_nonzero(inside[c]))
+        own = np.flatnonzero((one.may_slide & ~inside)[c])
+        rows.append(first + own)
+        near[k], first = one.take(c[own]), first + len(c)
+        of_two.append(two[c[own]])
     scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
-    elastic = law.local_stiffness(state, base)[c, 1]
-    slides = law.local_stiffness(state, regimes)[c, 1]
-    g, b_i, b_j = (factor[c] for factor in law.shear_kinematics(state))
-    zero = np.zeros((len(c), 2))
-    normal = np.hstack([state.n[c], zero])
-    shear = np.column_stack([g[:, None] * state.t[c], -b_i, -b_j])
-    gauge = (elastic - slides)[:, :1] * normal + (elastic - slides)[:, 1:] * shear
-    push = np.column_stack([state.t[c], -state.arm_i[c], -state.arm_j[c]])
-    sliding = contact_tangent(state, law, regimes)[c]
+    gauge, push, sliding, distance = (
+        np.concatenate(parts) for parts in zip(*(one.slips() for one in near), strict=True)
+    )
+    if planes is not None:
+        sliding[len(rows[0]) :] = plane_stiffness(
+            replace(planes, sliding=np.ones(len(planes.grain), dtype=bool)), graph.radii, law
+        )[near[1].number]
     return YieldResponse(
         system,
-        rows,
-        sign[:, None] * gauge * scale,
-        sign[:, None] * push * scale,
+        np.concatenate(rows),
+        gauge * scale,
+        push * scale,
         scale[:, None] * sliding * scale,
-        of_two[c],
-        int(np.count_nonzero(settled[system.contacts])),
+        distance,
+        np.concatenate(of_two),
+        settled,
     )
 
 
-def checked_band(yield_band: float) -> float:
+class _NearYield(NamedTuple):
+    """Contacts of one kind, (C,) each: which may slide, which stand at their strength in full."""
+
+    law: ContactLaw
+    state: ContactState
+    regimes: Regimes
+    may_slide: Flags
+    full: Flags
+    number: Integers
+
+    def take(self, c: Integers) -> _NearYield:
+        """The picked contacts."""
+        at = self.state
+        forces, radii = (at.normal_force[c], at.shear_force[c]), (at.radii_i[c], at.radii_j[c])
+        state = ContactState(at.length[c], at.n[c], at.t[c], *forces, *radii)
+        flags = self.regimes[c], self.may_slide[c], self.full[c]
+        return _NearYield(self.law.take(c), state, *flags, self.number[c])
+
+    def slips(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Gauge (m, 4), push (m, 4), sliding block (m, 4, 4) and distance (m,) of contacts."""
+        law, state = self.law, self.state
+        sign = np.sign(state.shear_force)[:, None]
+        stuck = np.full(len(sign), Regime.ELASTIC, dtype=np.int8)
+        change = (
+            law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, self.regimes)[:, 1]
+        )
+        g, b_i, b_j = law.shear_kinematics(state)
+        normal = np.hstack([state.n, np.zeros_like(state.n)])
+        shear = np.column_stack([g[:, None] * state.t, -b_i, -b_j])
+        push = np.column_stack([state.t, -state.arm_i, -state.arm_j])
+        distance = np.maximum(law.strength(state) - np.abs(state.shear_force), 0.0)
+        return (
+            sign * (change[:, :1] * normal + change[:, 1:] * shear),
+            sign * push,
+            contact_tangent(state, law, self.regimes),
+            np.where(np.isfinite(distance), distance, 0.0),
+        )
+
+
+def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: float) -> _NearYield:
+    """Contacts that may slide: those from a share of their strength on, and those said to slide."""
+    near = edge_of(law, state, given == Regime.ELASTIC, band).at_yield
+    regimes = np.where(near, Regime.SLIDING, given).astype(np.int8)
+    # Without a shear force there is no side to slide to: frictionless contacts always slide.
+    may_slide = (state.shear_force != 0) & (regimes == Regime.SLIDING)
+    full = edge_of(law, state, regimes != Regime.OPEN, max(band, AT_YIELD)).at_yield
+    return _NearYield(law, state, regimes, may_slide, full, np.arange(len(regimes)))
+
+
+def checked_band(share: float, name: str = "yield_band", usual: float = 0.99) -> float:
     """Check the share of its strength from which a contact may slide."""
-    if not 0.0 < yield_band <= 1.0:
-        remedy = "Leave it out: 0.99 is what was compared with simulations."
-        raise InputError("yield_band", f"{yield_band:g}", "a share in (0, 1]", remedy)
-    return float(yield_band)
+    if not 0.0 < share <= 1.0:
+        remedy = f"Leave it out: {usual:g} is what was compared with simulations."
+        raise InputError(name, f"{share:g}", "a share in (0, 1]", remedy)
+    return float(share)
 
 
 def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:
@@ -199,14 +263,14 @@ def linear_answer(
 
 
 def slip_motion(
-    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers
+    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers, refinements: int = 8
 ) -> tuple[Floats, Floats]:
     """(size, k) motion per unit of slip `z` of each chosen candidate.
 
     Also (k,) the share of each load that no motion balances, above rounding with a mechanism.
     """
     loads = -in_freedoms(yielding.system, yielding.rows[chosen], yielding.push[chosen]).T.toarray()
-    motion = answer.factor.solve(loads)
+    motion = answer.factor.solve(loads, refinements=refinements)
     left = np.linalg.norm(loads - answer.factor.matrix @ motion, axis=0)
     return motion, left / np.linalg.norm(loads, axis=0)
 
@@ -248,15 +312,17 @@ def complementary_rates(yielding: YieldResponse, active: Flags, relative: Floats
 
 
 def forces_of_motion(yielding: YieldResponse, branch_rate: Floats, spin: Floats) -> Floats:
-    """(C, 2) force rates under given branch rates and spins, which decide on the regimes."""
+    """(C, 2) changes of force under given ones of branches and angles, which decide on slip."""
     system = yielding.system
     kept = system.contacts
     turns = spin[system.graph.contacts[kept]] * system.length
     relative = np.zeros((len(system.branches), 4))
     relative[: len(kept)] = np.concatenate([branch_rate[kept], turns], axis=1)
-    active = complementary_rates(yielding, np.zeros(len(yielding.rows), dtype=bool), relative) < 0
+    rates = complementary_rates(yielding, np.zeros(len(yielding.rows), dtype=bool), relative)
+    slip = np.maximum(-(yielding.distance + rates), 0.0)
     out = np.zeros_like(branch_rate)
-    forces = -np.einsum("eij,ej->ei", stiffness_of(yielding, active), relative)
+    forces = -np.einsum("eij,ej->ei", system.stiffness, relative)
+    forces[yielding.rows] -= yielding.push * slip[:, None]
     out[kept] = forces[: len(kept), :2]
     return out
 
@@ -308,6 +374,11 @@ class PackingResponse(Shown):
         Distinct solutions found; of a continuum some.
     system : PackingSystem
         The carrying part; `system.carrying` counts rattlers and floating clusters.
+    reached : float
+        Of an increment (`packing_increment`) the share at which the first contact softened and was
+        kept from sliding, else 1.
+    beyond : int
+        Of an increment, contacts that end beyond their strength and were no candidates.
     """
 
     status: ResponseStatus
@@ -326,6 +397,8 @@ class PackingResponse(Shown):
     settled: int
     solutions: int
     system: PackingSystem
+    reached: float = 1.0
+    beyond: int = 0
 
     def __str__(self) -> str:
         return (
@@ -356,16 +429,19 @@ class Solved(NamedTuple):
 
 
 class PackingRates:
-    """The rate problem of one state, prepared for any number of strain rates."""
+    """The rate problem of one state, prepared for any number of strain rates.
 
-    def __init__(self, yielding: YieldResponse) -> None:
+    `refinements` of the motions under slip: one leaves some 1e-9 of them.
+    """
+
+    def __init__(self, yielding: YieldResponse, refinements: int = 8) -> None:
         self.yielding = yielding
         self.none = np.zeros(len(yielding.rows), dtype=bool)
         self.every = np.arange(len(yielding.rows))
         self.elastic = linear_answer(yielding, self.none)
         self.slips_left = 0.0
         if self.small:
-            self.slips, left = slip_motion(yielding, self.elastic, self.every)
+            self.slips, left = slip_motion(yielding, self.elastic, self.every, refinements)
             self.slips_left = float(left.max(initial=0.0))
             self.whole = condensed(yielding, self.none, self.elastic, self.every, self.slips)
         self.last = (self.none, self.elastic)
@@ -489,7 +565,8 @@ class PackingRates:
         force_rate[system.contacts] = forces[:n, :2]
         regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
         regime[system.contacts] = system.regime[:n]
-        regime[system.contacts[yielding.rows[active]]] = Regime.SLIDING
+        slides = yielding.rows[active]
+        regime[system.contacts[slides[slides < n]]] = Regime.SLIDING
         return PackingResponse(
             status=_status(len(found.active), proof, residual),
             proof=proof,
@@ -521,8 +598,10 @@ def regimes_by_parts(
     Newton's flips from all sliding, each with a factorisation; when few candidates are left wrong,
     a complementarity problem of these and those near them, with the others as they are.
     """
-    graph = yielding.system.graph
-    contacts = graph.contacts[yielding.system.contacts]
+    system, graph = yielding.system, yielding.system.graph
+    contacts = graph.contacts[system.contacts]
+    if system.planes is not None:
+        contacts = np.concatenate([contacts, np.tile(system.planes.grain[:, None], 2)])
     active = free.copy()
     best, least = active, len(active) + 1
     for _ in range(ROUNDS):

@@ -47,6 +47,13 @@ YieldBand = Annotated[
     float,
     Parameter(help="Contacts with |T| of at least this share of mu N are allowed to slide."),
 ]
+Candidates = Annotated[
+    float,
+    Parameter(
+        help="Over an interval or an amplitude, contacts with |T| of at least this share of mu N "
+        "may come to slide."
+    ),
+]
 Workers = Annotated[
     int | None, Parameter(help="Number of processes on this machine. Default: one per core.")
 ]
@@ -153,7 +160,7 @@ class Reading:
         str | None,
         Parameter(
             metavar="linear|hertz",
-            help="Contact law of the simulation. Default: as the input tells, else linear. hertz "
+            help="Contact law of the simulation. Default: as the input or its kn tell. hertz "
             "takes the input's kn and ks as tangents, or --young and --poisson.",
         ),
     ] = None

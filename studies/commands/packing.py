@@ -118,6 +118,13 @@ def _probe_lines(summary: dict[str, Any]) -> list[str]:
 def _unanswered(summary: dict[str, Any]) -> str:
     """Headline where directions have no answer, with what can be done."""
     count, of = summary["undetermined"], summary["directions"]
+    if summary["ended"]:
+        nearest = min(summary["ended"], key=lambda one: one["reached"])
+        return (
+            f"{count} of {of} directions ended before {summary['amplitude']:g}: shares are of the "
+            f"others; the first is direction {nearest['direction']}, {nearest['status']} at "
+            f"{nearest['reached']:.4g}: {nearest['message']}"
+        )
     moves = any("the state moves" in note for note in summary["notes"])
     remedy = (
         "bring the state to rest first with --hold"

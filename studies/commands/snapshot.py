@@ -15,6 +15,7 @@ from cyclopts import Parameter
 from loops.errors import InputError
 from studies.commands import (
     Answer,
+    Candidates,
     Cells,
     Contacts,
     Csv,
@@ -224,7 +225,8 @@ def _rows(
 ) -> tuple[list[dict[str, Any]], list[InputError]]:
     """One row per finding, and the errors of the files that could not be read."""
     from loops import find_crossings
-    from patterns.snapshots.checks import Finding, check_kt
+    from patterns.snapshots.findings import Finding
+    from patterns.snapshots.stiffness_checks import check_kt
 
     if options["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
@@ -277,7 +279,7 @@ def _snapshots(path: Path, cells: Path | None, options: dict[str, Any]) -> Itera
 # So many notes are printed, and so much of the reason why a snapshot was skipped.
 NOTES, LONGEST_REASON = 8, 300
 PREDICTOR_WORDS = {
-    "packing": "its packing's rate problem",
+    "packing": "its packing over the interval",
     "packing_path": "its packing's path by events",
     "replay": "the DEM replayed",
     "own_motion": "its grains' motion in DEM (bound)",
@@ -332,9 +334,9 @@ def _series_lines(summary: dict[str, Any]) -> list[str]:
         packing = summary["packing"]
         lines.insert(
             0,
-            f"rate problem of the packing ({packing['boundary'] or 'none'}): solved in "
-            f"{packing['solved']} of {packing['intervals']} intervals, no solution found in "
-            f"{packing['intervals'] - packing['solved']}",
+            f"increments of the packing ({packing['boundary'] or 'none'}): solved in "
+            f"{packing['solved']} of {packing['intervals']} intervals, nearest regimes in "
+            f"{packing.get('intervals nearest', 0)}",
         )
     if "followed" in summary:
         lines[1:1] = _followed_lines(summary["followed"])
@@ -361,7 +363,8 @@ def _followed_lines(followed: dict[str, Any]) -> list[str]:
     )
     ends = ", ".join(f"{status}: {count}" for status, count in followed["path_statuses"].items())
     lines = [
-        f"replay at inertial number {low if low == high else f'{low} to {high}'} ({sources})",
+        f"replay at inertial number {low if low == high else f'{low} to {high}'} ({sources}), "
+        f"damping {followed['damping']:g}, programme {followed['programme']}",
         f"path by events ({ends}), {followed['path_instabilities']} instabilities passed by "
         f"{followed['past']}",
     ]
@@ -428,11 +431,12 @@ def series_command(
         str,
         Parameter(
             metavar="rates|events",
-            help="Predict each interval with the tangent of the whole packing (rates, the default "
-            "of the option without a value); events: also with the packing's path from event to "
-            "event, and with a DEM replay.",
+            help="Predict each interval with the tangent of the whole packing and friction over "
+            "the interval (rates, the default of the option without a value); events: also with "
+            "the packing's path from event to event, and with a DEM replay.",
         ),
     ] = "",
+    candidates: Candidates = 0.7,
     yield_band: YieldBand = 0.99,
     past: PastOption = "viscous",
     replaying: Replaying | None = None,
@@ -484,6 +488,7 @@ def series_command(
             scheduler=scheduler,
             cells=cells,
             in_packing=in_packing,
+            candidates=candidates,
             yield_band=yield_band,
             **words,
             **asdict(replaying or Replaying()),

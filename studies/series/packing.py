@@ -1,8 +1,8 @@
 """Predictions of the packing for every loop over an interval, and the actual non-affinity.
 
-The strain of the sample over the interval is put on the earlier snapshot (`packing_response`), in
-units of the interval: works are per interval, times are shares of it. If the solution can't be
-trusted (`packing_status` is none of 'unique', 'one found', 'several') there is no prediction.
+The strain of the sample over the interval is put on the earlier snapshot (`packing_increment`):
+works are per interval, times are shares of it. Where solutions end before (`packing_status` is
+'nearest') contacts that soften are kept from sliding, and predictions are those of the others.
 
 The grains' own motion gives an upper bound: the motion of all centres and spins is exact there, and
 only the tangents are in error.
@@ -26,16 +26,17 @@ from patterns import Snapshot
 from stability import COMPONENTS, follow
 from stability.packing import (
     LoopRates,
-    PackingRates,
+    PackingIncrements,
     indicators,
     loop_changes,
     loop_rates,
     replay,
 )
 from stability.packing.equations_of_motion import duration_of, masses_of, step_of
+from stability.packing.increment import CANDIDATES
 from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
 from stability.packing.pairs import contact_pairs, require_movable
-from stability.packing.response import SOLVED, forces_of_motion
+from stability.packing.response import forces_of_motion
 from stability.packing.state import PackingState, start_state
 from stability.paths.path import Past
 from stability.verdict import loop_spectra
@@ -45,6 +46,7 @@ from studies.series.loading import Loading, StrainTable, loading_between, stress
 from studies.snapshot.in_packing import (
     balance_notes,
     box_corners,
+    fixed_point,
     followed_walls,
     sample_boundary,
     sample_edge,
@@ -68,6 +70,11 @@ EVENT_FIELDS = {
     )
 }
 OWN_FIELDS = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
+# Fields of the response in the row of an interval.
+INCREMENT = (
+    *("proof", "residual", "reached", "disagreeing", "beyond", "sliding", "candidates"),
+    "settled",
+)
 # Largest number of instabilities that a path passes: more than occur.
 PASSED = 1000
 # Inertial number of a replay where the series tells none, and the most steps of a replay.
@@ -187,11 +194,13 @@ def packing_predictions(
     before: Snapshot,
     after: Snapshot,
     fates: LoopFates,
-    yield_band: float,
+    candidates: float = CANDIDATES,
     following: Following | None = None,
     times: Sequence[float | None] = (None, None),
 ) -> tuple[Columns, dict[str, Any], list[str]]:
     """Predictions and fates of all earlier loops, columns of the interval, notes.
+
+    `candidates` is the share of its strength from which a contact may come to slide.
 
     A packing without a rate problem, as one that floats, is `refused` and a note says why; without
     forces there is an `InputError`. With `following` the packing's path and replay predict too, the
@@ -206,11 +215,12 @@ def packing_predictions(
     try:
         if source == "unknown":
             raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
-        edge = sample_edge(before, yield_band)
+        edge = sample_edge(before, candidates, fixed_point(before, after, H))
     except InputError as error:
         return columns, {"packing_status": "refused"}, [f"no packing response: {error}"]
-    response = PackingRates(edge).response(H)
-    if response.status in SOLVED:
+    increments = PackingIncrements(edge)
+    response = increments.response(H)
+    if response.status != "not converged":
         columns |= _picked(loop_rates(response, before.faces), PREDICTED)
     if before.rotation is not None and after.rotation is not None:
         # The packing under the grains' actual motion. Codes give angles up to a full turn; a grain
@@ -221,7 +231,9 @@ def packing_predictions(
         spin = np.full(graph.grain_count, np.nan)
         spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
         rate = moved_branches(before, after, response.strain_rate) - branch_vectors(graph)
-        own = replace(response, branch_rate=rate, force_rate=forces_of_motion(edge, rate, spin))
+        own = replace(
+            response, branch_rate=rate, force_rate=forces_of_motion(increments.yielding, rate, spin)
+        )
         columns |= _picked(loop_rates(own, before.faces), OWN_FIELDS)
     planes, held, notes = sample_boundary(before)
     by_events: dict[str, Any] = {}
@@ -232,10 +244,7 @@ def packing_predictions(
     columns["packing_lambda_min"] = loop_spectra(place.matrix / before.mean_kn)[:, 0]
     row = {
         "packing_status": response.status,
-        **{
-            f"packing_{name}": getattr(response, name)
-            for name in ("proof", "residual", "disagreeing", "sliding", "candidates", "settled")
-        },
+        **{f"packing_{name}": getattr(response, name) for name in INCREMENT},
         "packing_rattlers": response.system.carrying.rattlers,
         "packing_boundary": response.system.boundary,
         **by_events,

@@ -20,6 +20,7 @@ from loops.kinetics import FATES, OrderEvents
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import ExchangeCounts, Fate
 from stability import COMPONENTS
+from stability.packing.increment import CANDIDATES
 from stability.packing.response import SOLVED, checked_band
 from stability.paths.path import Past
 from studies.output import SERIES, UNITS, definitions
@@ -56,6 +57,7 @@ def run_series(
     animation: bool = False,
     in_packing: bool | str = False,
     yield_band: float = 0.99,
+    candidates: float = CANDIDATES,
     past: Past = "viscous",
     inertial_number: float | None = None,
     times: Path | None = None,
@@ -87,7 +89,9 @@ def run_series(
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
     in_packing = in_packing or indicators
     one_of("--in-packing", in_packing, (False, True, "rates", "events"))
-    band, by_events = checked_band(yield_band) if in_packing else None, in_packing == "events"
+    share, by_events = None, in_packing == "events"
+    if in_packing:
+        share = checked_band(candidates, "candidates", CANDIDATES)
     rate = {"inertial_number": inertial_number, "time_step": time_step, "mean_mass": mean_mass}
     one_of("--past", past, get_args(Past))
     for name, value in rate.items():
@@ -101,7 +105,7 @@ def run_series(
         received = "the rates alone" if in_packing else "no path and no replay"
         remedy = "Add --in-packing events, or leave the options of paths and replays out."
         raise InputError("--in-packing", received, "events", remedy)
-    read["in_packing"] = [band, "events", *following[:-1]] if by_events else band
+    read["in_packing"] = [share, "events", *following[:-1]] if by_events else share
     if indicators:
         read["indicators"] = True
     probed: tuple[float | None, int | None] = (None, None)
@@ -115,7 +119,7 @@ def run_series(
     with series_folder(out, read, [one.name for one in planned], force=force):
         files = [out / SERIES, *dict.fromkeys(one.path for one in planned)]
         followed = following if by_events else None
-        series = Series(planned, out, band, followed, probed, indicators)
+        series = Series(planned, out, share, followed, probed, indicators)
         with open_runner(workers, scheduler, files) as runner:
             failures = do_tasks(runner, series.snapshots, "snapshots", skip_bad=skip_bad)
             bad = {failure.number for failure in failures}
@@ -207,12 +211,12 @@ def series_tables(
     if len(skill):
         tables["skill"] = skill
         summary |= skill_summary(skill, by_order)
-    if series.yield_band is not None:
+    if series.candidates is not None:
         tables["skill_by_order"] = by_order
-        summary["packing"] = solved_summary(intervals, series.yield_band)
+        summary["packing"] = solved_summary(intervals, series.candidates)
     if series.following is not None:
         numbers = [one.number for one in series.planned]
-        summary["followed"] = followed_summary(intervals, numbers, series.following.past)
+        summary["followed"] = followed_summary(intervals, numbers, series.following)
         summary["notes"] = [*missed_stresses(summary["followed"]), *summary["notes"]]
     return tables, summary
 
@@ -304,7 +308,7 @@ def kinetics(
     return {name: pd.DataFrame(table) for name, table in tables.items()}, summary
 
 
-def solved_summary(intervals: Sequence[Row], band: float) -> dict[str, Any]:
+def solved_summary(intervals: Sequence[Row], candidates: float) -> dict[str, Any]:
     """Number of intervals whose rate problem is solved, largest residual, boundary."""
     status = [row["packing_status"] for row in intervals]
     solved = sum(one in SOLVED for one in status)
@@ -312,7 +316,7 @@ def solved_summary(intervals: Sequence[Row], band: float) -> dict[str, Any]:
         f"worst {name}": max(
             (row[f"packing_{name}"] for row in intervals if f"packing_{name}" in row), default=None
         )
-        for name in ("residual", "disagreeing")
+        for name in ("residual", "disagreeing", "beyond")
     }
     # Numbers of contacts and grains differ from one interval to the next.
     boundaries = [
@@ -321,7 +325,7 @@ def solved_summary(intervals: Sequence[Row], band: float) -> dict[str, Any]:
         if "packing_boundary" in row
     ]
     return {
-        "yield_band": band,
+        "candidates": candidates,
         "intervals": len(intervals),
         "solved": solved,
         "share_solved": solved / len(intervals) if intervals else None,
@@ -331,7 +335,9 @@ def solved_summary(intervals: Sequence[Row], band: float) -> dict[str, Any]:
     }
 
 
-def followed_summary(intervals: Sequence[Row], numbers: Sequence[int], past: str) -> dict[str, Any]:
+def followed_summary(
+    intervals: Sequence[Row], numbers: Sequence[int], following: Following
+) -> dict[str, Any]:
     """Summary of paths and replays: statuses, instabilities, distances, rates.
 
     `numbers` are those of the snapshots.
@@ -346,7 +352,9 @@ def followed_summary(intervals: Sequence[Row], numbers: Sequence[int], past: str
         for k in beyond
     ]
     return {
-        "past": past,
+        "past": following.past,
+        "programme": following.programme,
+        "damping": following.damping,
         "path_statuses": dict(Counter(row["path_status"] for row in rows)),
         "path_instabilities": sum(row["path_instabilities"] for row in rows),
         "path_from_replay": largest_of(known_values(intervals, "path_from_replay"), numbers),

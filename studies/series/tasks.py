@@ -235,13 +235,14 @@ class Failure:
 class PartTask:
     """Task that writes the loops of one snapshot, or the changes between two successive ones.
 
+    `band` is the share of its strength from which a contact may slide, in probes and predictions.
     With `directions` the snapshot is probed as well, with `indicators` those of its loops predict
     the interval; `previous` is the snapshot before it, if there is one.
     """
 
     snapshots: tuple[PlannedSnapshot, ...]
     out: Path
-    yield_band: float | None = None
+    band: float | None = None
     directions: int | None = None
     following: Following | None = None
     indicators: bool = False
@@ -265,7 +266,7 @@ class PartTask:
     @property
     def fingerprint(self) -> str:
         """Digest of everything that the result depends on."""
-        how = self.yield_band, self.directions
+        how = self.band, self.directions
         asked = [repr(one) for one in (*how, self.following) if one is not None]
         if self.indicators:
             asked += ["indicators", "" if self.previous is None else self.previous.fingerprint]
@@ -276,7 +277,7 @@ class PartTask:
         """Whether all its files exist and have its fingerprint."""
         parts = [self.part]
         if len(self.snapshots) > 1:
-            parts += [self.fates_part, *([] if self.yield_band is None else [self.packing_part])]
+            parts += [self.fates_part, *([] if self.band is None else [self.packing_part])]
         return all(is_finished(part, self.fingerprint) for part in parts)
 
     @property
@@ -293,14 +294,14 @@ class PartTask:
 class Series:
     """Planned snapshots, result folder and optional extra predictors of a series.
 
-    With `yield_band` the packing predicts each interval, with `following` its path and its replay
+    With `candidates` the packing predicts each interval, with `following` its path and its replay
     too, with `indicators` also what one snapshot tells; `probe` are the yield band and the number
     of directions of the probes of each snapshot.
     """
 
     planned: Sequence[PlannedSnapshot]
     out: Path
-    yield_band: float | None = None
+    candidates: float | None = None
     following: Following | None = None
     probe: tuple[float | None, int | None] = (None, None)
     indicators: bool = False
@@ -316,7 +317,7 @@ class Series:
         earlier: list[PlannedSnapshot | None] = [None] * len(self.planned)
         if self.indicators:
             earlier[1:] = self.planned[:-1]
-        given = self.out, self.yield_band, None, self.following, self.indicators
+        given = self.out, self.candidates, None, self.following, self.indicators
         pairs = zip(pairwise(self.planned), earlier, strict=False)
         return [PartTask(pair, *given, previous) for pair, previous in pairs]
 
@@ -328,7 +329,7 @@ class Series:
             "increments": [task.part for task in self.intervals],
             "fates": [task.fates_part for task in self.intervals],
         }
-        if self.yield_band is not None:
+        if self.candidates is not None:
             parts["packing"] = [task.packing_part for task in self.intervals]
         return parts
 
@@ -385,8 +386,8 @@ def _write_snapshot(task: PartTask) -> None:
     # Tasks run at the same time, each on one core.
     table = loop_columns(state, threads=1)
     row, notes = evolution_row(state, table), list(state.notes)
-    if task.directions is not None and task.yield_band is not None:
-        probed, why = probe_row(state, task.directions, task.yield_band)
+    if task.directions is not None and task.band is not None:
+        probed, why = probe_row(state, task.directions, task.band)
         row, notes = row | probed, notes + why
     rows, step = len(table["loop"]), state.step
     place = {
@@ -410,9 +411,9 @@ def _write_pair(task: PartTask) -> None:
         "exchange": exchange_counts(fates)._asdict(),
         "events": order_events(fates)._asdict(),
     }
-    if task.yield_band is not None:
+    if task.band is not None:
         columns, row, about["notes"] = packing_predictions(
-            *(before, after, fates, task.yield_band, task.following),
+            *(before, after, fates, task.band, task.following),
             [one.time for one in task.snapshots],
         )
         if task.indicators:

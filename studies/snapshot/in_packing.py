@@ -37,15 +37,16 @@ def sample_boundary(snapshot: Snapshot) -> tuple[PlaneContacts | None, Flags | N
 
     walls = snapshot.walls
     if walls is not None and walls.kn is not None and walls.kt is not None:
-        kt = walls.kt
-        if walls.mu is not None:
-            # No law of walls slides in the rate problem: those that slide have no shear stiffness.
+        sliding, notes = walls.sliding, []
+        if walls.mu is not None and sliding is None:
             n = walls.branch / np.linalg.norm(walls.branch, axis=1, keepdims=True)
             N = np.sum(walls.force * n, axis=1)
             T = n[:, 0] * walls.force[:, 1] - n[:, 1] * walls.force[:, 0]
-            at_yield = np.abs(T) >= SLIDING_SHARE * walls.mu * N
-            kt = np.where(at_yield if walls.sliding is None else walls.sliding, 0.0, kt)
-        return PlaneContacts(walls.grain, -walls.branch, walls.kn, kt, walls.mu), None, []
+            sliding = np.abs(T) >= SLIDING_SHARE * walls.mu * N
+        if walls.mu is None and walls.kt.any():
+            notes = ["walls: no friction known, contacts with a shear stiffness stick"]
+        given = walls.kn, walls.kt, walls.mu, walls.force, sliding
+        return PlaneContacts(walls.grain, -walls.branch, *given), None, notes
     if walls is not None:
         planes = plane_contacts(snapshot.graph, walls.grain, walls.force, walls.branch)
         if isinstance(snapshot.law, HertzMindlin):
@@ -72,8 +73,7 @@ def followed_walls(snapshot: Snapshot) -> tuple[PlaneContacts | None, Floats | N
     planes = sample_boundary(snapshot)[0]
     assert planes is not None
     if walls.kn is not None and walls.kt is not None:
-        # In a path those at yield may stick again.
-        return replace(planes, kt=walls.kt), walls.force
+        return planes, walls.force
     # Contacts without a force have no stiffness, and are left out.
     pushes = np.sum(walls.force * walls.branch, axis=1) > 0
     return planes, walls.force[pushes]
@@ -112,12 +112,33 @@ def box_corners(x: Floats, walls: WallContacts) -> Floats | None:
     return np.array(ends).T
 
 
-def sample_edge(snapshot: Snapshot, yield_band: float) -> YieldResponse:
-    """Rate problem of the packing; contacts with |T| of at least `yield_band` mu N may slide."""
+def fixed_point(before: Snapshot, after: Snapshot, H: Floats) -> Floats | None:
+    """(2,) point at rest of the strain `H` of a box of plates, whichever of them moved.
+
+    The lower left corner where the first length stays; None without four plates along the axes.
+    """
+    if before.walls is None or after.walls is None:
+        return None
+    corners = box_corners(before.graph.x, before.walls), box_corners(after.graph.x, after.walls)
+    if corners[0] is None or corners[1] is None:
+        return None
+    moved, strain = corners[1][0] - corners[0][0], np.diag(H)
+    return np.asarray(corners[0][0] + np.divide(moved, strain, out=0.0 * moved, where=strain != 0))
+
+
+def sample_edge(
+    snapshot: Snapshot, yield_band: float, fixed: Floats | None = None
+) -> YieldResponse:
+    """Rate problem of the packing; contacts with |T| of at least `yield_band` mu N may slide.
+
+    Plates strain about the point `fixed`, by default the lower left corner.
+    """
     from stability.packing.response import yield_response
 
     graph, (law, regime) = snapshot.graph, snapshot.mechanics()
     planes, held, _ = sample_boundary(snapshot)
+    if planes is not None:
+        planes = replace(planes, fixed=fixed)
     volume = None
     if graph.cell is None:
         box = None if snapshot.walls is None else box_area(graph.x, snapshot.walls)

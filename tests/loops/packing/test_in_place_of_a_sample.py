@@ -6,14 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loops import Regime, find_faces, loop_batches
+from loops import LinearFrictional, Regime, find_faces, loop_batches
 from loops.arrays import frobenius
 from loops.geometry import boundary_vectors, polygon_area
 from loops.packing import factorised, loops_in_place, packing_system
+from loops.packing.gears import spin_modes
 from loops.packing.in_place import inverted, polygons_of
 from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
 from studies.reading import cells_by_number
+from tests.oracles import eighty_bits
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "")) / "yade-slow"
 COLLECTION = pytest.mark.collection
@@ -158,6 +160,24 @@ def test_what_surrounds_the_loops(elastic, flagged):
     assert (smallest(elastic.whole.alone)[elastic.order >= 5] < 0).all()
     assert flagged.unstable(flagged.whole.matrix) == pytest.approx(0.05, abs=0.02)
     assert flagged.unstable(flagged.whole.alone) > 0.6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["flagged", "sheared_and_flagged", "elastic", "sheared"])
+def test_stated_errors_against_eighty_bits(request, name):
+    """13,548 loops of four states, soft in shear: ratios of the springs from 0.5 down."""
+    state = request.getfixturevalue(name)
+    kn, mu = (float(np.median(p)) for p in (state.law.kn, state.law.mu))
+    for ratio in (0.5, 1e-8) if "flagged" in name else (0.5, 1e-6, 1e-8, 1e-10):
+        law = LinearFrictional(kn, ratio * kn, mu, "radii")
+        regime = state.graph.regime
+        found = loops_in_place(state.graph, law, state.faces, regime=regime, method="whole")
+        system = found.system
+        modes = spin_modes(system.stiffness, system.ends, system.size)
+        exact = eighty_bits.operators(system, state.faces, modes)
+        error = frobenius((found.matrix - exact).astype(float)) / frobenius(found.matrix)
+        assert np.isfinite(found.matrix).all() and np.isfinite(error).all()
+        assert (error < 0.5 * found.error).all()
 
 
 @pytest.mark.slow

@@ -20,7 +20,8 @@ from loops.packing import (
     packing_system,
     plane_contacts,
 )
-from loops.packing.in_place import inverse_at_contacts, spin_modes
+from loops.packing.gears import spin_modes
+from loops.packing.in_place import inverse_at_contacts
 from loops.packing.system import (
     balancing_forces,
     in_freedoms,
@@ -150,7 +151,7 @@ def system_of(case):
     matrix = stiffness_matrix(system)
     factor = factorised(system)
     balanced = matrix @ wave
-    mode, moves = spin_modes(system.stiffness, system.ends, system.size)
+    mode, moves, _ = spin_modes(system.stiffness, system.ends, system.size)
     words["mode"] = mode.tolist()
     return words, {
         "branches": system.branches,

@@ -11,7 +11,10 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, Regime
 from patterns import Snapshot
-from patterns.snapshots import checks
+from patterns.snapshots import checked, checks, findings, missing, stiffness_checks
+from patterns.snapshots.stiffness_checks import check_kt
+
+MODULES = (checks, checked, findings, missing, stiffness_checks)
 
 OVERLAP = 1e-3
 
@@ -77,7 +80,7 @@ def state(
         c, s = np.cos(turned), np.sin(turned)
         given = d @ np.array([[c, s], [-s, c]])
     walls = None if pushed is None else (np.arange(len(x)), pushed)
-    return checks.Checked(
+    return checked.Checked(
         graph,
         (length * each)[:, None] * d,
         length * each,
@@ -200,11 +203,11 @@ def snapshots(factor=1.0, wrong=0.0, size=8, rotations=True, kt=0.5 / OVERLAP):
 
 
 def kt(*arguments, **options):
-    return severity(checks.check_kt(*snapshots(*arguments, **options)))
+    return severity(check_kt(*snapshots(*arguments, **options)))
 
 
 def told(*arguments, **options):
-    return checks.check_kt(*snapshots(*arguments, **options)).says.endswith("(median)")
+    return check_kt(*snapshots(*arguments, **options)).says.endswith("(median)")
 
 
 def says(text, function):
@@ -217,27 +220,116 @@ def of(function):
 
 def coarse_directions(multiple):
     """Normals turned by a multiple of what six digits of the centres tell."""
-    coarse = 2 * checks.rounding(state(digits=6).x) + checks.rounding(lattice(6, 6)[4])
+    coarse = 2 * findings.rounding(state(digits=6).x) + findings.rounding(lattice(6, 6)[4])
     return state(digits=6, turned=multiple * coarse)
 
 
 def coarse_overlaps(multiple, kn=10.0):
     """Overlaps of a multiple of the rounding of centres with six digits, and kn that are off."""
-    overlap = multiple * checks.rounding(state(digits=6).x)
+    overlap = multiple * findings.rounding(state(digits=6).x)
     return state(digits=6, length=1 + OVERLAP - overlap, kn=kn / overlap)
 
 
 def on_rim(gap):
     """Whether a grain so many radii from the border of the box counts as on it."""
     x = np.array([[0.0, 0.0], [10.0, 10.0], [gap, 5.0]])
-    return bool(checks.on_rim(x, np.ones(3), np.ones(3, bool))[2])
+    return bool(checked.on_rim(x, np.ones(3), np.ones(3, bool))[2])
+
+
+def scattered(ratio, spread=0.02):
+    """Forces above and below what overlaps give, by turns."""
+    return state(normal=ratio * (1 + spread * by_turns(COUNT)))
+
+
+def by_turns(count):
+    return np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
+
+
+def hertzian(ratio, power=0.5, spread=None, size=(6, 6)):
+    """Stiffnesses that go with a power of the overlap, and N a share of kn times it."""
+    overlap = OVERLAP * UNEVEN[: 3 * size[0] * size[1]]
+    if spread is not None:
+        overlap = OVERLAP * np.exp(spread * by_turns(COUNT))
+    kn = overlap**power
+    made = {"kn": kn, "kt": 0.5 * kn, "normal": ratio * kn * overlap}
+    return state(length=1 + OVERLAP - overlap, size=size, **made)
+
+
+def odd(share, noise):
+    """Forces with some noise, one of them larger by a share."""
+    return np.append(1 + share, (1 + noise * by_turns(COUNT))[1:])
+
+
+def large_grain(share, noise=0.0, right=0):
+    """A grain whose radius is too large by a share; a few of its contacts fit nevertheless."""
+    contacts = lattice(6, 6)[2]
+    length = np.ones(COUNT)
+    length[np.flatnonzero((contacts == 8).any(axis=1))[:right]] += share * (1 + OVERLAP) / 2
+    normal = 1 + noise * by_turns(COUNT)
+    return state(radii=np.where(np.arange(36) == 8, 1 + share, 1.0), length=length, normal=normal)
+
+
+def thin(multiple):
+    """A contact left out that overlaps by so many times what may be lost."""
+    kept = np.arange(COUNT) > 0
+    return state(radii=(1 + 1e-6) / (1 + OVERLAP), length=1 + 1e-6 - 0.01 / multiple, kept=kept)
+
+
+def barely(multiple):
+    """A contact left out that overlaps by so many times what six digits tell."""
+    overlap = 2 * multiple * state(digits=6, radii=np.pi / 3).rounded
+    kept = np.arange(COUNT) > 0
+    return state(digits=6, radii=(1 + overlap) / (1 + OVERLAP), kept=kept)
+
+
+def across_gaps(count):
+    """A contact left out, where some others carry their load across a gap."""
+    return state(length=one(1.5, count=count, of=COUNT - 1), kept=np.arange(COUNT) > 0)
+
+
+def coarse(multiple):
+    """Overlaps of which six digits leave so many hundredths open."""
+    typical = state(digits=6).rounded / (0.01 * multiple)
+    return state(digits=6, length=1 + OVERLAP - typical, kn=1 / typical)
+
+
+def ring(count=10, push=1.0, stopped=0, cosine=1.0):
+    """Grains around one that pushes them outward; walls push back but for a share.
+
+    Each has another contact, tangential in all but a few of them, which carries nothing.
+    """
+    angle = 2 * np.pi * np.arange(count) / count
+    u, t = (
+        np.column_stack([np.cos(angle), np.sin(angle)]),
+        np.column_stack([-np.sin(angle), np.cos(angle)]),
+    )
+    along = np.where(np.arange(count) < stopped, cosine, 0.0)[:, None]
+    d = np.concatenate([u, along * u + np.sqrt(1 - along**2) * t])
+    own = np.arange(count)
+    contacts = np.concatenate(
+        [np.column_stack([np.full(count, 2 * count), own]), np.column_stack([own, own + count])]
+    )
+    x = np.concatenate([3 * u, 4 * u, np.zeros((1, 2))])
+    normal = np.repeat([1.0, 0.0], count)
+    graph = GrainGraph(x=x, radii=np.ones(len(x)), contacts=contacts, normal_force=normal)
+    law = LinearFrictional(1.0, 0.5, 0.5)
+    length = np.ones(2 * count)
+    walls = own, (push - 1) * u
+    return checked.Checked(graph, d, length, law, None, None, walls, np.arange(len(x)))
 
 
 # Limit, its place if it is one of two; what is looked at, within and beyond; the two answers.
 balance, turned = of(checks.balance), of(checks.one_contact_turned)
 ratio, sliding, flags = of(checks.one_ratio), of(checks.sliding), of(checks.flags)
-stiffness, distances, radii = of(checks.stiffness), of(checks.distances), of(checks.radii)
+stiffness, distances, radii = (
+    of(stiffness_checks.stiffness),
+    of(checks.distances),
+    of(stiffness_checks.radii),
+)
 friction, same = of(checks.friction), of(checks.same_snapshot)
+one_radius, one_contact = of(stiffness_checks.one_radius), of(stiffness_checks.one_contact)
+hertz_told = says("Hertz", stiffness_checks.stiffness)
+lost, outward = of(missing.lost_contacts), of(missing.walls)
 LIMITS = [
     ("LOADED", weak, 0.08, 0.12),
     ("ALONG", of(checks.directions), *(state(shear=np.sqrt(s**-2 - 1)) for s in (0.48, 0.33))),
@@ -268,22 +360,31 @@ LIMITS = [
     ),
     ("FEW_BELOW", sliding, flagged(0.8, 5), flagged(0.8, 6)),
     ("SLIDING_SHARE", flags, unflagged(10, 0.9985), unflagged(10, 0.9995)),
-    (("STIFF_RATIO", 0), stiffness, state(normal=0.65), state(normal=0.55)),
-    (("STIFF_RATIO", 1), stiffness, state(normal=1.5), state(normal=1.75)),
-    ("HERTZ", says("Hertz", checks.stiffness), state(normal=0.7), state(normal=2 / 3)),
+    ("STIFFNESS_OFF", stiffness, state(normal=0.996), state(normal=0.994)),
+    ("ERRORS", stiffness, scattered(1.013), scattered(1.021)),
+    ("HERTZ", says("--law hertz", stiffness_checks.stiffness), hertzian(0.7), hertzian(2 / 3)),
+    ("ROOT_BAND", hertz_told, *(hertzian(2 / 3, power=p) for p in (0.75, 0.65))),
+    ("SPREAD", hertz_told, *(hertzian(2 / 3, spread=s) for s in (0.08, 0.125))),
     (
-        "HERTZ_BAND",
-        says("Hertz", checks.stiffness),
-        *(state(normal=k * 2 / 3) for k in (1.012, 1.008)),
+        "NEAR_ROUND",
+        says("10^4", stiffness_checks.stiffness),
+        state(normal=10**4.07),
+        state(normal=10**4.04),
     ),
-    ("NEAR_ROUND", says("10^4", checks.stiffness), state(normal=10**4.07), state(normal=10**4.04)),
     ("NEAR_ROUND", stiffness, state(kt=1.04 / OVERLAP), state(kt=1.06 / OVERLAP)),
-    ("ODD_STIFFNESS", of(checks.odd_stiffness), *(state(kn=one(k) / OVERLAP) for k in (80, 125))),
-    (
-        "ODD_STIFFNESS",
-        of(checks.odd_stiffness),
-        *(state(kn=one(1 / k) / OVERLAP) for k in (80, 125)),
-    ),
+    ("ODD_SHARE", one_radius, *(large_grain(s) for s in (1.6e-5, 2.5e-5))),
+    ("OF_GRAIN", one_radius, *(large_grain(s, noise=0.01) for s in (1.6e-4, 2.9e-4))),
+    ("AGREEING_CONTACTS", one_radius, *(large_grain(1e-3, right=n) for n in (2, 1))),
+    ("OF_CONTACT", one_contact, *(state(normal=odd(k, 0.002)) for k in (0.09, 0.14))),
+    ("FEW_WRONG", one_contact, *(state(normal=one(2.0, count=n)) for n in (13, 9))),
+    ("LOST", lost, *(thin(k) for k in (0.8, 1.25))),
+    ("LOST_ROUNDINGS", lost, *(barely(k) for k in (0.8, 1.25))),
+    ("FEW_APART", lost, *(across_gaps(n) for n in (2, 1))),
+    ("PUSHED", outward, ring(push=0.12), ring(push=0.19)),
+    ("AGAINST", outward, ring(stopped=10, cosine=0.8), ring(stopped=10, cosine=0.6)),
+    ("BARE_SHARE", outward, ring(stopped=4), ring(stopped=2)),
+    ("FEWEST_BARE", outward, ring(4), ring(6)),
+    ("COARSE", says("digits", checks.unseen), *(coarse(k) for k in (0.8, 1.25))),
     (
         ("DIAMETERS", 0),
         says("diameters", checks.distances),
@@ -303,6 +404,13 @@ LIMITS = [
     ("FEWEST", turned, state(size=(4, 4)), state(size=(5, 5))),
     ("FEWEST", of(checks.jammed), *(state(size=(n, n), sliding=False) for n in (4, 5))),
     ("FEWEST", radii, state(size=(2, 3)), state(size=(2, 4))),
+    ("FEWEST", one_radius, state(size=(2, 3)), state(size=(2, 4))),
+    ("FEWEST", one_contact, state(size=(2, 3)), state(size=(2, 4))),
+    (
+        "FEWEST",
+        hertz_told,
+        *(hertzian(2 / 3, size=(2, n)) for n in (3, 4)),
+    ),
     ("FEWEST", lambda size: kt(size=size), 2, 3),
     (
         "SAME_FORCE",
@@ -314,11 +422,6 @@ LIMITS = [
     ("ROUNDINGS", same, *(coarse_directions(k) for k in (4, 6.25))),
     ("ROUNDINGS", radii, *(off_radii(s, digits=6, overlap=0.02) for s in (3e-4, 5e-4))),
     ("OVERLAP_ROUNDINGS", stiffness, *(coarse_overlaps(k) for k in (1.6, 2.5))),
-    (
-        "SURE_ROUNDINGS",
-        of(checks.odd_stiffness),
-        *(coarse_overlaps(k, one(125.0)) for k in (16, 25)),
-    ),
     ("RIM", on_rim, 0.06, 0.04),
     ("KT", kt, 1.08, 1.13),
     ("AGREEING", lambda wrong: told(1.0, wrong), 0.6, 0.4),
@@ -330,8 +433,10 @@ WORSE = ("none", "ok", "doubt", "error")
 
 
 def answers(one):
-    _, look, within, beyond = one
-    return look(within), look(beyond)
+    # A state keeps what was computed with other limits.
+    _, look, *made = one
+    made = [dataclasses.replace(m) if isinstance(m, checked.Checked) else m for m in made]
+    return look(made[0]), look(made[1])
 
 
 IDS = [f"{one[0] if isinstance(one[0], str) else one[0][0]}-{k}" for k, one in enumerate(LIMITS)]
@@ -351,20 +456,23 @@ def test_examples_on_both_sides(limit):
 def test_a_limit_that_moves_is_noticed(limit, factor, monkeypatch):
     before = answers(limit)
     name, place = limit[0] if isinstance(limit[0], tuple) else (limit[0], None)
-    value = getattr(checks, name)
+    holders = [module for module in MODULES if hasattr(module, name)]
+    value = getattr(holders[0], name)
     if place is None:
         moved = factor * value
     else:
         moved = tuple(factor * v if k == place else v for k, v in enumerate(value))
-    monkeypatch.setattr(checks, name, moved)
+    for module in holders:
+        monkeypatch.setattr(module, name, moved)
     assert answers(limit) != before
 
 
 def test_every_limit_has_its_examples():
     found = {
         (name, place) if isinstance(value, tuple) else name
-        for name, value in vars(checks).items()
-        if name.isupper() and not isinstance(value, bool)
+        for module in MODULES
+        for name, value in vars(module).items()
+        if name.isupper() and name != "TYPE_CHECKING"
         for place in (range(len(value)) if isinstance(value, tuple) else (None,))
     }
     # Numbers of the fit of rotations, which the next test holds.
@@ -375,15 +483,15 @@ def test_every_limit_has_its_examples():
 def test_kt_is_found_without_rotations(factor, monkeypatch):
     """A contact in fifty slid in between: least squares that weigh it down find the factor."""
     pair = snapshots(factor, 0.02, size=12, rotations=False)
-    found = checks.check_kt(*pair)
+    found = check_kt(*pair)
     assert found.number == pytest.approx(factor, rel=1e-3)
     assert found.severity == ("ok" if factor == 1 else "doubt")
-    monkeypatch.setattr(checks, "REWEIGHTED", 1)
-    assert checks.check_kt(*pair).number != pytest.approx(factor, rel=1e-3)
+    monkeypatch.setattr(stiffness_checks, "REWEIGHTED", 1)
+    assert check_kt(*pair).number != pytest.approx(factor, rel=1e-3)
     monkeypatch.undo()
     # Part of the contacts of a large packing do as well.
-    monkeypatch.setattr(checks, "FITTED", 200)
-    assert checks.check_kt(*pair).number == pytest.approx(factor, rel=1e-2)
+    monkeypatch.setattr(stiffness_checks, "FITTED", 200)
+    assert check_kt(*pair).number == pytest.approx(factor, rel=1e-2)
 
 
 def test_kt_is_found_whatever_the_first_angles():
@@ -391,7 +499,7 @@ def test_kt_is_found_whatever_the_first_angles():
     before, after = snapshots(1.5)
     start = np.linspace(-3, 3, len(before.ids))
     turned = [dataclasses.replace(one, rotation=one.rotation + start) for one in (before, after)]
-    found = [checks.check_kt(*pair).number for pair in ((before, after), turned)]
+    found = [check_kt(*pair).number for pair in ((before, after), turned)]
     assert found == pytest.approx([1.5, 1.5], rel=1e-4)
 
 
@@ -406,21 +514,21 @@ def test_forces_that_do_not_push_are_named(normal, shear, cause):
 
 def test_kt_is_not_checked_between_other_grains_or_equal_states():
     before, after = snapshots()
-    assert checks.check_kt(before, before) is None
+    assert check_kt(before, before) is None
     moved = dataclasses.replace(after, ids=after.ids + 1000)
-    assert checks.check_kt(before, moved) is None
-    assert checks.check_kt(dataclasses.replace(before, law=None), after) is None
+    assert check_kt(before, moved) is None
+    assert check_kt(dataclasses.replace(before, law=None), after) is None
 
 
 @pytest.mark.parametrize("rotations", [True, False])
 def test_kt_is_not_checked_without_shear_forces(rotations):
     """Grains without friction, a law without shear stiffness, and T that stays as it is."""
-    assert checks.check_kt(*snapshots(0.0, rotations=rotations)) is None
+    assert check_kt(*snapshots(0.0, rotations=rotations)) is None
     before, after = snapshots(rotations=rotations)
     soft = dataclasses.replace(before.law, kt=0.0)
-    assert checks.check_kt(dataclasses.replace(before, law=soft), after) is None
+    assert check_kt(dataclasses.replace(before, law=soft), after) is None
     same = dataclasses.replace(before, graph=after.graph)
-    assert checks.check_kt(same, dataclasses.replace(after, rotation=before.rotation)) is None
+    assert check_kt(same, dataclasses.replace(after, rotation=before.rotation)) is None
 
 
 def test_a_regular_packing_may_share_one_ratio():

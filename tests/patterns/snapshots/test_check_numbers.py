@@ -10,9 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Regime, branch_vectors
+from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, branch_vectors, contact_state
 from patterns import Snapshot
-from patterns.snapshots import checks
+from patterns.snapshots import checked, checks, findings, missing, stiffness_checks
+from patterns.snapshots.stiffness_checks import check_kt
 from tests.patterns.snapshots import test_check_limits as limits
 
 COUNT = 60
@@ -52,7 +53,7 @@ def uneven(seed=0, *, walls=True, forces=None, **changes):
         shear_force=drawn["shear"],
     )
     pushed = (np.array([0, 3, 3, 48]), rng.uniform(-9.0, 9.0, (4, 2))) if walls is True else walls
-    return checks.Checked(
+    return checked.Checked(
         graph,
         d,
         length,
@@ -64,22 +65,22 @@ def uneven(seed=0, *, walls=True, forces=None, **changes):
     )
 
 
-def in_units(made, force, length, cell):
-    """The same state in other units of force and length; `cell` is None or anything."""
+def in_units(made, force, length):
+    """The same state in other units of force and length."""
     graph = SimpleNamespace(
         x=length * made.x,
         radii=length * made.radii,
         contacts=made.contacts,
         normal_force=force * made.normal,
         shear_force=force * made.shear,
-        cell=cell,
+        cell=None if made.graph.cell is None else length * made.graph.cell,
     )
     each = np.ones(len(made.contacts))
     kn, kt = (force / length * k * each for k in (made.law.kn, made.law.kt))
     regime = None
     if made.sliding is not None:
         regime = np.where(made.sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
-    return checks.Checked(
+    return checked.Checked(
         graph,
         length * made.d,
         length * made.length,
@@ -163,7 +164,7 @@ def test_grains_on_the_rim_are_those_near_the_box_of_those_touched():
         inside = np.flatnonzero(touched)
         low = [min(x[g, a] - radii[g] for g in inside) for a in (0, 1)]
         high = [max(x[g, a] + radii[g] for g in inside) for a in (0, 1)]
-        margin = checks.RIM * sum(radii) / 60
+        margin = checked.RIM * sum(radii) / 60
         expected = [
             any(
                 x[g, a] - radii[g] - low[a] < margin or high[a] - x[g, a] - radii[g] < margin
@@ -171,7 +172,7 @@ def test_grains_on_the_rim_are_those_near_the_box_of_those_touched():
             )
             for g in range(60)
         ]
-        assert checks.on_rim(x, radii, touched).tolist() == expected
+        assert checked.on_rim(x, radii, touched).tolist() == expected
         seen.update(expected)
     assert seen == {True, False}
 
@@ -353,38 +354,98 @@ def test_stiffness_is_the_median_over_the_loaded_contacts():
     made = elastic(np.random.default_rng(4).uniform(2.0, 4.0, COUNT))
     secants = [n / o for n, o in zip(made.normal, made.overlap, strict=True)]
     ratios = [s / k for s, k in zip(secants, made.law.kn, strict=True)]
-    found = checks.stiffness(made)
+    found = stiffness_checks.stiffness(made)
     assert found.number == pytest.approx(np.median(ratios), rel=1e-12)
-    assert found.remedy == f"Forces and overlaps need kn = {np.median(secants):.4g}."
+    ratio = np.median(ratios)
+    assert f"the forces are {ratio:.4g} times what" in found.says
+    assert f"kn is {1 / ratio:.4g} times what" in found.says
+    needed = f"Forces and overlaps need kn = {np.median(secants):.4g}, "
+    assert found.remedy.startswith(f"{needed}or the forces divided by {ratio:.4g};")
 
 
 @pytest.mark.parametrize(
     ("kt", "factor", "cause"),
     [
         (2.0, 2.08, "exchanged"),
-        (2.0, 2.12, "another kn"),
+        (2.0, 2.12, "or kn is 0.4717"),
         (2.0, 1.92, "exchanged"),
         (1.04, 1.0, "(median)"),
         (0.5, 0.52, "exchanged"),
-        (0.5, 0.55, "another kn"),
+        (0.5, 0.55, "or kn is 1.818"),
         (2.0, 1.0, "2 kn"),
     ],
 )
 def test_stiffnesses_are_exchanged_where_the_other_one_fits(kt, factor, cause):
     kn = uneven().law.kn
-    found = checks.stiffness(elastic(factor, kt=kt * kn))
+    found = stiffness_checks.stiffness(elastic(factor, kt=kt * kn))
     assert cause in found.says
 
 
+@pytest.mark.parametrize("law", ["springs", "modulus", "tangents"])
+def test_forces_against_overlaps_in_numbers(law):
+    """Ratio, its error, overlaps that the forces need and their noise, contact by contact."""
+    factor = np.random.default_rng(4).uniform(0.8, 0.9, COUNT)
+    made = elastic(factor)
+    power = 1.0
+    if law != "springs":
+        ratio = None if law == "modulus" else 0.5
+        of_hertz = HertzMindlin(1e7, 0.0, 0.5, ratio=ratio)
+        force = factor * of_hertz.closed_force(SimpleNamespace(**hertz_state(made)))
+        made = dataclasses.replace(uneven(normal=force), law=of_hertz)
+        # kn goes with the third root of N: what N needs goes with the other two thirds.
+        factor, power = factor ** (2 / 3), 1.5 if law == "modulus" else 1.0
+    fit, scale = made.fit, np.median(factor)
+    np.testing.assert_allclose(fit.needed, factor / scale * made.overlap, rtol=1e-9)
+    np.testing.assert_allclose(fit.off, fit.needed - made.overlap, atol=1e-15)
+    typical = np.median(made.overlap)
+    larger = np.maximum(fit.needed, made.overlap)
+    noise = [np.quantile(np.abs(fit.off) / of, 0.9) for of in (larger, typical)]
+    np.testing.assert_allclose(fit.noise, noise, rtol=1e-9)
+    low, high = np.quantile(factor, [0.25, 0.75])
+    error = power * (3 * (high - low) / np.sqrt(COUNT) + noise[1] ** 2)
+    assert (fit.ratio, fit.error) == pytest.approx((scale**power, error), rel=1e-9)
+    assert fit.hertz == (law != "springs") and fit.typical == pytest.approx(typical)
+
+
+@pytest.mark.parametrize(("x", "radius"), [(8, 8), (8, 6), (6, 8)])
+def test_digits_of_centres_and_radii_leave_overlaps_open(x, radius):
+    """Radii count by their own digits, at most by those of the centres."""
+    made = uneven()
+    made.x = np.array([[float(f"{v:.{x}g}") for v in row] for row in made.x + 10.0])
+    made.radii = np.array([float(f"{v:.{radius}g}") for v in made.radii])
+    centres, radii = findings.rounding(made.x), findings.rounding(made.radii)
+    assert made.rounded == pytest.approx(2 * np.sqrt(2) * centres + 2 * min(centres, radii))
+    assert (radii > centres) == (radius < x)
+
+
+def test_grains_that_walls_should_hold_are_named_from_the_most_pushed_on():
+    made = limits.ring(push=np.linspace(0.5, 1.0, 10)[:, None])
+    says = missing.walls(made).says
+    assert says.startswith("10 contacts with walls are known, and 10 grains at the outline")
+    # Twice the mean of all contacts, less a uniform force on all grains.
+    assert says.endswith("by up to 1.98 mean normal forces: grains 9, 8, 7, ...")
+
+
 def test_contacts_of_an_odd_stiffness_are_named():
-    normal = elastic().normal
-    kn = uneven().law.kn.copy()
-    kn[[3, 9]] *= 300.0, 1 / 300.0
-    made = uneven(normal=normal, kn=kn)
-    found = checks.odd_stiffness(made)
+    """Their kn, or their forces, are not what the overlaps need; all forces are scaled."""
+    right = elastic()
+    kn = right.law.kn.copy()
+    kn[[3, 9]] *= 300.0, 1.06
+    made = uneven(normal=0.8 * right.normal, kn=kn)
+    found = stiffness_checks.one_contact(made)
     (a, b), (c, d) = 100 + made.contacts[[3, 9]]
-    assert found.number == 2 and f"grains {a} and {b}, {c} and {d}; " in found.says
-    assert found.says.endswith(f"the median is {np.median(kn):.3g}")
+    assert found.number == 2 and found.severity == "doubt"
+    first = f"grains {a} and {b} (N is {1 / 300:.4g} times what they give)"
+    assert f": {first}, grains {c} and {d} (N is {1 / 1.06:.4g} times what they give)" in found.says
+    needed = [f"kn = {right.law.kn[k]:.4g}" for k in (3, 9)]
+    assert f"{needed[0]}, {needed[1]} would fit" in found.remedy
+    normal = right.normal.copy()
+    normal[[3, 9]] *= 300.0, 0.9
+    assert stiffness_checks.one_contact(uneven(normal=normal)).number == 2
+    gap = right.length.copy()
+    gap[3] = 1.01 * right.reach[3]
+    told = stiffness_checks.one_contact(dataclasses.replace(right, length=gap))
+    assert told.number == 1 and "N acts across a gap" in told.says and "N = 0" in told.remedy
 
 
 def test_contacts_as_stiff_as_their_forces_need_are_not_odd():
@@ -393,23 +454,111 @@ def test_contacts_as_stiff_as_their_forces_need_are_not_odd():
     kn[[3, 9]] *= 300.0, 1 / 300.0
     share = np.full(COUNT, 1e-3)
     share[[3, 9]] = 5e-5, 2e-2
-    made = elastic(kn=kn, share=share)
-    assert checks.odd_stiffness(made).number == 0
-    # Nor are contacts of a usual stiffness whose forces do not fit.
-    normal = elastic().normal.copy()
-    normal[[3, 9]] *= 300.0, 1 / 300.0
-    assert checks.odd_stiffness(uneven(normal=normal)).number == 0
+    assert stiffness_checks.one_contact(elastic(kn=kn, share=share)).number == 0
+
+
+@pytest.mark.parametrize("hertz", [False, True])
+@pytest.mark.parametrize("factors", [(1.01,), (0.99,), (1.0005, 0.98)])
+def test_radii_of_single_grains_are_told_with_what_they_need(factors, hertz):
+    """No contact of theirs is called odd besides."""
+    right = elastic()
+    if hertz:
+        law = HertzMindlin(1e7, 0.0, 0.5)
+        right = dataclasses.replace(right, law=law)
+        force = law.closed_force(SimpleNamespace(**hertz_state(right)))
+        right = dataclasses.replace(uneven(normal=force), law=law)
+    degree = np.bincount(right.contacts.ravel(), minlength=49)
+    grains = np.flatnonzero(degree == 2)[[0, -1]][: len(factors)].tolist()
+    radii = right.radii.copy()
+    radii[grains] *= factors
+    made = dataclasses.replace(right, graph=right.graph.replace(radii=radii))
+    found = stiffness_checks.one_radius(made)
+    assert found.number == len(grains) and found.severity == "doubt"
+    # Under Hertz's law kn knows the radius as well.
+    which, change = stiffness_checks.wrong_radii(made)
+    assert which.tolist() == grains
+    rtol = 1e-4 if hertz else 1e-9
+    np.testing.assert_allclose(radii[which] + change, right.radii[which], rtol=rtol)
+    old, new = radii[which], radii[which] + change
+    for g, ratio, needed in zip(grains, old / new, new, strict=True):
+        assert f"that of grain {100 + g} is {ratio:.6g} times what they need" in found.says
+        assert f"grain {100 + g} the radius {needed:.8g}" in found.remedy
+    assert stiffness_checks.one_contact(made).number == 0
+    assert stiffness_checks.one_radius(right).number == 0
+
+
+def hertz_state(made):
+    one, two = made.radii[made.contacts].T
+    return {"radii_i": one, "radii_j": two, "touching_length": one + two, "overlap": made.overlap}
+
+
+def test_the_first_three_are_named_and_the_others_counted():
+    """Five grains with wrong radii, five odd contacts and five lost ones of 144 grains."""
+    count, size = 432, (12, 12)
+    contacts = limits.lattice(*size)[2]
+    five = np.array([13, 40, 67, 94, 121])
+    for k, ending in ((3, "need"), (5, ", ...")):
+        radii = np.where(np.isin(np.arange(144), five[:k]), 1.01, 1.0)
+        found = stiffness_checks.one_radius(limits.state(size=size, radii=radii))
+        named = [f"that of grain {g} is 1.01 times what they need" for g in five[:3]]
+        assert found.number == k and f": {', '.join(named)}" in found.says
+        assert found.says.endswith(ending) and found.remedy.endswith(", ...." if k > 3 else "5.")
+        pairs = [f"grains {a} and {b} (N is 2 times" for a, b in contacts[five[:3]]]
+        normal = np.where(np.isin(np.arange(count), five[:k]), 2.0, 1.0)
+        odd = stiffness_checks.one_contact(limits.state(size=size, normal=normal))
+        assert odd.number == k and all(pair in odd.says for pair in pairs)
+        assert odd.says.count("grains") == 3 and odd.says.endswith("..." if k > 3 else ")")
+        kept = ~np.isin(np.arange(count), five[:k])
+        lost = missing.lost_contacts(limits.state(size=size, kept=kept))
+        assert lost.number == k and lost.says.count("typical overlaps") == 3
+        assert lost.says.endswith("..." if k > 3 else ")")
+
+
+def all_pairs(x, radii, cell):
+    """Overlaps of each pair through each image."""
+    found = {}
+    span = np.arange(-10, 11)
+    images = np.stack(np.meshgrid(span, span), axis=-1).reshape(-1, 2)
+    shifts = np.zeros((1, 2)) if cell is None else images @ cell.T
+    for i in range(len(x)):
+        for j in range(i + 1, len(x)):
+            overlap = radii[i] + radii[j] - np.linalg.norm(x[j] + shifts - x[i], axis=1)
+            if (overlap > 0).any():
+                found[i, j] = np.sort(overlap[overlap > 0])
+    return found
+
+
+@pytest.mark.parametrize(
+    "cell", [None, [[6.0, 0.0], [0.0, 5.0]], [[6.0, 2.5], [-0.7, 5.0]], [[1.5, 0.3], [0.0, 12.0]]]
+)
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_overlapping_pairs_are_those_of_a_search_one_by_one(cell, seed, compiled):
+    """Unequal grains anywhere, also far out of the cell; a cell narrower than a grain."""
+    rng = np.random.default_rng(seed)
+    x, radii = rng.uniform(-3, 9, (40, 2)) - 20.0 * (seed == 2), rng.uniform(0.1, 0.8, 40)
+    cell = None if cell is None else np.array(cell)
+    pairs, overlap = missing.overlapping_pairs(x, radii, cell, 0.0, compiled=compiled)
+    found = {}
+    for pair, value in zip(pairs.tolist(), overlap, strict=True):
+        found.setdefault(tuple(pair), []).append(value)
+    wanted = all_pairs(x, radii, cell)
+    assert found.keys() == wanted.keys() and len(wanted) > 5
+    for pair, overlaps in wanted.items():
+        np.testing.assert_allclose(sorted(found[pair]), overlaps, atol=1e-12)
+    some = missing.overlapping_pairs(x, radii, cell, 0.3, compiled=compiled)[1]
+    np.testing.assert_allclose(np.sort(some), np.sort(overlap[overlap > 0.3]), atol=1e-12)
 
 
 @pytest.mark.parametrize("off", [-3e-3, -1e-3, 1e-3, 3e-3])
 def test_radii_that_are_off_are_told_with_their_factor(off):
     made = uneven(share=np.random.default_rng(6).uniform(5e-3, 2e-2, COUNT))
-    other = checks.Checked.__new__(checks.Checked)
+    other = checked.Checked.__new__(checked.Checked)
     other.__dict__.update(made.__dict__)
     other.normal = 0.8 * made.law.kn * made.overlap
     other.reach = (1 + off) * made.reach
     other.overlap = other.reach - made.length
-    found = checks.radii(other)
+    found = stiffness_checks.radii(other)
     assert found.severity == "doubt"
     assert found.number == pytest.approx(1 - 1 / (1 + off), rel=1e-6)
     assert found.says.startswith(f"overlaps and forces fit radii {1 / (1 + off):.6g} times")
@@ -423,7 +572,7 @@ def test_radii_are_judged_by_what_the_digits_of_the_centres_allow():
     made = uneven(share=np.random.default_rng(6).uniform(6e-3, 2.1e-2, COUNT), normal=normal)
     for size, severity in ((1.2e3, "doubt"), (4e3, "ok")):
         made.x = (size * uneven().x).astype(np.float32).astype(float)
-        assert checks.radii(made).severity == severity
+        assert stiffness_checks.radii(made).severity == severity
 
 
 @pytest.mark.parametrize("rough", [True, False])
@@ -505,12 +654,14 @@ def test_directions_of_the_file_are_measured_as_angles():
     assert f"precision, {coarse:.1g}:" in checks.same_snapshot(made).says
 
 
-UNITS = [one for one in limits.LIMITS if isinstance(one[2], checks.Checked)]
+UNITS = [one for one in limits.LIMITS if isinstance(one[2], checked.Checked)]
 CHECKS = (
     *(checks.distances, checks.touching, checks.same_snapshot, checks.directions, checks.pulling),
     *(checks.balance, checks.one_contact_turned, checks.friction, checks.one_ratio),
-    *(checks.sliding, checks.flags, checks.stiffness, checks.odd_stiffness, checks.radii),
-    checks.jammed,
+    *(checks.sliding, checks.flags, checks.jammed, checks.unseen, missing.walls),
+    missing.lost_contacts,
+    *(stiffness_checks.stiffness, stiffness_checks.one_contact, stiffness_checks.one_radius),
+    stiffness_checks.radii,
 )
 
 
@@ -518,12 +669,12 @@ CHECKS = (
 @pytest.mark.parametrize("length", [2.0**7, 2.0**-7])
 def test_units_change_no_finding(force, length):
     """All examples of the limits but those with coordinates of six digits, and uneven ones."""
-    examples = [(made, True) for one in UNITS for made in one[2:]]
-    examples += [(uneven(k, walls=k % 2 == 0), None) for k in range(6)]
-    for made, cell in examples:
-        if checks.rounding(made.x) > 1e-14 * np.abs(made.x).max():
+    examples = [made for one in UNITS for made in one[2:]]
+    examples += [uneven(k, walls=k % 2 == 0) for k in range(6)]
+    for made in examples:
+        if findings.rounding(made.x) > 1e-14 * np.abs(made.x).max():
             continue
-        other = in_units(made, force, length, cell)
+        other = in_units(made, force, length)
         for check in CHECKS:
             before, after = check(made), check(other)
             if before is None:
@@ -573,16 +724,43 @@ def test_kt_is_that_of_the_slip_contact_by_contact(increment):
     after = turned_contacts(
         dataclasses.replace(after, graph=graphs[1], law=law), np.arange(0, count, 3)
     )
-    found = checks.check_kt(before, after)
+    found = check_kt(before, after)
     assert found.number == pytest.approx(1.4, rel=1e-6)
     assert found.remedy == f"The forces need kt = {1.4 * np.median(kt):.4g}."
     assert found.says.endswith(": kt is too small")
     # The last grain of the first snapshot is another one in the second.
     ids = after.ids.copy()
     ids[-1] = 1000
-    assert checks.check_kt(before, dataclasses.replace(after, ids=ids)).number == pytest.approx(
+    assert check_kt(before, dataclasses.replace(after, ids=ids)).number == pytest.approx(
         1.4, rel=1e-6
     )
+
+
+@pytest.mark.parametrize("rotations", [True, False])
+@pytest.mark.parametrize("history", ["force", "displacement"])
+def test_kt_of_hertz_goes_with_the_force(history, rotations):
+    """T grows by the mean kt of both states, or is kt times a displacement that grows."""
+    before, after = limits.snapshots(1.0, rotations=rotations)
+    slip = -after.graph.shear_force / 500.0
+    rng = np.random.default_rng(11)
+    law = HertzMindlin(1e5, 0.2, 0.5, "radii", history)
+    count = len(slip)
+    graphs = [
+        one.graph.replace(normal_force=rng.uniform(0.5, 2.0, count)) for one in (before, after)
+    ]
+    kt = [law.stiffnesses(contact_state(graph))[1] for graph in graphs]
+    start = rng.uniform(-1e-3, 1e-3, count) * kt[0]
+    end = start - 1.4 * slip * (kt[0] + kt[1]) / 2
+    if history == "displacement":
+        end = kt[1] * (start / kt[0] - 1.4 * slip)
+    pair = [
+        dataclasses.replace(one, law=law, graph=graph.replace(shear_force=T))
+        for one, graph, T in zip((before, after), graphs, (start, end), strict=True)
+    ]
+    found = check_kt(*pair)
+    assert found.number == pytest.approx(1.4, rel=1e-6 if rotations else 1e-3)
+    assert found.remedy == f"The forces need kt = {found.number * np.median(kt):.4g}."
+    assert check_kt(pair[0], dataclasses.replace(pair[1], law=None)) is None
 
 
 def test_a_snapshot_of_a_part_is_checked_by_what_it_shares():
@@ -602,7 +780,7 @@ def test_a_snapshot_of_a_part_is_checked_by_what_it_shares():
     left = Snapshot(
         part, after.law, after.regime[kept], after.ids[:50], 0, (), rotation=after.rotation[:50]
     )
-    found = checks.check_kt(before, left)
+    found = check_kt(before, left)
     assert found.number == pytest.approx(0.7, rel=1e-5)
     assert found.says.endswith(": kt is too large")
 
@@ -612,7 +790,7 @@ def test_rotations_are_fitted_where_twenty_contacts_are_to_spare(slide, judged):
     """48 contacts of 16 grains: as many unknown spins, and the factor."""
     before, after = limits.snapshots(1.5, size=4, rotations=False)
     regime = np.where(np.arange(48) < slide, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
-    found = checks.check_kt(before, dataclasses.replace(after, regime=regime))
+    found = check_kt(before, dataclasses.replace(after, regime=regime))
     assert (found is not None) == judged
 
 
@@ -625,7 +803,7 @@ def test_contacts_that_never_carry_shear_say_nothing_of_kt(ends_at_zero):
     start, end = (-change, 0 * change) if ends_at_zero else (0 * change, change)
     before = dataclasses.replace(before, graph=before.graph.replace(shear_force=start))
     after = dataclasses.replace(after, graph=after.graph.replace(shear_force=end))
-    assert checks.check_kt(before, after).number == pytest.approx(1.5, rel=1e-4)
+    assert check_kt(before, after).number == pytest.approx(1.5, rel=1e-4)
 
 
 def test_stiffness_is_that_of_the_contacts_that_overlap():
@@ -634,4 +812,4 @@ def test_stiffness_is_that_of_the_contacts_that_overlap():
     made = uneven(share=share)
     rows = [c for c in range(COUNT) if share[c] > 0]
     ratios = [made.normal[c] / (made.law.kn[c] * made.overlap[c]) for c in rows]
-    assert checks.stiffness(made).number == pytest.approx(np.median(ratios), rel=1e-12)
+    assert stiffness_checks.stiffness(made).number == pytest.approx(np.median(ratios), rel=1e-12)

@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loops import InputError
-from patterns import read_snapshot, sample_cell, sample_path
-from patterns.snapshots.checks import rounding
+from loops import InputError, contact_forces
+from patterns import read_snapshot, sample_cell, sample_path, snapshot_from_tables
+from patterns.snapshots.findings import rounding
 from patterns.snapshots.snapshot import SAMPLE
 from tests.patterns import snapshot_faults as faults
 from tests.patterns.dump_writers import Packing, write_lammps, write_liggghts
 from tests.patterns.snapshots.yade_samples import BOX, LAW
 
-BOX_LAW = {"kn": LAW.kn, "kt": LAW.kt, "mu": LAW.mu}
+# Median of the file's kn, which go with the radii.
+BOX_LAW = {"kn": 4.833e5, "kt": 2.416e5, "mu": LAW.mu}
 SOFT = {"kn": 1e6, "kt": 5e5, "mu": 0.5}
 PAIR_NAMES = ("dist", "dx", "dy", "force", "fx", "fy", "p1", "p2", "p4")
 LAMMPS_COLUMNS = ("patom1", "patom2", *PAIR_NAMES)
@@ -243,6 +244,168 @@ HEALTHY = [
 @pytest.mark.parametrize(("path", "options"), HEALTHY)
 def test_no_alarm_on_samples(path, options):
     assert not suspicious(read_snapshot(path, **options))
+
+
+FORCES = ("fx_on_2", "fy_on_2")
+
+
+def spoilt(snapshot, **columns):
+    """Findings on a snapshot's tables with columns, given by table and name, changed."""
+    tables = snapshot.tables()
+    for name, change in columns.items():
+        table = {"radius": "grains"}.get(name, "contacts")
+        names = FORCES if name == "force" else [name]
+        tables[table] = tables[table] | {n: change(np.array(tables[table][n])) for n in names}
+    return snapshot_from_tables(**tables, strict=False)
+
+
+def found(snapshot, check):
+    return next(one for one in snapshot.findings if one.check == check)
+
+
+@pytest.mark.parametrize(("path", "options"), HEALTHY[:2])
+@pytest.mark.parametrize(
+    ("column", "factor", "ratio"),
+    [("force", 0.985, 0.985), ("force", 0.9, 0.9), ("kn", 1.05, 1 / 1.05)],
+)
+def test_scales_of_forces_and_stiffness_are_told(path, options, column, factor, ratio):
+    healthy = read_snapshot(path, **options)
+    told = found(spoilt(healthy, **{column: lambda values: factor * values}), "stiffness")
+    assert told.severity == "doubt" and told.number == pytest.approx(ratio, rel=1e-9)
+    assert f"the forces are {ratio:.4g} times what" in told.says
+    assert f"or kn is {1 / ratio:.4g} times what" in told.says
+    kn = float(np.median(healthy.law.kn)) * ratio * (factor if column == "kn" else 1)
+    assert float(told.remedy.split("kn = ")[1].split(",")[0]) == pytest.approx(kn, rel=0.05)
+    assert told.remedy.endswith("one snapshot does not tell which of the two.")
+
+
+@pytest.mark.parametrize(("path", "options"), HEALTHY[:2])
+@pytest.mark.parametrize("digits", ["single", 8, 6])
+def test_rounded_centres_and_radii_raise_no_alarm(path, options, digits):
+    """Forces that are off are told nevertheless, as far as overlaps have a digit."""
+
+    def rounded(values):
+        if digits == "single":
+            return values.astype(np.float32).astype(float)
+        return np.array([float(f"{value:.{digits}g}") for value in values])
+
+    tables = read_snapshot(path, **options).tables()
+    for name in ("x", "y", "radius"):
+        tables["grains"][name] = rounded(np.array(tables["grains"][name]))
+    del tables["contacts"]["branch_x"], tables["contacts"]["branch_y"]
+    healthy = snapshot_from_tables(**tables)
+    assert not suspicious(healthy)
+    says = found(healthy, "unseen").says
+    # Six digits of the larger sample are as coarse as its overlaps.
+    blind = digits == 6 and healthy.graph.cell is not None
+    assert ("no overlap is larger than the digits" in says) == blind
+    assert "overlap open" in says or digits == 8 or blind
+    told = suspicious(spoilt(healthy, force=lambda values: 0.9 * values))
+    assert told == (set() if blind else {"stiffness"})
+
+
+@pytest.mark.parametrize(("path", "options"), HEALTHY[:2])
+@pytest.mark.parametrize("factor", [1.01, 0.99, 1.0005])
+def test_one_radius_is_told(path, options, factor):
+    healthy = read_snapshot(path, **options)
+    degree = np.bincount(healthy.graph.contacts.ravel())
+    grain = int(np.flatnonzero(degree == 4)[7])
+
+    def change(radii):
+        radii[grain] *= factor
+        return radii
+
+    told = spoilt(healthy, radius=change)
+    assert suspicious(told) == {"radius"}
+    says = found(told, "radius").says
+    assert f"that of grain {healthy.ids[grain]} is {factor:.6g} times what they need" in says
+
+
+def without_contact(snapshot, row):
+    tables = snapshot.tables()
+    tables["contacts"] = {n: np.delete(v, row, axis=0) for n, v in tables["contacts"].items()}
+    return snapshot_from_tables(**tables, strict=False)
+
+
+@pytest.mark.parametrize(("path", "options"), HEALTHY[:2])
+def test_a_weak_contact_that_is_lost_is_told(path, options):
+    """Also one across the border of the cell; its overlap is told."""
+    healthy = read_snapshot(path, **options)
+    graph = healthy.graph
+    order = np.argsort(np.where(graph.normal_force > 0, graph.normal_force, np.inf))
+    rows = [order[3]]
+    if graph.images is not None:
+        rows.append(order[graph.images[order].any(axis=1)][3])
+    for row in rows:
+        told = without_contact(healthy, row)
+        assert suspicious(told) == {"lost"}
+        pair = " and ".join(map(str, sorted(healthy.ids[graph.contacts[row]].tolist())))
+        assert (
+            f"1 pairs of grains overlap and have no contact: {pair} (by" in found(told, "lost").says
+        )
+
+
+def turned(snapshot, angle, mirror, order):
+    """The same snapshot in another frame, its grains and contacts in another order, no walls."""
+    graph = snapshot.graph
+    c, s = np.cos(angle), np.sin(angle)
+    Q = np.array([[c, -s], [s, c]]) @ np.diag([1, -1 if mirror else 1])
+    force = contact_forces(graph) @ Q.T
+    x = graph.x @ Q.T + [3.0, -7.0]
+    rows = np.random.default_rng(order).permutation(graph.contact_count) if order else slice(None)
+    ids = np.random.default_rng(order).permutation(1000 + np.arange(graph.grain_count))
+    one, two = graph.contacts[rows].T
+    law = snapshot.law
+    return snapshot_from_tables(
+        {"id": ids, "x": x[:, 0], "y": x[:, 1], "radius": graph.radii},
+        {
+            **{"id1": ids[one], "id2": ids[two], "fx_on_2": force[rows, 0]},
+            **{"fy_on_2": force[rows, 1], "kn": law.kn[rows], "ks": law.kt[rows]},
+            "mu": law.mu[rows],
+        },
+    )
+
+
+@pytest.mark.parametrize(
+    ("angle", "mirror", "order"), [(0.0, False, 0), (0.5, False, 3), (np.pi / 4, True, 4)]
+)
+def test_missing_walls_are_told_in_any_frame(angle, mirror, order):
+    healthy = read_snapshot(sample_path())
+    assert found(healthy, "walls").says == "61 contacts with walls hold the sample"
+    told = found(turned(healthy, angle, mirror, order), "walls")
+    assert told.severity == "doubt" and told.says.startswith("no walls known, and ")
+    # Frictionless walls push on 61 contacts of grains, some of them with less than 0.3 of the mean.
+    assert 45 <= told.number <= 61
+
+
+def test_walls_are_needed_or_not():
+    """A periodic cell needs none; nor do forces in balance; one side without its wall is told."""
+    periodic = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
+    assert found(periodic, "walls").says == "no walls needed: the sample is periodic"
+    healthy = read_snapshot(sample_path())
+    tables = healthy.tables()
+    top = np.asarray(tables["walls"]["fy"]) < -1e-9
+    assert 10 < np.count_nonzero(top) < 30
+    tables["walls"] = {name: np.asarray(v)[~top] for name, v in tables["walls"].items()}
+    told = found(snapshot_from_tables(**tables), "walls")
+    assert told.severity == "doubt" and told.number == pytest.approx(np.count_nonzero(top), abs=6)
+    # Four grains whose diagonals pull, or push.
+    square = {"id": range(4), "x": [0, 1, 1, 0], "y": [0, 0, 1, 1], "r": [0.51] * 4}
+    pairs = {"i": [0, 1, 2, 3, 0, 1], "j": [1, 2, 3, 0, 2, 3], "ft": [0.0] * 6}
+    push = [1.0] * 4 + [-np.sqrt(2)] * 2
+    still = snapshot_from_tables(square, {**pairs, "fn": push}, strict=False)
+    says = found(still, "walls").says
+    assert says == "no walls known and none needed: no grain is pushed outward"
+    free = snapshot_from_tables(square, {**pairs, "fn": [1.0] * 6}, strict=False)
+    assert found(free, "walls").severity == "ok"
+    assert "4 of 4 grains out of balance are pushed outward, too few" in found(free, "walls").says
+
+
+def test_one_snapshot_says_what_it_does_not_tell():
+    says = found(read_snapshot(sample_path()), "unseen").says
+    assert says == "one snapshot does not tell kt, two of them a small step apart do"
+    coarse = healthy_of(DECKS["yade-exporter"])
+    assert "% of a typical overlap open" in found(coarse, "unseen").says
 
 
 @pytest.mark.parametrize("magnitude", [1.0, 1e-3, 1e6])

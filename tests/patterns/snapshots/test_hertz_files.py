@@ -9,6 +9,7 @@ import pytest
 from loops import HertzMindlin, InputError, contact_state
 from loops.tracking import match_contacts
 from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables, write_snapshot
+from patterns.snapshots.checked import HERTZ
 from patterns.snapshots.checks import SLIDING_SHARE
 from stability import follow
 from studies.snapshot.in_packing import followed_walls, sample_boundary
@@ -67,7 +68,7 @@ def stiffness_found(**how):
 
 
 def test_tangents_secants_and_linear_springs_are_told_apart():
-    found = stiffness_found(**tables())
+    found = stiffness_found(**tables(), law="linear")
     assert found.number == pytest.approx(2 / 3, rel=1e-9) and "--law hertz" in found.says
     secants = tables()
     for name in ("kn", "ks"):
@@ -77,10 +78,60 @@ def test_tangents_secants_and_linear_springs_are_told_apart():
     assert stiffness_found(**tables(), law="hertz").severity == "ok"
     wrong = stiffness_found(**secants, law="hertz")
     assert wrong.severity == "doubt"
-    modulus = float(wrong.remedy.split("= ")[1].rstrip("."))
+    modulus = float(wrong.remedy.split("nu^2) = ")[1].split(")")[0])
     assert modulus == pytest.approx(YOUNG / (1 - POISSON**2), rel=1e-3)
     how = {"law": "hertz", "young": 2 * YOUNG, "poisson": POISSON}
     assert stiffness_found(**given_without_tangents(), **how).severity == "doubt"
+
+
+TOLD_NOTE = "Hertz's law, told by the columns"
+
+
+def is_hertz(given, **how):
+    snapshot = snapshot_from_tables(**given, **how)
+    told = any(note.startswith(TOLD_NOTE) for note in snapshot.notes)
+    assert told == (isinstance(snapshot.law, HertzMindlin) and "law" not in how)
+    return told
+
+
+def test_tangents_are_told_by_their_content():
+    """The law is that of `--law hertz`, in any unit; a series of it is followed."""
+    told, asked = snapshot_from_tables(**tables()), snapshot_from_tables(**tables(), law="hertz")
+    np.testing.assert_array_equal(told.law.young, asked.law.young)
+    np.testing.assert_array_equal(told.law.ratio, asked.law.ratio)
+    assert is_hertz(tables()) and not is_hertz(tables(), law="linear")
+    path = follow(told.graph, told.law, strained(np.diag([1e-5, 0])), closure="packing")
+    assert path.status == "finished"
+    again = tables()
+    for name, unit in (("fn", 1e6), ("ft", 1e6), ("kn", 1e9), ("ks", 1e9)):
+        again["contacts"][name] = unit * again["contacts"][name]
+    for name in ("x", "y", "radius"):
+        again["grains"][name] = 1e-3 * again["grains"][name]
+    again["cell"] = 1e-3 * again["cell"]
+    assert is_hertz(again)
+
+
+def test_two_materials_are_told_and_springs_are_not():
+    """Moduli of grains 1:4 leave the root of the overlap; kn of the radii alone does not."""
+    two, linear, even, secants = (tables() for _ in range(4))
+    softer = np.where(np.arange(len(two["contacts"]["id1"])) % 3 == 0, 0.25, 1.0)
+    for name in ("fn", "ft", "kn", "ks"):
+        two["contacts"][name] = softer * two["contacts"][name]
+    assert is_hertz(two)
+    # Secants are those of springs.
+    secants["contacts"]["kn"] = 2 / 3 * secants["contacts"]["kn"]
+    assert not is_hertz(secants)
+    # Springs of which forces are 2/3, as in another unit; constant, or of the radii.
+    radii = linear["grains"]["radius"]
+    ij = linear["contacts"]["id1"], linear["contacts"]["id2"]
+    for kn in (np.ones(len(ij[0])), radii[ij[0]] * radii[ij[1]] / (radii[ij[0]] + radii[ij[1]])):
+        overlap = linear["contacts"]["fn"] / linear["contacts"]["kn"] / HERTZ
+        linear["contacts"] |= {"fn": HERTZ * kn * overlap, "kn": kn, "ks": 0.5 * kn, "ft": 0 * kn}
+        assert not is_hertz(linear, strict=False)
+    # Forces of one size tell no root.
+    few = np.arange(9)
+    even["contacts"] = {name: values[few] for name, values in even["contacts"].items()}
+    assert not is_hertz(even, strict=False)
 
 
 @pytest.mark.parametrize("history", ["force", "displacement"])

@@ -1,6 +1,7 @@
 """Increments of a packing's path by themselves: closings, openings, energies, times to a target."""
 
 from copy import copy
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -142,7 +143,8 @@ def test_forces_of_a_motion_are_those_of_the_rate_problem():
         yielding = yield_response(large, law, yield_band=0.99)
         found = PackingRates(yielding).response([[0.8, 0.3], [-0.1, -0.5]])
         assert found.sliding > 2 and found.candidates > found.sliding
-        forces = forces_of_motion(yielding, found.branch_rate, found.spin)
+        at_strength = replace(yielding, distance=0.0 * yielding.distance)
+        forces = forces_of_motion(at_strength, found.branch_rate, found.spin)
         np.testing.assert_allclose(forces, found.force_rate, atol=1e-9)
 
 

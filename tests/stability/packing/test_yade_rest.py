@@ -11,7 +11,7 @@ REST, WITHIN, LEAST, MOST_STEPS, FLOWS = 1e-6, 1e-3, 5e-4, 20_000, 1e-2
 
 @pytest.mark.parametrize("state", STATES)
 def test_a_held_state_is_at_rest(state):
-    """The tables hold the forces at 1e-9 of the mean: positions are those after the last step."""
+    """Overlaps differ by what the grains moved in the last step: positions are those after it."""
     graph, law, _ = yade_rest(state)
     forces, (i, j) = contact_forces(graph), graph.contacts.T
     left = np.zeros((graph.grain_count, 2))
@@ -19,7 +19,7 @@ def test_a_held_state_is_at_rest(state):
     np.add.at(left, i, -forces)
     assert np.linalg.norm(left, axis=1).mean() < 1e-7 * np.linalg.norm(forces, axis=1).mean()
     np.testing.assert_allclose(
-        graph.normal_force, law.kn * contact_state(graph).overlap, rtol=1e-6, atol=1e-6
+        graph.normal_force, law.kn * contact_state(graph).overlap, rtol=0, atol=3e-5
     )
     assert (np.abs(graph.shear_force) <= law.mu * graph.normal_force * (1 + 1e-9)).all()
     stress = love_weber_stress(graph)

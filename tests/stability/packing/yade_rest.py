@@ -1,7 +1,16 @@
 """States of 2,000 discs at rest, and the levels of dead load under which Yade found rest again.
 
 Made by `tests/tools/yade_rest.py`, which says when a level is at rest. Each level starts from rest
-under the one before; the last of a direction is the first under which Yade found none.
+under the one before; the last of a direction is the first under which Yade found none. All three
+were made by Yade 2023.02a in periodic cells (radii lognormal, 6 to 18 mm; compaction to 400 N/m
+with a friction of 0.1, then 0.5; axis 2 compressed, 400 N/m along axis 1), stopped and held at
+their cell:
+
+- slow: axial strain .0074, at its peak (inertial number 5e-5); held from 401, 820 N/m to 403, 814;
+- dense: another packing, .029, past its peak (2e-4); held from 427, 811 to 416, 740 N/m, and again;
+- held: the moving state of `yade_held.npz` without its velocities; held from 401, 811 to 401, 811.
+
+The last levels are put on at an inertial number of 2e-6 (held), 6e-6 (slow) and 1e-5 (dense).
 """
 
 from pathlib import Path
@@ -11,7 +20,7 @@ import pandas as pd
 
 from loops import GrainGraph, LinearFrictional
 
-STATES = ("slow",)
+STATES = ("slow", "dense", "held")
 LAW = LinearFrictional(1e6, 5e5, 0.5, "radii")
 PARTS = ("x", "radii", "contacts", "images", "cell", "normal_force", "shear_force")
 # Strain of a level that is a large motion.

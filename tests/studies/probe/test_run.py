@@ -2,17 +2,19 @@
 
 import json
 import sys
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from loops import Regime, love_weber_stress
-from patterns import read_snapshot, sample_path
-from stability import COMPONENTS
+from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
+from stability import COMPONENTS, follow
 from stability.packing import packing_response, probe
 from studies.examples.probing import STRESS, state
 from studies.probe import run_probe
+from tests.packings import LAW, jammed
 from tests.studies.snapshot.test_run import run
 from tests.unsaved import leave_files_empty
 
@@ -212,6 +214,41 @@ def test_directions_are_followed_between_walls(tmp_path):
     assert (followed["status"] == "finished").all() and len(rates["notes"]) > 0
     for name in ("P11", "P22"):
         np.testing.assert_allclose(followed[name], told[name], rtol=0.02, atol=20.0)
+
+
+def test_directions_that_end_on_the_way_keep_their_rows_and_say_where(
+    tmp_path, monkeypatch, capsys
+):
+    """Followed to the end, and for one interval at most."""
+    grains, graph = tmp_path / "grains_1.parquet", jammed(16, 2)
+    ids, regime = np.arange(graph.grain_count), np.ones(graph.contact_count, dtype=np.int8)
+    write_snapshot(grains, Snapshot(graph, LAW, regime, ids, 0, ()))
+    out, asked = tmp_path / "out", ("--directions", 3, "--amplitude", 1e-5, "--workers", 1)
+    how = (*asked, "--no-figures", "--force", "--out", out)
+    assert run(monkeypatch, "probe", grains, *how) == 0
+    whole = pd.read_parquet(out / "paths.parquet")
+    assert json.loads((out / "summary.json").read_text())["ended"] == []
+    assert whole["direction"].tolist() == [0, 0, 1, 1, 2, 2] and set(whole["status"]) == {
+        "finished"
+    }
+    np.testing.assert_allclose(whole["driven"], [0, 1e-5] * 3, rtol=1e-9)
+    told = pd.read_parquet(out / "probe.parquet")
+    ends = whole[whole["row"] == 1].reset_index()
+    np.testing.assert_allclose(ends["H22"] / 1e-5, told["H22"], rtol=1e-9, atol=1e-12)
+    monkeypatch.setattr("studies.probe.follow", partial(follow, max_steps=1))
+    capsys.readouterr()
+    assert run(monkeypatch, "probe", grains, *how) == 1
+    table, ended = (
+        pd.read_parquet(out / "paths.parquet"),
+        json.loads((out / "summary.json").read_text())["ended"],
+    )
+    assert [one["status"] for one in ended] == ["lost"] * 3
+    last = table.groupby("direction").last()
+    np.testing.assert_allclose([one["reached"] for one in ended], 5e-6, rtol=1e-9)
+    assert capsys.readouterr().out.startswith(
+        "3 of 3 directions ended before 1e-05: shares are of the others; the first is direction "
+    )
+    assert (last["message"] == "1 intervals were not enough").all()
 
 
 AT_REST = {"amplitude": None, "workers": None, "yield_band": 0.9999}

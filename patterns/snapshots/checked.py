@@ -1,0 +1,229 @@
+"""A snapshot as its checks look at it: contacts, forces against overlaps, resultants on grains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, contact_state
+from loops.arrays import Flags, Floats, Integers
+from patterns.snapshots.findings import rounding
+
+# Weaker contacts, in mean normal forces, hold mostly rounding and damping.
+LOADED = 0.1
+# Fewer contacts or grains than these are not judged together.
+FEWEST = 20
+# Multiples of the rounding of coordinates: for directions and radii, all overlaps, one overlap.
+ROUNDINGS, OVERLAP_ROUNDINGS = 5.0, 2.0
+# N over kn times the overlap where kn is the tangent of Hertz's law.
+HERTZ = 2.0 / 3.0
+# Least spread of the logarithm of overlaps that tells an exponent.
+SPREAD = 0.1
+# How far the exponent of kn over R times the overlap may be from a half: two materials of 1:4 leave
+# 0.07 among 44 contacts. Springs have an exponent of 0, Yade's that go with the radii 0.05 at most.
+ROOT_BAND = 0.2
+# Share of the contacts that may be wrong, one by one or by their grain: the others tell the noise.
+FEW_WRONG = 0.1
+# Standard errors of a median, of numbers that scatter by a quartile range, that are allowed.
+ERRORS = 3.0
+
+
+class OverlapFit(NamedTuple):
+    """Forces of the contacts against their overlaps.
+
+    `ratio` is N over the force that the overlap gives with the file's kn (median), `error` what
+    rounding and scatter leave open of it, `hertz` whether kn are Hertz's tangents. `needed` (C,)
+    are the overlaps that the forces over the ratio need, `off` (C,) these less those of the
+    centres, of a typical contact `typical`; `noise` is the share of the larger of the two overlaps,
+    and of the typical one, that most contacts are off by.
+    """
+
+    rows: Integers
+    ratio: float
+    error: float
+    hertz: bool
+    needed: Floats
+    off: Floats
+    size: Floats
+    typical: float
+    noise: tuple[float, float]
+
+    def allowed(self, times: float, least: float, rounded: float) -> Floats:
+        """(C,) largest `off` by so many times the noise, and at least a share of the overlap."""
+        own, common = (max(least, times * noise) for noise in self.noise)
+        return np.maximum(own * self.size, common * self.typical) + rounded
+
+
+@dataclass(eq=False)
+class Checked:
+    """Contacts between grains with their branches, law and regimes, as the checks need them.
+
+    `given` (C, 2) are the branches or normals of the file, `walls` the grains that walls touch and
+    the forces on them (W, 2), `ids` (G,) those of the grains. Forces may be known without a law.
+    """
+
+    graph: GrainGraph
+    d: Floats
+    length: Floats
+    law: LinearFrictional | HertzMindlin | None
+    regime: NDArray[np.int8] | None
+    given: Floats | None
+    walls: tuple[Integers, Floats] | None
+    ids: Integers
+    forces_known: bool = False
+
+    def __post_init__(self) -> None:
+        graph = self.graph
+        self.x, self.radii, self.contacts = graph.x, graph.radii, graph.contacts
+        self.normal, self.shear = graph.normal_force, graph.shear_force
+        self.sliding = None if self.regime is None else self.regime == Regime.SLIDING
+        self.degree = np.bincount(self.contacts.ravel(), minlength=len(self.x))
+        self.inner = self.degree > 0
+        if graph.cell is None and self.walls is None:
+            # Walls whose forces are not known may push on the rim.
+            self.inner &= ~on_rim(self.x, self.radii, self.inner)
+        self.reach = self.radii[self.contacts].sum(axis=1)
+        self.overlap = self.reach - self.length
+        limit = LOADED * float(self.normal.mean())
+        self.loaded = self.normal > limit if limit > 0 else np.ones(len(self.normal), dtype=bool)
+
+    @property
+    def mu(self) -> Floats:
+        """(C,) array: friction of the contacts."""
+        assert self.law is not None
+        return np.broadcast_to(self.law.mu, len(self.contacts))
+
+    @cached_property
+    def stiffnesses(self) -> tuple[Floats, Floats]:
+        """`kn` and `kt`, (C,) each; under Hertz's law of the tangents of `N`."""
+        assert self.law is not None
+        if isinstance(self.law, LinearFrictional):
+            kn, kt = self.law.kn, self.law.kt
+        else:
+            kn, kt = self.law.stiffnesses(contact_state(self.graph))
+        return np.broadcast_to(kn, len(self.contacts)), np.broadcast_to(kt, len(self.contacts))
+
+    @property
+    def overlapping(self) -> Integers:
+        """Loaded contacts whose overlap tells a stiffness, none if the centres are too coarse."""
+        coarse = OVERLAP_ROUNDINGS * rounding(self.x)
+        if not self.loaded.any() or np.median(self.overlap[self.loaded]) <= coarse:
+            return np.zeros(0, dtype=np.int64)
+        return np.flatnonzero(self.loaded & (self.overlap > 0))
+
+    def names(self, contacts: Integers) -> str:
+        """Grains of the first three of some contacts."""
+        pairs = self.ids[self.contacts[contacts[:3]]].tolist()
+        return ", ".join(f"{one} and {two}" for one, two in pairs) + ", ..." * (len(contacts) > 3)
+
+    @cached_property
+    def rounded(self) -> float:
+        """Largest error of an overlap by the digits that centres and radii show.
+
+        Radii may be round numbers: they are as good as the centres at least.
+        """
+        centres = rounding(self.x)
+        return float(2.0 * (np.sqrt(2.0) * centres + min(centres, rounding(self.radii))))
+
+    @cached_property
+    def fit(self) -> OverlapFit | None:
+        """Forces against overlaps; None where neither law nor overlaps tell."""
+        if self.law is None or not (self.stiffnesses[0] > 0).any():
+            return None
+        kn, overlap = self.stiffnesses[0], self.overlap
+        rows = self.overlapping
+        rows = rows[(kn[rows] > 0) & (self.normal[rows] > 0)]
+        if len(rows) == 0:
+            return None
+        secant = self.normal[rows] / self.overlap[rows]
+        hertz = isinstance(self.law, HertzMindlin) or (
+            # Secants of Hertz's law go with the root as well.
+            bool(np.median(secant / kn[rows]) < np.sqrt(HERTZ))
+            and self.goes_with_root(kn[rows], rows)
+        )
+        unit = (HERTZ if hertz else 1.0) * kn
+        needed = np.where(unit > 0, self.normal, 0.0) / np.where(unit > 0, unit, 1.0)
+        by_force = needed[rows] / overlap[rows]
+        scale = float(np.median(by_force))
+        # Tangents of a given modulus grow with N themselves.
+        of_modulus = isinstance(self.law, HertzMindlin) and self.law.ratio is None
+        power = 1.5 if of_modulus else 1.0
+        typical = float(np.median(overlap[rows]))
+        scatter = float(np.subtract(*np.quantile(by_force, [0.75, 0.25])))
+        needed = needed / scale
+        off, size = needed - overlap, np.maximum(needed, overlap)
+        pushed = (self.normal > 0) & (size > 0)
+        noise = [
+            float(np.quantile(np.abs(off[pushed]) / of, 1 - FEW_WRONG))
+            for of in (size[pushed], typical)
+        ]
+        # The median of ratios is off by their scatter, and where overlaps are in the denominator.
+        error = power * (ERRORS * scatter / np.sqrt(len(rows)) + noise[1] ** 2)
+        return OverlapFit(
+            *(rows, scale**power, error, hertz, needed, off, size, typical),
+            (noise[0], noise[1]),
+        )
+
+    def goes_with_root(self, stiffness: Floats, rows: Integers) -> bool:
+        """Whether stiffnesses of some contacts go with the root of their overlaps."""
+        return goes_with_root(stiffness, self.radii[self.contacts[rows]], self.overlap[rows])
+
+    @cached_property
+    def parts(self) -> tuple[Floats, Floats]:
+        """Normal and shear force on grain 2 of each contact, (C, 2) each."""
+        n = self.d / self.length[:, None]
+        t = np.column_stack([-n[:, 1], n[:, 0]])
+        return self.normal[:, None] * n, self.shear[:, None] * t
+
+    @cached_property
+    def resultants(self) -> tuple[Floats, Floats]:
+        """Forces that the normal forces with the walls', and the shear forces, leave on the grains.
+
+        (G, 2) each, less a uniform body force that inner grains tell.
+        """
+        one, two = self.contacts.T
+        count = len(self.x)
+        area = np.where(self.inner, self.radii**2, 0.0)
+        touched = np.where(self.degree > 0, self.radii**2, 0.0)
+        found: list[Floats] = []
+        for force in self.parts:
+            sums = [np.bincount(two, f, count) - np.bincount(one, f, count) for f in force.T]
+            rest = np.column_stack(sums)
+            if not found and self.walls is not None:
+                np.add.at(rest, *self.walls)
+            found.append(rest - touched[:, None] * ((area @ rest) / (area @ area or 1.0)))
+        return found[0], found[1]
+
+    @cached_property
+    def residuals(self) -> tuple[Floats, Floats]:
+        """`resultants` of the inner grains, zero on the others."""
+        normal, shear = (np.where(self.inner[:, None], r, 0.0) for r in self.resultants)
+        return normal, shear
+
+
+def goes_with_root(stiffness: Floats, radii: Floats, overlap: Floats) -> bool:
+    """Whether stiffnesses are Hertz's: they go with the root of the overlap; `radii` (C, 2)."""
+    one, two = radii[:, 0], radii[:, 1]
+    size = np.log(one * two / (one + two) * overlap)
+    size -= size.mean() if len(size) else 0.0
+    spread = float(size @ size)
+    if len(size) < FEWEST or spread < SPREAD**2 * len(size):
+        return False
+    return bool(abs(size @ np.log(stiffness) / spread - 0.5) < ROOT_BAND)
+
+
+# Grains this near the bounding box, in mean radii, may touch a wall whose force is not known.
+RIM = 0.05
+
+
+def on_rim(x: Floats, radii: Floats, touched: Flags) -> Flags:
+    """(G,) array: grains at the border of the box around those touched, where walls may be."""
+    low, high = x - radii[:, None], x + radii[:, None]
+    margin = RIM * radii.mean()
+    near_low = low < low[touched].min(axis=0) + margin
+    near_high = high > high[touched].max(axis=0) - margin
+    return np.asarray((near_low | near_high).any(axis=1))

@@ -1,0 +1,177 @@
+"""Checks of what a snapshot lacks: contacts of grains that overlap, walls around the sample."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from loops.arrays import Flags, Floats, Integers
+from loops.compiled import given, use_compiled
+from patterns.snapshots.checked import Checked
+from patterns.snapshots.findings import Finding
+from patterns.snapshots.stiffness_checks import OF_GRAIN, wrong_radii
+
+# Overlap of a pair without a contact over the typical one of the contacts: clean none. A contact
+# below carries a ten-thousandth of a typical force.
+LOST = 1e-4
+# Such an overlap over the error that the digits of centres and radii leave: clean none above 1.
+LOST_ROUNDINGS = 2.0
+# Share of the loaded contacts that may be apart; gaps of more are taken for the error of centres.
+FEW_APART = 0.01
+
+
+def lost_contacts(state: Checked) -> Finding | None:
+    """Pairs of grains that overlap and have no row."""
+    rows = state.overlapping
+    if len(rows) == 0:
+        return None
+    typical = float(np.median(state.overlap[rows]))
+    loaded = state.overlap[state.loaded]
+    apart = np.count_nonzero(loaded < 0) > FEW_APART * len(loaded)
+    gap = float(np.quantile(-loaded, 1 - FEW_APART)) if apart else 0.0
+    noise = 0.0 if state.fit is None else OF_GRAIN * state.fit.noise[1] * typical
+    least = max(LOST * typical, LOST_ROUNDINGS * state.rounded, gap, noise)
+    pairs, overlap = overlapping_pairs(state.x, state.radii, state.graph.cell, least)
+    if len(pairs) == np.count_nonzero(state.overlap > least):
+        return Finding("lost", 0.0, "no pair of grains overlaps without a contact")
+    # Of a wrong radius another check tells.
+    fits = ~np.isin(pairs, wrong_radii(state)[0]).any(axis=1)
+    pairs, overlap = pairs[fits], overlap[fits]
+    # A pair that touches through several images of the cell has a row for each.
+    count = len(state.x)
+    touching, place, found = np.unique(pairs @ [count, 1], return_index=True, return_counts=True)
+    rows = np.sort(np.sort(state.contacts, axis=1) @ [count, 1])
+    listed = np.searchsorted(rows, touching, "right") - np.searchsorted(rows, touching)
+    lost = place[found > listed]
+    lost = lost[np.argsort(-overlap[lost])]
+    named = zip(state.ids[pairs[lost[:3]]].tolist(), overlap[lost[:3]] / typical, strict=True)
+    each = [f"{one} and {two} (by {share:.3g} typical overlaps)" for (one, two), share in named]
+    more = ", ..." if len(lost) > 3 else ""
+    says = f"{len(lost)} pairs of grains overlap and have no contact"
+    return Finding("lost", len(lost), says).doubt(
+        f": {', '.join(each)}{more}",
+        "Export these contacts too, or correct the radii or the cell.",
+        len(lost) > 0,
+    )
+
+
+def overlapping_pairs(
+    x: Floats, radii: Floats, cell: Floats | None, least: float, *, compiled: bool | None = None
+) -> tuple[Integers, Floats]:
+    """Pairs of grains (P, 2), the lower one first, that overlap by more than `least`, and by what.
+
+    A pair that overlaps through several images of a periodic `cell` stands there as often.
+    """
+    count, owner = len(x), np.arange(len(x))
+    if cell is not None:
+        x, owner = _with_images(x, cell, 2.0 * float(radii.max()))
+    r = radii[owner]
+    if use_compiled(compiled, count):
+        from loops.compiled.overlaps import overlapping
+
+        pairs = overlapping(given(x, np.float64), given(r, np.float64), least)
+    else:
+        pairs = _overlapping(x, r, least)
+    one, two = np.ascontiguousarray(pairs.T)
+    overlap = r[one] + r[two] - np.hypot(x[one, 0] - x[two, 0], x[one, 1] - x[two, 1])
+    low, high = np.minimum(owner[one], owner[two]), np.maximum(owner[one], owner[two])
+    kept = (low != high) & (overlap > least)
+    if cell is not None:
+        # Across a border a pair is found from both sides: once by the lower grain of the two.
+        real = np.where(one < count, owner[one], owner[two])
+        kept &= ((one < count) & (two < count)) | (((one < count) | (two < count)) & (real == low))
+    return np.stack([low[kept], high[kept]], axis=1), overlap[kept]
+
+
+def _overlapping(x: Floats, radii: Floats, least: float) -> Integers:
+    """(P, 2) grains that overlap, as the kernel finds them in another order."""
+    bins = np.floor((x - x.min(axis=0)) / (2.0 * float(radii.max()))).astype(np.int64)
+    width = int(bins[:, 1].max()) + 3
+    key = bins[:, 0] * width + bins[:, 1]
+    order = np.argsort(key, kind="stable")
+    key, x, radii = key[order], x[order], radii[order]
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    # Later grains of the own bin and of the bin above, then three bins of the next column.
+    for at, stop in (
+        (np.arange(1, len(x) + 1), np.searchsorted(key, key + 1, "right")),
+        (np.searchsorted(key, key + width - 1), np.searchsorted(key, key + width + 1, "right")),
+    ):
+        one = np.flatnonzero(at < stop)
+        while len(one):
+            two = at[one]
+            reach = radii[one] + radii[two] - least
+            near = (reach > 0) & (np.sum((x[one] - x[two]) ** 2, axis=1) < reach**2)
+            found.append(np.stack([one[near], two[near]], axis=1))
+            at[one] += 1
+            one = one[at[one] < stop[one]]
+    return order[np.concatenate(found)]
+
+
+def _with_images(x: Floats, cell: Floats, reach: float) -> tuple[Floats, Integers]:
+    """Centres within the cell, then images of those within `reach` of it; grains of both."""
+    inside = np.linalg.solve(cell, x.T).T
+    inside -= np.floor(inside)
+    margin = reach * np.linalg.norm(cell[:, ::-1], axis=0) / np.abs(np.linalg.det(cell))
+    copies, owners = [inside], [np.arange(len(x))]
+    layers = (range(-k, k + 1) for k in np.ceil(margin).astype(int).tolist())
+    for image in product(*layers):
+        if image != (0, 0):
+            moved = inside + image
+            near = np.flatnonzero(((moved > -margin) & (moved < 1.0 + margin)).all(axis=1))
+            copies.append(moved[near])
+            owners.append(near)
+    return np.concatenate(copies) @ cell.T, np.concatenate(owners)
+
+
+# Resultant on a grain, in mean normal forces, that counts as pushing it: at rest 0.065 (root mean
+# square), at a wall that is missing 1.
+PUSHED = 0.3
+# Cosine between that resultant and a contact which stands against it.
+AGAINST = 0.7
+# Share of such grains that nothing stands against, all of them outward, and their least number:
+# without the walls of the file 0.84 and more, in a flow 0.2.
+BARE_SHARE, FEWEST_BARE = 0.7, 5
+
+
+def walls(state: Checked) -> Finding | None:
+    """Grains at the outline that are pushed outward and have nothing that pushes back."""
+    if state.graph.cell is not None:
+        return Finding("walls", 0.0, "no walls needed: the sample is periodic")
+    force = np.add(*state.resultants)
+    size = np.hypot(*force.T)
+    mean = float(np.abs(state.normal).mean())
+    pushed = (state.degree > 0) & (size > PUSHED * mean)
+    centre = state.x[state.degree > 0].mean(axis=0)
+    bare = pushed & ~_stopped(state, pushed, force)
+    count, grains = int(np.count_nonzero(pushed)), np.flatnonzero(bare)
+    outward = np.einsum("gk,gk->g", force[grains], state.x[grains] - centre) > 0
+    grains = grains[outward][np.argsort(-size[grains[outward]])]
+    known = 0 if state.walls is None else len(state.walls[0])
+    says = f"{known} contacts with walls are known" if known else "no walls known"
+    found = Finding("walls", len(grains), says)
+    if len(grains) == 0:
+        held = "hold the sample" if known else "and none needed: no grain is pushed outward"
+        return found._replace(says=f"{says.removesuffix(' are known')} {held}")
+    if len(grains) < max(FEWEST_BARE, BARE_SHARE * count):
+        pushed_out = f"{len(grains)} of {count} grains out of balance are pushed outward"
+        return found._replace(says=f"{says}; {pushed_out}, too few for a missing wall")
+    named = ", ".join(map(str, state.ids[grains[:3]].tolist())) + ", ..." * (len(grains) > 3)
+    return found.doubt(
+        f", and {len(grains)} grains at the outline are pushed outward with nothing to push back, "
+        f"by up to {size[grains[0]] / mean:.3g} mean normal forces: grains {named}",
+        "Give the contacts with walls: rows of a body of type 1 with force and branch, or a table "
+        "walls_... beside the grains.",
+    )
+
+
+def _stopped(state: Checked, grains: Flags, force: Floats) -> Flags:
+    """(G,) whether some of the grains have a contact in the direction of a force (G, 2)."""
+    stopped = np.zeros(len(state.x), dtype=bool)
+    for end, sign in zip(state.contacts.T, (1.0, -1.0), strict=True):
+        rows = np.flatnonzero(grains[end])
+        towards, d = force[end[rows]], sign * state.d[rows]
+        along = np.einsum("ck,ck->c", towards, d)
+        ahead = along > AGAINST * np.hypot(*towards.T) * state.length[rows]
+        stopped[end[rows[ahead]]] = True
+    return stopped

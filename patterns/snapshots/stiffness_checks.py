@@ -1,0 +1,340 @@
+"""Checks of stiffnesses and radii: forces against overlaps, changes of T against slip."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from loops import HertzMindlin, LinearFrictional, Regime, branch_vectors, contact_state
+from loops.arrays import Floats, Integers
+from patterns.snapshots.checked import FEWEST, HERTZ, ROUNDINGS, Checked
+from patterns.snapshots.findings import NEAR_ROUND, Finding, power_of_ten, rounding
+from patterns.snapshots.geometry import index_of
+
+if TYPE_CHECKING:
+    from patterns.snapshots.snapshot import Snapshot
+
+# N over the force that kn and the overlap give, less one (median): clean 4e-5, which is damping in
+# a sample that moves; scatter and rounding of the file come on top.
+STIFFNESS_OFF = 0.005
+
+
+def stiffness(state: Checked) -> Finding | None:
+    """N against kn times the overlap: scale of forces or kn, units, exchanged stiffnesses."""
+    fit = state.fit
+    if fit is None:
+        return None
+    rows = fit.rows
+    kn, kt = (values[rows] for values in state.stiffnesses)
+    secant = state.normal[rows] / state.overlap[rows]
+    raw, shear_ratio = float(np.median(secant / kn)), float(np.median(secant / kt))
+    exceeds = float(np.median(kt / kn))
+    off = abs(fit.ratio - 1) > STIFFNESS_OFF + fit.error
+    found = Finding("stiffness", raw, f"N is {raw:.4g} times kn times the overlap (median)")
+    if off and abs(shear_ratio - 1) < NEAR_ROUND < abs(exceeds - 1):
+        cause = f" and {shear_ratio:.4g} times kt times it: kn and kt exchanged"
+        return found.doubt(cause, "Exchange them.")
+    needed, of_hertz = _needed_stiffness(state, rows)
+    modulus = f"E/(1 - nu^2) = {_needed_modulus(state, rows):.4g}" if off or of_hertz else ""
+    if of_hertz and not fit.hertz and not state.goes_with_root(kn, rows):
+        return found.doubt(
+            ": N goes with the overlap to the power of 3/2, as in Hertz's law, and kn does not",
+            f"Give tangents, kn = {needed:.4g} (median), or --law hertz with {modulus}.",
+        )
+    if fit.hertz:
+        found = found._replace(says=f"{found.says}, Hertz's tangents give {HERTZ:.4g}")
+    if off:
+        unit = power_of_ten(fit.ratio)
+        of_modulus = isinstance(state.law, HertzMindlin) and state.law.ratio is None
+        stiff = "the modulus" if of_modulus else "kn"
+        right = modulus if of_modulus else f"kn = {needed:.4g}"
+        right += f" ({modulus})" if fit.hertz and not of_modulus else ""
+        cause = f"the forces are {fit.ratio:.4g} times what {stiff} and the overlaps give, or "
+        cause += f"{stiff} is {1 / fit.ratio:.4g} times what the forces and overlaps need"
+        return found.doubt(
+            f": {f'units differ by {unit}' if unit else cause}",
+            f"Forces and overlaps need {right}, or the forces divided by {fit.ratio:.4g}; one "
+            "snapshot does not tell which of the two.",
+        )
+    if fit.hertz and isinstance(state.law, LinearFrictional):
+        return found._replace(says=f"{found.says}: --law hertz for strains")
+    if exceeds > 1 + NEAR_ROUND:
+        found = Finding("stiffness", exceeds, f"kt is {exceeds:.4g} kn")
+        return found.doubt(": contacts are usually softer in shear", "Check kn and kt.")
+    return found
+
+
+def _needed_stiffness(state: Checked, rows: Integers) -> tuple[float, bool]:
+    """Median kn that forces and overlaps need, and whether the forces are Hertz's.
+
+    A tangent of Hertz's law is 3/2 of the secant.
+    """
+    secant = state.normal[rows] / state.overlap[rows]
+    hertz = isinstance(state.law, HertzMindlin) or state.goes_with_root(secant, rows)
+    return float(np.median(secant)) / (HERTZ if hertz else 1.0), hertz
+
+
+def _needed_modulus(state: Checked, rows: Integers) -> float:
+    """`E/(1 - nu^2)` that forces and overlaps need under Hertz's law (median)."""
+    reduced = state.radii[state.contacts[rows]].prod(axis=1) / state.reach[rows]
+    overlap = state.overlap[rows]
+    return float(np.median(state.normal[rows] / overlap / (HERTZ * np.sqrt(reduced * overlap))))
+
+
+def needed_stiffness(state: Checked) -> Finding | None:
+    """Kn that forces and overlaps need, of an input that has none."""
+    rows = state.overlapping
+    if len(rows) == 0:
+        return None
+    needed, hertz = _needed_stiffness(state, rows)
+    says = f"forces and overlaps need kn = {needed:.4g} (median)"
+    if hertz:
+        modulus = _needed_modulus(state, rows)
+        says += f", tangents of Hertz's law with E/(1 - nu^2) = {modulus:.4g}"
+    return Finding("stiffness", needed, says)
+
+
+# Overlaps off by a share of the larger one and of the typical one: clean 1e-3 at rest, most of it
+# the damping of LAMMPS; what most contacts are off by is told from them besides.
+ODD_SHARE = 0.01
+# Multiples of that noise, for the contacts of one grain, which agree, and for a single contact:
+# where a sample moves, the damping of a contact is up to 30 times that of most.
+OF_GRAIN, OF_CONTACT = 5.0, 50.0
+# Share of the contacts of a grain whose overlaps need one change of its radius.
+AGREEING_CONTACTS = 0.8
+
+
+def wrong_radii(state: Checked) -> tuple[Integers, Floats]:
+    """Grains whose contacts need another radius, all by one change, and that change.
+
+    A grain has two contacts at least: of a single one the other grain may be the wrong one.
+    """
+    fit = state.fit
+    if fit is None or len(state.contacts) < FEWEST:
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    pushed = state.normal > 0
+    allowed = fit.allowed(OF_GRAIN, ODD_SHARE, state.rounded)
+    if not (np.abs(fit.off) > allowed).any():
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    allowed, off = (np.tile(values[pushed], 2) for values in (allowed, fit.off))
+    grain = state.contacts[pushed].T.ravel()
+    degree = np.bincount(grain, minlength=len(state.x))
+    outlying = np.bincount(grain[np.abs(off) > allowed], minlength=len(state.x))
+    candidates = (outlying >= 2) & (outlying >= AGREEING_CONTACTS * degree)
+    rows = np.flatnonzero(candidates[grain])
+    if len(rows) == 0:
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    rows = rows[np.lexsort((off[rows], grain[rows]))]
+    grains, first, count = np.unique(grain[rows], return_index=True, return_counts=True)
+    change = off[rows][first + count // 2]
+    common = np.repeat(change, count)
+    agrees = np.abs(off[rows] - common) <= allowed[rows] + NEAR_ROUND * np.abs(common)
+    sound = np.add.reduceat(agrees, first, dtype=np.int64) >= AGREEING_CONTACTS * count
+    return grains[sound], change[sound]
+
+
+def one_radius(state: Checked) -> Finding | None:
+    """Grains whose radius is not the one that all their contacts need."""
+    if state.fit is None or len(state.contacts) < FEWEST:
+        return None
+    grains, change = wrong_radii(state)
+    says = f"{len(grains)} grains have a radius that does not fit the forces of their contacts"
+    radius, few = state.radii[grains], slice(3)
+    needed = (radius + change)[few].tolist()
+    ids = state.ids[grains[few]].tolist()
+    more = ", ..." if len(grains) > len(ids) else ""
+    each = [
+        f"that of grain {one} is {old / new:.6g} times what they need"
+        for one, old, new in zip(ids, radius[few].tolist(), needed, strict=True)
+    ]
+    right = [f"grain {one} the radius {new:.8g}" for one, new in zip(ids, needed, strict=True)]
+    return Finding("radius", len(grains), says).doubt(
+        f": {', '.join(each)}{more}", f"Give {', '.join(right)}{more}.", len(grains) > 0
+    )
+
+
+def one_contact(state: Checked) -> Finding | None:
+    """Contacts whose force, kn and overlap do not fit where those of the others do."""
+    fit = state.fit
+    if fit is None or len(state.contacts) < FEWEST:
+        return None
+    odd = np.abs(fit.off) > fit.allowed(OF_CONTACT, ODD_SHARE, state.rounded)
+    rows = np.flatnonzero(odd)
+    # Of a wrong radius another check tells.
+    rows = rows[~np.isin(state.contacts[rows], wrong_radii(state)[0]).any(axis=1)]
+    says = f"{len(rows)} contacts have a kn that does not fit their force and overlap"
+    few = rows[:3]
+    overlap, needed = state.overlap[few].tolist(), fit.needed[few].tolist()
+    ratios = [
+        f"N is {n / o:.4g} times what they give" if o > 0 else "N acts across a gap"
+        for n, o in zip(needed, overlap, strict=True)
+    ]
+    kn = state.stiffnesses[0][few].tolist()
+    right = [
+        f"kn = {k * n / o:.4g}" if o > 0 else "N = 0"
+        for k, n, o in zip(kn, needed, overlap, strict=True)
+    ]
+    pairs = state.ids[state.contacts[few]].tolist()
+    each = [f"grains {a} and {b} ({ratio})" for (a, b), ratio in zip(pairs, ratios, strict=True)]
+    more = ", ..." if len(rows) > len(few) else ""
+    return Finding("kn", len(rows), says).doubt(
+        f": {', '.join(each)}{more}",
+        f"Correct N, kn or the overlap of these contacts: {', '.join(right)}{more} would fit.",
+        len(rows) > 0,
+    )
+
+
+# Share of the radii by which all of them are off: clean 1e-4 (kn not known), else 1e-7.
+RADII_OFF = 2e-4
+# That change must leave so much less of N - kn times overlap unexplained.
+EXPLAINED = 3.0
+
+
+def radii(state: Checked) -> Finding | None:
+    """Radii that are all off by one factor: N is then linear in the overlap but not proportional.
+
+    Least squares for `N / kn = a overlap + b (r1 + r2)`; radii too large by a share s give
+    `b = -a s`.
+    """
+    rows = state.overlapping
+    if len(rows) < FEWEST:
+        return None
+    needed = state.normal[rows] / state.stiffnesses[0][rows]
+    overlap, reach = state.overlap[rows], state.reach[rows]
+    squares = [[overlap @ overlap, overlap @ reach], [overlap @ reach, reach @ reach]]
+    slope, offset = np.linalg.lstsq(squares, [overlap @ needed, reach @ needed], rcond=None)[0]
+    share = float(-offset / slope)
+    says = f"overlaps and forces fit radii {1 - share:.6g} times as large"
+    found = Finding("radii", share, says)
+    coarse = ROUNDINGS * rounding(state.x) / float(reach.mean())
+    if slope <= 0 or abs(share) <= RADII_OFF + coarse:
+        return found
+    without = np.median(np.abs(needed - overlap * np.median(needed / overlap)))
+    left = np.median(np.abs(needed - slope * overlap - offset * reach))
+    return found.doubt(
+        ": radii of another precision or unit, or forces that are not proportional to overlaps",
+        f"Divide the radii by {1 / (1 - share):.6g}, or give kn of each contact.",
+        bool(EXPLAINED * left < without),
+    )
+
+
+# Change of T over kt times slip, between snapshots: clean 1 to 1e-7 in steps of 2e-5 of strain.
+KT = 0.1
+# Share of the contacts whose change of T must agree to KT for a judgement on kt.
+AGREEING = 0.5
+# Contacts to which unknown rotations are fitted at most, and how often they are weighted anew.
+FITTED, REWEIGHTED = 50_000, 12
+
+
+def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
+    """Changes of T between two snapshots against kt times the slip of the grains.
+
+    Contacts that are elastic in both count. Rotations that the file lacks are fitted to the same
+    contacts, with the factor on kt, by reweighted least squares.
+    """
+    laws = before.law, after.law
+    if before.regime is None or after.regime is None:
+        return None
+    if not all(isinstance(law, LinearFrictional | HertzMindlin) for law in laws):
+        return None
+    # Loads sparse matrices, which a snapshot alone needs nowhere else.
+    from loops.tracking import match_contacts
+
+    match = match_contacts(before.graph, before.ids, after.graph, after.ids)
+    first = match.shared
+    second = match.after[first]
+    both = (before, first), (after, second)
+    T = np.stack([one.graph.shear_force[rows] for one, rows in both])
+    kt = np.stack([_shear_stiffness(one)[rows] for one, rows in both])
+    elastic = (before.regime[first] != Regime.SLIDING) & (after.regime[second] != Regime.SLIDING)
+    # Contacts without friction or shear stiffness keep T = 0.
+    elastic &= T.any(axis=0) & (kt > 0).all(axis=0)
+    first, second, T, kt = first[elastic], second[elastic], T[:, elastic], kt[:, elastic]
+    if len(first) < FEWEST:
+        return None
+    needed = -np.diff(T, axis=0)[0] / kt.mean(axis=0)
+    if isinstance(before.law, HertzMindlin) and before.law.shear_history == "displacement":
+        needed = -np.diff(T / kt, axis=0)[0]
+    if not needed.any():
+        return None
+    sign = np.where(match.reversed[first], -1, 1)[:, None]
+    pairs, arms, moved = _moved(before, after, first, sign * branch_vectors(after.graph)[second])
+    spare = len(first)
+    if before.rotation is None or after.rotation is None:
+        strip = np.argsort(before.graph.x[pairs[:, 0], 0])[:FITTED]
+        pairs, arms, moved, needed = pairs[strip], arms[strip], moved[strip], needed[strip]
+        spare = len(strip) - len(np.unique(pairs)) - 1
+        if spare < FEWEST:
+            return None
+        spins = _fitted_spins(pairs, arms, moved, needed)
+    else:
+        spin = after.rotation[index_of(after.ids, before.ids)] - before.rotation
+        spins = np.remainder(spin + np.pi, 2 * np.pi) - np.pi
+    slip = moved - np.einsum("ck,ck->c", arms, spins[pairs])
+    if not slip.any():
+        return None
+    factor = float(np.median((needed / slip)[slip != 0]))
+    wrong = np.count_nonzero(np.abs(needed - factor * slip) > KT * np.abs(factor * slip))
+    agreeing = max(1 - wrong / spare, 0.0)
+    if agreeing < AGREEING:
+        says = f"T of {100 * agreeing:.3g} % of the contacts follows the motion since the snapshot "
+        return Finding("kt", agreeing, f"{says}before: the step is too long to check kt")
+    says = f"T changed by {factor:.4g} times kt times the slip since the snapshot before (median)"
+    return Finding("kt", factor, says).doubt(
+        f": kt is too {'small' if factor > 1 else 'large'}",
+        f"The forces need kt = {factor * float(np.median(kt)):.4g}.",
+        abs(factor - 1) > KT,
+    )
+
+
+def _shear_stiffness(snapshot: Snapshot) -> Floats:
+    """`kt` of each contact."""
+    assert isinstance(snapshot.law, LinearFrictional | HertzMindlin)
+    kt = snapshot.law.stiffnesses(contact_state(snapshot.graph))[1]
+    return np.broadcast_to(kt, snapshot.graph.contact_count)
+
+
+def _moved(
+    before: Snapshot, after: Snapshot, contacts: Integers, later: Floats
+) -> tuple[Integers, Floats, Floats]:
+    """Grains of some contacts, their arms, and the slip by the turn of the branches to `later`."""
+    d = branch_vectors(before.graph)[contacts]
+    turn = np.arctan2(
+        d[:, 0] * later[:, 1] - d[:, 1] * later[:, 0], np.einsum("ck,ck->c", d, later)
+    )
+    pairs = before.graph.contacts[contacts]
+    arms = before.graph.radii[pairs]
+    reach = arms.sum(axis=1)
+    assert isinstance(before.law, LinearFrictional | HertzMindlin)
+    if before.law.shear_increment == "branch":
+        length = (np.hypot(*d.T) + np.hypot(*later.T)) / 2
+        arms, reach = arms * (length / reach)[:, None], length
+    return pairs, arms, reach * turn
+
+
+def _fitted_spins(pairs: Integers, arms: Floats, moved: Floats, needed: Floats) -> Floats:
+    """Spin of each grain from `moved = arms spins + needed / factor`, outliers weighted down."""
+    import scipy.sparse as sp
+    from scipy.sparse.linalg import spsolve
+
+    grains, place = np.unique(pairs, return_inverse=True)
+    place = place.reshape(pairs.shape)
+    rows, count = np.arange(len(pairs)), len(grains)
+    size = float(arms.mean())
+    last = needed / (float(np.abs(needed).mean()) or 1.0)
+    values = np.concatenate([arms.T.ravel() / size, last])
+    columns = np.concatenate([*place.T, np.full(len(pairs), count)])
+    matrix = sp.csr_matrix((values, (np.tile(rows, 3), columns)), shape=(len(pairs), count + 1))
+    weight = np.ones(len(pairs))
+    for _ in range(REWEIGHTED):
+        weighted = matrix.T @ sp.diags_array(weight)
+        normal = (weighted @ matrix).tocsc()
+        # Grains in rows may turn against one another like gears: held by a millionth of a spring.
+        normal += 1e-6 * sp.diags_array(normal.diagonal())
+        found = spsolve(normal, weighted @ moved)
+        left = np.abs(moved - matrix @ found)
+        weight = 1 / (left + 1e-6 * np.abs(moved).mean())
+    spins = np.zeros(int(pairs.max()) + 1)
+    spins[grains] = found[:-1] / size
+    return spins

@@ -1,0 +1,212 @@
+"""A packing over a whole increment of strain, in one solve.
+
+In the rate problem a yield band says beforehand which contacts stand at their strength. Here each
+keeps its distance to it: with `w` the distance that a contact has left at the end and `z` what slip
+has taken off its shear force,
+
+    w = (strength - |T|) + q + M z,  w >= 0,  z >= 0,  w z = 0,
+
+`q` and `M` those of the rate problem, `q` times the increment. The load is raised from zero, where
+nothing slips, and its solution is followed. Where that would turn back to smaller loads the packing
+snaps: the contact that softens is kept from sliding, as in a path past an instability, and counted.
+Theory, equation (11.24).
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from loops.arrays import Flags, Floats
+from loops.graph import GrainGraph, branch_vectors, contact_state
+from loops.laws.frictional import ContactLaw, Regime, edge_rates
+from loops.packing import PlaneContacts, balancing_forces, relative_motion
+from stability.packing.complementarity import RaisedLoad, positive_definite, raise_load
+from stability.packing.response import (
+    CONDENSED,
+    TRUSTED,
+    HeldAndDriven,
+    PackingRates,
+    PackingResponse,
+    ResponseStatus,
+    YieldResponse,
+    checked_band,
+    component_control,
+    yield_response,
+)
+
+# Share of its strength from which a contact is a candidate for sliding.
+CANDIDATES = 0.7
+# Over its strength: a contact this far beyond it disagrees.
+BEYOND = 1e-6
+
+
+class PackingIncrements:
+    """The increments of one state, prepared for any number of them."""
+
+    def __init__(self, yielding: YieldResponse) -> None:
+        self.rates = PackingRates(nearest_candidates(yielding), refinements=1)
+        self.yielding = self.rates.yielding
+
+    def response(self, strain: ArrayLike, stress: ArrayLike | None = None) -> PackingResponse:
+        """Answer one increment, see `packing_increment`."""
+        return self.solved(component_control(strain, stress))
+
+    def solved(self, control: HeldAndDriven) -> PackingResponse:
+        """Answer one control; strain and stress are whole increments."""
+        q, M = self.rates.problem(control)
+        return self._response(control, raise_load(self.yielding.distance, q, M), M)
+
+    def _response(self, control: HeldAndDriven, raised: RaisedLoad, M: Floats) -> PackingResponse:
+        slip = raised.slip
+        yielding, elastic = self.yielding, self.rates.elastic
+        system, graph = yielding.system, yielding.system.graph
+        stress_of_slip = self.rates.whole[1] @ slip
+        held, B = control.held.T @ control.strain, control.driven
+        wanted = control.stress - B @ (elastic.stress @ held + stress_of_slip)
+        h = held + B.T @ np.linalg.solve(B @ elastic.stress @ B.T, wanted)
+        H, n = h.reshape(2, 2), len(system.contacts)
+        motion = elastic.motion @ h + self.rates.slips @ slip
+        relative, forces = self._forces(motion, H, slip)
+        # What one refinement of each motion under slip has left.
+        motion -= elastic.factor.solve(balancing_forces(system, forces))
+        relative, forces = self._forces(motion, H, slip)
+        size = float(np.linalg.norm(elastic.loads @ h)) or 1.0
+        residual = float(np.linalg.norm(balancing_forces(system, forces))) / size
+        v = np.append(motion, 0.0)[system.freedom]
+        branch_rate, force_rate = -branch_vectors(graph) @ H.T, np.zeros((graph.contact_count, 2))
+        branch_rate[system.contacts], force_rate[system.contacts] = relative[:n, :2], forces[:n, :2]
+        regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+        regime[system.contacts] = system.regime[:n]
+        slides = yielding.rows[slip > 0]
+        regime[system.contacts[slides[slides < n]]] = Regime.SLIDING
+        status: ResponseStatus = "nearest" if raised.held.any() else "one found"
+        if status == "one found" and positive_definite(M):
+            status = "unique"
+        return PackingResponse(
+            status=status if residual <= TRUSTED else "not converged",
+            proof="positive definite" if status == "unique" else "",
+            residual=residual,
+            disagreeing=int(np.count_nonzero(raised.held)),
+            strain_rate=H,
+            stress_rate=(elastic.stress @ h + stress_of_slip).reshape(2, 2),
+            motion=v[:, :2],
+            spin=v[:, 2] / system.length,
+            branch_rate=branch_rate,
+            force_rate=force_rate,
+            regime=regime,
+            sliding=int(np.count_nonzero(slip > 0)),
+            candidates=len(yielding.rows),
+            settled=yielding.settled,
+            solutions=int(status != "nearest"),
+            system=system,
+            reached=raised.first,
+            beyond=int(np.count_nonzero(self._beyond(relative))),
+        )
+
+    def _forces(self, motion: Floats, H: Floats, slip: Floats) -> tuple[Floats, Floats]:
+        """(E, 4) relative motions of the contacts, and changes of their forces."""
+        system = self.yielding.system
+        relative = relative_motion(system, motion, H)
+        forces = -np.einsum("eij,ej->ei", system.stiffness, relative)
+        forces[self.yielding.rows] -= self.yielding.push * slip[:, None]
+        return relative, forces
+
+    def _beyond(self, relative: Floats) -> Flags:
+        """(C',) contacts between grains that are no candidates and end beyond their strength."""
+        system = self.yielding.system
+        n = len(system.contacts)
+        own = system.contacts
+        state, law = contact_state(system.graph), system.law
+        turns = relative[:n, 2:] / system.length
+        g, b_i, b_j = (values[own] for values in law.shear_kinematics(state))
+        un = np.zeros(system.graph.contact_count)
+        ut = un.copy()
+        un[own] = np.sum(state.n[own] * relative[:n, :2], axis=1)
+        along = np.sum(state.t[own] * relative[:n, :2], axis=1)
+        ut[own] = g * along - b_i * turns[:, 0] - b_j * turns[:, 1]
+        _, shear, grown = edge_rates(law, state, np.sign(state.shear_force), un, ut)
+        strength = law.strength(state)
+        with np.errstate(invalid="ignore"):
+            beyond = np.abs(state.shear_force + shear) > (strength + grown) + BEYOND * strength
+        beyond = beyond[own] & (system.regime[:n] == Regime.ELASTIC)
+        rows = self.yielding.rows
+        beyond[rows[rows < n]] = False
+        return np.asarray(beyond)
+
+
+def nearest_candidates(yielding: YieldResponse) -> YieldResponse:
+    """The candidates that one matrix holds, those with the smallest distances of too many."""
+    count = len(yielding.rows)
+    if count <= CONDENSED:
+        return yielding
+    kept = np.sort(np.argsort(yielding.distance, kind="stable")[:CONDENSED])
+    arrays = {
+        one.name: getattr(yielding, one.name)[kept]
+        for one in fields(yielding)
+        if np.shape(getattr(yielding, one.name))[:1] == (count,)
+    }
+    return replace(yielding, **arrays)
+
+
+def packing_increment(
+    graph: GrainGraph,
+    law: ContactLaw,
+    strain: ArrayLike,
+    *,
+    stress: ArrayLike | None = None,
+    candidates: float = CANDIDATES,
+    regime: ArrayLike | None = None,
+    planes: PlaneContacts | None = None,
+    held: ArrayLike | None = None,
+    volume: float | None = None,
+) -> PackingResponse:
+    """Motion of all grains and contacts of a packing over an increment of strain, in one solve.
+
+    Geometry and stiffness are those of the start. Each contact slides from where it reaches its
+    strength, at the cost of one linear complementarity problem. Theory, equation (11.24).
+
+    Parameters
+    ----------
+    graph, law, regime, planes, held, volume
+        As in `packing_response`.
+    strain : (2, 2) array
+        Increment of `H`, compression positive; not a number where the stress is controlled instead.
+    stress : (2, 2) array, optional
+        Increment of the nominal stress `P` of these components; zero if left out.
+    candidates : float
+        Contacts with `|T|` of at least this share of their strength may come to slide, 0 to 1.
+
+    Returns
+    -------
+    PackingResponse
+        Increments in place of rates. `status` is 'unique', 'one found' or, where solutions end
+        before the whole increment, 'nearest': `disagreeing` contacts that soften, the first one at
+        the share `reached`, are kept from sliding and end beyond their strength. `beyond` are
+        contacts that end beyond their strength and were no candidates.
+
+    Raises
+    ------
+    InputError
+        As `packing_response`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from loops import GrainGraph, LinearFrictional
+    >>> lattice = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5] * 4,
+    ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+    ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
+    >>> found = packing_increment(lattice, LinearFrictional(1.0, 0.5, 0.5), [[1e-3, 0], [0, 0]])
+    >>> found.status, found.stress_rate.round(9).tolist()
+    ('unique', [[0.001, 0.0], [0.0, 0.0]])
+    """
+    control = component_control(strain, stress)
+    checked_band(candidates, "candidates", CANDIDATES)
+    yielding = yield_response(
+        graph, law, yield_band=candidates, regime=regime, planes=planes, held=held, volume=volume
+    )
+    return PackingIncrements(yielding).solved(control)
