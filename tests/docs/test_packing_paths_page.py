@@ -8,6 +8,7 @@ from stability import follow
 from stability.packing import (
     equations_of_motion,
     incremental_packing,
+    rattlers,
     loop_changes,
     path,
     replay,
@@ -175,15 +176,18 @@ def test_settings():
     assert f"At {usual.instabilities} unstable contacts" in PAGE
     assert f"gap below {path.MAY_CLOSE_GAP} mean diameters" in PAGE
     assert f"Beyond {incremental_packing.RANK} columns" in PAGE
-    springs = incremental_packing.RATTLERS, incremental_packing.PAIRED, incremental_packing.GEARS
-    assert springs == (1e-3, 1e-4, 1e-7)
-    assert "springs of 1e-3 kn, those with two 1e-4, all others 1e-7" in PAGE
+    assert incremental_packing.REGULARISATION == 1e-7 and "a ground spring of 1e-7 kn" in PAGE
+    shares = rattlers.LOADED_SHARE, rattlers.UNLOADED_SHARE, rattlers.LIGHT_SHARE
+    assert shares == (1e-4, 1e-5, 1e-2)
+    assert "no force above 1e-4 of the mean" in PAGE and "until 1e-5 of the mean force" in PAGE
+    assert path.HISTORY == 64 and path.STRETCH == 0.5 and "half of them, at most 64" in PAGE
+    assert path.MOST_HALVINGS == 5 and path.CONVERGED == 0.01 and "After five halvings" in PAGE
     assert (
         strain_increment.GROUND_SPRINGS[:3] == (1e-3, 1e-2, 1e-1) and "1e-3, 1e-2, 1e-1 kn" in PAGE
     )
     assert f"more than {strain_increment.CHATTER} events of a contact in an interval" in PAGE
     motion = equations_of_motion
-    assert (motion.SNAP_RATE, motion.REST_FORCE, motion.REST_STRAIN) == (2.5e-7, 1e-5, 1e-2)
+    assert (motion.SNAP_RATE, motion.REST_FORCE, motion.REST_STRAIN) == (2.5e-7, 1e-6, 1e-2)
     assert f"after {motion.CHECK_STEPS * motion.MAX_CHECKS:,} steps without rest" in PAGE
     assert path.MAX_SPEED_RATIO == 1e3 and "1000 times the strain" in PAGE
     assert state.JUMP == 0.5 and f"leaps by {state.LEAP} diameters" in PAGE

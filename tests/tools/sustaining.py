@@ -1,87 +1,118 @@
-"""Limits of two states by direction of stress, Yade and path: the figure of docs/sustaining.md.
+"""First large motions and limits beside Yade's, and limits over interval and numbering.
 
-`python -m tests.tools.sustaining` computes the paths anew, and writes docs/figures/sustaining.csv
-and sustaining.png. What Yade held and moved under is kept in the table.
+`python -m tests.tools.sustaining` computes both tables of docs/sustaining.md anew, and draws their
+figures. The column `before` of the intervals is that of the springs that the code had until
+November 2026, and is kept.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from matplotlib.projections.polar import PolarAxes
 
-from loops import GrainGraph, LinearFrictional
 from stability.packing import sustain
-from studies.style import BLUE, LIGHT_GREY, TWO_COLUMNS, VERMILION, new_figure, styled
+from stability.packing.sustain import renumbered
+from studies.style import BLUE, GREY, ORANGE, TWO_COLUMNS, VERMILION, new_panels, styled
+from tests.stability.packing.yade_rest import STATES, bracket, yade_rest
 
-ROOT = Path(__file__).parents[2]
-TABLE = ROOT / "docs/figures/sustaining.csv"
-STATES = ROOT / "tests/stability/packing/yade_stress_steps.npz"
-LAW = LinearFrictional(1e6, 5e5, 0.5, "radii")
-# Letter of the stored state, and the loads at the rim and the centre of its panel.
-OF_STATE = {
-    "0.003": ("b", 96.0, 0.5),
-    "0.030": ("a", 32.0, 0.02),
-    "0.030 restarted": ("c", 32.0, 0.02),
+FIGURES = Path(__file__).parents[2] / "docs/figures"
+LOADS, INTERVALS = FIGURES / "sustaining.csv", FIGURES / "sustaining_intervals.csv"
+# State, direction in degrees and largest load (N/m) of the limits over interval and numbering.
+VARIED = "slow", 150.0, 20.0
+TITLES = {
+    "slow": "slow sample at its peak",
+    "dense": "after a pronounced peak",
+    "held": "medium density, strain 0.030",
 }
 
 
-def state_of(name: str) -> GrainGraph:
-    """A state that Yade held at rest."""
-    parts = ("x", "radii", "contacts", "images", "cell", "normal_force", "shear_force")
-    with np.load(STATES) as stored:
-        return GrainGraph(**{part: stored[f"{OF_STATE[name][0]} {part}"] for part in parts})
+def loads_beside_yade() -> Iterator[dict[str, object]]:
+    """One row a direction of every state that Yade loaded."""
+    for state in STATES:
+        graph, law, levels = yade_rest(state)
+        for degrees, own in levels.items():
+            low, high = bracket(own, "large")
+            theta = np.radians(degrees)
+            largest = 2.0 * high if np.isfinite(high) else own["load"].max()
+            along = [[np.cos(theta), np.sin(theta)]]
+            (path,) = sustain(graph, law, along, largest=largest).paths
+            yield {
+                "state": state,
+                "degrees": degrees,
+                "held": low,
+                "moved": high,
+                "yade_strain": own["strain"].iloc[-1],
+                "status": path.status,
+                "limit": path.limit,
+                "limit_spread": path.limit_spread,
+                "first_large_load": path.first_large_load,
+                "first_large_strain": path.first_large_strain,
+                "first_large_spread": path.first_large_spread,
+            }
 
 
-def with_paths(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with the path's columns computed anew."""
-    rows = []
+def limits_anew(table: pd.DataFrame) -> pd.DataFrame:
+    """The table of intervals and numberings with the limits of today."""
+    state, degrees, largest = VARIED
+    graph, law, _ = yade_rest(state)
+    theta = np.radians(degrees)
+    after = []
     for row in table.itertuples():
-        theta = np.radians(row.degrees)
-        largest = 1.5 * row.moved if row.moved > 0 else row.held
-        direction = [[np.cos(theta), np.sin(theta)]]
-        (path,) = sustain(state_of(row.state), LAW, direction, largest=largest).paths
-        rows.append((path.status, path.first_instability, path.limit, path.failed_under))
-        print(row.state, row.degrees, *rows[-1], flush=True)
-    own = ["status", "first_instability", "limit", "failed_under"]
-    return table[["state", "degrees", "held", "moved"]].join(pd.DataFrame(rows, columns=own))
+        one = renumbered(graph, law, None, row.numbering)[:2] if row.numbering else (graph, law)
+        how = {"largest": largest, "interval": row.interval, "spread": False}
+        (path,) = sustain(*one, [[np.cos(theta), np.sin(theta)]], **how).paths
+        after.append(path.limit)
+    return table.assign(after=after)
 
 
 @styled()
-def figure_of_limits(table: pd.DataFrame) -> Figure:
-    """Bars of Yade from held to moved, and the limits of the paths, on logarithmic radii."""
-    figure = new_figure(TWO_COLUMNS, 2.7)
-    for place, (state, (_, largest, centre)) in enumerate(OF_STATE.items(), start=1):
-        own = table[table["state"] == state]
-        ax = figure.add_subplot(1, 3, place, projection="polar")
-        assert isinstance(ax, PolarAxes)
-        theta, held = np.radians(own["degrees"]), np.maximum(own["held"], centre)
-        moved = own["moved"].fillna(1.2 * own["held"])
-        low, high = np.log10(held / centre), np.log10(moved / centre)
-        ax.bar(theta, high - low, 0.26, low, color="0.72")
-        for failed, marker, colour in ((True, "X", VERMILION), (False, "o", BLUE)):
-            some = own[(own["status"] == "failed") == failed]
-            radius = np.log10(some["limit"] / centre)
-            ax.plot(np.radians(some["degrees"]), radius, marker, color=colour, markersize=3.5)
-        decades = 10.0 ** np.arange(np.ceil(np.log10(centre)), np.log10(largest) + 1e-9)
-        ax.set_rticks(np.log10(decades / centre), [f"{load:g}" for load in decades])
-        ax.set_ylim(0.0, np.log10(1.4 * largest / centre))
-        ax.set_rlabel_position(-22.5)
-        ax.set_thetagrids(range(0, 360, 45))
-        ax.grid(color=LIGHT_GREY, linewidth=0.5)
-        ax.set_title(f"strain {state}")
-    (fails,) = ax.plot([], [], "X", color=VERMILION, label="path: limit (N/m)")
-    (holds,) = ax.plot([], [], "o", color=BLUE, label="path: held throughout")
-    bars = Patch(color="0.72", label="Yade: held to moved (N/m)")
-    figure.legend(handles=[bars, fails, holds], loc="outside lower center", ncols=3)
+def figure_of_loads(table: pd.DataFrame) -> Figure:
+    """Bars of Yade from held to moved, limits and first large motions, one panel a state."""
+    states = [state for state in TITLES if (table["state"] == state).any()]
+    figure, (panels,) = new_panels(1, len(states), 2.9, width=TWO_COLUMNS)
+    for ax, state in zip(panels, states, strict=True):
+        own = table[table["state"] == state].reset_index(drop=True)
+        place, high = np.arange(len(own)), own["moved"].replace(np.inf, np.nan)
+        ax.bar(place, high - own["held"], 0.6, own["held"], color="0.75", label="Yade: held, moved")
+        ax.plot(place, own["limit"], "o", color=BLUE, markersize=4, label="equilibrium lost")
+        large = own["first_large_load"]
+        ax.plot(place, large, "X", color=VERMILION, markersize=5, label="first large motion")
+        ax.set_xticks(place, [f"{d:g}" for d in own["degrees"]])
+        ax.set(title=TITLES[state], xlabel="direction of stress (degrees)", yscale="log")
+    panels[0].set_ylabel("load (N/m)")
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=3)
+    return figure
+
+
+@styled()
+def figure_of_intervals(table: pd.DataFrame) -> Figure:
+    """Limits over the interval, and over the numbering at one interval, before and after."""
+    figure, ((over, across),) = new_panels(1, 2, 2.6, width=TWO_COLUMNS)
+    plain, other = table[table["numbering"] == 0], table[table["interval"] == 5e-6]
+    for ax, rows, key in ((over, plain, "interval"), (across, other, "numbering")):
+        for name, colour, label in (
+            ("before", ORANGE, "springs that hold grains"),
+            ("after", BLUE, "one weak spring a grain, halved"),
+        ):
+            line = "-" if key == "interval" else ""
+            ax.plot(rows[key], rows[name], f"o{line}", color=colour, markersize=4, label=label)
+        ax.axhline(plain["after"].iloc[-1], color=GREY, linewidth=0.6)
+        ax.set(ylabel="limit (N/m)", ylim=(0.0, 3.4))
+    over.set(xscale="log", xlabel="interval of strain")
+    across.set(xlabel="numbering of grains and contacts")
+    over.legend(loc="lower left")
     return figure
 
 
 if __name__ == "__main__":
-    found = with_paths(pd.read_csv(TABLE, dtype={"state": str}))
-    found.to_csv(TABLE, index=False, float_format="%.6g")
-    figure_of_limits(found).savefig(TABLE.with_suffix(".png"))
+    loads = pd.DataFrame(loads_beside_yade())
+    loads.to_csv(LOADS, index=False, float_format="%.6g")
+    limits = limits_anew(pd.read_csv(INTERVALS))
+    limits.to_csv(INTERVALS, index=False, float_format="%.7g")
+    figure_of_loads(loads).savefig(LOADS.with_suffix(".png"))
+    figure_of_intervals(limits).savefig(INTERVALS.with_suffix(".png"))
