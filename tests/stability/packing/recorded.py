@@ -122,21 +122,22 @@ def case(function):
 
 @case
 def loads():
-    """A snap and a failure, no snaps allowed, a limit, shear, walls."""
-    graph = jammed(12, 1, LAW)
-    own = ("theta", "status", "limit", "failed")
+    """A small motion and a large one, no motions allowed, a failure, shear, walls."""
+    own, how = ("theta", "status", "limit", "first_large_load"), {"spread": False}
+    graph = jammed(16, 2, LAW)
     largest = 0.3 * np.trace(start_state(graph).stress)
-    found = sustain(graph, LAW, [[0, -1]], largest=largest, interval=4e-5)
+    found = sustain(graph, LAW, [[1, -1]], largest=largest, interval=4e-5, **how)
     (path,) = found.paths
     yield with_own(found, *own)
-    yield plain([path.mode, path.snaps, path.mode.grains])
-    found = sustain(graph, LAW, [[0, -1]], largest=largest, interval=1e-4, most_snaps=0)
+    yield plain([path.mode, path.mode.grains])
+    found = sustain(graph, LAW, [[1, -1]], largest=largest, interval=1e-4, most_snaps=0, **how)
     yield with_own(found, *own)
-    found = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, interval=1e-4)
+    found = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, interval=1e-4, **how)
     yield with_own(found, *own)
-    yield plain(sustain(graph, LAW, [[-1, 0, 1]], subspace="symmetric", interval=1e-4))
+    graph = jammed(12, 1, LAW)
+    yield plain(sustain(graph, LAW, [[-1, 0, 1]], subspace="symmetric", interval=1e-4, **how))
     graph, law, walls = small_box(0)
-    yield plain(sustain(graph, law, [[-1, 0.3]], interval=1e-4, **walls))
+    yield plain(sustain(graph, law, [[-1, 0.3]], interval=1e-4, **how, **walls))
 
 
 @case
@@ -153,7 +154,8 @@ def motions_that_take_long():
             yield path_of(graph, LAW, strained(4 * PURE), **how)
     with patch.object(sustain_module, "MOST_STEPS", 700):
         largest = 0.3 * np.trace(start_state(graph).stress)
-        yield plain(sustain(graph, LAW, [[0, -1]], largest=largest, interval=1e-4))
+        how = {"interval": 1e-4, "spread": False}
+        yield plain(sustain(graph, LAW, [[0, -1]], largest=largest, **how))
 
 
 @case

@@ -1,8 +1,8 @@
 """Increments of a packing's path by themselves: closings, openings, energies, times to a target."""
 
-from copy import copy
+import sys
+from collections import deque
 from dataclasses import replace
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,11 +10,10 @@ import pytest
 
 from loops import LinearFrictional, RollingResistance, find_faces
 from stability import Stage, follow
-from stability.packing import loop_changes
+from stability.packing import loop_changes, sustain
 from stability.packing import path as path_module
 from stability.packing.equations_of_motion import Snap, masses_of
 from stability.packing.incremental_packing import ELASTIC, SLIDING
-from stability.packing.pairs import contact_pairs
 from stability.packing.path import PackingPathSolver
 from stability.packing.probe import stage_along
 from stability.packing.response import PackingRates, forces_of_motion, yield_response
@@ -28,20 +27,23 @@ from stability.packing.strain_increment import (
     pivot,
 )
 from stability.packing.sustain import (
-    APART,
+    CUT,
+    FLOW_STRAIN,
+    LEAST_PUSH,
     LOOK,
-    PUSH,
+    MOST_CUTS,
     PUSH_STEPS,
     STRIDE,
-    _LoadPathSolver,
-    _Moved,
-    keeps_growing,
+    _along,
+    _DeadLoad,
+    _to_loss,
 )
 from stability.programmes import Programme
 from tests.packings import LAW, jammed, packing, strained
 from tests.stability.packing.test_path import unaccounted
 
 KN, KT, MU = 3.0, 0.7, 0.4
+sustain_module = sys.modules[sustain.__module__]
 
 
 class Rows:
@@ -166,8 +168,9 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     programme = Programme("strain", np.zeros((4, 4)), np.eye(4), [1e-3, 0, 0, -2e-3])
     stage = Stage(programme, quantity, share * duration * unit)
     solver = PackingPathSolver(graph, LAW, [stage], 1e-4, "dynamic", None, None)
+    solver.targets = deque([stage.target])
     met = InstabilityError(3, "why", np.zeros(0, dtype=int))
-    assert solver._pass(met, duration, stage, stage.target) is None
+    assert solver._pass(met, duration, stage) is None
     wanted = min(share, 1.0) * duration if unit else duration
     assert spans == [pytest.approx(wanted, rel=1e-12)] == [solver.parameter]
     assert solver.work.tolist() == [3.0, 2.0, 0.25, 0.75]
@@ -175,7 +178,8 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     assert event.detail == "why; replayed; 0.75 released" and event.contacts == (3,)
     # Behind the target there is nothing left to strain.
     behind = -0.1 * duration * unit if unit else 0.0
-    solver._pass(met, duration, stage, solver._quantity(stage) + behind)
+    solver.targets = deque([solver._quantity(stage) + behind])
+    solver._pass(met, duration, stage)
     assert spans[1] == duration
 
 
@@ -194,103 +198,101 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
     # Ahead of the programme, and half an interval behind it.
     error, solver.parameter = np.array([2e-6, -1e-6, 3e-6, 4e-6]), 0.5 * duration
     solver.F = np.eye(2) - error.reshape(2, 2)
-    solver._pass(InstabilityError(3, "why", np.zeros(0, dtype=int)), duration, stage, 1.0)
+    solver.targets = deque([1.0])
+    solver._pass(InstabilityError(3, "why", np.zeros(0, dtype=int)), duration, stage)
     ((found, span),) = rates
     assert span == duration
     np.testing.assert_allclose(found * span, 1.5 * rate * duration - error, rtol=1e-9)
-
-
-def moved(graph, law, shift=0.0):
-    """The packing as it starts to move under its own stress, and a little more."""
-    start = start_state(graph)
-    pairs = contact_pairs(start, law)
-    rate = shift * start.stress.ravel()
-    control = MixedControl(np.diag([1.0, 0, 0, 1.0]), np.diag([0, 1.0, 1.0, 0]), rate)
-    args = start, pairs, -start.resultants, control, True, graph.contact_count, 0.3
-    return _Moved(*args), start
-
-
-def test_a_packing_at_rest_is_asked_once_its_load_is_on():
-    """Looks of 100 steps, the load comes on over 500: rest is told after 600."""
-    moving, start = moved(jammed(12, 1), LAW)
-    assert moving.hold() == "at rest"
-    assert moving.steps == PUSH_STEPS + LOOK and len(moving.strains) == 7
-    # The mean stress is the mean mass times the squared strain rate of an inertial number of one.
-    masses = masses_of(start.radii)[0]
-    mean = 0.5 * np.trace(start.stress)
-    assert moving.pace**2 * masses.mean() == pytest.approx(mean, rel=1e-12)
-    smallest = 0.3 * np.sqrt(masses.min() / LAW.kn)
-    assert moving.dt == pytest.approx(STRIDE * smallest, rel=1e-12)
-
-
-def test_what_is_told_of_a_motion():
-    """Kinetic energy and strain at each look are those of the bodies; the mode that of a copy."""
-    moving, start = moved(jammed(12, 1), LAW, -0.05)
-    for _ in range(7):
-        moving.look()
-        motion = moving.moving.motion
-        square = (motion.velocity**2).sum(axis=1)
-        kinetic = 0.5 * np.sum(moving.masses * square + moving.inertias * motion.spin**2)
-        assert moving.kinetic[-1] == pytest.approx(kinetic, rel=1e-12)
-        grown = motion.cell @ np.linalg.inv(start.cell) - np.eye(2)
-        assert moving.strains[-1] == pytest.approx(np.linalg.norm(grown), rel=1e-12)
-    end, faces = moving.moving.state(), find_faces(jammed(12, 1))
-    told = moving.told("at rest", 1.0, 2.0, faces)
-    np.testing.assert_allclose(told.strain.reshape(2, 2), -grown, rtol=1e-9, atol=1e-15)
-    assert told.kinetic == max(moving.kinetic) and told.steps == 700
-    assert (told.lost, told.load) == (1.0, 2.0) and told.released > 0
-    then = moving.mode[0] if moving.mode else end
-    F = then.cell @ np.linalg.inv(start.cell)
-    np.testing.assert_allclose(told.displacement, then.x - start.x @ F.T, rtol=0, atol=1e-15)
-    work = loop_changes(jammed(12, 1), then, faces)
-    np.testing.assert_allclose(told.loop_work, work.area * work.additive_work, rtol=1e-9)
-    # Looks from here on count from here.
-    moving.start_again()
-    moving.look()
-    again = moving.told("at rest", 1.0, 2.0, faces)
-    assert again.steps == LOOK and len(moving.strains) == 2
-    now = moving.moving.motion.cell @ np.linalg.inv(end.cell) - np.eye(2)
-    np.testing.assert_allclose(again.strain.reshape(2, 2), -now, rtol=1e-6, atol=1e-15)
-    assert moving.work()[3] == pytest.approx(told.released + again.released, rel=1e-9)
-
-
-def test_growth_at_its_edges():
-    """As fast as before is growth still; a single look beyond the strain of failure is."""
-    even = np.linspace(0.0, 2e-3, 9)
-    assert keeps_growing(even, np.ones(9)) and keeps_growing([0.0, 1e-3], [0.0, 1.0])
-    assert not keeps_growing(even, np.linspace(1.0, 0.99, 9))
-
-
-@pytest.mark.parametrize(("first", "last", "least"), [(0.2, 0.6, 0.0), (0.0, 0.1, 0.05)])
-def test_a_load_that_grows_is_that_of_the_servo(first, last, least):
-    """The stress goes with the load, and loads that are kept lie apart."""
-    moving, start = moved(jammed(12, 1), LAW, 0.02)
-    rate = moving.rate.copy()
-    status, load, kept = moving.grow(first, last, least)
-    assert (status, load) == ("at rest", last) and moving.since is moving.origin
-    assert len(moving.strains) == PUSH_STEPS // LOOK + 2
-    loads = [one for one, _ in kept]
-    gaps = [(b - a) / max(b, least) for a, b in pairwise(loads)]
-    # One step of the load at most beyond what lies between.
-    assert len(kept) > 10 and APART * (1 - 1e-9) <= min(gaps) and max(gaps) < APART + PUSH
-    assert last * (1 - APART - PUSH) < loads[-1] < last
-    for load, trial in [*kept, (last, moving)]:
-        state = trial.moving.state()
-        F = state.cell @ np.linalg.inv(start.cell)
-        P = np.linalg.det(F) * state.stress @ np.linalg.inv(F).T
-        error = np.diag(P - start.stress) - (load - first) / (last - first) * rate[[0, 3]]
-        # While it grows the packing is some steps behind the servo.
-        late = 2e-3 if trial is moving else 0.05
-        assert np.abs(error).max() < late * np.abs(rate).max()
 
 
 def load_solver(graph, interval=1e-4):
     """A path of loads along (-1, 0), up to a tenth of the stress."""
     largest = 0.1 * start_state(graph).stress[0, 0]
     stage = stage_along(np.array([-1.0, 0.0]), "diagonal", "stress", largest)
-    solver = _LoadPathSolver(graph, LAW, stage, interval, None, None)
-    solver.faces, solver.most_snaps, solver.damping = find_faces(graph), 3, 0.3
+    solver = PackingPathSolver(graph, LAW, [stage], interval, "stop", None, None)
+    solver.start_stage(0, stage, 1)
     return solver, stage
+
+
+def moved(share):
+    """A packing at the start of its motion under a share of the largest load."""
+    graph = jammed(12, 1)
+    solver, stage = load_solver(graph)
+    return _DeadLoad(solver, stage, share * stage.target, graph.contact_count, 0.3), solver, stage
+
+
+def test_a_packing_at_rest_is_asked_once_its_load_is_on():
+    """Looks of 100 steps, the load comes on over 500: rest is told after 600."""
+    moving, solver, _ = moved(0.0)
+    assert moving.hold() == "at rest"
+    assert moving.steps == PUSH_STEPS + LOOK
+    # The mean stress is the mean mass times the squared strain rate of an inertial number of one.
+    masses = masses_of(solver.state.radii)[0]
+    mean = 0.5 * np.trace(solver.state.stress)
+    assert moving.pace**2 * masses.mean() == pytest.approx(mean, rel=1e-12)
+    smallest = 0.3 * np.sqrt(masses.min() / LAW.kn)
+    assert moving.dt == pytest.approx(STRIDE * smallest, rel=1e-12)
+
+
+def test_a_motion_under_a_load_that_is_borne_ends_where_the_path_does():
+    """Real rest: forces as of the path by events, which comes to the same load."""
+    moving, solver, stage = moved(0.3)
+    assert moving.hold() == "at rest"
+    start, end = solver.state, moving.moving.state()
+    F = end.cell @ np.linalg.inv(start.cell)
+    P = np.linalg.det(F) * end.stress @ np.linalg.inv(F).T - start.stress
+    assert P[0, 0] == pytest.approx(-0.3 * stage.target, rel=1e-5)
+    assert abs(P[1, 1]) < 1e-5 * 0.3 * stage.target
+    path = follow(
+        jammed(12, 1), LAW, Stage(stage.programme, "parameter", 0.3 * stage.target),
+        closure="packing", interval=1e-5,
+    ).states[-1]  # fmt: skip
+    count = jammed(12, 1).contact_count
+    off = end.forces[:count] - path.forces[:count]
+    assert np.linalg.norm(off) < 1e-4 * np.linalg.norm(path.forces[:count])
+
+
+@pytest.mark.parametrize(("share", "most"), [(5.0, 700), (9.5, 60_000)])
+def test_a_sample_that_flows_or_moves_too_long_has_no_rest(share, most, monkeypatch):
+    """Under a twentieth of its stress it strains by 0.02; under half of it the steps are over."""
+    monkeypatch.setattr(sustain_module, "MOST_STEPS", most)
+    moving, _, _ = moved(share)
+    assert moving.hold() == "no rest"
+    grown = moving.moving.motion.cell @ np.linalg.inv(moving.start.cell) - np.eye(2)
+    if most == 700:
+        assert moving.steps == most
+    else:
+        assert np.linalg.norm(grown) > FLOW_STRAIN and moving.steps < most
+
+
+def test_what_is_told_of_a_motion():
+    """Largest kinetic energy at a look, strain, energy lost; the mode is that of a copy."""
+    moving, solver, _ = moved(5.0)
+    start = solver.state
+    looks, run = [], moving.moving.run
+
+    def look(*how):
+        ran = run(*how)
+        motion = moving.moving.motion
+        square = (motion.velocity**2).sum(axis=1)
+        looks.append(0.5 * np.sum(moving.masses * square + moving.inertias * motion.spin**2))
+        return ran
+
+    moving.moving.run = look
+    status = moving.hold()
+    end, faces = moving.moving.state(), find_faces(jammed(12, 1))
+    told = moving.told(status, 1.0, 2.0, faces)
+    assert told.kinetic == pytest.approx(max(looks), rel=1e-12)
+    assert told.steps == LOOK * len(looks) and (told.lost, told.load) == (1.0, 2.0)
+    grown = end.cell @ np.linalg.inv(start.cell) - np.eye(2)
+    np.testing.assert_allclose(told.strain.reshape(2, 2), -grown, rtol=1e-9, atol=1e-15)
+    assert told.released == moving.work()[3] > 0
+    then = moving.mode[0]
+    F = then.cell @ np.linalg.inv(start.cell)
+    assert 0 < np.linalg.norm(F - np.eye(2)) < np.linalg.norm(grown)
+    np.testing.assert_allclose(told.displacement, then.x - start.x @ F.T, rtol=0, atol=1e-15)
+    work = loop_changes(jammed(12, 1), then, faces)
+    np.testing.assert_allclose(told.loop_work, work.area * work.additive_work, rtol=1e-9)
 
 
 def test_a_motion_starts_in_balance_under_its_load():
@@ -299,35 +301,65 @@ def test_a_motion_starts_in_balance_under_its_load():
     graph = graph.replace(shear_force=0.9 * graph.shear_force)
     solver, stage = load_solver(graph)
     assert np.abs(solver.state.resultants).max() > 1e-2 * solver.state.mean_force
-    moving = solver._moved(stage, 0.4 * stage.target)
+    moving = _DeadLoad(solver, stage, 0.4 * stage.target, graph.contact_count, 0.3)
     assert np.abs(moving.moving.motion.resultant).max() < 1e-12 * solver.state.mean_force
-    programme = stage.programme
-    np.testing.assert_allclose(moving.rate, programme.rate * 0.4 * stage.target, rtol=1e-12)
+    servo = moving.moving.servo
+    rise = stage.programme.rate * 0.4 * stage.target
+    np.testing.assert_allclose(servo.rate * servo.whole, rise, rtol=1e-12)
+    assert servo.whole == pytest.approx(PUSH_STEPS * moving.dt, rel=1e-12)
+
+
+def stepping(monkeypatch, answers, ahead=lambda self: 0.0):
+    """Steps of a path that answer in turn, and the intervals with which they were asked."""
+    sizes = []
+
+    def step(self, stage, instabilities):
+        sizes.append(self.size)
+        self.parameter += 1e-6
+        return answers.pop(0) if answers else None
+
+    monkeypatch.setattr(PackingPathSolver, "step", step)
+    along = lambda solver, stage: solver.parameter + ahead(solver)  # noqa: E731
+    monkeypatch.setattr(sustain_module, "_along", along)
+    return sizes
 
 
 def test_intervals_are_cut_before_an_equilibrium_is_given_up(monkeypatch):
     """A quarter of the interval, three times; twice as long again after each that goes well."""
     solver, stage = load_solver(jammed(12, 1))
-    whole, sizes, moves, answers = solver.size, [], [], []
-
-    def step(self, stage, target, instabilities):
-        sizes.append(self.size)
-        self.events.append(None)
-        return answers.pop(0)
-
-    def move(self, stage, contact, cause):
-        moves.append((contact, cause, len(self.events)))
-
-    monkeypatch.setattr(PackingPathSolver, "_step", step)
-    monkeypatch.setattr(_LoadPathSolver, "_move", move)
-    answers += [("lost", str(k)) for k in range(4)]
-    solver._step(stage, 1.0, 1)
-    assert sizes == [whole, whole / 4, whole / 16, whole / 64] and moves == [(-1, "3", 0)]
+    whole = solver.size
+    sizes = stepping(monkeypatch, [("lost", str(k)) for k in range(4)])
+    assert _to_loss(solver, stage, whole) == ("lost", "3")
+    assert sizes == [whole / CUT**k for k in range(MOST_CUTS + 1)]
+    # Cut intervals left nothing behind, the last one its row.
+    assert solver.parameter == 1e-6 and len(solver.rows) == 2
     sizes.clear()
-    answers += [None] * 8
-    for _ in range(8):
-        solver._step(stage, 1.0, 1)
-    assert sizes == [whole / 2**k for k in (6, 5, 4, 3, 2, 1, 0, 0)] and len(moves) == 1
+    answers = [None] * 8 + [("instabilities", "met")]
+    sizes = stepping(monkeypatch, answers)
+    assert _to_loss(solver, stage, whole) == ("instabilities", "met")
+    # An instability is believed at once.
+    assert sizes == [whole / 2**k for k in (6, 5, 4, 3, 2, 1, 0, 0, 0)]
+
+
+def test_intervals_are_cut_where_the_stress_leaves_the_load(monkeypatch):
+    """By more than half a per cent, or of the least rise where the load is smaller."""
+    solver, stage = load_solver(jammed(12, 1))
+    whole, least = solver.size, LEAST_PUSH * solver.first_stress
+    for off, cut in ((0.004, False), (0.006, True)):
+        large = lambda solver, off=off: off * max(solver.parameter, least)  # noqa: E731
+        solver.size = whole
+        sizes = stepping(monkeypatch, [("instabilities", "met")] * 4, large)
+        _to_loss(solver, stage, whole)
+        assert sizes == ([whole / CUT**k for k in range(MOST_CUTS + 1)] if cut else [whole])
+
+
+def test_the_stress_along_a_direction():
+    """Of a packing that is strained: `(P - P0) . direction`."""
+    solver, stage = load_solver(jammed(12, 1))
+    assert _along(solver, stage) == 0.0
+    assert solver.step(stage, 1) is None
+    rise = solver.P - solver.P_start
+    assert _along(solver, stage) == pytest.approx(-rise[0], rel=1e-12) != 0.0
 
 
 class Edges:
@@ -413,35 +445,3 @@ def test_the_participation_number_of_an_unstable_mode(speeds, number):
     assert found.mode == f"no regimes agree: {number} grains take part, det K changes sign"
     found = UnsolvedError(2, 1e-3 * motion.ravel(), False, "")
     assert f"were found: {number} grains" in found.mode and "keeps its sign" in found.mode
-
-
-@pytest.mark.parametrize("resting", [0, 1, 7, 15, 16, 19, 20])
-def test_the_limit_is_the_largest_kept_load_that_comes_to_rest(resting, monkeypatch):
-    """Of twenty: from the last but three back by four, eight, ... and then between the two."""
-    graph, asked = jammed(12, 1), []
-
-    def grow(self, first, last, least):
-        kept = []
-        for number in range(20):
-            one = copy(self)
-            one.number = number
-            kept.append((first + 1e-9 * (1 + number), one))
-        return "failed", first + 21e-9, kept
-
-    def hold(self):
-        asked.append(self.number)
-        return "at rest" if self.number < resting else "failed"
-
-    monkeypatch.setattr(_Moved, "grow", grow)
-    monkeypatch.setattr(_Moved, "hold", hold)
-    stage = stage_along(np.array([-1.0, 0.0]), "diagonal", "stress", 1e-6)
-    solver = _LoadPathSolver(graph, LAW, stage, 1e-5, None, None)
-    solver.faces, solver.most_snaps, solver.damping = find_faces(graph), 30, 0.3
-    stop, why = solver._grow(stage)
-    assert stop == "lost" and "after 3 motions; strain rate and kinetic energy keep growing" in why
-    assert solver.parameter == pytest.approx(1e-9 * resting, abs=1e-15) and solver.ended
-    assert [motion.status for motion in solver.motions] == ["at rest"] * (resting > 0) + ["failed"]
-    assert solver.motions[-1].lost == solver.parameter
-    assert solver.motions[-1].load == pytest.approx(1e-9 * (resting + 1), rel=1e-9)
-    back = [k for k in (16, 8, 0) if k >= resting]
-    assert asked[: len(back)] == back and len(set(asked)) == len(asked) <= 6

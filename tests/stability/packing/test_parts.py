@@ -18,7 +18,6 @@ from stability.packing.response import (
     slip_motion,
     yield_response,
 )
-from stability.packing.sustain import keeps_growing
 from tests.packings import LAW, packing
 
 
@@ -119,19 +118,6 @@ def lattice(alike):
         cell=2 * np.eye(2),
         normal_force=overlap,
     )
-
-
-def test_growth_is_judged_over_two_doublings_of_the_strain():
-    """Two looks to half of the strain, four or five to the whole: rates of 1/8 and 1/4, 1/5."""
-    for looks, rate in ((2, 0.25), (4, 0.125), (5, 0.1)):
-        before, after = [0.125, 0.25, 0.375], np.linspace(0.5, 1.0, looks + 1)
-        strains = 2e-3 * np.array([0.0, *before, *after])
-        rising, falling = np.arange(len(strains)), -np.arange(len(strains))
-        # From a quarter (look 2) to a half (look 4) the rate is an eighth.
-        assert keeps_growing(strains, rising) == (rate >= 0.125)
-        assert not keeps_growing(strains, falling)
-        assert not keeps_growing(0.4 * strains, rising)
-    assert keeps_growing([0.0, 2e-3], [0.0, 1.0])
 
 
 def test_solutions_are_sought_evenly_around_the_circle(monkeypatch):

@@ -1,7 +1,6 @@
 """Loads that packings sustain: closed forms, slow replays, the energy balance, the modes."""
 
 import functools
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from loops.packing import PlaneContacts
 from stability import Stage
 from stability.packing import replay, sustain
 from stability.packing.state import start_state
-from stability.packing.sustain import FAILURE_STRAIN, MODE_STRAIN, keeps_growing
+from stability.packing.sustain import FLOW_STRAIN, LARGE, MODE_STRAIN
 from stability.programmes import proportional_stress
 from tests.packings import LAW, diamonds, jammed
 from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
@@ -34,24 +33,31 @@ SQUARE = GrainGraph(
     normal_force=np.full(8, 0.01),
 )
 INTERVAL = 4e-5
+NO_REST, AT_REST = "large motion, no rest", "large motion, at rest again"
+# A packing of 16 that rests after a small motion before the large one, and of 12 that does not.
+SNAPS, FLOWS = (16, 2, 7), (12, 1, 6)
 
 
 @functools.cache
-def loaded(grains, seed, turns=6):
-    """Eight directions, the sixth of which is (0, -1); up to 0.3 of twice the mean stress."""
+def loaded(grains, seed, turns, **how):
+    """One of eight directions, the seventh is (0, -1); up to 0.3 of twice the mean stress."""
     graph = jammed(grains, seed, LAW)
     largest = 0.3 * np.trace(start_state(graph).stress)
-    angles = 2 * np.pi * np.arange(8) / 8
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])[[turns]]
-    return sustain(graph, LAW, directions, largest=largest, interval=INTERVAL).paths[0]
+    angle = 2 * np.pi * turns / 8
+    direction = [[np.cos(angle), np.sin(angle)]]
+    how = {"interval": INTERVAL, "spread": False} | how
+    return sustain(graph, LAW, direction, largest=largest, **how).paths[0]
 
 
 def test_a_square_lattice_fails_where_its_contacts_open():
     """The stress of each axis is its force over the spacing: 0.01."""
     found = sustain(SQUARE, LAW, [[-1, 0], [1, 0], [0, -1]], largest=0.02, interval=1e-4)
-    assert found.status.tolist() == ["failed", "held", "failed"]
-    np.testing.assert_allclose(found.limit, [0.01, 0.02, 0.01], rtol=1e-9)
+    assert found.status.tolist() == [NO_REST, "held", NO_REST]
+    np.testing.assert_allclose(found.limit, [0.01, np.nan, 0.01], rtol=1e-9)
+    np.testing.assert_allclose(found.first_large_load, [0.01005, np.nan, 0.01005], rtol=1e-9)
     assert found.paths[1].motions == () and np.isnan(found.paths[1].first_event)
+    # Its contacts open together whatever their numbers and the damping.
+    assert found.paths[0].limit_spread < 1e-5 and found.paths[0].first_large_spread < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -73,125 +79,124 @@ def test_a_diamond_fails_where_it_yields(direction):
     wanted = fsolve(left, [0.006, a0, 0.01], xtol=1e-12)[0]
     errors = []
     for interval in (4e-5, 2e-5):
-        (path,) = sustain(graph, LAW, [direction], largest=0.02, interval=interval).paths
-        assert path.status == "failed" and path.first_event == path.first_instability == path.limit
-        assert path.failed_under == pytest.approx(1.02 * path.limit, rel=0.01)
+        how = {"largest": 0.02, "interval": interval, "spread": False}
+        (path,) = sustain(graph, LAW, [direction], **how).paths
+        assert path.status == NO_REST and len(path.motions) == 1
+        assert path.first_event == pytest.approx(path.limit, rel=1e-6)
+        assert path.first_large_load == pytest.approx(1.005 * path.limit, rel=1e-6)
         errors.append(abs(path.limit / wanted - 1))
     assert errors[1] < errors[0] < 1.5e-7
 
 
 def test_the_load_is_raised_to_the_largest_at_most():
-    """The largest load is above the limit of the diamonds, by less than a fiftieth."""
-    (free,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, interval=1e-4).paths
-    largest = 1.01 * free.limit
-    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=largest, interval=1e-4).paths
-    assert path.failed_under == pytest.approx(largest, rel=1e-12)
-    assert free.failed_under == pytest.approx(1.02 * free.limit, rel=1e-12)
+    """The largest load is above the limit of the diamonds, by less than a two-hundredth."""
+    how = {"interval": 1e-4, "spread": False}
+    (free,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, **how).paths
+    largest = 1.002 * free.limit
+    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=largest, **how).paths
+    assert path.first_large_load == pytest.approx(largest, rel=1e-12)
+    assert free.first_large_load == pytest.approx(1.005 * free.limit, rel=1e-6)
+
+
+def strain_of(end, start):
+    return np.linalg.norm(end.cell @ np.linalg.inv(start.cell) - np.eye(2))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("grains", "seed", "turns"), [(12, 1, 6), (24, 3, 7), (36, 5, 6)])
-def test_a_slow_replay_fails_under_the_load_that_fails(grains, seed, turns):
-    """It strains like the path below the limit, and runs off above the load that failed."""
-    graph, path = jammed(grains, seed, LAW), loaded(grains, seed, turns)
-    assert path.status == "failed"
+@pytest.mark.parametrize("which", [FLOWS, SNAPS, (24, 3, 7), (36, 5, 6)])
+def test_a_slow_replay_moves_under_the_load_of_the_large_motion(which):
+    """It strains like the path below, and by a large strain more above."""
+    graph, path = jammed(*which[:2], LAW), loaded(*which)
+    assert path.status.startswith("large")
     strain = []
-    for load in (0.98 * path.limit, 1.02 * path.failed_under):
+    for load in (0.98 * path.motions[-1].lost, 1.02 * path.first_large_load):
         stage = Stage(proportional_stress(*path.direction), "parameter", load)
-        end = replay(graph, LAW, stage, duration=2e5).state
-        strain.append(np.linalg.norm(end.cell @ np.linalg.inv(graph.cell) - np.eye(2)))
-    at_limit = np.linalg.norm(path.H[-1])
-    assert strain[0] < 1.05 * at_limit and strain[1] > 2 * at_limit + FAILURE_STRAIN
+        strain.append(strain_of(replay(graph, LAW, stage, duration=2e5).state, graph))
+    before = np.linalg.norm(path.H, axis=1)[path.load <= path.motions[-1].lost].max()
+    assert strain[0] < 1.05 * before and strain[1] > before + max(LARGE, 0.5 * before)
 
 
-def test_a_snap_is_gone_through():
-    """A packing of 12 snaps once and then fails; the load of the rows never falls."""
-    path = loaded(12, 1)
-    assert path.status == "failed" and [one.status for one in path.motions] == ["at rest", "failed"]
-    (snap,) = path.snaps
-    assert path.first_instability == snap.lost < snap.load < path.limit < path.failed_under
-    assert np.linalg.norm(snap.strain) > 1e-4 and snap.released > 0 and snap.kinetic > 0
-    assert (np.diff(path.load) >= 0).all() and path.load[-1] == path.limit
+def test_a_small_motion_is_gone_through():
+    """A packing of 16 comes to rest again and then moves far; the load of the rows never falls."""
+    path = loaded(*SNAPS)
+    small, *_, large = path.motions
+    assert path.status == AT_REST and {one.status for one in path.motions} == {"at rest"}
+    assert path.first_instability == path.limit == small.lost
+    assert small.lost < small.load < large.lost < large.load == path.first_large_load
+    for motion in path.motions[:-1]:
+        assert 1e-5 < np.linalg.norm(motion.strain) < LARGE < path.first_large_strain
+    assert path.mode is large and path.first_large_strain == np.linalg.norm(large.strain)
+    for motion in path.motions:
+        assert motion.load == pytest.approx(1.005 * motion.lost, rel=1e-5)
+        assert motion.released > 0 and motion.kinetic > 0
+    assert (np.diff(path.load) >= 0).all() and path.load[-1] == large.load
     np.testing.assert_allclose(
         path.P[:, [0, 3]] - path.P[0, [0, 3]], path.load[:, None] * path.direction, atol=3e-7
     )
     np.testing.assert_allclose(path.H[:, [1, 2]], 0.0, atol=1e-9)
 
 
-def test_a_snap_ends_under_its_load_whatever_the_error_of_the_path_before():
+def test_the_limit_is_a_stress_of_the_last_state_in_equilibrium():
+    """Of the row before the first motion, not the load of the programme."""
+    path = loaded(*SNAPS, interval=1e-3)
+    row = int(np.flatnonzero(path.load == path.motions[0].load)[0]) - 1
+    rise = path.P[row, [0, 3]] - path.P[0, [0, 3]]
+    assert path.limit == pytest.approx(rise @ path.direction, rel=1e-12)
+    assert path.limit != path.load[row]
+
+
+def test_a_motion_ends_under_its_load_whatever_the_error_of_the_path_before():
     """The stress of the rows is `P0 + load direction`; long intervals leave an error before."""
-    graph = jammed(24, 3, LAW)
-    largest = 0.3 * np.trace(start_state(graph).stress)
-    (path,) = sustain(graph, LAW, [[0, -1]], largest=largest, interval=1e-3).paths
-    (snap,) = path.snaps
+    path = loaded(24, 3, 6, interval=1e-3)
+    snap = path.motions[0]
     row = int(np.flatnonzero(path.load == snap.load)[0])
     error = path.P[:, [0, 3]] - path.P[0, [0, 3]] - path.load[:, None] * path.direction
     before, after = np.abs(error[[row - 1, row]]).max(axis=1) / (snap.load - snap.lost)
-    # The error after it is what counts as rest: 1e-3 of the rise.
-    assert before > 0.02 and after < 1e-3
+    # The error after it is what counts as rest: 1e-7 of the forces, 1e-5 of the rise.
+    assert before > 1e-2 and after < 1e-4
 
 
-def test_without_snaps_a_direction_is_unfinished():
-    path = loaded(12, 1)
-    graph = jammed(12, 1, LAW)
-    largest = 0.3 * np.trace(start_state(graph).stress)
-    direction, how = [path.direction], {"interval": INTERVAL, "most_snaps": 0}
-    found = sustain(graph, LAW, direction, largest=largest, **how).paths[0]
+@pytest.mark.parametrize("interval", [1e-3, 2e-4])
+def test_the_stress_keeps_to_the_load(interval):
+    """Within half a per cent at every row, however long the intervals that are asked for."""
+    path = loaded(24, 3, 7, interval=interval)
+    error = (path.P[1:, [0, 3]] - path.P[0, [0, 3]]) @ path.direction - path.load[1:]
+    assert np.abs(error / path.load[1:]).max() < 5e-3
+
+
+def test_without_motions_a_direction_is_unfinished():
+    path, found = loaded(*SNAPS), loaded(*SNAPS, most_snaps=0)
     assert found.status == "unfinished" and "more than 0 motions" in found.message
-    assert found.limit == pytest.approx(path.first_instability, rel=1e-9)
+    assert found.motions == () and found.load[-1] == pytest.approx(path.limit, rel=1e-6)
+    assert np.isnan(found.limit) and np.isnan(found.first_large_load) and found.mode is None
 
 
-@pytest.fixture
-def growing(monkeypatch):
-    """The load grows in the equations of motion from the first loss of equilibrium on."""
-    monkeypatch.setattr(sys.modules["stability.packing.sustain"], "BY_EVENTS", 0)
+def test_the_strain_of_a_large_motion_is_that_which_is_asked_for():
+    """A smaller one makes the first motion the large one."""
+    path, found = loaded(*SNAPS), loaded(*SNAPS, large=5e-5)
+    (motion,) = found.motions
+    assert found.status == AT_REST and found.first_large_load == path.motions[0].load
+    np.testing.assert_array_equal(motion.strain, path.motions[0].strain)
 
 
-def test_a_square_lattice_fails_under_a_load_that_grows(growing):
-    """As by events: at 0.01. Loads that are kept lie 2 to 4 % apart."""
-    (path,) = sustain(SQUARE, LAW, [[-1, 0]], largest=0.02, interval=1e-4).paths
-    assert path.status == "failed" and "grows slowly" in path.motions[-1].cause
-    assert path.limit <= 0.01 * (1 + 1e-9) < path.failed_under < 1.04 * path.limit
-    assert path.load[-1] == path.limit and path.motions[-1].lost == path.limit
-
-
-@pytest.mark.parametrize(("grains", "seed", "turns"), [(12, 1, 6), (12, 1, 5), (24, 3, 6)])
-def test_a_load_that_grows_has_the_limits_of_events(growing, grains, seed, turns):
-    """Snaps are gone through; energy is balanced, and the end is under its load."""
-    by_events, path = loaded(grains, seed, turns), loaded.__wrapped__(grains, seed, turns)
-    assert path.status == by_events.status
-    assert path.limit == pytest.approx(by_events.limit, rel=0.02)
-    assert path.balance_error < 1e-10 and len(path.motions) <= 2
-    error = path.P[-1, [0, 3]] - path.P[0, [0, 3]] - path.load[-1] * path.direction
-    assert np.abs(error).max() < 1e-3 * path.limit
-    assert path.work[-1, 3] >= 0.99 * sum(snap.released for snap in path.snaps) > 0
-
-
-@pytest.mark.parametrize(("grains", "seed", "turns"), [(12, 1, 6), (12, 1, 5), (24, 3, 6)])
-def test_the_energy_balance_closes_through_snaps(grains, seed, turns):
-    path = loaded(grains, seed, turns)
-    assert len(path.snaps) > 0 and path.balance_error < 1e-10
-    # Each snap loses energy, and the rows count it.
-    assert path.work[-1, 3] >= 0.99 * sum(snap.released for snap in path.snaps) > 0
+@pytest.mark.parametrize("which", [FLOWS, SNAPS, (24, 3, 6)])
+def test_the_energy_balance_closes_through_motions(which):
+    path = loaded(*which)
+    assert len(path.motions) > 0 and path.balance_error < 1e-10
+    # Each motion loses energy, and the rows count it.
+    rest = sum(one.released for one in path.motions if one.status == "at rest")
+    assert path.work[-1, 3] >= 0.99 * rest and (rest > 0) == (path.status == AT_REST)
 
 
 def test_the_mode_of_a_failure():
     """The diamonds collapse alike and affinely; the motion feeds on internal second-order work."""
-    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, interval=1e-4).paths
+    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, interval=1e-4, spread=False).paths
     mode = path.mode
-    assert mode is path.motions[-1] and np.linalg.norm(mode.strain) > FAILURE_STRAIN > MODE_STRAIN
-    assert np.abs(mode.displacement).max() < 1e-13 and mode.opened == mode.closed == 0
+    assert mode is path.motions[-1] and np.linalg.norm(mode.strain) > FLOW_STRAIN > MODE_STRAIN
+    # Rounding of centres adds up over the steps.
+    assert np.abs(mode.displacement).max() < 1e-12 and mode.opened == mode.closed == 0
     np.testing.assert_allclose(mode.loop_work, mode.loop_work[0], rtol=1e-6)
     assert mode.loop_work.shape == (len(find_faces(diamonds()).loops),) and mode.loop_work[0] < 0
-
-
-def test_strain_that_keeps_growing():
-    t = np.linspace(0.0, 1.0, 200)
-    faster, slower = FAILURE_STRAIN * 1.1 * t**2, FAILURE_STRAIN * 1.1 * np.sqrt(t)
-    assert keeps_growing(faster, t) and not keeps_growing(slower, t)
-    assert not keeps_growing(faster, 1 - t) and not keeps_growing(0.8 * faster, t)
-    # The last doubling within one look.
-    assert keeps_growing([0.0, 0.1 * FAILURE_STRAIN, 2 * FAILURE_STRAIN], [0.0, 1.0, 0.5])
 
 
 def test_directions_with_shear():
@@ -199,7 +204,7 @@ def test_directions_with_shear():
 
     The direction counts the shear stress sqrt 2 times.
     """
-    how = {"subspace": "symmetric", "largest": 0.01, "interval": 2e-5}
+    how = {"subspace": "symmetric", "largest": 0.01, "interval": 2e-5, "spread": False}
     found = sustain(SQUARE, LAW, [[0, 0, 1]], **how)
     (path,) = found.paths
     # `T = kt (r_i + r_j) e`, `N = kn (r_i + r_j - sqrt(1 + e^2))`.
@@ -229,7 +234,7 @@ def test_a_square_of_hertzian_discs_fails_where_its_contacts_open():
     law = HertzMindlin(1.0, 0.3, 0.5)
     force = 2 / 3 / (1 - 0.3**2) * np.sqrt(0.505 / 2) * 0.01**1.5
     found = sustain(SQUARE, law, [[-1, 0]], largest=2 * force, interval=1e-4)
-    assert found.status.tolist() == ["failed"]
+    assert found.status.tolist() == [NO_REST]
     # Its stiffness vanishes with the force: the control meets its limit a little before.
     assert found.limit == pytest.approx([force], rel=1e-6)
 
@@ -245,28 +250,28 @@ def test_a_square_of_discs_between_walls_fails_where_its_contacts_open():
     planes = PlaneContacts(np.array(grain), branch, np.full(8, 2.0), np.zeros(8))
     directions = [[-1, 0], [1, 0], [0, -1]]
     found = sustain(graph, LAW, directions, largest=0.02, interval=1e-4, planes=planes)
-    assert found.status.tolist() == ["failed", "held", "failed"]
-    np.testing.assert_allclose(found.limit, [0.01, 0.02, 0.01], rtol=1e-9)
+    assert found.status.tolist() == [NO_REST, "held", NO_REST]
+    np.testing.assert_allclose(found.limit, [0.01, np.nan, 0.01], rtol=1e-9)
     assert found.paths[0].mode.displacement.shape == (4, 2)
     with pytest.raises(InputError, match="box"):
         sustain(graph, LAW, [[0, 0, 1]], subspace="symmetric", largest=0.01, planes=planes)
 
 
 @pytest.mark.parametrize("which", [JAMMED[0], JAMMED[4]], ids=["smooth", "rough"])
-def test_a_slow_replay_between_walls_fails_under_the_load_that_fails(which):
+def test_a_slow_replay_between_walls_moves_under_the_load_of_the_large_motion(which):
     graph, planes, force = jammed_in_box(*which)
     walls = {"planes": planes, "plane_force": force}
     largest = 0.25 * np.trace(start_state(graph, planes, force).stress)
-    how = {"largest": largest, "interval": INTERVAL, **walls}
+    how = {"largest": largest, "interval": INTERVAL, "spread": False, **walls}
     (path,) = sustain(graph, which[2], [[-1, 1]], **how).paths
-    assert path.status == "failed" and path.balance_error < 1e-10
+    assert path.status.startswith("large") and path.balance_error < 1e-10
     strain = []
-    for load in (0.98 * path.limit, 1.02 * path.failed_under):
+    for load in (0.98 * path.motions[-1].lost, 1.02 * path.first_large_load):
         stage = Stage(proportional_stress(*path.direction), "parameter", load)
         end = replay(graph, which[2], stage, duration=2e4, **walls).state
         strain.append(np.linalg.norm(end.strain))
-    at_limit = np.linalg.norm(path.H[-1])
-    assert strain[0] < 1.05 * at_limit and strain[1] > 2 * at_limit + FAILURE_STRAIN
+    before = np.linalg.norm(path.H, axis=1)[path.load <= path.motions[-1].lost].max()
+    assert strain[0] < 1.05 * before and strain[1] > before + max(LARGE, 0.5 * before)
 
 
 @functools.cache
@@ -283,43 +288,32 @@ def yade(state):
 
 
 YADE_LAW = LinearFrictional(1e6, 5e5, 0.5, "radii")
-STEPS = [("b", k) for k in range(6)] + [("a", k) for k in range(4)]
+STEPS = [(state, k) for state, rows in (("a", 4), ("b", 6), ("c", 8)) for k in range(rows)]
 FAST = ("a", 1)
+
+
+# Yade's levels are steps of 5 to 50 %, held until it is nearly at rest; large motions of other
+# numberings lie within a per cent.
+WITHIN = 0.01
 
 
 @pytest.mark.parametrize(
     ("state", "row"), [pytest.param(*s, marks=[pytest.mark.slow] * (s != FAST)) for s in STEPS]
 )
-def test_limits_lie_between_the_loads_that_yade_held_and_moved_under(state, row):
+def test_large_motions_lie_between_the_loads_that_yade_held_and_moved_under(state, row):
     """Stress steps in Yade from the same state at rest, 1,000 discs; inf: it held them all."""
     graph, rows = yade(state)
     theta, held, moved = rows[row]
     direction = [np.cos(np.radians(theta)), np.sin(np.radians(theta))]
     largest = min(1.5 * moved, max(held, 1.0) if np.isinf(moved) else np.inf)
-    (path,) = sustain(graph, YADE_LAW, [direction], largest=largest).paths
+    (path,) = sustain(graph, YADE_LAW, [direction], largest=largest, spread=False).paths
     # The stored energy is a hundred times the work, and overlaps are rounded by their diameters.
     overlap = graph.normal_force.mean() / YADE_LAW.kn
     rounding = np.finfo(float).eps * path.energy[0] * 2 * graph.radii.mean() / overlap
     work = np.abs(path.work[:, 0]).max()
     assert path.balance_error * work < 1e-10 * work + 2 * rounding
     if np.isinf(moved):
-        assert path.status in ("held", "snapped") and path.limit == pytest.approx(held, rel=1e-6)
-    else:
-        assert path.status == "failed" and held <= path.limit < path.failed_under <= moved
-
-
-@pytest.mark.parametrize(
-    "row", [pytest.param(k, marks=[pytest.mark.slow] * (k not in (2, 7))) for k in range(8)]
-)
-def test_limits_of_a_state_that_yade_held_again(row):
-    """Within Yade's loads or up to 7 % above: its levels are applied in a thousand steps."""
-    graph, rows = yade("c")
-    theta, held, moved = rows[row]
-    direction = [np.cos(np.radians(theta)), np.sin(np.radians(theta))]
-    largest = held if np.isinf(moved) else 1.5 * moved
-    (path,) = sustain(graph, YADE_LAW, [direction], largest=largest).paths
-    if np.isinf(moved):
-        assert path.status == "held" and path.limit == pytest.approx(held, rel=1e-6)
-    else:
-        assert path.status == "failed" and path.first_instability < moved
-        assert held <= path.limit <= 1.07 * moved
+        assert path.status == "held" and path.load[-1] == pytest.approx(largest, rel=1e-6)
+        return
+    assert path.status.startswith("large") and path.limit_spread < 2e-3
+    assert (1 - WITHIN) * held <= path.first_large_load <= (1 + WITHIN) * moved

@@ -4,8 +4,6 @@ Units differ by powers of two, so that every number is the same but for its expo
 is compared with a force, or with a number, shows.
 """
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -271,30 +269,32 @@ def test_packings_of_each_law_come_to_rest(name):
         same(getattr(one, name), getattr(other, name), rtol=1e-3, atol=1e-7)
 
 
-@pytest.mark.parametrize(("name", "grows"), [("radii", False), ("box", True), ("Hertz", True)])
-def test_loads_that_are_sustained(name, grows, monkeypatch):
-    if grows:
-        monkeypatch.setattr(sys.modules["stability.packing.sustain"], "BY_EVENTS", 0)
+@pytest.mark.parametrize("name", ["radii", "box", "Hertz"])
+def test_loads_that_are_sustained(name):
     *both, _ = scene(name)
     paths = []
     for graph, law, walls in both:
         largest = 0.3 * np.trace(start_state(graph, *walls.values()).stress)
-        found = sustain(graph, law, [[0.2, -1]], largest=largest, interval=1e-4, **walls)
-        paths += found.paths
+        how = {"largest": largest, "interval": 1e-4, "spread": False}
+        paths += sustain(graph, law, [[0.2, -1]], **how, **walls).paths
     one, other = paths
     assert one.status == other.status and len(one.motions) == len(other.motions) > 0
     unit = FORCE / LENGTH
-    for name in ("first_event", "first_instability", "limit", "failed_under"):
-        # Rounding moves what a long motion of few grains comes to.
-        same(getattr(one, name), getattr(other, name), unit, rtol=0.02 if grows else 1e-7)
+    same(one.first_event, other.first_event, unit, rtol=1e-9)
+    # The box softens until the control meets its limit: rounding of the mean stiffness decides
+    # which intervals are cut, and loads part within the spread that is stated.
+    box = name == "box"
+    for name in ("limit", "first_large_load"):
+        same(getattr(one, name), getattr(other, name), unit, one.limit_spread if box else 1e-7)
     for first, second in zip(one.motions, other.motions, strict=True):
         assert (first.status, first.contact) == (second.status, second.contact)
-        if not grows:
-            for name in ("steps", "opened", "closed"):
-                assert getattr(first, name) == getattr(second, name)
-            same(first.strain, second.strain, rtol=1e-3, atol=1e-8)
-            same(first.kinetic, second.kinetic, FORCE * LENGTH, rtol=1e-3)
-            same(first.displacement, second.displacement, LENGTH, rtol=1e-3, atol=1e-7)
+        if box:
+            continue
+        for name in ("steps", "opened", "closed"):
+            assert getattr(first, name) == getattr(second, name)
+        same(first.strain, second.strain, rtol=1e-3, atol=1e-8)
+        same(first.kinetic, second.kinetic, FORCE * LENGTH, rtol=1e-3)
+        same(first.displacement, second.displacement, LENGTH, rtol=1e-3, atol=1e-7)
 
 
 @pytest.mark.parametrize("spins", ["blocked", "free"])

@@ -1,0 +1,255 @@
+"""Grains that carry nothing: in cages with room and without, at walls, in any units and numbers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loops import GrainGraph, LinearFrictional
+from loops.packing import PlaneContacts
+from stability import Stage, follow, programmes
+from stability.packing.pairs import contact_pairs, normal_forces, overlaps
+from stability.packing.path import PackingPathSolver
+from stability.packing.rattlers import LOADED_SHARE, carrying_nothing, free_rattlers
+from stability.packing.state import start_state
+from tests.packings import strained
+
+LAW = LinearFrictional(1.0, 0.5, 0.5)
+LARGE, FORCE = 0.505, 0.01
+# Radius of the disc that touches all four of a square of spacing 1.
+ROOM = np.sqrt(0.5) - LARGE
+LATTICE = (
+    [[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+    [[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+)
+
+
+def caged(small, at, unit=1.0, force=1.0):
+    """A square lattice of four discs with small ones in the first square; state and pairs."""
+    small, at = np.atleast_1d(small), np.atleast_2d(at)
+    contacts, images = (list(part) for part in LATTICE)
+    for k in range(len(small)):
+        contacts += [[g, 4 + k] for g in [*range(4), *range(4, 4 + k)]]
+    images += [[0, 0]] * (len(contacts) - len(images))
+    graph = GrainGraph(
+        x=unit * np.vstack([[[0, 0], [1, 0], [0, 1], [1, 1]], at]),
+        radii=unit * np.append([LARGE] * 4, small),
+        contacts=contacts,
+        images=images,
+        cell=2 * unit * np.eye(2),
+        normal_force=force * np.append([FORCE] * 8, np.zeros(len(contacts) - 8)),
+    )
+    law = LinearFrictional(force / unit, 0.5 * force / unit, 0.5)
+    state = start_state(graph)
+    return state, contact_pairs(state, law)
+
+
+def lattice_around(small, at):
+    """The lattice and small grains that are not in its contacts."""
+    return GrainGraph(
+        x=np.vstack([[[0, 0], [1, 0], [0, 1], [1, 1]], at]), radii=[*[LARGE] * 4, *small],
+        contacts=LATTICE[0], images=LATTICE[1], cell=2 * np.eye(2), normal_force=[FORCE] * 8,
+    )  # fmt: skip
+
+
+def of_small(state, pairs, first=4):
+    """Rows of pairs with small grains, and their overlaps."""
+    rows = np.flatnonzero((state.contacts[:, :2] >= first).any(axis=1))
+    return rows, overlaps(state, pairs)[rows]
+
+
+@pytest.mark.parametrize("aside", [(1e-3, 0.0), (7e-4, 5e-4), (-1e-4, 2e-4)])
+def test_a_grain_with_room_moves_out_of_overlap_and_carries_nothing(aside):
+    """Its cage has room of 1e-4 around it; the others stay."""
+    state, pairs = caged(ROOM - 1e-4, 0.5 + np.array(aside))
+    freed = free_rattlers(state, pairs)
+    rows, overlap = of_small(freed.state, pairs)
+    assert freed.rattlers.tolist() == [False] * 4 + [True]
+    assert overlap.max() <= 0 and not freed.state.normal_force[rows].any()
+    np.testing.assert_array_equal(freed.state.x[:4], state.x[:4])
+    np.testing.assert_array_equal(freed.state.normal_force[:8], state.normal_force[:8])
+    # Not beyond what the overlaps ask for.
+    assert np.linalg.norm(freed.state.x[4] - state.x[4]) < 2 * np.linalg.norm(aside)
+    assert freed.released == 0.0
+
+
+@pytest.mark.parametrize("aside", [(0.0, 0.0), (5e-4, 0.0), (3e-4, -6e-4)])
+@pytest.mark.parametrize("too_large", [1e-3, 1e-4])
+def test_a_grain_without_room_is_loaded_in_balance(too_large, aside):
+    """It ends in the middle, where all four press alike by its overlap."""
+    state, pairs = caged(ROOM + too_large, 0.5 + np.array(aside))
+    freed = free_rattlers(state, pairs)
+    rows, overlap = of_small(freed.state, pairs)
+    assert not freed.rattlers.any()
+    np.testing.assert_allclose(freed.state.x[4], 0.5, rtol=0, atol=1e-3 * too_large)
+    np.testing.assert_allclose(overlap, too_large, rtol=2e-3)
+    np.testing.assert_array_equal(freed.state.normal_force[rows], overlap)
+    assert np.abs(freed.state.resultants[4]).max() < 2e-3 * too_large
+    # It has the energy of its overlaps from now on.
+    assert freed.released == pytest.approx(-0.5 * np.sum(overlap**2), rel=1e-12)
+
+
+def test_a_grain_in_a_tight_cage_is_loaded_from_the_least_force_on():
+    for share, loaded in ((0.5, False), (2.0, True)):
+        state, pairs = caged(ROOM + share * LOADED_SHARE * FORCE, [0.5, 0.5])
+        freed = free_rattlers(state, pairs)
+        assert freed.rattlers[4] != loaded
+        assert (freed.state.normal_force[8:] > 0).all() == loaded
+
+
+def test_forces_of_a_grain_that_carries_nothing_are_taken_with_their_energy():
+    """A small normal force and a shear force; the loaded contacts keep theirs."""
+    state, pairs = caged(ROOM - 1e-4, [0.5, 0.5])
+    N, T = state.normal_force.copy(), state.shear_force.copy()
+    overlap = 0.5 * LOADED_SHARE * FORCE
+    N[8], T[8], T[0] = overlap, 0.4 * overlap, 0.3 * FORCE
+    # On its way to the first of the four until it overlaps by that force.
+    x = state.x.copy()
+    x[4] -= (1e-4 + overlap) * np.sqrt(0.5)
+    freed = free_rattlers(replace(state, x=x, normal_force=N, shear_force=T), pairs)
+    assert freed.rattlers[4] and not freed.state.normal_force[8] and not freed.state.shear_force[8]
+    assert freed.state.shear_force[0] == T[0]
+    wanted = overlap**2 / 2 + (0.4 * overlap) ** 2 / (2 * 0.5)
+    assert freed.released == pytest.approx(wanted, rel=1e-9)
+
+
+def test_a_grain_that_carried_nothing_stays_so_while_it_has_room():
+    """A large force of its overlap is none: it has moved out of it."""
+    small, at = ROOM - 1e-4, [0.5 - 1e-3, 0.5]
+    state, pairs = caged(small, at)
+    pressed = replace(state, normal_force=normal_forces(pairs, overlaps(state, pairs)))
+    before = np.arange(5) == 4
+    assert not free_rattlers(pressed, pairs).rattlers.any()
+    freed = free_rattlers(pressed, pairs, before)
+    assert freed.rattlers[4] and of_small(freed.state, pairs)[1].max() <= 0
+
+
+def test_two_grains_push_each_other_out_of_overlap():
+    """The first is pressed by the lattice and presses on the second, which has room."""
+    state, pairs = caged([0.08, 0.08], [[0.445, 0.5], [0.596, 0.5]])
+    assert of_small(state, pairs)[1].max() > 1e-3
+    freed = free_rattlers(state, pairs)
+    _, overlap = of_small(freed.state, pairs)
+    assert freed.rattlers.tolist() == [False] * 4 + [True] * 2
+    assert overlap.max() <= 0 and np.abs(freed.state.x - state.x)[4:].max(axis=1).min() > 1e-4
+    # Along their line, for all is even about it.
+    np.testing.assert_allclose(freed.state.x[4:, 1], 0.5, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("more", [-1e-4, 1e-3])
+def test_a_grain_in_a_corner_of_two_walls(more):
+    """Between the first disc and the walls there is room for a disc of 0.084, and no larger."""
+    room = (np.sqrt(2) * 0.5 - LARGE) / (np.sqrt(2) + 1)
+    small = room + more
+    place = -0.5 + room + np.array([3e-4, -2e-4])
+    graph = GrainGraph(
+        x=[[0, 0], [1, 0], [0, 1], [1, 1], place], radii=[*[LARGE] * 4, small],
+        contacts=[[0, 1], [2, 3], [0, 2], [1, 3], [0, 4]], normal_force=[*[FORCE] * 4, 0.0],
+    )  # fmt: skip
+    grain = [0, 2, 1, 3, 0, 1, 2, 3, 4, 4]
+    branch = 0.5 * np.repeat([[-1, 0], [1, 0], [0, -1], [0, 1]], 2, axis=0)
+    branch = np.vstack([branch, [[-0.5 - place[0], 0], [0, -0.5 - place[1]]]])
+    planes = PlaneContacts(np.array(grain), branch, np.full(10, 2.0), np.zeros(10))
+    state = start_state(graph, planes)
+    before = np.arange(len(state.x)) == 4
+    pairs = contact_pairs(state, LAW, planes)
+    freed = free_rattlers(state, pairs, before)
+    rows = np.flatnonzero((state.contacts == 4).any(axis=1))
+    overlap = overlaps(freed.state, pairs)[rows]
+    assert len(rows) == 3 and freed.rattlers[4] == (more < 0) and not freed.rattlers[5:].any()
+    np.testing.assert_array_equal(
+        np.delete(freed.state.x, 4, axis=0), np.delete(state.x, 4, axis=0)
+    )
+    if more < 0:
+        assert overlap.max() <= 0
+    else:
+        assert (overlap > 0).all()
+        assert (
+            np.abs(freed.state.resultants[4, :2]).max()
+            < 1e-2 * freed.state.normal_force[rows].max()
+        )
+
+
+@pytest.mark.parametrize("too_large", [-1e-4, 1e-3])
+def test_units_change_nothing(too_large):
+    """Powers of two: the same numbers but for their exponents."""
+    args = ROOM + too_large, 0.5 + np.array([6e-4, -3e-4])
+    state, pairs = caged(*args)
+    one = free_rattlers(state, pairs)
+    unit, force = 2.0**-8, 2.0**12
+    state, pairs = caged(*args, unit, force)
+    other = free_rattlers(state, pairs)
+    np.testing.assert_array_equal(other.rattlers, one.rattlers)
+    np.testing.assert_allclose(other.state.x / unit, one.state.x, rtol=1e-13)
+    np.testing.assert_allclose(other.state.normal_force / force, one.state.normal_force, rtol=1e-9)
+    assert other.released / (unit * force) == pytest.approx(one.released, rel=1e-9)
+
+
+@pytest.mark.parametrize("small", [ROOM - 1e-4, ROOM + 1e-3])
+def test_numbers_of_grains_change_nothing(small):
+    state, pairs = caged(small, [0.5007, 0.4996])
+    one = free_rattlers(state, pairs)
+    order, rows = np.array([4, 2, 0, 3, 1]), np.random.default_rng(0).permutation(12)
+    place = np.argsort(order)
+    graph = GrainGraph(
+        x=state.x[order], radii=state.radii[order], contacts=place[state.contacts[rows]],
+        images=state.images[rows], cell=state.cell, normal_force=state.normal_force[rows],
+    )  # fmt: skip
+    again = start_state(graph)
+    other = free_rattlers(again, contact_pairs(again, LAW))
+    np.testing.assert_array_equal(other.rattlers, one.rattlers[order])
+    np.testing.assert_allclose(other.state.x, one.state.x[order], rtol=0, atol=1e-12)
+    forces = one.state.normal_force[rows]
+    np.testing.assert_allclose(other.state.normal_force, forces, rtol=0, atol=1e-12)
+
+
+def test_grains_that_hang_on_idle_ones_are_idle():
+    """Two grains press on each other alone: neither is held."""
+    state, _ = caged([0.05, 0.05], [[0.455, 0.5], [0.545, 0.5]])
+    N = state.normal_force.copy()
+    N[-1] = FORCE
+    found = carrying_nothing(replace(state, normal_force=N), LOADED_SHARE)
+    assert found.tolist() == [False] * 4 + [True] * 2
+
+
+@pytest.mark.parametrize("interval", [2e-4, 5e-5])
+def test_a_cage_that_closes_loads_its_grain_and_lets_it_go_again(interval):
+    """Its force is that of the geometry from the strain on at which there is no room.
+
+    Strained to `e` all distances are `1 - e` of the first; energy is closed there and back.
+    """
+    gap, most = 2e-4, 2e-3
+    middles = np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [1.5, 1.5]])
+    aside = 1e-4 * np.array([[1.0, 0.5], [-0.3, 0.2], [0.0, -1.0], [0.4, 0.4]])
+    graph = lattice_around([ROOM - gap] * 4, middles + aside)
+    there = [strained(most * np.eye(2)), strained(-most * np.eye(2))]
+    path = follow(graph, LAW, there, closure="packing", interval=interval, rows=10)
+    assert path.status == "finished" and not path.of_kind("instability")
+    seen = 0
+    for row, end in enumerate(path.states):
+        small = np.flatnonzero((end.contacts >= 4).any(axis=1))
+        assert len(small) in (0, 16)
+        wanted = max(0.0, LARGE + ROOM - gap - np.sqrt(0.5) * (1 - path.H[row, 0]))
+        least = LOADED_SHARE * end.mean_force
+        if wanted > 2 * least:
+            np.testing.assert_allclose(end.normal_force[small], wanted, rtol=0, atol=2 * least)
+            seen += 1
+        elif not wanted:
+            assert not end.normal_force[small].any()
+    assert seen > 8
+    assert not path.states[-1].normal_force[path.states[-1].contacts.max(axis=1) >= 4].any()
+    worst = np.abs(path.work[:, 0] - path.work[:, 1:].sum(axis=1) - path.energy + path.energy[0])
+    assert worst.max() < 1e-9 * np.abs(path.work[:, 0]).max()
+
+
+def test_rows_leave_the_rattlers_where_they_are():
+    """The solver's own state after the rows of an interval is that without them."""
+    graph = lattice_around([ROOM - 1e-4], [[0.5003, 0.5]])
+    ends = []
+    for rows in (1, 50):
+        stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
+        solver = PackingPathSolver(graph, LAW, [stage], 2e-4, "viscous", None, None)
+        solver.follow(0, stage, rows, 1, 1000, None)
+        ends.append(solver)
+    np.testing.assert_allclose(ends[0].state.x, ends[1].state.x, rtol=0, atol=1e-13)
+    assert ends[0].rattlers.tolist() == ends[1].rattlers.tolist()
