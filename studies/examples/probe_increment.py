@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from loops import love_weber_stress
 from loops.arrays import Floats
@@ -49,8 +50,10 @@ def answers(
         ready = process_time() - began
         for amplitude in amplitudes:
             began = process_time()
-            asked = "diagonal", "strain", amplitude
-            solved = [one.solved(control_along_direction(each, *asked)) for each in wanted]
+            controls = [
+                control_along_direction(each, "diagonal", "strain", amplitude) for each in wanted
+            ]
+            solved = [one.solved(control) for control in controls]
             spent = ready + process_time() - began
             responses = [getattr(each, "response", each) for each in solved]
             stress = np.array([each.stress_rate.ravel() for each in responses])
@@ -111,7 +114,9 @@ def draw(table: pd.DataFrame) -> Figure:
         ax.set(xscale="log", yscale="log", xlabel="time a direction (s)")
         ax.set_title(f"amplitude {amplitude:g}")
     panels[0].set_ylabel("error of the stress increment (%)")
-    panels[0].legend(fontsize=6)
+    for ax in panels:
+        ax.xaxis.set_minor_formatter(NullFormatter())
+    panels[1].legend(fontsize=6, loc="lower left")
     return figure
 
 
