@@ -44,8 +44,8 @@ def bracket(levels, of="rest"):
     """Loads between which Yade first found no rest, or first moved by a large strain; inf: never.
 
     `of="large"`: the strain of the level exceeds `LARGE`, or it found no rest. Levels without rest
-    were left under way: the last one of held at 150 degrees, followed on, strained by 3.01e-4 and
-    was at rest again after some 38,000 steps.
+    were left under way: the last ones of held at 150 and 180 degrees, followed on, strained by
+    3.01e-4 and 3.05e-4 and were at rest again after some 40,000 steps.
     """
     ends = ~levels["at_rest"].to_numpy()
     if of == "large":
