@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -20,8 +20,10 @@ from patterns import Snapshot
 from stability import Stage, follow
 from stability.packing import PackingPath, Probe
 from stability.packing.hold import HoldControl
-from stability.packing.probe import probe_edge, probe_to, search_step
+from stability.packing.increment import CANDIDATES
+from stability.packing.probe import probe_by_increment, probe_edge, probe_to, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
+from stability.packing.response import checked_band
 from stability.paths.path import Past
 from studies.output import UNITS, definitions, readable
 from studies.reading import read_planar, reading
@@ -36,6 +38,8 @@ from studies.snapshot.in_packing import (
 )
 from studies.study import one_of, study
 
+# Way to an amplitude.
+By = Literal["events", "increment"]
 OUTLINE = (
     "walls and cell are unknown: the outline's grains follow the strain, which stiffens the sample"
 )
@@ -50,6 +54,8 @@ def run_probe(
     subspace: Subspace = "diagonal",
     yield_band: float = 0.99,
     amplitude: float | None = None,
+    by: By = "events",
+    candidates: float = CANDIDATES,
     past: Past = "viscous",
     hold: bool = False,
     hold_stress: bool = False,
@@ -64,22 +70,31 @@ def run_probe(
     """Probe a snapshot, write tables, figures and a report; return the summary.
 
     `hold` brings the state to rest at fixed cell or walls first, `hold_stress` at fixed stress.
+    Up to an `amplitude` directions are followed `by` events, or answered in one solve each
+    ('increment'), contacts from the share `candidates` of their strength on as candidates.
     `past` is the way of the paths to an amplitude past an instability. `progress` is told how many
     directions are done.
     `how` are options of `read_planar`. Directions that are followed to an amplitude are shared
     among this number of processes, by default one a core, or among the workers of a Dask scheduler.
     """
+    one_of("--by", by, get_args(By))
     if amplitude is not None:
         number("amplitude", amplitude, 0.0, open_low=True)
-    elif workers is not None or scheduler is not None:
+    elif by == "increment":
+        remedy = "Give --amplitude, or leave --by out."
+        raise InputError("--by", "increment of the rates alone", "an amplitude", remedy)
+    if (amplitude is None or by == "increment") and (workers, scheduler) != (None, None):
         which, remedy = "--workers, --scheduler", "Give --amplitude, or leave them out."
-        raise InputError(which, "rates alone", "directions to follow", remedy)
+        received = "rates alone" if amplitude is None else "one solve a direction"
+        raise InputError(which, received, "directions to follow", remedy)
     asked: dict[str, Any] = {
         "directions": directions,
         "control": control,
         "subspace": subspace,
         "yield_band": yield_band,
         "amplitude": amplitude,
+        "by": by if amplitude is not None else None,
+        "candidates_from": candidates if by == "increment" else None,
         "past": past,
     }
     one_of("--past", past, get_args(Past))
@@ -92,7 +107,10 @@ def run_probe(
         found = probe_edge(edge, directions, control, subspace, faces, progress=progress)
         paths: list[PackingPath] = []
         reached: list[float] = []
-        if amplitude is not None:
+        if amplitude is not None and by == "increment":
+            wide = sample_edge(snapshot, checked_band(candidates, "candidates", CANDIDATES))
+            found = probe_by_increment(found, wide, faces, amplitude)
+        elif amplitude is not None:
             notes += balance_notes(snapshot)
 
             def shared(stages: Sequence[Stage]) -> Sequence[PackingPath]:
@@ -113,7 +131,7 @@ def run_probe(
         tables = {"probe": probe_table(found), "orders": orders, "loops": loops}
         if amplitude is None:
             tables |= {"pieces": piece_table(found), "solutions": solution_table(found)}
-        else:
+        elif by == "events":
             tables["paths"] = path_table(found, paths)
         kn = snapshot.mean_kn
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from stability.destabilising import LinearControl, control_along, no_control
 from stability.directional.branches import plane_directions, unit_directions, works
 from stability.packing.complementarity import STARTS, TURN
 from stability.packing.equations_of_motion import require_upright
+from stability.packing.increment import PackingIncrements
 from stability.packing.loop_quantities import loop_changes, loop_sums
 from stability.packing.pairs import at_limit, contact_pairs, require_movable
 from stability.packing.path import PackingPath
@@ -36,6 +37,7 @@ from stability.packing.regime_regions import (
     cones,
 )
 from stability.packing.response import (
+    HeldAndDriven,
     PackingRates,
     PackingResponse,
     YieldResponse,
@@ -521,6 +523,81 @@ def probe_to(
         replace(end, **{name: getattr(end, name)[: len(pairs)] for name in rows})
         for end in (path.states[-1] for path in paths)
     ]
+    return _over_amplitude(
+        found,
+        done,
+        strain,
+        stress,
+        status=np.array([path.status for path in paths]),
+        residual=np.array([path.imbalance[-1] for path in paths]),
+        sliding=np.array([np.count_nonzero(at_limit(pairs, end)) for end in ends]),
+        disagreeing=np.array(
+            [len({event.contacts for event in path.of_kind("instability")}) for path in paths]
+        ),
+        loop_work=_of_finished(done, loops) * found.area / (found.system.volume * amplitude**2),
+    )
+
+
+def probe_by_increment(
+    found: Probe, yielding: YieldResponse, faces: Faces, amplitude: float
+) -> Probe:
+    """The probe with each direction answered over an amplitude in one solve.
+
+    Parameters
+    ----------
+    found : Probe
+        Directions, control, subspace and elastic answers are kept.
+    yielding : YieldResponse
+        The packing with its candidates for sliding, as `packing_increment` has them.
+    faces : Faces
+        Faces of the packing.
+    amplitude : float
+        Strain, or stress under stress control.
+
+    Returns
+    -------
+    Probe
+        As `probe_to`, with the status of each increment; `sliding` counts contacts that have slid,
+        `disagreeing` those that are kept from sliding.
+
+    Raises
+    ------
+    InputError
+        If the amplitude isn't positive.
+    """
+    number("amplitude", amplitude, 0.0, open_low=True)
+    increments = PackingIncrements(yielding)
+    asked = found.subspace, found.control, amplitude
+    answers = [
+        increments.solved(control_along_direction(direction, *asked))
+        for direction in found.directions
+    ]
+    done = np.array([answer.status != "not converged" for answer in answers])
+    strain, stress = (
+        _of_finished(done, [getattr(answer, name).ravel() / amplitude for answer in answers])
+        for name in ("strain_rate", "stress_rate")
+    )
+    loops = [additive_work(answer, faces) / amplitude**2 for answer in answers]
+    return _over_amplitude(
+        found,
+        done,
+        strain,
+        stress,
+        status=np.array([answer.status for answer in answers]),
+        proof=np.array([answer.proof for answer in answers]),
+        residual=np.array([answer.residual for answer in answers]),
+        sliding=np.array([answer.sliding for answer in answers]),
+        disagreeing=np.array([answer.disagreeing for answer in answers]),
+        loop_work=_of_finished(done, loops),
+        candidates=len(increments.yielding.rows),
+        settled=increments.yielding.settled,
+    )
+
+
+def _over_amplitude(
+    found: Probe, done: Flags, strain: Floats, stress: Floats, **rest: Any
+) -> Probe:
+    """The probe with increments (D, 4) over the amplitude, and nothing of the rates."""
     basis = subspace_basis(found.subspace).T
     work = np.sum(strain * stress, axis=1)
     sizes = np.linalg.norm(strain @ basis, axis=1) * np.linalg.norm(stress @ basis, axis=1)
@@ -528,12 +605,6 @@ def probe_to(
     known, m = normalised[done], found.directions.shape[1]
     return replace(
         found,
-        status=np.array([path.status for path in paths]),
-        residual=np.array([path.imbalance[-1] for path in paths]),
-        sliding=np.array([np.count_nonzero(at_limit(pairs, end)) for end in ends]),
-        disagreeing=np.array(
-            [len({event.contacts for event in path.of_kind("instability")}) for path in paths]
-        ),
         strain_rate=strain.reshape(-1, 2, 2),
         stress_rate=stress.reshape(-1, 2, 2),
         work=work,
@@ -547,8 +618,21 @@ def probe_to(
         solutions=NO_SOLUTIONS,
         unstable_fraction=float(np.mean(known < -NEUTRAL)) if len(known) else float("nan"),
         destabilising=no_control("undetermined", m),
-        loop_work=_of_finished(done, loops) * found.area / (found.system.volume * amplitude**2),
+        **rest,
     )
+
+
+def control_along_direction(
+    direction: Floats, subspace: Subspace, control: Driven, amplitude: float
+) -> HeldAndDriven:
+    """Control that drives one direction by the amplitude, with no strain outside the subspace."""
+    basis = subspace_basis(subspace)
+    rest = np.linalg.svd(basis)[2][len(basis) :]
+    size, none = amplitude * direction, np.zeros(len(rest))
+    if control == "stress":
+        return HeldAndDriven(rest, none, basis, size)
+    held = np.vstack([basis, rest])
+    return HeldAndDriven(held, np.append(size, none), np.empty((0, 4)), np.empty(0))
 
 
 def _of_finished(done: Flags, rows: list[Floats]) -> Floats:

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from studies.commands import (
     Answer,
+    Candidates,
     Cells,
     Hold,
     HoldStress,
@@ -35,6 +36,7 @@ STATUS_WORDS = {
     "none": "no solution (proved)",
     "none found": "no solution found",
     "not converged": "not converged",
+    "nearest": "nearest regimes (contacts that soften are kept from sliding)",
 }
 # How the path went on past an instability.
 PASSED_WORDS = {
@@ -49,6 +51,8 @@ PASSED_WORDS = {
 
 FORECAST_WORDS = {"events": "path by events", "replay": "replay"}
 
+WAYS = {"events": "followed from event to event", "increment": "each in one solve"}
+
 # Folds that one line names at most.
 SHOWN_FOLDS = 8
 
@@ -59,7 +63,7 @@ def _probe_lines(summary: dict[str, Any]) -> list[str]:
     )
     driven = "H'" if summary["control"] == "strain" else "P'"
     how = (
-        f"followed from event to event up to {summary['amplitude']:g}; numbers are increments over "
+        f"{WAYS[summary['by']]} up to {summary['amplitude']:g}; numbers are increments over "
         f"it; boundary: {summary['boundary']}"
         if summary["amplitude"] is not None
         else f"{summary['candidates']} contacts are allowed to slide (yield band "
@@ -160,6 +164,14 @@ def probe_command(
         float | None,
         Parameter(help="Finite probe to this strain. Default: infinitesimal."),
     ] = None,
+    by: Annotated[
+        str,
+        Parameter(
+            metavar="events|increment",
+            help="Way to the amplitude: from event to event, or in one solve.",
+        ),
+    ] = "events",
+    candidates: Candidates = 0.7,
     past: PastOption = "viscous",
     hold: Hold = False,
     hold_stress: HoldStress = False,
@@ -176,7 +188,7 @@ def probe_command(
     """
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "probe", path)
-    words: Any = {"control": control, "subspace": subspace, "past": past}
+    words: Any = {"control": control, "subspace": subspace, "past": past, "by": by}
     with clock("grainloops probe") as tell:
         from studies.probe import run_probe
 
@@ -187,6 +199,7 @@ def probe_command(
             **words,
             yield_band=yield_band,
             amplitude=amplitude,
+            candidates=candidates,
             hold=hold,
             hold_stress=hold_stress,
             workers=workers,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loops import HertzMindlin, InputError, contact_state
+from loops import HertzMindlin, InputError, Regime, contact_state
 from loops.tracking import match_contacts
 from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables, write_snapshot
 from patterns.snapshots.checked import HERTZ
@@ -206,7 +206,7 @@ def test_walls_are_written_and_read_back(tmp_path, ending):
 
 
 def test_friction_of_walls_decides_what_slides():
-    """At yield a wall has no shear stiffness in the rate problem, and its own in a path."""
+    """Contacts of a wall at yield slide, and keep its shear stiffness for when they stick."""
     _, planes, force = jammed_in_box(24, 1)
     count = len(planes.grain)
     n = -planes.branch / np.linalg.norm(planes.branch, axis=1, keepdims=True)
@@ -218,7 +218,11 @@ def test_friction_of_walls_decides_what_slides():
         fx=leaning[:, 0], fy=leaning[:, 1], ks=np.full(count, 1.5), mu=np.full(count, 0.3)
     )
     rates, path = sample_boundary(snapshot)[0], followed_walls(snapshot)[0]
-    np.testing.assert_array_equal(rates.kt, np.where(share * 1.0000001 >= SLIDING_SHARE, 0.0, 1.5))
+    at_yield = share * 1.0000001 >= SLIDING_SHARE
+    assert np.count_nonzero(at_yield) == 3
+    slides = np.where(at_yield, Regime.SLIDING, Regime.ELASTIC)
+    np.testing.assert_array_equal(rates.regime, slides)
+    np.testing.assert_array_equal(rates.kt, 1.5)
     np.testing.assert_array_equal(path.kt, 1.5)
     np.testing.assert_array_equal(path.mu, 0.3)
 

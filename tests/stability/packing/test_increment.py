@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, contact_state
+from loops import GrainGraph, InputError, LinearFrictional, contact_state, find_faces
 from stability import Programme, Stage, follow
-from stability.packing import PackingIncrements, PackingRates, packing_increment
+from stability.packing import PackingIncrements, PackingRates, packing_increment, probe
 from stability.packing import increment as increment_module
 from stability.packing.complementarity import _every_solution, raise_load, violation
 from stability.packing.increment import nearest_candidates
+from stability.packing.probe import probe_by_increment
 from stability.packing.response import component_control, forces_of_motion, yield_response
 from tests.packings import BRANCH, LAW, jammed
 from tests.stability.packing.test_plates import KN, KT, MU, OVERLAP, ROUGH, box, one_grain
@@ -228,3 +229,30 @@ def test_an_increment_beyond_any_solution_says_so():
 def test_candidates_are_a_share():
     with pytest.raises(InputError, match="share"):
         packing_increment(jammed(16, 2), LAW, H, candidates=1.5)
+
+
+@pytest.mark.parametrize("control", ["strain", "stress"])
+def test_a_probe_by_increment_has_the_increment_of_every_direction(control):
+    graph, size = near_yield(24, 3), {"strain": 1e-5, "stress": 1e-6}[control]
+    faces, yielding = find_faces(graph), yield_response(graph, LAW, yield_band=0.7)
+    rates = probe(graph, LAW, 6, control=control, yield_band=0.99)
+    found = probe_by_increment(rates, yielding, faces, size)
+    slid = 0
+    for k, direction in enumerate(found.directions):
+        driven = np.diag(size * direction)
+        asked = {"strain": driven}
+        if control == "stress":
+            asked = {"strain": np.array([[np.nan, 0], [0, np.nan]]), "stress": driven}
+        one = packing_increment(graph, LAW, **asked)
+        assert found.status[k] == one.status and found.sliding[k] == one.sliding
+        slid += one.sliding
+        for name in ("strain_rate", "stress_rate"):
+            values = getattr(one, name) / size
+            near = 1e-9 * np.abs(values).max()
+            assert np.allclose(getattr(found, name)[k], values, rtol=0, atol=near)
+        assert found.work[k] == pytest.approx(np.sum(one.strain_rate * one.stress_rate) / size**2)
+    assert slid > 0 and found.determined.all()
+    # Every contact of the cell is in two loops: their parts sum to the sample's work.
+    assert np.allclose(found.loop_work.sum(axis=1), found.work, rtol=1e-6)
+    with pytest.raises(InputError, match="amplitude"):
+        probe_by_increment(rates, yielding, faces, 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import Regime, love_weber_stress
+from loops import InputError, Regime, love_weber_stress
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import COMPONENTS, follow
 from stability.packing import packing_response, probe
@@ -287,3 +287,21 @@ def test_a_snapshot_without_forces_and_one_that_floats_are_refused(monkeypatch, 
     pd.DataFrame(chain).to_csv(tmp_path / "contacts.csv", index=False)
     assert run(monkeypatch, "probe", grains, "--cell", "5,0,0,5", "--out", out) == 2
     assert "float" in capsys.readouterr().err and not out.exists()
+
+
+def test_a_probe_by_increment_is_written_and_bad_options_are_refused(tmp_path):
+    path, cell = sample_path("probe/grains_before.parquet"), state("before")[0].graph.cell
+    how = {"cell": cell.ravel(), "shear_increment": "radii", "directions": 3, "figures": False}
+    summary = run_probe(path, tmp_path / "out", amplitude=2e-5, by="increment", **how)
+    table = pd.read_parquet(tmp_path / "out" / "probe.parquet")
+    assert (summary["by"], summary["candidates_from"]) == ("increment", 0.7)
+    assert set(table.status) <= {"unique", "one found", "nearest"}
+    assert sum(summary["statuses"].values()) == 3 and summary["undetermined"] == 0
+    for options, told in (
+        ({"by": "increment"}, "--by"),
+        ({"by": "increment", "amplitude": 1e-5, "workers": 2}, "--workers"),
+        ({"by": "leaps", "amplitude": 1e-5}, "--by"),
+        ({"by": "increment", "amplitude": 1e-5, "candidates": 0.0}, "candidates"),
+    ):
+        with pytest.raises(InputError, match=told):
+            run_probe(path, tmp_path / "bad", **how, **options)

@@ -1,0 +1,55 @@
+"""A series of Yade between rough plates: what is read of them, and what the packing predicts."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from patterns import read_snapshot
+from stability.packing import PackingIncrements, loop_rates
+from studies.series.evolution import loop_increments, sample_strain, track_loops
+from studies.series.skill import score_skill
+from studies.snapshot.in_packing import fixed_point, sample_boundary, sample_edge
+
+FOLDER = Path(__file__).parent / "rough"
+
+
+@pytest.fixture(scope="module")
+def snapshots():
+    return [read_snapshot(FOLDER / f"grains_{k:02d}.csv.gz") for k in (3, 4, 5)]
+
+
+def test_plates_have_the_springs_and_the_friction_of_the_file(snapshots):
+    for snapshot in snapshots:
+        planes, held, notes = sample_boundary(snapshot)
+        assert held is None and notes == []
+        assert (planes.mu == 0.5).all() and np.allclose(planes.kt, 0.5 * planes.kn, rtol=1e-9)
+        state = planes.state(snapshot.graph.radii)
+        # N is kn times the overlap, and T is within Coulomb's limit.
+        assert np.allclose(state.normal_force, planes.kn * state.overlap, rtol=1e-6)
+        assert (np.abs(state.shear_force) <= 0.5 * state.normal_force * (1 + 1e-9)).all()
+
+
+def test_the_point_at_rest_is_that_of_the_plates(snapshots):
+    before, after, _ = snapshots
+    H, source = sample_strain(before, after)
+    assert source == "walls" and H[1, 1] > 0
+    assert np.allclose(fixed_point(before, after, H), 0.0, atol=1e-9)
+
+
+def test_what_the_increment_predicts(snapshots):
+    """AUC for W2 < 0; 250 loops or fewer an interval."""
+    aucs = []
+    for before, after in pairwise(snapshots):
+        H, _ = sample_strain(before, after)
+        edge = sample_edge(before, 0.7, fixed_point(before, after, H))
+        found = PackingIncrements(edge).response(H)
+        assert found.residual < 1e-12 and "wall contacts" in found.system.boundary
+        fates = track_loops(before, after)
+        table = loop_increments(before, after, fates)
+        value = np.full(len(fates.before), np.nan)
+        value[table["loop_before"]] = table["w2"]
+        score = -loop_rates(found, before.faces).normalised_work
+        aucs.append(score_skill(score, value, signed=True)["auc"])
+    assert min(aucs) > 0.8, aucs
