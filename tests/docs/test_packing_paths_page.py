@@ -8,9 +8,9 @@ from stability import follow
 from stability.packing import (
     equations_of_motion,
     incremental_packing,
-    rattlers,
     loop_changes,
     path,
+    rattlers,
     replay,
     state,
     strain_increment,
