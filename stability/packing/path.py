@@ -193,7 +193,9 @@ def halved(
         end = solver.saved()
         back = max(LEAST_STRETCH, math.ceil(STRETCH * solver.intervals))
         back = min(back, len(solver.history))
-        solver.restore(solver.history[-back])
+        for _ in range(back):
+            start = solver.history.pop()
+        solver.restore(start)
         # Half of what the intervals were in the mean: one that a limit ends is shorter.
         solver.size = 0.5 * float(np.linalg.norm(end["F"] - solver.F)) / back
         if not (solver.size > 0 and ends(solver.size)):
@@ -545,6 +547,8 @@ class PackingPathSolver:
         self._accept(state, duration, work)
         self._find_regimes()
         self._list_pairs()
+        # Nothing goes back through a motion.
+        self.history.clear()
 
     def control_to(self, stage: Stage, parameter: float) -> MixedControl:
         """The whole change of stress and strain to a later loading parameter."""
