@@ -43,6 +43,9 @@ MotionStatus = Literal["at rest", "no rest"]
 # Share by which the load is raised where the equilibrium is lost: of 0.002, 0.005 and 0.02 all give
 # the same motion within its spread, the smaller ones more slowly (docs/sustaining.md).
 PUSH = 0.005
+# Largest such share: it doubles from motion to motion while they strain the sample by less
+# than LITTLE of a large motion.
+MOST_PUSH = 0.04
 # Least rise of the load, over the stress of the start.
 LEAST_PUSH = 1e-6
 # Steps over which the load is raised.
@@ -51,6 +54,14 @@ PUSH_STEPS = 500
 LOOK = 100
 # Steps after which a motion that does not rest is given up.
 MOST_STEPS = 60_000
+LITTLE = 0.1
+# Rise of the load, over itself, over which strain counts as of one motion: of two that follow each
+# other within a hundredth of the load a DEM code's level sees one.
+WINDOW = 0.05
+# Steps after which ten times as much counts as rest: a few grains may go on in a cycle that
+# friction feeds. The bottleneck after a fold is passed in less.
+LATE_STEPS = 20_000
+LATE = 10.0
 # Strain of a motion from which on it is given up: the sample flows.
 FLOW_STRAIN = 0.02
 # Time step over that of a replay.
@@ -159,9 +170,10 @@ class LoadPath(Shown):
     first_instability : float
         The same of a motion of any strain: often of a few grains alone.
     first_large_load, first_large_strain, first_large_spread : float
-        Load and strain of the first large motion, nan if there was none; largest change of the
-        load by other numberings and by a third of the damping, over itself: nan if it was not
-        asked for. A run without a large motion counts with the largest load.
+        Load and strain (over the last 5 % of the load) of the first large motion, nan if there was
+        none; largest change of the load by other numberings and by a third of the damping, over
+        itself: nan if it was not asked for. A run without a large motion counts with the largest
+        load.
     motions : tuple of Motion
         Motions past lost equilibria, in their order; the large one is the last.
     load : (R,) array
@@ -300,7 +312,8 @@ def sustain(
     Where the equilibrium is lost (no regimes of a contact agree, or the control asks for ever more
     strain) the load is raised by a two-hundredth and kept constant, and the equations of motion
     decide: the packing comes to rest in another equilibrium and is loaded further, or it does not.
-    The first motion with a strain of `large`, or without rest, ends the direction.
+    The first motion with a strain of `large` over the last 5 % of the load, or without rest, ends
+    the direction.
 
     Parameters
     ----------
@@ -449,7 +462,7 @@ def _loaded(
     motions: list[Motion] = []
     limit = spread = math.nan
     status: LoadStatus = "held"
-    moving = None
+    moving, push = None, PUSH
     while solver.targets:
         stop = _to_loss(solver, stage, loading.interval)
         if stop is None:
@@ -469,7 +482,7 @@ def _loaded(
             message = f"more than {loading.most_motions} motions before the largest load"
             break
         contact = solver.events[-1].contacts[0] if stop[0] == "instabilities" else -1
-        rise = max(PUSH * solver.parameter, LEAST_PUSH * solver.first_stress)
+        rise = max(push * solver.parameter, LEAST_PUSH * solver.first_stress)
         load = min(solver.parameter + rise, stage.target)
         moving = _DeadLoad(solver, stage, load, graph.contact_count, loading.damping)
         ended = moving.hold()
@@ -477,18 +490,23 @@ def _loaded(
         motions.append(replace(motion, cause=stop[1], contact=contact))
         if math.isnan(limit) and np.linalg.norm(motion.strain) >= MICRO_STRAIN:
             limit, spread = lost, change
+        strain = float(np.linalg.norm(motion.strain))
         if ended == "no rest":
-            status, message = "large motion, no rest", f"{stop[1]}; no rest at constant load"
+            large = strain >= loading.large
+            status = "large motion, no rest" if large else "unfinished"
+            message = f"{stop[1]}; no rest at constant load, strain {strain:.2g}"
             break
+        push = min(2.0 * push, MOST_PUSH) if strain < LITTLE * loading.large else PUSH
         solver.take_motion(moving.moving.state(), moving.moving.pairs, load, moving.work())
-        if np.linalg.norm(motion.strain) >= loading.large:
+        strain = _strain_over(solver, load / (1.0 + WINDOW))
+        if strain >= loading.large:
             status = "large motion, at rest again"
             break
     if status == "held":
         message = "no large motion up to the largest load"
     elif status == "large motion, at rest again":
         message = motions[-1].cause
-    large = motions[-1] if status.startswith("large") else None
+    last = motions[-1] if status.startswith("large") else None
     path = solver.path("finished", message)
     return LoadPath(
         direction=direction,
@@ -498,8 +516,8 @@ def _loaded(
         limit=limit,
         limit_spread=spread,
         first_instability=motions[0].lost if motions else math.nan,
-        first_large_load=math.nan if large is None else large.load,
-        first_large_strain=math.nan if large is None else float(np.linalg.norm(large.strain)),
+        first_large_load=math.nan if last is None else last.load,
+        first_large_strain=math.nan if last is None else strain,
         first_large_spread=math.nan,
         motions=tuple(motions),
         load=path.parameter,
@@ -509,6 +527,13 @@ def _loaded(
         work=path.work,
         energy=path.energy,
     )
+
+
+def _strain_over(solver: PackingPathSolver, load: float) -> float:
+    """Size of the cell's strain since the last row under at most a load."""
+    before = [row for row in solver.rows[:-1] if row[0] <= load]
+    H = (before[-1] if before else solver.rows[0])[2]
+    return float(np.linalg.norm(solver.H - H))
 
 
 def _along(solver: PackingPathSolver, stage: Stage) -> float:
@@ -585,7 +610,8 @@ class _DeadLoad:
                 self.mode = self.moving.state(), self.moving.pairs
             if not ran or strain > FLOW_STRAIN:
                 return "no rest"
-            rest = STILL * self.pace, REST_FORCE_LOADED
+            late = LATE if self.steps > LATE_STEPS else 1.0
+            rest = late * STILL * self.pace, late * REST_FORCE_LOADED
             if self.steps > PUSH_STEPS and rests(self.moving, *rest):
                 return "at rest"
         return "no rest"
