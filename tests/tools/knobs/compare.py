@@ -20,6 +20,8 @@ class Moved(NamedTuple):
 
 def moved(base: dict[str, Any], new: dict[str, Any]) -> list[Moved]:
     """Entries that moved by more than the errors stated in both."""
+    if "error" in new.keys() - base.keys():
+        return [Moved("error", np.nan, str(new["error"][0]))]
     other = sorted(key for key in base.keys() ^ new.keys() if not key.endswith("~"))
     found = [Moved(key, np.nan, "appears" if key in new else "is gone") for key in other]
     for key in [key for key in base if key in new and not key.endswith("~")]:
