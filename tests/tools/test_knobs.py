@@ -125,9 +125,22 @@ def test_moved_is_what_leaves_the_stated_errors(one, two, effects):
 
 
 @pytest.mark.slow
+def test_frozen_numbers_are_changed_in_a_copy(tmp_path):
+    """With a tolerance of a half every verdict is open; with its own value nothing moves."""
+    (number,) = [one for one in numbers_of(ROOT, ["stability/spectra.py"]) if one.name == "RTOL"]
+    assert frozen(number)
+    base = {"verdicts": knobs.ANSWERS["verdicts"]()}
+    for value, still in ((number.value, True), (0.5, False)):
+        new = knobs.in_copy(number, value, ["verdicts"], tmp_path)
+        effects = [one.effect for one in moved(base["verdicts"], new["verdicts"])]
+        assert (not effects) == still
+        assert still or any(effect.endswith("-> undetermined") for effect in effects)
+
+
+@pytest.mark.slow
 def test_numbers_of_packings_that_only_cost_time_change_nothing(tmp_path):
-    """A frozen one too, changed in a copy; the answers are of 2,000 grains, and of small ones."""
-    only = "FILL,RANK,HISTORY,PIVOT_STEPS,GROUND_SPRINGS,CHATTER"
+    """Beyond what the answers state, at 2,000 grains and in small packings."""
+    only = "FILL,RANK,ROOM,PIVOT_STEPS,GROUND_SPRINGS,MAX_SPEED_RATIO"
     knobs.main(tmp_path / "all", rooms="stability/packing", only=only, answers="path,limit")
     table = pd.read_csv(tmp_path / "all" / "numbers.csv")
     assert set(table["effect"]) == {"nothing"} and len(table) == 6

@@ -222,7 +222,6 @@ def test_rates_are_those_of_a_dense_solve(which, most, control):
     np.testing.assert_allclose(
         stress @ np.append(motion, rates.h[:4]), wanted, rtol=0, atol=most * size
     )
-    # The grain with most contacts stays in place: all could move together.
-    anchor = np.bincount(graph.contacts.ravel()).argmax()
-    moved = np.linalg.norm(motion.reshape(-1, 3)[:, :2], axis=1)
-    assert moved[anchor] < 2e-5 * moved.max()
+    # Equal weak springs hold the packing as a whole: its grains stay in place on average.
+    moved = motion.reshape(-1, 3)[:, :2]
+    assert np.linalg.norm(moved.mean(axis=0)) < 1e-6 * np.abs(moved).max()
