@@ -19,11 +19,17 @@ from loops.arrays import Floats
 from loops.laws.frictional import Regime
 from loops.shown import Shown
 
-RateStatus = Literal["unique", "none", "several"]
+RateStatus = Literal["unique", "one found", "several", "none", "none found"]
 # Number of combinations of regimes up to which all are tried; beyond it, pivoting.
 ENUMERATION_LIMIT = 256
 # Number of combinations up to which all are tried if pivoting finds nothing.
 SEARCH_LIMIT = 8192
+# Contacts at yield up to which all combinations of sticking and sliding are tried in the small
+# system of their slips, 2,048 at a time: half a second for 16.
+MOST_SLIPS, AT_ONCE = 16, 2048
+# Determinant over the product of the rows' sizes below which such a system is singular, and the
+# wrong sign over the largest rate beyond which a combination is not asked for its rates.
+SINGULAR, CLEARLY_WRONG = 1e-13, 1e-6
 # Rounding of rates in sign conditions, over the largest rate.
 SIGN_TOLERANCE = 1e-10
 # Difference within which two solutions are the same, over their norm.
@@ -107,13 +113,15 @@ class RateProblem(Shown, Generic[AnyTrial]):
 
     Attributes
     ----------
-    status : {'unique', 'none', 'several'}
-        Number of solutions. Combinations of regimes that give the same rates count once.
+    status : {'unique', 'one found', 'several', 'none', 'none found'}
+        Number of solutions. Combinations of regimes that give the same rates count once. 'unique'
+        and 'none' are known: every combination was tried. 'one found' and 'none found': not every
+        one was, and there may be more.
     solutions : tuple of RateSolution
         All that were found, the one that a path takes first: see `solve_rate_problem`.
     exhaustive : bool
-        Whether every combination of regimes was tried; otherwise the status refers to the solutions
-        that pivoting found from several starts.
+        Whether every combination of regimes was tried, or what says as much about the
+        complementarity problem of contacts at yield.
     singular : int
         Combinations whose equations have no single answer.
     tried : int
@@ -174,13 +182,73 @@ def solve_rate_problem(
         for start in dict.fromkeys(starts):
             if not agreeing:
                 search(_pivots(options, rates_for, start))
-        exhaustive = not agreeing and count <= SEARCH_LIMIT
-    if exhaustive:
+        slips = _slip_problem(options, rates_for)
+        if slips is not None:
+            trials += 1 + len(options)
+            possible, singular = _possible_slips(*slips)
+            search(tuple(can[k] for can, k in zip(options, one, strict=True)) for one in possible)
+            exhaustive = True
+        elif not agreeing and count <= SEARCH_LIMIT:
+            search(product(*options))
+            exhaustive = True
+    else:
         search(product(*options))
     distinct = _distinct(agreeing, preferred)
     distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
-    status: RateStatus = "none" if not distinct else "unique" if len(distinct) == 1 else "several"
+    known: tuple[RateStatus, RateStatus] = ("none", "unique")
+    if not exhaustive:
+        known = ("none found", "one found")
+    status: RateStatus = "several" if len(distinct) > 1 else known[len(distinct)]
     return RateProblem(status, tuple(distinct), exhaustive, singular, trials, count)
+
+
+def _slip_problem(
+    options: Sequence[Sequence[Choice]], rates_for: Callable[[tuple[Choice, ...]], AnyTrial]
+) -> tuple[Floats, Floats] | None:
+    """`q` (m,), `M` (m, m) of `w = q + M z` where every contact sticks or slides on one side.
+
+    `z` are the rates by which the shear forces would leave the cone if the contacts stuck, `w` the
+    rates of their distances from it. Rates are linear in the slips, so those of each contact that
+    slides alone give a column. None where other regimes are open, or a column is not determined.
+    """
+    if len(options) > MOST_SLIPS or any(
+        [c.regime for c in can] != [Regime.ELASTIC, Regime.SLIDING] for can in options
+    ):
+        return None
+    side = np.array([can[1].side for can in options])
+    stuck = tuple(can[0] for can in options)
+    rates = rates_for(stuck)
+    q = rates.edge.strength - side * rates.edge.shear
+    M = np.empty((len(q), len(q)))
+    least = SIGN_TOLERANCE * np.abs(q).max(initial=0.0)
+    for k, can in enumerate(options):
+        one = rates_for((*stuck[:k], can[1], *stuck[k + 1 :]))
+        slack = one.edge.strength - side * one.edge.shear
+        slip = -slack[k]
+        if not (rates.trusted and one.trusted) or abs(slip) <= least:
+            return None
+        M[:, k] = (slack - q) / slip
+        M[k, k] = -q[k] / slip
+    return q, M
+
+
+def _possible_slips(q: Floats, M: Floats) -> tuple[list[list[int]], int]:
+    """Combinations, 1 for a contact that slides, without a clearly wrong sign; singular ones."""
+    m, size = len(q), np.abs(q).max(initial=0.0)
+    possible: list[list[int]] = []
+    singular = 0
+    for first in range(0, 2**m, AT_ONCE):
+        numbers = np.arange(first, min(first + AT_ONCE, 2**m))
+        sliding = (numbers[:, None] >> np.arange(m) & 1).astype(bool)
+        systems = np.where(sliding[:, None, :], M, -np.eye(m))
+        rows = np.linalg.norm(systems, axis=2).prod(axis=1)
+        regular = np.abs(np.linalg.det(systems)) > SINGULAR * rows
+        right = np.broadcast_to(-q[:, None], (int(regular.sum()), m, 1))
+        rates = np.linalg.solve(systems[regular], right)[..., 0]
+        agrees = (rates >= -CLEARLY_WRONG * size).all(axis=1)
+        possible += sliding[regular][agrees].astype(int).tolist()
+        singular += int(np.count_nonzero(~regular))
+    return possible, singular
 
 
 def _agreement(

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from loops.arrays import Floats, Integers
 from loops.compiled import kernel
 
+# Right-hand sides that `solve_eight` solves at once.
+WIDTH = 8
+
 
 @kernel
 def unit_force(pairs: NDArray[Any], row: int, place: Integers, out: Floats) -> int:
@@ -48,24 +51,26 @@ def solve_eight(
     first: int,
 ) -> None:
     """`L U x` in place of `x` (n, 8), zero before row `first`; columns sorted by row."""
+    if x.shape[1] != WIDTH:
+        raise ValueError("as many right-hand sides as WIDTH")
     for j in range(first, len(x)):
         some = False
-        for r in range(8):
+        for r in range(WIDTH):
             some = some or x[j, r] != 0.0
         if some:
             v = (x[j, 0], x[j, 1], x[j, 2], x[j, 3], x[j, 4], x[j, 5], x[j, 6], x[j, 7])
             for q in range(lp[j] + 1, lp[j + 1]):
                 i, factor = li[q], lx[q]
-                for r in range(8):
+                for r in range(WIDTH):
                     x[i, r] -= factor * v[r]
     for j in range(len(x) - 1, -1, -1):
         last = up[j + 1] - 1
-        for r in range(8):
+        for r in range(WIDTH):
             x[j, r] /= ux[last]
         v = (x[j, 0], x[j, 1], x[j, 2], x[j, 3], x[j, 4], x[j, 5], x[j, 6], x[j, 7])
         for q in range(up[j], last):
             i, factor = ui[q], ux[q]
-            for r in range(8):
+            for r in range(WIDTH):
                 x[i, r] -= factor * v[r]
 
 

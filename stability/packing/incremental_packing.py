@@ -23,9 +23,11 @@ from stability.packing.state import PackingState
 # Ground spring of every grain over the mean kn: as weak as the matrix needs. Limits are equal to
 # four digits from 1e-11 to 1e-7, and wrong from 1e-5 on (docs/theory/packing.md).
 REGULARISATION = 1e-7
-# Number of columns from which on the system is factorised anew, and the largest possible one.
+# Number of columns from which on the system is factorised anew, and the largest possible one. From
+# half of the room on it is, whatever the first number: an event may bring many columns at once.
 RANK, ROOM = 96, 192
-# Right-hand sides that are solved together: that of an event and those of the next likely ones.
+# Right-hand sides that are solved together: that of an event and those of the next likely ones; as
+# many as `stability.compiled.packing_columns.WIDTH`, which refuses another number.
 BATCH = 8
 # An order of elimination is kept until the factors have grown by this.
 FILL = 1.25

@@ -368,7 +368,7 @@ class StrainIncrement:
         packing = self.packing
         tried: Counter[int] = Counter()
         while True:
-            if len(packing.at) > RANK:
+            if len(packing.at) > min(RANK, ROOM // 2):
                 packing.factorise()
             rates = packing.solve(*self.control)
             critical = packing.at_yield(self.N, self.T, self.held)

@@ -168,7 +168,7 @@ class LoopPathSolver:
         idle, reach = 0, np.inf
         while True:
             problem = self._rate_problem(stage, expected, before)
-            if problem.status == "none":
+            if problem.status.startswith("none"):
                 # Zero force at the start of loading is not a separation.
                 if self.record.rows and self._carries_nothing():
                     return self._came_apart()
@@ -218,10 +218,10 @@ class LoopPathSolver:
         if before is not None and len(before.mode.regime) == self.model.contact_count:
             direction = rate_vector(self.model, before.rates)
         problem = self._solve(self.model, stage, expected, direction)
-        if problem.status == "none" and self.model.symmetry is not None:
+        if problem.status.startswith("none") and self.model.symmetry is not None:
             full = replace(self.model, symmetry=None)
             problem = self._solve(full, stage, expected, direction)
-            if problem.status != "none":
+            if not problem.status.startswith("none"):
                 self.model = full
                 self.symmetry_kept = (
                     f"given up at parameter {self.parameter:.15g}: no symmetric motion goes on"

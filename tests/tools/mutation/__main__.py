@@ -60,7 +60,7 @@ def main(
         # Machine code is out of coverage's sight, and its cache does not see every change.
         os.environ["NUMBA_DISABLE_JIT"] = "1"
     with result_folder(out, force=force) as folder, tempfile.TemporaryDirectory() as scratch:
-        copies = [_copy(Path(scratch) / f"copy{k}") for k in range(workers)]
+        copies = [copied(Path(scratch) / f"copy{k}") for k in range(workers)]
         drawn, equivalent = draw(rooms.split(), sample, seed, kernels=kernels)
         files = {mutant.file for mutant in drawn}
         covering = record_covering(copies[0], files, tests.split(), workers)
@@ -94,7 +94,7 @@ def main(
     print(f"noticed {seen} of {len(rows)}: {summary['score']:.3f}   {dict(counts)}")
 
 
-def _copy(place: Path) -> Path:
+def copied(place: Path) -> Path:
     """Every file of the project that git tracks or would."""
     listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     found = subprocess.run(listed, cwd=ROOT, capture_output=True, text=True, check=True).stdout

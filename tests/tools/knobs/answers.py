@@ -1,0 +1,286 @@
+"""Quick answers of every kind, numbers and words by name; `name~` is the stated error of `name`.
+
+Small packings, and two real states: 2,000 grains that Yade brought to rest under dead load, and a
+state of the sample series. An entry without a stated error is held to a millionth of its largest
+value; words and counts to the letter.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import grainloops as gl
+from loops import LinearFrictional
+from loops.packing import loops_in_place
+from patterns.diamond import TABLE_1, drained_path
+from patterns.hard_cases import HARD_CASES
+from stability import branch_fraction
+from stability.packing import probe as rates
+from stability.packing import replay as replayed
+from stability.packing import sustain
+from stability.packing.probe import probe_to
+from studies import domain as domains
+from studies.paths.options import PolygonOptions
+from studies.series.evolution import track_loops
+from tests.packings import LAW, jammed
+from tests.stability.packing.yade_rest import yade_rest
+
+Answers = dict[str, Any]
+SAMPLE = gl.sample_path().parent
+
+
+@cache
+def sample_state(number: int) -> Any:
+    """A state of the sample series."""
+    rows = np.genfromtxt(SAMPLE / "slow/cells.csv", delimiter=",", names=True)
+    row = rows[rows["snap"] == number][0]
+    cell = [[row["h_xx"], row["h_xy"]], [row["h_yx"], row["h_yy"]]]
+    file = SAMPLE / f"slow/grains_{number}.parquet"
+    return gl.read_snapshot(file, cell=cell, shear_increment="radii")
+
+
+def table() -> Answers:
+    """Loops of the sample snapshot on their own."""
+    found = gl.loop_table(gl.read_snapshot(gl.sample_path()))
+    return {name: found[name].to_numpy() for name in found if "error" not in name}
+
+
+def in_place() -> Answers:
+    """Loops in their packing, by either method."""
+    found = {}
+    for name, graph, law in (("36", jammed(36, 5), LAW), ("2,000", *yade_rest("slow")[:2])):
+        for method in ("whole", "blocks"):
+            place = loops_in_place(graph, law, gl.find_faces(graph), method=method, threads=1)
+            norm = np.linalg.norm(place.matrix, axis=(1, 2))
+            found |= {f"{name} {method}": norm, f"{name} {method}~": place.matrix_error}
+    return found
+
+
+def _probed(found: Any) -> Answers:
+    return {
+        "status": found.status,
+        "sliding": found.sliding,
+        "work": found.work,
+        "cones": found.cones.ravel(),
+        "fraction": found.unstable_fraction,
+        "loops": np.linalg.norm(found.loop_work, axis=1),
+    }
+
+
+def probe() -> Answers:
+    """Probes of a real state, of a small one under stress, and to an amplitude."""
+    graph, law, _ = yade_rest("slow")
+    first = rates(graph, law, [[0.6, -0.8], [-0.6, 0.8], [1.0, 0.0], [0.0, -1.0]])
+    small = rates(jammed(36, 5), LAW, 8, control="stress", subspace="symmetric")
+    ended = probe_to(first, graph, law, gl.find_faces(graph), 1e-5)
+    parts = {"2,000": first, "36": small, "ended": ended}
+    return {f"{n} {key}": value for n, one in parts.items() for key, value in _probed(one).items()}
+
+
+def _walked(path: Any) -> Answers:
+    return {
+        "P": path.P[1:] - path.P[0],
+        "H": path.H,
+        "energy": path.energy,
+        "status": [path.status],
+        "events": [event.kind for event in path.events],
+        "work": path.work[-1],
+    }
+
+
+def _biaxial(amount: float, axis: int = 2) -> Any:
+    return gl.Stage(gl.programmes.drained_biaxial(axis=axis), f"H{axis}{axis}", amount)
+
+
+def path() -> Answers:
+    """Paths of a real state and of a small one."""
+    graph, law, _ = yade_rest("slow")
+    real = gl.follow(graph, law, _biaxial(1e-5), closure="packing", rows=2)
+    given = {"closure": "packing", "rows": 2, "interval": 2e-4}
+    small = gl.follow(jammed(36, 5), LAW, _biaxial(2e-2), **given)
+    parts = {"2,000": real, "36": small}
+    return {f"{n} {key}": value for n, one in parts.items() for key, value in _walked(one).items()}
+
+
+def replay() -> Answers:
+    """A small packing strained by the equations of motion."""
+    end = replayed(jammed(36, 5), LAW, _biaxial(5e-4), inertial_number=2e-5).state
+    return {"stress": end.stress, "strain": end.strain, "closed": [int(end.closed.sum())]}
+
+
+def hold() -> Answers:
+    """A real state brought to rest, at its strain and at its stress."""
+    graph, law, _ = yade_rest("slow")
+    small = jammed(36, 5)
+    pushed = small.replace(shear_force=0.9 * small.shear_force)
+    found = {}
+    for name, one, its in (("2,000", graph, law), ("36", pushed, LAW)):
+        for control in ("strain", "stress"):
+            end = gl.hold(one, its, control=control)
+            spread = end.spread * np.linalg.norm(end.stress) + 1e-6 * np.abs(end.stress).max()
+            found |= {f"{name} {control}": end.stress, f"{name} {control}~": spread}
+            found |= {f"{name} {control} strain": end.strain, f"{name} {control} strain~": 1e-10}
+            found[f"{name} {control} said"] = [end.status]
+    return found
+
+
+def _loaded(graph: Any, law: Any, degrees: float, share: float | None, **given: Any) -> Answers:
+    """One direction of `sustain`; `share` stands for a spread of the large motion not asked for."""
+    along = [[np.cos(np.radians(degrees)), np.sin(np.radians(degrees))]]
+    (one,) = sustain(graph, law, along, spread=share is None, **given).paths
+    spread = one.first_large_spread if share is None else share
+    found = {"limit": one.limit, "limit~": one.limit * one.limit_spread, "status": [one.status]}
+    found |= {"large": one.first_large_load, "large~": one.first_large_load * spread}
+    found |= {"first event": one.first_event}
+    if one.mode is not None:
+        found |= {"strain": one.first_large_strain, "grains": [len(one.mode.grains)]}
+    return found
+
+
+def limit() -> Answers:
+    """First loss of equilibrium of a real state; of a small one with its first large motion."""
+    graph, law, _ = yade_rest("slow")
+    real = _loaded(graph, law, 120.0, 0.05, largest=4.0, interval=1e-5, most_snaps=0)
+    small = _loaded(jammed(24, 3), LAW, -90.0, None, largest=0.01, interval=1e-4)
+    parts = {"2,000": real, "24": small}
+    return {f"{n} {key}": value for n, one in parts.items() for key, value in one.items()}
+
+
+def motion() -> Answers:
+    """First large motion of a real state; its spread taken as that of docs/sustaining.md, 5 %."""
+    graph, law, _ = yade_rest("slow")
+    return _loaded(graph, law, 120.0, 0.05, largest=4.0, interval=5e-6)
+
+
+def indicators() -> Answers:
+    """Indicators of the loops of a real state."""
+    graph, law, _ = yade_rest("slow")
+    return dict(gl.indicators(graph, law, gl.find_faces(graph)))
+
+
+def loop_path() -> Answers:
+    """Paths of single loops: yield, relaxed grains, a contact that forms."""
+    soft = gl.polydisperse_polygon([0.5, 0.6, 0.45, 0.55, 0.5], strain=0.1)
+    runs = {
+        "pentagon": (gl.regular_polygon(5, strain=0.1), 0.0875, _biaxial(0.3, 1), "affine"),
+        "relaxed": (soft, 0.3, _biaxial(0.3, 1), "traction"),
+        "closing": (
+            gl.diamond(0.7),
+            0.4,
+            gl.Stage(gl.programmes.oedometric(), "H11", 0.8),
+            "affine",
+        ),
+    }
+    found: Answers = {}
+    for name, (graph, mu, stage, closure) in runs.items():
+        one = gl.follow(graph, LinearFrictional(1.0, 0.2, mu), stage, closure=closure)
+        found |= {f"{name} end": one.P[-1], f"{name} status": [one.status]}
+        found[f"{name} events"] = [event.kind for event in one.events]
+        found[f"{name} places"] = [event.parameter for event in one.events]
+    return found | {"diamond": float(drained_path(TABLE_1).end.E1)}
+
+
+def domain() -> Answers:
+    """First losses of the diamond and of a pentagon."""
+    case = domains.Case(np.radians(35), 0.24, np.radians(14))
+    losses = domains.first_losses(case, 21, friction=True)
+    found: Answers = {
+        name: getattr(losses, name) for name in ("det_Ks_zero", "det_K_zero", "yields")
+    }
+    options = PolygonOptions(order=5, kappa=0.24, phi_deg=14.0, closure="traction")
+    _, limits = domains.loop_limits(options, "strain", 5, friction=True)
+    for kind, there in limits.found.items():
+        found[f"{kind} found"] = there.astype(int)
+        found[kind] = np.where(there[:, None], limits.states[kind].H, 0.0)
+    return found
+
+
+def verdicts() -> Answers:
+    """Hard cases near singular states, random loops, shares of unstable directions."""
+    found: Answers = {}
+    for case in HARD_CASES:
+        if case.kind != "tangent" or case.name in ("gear-mode", "order"):
+            continue
+        for value in case.values[::3]:
+            try:
+                scene = case.build(value)
+                one = gl.traction_tangent(scene.graph, scene.law, regime=scene.regime)
+                said = gl.judge(one, "diagonal")
+                at = f"{case.name} {value:g}"
+                found |= {f"{at} matrix": one.matrix, f"{at} matrix~": one.error}
+                found |= {f"{at} status": [said.status]}
+            except gl.InputError as error:
+                found[f"{case.name} {value:g} refused"] = [str(error)[:60]]
+    for order in (4, 6, 7):
+        graph = gl.random_loop(order, seed=order, polydispersity=0.3, strain=0.02, convex=order < 9)
+        slid = graph.replace(shear_force=0.5 * graph.normal_force)
+        share = branch_fraction(slid, LinearFrictional(1.0, 0.3, 0.5), closure="traction")
+        found |= {f"{order} share": share.unstable, f"{order} share~": share.error}
+    return found
+
+
+def tracking() -> Answers:
+    """Loops followed from one state of the sample series to the next."""
+    one, two = sample_state(10), sample_state(11)
+    found = track_loops(gl.planar(one), gl.planar(two))
+    kinetics = gl.order_kinetics([found]) if hasattr(gl, "order_kinetics") else None
+    fates = gl.fates(one, two)
+    answers: Answers = {"fates": list(fates["fate"]), "successor": fates["successor"].to_numpy()}
+    if kinetics is not None:
+        answers |= {k: v for k, v in vars(kinetics).items() if isinstance(v, np.ndarray)}
+    return answers
+
+
+def check() -> Answers:
+    """Findings on good and on damaged snapshots, and numbers of files of other codes."""
+    found: Answers = {
+        "good": [str(finding) for finding in gl.read_snapshot(gl.sample_path()).findings]
+    }
+    tables = sample_state(10).tables()
+    for which, column, factor in (
+        ("grains", "radius", 1.01),
+        ("contacts", "kn", 1.05),
+        ("contacts", "fn", 0.9),
+        ("contacts", "ft", -1.0),
+    ):
+        table = tables[which].copy()
+        if column in table:
+            table[column] = np.asarray(table[column]) * factor
+            bad = gl.snapshot_from_tables(**(tables | {which: table}), strict=False)
+            found[column] = [f"{one.check} {one.severity}" for one in bad.findings]
+    for file in ("lammps/dump.atoms.0.gz", "liggghts/atoms.0.dump.gz", "mercury/box.data.gz"):
+        read = gl.read_snapshot(SAMPLE / file, strict=False, kn=1e6, kt=5e5, mu=0.5)
+        found |= {f"{file} forces": read.graph.normal_force}
+        found[f"{file} findings"] = [f"{one.check} {one.severity}" for one in read.findings]
+    return found
+
+
+ANSWERS: dict[str, Callable[[], Answers]] = {
+    answer.__name__: answer
+    for answer in (
+        table,
+        in_place,
+        probe,
+        path,
+        replay,
+        hold,
+        limit,
+        motion,
+        indicators,
+        loop_path,
+        domain,
+        verdicts,
+        tracking,
+        check,
+    )
+}
+
+
+if __name__ == "__main__":
+    sys.stdout.buffer.write(pickle.dumps({name: ANSWERS[name]() for name in sys.argv[1:]}))
