@@ -1,34 +1,57 @@
-"""`docs/sustaining.md`: its loads and limits against the table that its script writes."""
+"""`docs/sustaining.md`: its loads and limits against the tables that its script writes."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from tests.docs.pages import DOCS, NUMBER, page, says, section, tables
-from tests.tools.sustaining import OF_STATE, figure_of_limits
+from tests.docs.pages import DOCS, page, says, section, tables
+from tests.stability.packing.yade_rest import bracket, yade_rest
+from tests.tools.sustaining import figure_of_intervals, figure_of_loads
 
-ROWS = pd.read_csv(DOCS / "figures/sustaining.csv", dtype={"state": str})
-FIRST, THIRD = tables(section(page("sustaining"), "## Against Yade"))
-
-
-@pytest.mark.parametrize("told", [*FIRST, *({"state": "0.030 restarted", **row} for row in THIRD)])
-def test_loads_and_limits_are_those_of_the_table(told):
-    at = (ROWS["state"] == told["state"]) & (ROWS["degrees"] == float(told["degrees"]))
-    (row,) = ROWS[at].itertuples()
-    assert float(told["Yade held (N/m)"]) == row.held
-    assert told["Yade moved (N/m)"] == ("none" if np.isnan(row.moved) else f"{row.moved:g}")
-    if not np.isnan(row.first_instability) or told["path: first instability"] != "none":
-        assert says(told["path: first instability"], row.first_instability)
-    limits = NUMBER.findall(told["path: limit to failure"])
-    assert says(limits[-1], row.failed_under if row.status == "failed" else row.limit)
-    assert len(limits) == 1 or says(limits[0], row.limit)
-    inside = row.status != "failed" or row.held <= row.limit <= row.moved
-    assert (told["agree"] == "yes") == inside
+LOADS = pd.read_csv(DOCS / "figures/sustaining.csv")
+INTERVALS = pd.read_csv(DOCS / "figures/sustaining_intervals.csv")
+(VARIED,) = tables(section(page("sustaining"), "## Before and after"))
+(BESIDE,) = tables(section(page("sustaining"), "## Against Yade"))
 
 
-def test_every_row_is_on_the_page_and_in_the_figure():
-    assert len(ROWS) == len(FIRST) + len(THIRD)
-    panels = figure_of_limits(ROWS).axes
-    assert len(panels) == len(OF_STATE)
-    for ax, state in zip(panels, OF_STATE, strict=True):
-        assert len(ax.patches) == np.count_nonzero(ROWS["state"] == state)
+@pytest.mark.parametrize("told", BESIDE, ids=lambda told: f"{told['state']} {told['degrees']}")
+def test_loads_are_those_of_the_table_and_of_yade(told):
+    at = (LOADS["state"] == told["state"]) & (LOADS["degrees"] == float(told["degrees"]))
+    (row,) = LOADS[at].itertuples()
+    levels = yade_rest(row.state)[2][row.degrees]
+    np.testing.assert_allclose([row.held, row.moved], bracket(levels, "large"), rtol=1e-5)
+    assert says(told["Yade held (N/m)"], row.held) and says(told["Yade moved (N/m)"], row.moved)
+    limit = told["limit (N/m)"].removesuffix(" (not converged)")
+    assert says(limit, row.limit)
+    assert (limit != told["limit (N/m)"]) == np.isinf(row.limit_spread)
+    large = told["first large motion (N/m), strain"]
+    if np.isnan(row.first_large_load):
+        assert large == row.status
+    else:
+        load, strain = large.split(", ")
+        assert says(load, row.first_large_load) and says(strain, row.first_large_strain)
+
+
+def test_counts_of_the_page():
+    known = LOADS[["limit", "first_large_load"]].to_numpy()
+    low, high = LOADS[["held"]].to_numpy(), LOADS[["moved"]].to_numpy()
+    inside = ((low <= known) & (known <= high)).any(axis=1)
+    near = ((low <= 1.021 * known) & (known <= 1.021 * high)).any(axis=1)
+    counts = f"in {inside.sum()} of {len(LOADS)} directions, and within 2.1 % in {near.sum()} of"
+    assert counts in page("sustaining")
+
+
+def test_limits_over_interval_and_numbering():
+    assert len(VARIED) == len(INTERVALS)
+    for told, row in zip(VARIED, INTERVALS.itertuples(), strict=True):
+        assert float(told["interval"]) == row.interval
+        assert says(told["before (N/m)"], row.before) and says(told["today (N/m)"], row.after)
+    assert np.ptp(INTERVALS["after"]) < 2e-3 * INTERVALS["after"].mean()
+    assert np.ptp(INTERVALS["after"][INTERVALS["interval"] == 5e-6]) < 1e-4
+
+
+def test_every_row_is_in_the_figures():
+    panels = figure_of_loads(LOADS).axes
+    assert sum(len(ax.patches) for ax in panels) == len(LOADS)
+    over, across = figure_of_intervals(INTERVALS).axes
+    assert len(over.lines[0].get_xdata()) == 4 and len(across.lines[0].get_xdata()) == 6
