@@ -11,6 +11,8 @@ from hypothesis import settings
 # Figures are drawn to files, with or without a screen.
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+# Runs inside Yade, which the tests do without.
+collect_ignore = ["tools/yade_rest.py"]
 COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM") or "none")
 
 

@@ -143,7 +143,9 @@ def _of_hertz(kn: Floats, normal: Floats, radii: Floats, length: Floats, coarse:
     overlap = radii.sum(axis=1) - length
     told = (kn > 0) & (normal > 0) & (overlap > coarse)
     kn, N, radii, overlap = kn[told], normal[told], radii[told], overlap[told]
-    if len(kn) == 0 or abs(float(np.median(N / (kn * overlap))) / HERTZ - 1) > HERTZ_BAND:
+    with np.errstate(divide="ignore", over="ignore"):
+        share = N / (kn * overlap)
+    if len(kn) == 0 or not abs(float(np.median(share)) / HERTZ - 1) <= HERTZ_BAND:
         return False
     return goes_with_root(kn, radii, overlap)
 

@@ -373,7 +373,7 @@ def stored_energy(state: PackingState, pairs: Pairs) -> float:
     return float(np.sum(normal_energy(pairs, overlap) + shear)) + rolling
 
 
-def rests(moving: Moving, slow: float, force: float = REST_FORCE) -> bool:
+def rests(moving: Moving, slow: float, force: float | None = None) -> bool:
     """Whether resultants are small over forces and the cell strains no faster than `slow`."""
     motion = moving.motion
     # Without contacts there is no moment, and nothing to wait for.
@@ -383,7 +383,9 @@ def rests(moving: Moving, slow: float, force: float = REST_FORCE) -> bool:
     if not state.closed.any():
         return True
     left = np.linalg.norm(motion.resultant[: state.count, :2], axis=1).mean() / state.mean_force
-    return bool(left < force and np.linalg.norm(motion.gradient) < slow)
+    return bool(
+        left < (REST_FORCE if force is None else force) and np.linalg.norm(motion.gradient) < slow
+    )
 
 
 def masses_of(

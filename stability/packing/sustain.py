@@ -55,7 +55,7 @@ LOOK = 100
 # Steps after which a motion that does not rest is given up.
 MOST_STEPS = 60_000
 LITTLE = 0.1
-# Rise of the load, over itself, over which strain counts as of one motion: of two that follow each
+# Rise of the load, over itself, over which motions count as one: of two that follow each
 # other within a hundredth of the load a DEM code's level sees one.
 WINDOW = 0.05
 # Steps after which ten times as much counts as rest: a few grains may go on in a cycle that
@@ -170,10 +170,10 @@ class LoadPath(Shown):
     first_instability : float
         The same of a motion of any strain: often of a few grains alone.
     first_large_load, first_large_strain, first_large_spread : float
-        Load and strain (over the last 5 % of the load) of the first large motion, nan if there was
-        none; largest change of the load by other numberings and by a third of the damping, over
-        itself: nan if it was not asked for. A run without a large motion counts with the largest
-        load.
+        Load and strain of the first large motion (of all motions over the last 5 % of the load),
+        nan if there was none; largest change of the load by other numberings and by a third of the
+        damping, over itself: nan if it was not asked for. A run without a large motion counts with
+        the largest load.
     motions : tuple of Motion
         Motions past lost equilibria, in their order; the large one is the last.
     load : (R,) array
@@ -312,8 +312,8 @@ def sustain(
     Where the equilibrium is lost (no regimes of a contact agree, or the control asks for ever more
     strain) the load is raised by a two-hundredth and kept constant, and the equations of motion
     decide: the packing comes to rest in another equilibrium and is loaded further, or it does not.
-    The first motion with a strain of `large` over the last 5 % of the load, or without rest, ends
-    the direction.
+    The first motion with a strain of `large`, those over the last 5 % of the load included, or
+    without rest, ends the direction.
 
     Parameters
     ----------
@@ -498,7 +498,8 @@ def _loaded(
             break
         push = min(2.0 * push, MOST_PUSH) if strain < LITTLE * loading.large else PUSH
         solver.take_motion(moving.moving.state(), moving.moving.pairs, load, moving.work())
-        strain = _strain_over(solver, load / (1.0 + WINDOW))
+        near = [one for one in motions if one.load > load / (1.0 + WINDOW)]
+        strain = float(np.linalg.norm(np.sum([one.strain for one in near], axis=0)))
         if strain >= loading.large:
             status = "large motion, at rest again"
             break
@@ -527,13 +528,6 @@ def _loaded(
         work=path.work,
         energy=path.energy,
     )
-
-
-def _strain_over(solver: PackingPathSolver, load: float) -> float:
-    """Size of the cell's strain since the last row under at most a load."""
-    before = [row for row in solver.rows[:-1] if row[0] <= load]
-    H = (before[-1] if before else solver.rows[0])[2]
-    return float(np.linalg.norm(solver.H - H))
 
 
 def _along(solver: PackingPathSolver, stage: Stage) -> float:

@@ -81,7 +81,7 @@ def test_a_path_is_that_of_the_law(monkeypatch, tmp_path, files):
     stage = Stage(programmes.drained_biaxial(), "H11", 2e-3)
     path = follow(one.graph, LAW, stage, closure="packing", rows=2, interval=2e-5,
                   planes=planes, plane_force=force)  # fmt: skip
-    assert len(path.events) > 3
+    assert len(path.events) > 1
     np.testing.assert_allclose(table[["H11", "H22", "P11", "P22"]].iloc[-1],
                                [*path.H[-1][[0, 3]], *path.P[-1][[0, 3]]], rtol=1e-7)  # fmt: skip
     kinds = pd.read_parquet(tmp_path / "events.parquet")["kind"].tolist()

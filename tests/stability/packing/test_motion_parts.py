@@ -124,10 +124,10 @@ def test_work_of_a_motion_in_closed_form():
 
 @pytest.mark.parametrize(
     ("force", "speed", "rest"),
-    [(0.9e-5, 0.9, True), (1.1e-5, 0.9, False), (0.9e-5, 1.1, False), (0.0, 0.0, True)],
+    [(0.9e-6, 0.9, True), (1.1e-6, 0.9, False), (0.9e-6, 1.1, False), (0.0, 0.0, True)],
 )
 def test_rest_is_a_small_resultant_and_a_slow_cell(force, speed, rest):
-    """Mean resultant over the mean contact force below 1e-5, moments do not count."""
+    """Mean resultant over the mean contact force below 1e-6, moments do not count."""
     state, _ = triangle(LINEAR)
     resultant = np.zeros((3, 3))
     resultant[:, :2] = np.array([[3.0, 0.0], [0.0, 0.0], [0.0, 0.0]]) * force * state.mean_force

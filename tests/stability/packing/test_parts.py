@@ -47,7 +47,7 @@ def test_the_share_of_a_slip_that_no_motion_balances():
     for kept in (0.0, 0.5):
         factor = SimpleNamespace(
             matrix=rates.elastic.factor.matrix,
-            solve=lambda loads, kept=kept: kept * rates.elastic.factor.solve(loads),
+            solve=lambda loads, kept=kept, **_: kept * rates.elastic.factor.solve(loads),
         )
         answer = replace(rates.elastic, factor=factor)
         share = slip_motion(yielding, answer, rates.every)[1]

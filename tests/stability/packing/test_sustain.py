@@ -125,9 +125,12 @@ def test_a_small_motion_is_gone_through():
     assert small.lost < small.load < large.lost < large.load == path.first_large_load
     for motion in path.motions[:-1]:
         assert 1e-5 < np.linalg.norm(motion.strain) < LARGE < path.first_large_strain
-    assert path.mode is large and path.first_large_strain == np.linalg.norm(large.strain)
+    assert path.mode is large
+    # Motions over the last 5 % of the load count as one.
+    near = [one.strain for one in path.motions if one.load > large.load / 1.05]
+    assert path.first_large_strain == pytest.approx(np.linalg.norm(np.sum(near, axis=0)))
     for motion in path.motions:
-        assert motion.load == pytest.approx(1.005 * motion.lost, rel=1e-5)
+        assert 1.005 * motion.lost < 1.00001 * motion.load < 1.041 * motion.lost
         assert motion.released > 0 and motion.kinetic > 0
     assert (np.diff(path.load) >= 0).all() and path.load[-1] == large.load
     np.testing.assert_allclose(

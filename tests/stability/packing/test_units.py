@@ -326,11 +326,12 @@ def test_paths_of_loops(closure, spins):
 def test_walls_resist_along_and_across():
     """`N' = -kn n.d'`, `T' = -kt (t.d' - r w)` and the moment `-r T`, motion by motion."""
     rng = np.random.default_rng(1)
-    planes = PlaneContacts(
-        np.array([2, 0]), rng.normal(size=(2, 2)), np.array([3.0, 5.0]), np.array([0.7, 1.1])
-    )
-    radii = np.array([0.3, 9.0, 0.8])
-    S = plane_stiffness(planes, radii)
+    radii, grain = np.array([0.3, 9.0, 0.8]), np.array([2, 0])
+    # Grains that just touch: the arm is the radius.
+    branch = rng.normal(size=(2, 2))
+    branch *= (radii[grain] / np.hypot(*branch.T))[:, None]
+    planes = PlaneContacts(grain, branch, np.array([3.0, 5.0]), np.array([0.7, 1.1]))
+    S = plane_stiffness(planes, radii, LinearFrictional(1.0, 0.5, 0.5, "branch"))
     for c in range(2):
         n = planes.branch[c] / np.hypot(*planes.branch[c])
         t = np.array([-n[1], n[0]])
