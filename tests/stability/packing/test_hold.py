@@ -15,7 +15,7 @@ from loops import (
 )
 from loops.packing import PlaneContacts
 from patterns import read_snapshot, sample_path
-from stability.packing import hold
+from stability.packing import equations_of_motion, hold
 from studies.snapshot.in_packing import box_area
 from tests.packings import jammed
 
@@ -79,6 +79,7 @@ def test_a_periodic_sample_comes_to_rest_at_its_cell():
     np.testing.assert_allclose(held.stress_before, love_weber_stress(snapshot.graph), rtol=1e-9)
     # Near its equilibrium before, it stays there, whatever the damping.
     assert held.forces_changed < 2e-3 and held.spread < 1e-3
+    assert held.strain_spread == 0.0
     overlap = held.graph.radii[held.graph.contacts].sum(axis=1) - np.linalg.norm(
         branches(held.graph), axis=1
     )
@@ -107,6 +108,25 @@ def test_held_stress_stays_and_the_cell_gives_way():
     assert abs(after[0, 1] + after[1, 0] - before[0, 1] - before[1, 0]) < 4e-6 * size
     assert 1e-6 < np.abs(held.strain).max() < 1e-2
     assert abs(held.strain[0, 1] - held.strain[1, 0]) < 1e-9
+
+
+def test_the_strain_under_a_held_stress_says_what_it_hangs_on(monkeypatch):
+    """Runs with the other damping and with other lags, each on its own, differ by no more."""
+    graph, law = jammed(36, 5), LinearFrictional(1.0, 0.5, 0.5, "radii")
+    pushed = graph.replace(shear_force=0.9 * graph.shear_force)
+    how = {"control": "stress"}
+    held, turned = (hold(pushed, law, damping=two, **how) for two in ((0.2, 0.4), (0.4, 0.2)))
+    size, apart = np.linalg.norm(held.strain), [turned.strain - held.strain]
+    for times in (3.0, 1.0 / 3.0):
+        with monkeypatch.context() as patch:
+            patch.setattr(equations_of_motion, "LAG", times * equations_of_motion.LAG)
+            apart.append(hold(pushed, law, **how).strain - held.strain)
+    other, slow, quick = np.linalg.norm(apart, axis=(1, 2)) / size
+    # The lag is rounded otherwise here: 3e-7 of the difference.
+    assert held.strain_spread == pytest.approx(max(other, slow), rel=1e-5)
+    assert held.strain_spread == pytest.approx(0.075, rel=0.05)
+    assert quick < 1e-3 and held.spread < 1e-6
+    assert f"spread {100 * held.strain_spread:.2g} %" in str(held)
 
 
 def test_a_sample_between_walls_comes_to_rest_with_its_walls():

@@ -48,7 +48,8 @@ def sample_state(number: int) -> Any:
 def table() -> Answers:
     """Loops of the sample snapshot on their own."""
     found = gl.loop_table(gl.read_snapshot(gl.sample_path()))
-    return {name: found[name].to_numpy() for name in found if "error" not in name}
+    grains = np.concatenate(found.pop("grains").to_numpy())
+    return {name: found[name].to_numpy() for name in found if "error" not in name} | {"of": grains}
 
 
 def in_place() -> Answers:
@@ -125,7 +126,8 @@ def hold() -> Answers:
             end = gl.hold(one, its, control=control)
             spread = end.spread * np.linalg.norm(end.stress) + 1e-6 * np.abs(end.stress).max()
             found |= {f"{name} {control}": end.stress, f"{name} {control}~": spread}
-            found |= {f"{name} {control} strain": end.strain, f"{name} {control} strain~": 1e-10}
+            spread = end.strain_spread * np.linalg.norm(end.strain) + 1e-10
+            found |= {f"{name} {control} strain": end.strain, f"{name} {control} strain~": spread}
             found[f"{name} {control} said"] = [end.status]
     return found
 

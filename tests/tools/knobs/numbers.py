@@ -58,8 +58,10 @@ def numbers_of(root: Path, rooms: list[str]) -> list[Number]:
 
 
 def _assigned(source: str) -> Iterator[tuple[str, int]]:
-    """Names that a module assigns, with their lines."""
+    """Names that a module assigns, with their lines, without those that count columns."""
     for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("range("):
+            continue
         targets = node.targets if isinstance(node, ast.Assign) else []
         if isinstance(node, ast.AnnAssign) and node.value is not None:
             targets = [node.target]
